@@ -1,4 +1,5 @@
-//! The dashboard at `/`: the files of `static/`, embedded in the binary.
+//! The dashboard at `/`: the files of `static/dist/`, embedded in the binary. They are built from `static/src/` by
+//! `npm run build` and committed, so that a build of the program needs no Node.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -12,7 +13,7 @@ use super::problem::{ApiError, Code};
 use super::static_response::StaticResponse;
 
 #[derive(RustEmbed)]
-#[folder = "static/"]
+#[folder = "static/dist/"]
 struct Files;
 
 /// The dashboard page.
@@ -23,6 +24,11 @@ pub(super) async fn index(headers: HeaderMap) -> Result<Response, ApiError> {
 /// A script, style sheet or image of the dashboard.
 pub(super) async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {
     serve(&name, &headers)
+}
+
+/// Licences of the third-party software in the dashboard.
+pub(super) async fn licences(headers: HeaderMap) -> Result<Response, ApiError> {
+    serve("licences.txt", &headers)
 }
 
 fn serve(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
@@ -42,6 +48,7 @@ fn media_type(name: &str) -> &'static str {
         "css" => "text/css; charset=utf-8",
         "js" => "text/javascript; charset=utf-8",
         "svg" => "image/svg+xml",
+        "txt" => "text/plain; charset=utf-8",
         _ => "application/octet-stream",
     }
 }

@@ -158,6 +158,7 @@ fn pages() -> Router<ApiState> {
     Router::new()
         .route("/", get(dashboard::index))
         .route("/assets/{name}", get(dashboard::asset))
+        .route("/licences", get(dashboard::licences))
         .route("/docs", get(docs::redirect))
         .route("/docs/", get(docs::index))
         .route("/docs/{file}", get(docs::file))

@@ -9,9 +9,9 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
 use super::negotiate::{Representation, choose};
 use super::socket::TimeoutStream;
+use crate::planning::plan::Cause;
 use crate::wire::EventKind;
 use crate::wire::plan::RegionCoverageDocument;
-use crate::wire::regions::REGIONS_FILE;
 
 const OFFERED: [Representation; 2] = [
     Representation { name: "json", media_type: "application/json", file: std::borrow::Cow::Borrowed("a.json") },
@@ -162,35 +162,34 @@ async fn a_client_that_goes_on_sending_is_not_listened_to_for_long() {
 }
 
 #[test]
-fn the_page_listens_to_every_kind_of_event() {
-    let page = include_str!("../../static/page.js");
+fn the_page_handles_every_kind_of_event() {
+    let page = include_str!("../../static/src/jobs.ts");
     for kind in EventKind::ALL {
         assert!(page.contains(&format!("\"{}\"", kind.as_str())), "{}", kind.as_str());
     }
 }
 
-/// The page asked once for each job that it listed, and once for each that waited whenever anything happened.
+/// The page once asked for each job that it listed, and for each that waited whenever anything happened.
 #[test]
 fn the_page_lists_jobs_by_one_request() {
-    let script = include_str!("../../static/page.js");
+    let script = include_str!("../../static/src/jobs.ts");
     let function = |name: &str| {
-        let rest = script.split(&format!("async function {name}(")).nth(1).unwrap_or_else(|| panic!("{name} is not there"));
+        let rest = script.split(&format!("function {name}(")).nth(1).unwrap_or_else(|| panic!("{name} is not there"));
         rest.split("\n}\n").next().unwrap_or_default()
     };
-    assert!(function("list").contains("show(job)") && !function("list").contains("/jobs/$"));
-    assert!(!function("show").contains("/jobs/"), "what is listed is shown as it is");
-    assert!(function("show").contains("hasRegions(job)"), "save for the regions of those that have any");
-    assert!(!script.contains("refresh(other.id)") && function("movedUp").contains("state=queued"));
+    assert!(function("listJobs").contains("page_size=") && !function("listJobs").contains("/jobs/$"));
+    assert!(function("moveUp").contains("state=queued") && !function("moveUp").contains("/jobs/$"));
     // One job that changed, and the regions of one.
-    assert_eq!(script.matches("ask(`/jobs/${id}").count(), 2);
-    for field in ["warnings", "summary", "submitted_by", "queue_position"] {
-        assert!(script.contains(&format!("job.{field}")), "{field}");
+    assert_eq!(script.matches("(`/jobs/${id}").count(), 2);
+    let row = include_str!("../../static/src/joblist.tsx");
+    for field in ["summary", "submitted_by", "queue_position"] {
+        assert!(row.contains(&format!("job.{field}")), "{field}");
     }
 }
 
 #[test]
 fn the_page_shows_every_figure_of_a_region_by_the_name_that_answers_have() {
-    let (script, page) = (include_str!("../../static/page.js"), include_str!("../../static/index.html"));
+    let script = include_str!("../../static/src/job.tsx");
     let region = RegionCoverageDocument {
         name: String::new(),
         kind: String::new(),
@@ -213,6 +212,18 @@ fn the_page_shows_every_figure_of_a_region_by_the_name_that_answers_have() {
         assert!(region.get(field).is_some(), "{field} is in no answer");
         assert!(script.contains(&format!("region.{field}")), "{field}");
     }
-    assert!(script.contains(&format!("\"{REGIONS_FILE}\"")), "the file by which the page knows that there are regions");
-    assert!(page.contains("class=\"regions\""), "the place of the table");
+    assert!(include_str!("../../static/src/results.tsx").contains("RegionTable"), "the place of the table");
+}
+
+/// The preview is coloured by these bytes in the browser, which asks for no list of them.
+#[test]
+fn the_page_knows_the_meaning_of_every_byte_of_the_coverage() {
+    let script = include_str!("../../static/src/bytes.ts");
+    let words = include_str!("../../static/src/text.ts");
+    let mut at = 0;
+    for cause in Cause::ALL.map(Cause::as_str) {
+        // In the order of their bytes.
+        at += script[at..].find(&format!("\"{cause}\"")).unwrap_or_else(|| panic!("{cause} is not where it belongs"));
+        assert!(words.contains(&format!("{cause}: \"")), "{cause} has no words");
+    }
 }

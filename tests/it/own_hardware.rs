@@ -139,11 +139,13 @@ fn inspect_shows_a_mesh_in_all_units() {
 
 #[test]
 fn the_page_has_no_unit_chosen() {
-    let page = include_str!("../../static/index.html");
-    let select = page.split("<select name=\"unit\"").nth(1).and_then(|rest| rest.split("</select>").next()).expect("the units");
+    let page = include_str!("../../static/src/create.tsx");
     assert!(
-        select.starts_with(" required>") && select.contains("<option value=\"\">") && !select.contains("selected"),
-        "{select}"
+        page.contains("const unit = useSignal(\"\");") && page.contains("[\"\", text.create.unitChoose]"),
+        "the first choice is none"
     );
-    assert!(include_str!("../../static/page.js").contains("job.warnings"), "warnings of a job are shown");
+    assert!(page.contains("const canStart = Boolean(base ?? (first && unit.value))"), "nothing begins without a unit");
+    let uses = page.matches("unit.value = ").count();
+    assert_eq!(uses, 1, "only the reader chooses it");
+    assert!(include_str!("../../static/src/job.tsx").contains("job.warnings"), "warnings of a job are shown");
 }

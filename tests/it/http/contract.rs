@@ -198,8 +198,23 @@ async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
         assert_eq!(known.status, 304);
     }
     // The key is exchanged for a session, which no script can read.
-    let script = api.get("/assets/page.js").await.text();
-    assert!(script.contains("/session") && !script.contains("document.cookie"));
+    let mut scripts = String::new();
+    for file in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/static/dist")).expect("the folder").flatten() {
+        let name = file.file_name().to_string_lossy().into_owned();
+        let answer = api.get(&format!("/assets/{name}")).await;
+        assert_eq!(answer.status, 200, "{name}");
+        if name.ends_with(".js") {
+            scripts.push_str(&answer.text());
+        }
+    }
+    assert!(scripts.contains("/session") && !scripts.contains("document.cookie"));
+    // No code is made from text, which the policy would refuse.
+    assert!(!scripts.contains("eval(") && !scripts.contains("new Function("));
+    let licences = api.get("/licences").await;
+    assert_eq!(licences.status, 200);
+    for part in ["preact", "three", "three-mesh-bvh", "uplot", "@preact/signals"] {
+        assert!(licences.text().contains(&format!("\n{part} ")), "{part}");
+    }
     api.get("/assets/nothing.js").await.problem("no_such_route");
     api.get("/assets/..%2fCargo.toml").await.problem("no_such_route");
 

@@ -11,7 +11,7 @@ mod hosts;
 mod kill;
 mod kills;
 mod life;
-mod oracle_browser;
+mod oracle_dashboard;
 mod oracle_schemathesis;
 mod prefix_proxy;
 pub(crate) mod process;

@@ -29,6 +29,18 @@ pub(crate) fn oracle_node() -> Option<PathBuf> {
     program("node").then_some(modules)
 }
 
+/// The folder `node_modules` with what `tests/oracles/dashboard/package-lock.json` names.
+pub(crate) fn dashboard_node() -> Option<PathBuf> {
+    let modules = installed("VANTAGE_ORACLE_DASHBOARD", "the driver of a browser")?;
+    program("node").then_some(modules)
+}
+
+/// The folder `node_modules` with what `static/package-lock.json` names.
+pub(crate) fn dashboard_packages() -> Option<PathBuf> {
+    let modules = installed("VANTAGE_DASHBOARD_PACKAGES", "the packages that the dashboard is built from")?;
+    program("node").then_some(modules)
+}
+
 /// The browser for the pages.
 pub(crate) fn chromium() -> Option<PathBuf> {
     installed("VANTAGE_CHROMIUM", "a Chromium")

@@ -1,0 +1,245 @@
+// Requests to the server, and its session: relative to the page, so that everything works below any path.
+import { signal } from "@preact/signals";
+
+export const apiPath = new URL("api/v1", document.baseURI).pathname;
+
+/** A request that the server refused, with its problem document (RFC 9457). */
+export class Refused extends Error {
+  code: string;
+  status: number;
+  fields: ProblemField[];
+
+  constructor(problem: { code?: string; title?: string; detail?: string; errors?: ProblemField[] }, status: number) {
+    const fields = problem.errors ?? [];
+    super([problem.detail || problem.title, ...fields.map((field) => `${field.pointer}: ${field.detail}`)].join("\n"));
+    this.code = problem.code ?? "";
+    this.status = status;
+    this.fields = fields;
+  }
+}
+
+export interface ProblemField { pointer: string; detail: string }
+
+// The key is exchanged for a session: its cookie, which no script can read, goes with every request and stream. The header
+// says that this page asks; no other site's page can send it.
+const asPage = { "X-Vantage-Session": "1" };
+const SIGNED_IN = "vantage-signed-in";
+const KEY_CODES = ["key_missing", "key_wrong", "session_ended"];
+
+export const isSignedIn = signal(localStorage.getItem(SIGNED_IN) !== null);
+/** Set while the server asks for its key: the dialog answers it. */
+export const keyRequest = signal<{ answer: (key: string) => void; problem: string } | null>(null);
+
+async function refusal(response: Response): Promise<Refused> {
+  const problem = await response.json().catch(() => ({ title: `${response.status} ${response.statusText}` }));
+  return new Refused(problem, response.status);
+}
+
+async function send(path: string, options: RequestInit): Promise<Response> {
+  const response = await fetch(apiPath + path, { ...options, headers: { ...asPage, ...options.headers } });
+  if (!response.ok) throw await refusal(response);
+  return response;
+}
+
+let signingIn: Promise<void> | null = null;
+
+function signIn(): Promise<void> {
+  signingIn ??= exchangeKey("").finally(() => { signingIn = null; });
+  return signingIn;
+}
+
+async function exchangeKey(problem: string): Promise<void> {
+  const key = await new Promise<string>((answer) => { keyRequest.value = { answer, problem }; });
+  try {
+    await send("/session", { method: "POST", headers: { Authorization: `Bearer ${key.trim()}` } });
+  } catch (error) {
+    return exchangeKey((error as Error).message);
+  }
+  keyRequest.value = null;
+  localStorage.setItem(SIGNED_IN, "1");
+  isSignedIn.value = true;
+}
+
+/** Response of a request; asks for the key first where the server wants one. */
+export async function request(path: string, options: RequestInit = {}): Promise<Response> {
+  try {
+    return await send(path, options);
+  } catch (error) {
+    if (!(error instanceof Refused) || !KEY_CODES.includes(error.code)) throw error;
+    await signIn();
+    return request(path, options);
+  }
+}
+
+export async function ask<T>(path: string, options: RequestInit = {}): Promise<T> {
+  const response = await request(path, options);
+  return (response.status === 204 ? null : await response.json()) as T;
+}
+
+export const post = <T>(path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> =>
+  ask<T>(path, body === undefined ? { method: "POST", headers }
+    : { method: "POST", headers: { "Content-Type": "application/json", ...headers }, body: JSON.stringify(body) });
+
+export const put = <T>(path: string, body: unknown, headers: Record<string, string> = {}): Promise<T> =>
+  ask<T>(path, { method: "PUT", headers: { "Content-Type": "application/json", ...headers }, body: JSON.stringify(body) });
+
+export const remove = (path: string, headers: Record<string, string> = {}): Promise<null> =>
+  ask<null>(path, { method: "DELETE", headers });
+
+export async function signOut(): Promise<void> {
+  localStorage.removeItem(SIGNED_IN);
+  // A session that is over already is as good.
+  await send("/session", { method: "DELETE" }).catch(() => null);
+  location.reload();
+}
+
+/** A key under which a repeated request starts one job. */
+export const idempotencyKey = (): Record<string, string> =>
+  ({ "Idempotency-Key": crypto.getRandomValues(new Uint32Array(4)).join("-") });
+
+/** Uploads a file with its progress, which fetch cannot tell. */
+export async function uploadMesh(file: File, unit: string, onProgress: (share: number) => void): Promise<Mesh> {
+  // Asks for the key, if there is one, before megabytes leave.
+  await ask("/meshes?page_size=1");
+  const query = new URLSearchParams({ unit, name: file.name.slice(0, 200) });
+  return new Promise((resolve, reject) => {
+    const sender = new XMLHttpRequest();
+    sender.open("POST", `${apiPath}/meshes?${query}`);
+    for (const [name, value] of Object.entries(asPage)) sender.setRequestHeader(name, value);
+    sender.responseType = "json";
+    sender.upload.onprogress = (event) => onProgress(event.total ? event.loaded / event.total : 0);
+    sender.onload = () => (sender.status < 300 ? resolve(sender.response as Mesh)
+      : reject(new Refused(sender.response ?? { title: sender.statusText }, sender.status)));
+    sender.onerror = () => reject(new TypeError("network"));
+    sender.send(file);
+  });
+}
+
+export type Vector = [number, number, number];
+export interface Pose { translation_mm: Vector; quaternion_xyzw: [number, number, number, number] }
+export interface Box { min: Vector; max: Vector }
+export interface Note { code: string; detail: string; remedy: string; pointer?: string }
+
+export interface Mesh {
+  id: string; name: string | null; unit: string; sha256: string; size_bytes: number; created_at: string;
+  health: {
+    format: string; triangles: number; triangles_in_file: number; vertices: number; bbox_mm: Box; area_mm2: number;
+    volume_mm3: number | null; watertight: boolean; bodies: number; degenerate_triangles: number; duplicate_triangles: number;
+    boundary_edges: number; non_manifold_edges: number; inconsistent_edges: number; flipped_bodies: number; warnings: Note[];
+  };
+}
+
+export interface MissedGroup {
+  reason: string; spots: number; area_mm2: number; of_asked: number; fix_known: boolean; fix_text: string;
+  recovers_mm2: number; added_views: number; set: Record<string, unknown>; text: string;
+}
+
+export interface Summary {
+  level: string; title: string; verdict: string; verdict_text: string; views: number; views_text: string;
+  coverage: Record<"of_asked" | "of_coverable" | "of_total" | "of_visible", number>;
+  coverage_text: string; grades: Record<string, number>; cycle_secs: number | null; cycle_text: string | null;
+  cycle_parts: { moving_secs: number; settling_secs: number; scanning_secs: number; turning_secs: number } | null;
+  action: { text: string; set: Record<string, unknown>; to_of_asked: number; from_of_asked: number } | null;
+  missed: MissedGroup[]; missed_text: string; setups: number;
+}
+
+export interface Region {
+  name: string; kind: string; tolerance_mm?: number; asked_area_mm2: number; samples: number; target?: number; of_asked: number;
+  met?: boolean; why_unmet?: string;
+}
+
+export interface Job {
+  id: string; state: string; stage: string | null; fraction: number; queue_position: number | null; mesh_id: string;
+  cell: string | { name: string }; scanner: string | { name: string }; labels: Record<string, string>;
+  part_number: string | null; serial: string | null; priority: number; created_at: string; started_at: string | null;
+  ended_at: string | null; submitted_by: string | null; timings: Record<string, number>;
+  results: { name: string; size_bytes: number | null }[]; summary: Summary | null;
+  problem: { code: string; title: string; detail: string; errors: ProblemField[] } | null;
+  warnings?: Note[]; regions?: Region[]; params?: Record<string, unknown>; plan_sha256: string | null;
+}
+
+export interface Page<T> { items: T[]; next_page_token?: string | null }
+
+export interface Device {
+  name: string; scanner_from_device: Pose; width_px: number; height_px: number; fx: number; fy: number; cx: number; cy: number;
+  skew: number; distortion: number[]; incidence_max_deg: number;
+}
+
+export interface Scanner { name: string; depth_mm: { near: number; best: number; far: number }; devices: Device[] }
+
+export interface Viewpoint {
+  id: number; candidate: number; label: string; part_from_scanner: Pose; gain_of_asked: number; score: number;
+  station: { table_angle_deg: number; joints_deg: number[]; posture?: string; clearance_mm?: number } | null;
+  rejected: string | null;
+}
+
+export interface Remedy {
+  kind: string; text: string; views: { part_from_scanner: Pose; area_mm2: number; tilt_deg: number; standoff_mm: number }[];
+  of_spot: number; area_mm2: number; tried: number; turn: { text: string } | null;
+}
+
+export interface Spot {
+  area_mm2: number; centre_mm: Vector; extent_mm: Vector; faces: number[]; remedy?: Remedy | null;
+}
+
+export interface MissedListing {
+  asked_area_mm2: number; missed_area_mm2: number;
+  missed: { reason: string; area_mm2: number; spots: number; listing: Spot[]; remedy: Remedy | null }[];
+}
+
+export interface Plan {
+  part: { bbox_mm: Box; area_mm2: number; triangles: number }; scanner: Scanner;
+  cell: { name: string; base_from_table: Pose; table_from_part: Pose; flange_from_scanner: Pose; robot: string; turntable: string }
+    | null;
+  coverage: {
+    asked_area_mm2: number; visible_area_mm2: number; coverable_area_mm2: number; measured_area_mm2: number; of_asked: number;
+    of_coverable: number; of_total: number; of_visible: number; grades: Record<string, number>; curve: number[];
+  };
+  viewpoints: Viewpoint[]; sequence: number[]; bound: { views_lower: number; of_asked_upper?: number | null } | null;
+  setups?: { table_from_part: Pose; viewpoints: number[]; turn?: { text: string } | null }[];
+  params: { score: { c: number; d: number; angle: string }; limits: { camera_deg: number | null; projector_deg: number | null } }
+    & Record<string, unknown>;
+  motion?: Record<string, number>; stopped_because: string;
+}
+
+export interface Step {
+  op: "move_joints" | "settle" | "scan"; joints_deg?: number[]; table_angle_deg?: number; via?: number[][];
+  duration_secs?: number; secs?: number; viewpoint?: number; capture_secs?: number; speed_fraction?: number;
+}
+
+export interface Program { steps: Step[]; home_deg: number[]; cycle_secs: number; robot: string; turntable: string; setup?: number }
+
+export interface Shape {
+  kind: "box" | "cylinder" | "capsule" | "mesh"; size_mm?: Vector; radius_mm?: number; height_mm?: number; length_mm?: number;
+}
+export interface Body { name: string; owner_from_body?: Pose | { rpy_deg: Vector; translation_mm: Vector }; shape: Shape; link?: number }
+export interface Axis { min_deg: number; max_deg: number; max_speed_deg_per_s: number }
+export interface Robot {
+  name: string; joints: Axis[]; kinematics: Record<string, unknown> & { kind: string };
+  links: { link: number; name: string; from_mm: Vector; to_mm: Vector; radius_mm: number }[]; surfaces?: Body[];
+}
+export interface Turntable {
+  name: string; plate_diameter_mm: number; plate_thickness_mm: number; body?: Body[];
+  rotation: { kind: string; min_deg?: number; max_deg?: number };
+}
+export interface ScannerSpec {
+  name: string; depth_mm: { near: number; best: number; far: number }; body?: Body[]; stated_volume_mm?: Vector | null;
+  practical_volume_mm: Vector;
+}
+export interface Cell {
+  name: string; robot: string | Robot; scanner: string | ScannerSpec; turntable: string | Turntable; base_from_table: Pose;
+  flange_from_scanner: Pose; mount?: Body[]; obstacles?: Body[]; floor_mm?: number | null; home_deg: number[];
+}
+
+export interface Run {
+  id: string; state: string; reason: string; mode: string; cell: string; job_id: string | null; setup: number; step: number;
+  steps: number; scans: number; elapsed_secs: number; planned_secs: number; created_at: string; ended_at: string | null;
+  detail: string | null; notice: string; objections: string[]; speed_override: number; time_factor: number; single_step: boolean;
+  armed_by: string | null; submitted_by: string | null; coverage: { measured_of_asked: number; planned_of_asked: number } | null;
+  jitter: Record<string, number> | null; from_step: number;
+}
+
+export interface RunSample {
+  sequence: number; elapsed_secs: number; step: number; state: string; deviation_deg: number;
+  measured: { joints_deg: number[]; table_angle_deg: number }; base_from_scanner: Pose;
+}

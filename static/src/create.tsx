@@ -1,0 +1,390 @@
+// A new plan: a mesh is dropped and looked at before anything is sent, its unit asked for, its size held against the scanner's
+// field and the plate; then cell, parameters and placement; or all of that taken from a job and changed.
+import { useSignal, type Signal } from "@preact/signals";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
+import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type ScannerSpec, type Turntable } from "./api";
+import { dropped } from "./dropped";
+import { cellName, keepJob, scannerName } from "./jobs";
+import { preview, readFile, type Preview } from "./mesh";
+import type { Read } from "./readmesh";
+import { apiDocument, changesOf, nested, ParamForm, type Api } from "./schema";
+import { area, goTo, hrefOf, percent, sizes, length } from "./settings";
+import { lines, plateOf } from "./solids";
+import { PartMesh, STANDARD_VIEWS, type Stage } from "./stage";
+import { text } from "./text";
+import { Button, guarded, Select, Slider, useLoaded } from "./widgets";
+import { View3d } from "./view3d";
+
+const MM: Record<string, number> = { mm: 1, cm: 10, m: 1000, inch: 25.4 };
+const RAD = Math.PI / 180;
+/** Parts may be at most 150 block cubes long (`src/ARCHITECTURE.md`, memory); smaller than a hundredth of the field is no part. */
+const SMALLEST_OF_FIELD = 0.02;
+
+interface Entry { file: File; read: Read | null; mesh: Mesh | null; share: number; problem: string }
+interface Placement { roll: number; pitch: number; yaw: number; x: number; y: number }
+interface Choice { cell: string; scanner: string; partNumber: string; serial: string; labels: string; priority: number }
+
+/** The hardware that sizes are held against. */
+interface Bounds { field: [number, number, number] | null; plate: Turntable | null }
+
+async function boundsOf(choice: Choice): Promise<Bounds> {
+  if (choice.cell === "none") {
+    const scanner = await ask<ScannerSpec>(`/scanners/${encodeURIComponent(choice.scanner)}`);
+    return { field: scanner.practical_volume_mm, plate: null };
+  }
+  const cell = await ask<Cell>(`/cells/${encodeURIComponent(choice.cell)}`);
+  const [scanner, plate] = await Promise.all([
+    typeof cell.scanner === "string" ? ask<ScannerSpec>(`/scanners/${encodeURIComponent(cell.scanner)}`) : cell.scanner,
+    typeof cell.turntable === "string" ? ask<Turntable>(`/turntables/${encodeURIComponent(cell.turntable)}`) : cell.turntable,
+  ]);
+  return { field: scanner.practical_volume_mm, plate };
+}
+
+function verdictOf(size: number[], { field, plate }: Bounds): { fits: boolean; words: string } {
+  const longest = Math.max(...size);
+  const [small, middle] = [...size].sort((a, b) => a - b) as [number, number, number];
+  if (field && longest < SMALLEST_OF_FIELD * Math.max(...field)) return { fits: false, words: text.create.tiny };
+  // On its largest face, the part's foot print is its two longest edges.
+  const foot = Math.hypot(longest, middle);
+  const isTooLarge = plate ? foot > plate.plate_diameter_mm : field ? longest > 150 * Math.max(...field) : small > 1e5;
+  return isTooLarge ? { fits: false, words: text.create.fitsNot } : { fits: true, words: text.create.fits };
+}
+
+function UnitTable({ read, bounds, unit, onUnit }: { read: Read; bounds: Bounds; unit: string; onUnit: (unit: string) => void }) {
+  const raw = read.max.map((max, i) => max - read.min[i]!);
+  return (
+    <table class="units">
+      <caption>{text.create.unitTable}</caption>
+      <tbody>
+        {Object.entries(MM).map(([name, scale]) => {
+          const size = raw.map((value) => value * scale);
+          const { fits, words } = verdictOf(size, bounds);
+          return (
+            <tr key={name} class={name === unit ? "chosen" : ""}>
+              <th scope="row"><button type="button" class="link" onClick={() => onUnit(name)}>{name}</button></th>
+              <td class="number">{sizes(size)}</td><td class={fits ? "good" : "bad"}>{words}</td>
+            </tr>
+          );
+        })}
+        {bounds.field && <tr class="soft"><th scope="row">{text.create.field}</th><td class="number">{sizes(bounds.field)}</td><td /></tr>}
+        {bounds.plate && <tr class="soft"><th scope="row">{text.create.plate}</th><td class="number">⌀ {length(bounds.plate.plate_diameter_mm)}</td><td /></tr>}
+      </tbody>
+    </table>
+  );
+}
+
+export function Health({ mesh }: { mesh: Mesh }) {
+  const { health } = mesh;
+  const row = (name: string, value: string) => <tr><th scope="row">{name}</th><td class="number">{value}</td></tr>;
+  const words = text.create;
+  return (
+    <div class="health">
+      <h3>{words.health}</h3>
+      <table><tbody>
+        {row(words.part, sizes(health.bbox_mm.max.map((max, i) => max - health.bbox_mm.min[i]!)))}
+        {row(words.triangles, health.triangles.toLocaleString("en"))}{row(words.bodies, String(health.bodies))}
+        {row(words.surface, area(health.area_mm2))}{row(words.closed, health.watertight ? words.yes : words.no)}
+      </tbody></table>
+      {health.warnings.length === 0 && <p class="good">{words.healthy}</p>}
+      {health.warnings.map((note) => <p key={note.code} class="warning">{note.detail}<br />→ {note.remedy}</p>)}
+    </div>
+  );
+}
+
+const turnOf = (place: Placement): Matrix4 =>
+  new Matrix4().makeRotationFromEuler(new Euler(place.roll * RAD, place.pitch * RAD, place.yaw * RAD, "ZYX"));
+
+/** Lowest point of the turned part, which comes to lie on the plate, and its middle. */
+function lying(positions: Float32Array, scale: number, place: Placement): { matrix: Matrix4; box: Box3 } {
+  const turn = turnOf(place).multiply(new Matrix4().makeScale(scale, scale, scale));
+  const box = new Box3();
+  const point = new Vector3();
+  for (let i = 0; i < positions.length; i += 3) box.expandByPoint(point.fromArray(positions, i).applyMatrix4(turn));
+  const middle = box.getCenter(new Vector3());
+  const shift = new Vector3(place.x - middle.x, place.y - middle.y, -box.min.z);
+  box.translate(shift);
+  return { matrix: new Matrix4().makeTranslation(shift.x, shift.y, shift.z).multiply(turn), box };
+}
+
+function asPreview(read: Read): Preview {
+  const faces = read.positions.length / 9;
+  return { positions: read.positions, areas: new Float64Array(faces), faces, min: read.min as Preview["min"], max: read.max as Preview["max"],
+    sourceFaces: (face) => [face], faceOf: (face) => face };
+}
+
+function fieldLines(field: number[]): number[] {
+  const [x, y, z] = field.map((value) => value / 2) as [number, number, number];
+  const c = [[-x, -y], [x, -y], [x, y], [-x, y]] as const;
+  return c.flatMap(([a, b], i) => {
+    const [d, e] = c[(i + 1) % 4]!;
+    return [a, b, 0, d, e, 0, a, b, 2 * z, d, e, 2 * z, a, b, 0, a, b, 2 * z];
+  });
+}
+
+/** Part, plate and field to scale. */
+function Look({ shape, scale, bounds, place }: { shape: Preview; scale: number; bounds: Bounds; place: Placement }) {
+  const stage = useRef<Stage | null>(null);
+  const box = useRef<Box3 | null>(null);
+  const isFirst = useRef(true);
+  const [, ready] = useState(0);
+  useEffect(() => {
+    const at = stage.current;
+    if (!at) return;
+    const old = at.scene.getObjectByName("look");
+    if (old) { at.clear(old); at.scene.remove(old); }
+    const group = new Group();
+    group.name = "look";
+    const part = new PartMesh(shape);
+    part.paint(() => [176, 186, 198]);
+    const { matrix, box: lain } = lying(shape.positions, scale, place);
+    part.mesh.matrixAutoUpdate = false;
+    part.mesh.matrix.copy(matrix);
+    group.add(part.mesh);
+    if (bounds.plate) group.add(plateOf(bounds.plate));
+    if (bounds.field) group.add(lines(fieldLines(bounds.field), 0xe69f00));
+    at.scene.add(group);
+    box.current = lain.clone();
+    if (bounds.plate) box.current.expandByPoint(new Vector3(-bounds.plate.plate_diameter_mm / 2, -bounds.plate.plate_diameter_mm / 2, 0))
+      .expandByPoint(new Vector3(bounds.plate.plate_diameter_mm / 2, bounds.plate.plate_diameter_mm / 2, 0));
+    const labels = [{ at: new Vector3(lain.max.x, lain.max.y, lain.max.z), text: sizes(lain.getSize(new Vector3()).toArray()) }];
+    at.setLabels(labels);
+    if (isFirst.current) at.look(box.current, STANDARD_VIEWS.iso!);
+    else at.fit(box.current);
+    isFirst.current = false;
+  });
+  return <View3d label={text.create.look} name="look" box={() => box.current} onStage={(made) => { stage.current = made; if (made) ready((n) => n + 1); }} />;
+}
+
+const SIDES: [number, number][] = [[0, 0], [180, 0], [0, -90], [0, 90], [90, 0], [-90, 0]];
+
+function PlacementForm({ place }: { place: Signal<Placement | null> }) {
+  const at = place.value;
+  const set = (change: Partial<Placement>): void => { place.value = { ...at!, ...change }; };
+  const words = text.create;
+  const turn = (name: string, key: "roll" | "pitch" | "yaw") => (
+    <Slider label={name} min={-180} max={180} step={1} value={at![key]} show={`${at![key]}°`} onInput={(value) => set({ [key]: value })} />
+  );
+  return (
+    <details class="group">
+      <summary>{words.placing} <span class="soft">{at ? words.placeHand : words.placeAuto}</span></summary>
+      <p class="soft">{words.placingHint}</p>
+      <label class="check"><input type="checkbox" checked={at === null} onChange={(event) => {
+        place.value = event.currentTarget.checked ? null : { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0 };
+      }} />{words.placeAuto}</label>
+      {at && (
+        <>
+          <p class="actions" aria-label={words.stable}>
+            {SIDES.map(([roll, pitch], i) => <Button key={i} onClick={() => set({ roll, pitch })}>{words.faces[i]}</Button>)}
+          </p>
+          {turn(words.turnX, "roll")}{turn(words.turnY, "pitch")}{turn(words.turnZ, "yaw")}
+          <Slider label={words.moveX} min={-250} max={250} value={at.x} show={length(at.x)} onInput={(x) => set({ x })} />
+          <Slider label={words.moveY} min={-250} max={250} value={at.y} show={length(at.y)} onInput={(y) => set({ y })} />
+        </>
+      )}
+    </details>
+  );
+}
+
+function HardwareForm({ choice, names }: { choice: Signal<Choice>; names: { cells: string[]; scanners: string[] } }) {
+  const set = (change: Partial<Choice>): void => { choice.value = { ...choice.value, ...change }; };
+  const field = (label: string, key: "partNumber" | "serial" | "labels", hint: string) => (
+    <label><span>{label}</span><input type="text" maxLength={128} autocomplete="off" placeholder={hint} value={choice.value[key]}
+      onInput={(event) => set({ [key]: event.currentTarget.value })} /></label>
+  );
+  return (
+    <div class="grid">
+      <Select label={text.create.cell} name="cell" value={choice.value.cell} onChange={(cell) => set({ cell })}
+        options={[...names.cells.map((name): [string, string] => [name, name]), ["none", text.create.cellNone]]} />
+      {choice.value.cell === "none" && (
+        <Select label={text.create.scanner} name="scanner" value={choice.value.scanner} onChange={(scanner) => set({ scanner })}
+          options={names.scanners.map((name) => [name, name])} />
+      )}
+      {field(text.create.partNumber, "partNumber", text.create.optional)}{field(text.create.serial, "serial", text.create.optional)}
+      {field(text.create.labels, "labels", "key=value, key=value")}
+      <label><span>{text.create.priority}</span><input type="number" min={-100} max={100} value={choice.value.priority}
+        onInput={(event) => set({ priority: event.currentTarget.valueAsNumber || 0 })} /></label>
+    </div>
+  );
+}
+
+function requestOf(mesh: Mesh, choice: Choice, params: Record<string, unknown>): Record<string, unknown> {
+  const request: Record<string, unknown> = { mesh_id: mesh.id, cell: choice.cell, params };
+  if (choice.cell === "none") request.scanner = choice.scanner;
+  if (choice.partNumber) request.part_number = choice.partNumber;
+  if (choice.serial) request.serial = choice.serial;
+  if (choice.priority) request.priority = choice.priority;
+  const pairs = choice.labels.split(",").filter((pair) => pair.includes("=")).map((pair) => pair.split("=").map((word) => word.trim()));
+  if (pairs.length) request.labels = Object.fromEntries(pairs);
+  return request;
+}
+
+function Files({ entries, unit, onFiles, onUpload }: {
+  entries: Signal<Entry[]>; unit: string; onFiles: (files: File[]) => void; onUpload: (entry: Entry) => Promise<unknown>;
+}) {
+  const [isOver, setOver] = useState(false);
+  return (
+    <div class={`drop ${isOver ? "over" : ""}`} onDragOver={(event) => { event.preventDefault(); setOver(true); }} onDragLeave={() => setOver(false)}
+      onDrop={(event) => { event.preventDefault(); event.stopPropagation(); setOver(false); onFiles([...(event.dataTransfer?.files ?? [])]); }}>
+      <label class="file"><span>{text.create.drop}</span>
+        <input type="file" name="file" multiple accept=".stl,.obj,.ply" onChange={(event) => onFiles([...(event.currentTarget.files ?? [])])} />
+      </label>
+      <p class="soft">{text.create.dropHint}</p>
+      <ul>
+        {entries.value.map((entry) => (
+          <li key={entry.file.name}>
+            <strong>{entry.file.name}</strong> <span class="soft">{(entry.file.size / 1e6).toFixed(1)} MB{entry.read && ` · ${entry.read.faces.toLocaleString("en")} ${text.create.triangles.toLowerCase()}`}</span>
+            {entry.share > 0 && !entry.mesh && <progress max={1} value={entry.share} aria-label={text.create.uploading(entry.file.name)} />}
+            {entry.mesh && <span class="good"> ✓ {percent(1, 0)}</span>}
+            {!entry.mesh && unit && entry.share === 0 && <Button onClick={() => onUpload(entry)}>{text.create.upload}</Button>}
+            {entry.problem && <p class="problem">{entry.problem}</p>}
+          </li>
+        ))}
+      </ul>
+    </div>
+  );
+}
+
+interface Base { job: Job; mesh: Mesh; shape: Preview; changes: Record<string, unknown> }
+
+async function baseOf(id: string, api: Api): Promise<Base> {
+  const job = await ask<Job>(`/jobs/${id}`);
+  const mesh = await ask<Mesh>(`/meshes/${job.mesh_id}`);
+  return { job, mesh, shape: await preview(mesh.id), changes: nested(changesOf(api, job.params ?? {})) };
+}
+
+async function namesOf(): Promise<{ cells: string[]; scanners: string[] }> {
+  const [cells, scanners] = await Promise.all([ask<Page<{ name: string }>>("/cells"), ask<Page<{ name: string }>>("/scanners")]);
+  return { cells: cells.items.map((item) => item.name), scanners: scanners.items.map((item) => item.name) };
+}
+
+const prefer = (names: string[], wanted: string): string => (names.includes(wanted) ? wanted : names[0] ?? "none");
+
+export function Create({ from }: { from: string | null }) {
+  const entries = useSignal<Entry[]>([]);
+  const unit = useSignal("");
+  const params = useSignal<Record<string, unknown>>({});
+  const place = useSignal<Placement | null>(null);
+  const choice = useSignal<Choice>({ cell: "", scanner: "", partNumber: "", serial: "", labels: "", priority: 0 });
+  const [base, setBase] = useState<Base | null>(null);
+  const [bounds, setBounds] = useState<Bounds>({ field: null, plate: null });
+  const { value: api } = useLoaded(apiDocument, []);
+  const { value: names } = useLoaded(namesOf, []);
+
+  const replace = (entry: Entry, change: Partial<Entry>): void => {
+    entries.value = entries.value.map((other) => (other.file === entry.file ? { ...other, ...change } : other));
+  };
+  const take = (files: File[]): void => {
+    setBase(null);
+    const fresh = files.map((file): Entry => ({ file, read: null, mesh: null, share: 0, problem: "" }));
+    entries.value = [...entries.value, ...fresh.filter((entry) => !entries.value.some((other) => other.file.name === entry.file.name))];
+    fresh.forEach((entry) => { readFile(entry.file).then((read) => replace(entry, { read }), () => {}); });
+  };
+  const upload = async (entry: Entry): Promise<Mesh> => {
+    const known = entries.value.find((other) => other.file === entry.file)?.mesh;
+    if (known) return known;
+    replace(entry, { share: 0.001, problem: "" });
+    try {
+      const mesh = await uploadMesh(entry.file, unit.value, (share) => replace(entry, { share: Math.max(0.001, share) }));
+      replace(entry, { mesh });
+      return mesh;
+    } catch (error) {
+      replace(entry, { share: 0, problem: (error as Error).message });
+      throw error;
+    }
+  };
+  // A mesh that was read in another unit is another mesh.
+  const chooseUnit = (chosen: string): void => {
+    unit.value = chosen;
+    entries.value = entries.value.map((entry) => ({ ...entry, mesh: null, share: 0 }));
+  };
+
+  useEffect(() => { if (dropped.value.length) { take(dropped.value); dropped.value = []; } }, [dropped.value]);
+  useEffect(() => {
+    if (names && !choice.value.cell) {
+      choice.value = { ...choice.value, cell: prefer(names.cells, "e05-transcan"), scanner: prefer(names.scanners, "transcan-c") };
+    }
+  }, [names]);
+  useEffect(() => {
+    if (!from || !api) return;
+    void guarded(async () => {
+      const made = await baseOf(from, api);
+      setBase(made);
+      params.value = made.changes;
+      const { job } = made;
+      choice.value = { cell: cellName(job), scanner: scannerName(job), partNumber: job.part_number ?? "", serial: job.serial ?? "",
+        labels: Object.entries(job.labels).map(([name, value]) => `${name}=${value}`).join(", "), priority: job.priority };
+    });
+  }, [from, api]);
+  useEffect(() => {
+    if (choice.value.cell) boundsOf(choice.value).then(setBounds, () => setBounds({ field: null, plate: null }));
+  }, [choice.value.cell, choice.value.scanner]);
+
+  const first = entries.value[0];
+  const shape = base?.shape ?? (first?.read ? cachedPreview(first.read) : null);
+  const scale = base ? 1 : MM[unit.value] ?? 1;
+  const start = async (): Promise<void> => {
+    let all = params.value;
+    if (place.value && shape) {
+      const { matrix } = lying(shape.positions, scale, place.value);
+      // The pose is one of the part in millimetres, whatever the scale of what is drawn.
+      const at = new Vector3().setFromMatrixPosition(matrix).toArray();
+      const { roll, pitch, yaw } = place.value;
+      all = { ...all, part: { ...(all.part as object), table_from_part: { translation_mm: at, rpy_deg: [roll, pitch, yaw] } } };
+    }
+    const meshes: Mesh[] = base ? [base.mesh] : [];
+    for (const entry of entries.value) meshes.push(await upload(entry));
+    const requests = meshes.map((mesh) => requestOf(mesh, choice.value, all));
+    const jobs = requests.length === 1 ? [await post<Job>("/jobs", requests[0], idempotencyKey())]
+      : (await post<{ jobs: Job[] }>("/jobs/batch", { jobs: requests }, idempotencyKey())).jobs;
+    jobs.forEach(keepJob);
+    goTo(jobs.length === 1 ? hrefOf(["jobs", jobs[0]!.id]) : hrefOf(["jobs"]));
+  };
+  const canStart = Boolean(base ?? (first && unit.value)) && Boolean(choice.value.cell);
+  const meshShown = base?.mesh ?? first?.mesh;
+
+  return (
+    <section class="create" aria-labelledby="create-title">
+      <div class="form">
+        <h1 id="create-title">{base ? text.create.cloneTitle : text.create.title}</h1>
+        {base && <p>{text.create.from} <a href={hrefOf(["jobs", base.job.id])}>{base.mesh.name ?? base.job.id}</a></p>}
+        {!base && !from && (
+          <>
+            <Files entries={entries} unit={unit.value} onFiles={take} onUpload={upload} />
+            {entries.value.length > 0 && (
+              <>
+                <Select label={text.create.unit} name="unit" required value={unit.value} onChange={chooseUnit}
+                  options={[["", text.create.unitChoose], ...Object.keys(MM).map((name): [string, string] => [name, name])]} />
+                <p class="soft">{text.create.unitWhy}</p>
+              </>
+            )}
+            {first?.read && <UnitTable read={first.read} bounds={bounds} unit={unit.value} onUnit={chooseUnit} />}
+          </>
+        )}
+        {meshShown && <Health mesh={meshShown} />}
+        {names && choice.value.cell && <HardwareForm choice={choice} names={names} />}
+        {shape && (base || unit.value) && <PlacementForm place={place} />}
+        {api && (
+          <details class="group">
+            <summary>{text.create.parameters} <span class="soft">{text.create.changed(Object.values(params.value).reduce<number>((sum, group) =>
+              sum + (group && typeof group === "object" && !Array.isArray(group) ? Object.keys(group).length : 1), 0))}</span></summary>
+            <p class="soft">{text.create.parametersHint}</p>
+            <ParamForm key={base?.job.id ?? "new"} api={api} value={params.value} onChange={(value) => { params.value = value; }} />
+          </details>
+        )}
+        <p class="actions sticky">
+          <Button kind="primary" disabled={!canStart} onClick={start}>{entries.value.length > 1 ? text.create.startAll(entries.value.length) : text.create.start}</Button>
+          {first && !unit.value && <span class="soft">{text.create.readFirst}</span>}
+        </p>
+      </div>
+      {shape && <div class="look"><Look shape={shape} scale={scale} bounds={bounds} place={place.value ?? { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0 }} /></div>}
+    </section>
+  );
+}
+
+const previews = new WeakMap<Read, Preview>();
+function cachedPreview(read: Read): Preview {
+  const known = previews.get(read) ?? asPreview(read);
+  previews.set(read, known);
+  return known;
+}

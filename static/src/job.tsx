@@ -1,0 +1,127 @@
+// One job: its head with verdict and actions, and its parts: plan, cell, results.
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { apiPath, post, type Job, type Region, type Run } from "./api";
+import { jobSignal, partName, readJob } from "./jobs";
+import { facts, JobActions, JobProblem, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
+import { area, goTo, hrefOf, percent, place, setQuery, withoutOptions } from "./settings";
+import { text } from "./text";
+import { Button, Lazy, Tabs } from "./widgets";
+
+export function Remedy({ job, label, set }: { job: Job; label: string; set: Record<string, unknown> }) {
+  const values = Object.entries(set).map(([name, value]) => `${name} = ${JSON.stringify(value)}`);
+  if (values.length === 0) return null;
+  return (
+    <Button kind="primary" title={`${text.job.applied} ${values.join(", ")}`} onClick={async () => {
+      const made = await planAgain(job.id, set);
+      goTo(hrefOf(["jobs", made.id]));
+    }}>{label}</Button>
+  );
+}
+
+async function startRun(job: Job): Promise<void> {
+  const run = await post<Run>("/runs", { job_id: job.id, mode: "simulate", time_factor: 5 });
+  goTo(hrefOf(["runs", run.id]));
+}
+
+export function Sentences({ job }: { job: Job }) {
+  const summary = job.summary;
+  if (!summary) return null;
+  return (
+    <ul class="summary" aria-label={text.job.summary}>
+      {[summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text].filter(Boolean)
+        .map((sentence) => <li key={sentence}>{sentence}</li>)}
+    </ul>
+  );
+}
+
+export function Warnings({ job }: { job: Job }) {
+  if (!job.warnings?.length) return null;
+  return (
+    <section class="warnings" aria-label={text.job.warnings}>
+      {job.warnings.map((warning) => (
+        <p key={`${warning.pointer}${warning.code}`}><code>{warning.pointer}</code> {warning.detail}<br />→ {warning.remedy}</p>
+      ))}
+    </section>
+  );
+}
+
+export function RegionTable({ regions }: { regions: Region[] }) {
+  const words = text.regionTable;
+  return (
+    <table class="regions">
+      <thead><tr>{[words.name, words.kind, words.area, words.samples, words.target, words.reached, words.verdict, words.why]
+        .map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead>
+      <tbody>
+        {regions.map((region) => (
+          <tr key={region.name} class={region.met === false ? "unmet" : ""}>
+            <td>{region.name}</td>
+            <td>{region.tolerance_mm === undefined || region.tolerance_mm === null ? region.kind : `${region.kind}, ${region.tolerance_mm} mm`}</td>
+            <td class="number">{area(region.asked_area_mm2)}</td><td class="number">{region.samples}</td>
+            <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
+            <td class="number">{percent(region.of_asked, 2)}</td>
+            <td>{region.met === true ? words.met : region.met === false ? words.unmet : text.none}</td><td>{region.why_unmet ?? ""}</td>
+          </tr>
+        ))}
+      </tbody>
+    </table>
+  );
+}
+
+function Head({ job, tab }: { job: Job; tab: string }) {
+  const [labels, copied] = [useSignal(false), useSignal(false)];
+  const action = job.summary?.action;
+  const share = async (): Promise<void> => {
+    await navigator.clipboard.writeText(location.href);
+    copied.value = true;
+    setTimeout(() => { copied.value = false; }, 2000);
+  };
+  return (
+    <div class="jobhead">
+      <div class="title">
+        <h1>{partName(job)}</h1><StateMark job={job} />
+        <span class="soft facts">{facts(job)}</span>
+        <span class="actions">
+          {job.results.some((file) => file.name === "program.json") && <Button kind="primary" onClick={() => startRun(job)}>{text.job.run}</Button>}
+          {job.results.some((file) => file.name === "report.html") && (
+            <a class="button" href={`${apiPath}/jobs/${job.id}/report`} target="_blank" rel="noopener">{text.job.report}</a>
+          )}
+          <Button onClick={share}>{copied.value ? text.job.copied : text.job.share}</Button>
+          <JobActions job={job} onLabels={() => { labels.value = true; }} />
+        </span>
+      </div>
+      {action && <p class="next"><span>{text.job.next}: {withoutOptions(action.text)}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
+      <Progress job={job} /><JobProblem job={job} />
+      {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
+      <div class="headrow">
+        <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name]))} />
+        {job.summary && <p class="verdict" title={job.summary.title}>{job.summary.title}</p>}
+      </div>
+    </div>
+  );
+}
+
+export function JobView({ id, tab }: { id: string; tab: string }) {
+  const problem = useSignal("");
+  const known = useSignal(jobSignal(id)?.peek());
+  useEffect(() => {
+    readJob(id).then((job) => { known.value = job; }, (error) => { problem.value = error.message; });
+  }, [id]);
+  if (problem.value) return <p class="problem" role="alert">{problem.value}</p>;
+  // `known` only says that the job is there; its state comes from the live signal.
+  const job = known.value && jobSignal(id)?.value;
+  if (!job) return <p class="soft" role="status">{known.value ? text.notFound : text.loading}</p>;
+  const isReady = job.state === "succeeded" && job.params !== undefined;
+  const props = { job, query: place.value.query, setQuery };
+  return (
+    <div class="jobview">
+      <Head job={job} tab={tab} />
+      <div role="tabpanel" aria-label={text.job.tabs[tab as "plan"]} class="panel">
+        {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty">{text.job.pending}</p>}
+        {isReady && tab === "plan" && <Lazy key={`plan${id}`} load={async () => (await import("./plan")).PlanView} props={props} />}
+        {isReady && tab === "cell" && <Lazy key={`cell${id}`} load={async () => (await import("./cell")).CellView} props={props} />}
+        {tab === "results" && <Lazy key={`results${id}`} load={async () => (await import("./results")).Results} props={props} />}
+      </div>
+    </div>
+  );
+}

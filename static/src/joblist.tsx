@@ -1,0 +1,277 @@
+// The list of jobs: live rows with picture, verdict and figures, filters that the address holds, and what can be done with each.
+import { useSignal } from "@preact/signals";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { ask, idempotencyKey, post, put, remove, type Job } from "./api";
+import {
+  cellName, ENDED, isListed, jobIds, jobSignal, keepJob, listJobs, listToken, partName, readJob, scannerName, secondsLeft, forgetJob,
+} from "./jobs";
+import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
+import { text } from "./text";
+import { Button, Dialog, guarded, Select } from "./widgets";
+import { dropped } from "./dropped";
+
+/** Facts of a job beside its name. */
+export function facts(job: Job): string {
+  const cell = cellName(job);
+  const spent = Object.values(job.timings).reduce((sum, secs) => sum + secs, 0);
+  return [
+    cell === "none" ? `${text.jobs.viewpointsAlone}, ${scannerName(job)}` : text.jobs.cell(cell),
+    job.part_number && text.jobs.number(job.part_number),
+    job.serial && text.jobs.serial(job.serial),
+    job.submitted_by && text.jobs.by(job.submitted_by),
+    spent > 0 && ENDED.includes(job.state) && text.jobs.spent(seconds(spent)),
+  ].filter(Boolean).join(" · ");
+}
+
+export function StateMark({ job }: { job: Job }) {
+  const level = job.summary?.level;
+  const name = job.state === "succeeded" && level ? text.levels[level] ?? level : text.states[job.state] ?? job.state;
+  return <span class={`state ${level ?? job.state}`}>{name}</span>;
+}
+
+/** Time for which a row rests in view before its picture is drawn. */
+const REST_MS = 150;
+
+function Thumbnail({ job }: { job: Job }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  useEffect(() => {
+    const element = canvas.current!;
+    let waiting: ReturnType<typeof setTimeout> | undefined;
+    // Rows that only pass by while the list is scrolled are not drawn.
+    const watching = new IntersectionObserver((entries) => {
+      clearTimeout(waiting);
+      if (!entries.at(-1)!.isIntersecting) return;
+      waiting = setTimeout(() => {
+        watching.disconnect();
+        void import("./thumbnail").then((room) => room.drawThumbnail(element, job.mesh_id, job.state === "succeeded" ? job.id : null));
+      }, REST_MS);
+    });
+    watching.observe(element);
+    return () => { clearTimeout(waiting); watching.disconnect(); };
+  }, [job.id, job.state === "succeeded"]);
+  return <canvas ref={canvas} class="thumb" width={144} height={108} role="img" aria-label={text.jobs.thumbnail(partName(job))} />;
+}
+
+/** Stage, fraction and time left while it is planned, or its place in the queue. */
+export function Progress({ job }: { job: Job }) {
+  const [, tick] = useState(0);
+  const isActive = job.state === "running" || job.state === "cancelling";
+  useEffect(() => {
+    if (!isActive) return undefined;
+    const timer = setInterval(() => tick((n) => n + 1), 1000);
+    return () => clearInterval(timer);
+  }, [isActive]);
+  if (job.state === "queued") {
+    return <p class="soft">{job.queue_position ? text.jobs.place(job.queue_position) : text.jobs.waits}</p>;
+  }
+  if (!isActive) return null;
+  const left = secondsLeft(job);
+  return (
+    <div class="progress">
+      <progress max={1} value={job.fraction} aria-label={text.jobs.progress(partName(job))} />
+      <span class="soft">
+        {[job.stage && (text.stages[job.stage] ?? job.stage), percent(job.fraction, 0), left !== null && text.jobs.left(seconds(left))]
+          .filter(Boolean).join(" · ")}
+      </span>
+    </div>
+  );
+}
+
+export function JobProblem({ job }: { job: Job }) {
+  const problem = job.problem;
+  if (!problem) return null;
+  return (
+    <p class="problem">
+      {`${problem.title}: ${problem.detail}`}
+      {problem.errors.map((field) => <span key={field.pointer}><br /><code>{field.pointer}</code> {field.detail}</span>)}
+      {" "}<a href={`problems/${problem.code}`}>{text.jobs.whatToDo}</a>
+    </p>
+  );
+}
+
+/** Starts the same job once more, from what the server has of it, with some parameters changed. */
+export async function planAgain(id: string, set: Record<string, unknown> = {}): Promise<Job> {
+  const job = await ask<Job>(`/jobs/${id}`);
+  const params = structuredClone(job.params ?? {}) as Record<string, unknown>;
+  for (const [path, value] of Object.entries(set)) {
+    const names = path.split(".");
+    const last = names.pop()!;
+    const owner = names.reduce((at, name) => (at[name] ??= {}) as Record<string, unknown>, params);
+    owner[last] = value;
+  }
+  const request: Record<string, unknown> = { mesh_id: job.mesh_id, cell: job.cell, params, labels: job.labels, priority: job.priority };
+  if (cellName(job) === "none") request.scanner = job.scanner;
+  if (job.part_number) request.part_number = job.part_number;
+  if (job.serial) request.serial = job.serial;
+  const made = await post<Job>("/jobs", request, idempotencyKey());
+  keepJob(made);
+  return made;
+}
+
+const cancelJob = (id: string): Promise<unknown> => post<Job>(`/jobs/${id}/cancel`).then(() => readJob(id));
+
+export function JobActions({ job, onLabels }: { job: Job; onLabels?: () => void }) {
+  const sure = useSignal(false);
+  const isOver = ENDED.includes(job.state);
+  return (
+    <span class="actions">
+      {(job.state === "queued" || job.state === "running") && <Button onClick={() => cancelJob(job.id)}>{text.jobs.cancel}</Button>}
+      {(job.state === "failed" || job.state === "cancelled") && (
+        <Button onClick={() => planAgain(job.id).then((made) => goTo(hrefOf(["jobs", made.id])))}>{text.jobs.retry}</Button>
+      )}
+      <a class="button" href={hrefOf(["new"], { from: job.id })}>{text.jobs.clone}</a>
+      {onLabels && <Button onClick={onLabels}>{text.jobs.labels}</Button>}
+      {isOver && <Button onClick={() => { sure.value = true; }}>{text.jobs.remove}</Button>}
+      {sure.value && (
+        <Dialog title={text.jobs.remove} onClose={() => { sure.value = false; }}>
+          <p>{text.jobs.removeOneSure(partName(job))}</p>
+          <p class="actions">
+            <Button kind="danger" onClick={async () => { await remove(`/jobs/${job.id}`); forgetJob(job.id); goTo(hrefOf(["jobs"])); }}>{text.jobs.remove}</Button>
+            <Button onClick={() => { sure.value = false; }}>{text.close}</Button>
+          </p>
+        </Dialog>
+      )}
+    </span>
+  );
+}
+
+export function LabelsDialog({ job, onClose }: { job: Job; onClose: () => void }) {
+  const lines = useSignal(Object.entries(job.labels).map(([name, value]) => `${name}=${value}`).join("\n"));
+  const save = async (): Promise<void> => {
+    const pairs = lines.value.split("\n").filter((line) => line.trim())
+      .map((line) => [line.split("=")[0]!.trim(), line.split("=").slice(1).join("=").trim()]);
+    await put(`/jobs/${job.id}/labels`, { labels: Object.fromEntries(pairs) });
+    await readJob(job.id);
+    onClose();
+  };
+  return (
+    <Dialog title={text.jobs.labels} onClose={onClose}>
+      <label><span>{text.jobs.labelsHint}</span>
+        <textarea rows={5} value={lines.value} onInput={(event) => { lines.value = event.currentTarget.value; }} />
+      </label>
+      <p class="actions"><Button kind="primary" onClick={save}>{text.jobs.save}</Button><Button onClick={onClose}>{text.close}</Button></p>
+    </Dialog>
+  );
+}
+
+function Figures({ job }: { job: Job }) {
+  const summary = job.summary;
+  if (!summary) return null;
+  const figure = (value: string, name: string) => <div class="figure"><strong>{value}</strong><span>{name}</span></div>;
+  return (
+    <div class="figures">
+      {figure(String(summary.views), summary.views === 1 ? "view" : text.plan.views)}
+      {figure(percent(summary.coverage.of_visible), text.jobs.coverage)}
+      {figure(percent(summary.coverage.of_asked), text.jobs.asked)}
+      {summary.cycle_secs !== null && figure(seconds(summary.cycle_secs), text.jobs.cycle)}
+    </div>
+  );
+}
+
+function Row({ id, fits, chosen, onChoose }: {
+  id: string; fits: (job: Job) => boolean; chosen: boolean; onChoose: (id: string, isChosen: boolean) => void;
+}) {
+  const labels = useSignal(false);
+  const job = jobSignal(id)?.value;
+  if (!job || !fits(job)) return null;
+  const name = partName(job);
+  return (
+    <li class="job" id={`job-${id}`} data-state={job.state} data-level={job.summary?.level ?? ""}>
+      <input type="checkbox" aria-label={text.jobs.choose(name)} checked={chosen} onChange={(event) => onChoose(id, event.currentTarget.checked)} />
+      <a class="picture" href={hrefOf(["jobs", id])} tabIndex={-1} aria-hidden="true"><Thumbnail job={job} /></a>
+      <div class="about">
+        <p class="head"><a class="part" href={hrefOf(["jobs", id])}>{name}</a><StateMark job={job} />
+          {Object.entries(job.labels).map(([key, value]) => (
+            <button key={key} type="button" class="chip" onClick={() => setQuery({ q: `${key}=${value}` })}>{key}: {value}</button>
+          ))}
+        </p>
+        <p class="soft">{facts(job)} · <time dateTime={job.created_at}>{when(job.created_at)}</time></p>
+        {job.summary && <p class="verdict">{job.summary.title}</p>}
+        {job.summary?.action && <p class="soft">{text.job.next}: {withoutOptions(job.summary.action.text)}</p>}
+        <Progress job={job} />
+        <JobProblem job={job} />
+      </div>
+      <Figures job={job} />
+      <JobActions job={job} onLabels={() => { labels.value = true; }} />
+      {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
+    </li>
+  );
+}
+
+/** True if a job has the words: its name, numbers, id, or a label as `key=value`. */
+function hasWords(job: Job, words: string): boolean {
+  const labels = Object.entries(job.labels).map(([name, value]) => `${name}=${value}`);
+  const all = [partName(job), job.part_number, job.serial, job.id, cellName(job), job.submitted_by, ...labels].join("\n").toLowerCase();
+  return words.toLowerCase().split(/\s+/).every((word) => all.includes(word));
+}
+
+async function deleteJobs(ids: string[]): Promise<void> {
+  await post("/jobs/delete", { ids });
+  ids.filter((id) => ENDED.includes(jobSignal(id)?.peek().state ?? "")).forEach(forgetJob);
+}
+
+function Chosen({ ids, onDone }: { ids: string[]; onDone: () => void }) {
+  const sure = useSignal(false);
+  if (ids.length === 0) return <p class="soft">{text.jobs.compareHint}</p>;
+  return (
+    <p class="actions">
+      <span>{text.jobs.chosen(ids.length)}</span>
+      {ids.length === 2 && <a class="button primary" href={hrefOf(["compare", ids[0]!, ids[1]!])}>{text.jobs.compare}</a>}
+      <Button onClick={() => { sure.value = true; }}>{text.jobs.remove}</Button>
+      {sure.value && (
+        <Dialog title={text.jobs.remove} onClose={() => { sure.value = false; }}>
+          <p>{text.jobs.removeSure(ids.length)}</p>
+          <p class="actions">
+            <Button kind="danger" onClick={() => deleteJobs(ids).then(() => { sure.value = false; onDone(); })}>{text.jobs.remove}</Button>
+            <Button onClick={() => { sure.value = false; }}>{text.close}</Button>
+          </p>
+        </Dialog>
+      )}
+    </p>
+  );
+}
+
+/** Files that are dropped anywhere on the list begin a new plan. */
+function takeDrop(event: DragEvent): void {
+  event.preventDefault();
+  const files = [...(event.dataTransfer?.files ?? [])];
+  if (files.length === 0) return;
+  dropped.value = files;
+  goTo(hrefOf(["new"]));
+}
+
+export function JobList() {
+  const chosen = useSignal<string[]>([]);
+  const { query } = place.value;
+  const [state, words] = [query.get("state") ?? "", query.get("q") ?? ""];
+  // Rows whose properties stay the same are not drawn anew when another row changes.
+  const fits = useMemo(() => (job: Job): boolean => (!state || job.state === state) && (!words || hasWords(job, words)), [state, words]);
+  const choose = useMemo(() => (id: string, isChosen: boolean): void => {
+    chosen.value = isChosen ? [...chosen.peek(), id] : chosen.peek().filter((other) => other !== id);
+  }, []);
+  const ids = jobIds.value;
+  const shown = ids.filter((id) => { const job = jobSignal(id)?.value; return job && fits(job); });
+  return (
+    <section class="jobs" aria-labelledby="jobs-title" onDragOver={(event) => event.preventDefault()} onDrop={takeDrop}>
+      <div class="title">
+        <h1 id="jobs-title">{text.jobs.title}</h1>
+        <Select label={text.jobs.state} value={state} onChange={(value) => setQuery({ state: value || undefined })}
+          options={[["", text.jobs.all], ...Object.entries(text.states)]} />
+        <label><span>{text.jobs.search}</span>
+          <input type="search" value={words} placeholder={text.jobs.searchHint} onInput={(event) => setQuery({ q: event.currentTarget.value || undefined })} />
+        </label>
+        <a class="button primary" href={hrefOf(["new"])}>{text.nav.create}</a>
+      </div>
+      <Chosen ids={chosen.value} onDone={() => { chosen.value = []; }} />
+      {isListed.value && ids.length === 0 && <p id="empty" class="empty">{text.jobs.empty}</p>}
+      {ids.length > 0 && shown.length === 0 && <p class="empty">{text.jobs.noneFit}</p>}
+      <ul id="jobs">
+        {shown.map((id) => (
+          <Row key={id} id={id} fits={fits} chosen={chosen.value.includes(id)} onChoose={choose} />
+        ))}
+      </ul>
+      <p class="soft" role="status">{text.jobs.listed(shown.length, ids.length)}</p>
+      {listToken.value && <button id="more" type="button" onClick={() => void guarded(() => listJobs(listToken.value!))}>{text.jobs.older}</button>}
+    </section>
+  );
+}

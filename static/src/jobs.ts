@@ -1,0 +1,154 @@
+// The jobs that the page knows, each a signal of its own so that one event draws one row; and the live events that change them.
+import { computed, signal, type Signal } from "@preact/signals";
+import { ask, type Job, type Mesh, type Page, type Region, type Note } from "./api";
+import { Stream, type LiveEvent } from "./live";
+
+const jobs = new Map<string, Signal<Job>>();
+/** Ids, the newest first. */
+export const jobIds = signal<string[]>([]);
+export const listToken = signal<string | null>(null);
+export const isListed = signal(false);
+/** Ids rise with time; a new one therefore stands first. */
+export const jobCount = computed(() => jobIds.value.length);
+const meshes = new Map<string, Signal<Mesh | null>>();
+
+/** Kinds of events of jobs; the server's own list is `EventKind`. */
+const PROGRESS = "progress";
+const DELETED = "deleted";
+export const CHANGES = ["queued", "started", "cancelling", "succeeded", "failed", "cancelled"];
+export const ENDED = ["succeeded", "failed", "cancelled"];
+
+export const jobSignal = (id: string): Signal<Job> | undefined => jobs.get(id);
+
+export function keepJob(job: Job): Signal<Job> {
+  const known = jobs.get(job.id);
+  if (known) {
+    // Lists lack what only the whole job has.
+    known.value = { ...known.peek(), ...job };
+    return known;
+  }
+  const made = signal(job);
+  jobs.set(job.id, made);
+  const ids = jobIds.peek();
+  const at = ids.findIndex((id) => id < job.id);
+  jobIds.value = at < 0 ? [...ids, job.id] : [...ids.slice(0, at), job.id, ...ids.slice(at)];
+  return made;
+}
+
+export function forgetJob(id: string): void {
+  jobs.delete(id);
+  jobIds.value = jobIds.peek().filter((other) => other !== id);
+}
+
+export function meshSignal(id: string): Signal<Mesh | null> {
+  const known = meshes.get(id);
+  if (known) return known;
+  const made = signal<Mesh | null>(null);
+  meshes.set(id, made);
+  ask<Mesh>(`/meshes/${id}`).then((mesh) => { made.value = mesh; }, () => {});
+  return made;
+}
+
+export const partName = (job: Job): string => meshSignal(job.mesh_id).value?.name ?? job.part_number ?? job.id.slice(0, 8);
+export const cellName = (job: Job): string => (typeof job.cell === "string" ? job.cell : job.cell.name);
+export const scannerName = (job: Job): string => (typeof job.scanner === "string" ? job.scanner : job.scanner.name);
+
+const PAGE_SIZE = 100;
+
+/** Reads the newest page, or the one after `token`. */
+export async function listJobs(token?: string): Promise<void> {
+  const page = await ask<Page<Job>>(`/jobs?page_size=${PAGE_SIZE}${token ? `&page_token=${encodeURIComponent(token)}` : ""}`);
+  const items = page.items;
+  const oldest = items.at(-1)?.id;
+  if (!token) {
+    // What the list no longer has was deleted while nobody listened.
+    const listed = new Set(items.map((job) => job.id));
+    jobIds.peek().filter((id) => !listed.has(id) && (!oldest || id > oldest)).forEach(forgetJob);
+  }
+  const ids = new Set(jobIds.peek());
+  items.forEach((job) => {
+    const known = jobs.get(job.id);
+    if (known) known.value = { ...known.peek(), ...job };
+    else jobs.set(job.id, signal(job));
+    ids.add(job.id);
+  });
+  jobIds.value = [...ids].sort().reverse();
+  listToken.value = page.next_page_token ?? null;
+  isListed.value = true;
+}
+
+/** Reads a job with everything, regions and warnings too. */
+export async function readJob(id: string): Promise<Job> {
+  const job = await ask<Job>(`/jobs/${id}`);
+  keepJob(job);
+  return job;
+}
+
+export async function readRegions(id: string): Promise<void> {
+  const whole = await ask<{ regions: Region[]; warnings: Note[] }>(`/jobs/${id}?fields=regions,warnings`);
+  const job = jobs.get(id);
+  if (job) job.value = { ...job.peek(), ...whole };
+}
+
+// One request a job at a time, and one more when something happened meanwhile.
+const reading = new Map<string, boolean>();
+
+async function refresh(id: string): Promise<void> {
+  if (reading.has(id)) { reading.set(id, true); return; }
+  reading.set(id, false);
+  await readJob(id).catch((error) => { if (error.code === "job_not_found") forgetJob(id); });
+  const again = reading.get(id);
+  reading.delete(id);
+  if (again) await refresh(id);
+}
+
+// A place became free: everybody behind moves up, which one list tells.
+let movingUp: ReturnType<typeof setTimeout> | null = null;
+function moveUp(): void {
+  movingUp ??= setTimeout(() => {
+    movingUp = null;
+    if (![...jobs.values()].some((job) => job.peek().state === "queued")) return;
+    ask<Page<Job>>("/jobs?state=queued&fields=queue_position&page_size=1000").then((page) => page.items.forEach((item) => {
+      const job = jobs.get(item.id);
+      if (job?.peek().state === "queued") job.value = { ...job.peek(), queue_position: item.queue_position };
+    }), () => {});
+  }, 100);
+}
+
+interface JobEvent { job_id: string; stage: string | null; fraction: number; state: string }
+
+export function applyEvent({ kind, data }: LiveEvent): void {
+  const about = data as JobEvent;
+  const job = jobs.get(about.job_id);
+  if (kind === DELETED) forgetJob(about.job_id);
+  else if (kind === PROGRESS && job) {
+    // A progress that was sent before the end may come after the end was read.
+    if (ENDED.includes(job.peek().state)) return;
+    job.value = { ...job.peek(), stage: about.stage, fraction: about.fraction, state: about.state };
+  } else {
+    if (job) job.value = { ...job.peek(), state: about.state, stage: about.stage, fraction: about.fraction };
+    void refresh(about.job_id);
+    moveUp();
+  }
+}
+
+/** Events handled since the page was opened, by id: what a test of dropped connections holds against the server's. */
+export const seen = { events: [] as string[], resets: 0 };
+const REMEMBERED = 20_000;
+
+export const stream = new Stream({
+  path: "/events",
+  numbered: true,
+  onReset: () => { seen.resets += 1; void listJobs().catch(() => {}); },
+  onEvent: (event) => {
+    if (seen.events.length < REMEMBERED) seen.events.push(event.id);
+    applyEvent(event);
+  },
+});
+
+/** Seconds left, from the time that the present fraction took. */
+export function secondsLeft(job: Job): number | null {
+  if (job.state !== "running" || !job.started_at || job.fraction < 0.05) return null;
+  const spent = (Date.now() - Date.parse(job.started_at)) / 1000;
+  return Math.max(0, (spent * (1 - job.fraction)) / job.fraction);
+}

@@ -1,0 +1,149 @@
+// The preview of a mesh: its triangles, the faces of the uploaded file that each stands for, and the worker that holds its tree.
+import { request } from "./api";
+import type { Read } from "./readmesh";
+import type { Ask, Hit, Judgement, Scores } from "./worker";
+
+export interface Preview {
+  /** Nine numbers a face, mm, the part's coordinates. */
+  positions: Float32Array;
+  areas: Float64Array;
+  faces: number;
+  min: [number, number, number];
+  max: [number, number, number];
+  /** Faces of the uploaded file that a face stands for. */
+  sourceFaces: (face: number) => number[];
+  /** The preview's face that stands for one of the file; -1 for none. */
+  faceOf: (source: number) => number;
+}
+
+interface Gltf {
+  accessors: { bufferView: number; count: number; componentType: number; min?: number[]; max?: number[] }[];
+  bufferViews: { byteOffset: number; byteLength: number }[];
+  meshes: { primitives: { attributes: { POSITION: number }; indices: number;
+    extras?: { source_faces: { faces: number; offsets: number } } }[] }[];
+}
+
+/** Reads the server's own GLB: one primitive of float positions with indices. */
+export function parsePreview(buffer: ArrayBuffer): Preview {
+  const header = new DataView(buffer);
+  const jsonLength = header.getUint32(12, true);
+  const gltf = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 20, jsonLength))) as Gltf;
+  const binary = 20 + jsonLength + 8;
+  const view = (accessor: number): [number, number] => {
+    const { bufferView, count } = gltf.accessors[accessor]!;
+    return [binary + gltf.bufferViews[bufferView]!.byteOffset, count];
+  };
+  const primitive = gltf.meshes[0]!.primitives[0]!;
+  const [at, count] = view(primitive.attributes.POSITION);
+  const vertices = new Float32Array(buffer.slice(at, at + 12 * count));
+  const [indexAt, indexCount] = view(primitive.indices);
+  const indices = new Uint32Array(buffer.slice(indexAt, indexAt + 4 * indexCount));
+  const bounds = gltf.accessors[primitive.attributes.POSITION]! as unknown as { min: Preview["min"]; max: Preview["max"] };
+  return { ...expanded(vertices, indices), min: bounds.min, max: bounds.max, ...sources(buffer, view, primitive) };
+}
+
+function expanded(vertices: Float32Array, indices: Uint32Array): Pick<Preview, "positions" | "areas" | "faces"> {
+  const positions = new Float32Array(3 * indices.length);
+  indices.forEach((vertex, corner) => positions.set(vertices.subarray(3 * vertex, 3 * vertex + 3), 3 * corner));
+  const faces = indices.length / 3;
+  const areas = new Float64Array(faces);
+  for (let face = 0; face < faces; face += 1) {
+    const p = positions.subarray(9 * face, 9 * face + 9) as unknown as number[];
+    const [ax, ay, az] = [p[3]! - p[0]!, p[4]! - p[1]!, p[5]! - p[2]!];
+    const [bx, by, bz] = [p[6]! - p[0]!, p[7]! - p[1]!, p[8]! - p[2]!];
+    areas[face] = Math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx) / 2;
+  }
+  return { positions, areas, faces };
+}
+
+function sources(
+  buffer: ArrayBuffer, view: (accessor: number) => [number, number], primitive: Gltf["meshes"][0]["primitives"][0],
+): Pick<Preview, "sourceFaces" | "faceOf"> {
+  const given = primitive.extras?.source_faces;
+  if (!given) return { sourceFaces: (face) => [face], faceOf: (face) => face };
+  const words = (accessor: number): Uint32Array => {
+    const [at, count] = view(accessor);
+    return new Uint32Array(buffer.slice(at, at + 4 * count));
+  };
+  const [offsets, faces] = [words(given.offsets), words(given.faces)];
+  let inverse: Map<number, number> | null = null;
+  const invert = (): Map<number, number> => {
+    const map = new Map<number, number>();
+    for (let face = 0; face + 1 < offsets.length; face += 1) {
+      for (let i = offsets[face]!; i < offsets[face + 1]!; i += 1) map.set(faces[i]!, face);
+    }
+    return map;
+  };
+  return {
+    sourceFaces: (face) => [...faces.subarray(offsets[face], offsets[face + 1])],
+    faceOf: (source) => (inverse ??= invert()).get(source) ?? -1,
+  };
+}
+
+// A few previews are kept: going back and forth between jobs of one part reads it once.
+const kept = new Map<string, Promise<Preview>>();
+const KEPT = 4;
+
+export function preview(meshId: string): Promise<Preview> {
+  const known = kept.get(meshId);
+  if (known) { kept.delete(meshId); kept.set(meshId, known); return known; }
+  const asked = request(`/meshes/${meshId}/preview.glb`).then((response) => response.arrayBuffer()).then(parsePreview);
+  asked.catch(() => kept.delete(meshId));
+  kept.set(meshId, asked);
+  if (kept.size > KEPT) kept.delete(kept.keys().next().value!);
+  return asked;
+}
+
+export async function coverageBytes(jobId: string): Promise<Uint8Array> {
+  return new Uint8Array(await (await request(`/jobs/${jobId}/coverage.bin`)).arrayBuffer());
+}
+
+/** The worker with the tree of one mesh. */
+export class Tracer {
+  private readonly worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+  private readonly waiting = new Map<number, { resolve: (value: never) => void; reject: (error: Error) => void;
+    onProgress?: (share: number) => void }>();
+  private next = 1;
+  readonly ready: Promise<{ faces: number; secs: number }>;
+
+  constructor(positions: Float32Array) {
+    this.worker.onmessage = ({ data }) => {
+      const waiting = this.waiting.get(data.id);
+      if ("progress" in data) { waiting?.onProgress?.(data.progress); return; }
+      this.waiting.delete(data.id);
+      if ("error" in data) waiting?.reject(new Error(data.error));
+      else waiting?.resolve(data.value as never);
+    };
+    const copy = positions.slice();
+    this.ready = this.send({ kind: "load", positions: copy }, [copy.buffer]);
+  }
+
+  private send<T>(ask: Ask, transfer: Transferable[] = [], onProgress?: (share: number) => void): Promise<T> {
+    const id = this.next;
+    this.next += 1;
+    return new Promise((resolve, reject) => {
+      this.waiting.set(id, { resolve, reject, ...(onProgress && { onProgress }) });
+      this.worker.postMessage({ id, ask }, transfer);
+    });
+  }
+
+  pick = (origin: number[], direction: number[], section: number[] | null): Promise<Hit | null> =>
+    this.send({ kind: "pick", origin, direction, section });
+  judge = (ask: Omit<Extract<Ask, { kind: "judge" }>, "kind">): Promise<Judgement[]> => this.send({ kind: "judge", ...ask });
+  score = (ask: Omit<Extract<Ask, { kind: "score" }>, "kind">, onProgress: (share: number) => void): Promise<Scores | null> =>
+    this.send({ kind: "score", ...ask }, [], onProgress);
+  flood = (face: number, maxDeg: number): Promise<Int32Array> => this.send({ kind: "flood", face, maxDeg });
+  near = (point: number[], radius: number, normal: number[]): Promise<Int32Array> =>
+    this.send({ kind: "near", point, radius, normal });
+  box = (min: number[], max: number[]): Promise<Int32Array> => this.send({ kind: "box", min, max });
+  close = (): void => this.worker.terminate();
+}
+
+/** Reads a file in a worker of its own. */
+export function readFile(file: File): Promise<Read> {
+  const worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+  return file.arrayBuffer().then((buffer) => new Promise<Read>((resolve, reject) => {
+    worker.onmessage = ({ data }) => ("error" in data ? reject(new Error(data.error)) : resolve(data.value as Read));
+    worker.postMessage({ id: 1, ask: { kind: "read", file: buffer } }, [buffer]);
+  })).finally(() => worker.terminate());
+}

@@ -1,0 +1,35 @@
+// Colours of data, told apart by readers with any of the usual colour deficiencies: grades in steps of lightness of one blue
+// (after cividis: Nuñez, Anderton, Renslow 2018), causes from the palette of Okabe and Ito (2008).
+export type Rgb = [number, number, number];
+
+const rgb = (hex: string): Rgb => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16)) as Rgb;
+export const css = ([r, g, b]: Rgb): string => `rgb(${r} ${g} ${b})`;
+
+export const GRADES: Record<string, Rgb> = { A: rgb("#0b3c8c"), B: rgb("#2f78c4"), C: rgb("#74b3dd"), D: rgb("#bfe0ee") };
+const CAUSES: [RegExp, Rgb][] = [
+  [/^not_chosen$/, rgb("#e69f00")],
+  [/^shadow_/, rgb("#d55e00")],
+  [/^(unreachable|collision|hidden_by_cell|no_path)$/, rgb("#cc4b97")],
+  [/^incidence_/, rgb("#f0e442")],
+  [/^(depth|frame_)/, rgb("#8f6a1f")],
+  [/^(excluded_resting|faces_table)$/, rgb("#77797d")],
+  [/^(enclosed|facing)$/, rgb("#4a4038")],
+  [/^(at_risk|below_grade)$/, rgb("#9a63c9")],
+];
+export const MISSED = rgb("#d55e00");
+export const NOT_ASKED: Rgb = rgb("#c9ccd1");
+export const MARKED: Rgb = rgb("#00a37a");
+export const causeColour = (cause: string): Rgb => CAUSES.find(([names]) => names.test(cause))?.[1] ?? MISSED;
+
+/** Scale from dark to light, cividis in five stops. */
+const SCALE = ["#00224e", "#3b496c", "#7c7b78", "#bcaf6f", "#fee838"].map(rgb);
+export function onScale(share: number): Rgb {
+  const at = Math.max(0, Math.min(0.9999, share)) * (SCALE.length - 1);
+  const [low, high] = [SCALE[Math.floor(at)]!, SCALE[Math.floor(at) + 1]!];
+  return low.map((value, i) => Math.round(value + (high[i]! - value) * (at % 1))) as Rgb;
+}
+
+/** Devices: left and right camera, projector. */
+export const DEVICES: Record<string, Rgb> = { left: rgb("#0072b2"), right: rgb("#009e73"), projector: rgb("#e69f00") };
+/** Lines of plots. */
+export const LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8f98"];

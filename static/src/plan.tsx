@@ -1,0 +1,255 @@
+// The plan on the part: coverage by colour, views and their frustums, why a spot is missed and what helps, regions drawn on the
+// part, views changed by hand and re-scored at once.
+import { useSignal, useComputed, batch, type Signal } from "@preact/signals";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import type { Job, Spot } from "./api";
+import { meaningOf } from "./bytes";
+import { goTo, hrefOf, length, percent } from "./settings";
+import { planAgain } from "./joblist";
+import { Tracer } from "./mesh";
+import { areasBy, isEdited, lookingAt, modelOf, moved, plannedViews, plateOf, STILL, type EditedView, type Model } from "./planmodel";
+import { ChartsPanel, Legend, MissesPanel, RegionsPanel, SpotPanel, SummaryPanel, ViewsPanel } from "./planpanels";
+import { OPEN, painter, PlanScene, type Colouring, type SectionAxis, type Threshold } from "./planscene";
+import { Stage, type PointerPick } from "./stage";
+import { text } from "./text";
+import { Button, Select, Slider, Tabs, useLoaded } from "./widgets";
+import { View3d } from "./view3d";
+import type { Hit, Judgement, Scores } from "./worker";
+
+export interface SpotState { hit: Hit; judgements: Judgement[]; meaning: string; spot: Spot | null; reason: string | null }
+export type RegionTool = "faces" | "brush" | "box";
+
+/** State of one plan view, shared by its panels. */
+export interface Plan3d {
+  model: Model; tracer: Tracer; views: Signal<EditedView[]>; chosen: Signal<number | null>; scores: Signal<Scores | null>;
+  plannedScores: Signal<Scores | null>; computing: Signal<number | null>; spot: Signal<SpotState | null>; marked: Signal<Set<number>>;
+  tool: Signal<RegionTool>; sharp: Signal<number>; radius: Signal<number>; box: Signal<{ min: number[]; max: number[] } | null>;
+  chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot, reason: string) => void;
+  score: () => Promise<void>; apply: (set: Record<string, unknown>) => Promise<void>;
+}
+
+type Query = { query: URLSearchParams; setQuery: (changes: Record<string, string | undefined>) => void };
+
+export function PlanView({ job, query, setQuery }: { job: Job } & Query) {
+  const { value: model, error } = useLoaded(() => modelOf(job), [job.id]);
+  if (error) return <p class="problem" role="alert">{error}</p>;
+  if (!model) return <p class="soft" role="status">{text.loading}</p>;
+  return <Loaded key={job.id} model={model} query={query} setQuery={setQuery} />;
+}
+
+function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
+  const tracer = useMemo(() => new Tracer(model.mesh.positions), [model]);
+  useEffect(() => () => tracer.close(), [tracer]);
+  const initial = query.get("view");
+  const state = {
+    views: useSignal(plannedViews(model.plan)), chosen: useSignal<number | null>(initial === null ? null : Number(initial)), scores: useSignal<Scores | null>(null),
+    plannedScores: useSignal<Scores | null>(null), computing: useSignal<number | null>(null), spot: useSignal<SpotState | null>(null),
+    marked: useSignal(new Set<number>()), tool: useSignal<RegionTool>("faces"), sharp: useSignal(20), radius: useSignal(5),
+    box: useSignal<{ min: number[]; max: number[] } | null>(null),
+  };
+  const used = (): EditedView[] => state.views.peek().filter((view) => view.isUsed);
+  const chooseView = (id: number | null): void => { state.chosen.value = id; setQuery({ view: id === null ? undefined : String(id) }); };
+  const score = async (): Promise<void> => {
+    await tracer.ready;
+    const views = used();
+    state.computing.value = 0;
+    const made = await tracer.score({ optics: model.optics, views: views.map((view) => view.pose), plates: views.map((view) => plateOf(model, view)) },
+      (share) => { state.computing.value = share; });
+    if (!made) return;
+    batch(() => {
+      state.computing.value = null;
+      state.scores.value = made;
+      if (!isEdited(state.views.peek())) state.plannedScores.value = made;
+    });
+  };
+  const askAt = async (hit: Hit | null): Promise<void> => {
+    if (!hit) { state.spot.value = null; setQuery({ spot: undefined }); return; }
+    const views = state.views.peek();
+    const judgements = await tracer.judge({ optics: model.optics, views: views.map((view) => view.pose), plates: views.map((view) => plateOf(model, view)),
+      point: hit.point, normal: hit.normal });
+    const missed = model.missedAt(hit.face);
+    state.spot.value = { hit, judgements, meaning: meaningOf(model.bytes[hit.face]!), spot: missed?.spot ?? null, reason: missed?.reason ?? null };
+    setQuery({ spot: String(hit.face) });
+  };
+  const showSpot = (spot: Spot, reason: string): void => {
+    const faces = spot.faces.map((source) => model.mesh.faceOf(source)).filter((face) => face >= 0);
+    // A face may lie in the spot with a small part only; the one to be shown is missed for this cause, near the spot's middle.
+    const own = faces.filter((face) => meaningOf(model.bytes[face]!) === reason);
+    const away = (face: number): number => Math.hypot(...hitOf(model, face).point.map((value, i) => value - spot.centre_mm[i]!));
+    const nearest = (own.length ? own : faces).reduce<number | null>((best, face) => (best === null || away(face) < away(best) ? face : best), null);
+    if (nearest !== null) void askAt(hitOf(model, nearest));
+  };
+  const addView = (): void => {
+    const hit = state.spot.peek()?.hit;
+    if (!hit) return;
+    const views = state.views.peek();
+    const id = Math.max(-1, ...views.map((view) => view.id)) + 1;
+    const pose = lookingAt(hit.point, hit.normal, model.optics.best);
+    state.views.value = [...views, { id, pose, origin: pose, isAdded: true, isUsed: true, wasUsed: false, setup: 0, move: STILL }];
+    chooseView(id);
+    void score().then(() => askAt(hit));
+  };
+  const apply = async (set: Record<string, unknown>): Promise<void> => {
+    const made = await planAgain(model.job.id, set);
+    goTo(hrefOf(["jobs", made.id]));
+  };
+  return { model, tracer, ...state, chooseView, askAt, addView, showSpot, score, apply };
+}
+
+/** Middle of a face of the preview, as a click on it would give. */
+function hitOf(model: Model, face: number): Hit {
+  const p = model.mesh.positions.subarray(9 * face, 9 * face + 9) as unknown as number[];
+  const point = [0, 1, 2].map((i) => (p[i]! + p[i + 3]! + p[i + 6]!) / 3) as Hit["point"];
+  const [ax, ay, az] = [p[3]! - p[0]!, p[4]! - p[1]!, p[5]! - p[2]!];
+  const [bx, by, bz] = [p[6]! - p[0]!, p[7]! - p[1]!, p[8]! - p[2]!];
+  const n = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
+  const size = Math.hypot(...n) || 1;
+  return { face, point, normal: n.map((value) => value / size) as Hit["normal"] };
+}
+
+function Loaded({ model, query, setQuery }: { model: Model } & Query) {
+  const state = usePlan3d(model, { query, setQuery });
+  const scene = useRef<PlanScene | null>(null);
+  const [stage, setStage] = useState<Stage | null>(null);
+  const mode = (query.get("colour") ?? "grade") as Colouring;
+  const panel = query.get("panel") ?? "summary";
+  const threshold = useSignal<Threshold>(OPEN);
+  const section = useSignal<{ axis: SectionAxis; share: number }>({ axis: "off", share: 0.5 });
+  const measuring = useSignal<number[][] | null>(null);
+  const [withViews, setWithViews] = useState(true);
+  const areas = useMemo(() => areasBy(model), [model]);
+  const chosen = useComputed(() => state.views.value.find((view) => view.id === state.chosen.value) ?? null);
+
+  useEffect(() => {
+    if (!stage) { scene.current = null; return; }
+    scene.current = new PlanScene(stage, model);
+    window.vantage.plan = { model, scene: scene.current, state };
+    const face = query.get("spot");
+    if (face !== null && Number(face) < model.mesh.faces) void state.tracer.ready.then(() => state.askAt(hitOf(model, Number(face))));
+  }, [stage]);
+  useEffect(() => {
+    if ((mode === "count" || mode === "incidence") && !state.scores.peek()) void state.score();
+  }, [mode]);
+  useEffect(() => {
+    if (!scene.current) return;
+    scene.current.marked = state.marked.value;
+    scene.current.paint(painter(model, mode, state.scores.value, threshold.value));
+  }, [stage, mode, state.scores.value, threshold.value, state.marked.value]);
+  useEffect(() => scene.current?.showViews(state.views.value, state.chosen.value, withViews, state.chooseView), [stage, state.views.value, state.chosen.value, withViews]);
+  useEffect(() => scene.current?.showFrustum(chosen.value), [stage, chosen.value]);
+  useEffect(() => { scene.current?.cut(section.value.axis, section.value.share); }, [stage, section.value]);
+  const measured = measuring.value ?? [];
+  const distance = measured.length === 2 ? Math.hypot(...measured[0]!.map((value, i) => value - measured[1]![i]!)) : 0;
+  useEffect(() => scene.current?.showPins(state.spot.value?.hit ?? null, measured, text.plan.distance(length(distance)), state.box.value),
+    [stage, state.spot.value, measuring.value, state.box.value]);
+
+  const clicked = async (pick: PointerPick): Promise<void> => {
+    await state.tracer.ready;
+    const hit = await state.tracer.pick(pick.origin, pick.direction, scene.current?.plane() ?? null);
+    if (measuring.peek()) {
+      if (hit) measuring.value = measuring.peek()!.length === 2 ? [hit.point] : [...measuring.peek()!, hit.point];
+      return;
+    }
+    if (panel === "regions") { if (hit) await mark(state, hit, pick.isExtended); return; }
+    const away = hit ? Math.hypot(...hit.point.map((value, i) => value - pick.origin[i]!)) : Infinity;
+    const view = scene.current?.viewAt(pick, away) ?? null;
+    if (view !== null) state.chooseView(view);
+    else await state.askAt(hit);
+  };
+  const brushed = async (pick: PointerPick): Promise<void> => {
+    const hit = await state.tracer.pick(pick.origin, pick.direction, scene.current?.plane() ?? null);
+    if (hit) await mark(state, hit, pick.isExtended);
+  };
+  if (stage) {
+    stage.onClick = (pick) => void clicked(pick);
+    stage.onBrush = panel === "regions" && state.tool.value === "brush" ? (pick) => void brushed(pick) : null;
+  }
+
+  return (
+    <div class="plan">
+      <div class="left">
+        <View3d label={text.plan.part} name="plan" onStage={setStage} box={() => scene.current?.wholeBox(withViews) ?? null}
+          tools={<>
+            <Button aria-pressed={measuring.value !== null} onClick={() => { measuring.value = measuring.value ? null : []; }}>{text.plan.measure}</Button>
+            <Button aria-pressed={withViews} onClick={() => setWithViews(!withViews)}>{text.plan.allViews}</Button>
+          </>}>
+          <div class="overlaybar">
+            <Select label={text.plan.colour} value={mode} onChange={(value) => setQuery({ colour: value === "grade" ? undefined : value })} options={Object.entries(text.plan.colours)} />
+            <ThresholdSlider mode={mode} threshold={threshold} scores={state.scores.value} />
+            <SectionTool section={section} at={() => scene.current?.sectionAt() ?? 0} />
+            {measuring.value && <span class="soft">{measured.length === 2 ? text.plan.distance(length(distance)) : text.plan.measureHint}</span>}
+            {state.computing.value !== null && <span role="status">{text.plan.computing(percent(state.computing.value, 0))}</span>}
+          </div>
+          <Legend state={state} mode={mode} areas={areas} />
+        </View3d>
+      </div>
+      <aside class="side">
+        <Tabs label={text.plan.panels.summary!} names={text.plan.panels} chosen={panel} onChoose={(name) => setQuery({ panel: name === "summary" ? undefined : name })} />
+        {state.spot.value && panel !== "regions" && <SpotPanel state={state} spot={state.spot.value} />}
+        {panel === "summary" && <SummaryPanel state={state} />}
+        {panel === "views" && <ViewsPanel state={state} />}
+        {panel === "misses" && <MissesPanel state={state} />}
+        {panel === "regions" && <RegionsPanel state={state} />}
+        {panel === "charts" && <ChartsPanel state={state} />}
+      </aside>
+    </div>
+  );
+}
+
+function ThresholdSlider({ mode, threshold, scores }: { mode: Colouring; threshold: Signal<Threshold>; scores: Scores | null }) {
+  const at = threshold.value;
+  const set = (change: Partial<Threshold>): void => { threshold.value = { ...at, ...change }; };
+  if (mode === "grade") return <Slider label={text.plan.threshold} min={1} max={4} value={at.grade} show={"ABCD"[at.grade - 1]!} onInput={(grade) => set({ grade })} />;
+  if (mode === "count") {
+    const most = scores ? Math.max(2, scores.counts.reduce((max, n) => Math.max(max, n), 1)) : 10;
+    return <Slider label={text.plan.threshold} min={1} max={most} value={at.count} show={text.plan.atLeast(at.count)} onInput={(count) => set({ count })} />;
+  }
+  if (mode === "incidence") return <Slider label={text.plan.threshold} min={5} max={90} value={at.incidence} show={text.plan.upTo(at.incidence)} onInput={(incidence) => set({ incidence })} />;
+  return null;
+}
+
+function SectionTool({ section, at }: { section: Signal<{ axis: SectionAxis; share: number }>; at: () => number }) {
+  const { axis, share } = section.value;
+  return (
+    <>
+      <Select label={text.plan.section} value={axis} onChange={(value) => { section.value = { ...section.value, axis: value as SectionAxis }; }}
+        options={[["off", text.plan.sectionOff], ["x", "X"], ["y", "Y"], ["z", "Z"]]} />
+      {axis !== "off" && <Slider label={text.plan.position} min={0} max={1} step={0.005} value={share} show={length(at())} onInput={(value) => { section.value = { axis, share: value }; }} />}
+    </>
+  );
+}
+
+/** Marks faces of a region under a click or a stroke of the brush; with shift they are unmarked. */
+async function mark(state: Plan3d, hit: Hit, isErased: boolean): Promise<void> {
+  const { tracer, tool } = state;
+  if (tool.peek() === "box") return drawBox(state, hit);
+  const faces = tool.peek() === "faces" ? await tracer.flood(hit.face, state.sharp.peek()) : await tracer.near(hit.point, state.radius.peek(), hit.normal);
+  const next = new Set(state.marked.peek());
+  faces.forEach((face) => { if (isErased) next.delete(face); else next.add(face); });
+  state.marked.value = next;
+}
+
+/** The first click sets a corner, the second the other, a third begins anew. */
+async function drawBox(state: Plan3d, { point }: Hit): Promise<void> {
+  const old = state.box.peek();
+  const isPoint = old && old.min.every((value, i) => value === old.max[i]);
+  if (!old || !isPoint) { state.box.value = { min: [...point], max: [...point] }; return; }
+  // A box of no depth would hold no surface.
+  const room = state.radius.peek();
+  await setBox(state, old.min.map((value, i) => Math.min(value, point[i]!) - room), old.max.map((value, i) => Math.max(value, point[i]!) + room));
+}
+
+export async function setBox(state: Plan3d, min: number[], max: number[]): Promise<void> {
+  state.box.value = { min, max };
+  state.marked.value = new Set(await state.tracer.box(min, max));
+}
+
+/** Moves a view by hand; the coverage follows at once. */
+export function moveView(state: Plan3d, id: number, change: Partial<EditedView["move"]>): void {
+  state.views.value = state.views.peek().map((view) => {
+    if (view.id !== id) return view;
+    const move = { ...view.move, ...change };
+    const isStill = Object.values(move).every((value) => value === 0);
+    return { ...view, move, pose: isStill ? view.origin : moved(view.origin, state.model.optics.best, move) };
+  });
+}

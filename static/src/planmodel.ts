@@ -1,0 +1,111 @@
+// What the plan view knows of a job: plan, preview, coverage of each face, missed spots; and what follows from them.
+import { Matrix4, Vector3 } from "three";
+import { ask, type Cell, type Job, type MissedListing, type Plan, type Pose, type Remedy, type Spot, type Turntable } from "./api";
+import { meaningOf } from "./bytes";
+import { coverageBytes, preview, type Preview } from "./mesh";
+import { opticsOf, type Optics } from "./optics";
+import { matrixOf, poseOf, product, shift, turnX, turnY, turnZ } from "./poses";
+import type { Plate } from "./worker";
+
+export interface MissedAt { reason: string; spot: Spot }
+
+export interface Model {
+  job: Job; plan: Plan; mesh: Preview; bytes: Uint8Array; missed: MissedListing; optics: Optics; plateRadius: number;
+  /** Missed spot of a face of the preview. */
+  missedAt: (face: number) => MissedAt | null;
+}
+
+async function plateRadiusOf(job: Job): Promise<number> {
+  const cell = typeof job.cell === "string" ? await ask<Cell>(`/cells/${encodeURIComponent(job.cell)}`) : (job.cell as unknown as Cell);
+  const table = typeof cell.turntable === "string" ? await ask<Turntable>(`/turntables/${encodeURIComponent(cell.turntable)}`) : cell.turntable;
+  return table.plate_diameter_mm / 2;
+}
+
+export async function modelOf(job: Job): Promise<Model> {
+  const [plan, mesh, bytes, missed] = await Promise.all([
+    ask<Plan>(`/jobs/${job.id}/plan`), preview(job.mesh_id), coverageBytes(job.id), ask<MissedListing>(`/jobs/${job.id}/missed`),
+  ]);
+  const plateRadius = plan.cell ? await plateRadiusOf(job).catch(() => 250) : 0;
+  let bySource: Map<number, MissedAt> | null = null;
+  const missedAt = (face: number): MissedAt | null => {
+    bySource ??= new Map(missed.missed.flatMap(({ reason, listing }) =>
+      listing.flatMap((spot) => spot.faces.map((source): [number, MissedAt] => [source, { reason, spot }]))));
+    for (const source of mesh.sourceFaces(face)) {
+      const found = bySource.get(source);
+      if (found) return found;
+    }
+    return null;
+  };
+  return { job, plan, mesh, bytes, missed, optics: opticsOf(plan.scanner, plan.params.score), plateRadius, missedAt };
+}
+
+/** A viewpoint as the reader has it: planned, moved, dropped or added. */
+export interface EditedView {
+  id: number; pose: Pose; /** Where it was planned or added. */ origin: Pose; isAdded: boolean; isUsed: boolean; wasUsed: boolean; setup: number; move: Move;
+}
+export interface Move { tiltX: number; tiltY: number; roll: number; standoff: number }
+export const STILL: Move = { tiltX: 0, tiltY: 0, roll: 0, standoff: 0 };
+
+export const setupOf = (plan: Plan, view: number): number =>
+  Math.max(0, (plan.setups ?? []).findIndex((setup) => setup.viewpoints.includes(view)));
+
+export const plannedViews = (plan: Plan): EditedView[] => plan.viewpoints.map((view) => ({
+  id: view.id, pose: view.part_from_scanner, origin: view.part_from_scanner, isAdded: false, isUsed: !view.rejected, wasUsed: !view.rejected,
+  setup: setupOf(plan, view.id), move: STILL,
+}));
+
+/** The plate beneath the part while a view is taken: what hides surface from below. */
+export function plateOf({ plan, plateRadius }: Model, view: EditedView): Plate | null {
+  if (!plan.cell) return null;
+  return { tableFromPart: plan.setups?.[view.setup]?.table_from_part ?? plan.cell.table_from_part, radius: plateRadius };
+}
+
+const RAD = Math.PI / 180;
+
+/** Turns and shifts a view about the point on its axis at the best distance. */
+export function moved(pose: Pose, best: number, { tiltX, tiltY, roll, standoff }: Move): Pose {
+  return poseOf(product(matrixOf(pose), shift(0, 0, best), turnX(tiltX * RAD), turnY(tiltY * RAD), turnZ(roll * RAD), shift(0, 0, -best - standoff)));
+}
+
+/** View along the normal of a spot, from the best distance. */
+export function lookingAt(point: number[], normal: number[], best: number): Pose {
+  const z = new Vector3().fromArray(normal).negate().normalize();
+  const x = new Vector3().crossVectors(Math.abs(z.z) < 0.9 ? new Vector3(0, 0, 1) : new Vector3(1, 0, 0), z).normalize();
+  const matrix = new Matrix4().makeBasis(x, new Vector3().crossVectors(z, x), z);
+  matrix.setPosition(new Vector3().fromArray(point).addScaledVector(z, -best));
+  return poseOf(matrix);
+}
+
+export const isEdited = (views: EditedView[]): boolean =>
+  views.some((view) => view.isAdded || view.isUsed !== view.wasUsed || view.pose !== view.origin);
+
+const GRADE_ABOVE: [string, number][] = [["A", 0.5], ["B", 0], ["C", -0.5], ["D", -Infinity]];
+/** Grade of a quality (`src/planning/verdict/grade.rs`). */
+export const gradeOf = (quality: number): string => GRADE_ABOVE.find(([, above]) => quality > above)![0];
+
+interface Interest { region: unknown; target?: number; name?: string }
+
+/** Parameters that apply the remedy of one spot: its viewpoints as candidates, and the spot as a region that is to be measured. */
+export function remedySet({ job, plan }: Model, spot: Spot, remedy: Remedy & { camera_deg?: number | null; projector_deg?: number | null }):
+Record<string, unknown> {
+  if (remedy.kind === "none") return {};
+  if (remedy.kind === "setup") return { setups: Math.max(2, (plan.setups?.length ?? 1) + 1) };
+  const params = (job.params ?? {}) as { candidates?: { poses?: Pose[] }; regions?: { interest?: Interest[] } };
+  const poses = [...(params.candidates?.poses ?? []), ...remedy.views.map((view) => view.part_from_scanner)];
+  const target = Math.floor(98 * Math.min(1, remedy.of_spot)) / 100;
+  const interest = [...(params.regions?.interest ?? []), { region: { kind: "faces", faces: spot.faces }, target }];
+  return {
+    "candidates.poses": poses, "regions.interest": interest,
+    ...(remedy.camera_deg && { "limits.camera_deg": remedy.camera_deg }), ...(remedy.projector_deg && { "limits.projector_deg": remedy.projector_deg }),
+  };
+}
+
+/** Areas of the preview by meaning of its faces. */
+export function areasBy({ mesh, bytes }: Model): Map<string, number> {
+  const areas = new Map<string, number>();
+  bytes.forEach((byte, face) => {
+    const meaning = meaningOf(byte);
+    areas.set(meaning, (areas.get(meaning) ?? 0) + mesh.areas[face]!);
+  });
+  return areas;
+}

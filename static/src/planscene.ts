@@ -1,0 +1,221 @@
+// What the plan view draws: part by colour mode, viewpoints, frustums, marked faces, chosen spot, section and measure.
+import { Color, Group, type InstancedMesh, Mesh, MeshBasicMaterial, Plane, SphereGeometry, Vector3 } from "three";
+import { colourOf, isGrade, meaningOf } from "./bytes";
+import { causeColour, MARKED, MISSED, NOT_ASKED, onScale, type Rgb } from "./palette";
+import type { EditedView, Model } from "./planmodel";
+import { matrixOf } from "./poses";
+import { frustums, lines, place, viewGlyphs } from "./solids";
+import { PartMesh, Stage, STANDARD_VIEWS, type Label } from "./stage";
+import type { Scores } from "./worker";
+
+export type Colouring = "grade" | "count" | "incidence" | "cause";
+export interface Threshold { grade: number; count: number; incidence: number }
+export const OPEN: Threshold = { grade: 4, count: 1, incidence: 90 };
+
+const BELOW: Rgb = [214, 205, 196];
+const PLAIN: Rgb = [168, 186, 204];
+const LETTERS = "ABCD";
+
+export function scaleOf(scores: Scores): number {
+  return scores.counts.reduce((max, count) => Math.max(max, count), 1);
+}
+
+/** Colour of a face in a mode; scores are there for the modes that need them. */
+export function painter(model: Model, mode: Colouring, scores: Scores | null, threshold: Threshold): (face: number) => Rgb {
+  const { bytes } = model;
+  if (mode === "cause") return (face) => (isGrade(meaningOf(bytes[face]!)) ? PLAIN : colourOf(meaningOf(bytes[face]!)));
+  if (mode === "grade" || !scores) {
+    return (face) => {
+      const meaning = meaningOf(bytes[face]!);
+      if (!isGrade(meaning)) return meaning === "not_asked" ? NOT_ASKED : MISSED;
+      return LETTERS.indexOf(meaning) < threshold.grade ? colourOf(meaning) : BELOW;
+    };
+  }
+  const isAsked = (face: number): boolean => meaningOf(bytes[face]!) !== "not_asked";
+  if (mode === "count") {
+    const most = scaleOf(scores);
+    return (face) => {
+      const count = scores.counts[face]!;
+      if (count === 0) return isAsked(face) ? MISSED : NOT_ASKED;
+      return count >= threshold.count ? onScale(count / most) : BELOW;
+    };
+  }
+  return (face) => {
+    const deg = scores.incidences[face]!;
+    if (deg === 255) return isAsked(face) ? MISSED : NOT_ASKED;
+    return deg <= threshold.incidence ? onScale(1 - deg / 90) : BELOW;
+  };
+}
+
+export type SectionAxis = "off" | "x" | "y" | "z";
+const AXES: Record<string, [number, number, number]> = { x: [-1, 0, 0], y: [0, -1, 0], z: [0, 0, -1] };
+
+export class PlanScene {
+  readonly part: PartMesh;
+  private readonly overlay = new Group();
+  private readonly frustum = new Group();
+  private readonly pins = new Group();
+  private glyphs: InstancedMesh | null = null;
+  private shownViews: EditedView[] = [];
+  private framed: number | null = null;
+  private readonly size: number;
+  marked = new Set<number>();
+  section: { axis: SectionAxis; at: number } = { axis: "off", at: 0 };
+
+  constructor(readonly stage: Stage, private readonly model: Model) {
+    this.part = new PartMesh(model.mesh);
+    this.size = this.part.box.getSize(new Vector3()).length();
+    this.overlay.name = "overlay";
+    this.frustum.name = "frustum";
+    this.pins.name = "pins";
+    stage.scene.add(this.part.mesh, this.overlay, this.frustum, this.pins);
+    stage.look(this.part.box, STANDARD_VIEWS.iso!);
+  }
+
+  paint(colour: (face: number) => Rgb): void {
+    this.part.paint((face) => (this.marked.has(face) ? MARKED : colour(face)));
+    this.stage.invalidate();
+  }
+
+  /** Viewpoints of one setup, with their numbers. */
+  showViews(views: EditedView[], chosen: number | null, isShown: boolean, onChoose: (id: number) => void): void {
+    this.stage.clear(this.overlay);
+    this.shownViews = isShown ? views : [];
+    const labels: Label[] = [];
+    this.glyphs = null;
+    if (isShown && views.length > 0) {
+      this.glyphs = viewGlyphs(views.map((view) => view.pose), Math.max(14, this.size / 9));
+      views.forEach((view, i) => {
+        const shade = view.id === chosen ? 0xe69f00 : !view.isUsed ? 0x9aa2ac : view.isAdded ? 0x00a37a : 0x2f78c4;
+        this.glyphs!.setColorAt(i, new Color(shade));
+        labels.push({ at: new Vector3(...view.pose.translation_mm), text: String(view.id),
+          className: view.id === chosen ? "chosen" : view.isUsed ? "" : "unused", onClick: () => onChoose(view.id) });
+      });
+      this.overlay.add(this.glyphs);
+    }
+    this.labels = labels;
+    this.label();
+  }
+
+  private labels: Label[] = [];
+  private pinLabels: Label[] = [];
+  private label(): void { this.stage.setLabels([...this.labels, ...this.pinLabels]); }
+
+  /** View that a click meets before the part. */
+  viewAt(pick: Parameters<typeof Stage.hit>[0], before: number): number | null {
+    const hit = this.glyphs && Stage.hit(pick, [this.glyphs]);
+    return hit && hit.distance < before ? this.shownViews[hit.instance]?.id ?? null : null;
+  }
+
+  showFrustum(view: EditedView | null): void {
+    this.stage.clear(this.frustum);
+    if (view) this.frustum.add(place(frustums(this.model.plan.scanner), matrixOf(view.pose)));
+    // The camera goes back far enough to show from where the chosen view looks; while that is moved by hand it stays.
+    if (view && view.id !== this.framed) this.stage.fit(this.part.box.clone().expandByPoint(new Vector3(...view.pose.translation_mm)));
+    this.framed = view?.id ?? null;
+    this.stage.invalidate();
+  }
+
+  /** Box that holds part and viewpoints. */
+  wholeBox(withViews: boolean): PartMesh["box"] {
+    const box = this.part.box.clone();
+    if (withViews) this.shownViews.forEach((view) => box.expandByPoint(new Vector3(...view.pose.translation_mm)));
+    return box;
+  }
+
+  private ball(at: Vector3, colour: number): Mesh {
+    const made = new Mesh(new SphereGeometry(this.size / 120, 16, 12), new MeshBasicMaterial({ color: colour, depthTest: false, transparent: true }));
+    made.position.copy(at);
+    made.renderOrder = 2;
+    return made;
+  }
+
+  /** Chosen spot with its normal, a measured distance, a box being drawn. */
+  showPins(spot: { point: number[]; normal: number[] } | null, measure: number[][], distance: string, box: { min: number[]; max: number[] } | null): void {
+    this.stage.clear(this.pins);
+    this.pinLabels = [];
+    if (spot) {
+      const at = new Vector3().fromArray(spot.point);
+      const tip = at.clone().addScaledVector(new Vector3().fromArray(spot.normal), this.size / 6);
+      this.pins.add(this.ball(at, 0xe69f00), lines([...at.toArray(), ...tip.toArray()], 0xe69f00));
+    }
+    measure.forEach((point) => this.pins.add(this.ball(new Vector3().fromArray(point), 0x00a37a)));
+    if (measure.length === 2) {
+      const [a, b] = measure.map((point) => new Vector3().fromArray(point)) as [Vector3, Vector3];
+      const made = lines([...a.toArray(), ...b.toArray()], 0x00a37a);
+      made.renderOrder = 2;
+      (made.material as { depthTest: boolean }).depthTest = false;
+      this.pins.add(made);
+      this.pinLabels.push({ at: a.clone().add(b).multiplyScalar(0.5), text: distance, className: "measure" });
+    }
+    if (box) this.pins.add(lines(boxLines(box.min, box.max), 0x00a37a));
+    this.label();
+  }
+
+  cut(axis: SectionAxis, share: number): void {
+    this.section = { axis, at: share };
+    const plane = this.plane();
+    this.part.cut(plane && new Plane(new Vector3(...plane.slice(0, 3)), plane[3]));
+    this.stage.invalidate();
+  }
+
+  /** Where the section plane is along its axis, mm. */
+  sectionAt(): number {
+    const i = "xyz".indexOf(this.section.axis);
+    const { min, max } = this.model.mesh;
+    return i < 0 ? 0 : min[i]! + (max[i]! - min[i]!) * this.section.at;
+  }
+
+  /** Normal and constant of the section plane; what lies behind it is shown. */
+  plane(): number[] | null {
+    const normal = AXES[this.section.axis];
+    return normal ? [...normal, this.sectionAt()] : null;
+  }
+}
+
+function boxLines(min: number[], max: number[]): number[] {
+  const corner = (i: number): number[] => [0, 1, 2].map((axis) => ((i >> axis) & 1 ? max[axis]! : min[axis]!));
+  const points: number[] = [];
+  for (let a = 0; a < 8; a += 1) {
+    for (let axis = 0; axis < 3; axis += 1) if (!((a >> axis) & 1)) points.push(...corner(a), ...corner(a | (1 << axis)));
+  }
+  return points;
+}
+
+/** Legend of a mode: colour, name, area of the preview. */
+export interface LegendRow { colour: Rgb; name: string; area: number; key: string }
+
+export function legendOf(model: Model, mode: Colouring, scores: Scores | null, areas: Map<string, number>, names: {
+  causes: Record<string, string>; grades: Record<string, string>; missed: string; measured: string; notAsked: string; views: (n: number) => string;
+}): LegendRow[] {
+  const row = (colour: Rgb, name: string, area: number, key: string): LegendRow => ({ colour, name, area, key });
+  const missedArea = [...areas].filter(([key]) => !isGrade(key) && key !== "not_asked").reduce((sum, [, area]) => sum + area, 0);
+  const notAsked = areas.get("not_asked") ?? 0;
+  const rest = [row(MISSED, names.missed, missedArea, "missed"), row(NOT_ASKED, names.notAsked, notAsked, "not_asked")];
+  if (mode === "grade") return [...[...LETTERS].map((grade) => row(colourOf(grade), names.grades[grade]!, areas.get(grade) ?? 0, grade)), ...rest].filter(({ area }) => area > 0);
+  if (mode === "cause") {
+    const measured = [...LETTERS].reduce((sum, grade) => sum + (areas.get(grade) ?? 0), 0);
+    const causes = [...areas].filter(([key]) => !isGrade(key) && key !== "not_asked").sort(([, a], [, b]) => b - a);
+    return [row(PLAIN, names.measured, measured, "measured"), ...causes.map(([key, area]) => row(causeColour(key), names.causes[key] ?? key, area, key)), rest[1]!]
+      .filter(({ area }) => area > 0);
+  }
+  if (!scores) return [];
+  return [...scored(model, mode, scores, row, names.views), row(MISSED, names.missed, scores.total - scores.measured - notAsked, "missed"), rest[1]!].filter(({ area }) => area > 0);
+}
+
+function scored(
+  { mesh }: Model, mode: Colouring, scores: Scores, row: (colour: Rgb, name: string, area: number, key: string) => LegendRow, views: (n: number) => string,
+): LegendRow[] {
+  const sum = (isIn: (face: number) => boolean): number => mesh.areas.reduce((total, area, face) => total + (isIn(face) ? area : 0), 0);
+  if (mode === "count") {
+    const most = scaleOf(scores);
+    const steps = [...new Set(most <= 5 ? Array.from({ length: most }, (_, i) => i + 1) : [1, 2, 3, 5, Math.round(most / 2), most])].filter((n) => n <= most).sort((a, b) => a - b);
+    return steps.map((from, i) => {
+      const to = (steps[i + 1] ?? most + 1) - 1;
+      return row(onScale(from / most), from === to ? views(from) : `${from} – ${views(to)}`, sum((face) => scores.counts[face]! >= from && scores.counts[face]! <= to), `count${from}`);
+    });
+  }
+  const steps = [0, 15, 30, 45, 60, 75];
+  return steps.map((from) => row(onScale(1 - (from + 7) / 90), `${from}° – ${from + 15}°`,
+    sum((face) => scores.incidences[face]! >= from && scores.incidences[face]! < from + 15), `deg${from}`));
+}

@@ -1,0 +1,277 @@
+// Runs: what moves, by whose leave, where it is against where it should be; and what to do when it stops.
+import { signal, useSignal, type Signal } from "@preact/signals";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { apiPath, ask, post, put, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample } from "./api";
+import { CellScene, cellModelOf, type CellModel } from "./cellscene";
+import { programsOf } from "./cell";
+import { Chart } from "./chart";
+import { keepJob, partName } from "./jobs";
+import { Stream, type LiveEvent } from "./live";
+import { coverageBytes, preview, type Preview } from "./mesh";
+import { LINES } from "./palette";
+import { goTo, hrefOf, percent, seconds, when } from "./settings";
+import { STANDARD_VIEWS, type Stage } from "./stage";
+import { text } from "./text";
+import { Button, guarded, Slider, useLoaded } from "./widgets";
+import { View3d } from "./view3d";
+
+const words = text.runs;
+const OVER = ["done", "stopped", "failed"];
+const stateName = (state: string): string => words.states[state] ?? state;
+
+export function RunList(_: object) {
+  const { value, error, reload } = useLoaded(() => ask<Page<Run>>("/runs?page_size=100"), []);
+  useEffect(() => {
+    const timer = setInterval(reload, 5000);
+    return () => clearInterval(timer);
+  }, []);
+  return (
+    <section class="runs" aria-labelledby="runs-title">
+      <h1 id="runs-title">{words.title}</h1>
+      <p class="safety">{words.safety}</p>
+      {error && <p class="problem" role="alert">{error}</p>}
+      {value && value.items.length === 0 && <p class="empty">{words.empty}</p>}
+      {value && value.items.length > 0 && (
+        <table>
+          <thead><tr>{[words.started, words.state, words.mode, text.create.cell, words.progress, words.job].map((name) => <th key={name} scope="col">{name}</th>)}<th scope="col"><span class="hidden">{words.remove}</span></th></tr></thead>
+          <tbody>{value.items.map((run) => (
+            <tr key={run.id}>
+              <td><a href={hrefOf(["runs", run.id])}>{when(run.created_at)}</a></td><td><span class={`state ${run.state}`}>{stateName(run.state)}</span></td>
+              <td>{words.modes[run.mode]}</td><td>{run.cell}</td><td class="number">{run.step} {words.of} {run.steps}</td>
+              <td>{run.job_id && <a href={hrefOf(["jobs", run.job_id])}>{run.job_id.slice(0, 8)}</a>}</td>
+              <td>{OVER.includes(run.state) && <Button onClick={() => remove(`/runs/${run.id}`).then(reload)} aria-label={`${words.remove} ${when(run.created_at)}`}>{words.remove}</Button>}</td>
+            </tr>
+          ))}</tbody>
+        </table>
+      )}
+    </section>
+  );
+}
+
+interface Lease { id: string; token: number; heartbeat_ms: number; cell: string; holder: string }
+/** Lease that this page holds; it lives as long as the page renews it. */
+const lease = signal<Lease | null>(null);
+let renewing: ReturnType<typeof setInterval> | null = null;
+
+async function takeLease(cell: string, holder: string): Promise<void> {
+  const taken = await post<Lease>("/leases", { cell, holder });
+  lease.value = taken;
+  if (renewing) clearInterval(renewing);
+  renewing = setInterval(() => {
+    put<Lease>(`/leases/${taken.id}`, undefined).catch(() => { lease.value = null; if (renewing) clearInterval(renewing); });
+  }, taken.heartbeat_ms);
+}
+
+async function giveBack(): Promise<void> {
+  if (renewing) clearInterval(renewing);
+  const held = lease.peek();
+  lease.value = null;
+  if (held) await remove(`/leases/${held.id}`);
+}
+
+const withToken = (path: string): string => (lease.peek() ? `${path}?token=${lease.peek()!.token}` : path);
+
+interface Loaded { run: Run; job: Job | null; plan: Plan | null; programs: Program[]; model: CellModel | null; mesh: Preview | null; bytes: Uint8Array | null }
+
+async function load(id: string): Promise<Loaded> {
+  const run = await ask<Run>(`/runs/${id}`);
+  if (!run.job_id) return { run, job: null, plan: null, programs: [], model: null, mesh: null, bytes: null };
+  const job = await ask<Job>(`/jobs/${run.job_id}`).catch(() => null);
+  if (!job) return { run, job: null, plan: null, programs: [], model: null, mesh: null, bytes: null };
+  keepJob(job);
+  const [plan, programs, model, mesh, bytes] = await Promise.all([
+    ask<Plan>(`/jobs/${job.id}/plan`), programsOf(job), cellModelOf(job), preview(job.mesh_id).catch(() => null), coverageBytes(job.id),
+  ]);
+  return { run, job, plan, programs, model, mesh, bytes };
+}
+
+export function RunView({ id }: { id: string }) {
+  const { value, error } = useLoaded(() => load(id), [id]);
+  if (error) return <p class="problem" role="alert">{error}</p>;
+  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  return <Live key={id} loaded={value} />;
+}
+
+interface LogEntry { at: string; kind: string; state: string; reason: string; step: number; detail?: string | null }
+const MAX_SAMPLES = 3000;
+const MAX_LOG = 300;
+
+/** Live state of a run: its document, samples and events. */
+function useRun(loaded: Loaded) {
+  const run = useSignal(loaded.run);
+  const samples = useSignal<RunSample[]>([]);
+  const log = useSignal<LogEntry[]>([]);
+  // The end is told before the record with the coverage is stored; the server answers when it is.
+  const read = (isEnd = false): Promise<void> => ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).then((fresh) => { run.value = fresh; }, () => {});
+  const stream = useMemo(() => new Stream({
+    path: `/runs/${loaded.run.id}/events`, numbered: false, onReset: () => void read(),
+    onEvent: ({ kind, data }: LiveEvent) => {
+      if (kind === "live") {
+        const sample = data as RunSample;
+        if (sample.sequence <= (samples.peek().at(-1)?.sequence ?? -1)) return;
+        // Half of the samples goes when there are too many, so that an hour takes no more memory than a minute.
+        const kept = samples.peek().length >= MAX_SAMPLES ? samples.peek().filter((_, i) => i % 2 === 0) : samples.peek();
+        samples.value = [...kept, sample];
+        run.value = { ...run.peek(), step: sample.step, state: sample.state, elapsed_secs: sample.elapsed_secs * run.peek().time_factor };
+        return;
+      }
+      log.value = [...log.peek().slice(-MAX_LOG), { ...(data as LogEntry), kind }];
+      void read(OVER.includes((data as LogEntry).state));
+    },
+  }), [loaded.run.id]);
+  useEffect(() => () => stream.close(), [stream]);
+  return { run, samples, log, stream, read };
+}
+
+function Live({ loaded }: { loaded: Loaded }) {
+  const { run, samples, log, stream, read } = useRun(loaded);
+  const scene = useRef<CellScene | null>(null);
+  const [stage, setStage] = useState<Stage | null>(null);
+  const program = loaded.programs[run.value.setup] ?? loaded.programs[0];
+  const last = samples.value.at(-1);
+  useEffect(() => {
+    if (!stage || !loaded.model) { scene.current = null; return; }
+    scene.current = new CellScene(stage, loaded.model, loaded.plan);
+    if (loaded.mesh && loaded.plan?.cell) {
+      scene.current.showPart(loaded.mesh, loaded.bytes, loaded.plan.setups?.[run.peek().setup]?.table_from_part ?? loaded.plan.cell.table_from_part);
+    }
+    stage.look(scene.current.box(), STANDARD_VIEWS.iso!);
+    window.vantage.run = { scene: scene.current, run, samples };
+  }, [stage]);
+  useEffect(() => {
+    if (last) scene.current?.pose([...last.measured.joints_deg, last.measured.table_angle_deg]);
+    const target = program && targetOf(program, run.value.step);
+    scene.current?.showGhost(OVER.includes(run.value.state) ? null : target ?? null);
+  }, [stage, last, run.value.step, run.value.state]);
+  return (
+    <div class="runview">
+      <div class="left">
+        {loaded.model ? <View3d label={text.cell.scene} name="run" box={() => scene.current?.box() ?? null} onStage={setStage} /> : <p class="empty">{text.notFound}</p>}
+        <p class="soft">{words.ghost}</p>
+      </div>
+      <aside class="side">
+        <h1>{loaded.job ? <a href={hrefOf(["jobs", loaded.job.id])}>{partName(loaded.job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
+        <p class="safety">{words.safety}</p>
+        {stream.connection.value === "lost" && !OVER.includes(run.value.state) && <p class="problem" role="alert">{text.connection.lostLong}</p>}
+        <Controls run={run} onDone={() => read()} />
+        <RunFacts run={run.value} />
+        <Plots samples={samples} factor={run.value.time_factor} />
+        <h3>{words.log}</h3>
+        <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (
+          <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
+        ))}</ol>
+        <Files run={run.value} />
+      </aside>
+    </div>
+  );
+}
+
+/** Joints and table angle that a step ends at. */
+function targetOf(program: Program, step: number): number[] {
+  for (let at = Math.min(step, program.steps.length - 1); at >= 0; at -= 1) {
+    const one = program.steps[at]!;
+    if (one.op === "move_joints") return [...one.joints_deg!, one.table_angle_deg!];
+  }
+  return program.home_deg;
+}
+
+function LeaseBox({ run }: { run: Run }) {
+  const { value, reload } = useLoaded(() => ask<{ items: { cell: string; holder: string }[] }>("/leases"), [lease.value]);
+  const name = useSignal("");
+  const held = value?.items.find((item) => item.cell === run.cell);
+  const isMine = lease.value?.cell === run.cell;
+  return (
+    <fieldset>
+      <legend>{words.lease}</legend>
+      <p id="lease-state">{isMine ? words.mine : held ? words.held(held.holder) : words.free}. <span class="soft">{words.noLease}</span></p>
+      <label><span>{words.operator}</span><input type="text" value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
+      <p class="actions">
+        {isMine ? <Button onClick={() => giveBack().then(reload)}>{words.give}</Button> : <Button onClick={() => takeLease(run.cell, name.value).then(reload)}>{words.take}</Button>}
+        {run.mode === "live" && run.state === "ready" && (
+          <Button kind="danger" disabled={!isMine || !name.value} onClick={() => post(withToken(`/runs/${run.id}/arm`), { cell: run.cell, operator: name.value })}>{words.arm}</Button>
+        )}
+      </p>
+    </fieldset>
+  );
+}
+
+function Controls({ run, onDone }: { run: Signal<Run>; onDone: () => Promise<void> }) {
+  const { id, state, mode, single_step: isStepped, speed_override: speed } = run.value;
+  const command = (name: string, token: boolean) => () => post(token ? withToken(`/runs/${id}/${name}`) : `/runs/${id}/${name}`).then(onDone);
+  const isActive = !OVER.includes(state);
+  return (
+    <>
+      <div class="controls" role="group" aria-label={words.title}>
+        <Button disabled={state !== "running"} onClick={command("pause", false)}>{words.pause}</Button>
+        <Button kind="primary" disabled={state !== "paused"} onClick={command("resume", true)}>{words.resume}</Button>
+        <Button kind="danger" disabled={!isActive} onClick={command("stop", false)}>{words.stop}</Button>
+        {isStepped && <Button disabled={state !== "paused"} onClick={command("step", true)}>{words.step}</Button>}
+        {!isActive && run.value.job_id && (
+          <Button onClick={async () => {
+            const again = await post<Run>("/runs", { job_id: run.value.job_id, mode: "simulate", time_factor: run.value.mode === "simulate" ? run.value.time_factor : 1, setup: run.value.setup });
+            goTo(hrefOf(["runs", again.id]));
+          }}>{text.job.run}</Button>
+        )}
+      </div>
+      {isActive && <Slider label={words.override} min={0.01} max={1} step={0.01} value={speed} show={percent(speed, 0)}
+        onInput={(value) => { run.value = { ...run.value, speed_override: value }; void guarded(() => post(withToken(`/runs/${id}/override`), { speed_override: value })); }} />}
+      {(mode === "live" || lease.value) && <LeaseBox run={run.value} />}
+      {state === "failed" || state === "stopped" || state === "paused" ? <Reason run={run.value} /> : null}
+    </>
+  );
+}
+
+function Reason({ run }: { run: Run }) {
+  const help = words.help[run.reason];
+  return (
+    <p class={run.state === "failed" ? "problem" : "warning"}>
+      {words.reason}: {run.reason.replaceAll("_", " ")}{run.detail ? `. ${run.detail}` : ""}{help && <><br />→ {help}</>}
+    </p>
+  );
+}
+
+function RunFacts({ run }: { run: Run }) {
+  return (
+    <>
+      <progress max={run.steps} value={run.step} aria-label={words.progress} />
+      <dl class="facts-list">
+        <dt>{words.mode}</dt><dd>{words.modes[run.mode]}{run.mode === "simulate" && run.time_factor !== 1 ? `, ${run.time_factor}×` : ""}</dd>
+        <dt>{words.progress}</dt><dd>{run.step} {words.of} {run.steps}, {run.scans} {words.scans}</dd>
+        <dt>{words.elapsed}</dt><dd>{seconds(run.elapsed_secs)} {words.of} {seconds(run.planned_secs)}</dd>
+        {run.coverage && <><dt>{words.coverage}</dt><dd>{percent(run.coverage.measured_of_asked, 2)} ({words.planned} {percent(run.coverage.planned_of_asked, 2)})</dd></>}
+        {run.jitter && <><dt>{words.jitter}</dt><dd>{run.jitter.p99_ms?.toFixed(2)} ms</dd></>}
+        {run.armed_by && <><dt>{words.arm}</dt><dd>{run.armed_by}</dd></>}
+      </dl>
+      {run.objections.length > 0 && <><h3>{words.objections}</h3><ul>{run.objections.map((objection) => <li key={objection} class="problem">{objection}</li>)}</ul></>}
+    </>
+  );
+}
+
+const PLOTTED = 600;
+
+function Plots({ samples, factor }: { samples: Signal<RunSample[]>; factor: number }) {
+  const all = samples.value;
+  const { x, deviation, joints } = useMemo(() => {
+    const every = Math.max(1, Math.ceil(all.length / PLOTTED));
+    const some = all.filter((_, i) => i % every === 0 || i === all.length - 1);
+    return {
+      x: some.map((sample) => sample.elapsed_secs * factor),
+      deviation: [{ label: words.deviation, values: some.map((sample) => sample.deviation_deg) }],
+      joints: [0, 1, 2, 3, 4, 5, 6].map((i) => ({ label: i < 6 ? `J${i + 1}` : text.cell.table, colour: LINES[i]!,
+        values: some.map((sample) => (i < 6 ? sample.measured.joints_deg[i]! : sample.measured.table_angle_deg)) })),
+    };
+  }, [all]);
+  if (x.length < 2) return null;
+  return (
+    <>
+      <Chart title={words.speed} x={x} lines={joints} xLabel="s" yLabel="°" height={170} />
+      <Chart title={words.deviation} x={x} lines={deviation} xLabel="s" yLabel="°" height={120} />
+    </>
+  );
+}
+
+function Files({ run }: { run: Run }) {
+  if (!OVER.includes(run.state)) return null;
+  const link = (path: string, name: string) => <a href={`${apiPath}/runs/${run.id}/${path}`} download>{name}</a>;
+  return <p class="actions">{link("record", words.record)}{link("record.csv", words.recordCsv)}{link("audit", words.audit)}</p>;
+}

@@ -1,0 +1,74 @@
+// What the reader chose for this browser: unit of length, colours; and the place in the page, which its address holds.
+import { computed, effect, signal } from "@preact/signals";
+
+export type Theme = "auto" | "light" | "dark";
+export type Unit = "mm" | "inch";
+
+export const theme = signal<Theme>((localStorage.getItem("vantage-theme") as Theme | null) ?? "auto");
+export const unit = signal<Unit>((localStorage.getItem("vantage-unit") as Unit | null) ?? "mm");
+const darkPreferred = matchMedia("(prefers-color-scheme: dark)");
+const systemDark = signal(darkPreferred.matches);
+darkPreferred.addEventListener("change", (event) => { systemDark.value = event.matches; });
+export const isDark = computed(() => (theme.value === "auto" ? systemDark.value : theme.value === "dark"));
+
+effect(() => {
+  localStorage.setItem("vantage-theme", theme.value);
+  document.documentElement.dataset.theme = isDark.value ? "dark" : "light";
+});
+effect(() => localStorage.setItem("vantage-unit", unit.value));
+
+/** The address within the page: `#/jobs/ID/plan?view=3` is path `["jobs", "ID", "plan"]` and query `view=3`. */
+export interface Place { path: string[]; query: URLSearchParams }
+
+function placeOf(hash: string): Place {
+  const [path = "", query = ""] = hash.replace(/^#\/?/, "").split("?");
+  return { path: path.split("/").filter(Boolean).map(decodeURIComponent), query: new URLSearchParams(query) };
+}
+
+export const place = signal<Place>(placeOf(location.hash));
+addEventListener("hashchange", () => { place.value = placeOf(location.hash); });
+
+export function hrefOf(path: string[], query: Record<string, string | undefined> = {}): string {
+  const given = Object.entries(query).filter((entry): entry is [string, string] => Boolean(entry[1]));
+  const text = new URLSearchParams(given).toString();
+  return `#/${path.map(encodeURIComponent).join("/")}${text ? `?${text}` : ""}`;
+}
+
+/** Changes parts of the query of the present address: a selection has an address, but is no step back of the browser. */
+export function setQuery(changes: Record<string, string | undefined>): void {
+  const { path, query } = place.value;
+  const hash = hrefOf(path, { ...Object.fromEntries(query), ...changes });
+  history.replaceState(null, "", hash);
+  place.value = placeOf(hash);
+}
+
+export function goTo(hash: string): void {
+  location.hash = hash;
+}
+
+const MM_PER_INCH = 25.4;
+
+/** Digits that a reader can use: three significant ones below a thousand. */
+function digits(value: number, decimals: number): string {
+  const size = Math.abs(value);
+  const places = size >= 1000 ? 0 : size >= 100 ? Math.min(1, decimals) : decimals;
+  return value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places });
+}
+
+export const lengthIn = (mm: number): number => (unit.value === "mm" ? mm : mm / MM_PER_INCH);
+export const lengthUnit = (): string => (unit.value === "mm" ? "mm" : "in");
+export const length = (mm: number): string => `${digits(lengthIn(mm), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}`;
+export const area = (mm2: number): string =>
+  (unit.value === "mm" ? `${digits(mm2, 1)} mm²` : `${digits(mm2 / MM_PER_INCH ** 2, 3)} in²`);
+export const sizes = (mm: readonly number[]): string =>
+  `${mm.map((value) => digits(lengthIn(value), unit.value === "mm" ? 1 : 3)).join(" × ")} ${lengthUnit()}`;
+export const percent = (share: number, decimals = 1): string => `${(100 * share).toFixed(decimals)} %`;
+export const seconds = (secs: number): string => {
+  if (secs < 90) return `${secs < 10 ? secs.toFixed(1) : secs.toFixed(0)} s`;
+  return secs < 5400 ? `${Math.round(secs / 60)} min` : `${(secs / 3600).toFixed(1)} h`;
+};
+export const degrees = (deg: number): string => `${deg.toFixed(1)}°`;
+export const when = (time: string): string => new Date(time).toLocaleString();
+
+/** A sentence of the server without the options of the command line, which a button stands for here. */
+export const withoutOptions = (sentence: string): string => sentence.replace(/:?(?: --set (?:'[^']*'|[^\s;]+))+/g, "");

@@ -1,0 +1,216 @@
+// Hardware: scanners, robots, turntables and cells, read and edited with the server's own check while one types, and drawn.
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { Box3, BoxGeometry, EdgesGeometry, Group, LineBasicMaterial, LineSegments } from "three";
+import { ask, post, put, remove, request, type Body, type Cell, type Device, type Note, type Page, type ProblemField, type Robot, type Scanner, type ScannerSpec, type Turntable } from "./api";
+import { CellScene, cellModelOf } from "./cellscene";
+import { apiDocument, ObjectField } from "./schema";
+import { goTo, hrefOf, length, sizes } from "./settings";
+import { Arm, bodyMesh, frustums, plateOf } from "./solids";
+import { STANDARD_VIEWS, type Stage } from "./stage";
+import { text } from "./text";
+import { Button, Tabs, useLoaded } from "./widgets";
+import { View3d } from "./view3d";
+
+const words = text.specs;
+const KINDS = ["scanners", "robots", "turntables", "cells"] as const;
+const SCHEMAS: Record<string, string> = { scanners: "ScannerSpec", robots: "RobotSpec", turntables: "TurntableSpec", cells: "CellSpec" };
+
+interface Item { name: string; preset: boolean; etag: string }
+interface Report { sound: boolean; findings: ProblemField[]; warnings?: Note[]; description?: string | null }
+
+const listAll = async (): Promise<Record<string, Item[]>> => Object.fromEntries(await Promise.all(
+  KINDS.map(async (kind) => [kind, (await ask<Page<Item>>(`/${kind}`)).items] as const)));
+
+export function Specs({ kind, name }: { kind: string; name: string }) {
+  const { value, error, reload } = useLoaded(listAll, []);
+  if (error) return <p class="problem" role="alert">{error}</p>;
+  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  const item = value[kind]?.find((item) => item.name === name);
+  return (
+    <div class="specs">
+      <nav aria-label={words.title}>
+        <h1>{words.title}</h1>
+        {KINDS.map((room) => (
+          <section key={room} aria-label={words.kinds[room]}>
+            <h2>{words.kinds[room]}</h2>
+            <ul>{value[room]!.map((entry) => (
+              <li key={entry.name}><a href={hrefOf(["specs", room, entry.name])} aria-current={room === kind && entry.name === name ? "page" : undefined}>
+                {entry.name} {!entry.preset && <span class="soft">({words.own})</span>}</a></li>
+            ))}</ul>
+          </section>
+        ))}
+      </nav>
+      {item ? <Editor key={`${kind}/${name}`} kind={kind} item={item} onChanged={reload} /> : <p class="empty">{words.choose}</p>}
+    </div>
+  );
+}
+
+function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged: () => void }) {
+  const path = `/${kind}/${encodeURIComponent(item.name)}`;
+  const { value: loaded, error } = useLoaded(() => ask<Record<string, unknown>>(path), [path]);
+  const { value: api } = useLoaded(apiDocument, []);
+  const draft = useSignal<Record<string, unknown> | null>(null);
+  const [tab, setTab] = useState("form");
+  const [saveAs, setSaveAs] = useState(item.name);
+  const [said, setSaid] = useState("");
+  const spec = draft.value ?? loaded;
+  const report = useCheck(spec);
+  if (error) return <p class="problem" role="alert">{error}</p>;
+  if (!spec || !api) return <p class="soft" role="status">{text.loading}</p>;
+  const save = async (): Promise<void> => {
+    const isSame = saveAs === item.name;
+    const headers: Record<string, string> = isSame && !item.preset ? { "If-Match": (await request(path)).headers.get("etag") ?? item.etag } : {};
+    await put(`/${kind}/${encodeURIComponent(saveAs)}`, { ...spec, name: saveAs }, headers);
+    setSaid(words.saved);
+    onChanged();
+    if (!isSame) goTo(hrefOf(["specs", kind, saveAs]));
+  };
+  return (
+    <>
+      <div class="editor">
+        <h2>{item.name} <span class="soft">{item.preset ? words.preset : words.own}</span></h2>
+        {item.preset && <p class="soft">{words.presetNote}</p>}
+        <CheckResult report={report} />
+        <Tabs label={item.name} names={{ form: words.form, source: words.source }} chosen={tab} onChoose={setTab} />
+        {tab === "form" ? <ObjectField api={api} schema={{ $ref: SCHEMAS[kind]! }} name={kind.slice(0, -1)} value={spec} onChange={(value) => { draft.value = value as Record<string, unknown>; }} />
+          : <Source value={spec} onChange={(value) => { draft.value = value; }} />}
+        <p class="actions sticky">
+          <label><span>{words.saveAs}</span><input type="text" maxLength={128} value={saveAs} onInput={(event) => setSaveAs(event.currentTarget.value)} /></label>
+          <Button kind="primary" disabled={report?.sound === false || !saveAs || (item.preset && saveAs === item.name)} onClick={save}>{words.save}</Button>
+          {!item.preset && <Button onClick={() => remove(path, { "If-Match": item.etag }).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })}>{words.remove}</Button>}
+          <span class="good" role="status">{said}</span>
+        </p>
+      </div>
+      <div class="drawn"><Drawing key={kind} kind={kind} spec={spec} /></div>
+    </>
+  );
+}
+
+/** What the server says of a document, a moment after it was last changed. */
+function useCheck(document: Record<string, unknown> | null): Report | null {
+  const [report, setReport] = useState<Report | null>(null);
+  useEffect(() => {
+    if (!document) return undefined;
+    let isCurrent = true;
+    setReport(null);
+    const timer = setTimeout(() => {
+      post<Report>("/check", { document }).then((made) => isCurrent && setReport(made),
+        (error) => isCurrent && setReport({ sound: false, findings: error.fields?.length ? error.fields : [{ pointer: "", detail: error.message }] }));
+    }, 250);
+    return () => { isCurrent = false; clearTimeout(timer); };
+  }, [document]);
+  return report;
+}
+
+function CheckResult({ report }: { report: Report | null }) {
+  return (
+    <div role="status" id="check" data-sound={report ? String(report.sound) : "checking"}>
+      {!report && <p class="soft">{words.checking}</p>}
+      {report?.sound && <p class="good">{words.sound} <span class="soft">{report.description}</span></p>}
+      {report?.findings.map((finding) => <p key={finding.pointer + finding.detail} class="problem"><code>{finding.pointer}</code> {finding.detail}</p>)}
+      {report?.warnings?.map((warning) => <p key={`${warning.pointer}${warning.code}`} class="warning"><code>{warning.pointer}</code> {warning.detail}<br />→ {warning.remedy}</p>)}
+    </div>
+  );
+}
+
+function Source({ value, onChange }: { value: Record<string, unknown>; onChange: (value: Record<string, unknown>) => void }) {
+  const [draft, setDraft] = useState(() => JSON.stringify(value, null, 2));
+  const [problem, setProblem] = useState("");
+  return (
+    <>
+      <textarea class="source" aria-label={words.source} spellcheck={false} value={draft} onInput={(event) => {
+        setDraft(event.currentTarget.value);
+        try {
+          onChange(JSON.parse(event.currentTarget.value) as Record<string, unknown>);
+          setProblem("");
+        } catch (error) {
+          setProblem((error as Error).message);
+        }
+      }} />
+      {problem && <p class="problem" role="alert">{problem}</p>}
+    </>
+  );
+}
+
+/** Devices whose poses the specification gives; those of cameras may follow from the calibration board instead. */
+function posedDevices(spec: ScannerSpec & Record<string, unknown>): Scanner {
+  const devices = ["left", "right", "projector"].map((name) => ({ ...(spec[name] as Device), name })).filter((device) => device.scanner_from_device);
+  return { name: spec.name, depth_mm: spec.depth_mm, devices };
+}
+
+function boxOf(size: [number, number, number], at: number, colour: number): LineSegments {
+  const made = new LineSegments(new EdgesGeometry(new BoxGeometry(...size)), new LineBasicMaterial({ color: colour }));
+  made.position.set(0, 0, at);
+  return made;
+}
+
+function drawScanner(group: Group, spec: ScannerSpec & Record<string, unknown>): void {
+  const { near, best, far } = spec.depth_mm;
+  (spec.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x56616d })));
+  group.add(frustums(posedDevices(spec)));
+  group.add(boxOf([spec.practical_volume_mm[0], spec.practical_volume_mm[1], Math.min(spec.practical_volume_mm[2], far - near)], best, 0xe69f00));
+  if (spec.stated_volume_mm) group.add(boxOf(spec.stated_volume_mm, best, 0x009e73));
+  for (const depth of [near, best, far]) group.add(boxOf([spec.practical_volume_mm[0], spec.practical_volume_mm[1], 0.1], depth, depth === best ? 0xd55e00 : 0x8a94a0));
+}
+
+async function draw(stage: Stage, group: Group, kind: string, spec: Record<string, unknown>): Promise<void> {
+  if (kind === "scanners") drawScanner(group, spec as unknown as ScannerSpec & Record<string, unknown>);
+  if (kind === "robots") {
+    const robot = spec as unknown as Robot;
+    const arm = new Arm(robot);
+    arm.pose([0, 0, 0, 0, 0, 0]);
+    (robot.surfaces ?? []).forEach((body: Body) => group.add(bodyMesh(body, { colour: 0x8c96a1 })));
+    group.add(arm.object);
+  }
+  if (kind === "turntables") {
+    const table = spec as unknown as Turntable;
+    group.add(plateOf(table));
+    (table.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x8c96a1 })));
+  }
+  if (kind === "cells") {
+    const model = await cellModelOf({ cell: spec as unknown as Cell & string });
+    // The scene adds to the stage itself.
+    const before = new Set(stage.scene.children);
+    new CellScene(stage, model, null);
+    [...stage.scene.children].filter((child) => !before.has(child)).forEach((child) => group.add(child));
+  }
+}
+
+function captions(kind: string, spec: Record<string, unknown>): string {
+  if (kind !== "scanners") return "";
+  const scanner = spec as unknown as ScannerSpec;
+  const { near, best, far } = scanner.depth_mm;
+  return [`${words.near} ${length(near)}, ${words.best} ${length(best)}, ${words.far} ${length(far)}`,
+    `${words.practical} ${sizes(scanner.practical_volume_mm)}`, scanner.stated_volume_mm && `${words.stated} ${sizes(scanner.stated_volume_mm)}`].filter(Boolean).join(" · ");
+}
+
+function Drawing({ kind, spec }: { kind: string; spec: Record<string, unknown> }) {
+  const [stage, setStage] = useState<Stage | null>(null);
+  const box = useRef<Box3 | null>(null);
+  const turn = useRef(0);
+  useEffect(() => {
+    if (!stage) return undefined;
+    const mine = (turn.current += 1);
+    const timer = setTimeout(() => {
+      const group = new Group();
+      group.name = "drawing";
+      // A document that is being typed may lack anything; the check says what, and the last drawing stays.
+      draw(stage, group, kind, spec).then(() => {
+        if (turn.current !== mine) return;
+        const old = stage.scene.getObjectByName("drawing");
+        if (old) { stage.clear(old); stage.scene.remove(old); }
+        stage.scene.add(group);
+        const first = box.current === null;
+        box.current = new Box3().setFromObject(group);
+        if (first) stage.look(box.current, STANDARD_VIEWS.iso!);
+        stage.invalidate();
+      }, () => {});
+    }, 200);
+    return () => clearTimeout(timer);
+  }, [stage, kind, spec]);
+  let caption = "";
+  try { caption = captions(kind, spec); } catch { /* An unfinished document has none. */ }
+  return <View3d label={words.drawing} name="spec" box={() => box.current} onStage={setStage}><p class="soft">{caption}</p></View3d>;
+}
+
