@@ -11,12 +11,13 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::cells::BuiltCell;
-use super::error::{Error, InternalError};
+use super::error::Error;
 use super::jobs::failure;
 use super::library::Library;
 use super::store::{CalibrationInput, Page, hex};
 use super::submit::{Lookup, Submission};
 use crate::cell::{CellSpec, FieldError};
+use crate::planning::context::Context;
 use crate::report::calibration::calibration_html;
 use crate::wire::calibration::{
     CalibrationDocument, CalibrationError, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection,
@@ -223,7 +224,7 @@ impl App {
         let spec = input.cell.clone();
         let cell = self.with_library(None, move |library| library.built(&spec).map_err(Error::Invalid)).await?;
         let (how, digest, at) = ((job.solve, usize::from(job.hold_out)), job.data_sha256.clone(), job.created_at.clone());
-        let compute = move |_: &_| -> Computed {
+        let compute = move |_: &Context<'_>| -> Computed {
             let BuiltCell { cell, .. } = &*cell;
             CalibrationDocument::solved(&input.data, cell, how, [&digest, &at])
         };

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 use super::data::CalibrationData;
 use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
 use crate::cell::calibration::data::{Setup, Solve};
-use crate::cell::calibration::findings::{Finding, Severity};
+use crate::cell::calibration::findings::{CalibrationFinding, Severity};
 use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, closed_list};
 use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, json_file_bytes};
 
@@ -150,7 +150,7 @@ pub enum CalibrationError {
     /// Fields of the observations that cannot be read.
     Fields(Vec<FieldError>),
     /// Findings, one of which is an error.
-    Findings(Vec<Finding>),
+    Findings(Vec<CalibrationFinding>),
 }
 
 impl CalibrationDocument {

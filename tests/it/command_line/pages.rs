@@ -17,7 +17,6 @@ const COMMANDS: [&str; 19] = [
     "run",
     "params",
     "presets",
-    "calibrate",
     "part",
     "robot",
     "sim",
