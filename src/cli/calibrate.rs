@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 
 use super::{CliError, FileFinding, files};
 use crate::cell::FieldError;
-use crate::cell::calibration::data::Setup;
+use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::calibration::findings::CalibrationFinding;
 use crate::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples, sentence};
 use crate::wire::json_file_bytes;
@@ -26,10 +26,12 @@ const MAX_BYTES: u64 = 256 << 20;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage calibrate scanner stereo.yml --out my-scanner.toml
-  vantage calibrate poses --cell my-cell.toml --count 15 --board 11x8x15 --out poses.json
+  vantage calibrate poses --cell my-cell.toml --count 15 --board 11x8x15 \\
+      --out poses.json
   vantage calibrate cell data.json --cell my-cell.toml --hold-out 2 \\
       --out calibration.json --write-cell calibrated.toml
-  vantage calibrate check check.json --cell calibrated.toml --calibration calibration.json
+  vantage calibrate check check.json --cell calibrated.toml \\
+      --calibration calibration.json
   vantage calibrate part points.json --cell calibrated.toml
 
 Exit codes: 0 success, 1 system error, 2 bad input, 3 the check does not pass.")]
@@ -40,10 +42,10 @@ pub struct CalibrateArgs {
 
 #[derive(Clone, Debug, clap::Subcommand)]
 enum CalibrateCommand {
-    Cell(cell::CellArgs),
-    Check(check::CheckArgs),
+    Cell(cell::CalibrateCellArgs),
+    Check(check::CalibrateCheckArgs),
     Poses(poses::PosesArgs),
-    Part(part::PartArgs),
+    Part(part::CalibratePartArgs),
     Scanner(Box<scanner::CalibrateScannerArgs>),
 }
 
@@ -61,12 +63,12 @@ pub fn run(args: &CalibrateArgs) -> Result<(), CliError> {
     }
 }
 
-/// How files of other programs are read.
+/// Conventions of files that other programs wrote.
 #[derive(Clone, Copy, Debug, clap::Args)]
 struct ReadArgs {
     /// Place of the scanner in files that do not say it: eye_in_hand or eye_to_hand.
     #[arg(long, default_value = "eye_in_hand", value_parser = setup)]
-    setup: Setup,
+    setup: HandEyeSetup,
     /// Rotation of the flange in CSV files: urscript, kuka_abc, abb_quat, fanuc_wpr, staubli, hans_rpy or quaternion.
     #[arg(long, value_name = "KIND", default_value = "quaternion", value_parser = robot_pose)]
     robot_pose: RobotPoseKind,
@@ -75,8 +77,8 @@ struct ReadArgs {
     unit: crate::geometry::LengthUnit,
 }
 
-fn setup(text: &str) -> Result<Setup, String> {
-    one_of(text, &Setup::ALL, Setup::as_str)
+fn setup(text: &str) -> Result<HandEyeSetup, String> {
+    one_of(text, &HandEyeSetup::ALL, HandEyeSetup::as_str)
 }
 
 fn robot_pose(text: &str) -> Result<RobotPoseKind, String> {

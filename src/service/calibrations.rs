@@ -28,7 +28,7 @@ use crate::wire::{CalibrationId, JobProblem, ProblemField};
 /// Max number of calibrations that wait.
 const MAX_QUEUED: u64 = 1000;
 
-/// What calibrations share.
+/// State that calibrations share.
 #[derive(Default)]
 pub(super) struct Calibrations {
     /// Held while one is computed.

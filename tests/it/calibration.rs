@@ -5,7 +5,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde_json::json;
 use vantage::cell::calibration::check::{Check, CheckLimits};
-use vantage::cell::calibration::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
+use vantage::cell::calibration::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve, Weighting};
 use vantage::cell::calibration::leave_one_out::{Spread, leave_one_out};
 use vantage::cell::calibration::poses::{PlannedBoard, PosePlanner, board_on_plate};
 use vantage::cell::calibration::refine::{Adjustment, Free, Square};
@@ -49,7 +49,7 @@ fn demo_cell() -> Cell {
 
 fn moveit() -> Option<Vec<Sighting>> {
     let text = std::fs::read_to_string(shared("calibration/handeye_moveit_50_poses.json")?).expect("readable");
-    let data = from_pose_samples(&serde_json::from_str(&text).expect("JSON"), Setup::EyeToHand).expect("pairs of poses");
+    let data = from_pose_samples(&serde_json::from_str(&text).expect("JSON"), HandEyeSetup::EyeToHand).expect("pairs of poses");
     Some(data.read(&demo_cell(), Solve::HandEye).expect("observations").sightings)
 }
 
@@ -59,7 +59,7 @@ fn the_fifty_poses_of_moveit_give_the_known_answer() {
     let Some(sightings) = moveit() else { return };
     let began = Instant::now();
     let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
-    let weighting = Weighting { setup: Setup::EyeToHand, sigma: Sigma::CALIBRATED_ARM };
+    let weighting = Weighting { setup: HandEyeSetup::EyeToHand, sigma: Sigma::CALIBRATED_ARM };
     let start = start_fixed(&sightings).expect("a start");
     let refined = problem.refine_with_sigma(&start, &weighting).expect("refines");
     let left_out: Vec<Twist> = leave_one_out(&refined, &sightings).iter().flatten().map(|left| left.residual).collect();
@@ -112,10 +112,10 @@ fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
 fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
     let Some(python) = oracle_python() else { return };
     let (mut noise, sigma) = (Noise(1), Sigma::CALIBRATED_ARM.scaled(3.0));
-    let mut sets: Vec<(Vec<Sighting>, Setup, bool)> =
-        (0..200).map(|set| (random_set(&mut noise, &sigma), Setup::EyeInHand, set < 10)).collect();
-    sets.extend(moveit().map(|sightings| (sightings, Setup::EyeToHand, true)));
-    let ask = |(sightings, setup, refine): &(Vec<Sighting>, Setup, bool)| {
+    let mut sets: Vec<(Vec<Sighting>, HandEyeSetup, bool)> =
+        (0..200).map(|set| (random_set(&mut noise, &sigma), HandEyeSetup::EyeInHand, set < 10)).collect();
+    sets.extend(moveit().map(|sightings| (sightings, HandEyeSetup::EyeToHand, true)));
+    let ask = |(sightings, setup, refine): &(Vec<Sighting>, HandEyeSetup, bool)| {
         let frames: Vec<_> = sightings.iter().map(|each| rows(&each.robot)).collect();
         let seen: Vec<_> = sightings.iter().map(|each| rows(&each.seen)).collect();
         let sigma = refine.then(|| sigma.components());
@@ -286,7 +286,7 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
                 Sighting { seen, ..planned.sighting.clone() }
             })
             .collect();
-        let weighting = Weighting { setup: Setup::EyeInHand, sigma };
+        let weighting = Weighting { setup: HandEyeSetup::EyeInHand, sigma };
         let limits = CheckLimits::default();
         let check = Check { sightings: &sightings, calibrated: nominal, covariance: &covariance, weighting, limits };
         let checked = check.check().expect("four poses");
@@ -362,9 +362,9 @@ fn malformed_observations_are_refused_by_place() {
     }
     let transposed =
         json!([[[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1], [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]]]);
-    let errors = from_pose_samples(&transposed, Setup::EyeInHand).expect_err("transposed");
+    let errors = from_pose_samples(&transposed, HandEyeSetup::EyeInHand).expect_err("transposed");
     assert!(errors[0].pointer == "/0/0" && errors[0].detail.contains("transposed"), "{errors:?}");
-    let options = CsvOptions { robot_pose: RobotPoseKind::KukaAbc, unit_mm: 1.0, setup: Setup::EyeInHand };
+    let options = CsvOptions { robot_pose: RobotPoseKind::KukaAbc, unit_mm: 1.0, setup: HandEyeSetup::EyeInHand };
     for (text, said) in [
         ("id,j1\na,0\n", "unknown column \"j1\""),
         ("id,board_x,board_y,board_z\na,1,NaN,3\n", "a finite number"),

@@ -114,7 +114,7 @@ impl Check<'_> {
         self.covariance[(column, column)] > 0.0
     }
 
-    /// What the calibration tells of the unknowns from column `first` on, and nothing of those before.
+    /// Prior that the calibration gives the unknowns from column `first` on, and nothing of those before.
     fn prior(&self, first: usize) -> Option<Prior> {
         let counts = |column: usize| column >= first && self.is_known(column);
         let kept = Square::from_fn(|row, column| match (counts(row), counts(column)) {

@@ -10,7 +10,7 @@ use crate::cell::closed_list;
 
 closed_list! {
     /// Place of the scanner.
-    pub enum Setup {
+    pub enum HandEyeSetup {
         /// The scanner is on the flange, the board stands in the cell.
         EyeInHand = "eye_in_hand",
         /// The scanner stands in the cell, the board is on the flange.
@@ -122,11 +122,11 @@ impl ChainEstimate {
     }
 }
 
-/// What weighs a residual: place of the scanner, and the deviations of arm and board.
+/// Weights of a residual: place of the scanner, and the deviations of arm and board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weighting {
     /// Place of the scanner.
-    pub setup: Setup,
+    pub setup: HandEyeSetup,
     /// Deviations.
     pub sigma: Sigma,
 }
@@ -136,8 +136,8 @@ impl Weighting {
     #[must_use]
     pub fn arm_jacobian(&self, at: &ChainEstimate, sighting: &Sighting) -> Matrix6<f64> {
         match self.setup {
-            Setup::EyeInHand => adjoint(&(at.hand_eye * sighting.seen).inverse()),
-            Setup::EyeToHand => -adjoint(&(sighting.robot * at.hand_eye * sighting.seen).inverse()),
+            HandEyeSetup::EyeInHand => adjoint(&(at.hand_eye * sighting.seen).inverse()),
+            HandEyeSetup::EyeToHand => -adjoint(&(sighting.robot * at.hand_eye * sighting.seen).inverse()),
         }
     }
 

@@ -136,7 +136,7 @@ pub(super) fn half_turn(middle_mm: &Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(middle_mm - turn * middle_mm), turn)
 }
 
-/// What became of the observations that were dropped: flipped, swapped, moved together, or just bad.
+/// Causes for which observations were dropped: flipped, swapped, moved together, or just bad.
 #[must_use]
 pub(super) fn dropped(refined: &Refined, sightings: &[Sighting], is_used: &[bool]) -> Vec<CalibrationFinding> {
     let mut open: Vec<usize> = (0..sightings.len()).filter(|index| !is_used[*index]).collect();

@@ -31,7 +31,7 @@ closed_list! {
         Transposed = "transposed",
         /// Observations in another order than their poses.
         OutOfStep = "out_of_step",
-        /// The same observation twice.
+        /// An observation that comes twice.
         DuplicatePose = "duplicate_pose",
         /// The board or the scanner moved.
         Moved = "moved",

@@ -13,11 +13,11 @@ const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 180.0;
 /// Largest standard deviations that a calibration may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncertaintyLimits {
-    /// Of a shift along any axis: beyond it the motion was degenerate.
+    /// Max deviation of a shift along any axis; beyond it the motion was degenerate.
     pub max_mm: f64,
-    /// Of a turn about any axis.
+    /// Max deviation of a turn about any axis.
     pub max_rad: f64,
-    /// Of a shift: beyond it a warning is due.
+    /// Deviation of a shift beyond which a warning is due.
     pub warn_mm: f64,
 }
 

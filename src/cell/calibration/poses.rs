@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion, Vector3};
 
-use super::data::{ChainEstimate, Setup, Sighting, Sigma, Weighting};
+use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Weighting};
 use super::refine::{Adjustment, Free, Refined, Square, linearised};
 use crate::cell::halton::halton;
 use crate::cell::{Cell, CollisionScene, Configuration};
@@ -55,7 +55,7 @@ pub struct PosePlan {
     pub covariance: Square,
 }
 
-/// What poses are planned for.
+/// Cell, board and limits that poses are planned for.
 pub struct PosePlanner<'a> {
     /// The cell.
     pub cell: &'a Cell,
@@ -77,7 +77,7 @@ impl PosePlanner<'_> {
     }
 
     fn weighting(&self) -> Weighting {
-        Weighting { setup: Setup::EyeInHand, sigma: self.sigma }
+        Weighting { setup: HandEyeSetup::EyeInHand, sigma: self.sigma }
     }
 
     /// Poses that the arm takes, each free of collisions with the board in view; the same for the same cell.

@@ -74,7 +74,7 @@ impl Free {
     }
 }
 
-/// What is known of the unknowns before the observations.
+/// Knowledge of the unknowns before the observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
     /// Expected values.
@@ -92,7 +92,7 @@ pub struct Refined {
     pub covariance: Square,
     /// Unknowns that were free.
     pub free: Free,
-    /// What weighed the residuals, with the deviations as estimated.
+    /// Weights of the residuals, with the deviations as estimated.
     pub weighting: Weighting,
     /// Sum of the whitened squares, with those of the prior.
     pub cost: f64,
@@ -167,7 +167,7 @@ pub struct Adjustment<'a> {
     pub sightings: &'a [Sighting],
     /// Unknowns that may change.
     pub free: Free,
-    /// What is known before.
+    /// Knowledge before the observations.
     pub prior: Option<&'a Prior>,
 }
 

@@ -54,7 +54,7 @@ impl Numbers {
     }
 }
 
-/// What a screening is asked: observations, unknowns, how to start from some of them, and the deviations.
+/// Question to a screening: observations, unknowns, how to start from some of them, and the deviations.
 pub struct Screening<'a> {
     /// Observations.
     pub sightings: &'a [Sighting],

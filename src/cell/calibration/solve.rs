@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Matrix6, Vector3};
 
 use super::chi_squared::{exceedance, quantile};
-use super::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
+use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve, Weighting};
 use super::diagnosis;
 use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::leave_one_out::{LeftOut, leave_one_out};
@@ -25,7 +25,7 @@ const HELD_OUT_FALSE_ALARM: f64 = 0.001;
 /// Turn of the table over all observations below which its axis cannot be told, rad (10°).
 const MIN_TABLE_TURN_RAD: f64 = 0.174;
 
-/// What is to be calibrated.
+/// Calibration that is to be computed.
 #[derive(Clone, Debug)]
 pub struct Task {
     /// Observations; the last `hold_out` are kept out.
@@ -35,7 +35,7 @@ pub struct Task {
     /// Unknowns.
     pub solve: Solve,
     /// Place of the scanner.
-    pub setup: Setup,
+    pub setup: HandEyeSetup,
     /// Deviations; none: they are estimated.
     pub sigma: Option<Sigma>,
     /// The cell as it was specified: flange_from_cloud and base_from_table count.

@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::check::{Check, CheckLimits, CheckVerdict};
-use super::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
+use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve, Weighting};
 use super::findings::FindingCode;
 use super::leave_one_out::leave_one_out;
 use super::observability::UncertaintyLimits;
@@ -104,7 +104,7 @@ pub(super) fn quantile_of(mut values: Vec<f64>, share: f64) -> f64 {
 }
 
 pub(super) fn in_hand(sigma: Sigma) -> Weighting {
-    Weighting { setup: Setup::EyeInHand, sigma }
+    Weighting { setup: HandEyeSetup::EyeInHand, sigma }
 }
 
 /// Row C1.
@@ -354,7 +354,7 @@ fn task(sightings: Vec<Sighting>, solve: Solve, sigma: Option<Sigma>) -> Task {
         sightings,
         joints_rad: Vec::new(),
         solve,
-        setup: Setup::EyeInHand,
+        setup: HandEyeSetup::EyeInHand,
         sigma,
         nominal: ChainEstimate { table: pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]), ..truth() },
         hold_out: 0,

@@ -3,20 +3,20 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::{ReadArgs, digest_of, observations, one_of, refused};
-use crate::cell::calibration::data::{Setup, Solve};
+use super::{ReadArgs, observations, one_of, refused};
+use crate::cell::calibration::data::Solve;
 use crate::cell::calibration::findings::Severity;
-use crate::cell::{CalibrationProvenance, Cell, CellSpec};
+use crate::cell::{Cell, CellSpec};
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
 use crate::report::calibration::calibration_html;
-use crate::wire::calibration::CalibrationDocument;
-use crate::wire::{VERSION_LINE, json_file_bytes};
+use crate::wire::calibration::{CalibrationDocument, CalibrationError};
+use crate::wire::json_file_bytes;
 
 /// Solve for scanner and table, screen the observations, and say how well the result is known.
 #[derive(Clone, Debug, clap::Args)]
-pub(super) struct CellArgs {
+pub(super) struct CalibrateCellArgs {
     /// Observations: vantage.calibration_data/1, CSV with named columns, or pairs of 4 × 4 matrices as MoveIt writes them.
     data: PathBuf,
     /// Cell that was observed: name of a preset, or a TOML or JSON file.
@@ -46,19 +46,17 @@ fn solve(text: &str) -> Result<Solve, String> {
 }
 
 /// Calibrates.
-pub(super) fn run(args: &CellArgs) -> Result<(), CliError> {
+pub(super) fn run(args: &CalibrateCellArgs) -> Result<(), CliError> {
     let (spec, _) = files::cell(&args.cell)?;
     let cell = spec.build(&FileLibrary).map_err(|errors| files::findings(&args.cell, &errors))?;
     let (data, digest) = observations(&args.data, &args.read)?;
     let shown = args.data.display().to_string();
-    let read = data.task(&cell, args.solve, usize::from(args.hold_out));
-    let (task, witness) = read.map_err(|errors| files::findings(&shown, &errors))?;
-    if witness.iter().any(|finding| finding.severity == Severity::Error) {
-        return Err(refused(&args.data, &witness));
-    }
-    let found = task.calibrate().map_err(|findings| refused(&args.data, &findings))?;
-    let mut document = CalibrationDocument::new(&found, args.solve, &data, &cell, [&digest, &now()]);
-    document.id = digest_of(&document);
+    let how = (args.solve, usize::from(args.hold_out));
+    let solved = CalibrationDocument::solved(&data, &cell, how, [&digest, &now()]);
+    let document = solved.map_err(|error| match error {
+        CalibrationError::Fields(errors) => files::findings(&shown, &errors),
+        CalibrationError::Findings(findings) => refused(&args.data, &findings),
+    })?;
     if let Some(path) = &args.out {
         files::write(path, &json_file_bytes(&document))?;
     }
@@ -83,36 +81,14 @@ fn remedy(severity: Severity) -> &'static str {
 }
 
 /// Writes the cell with the calibrated poses.
-fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -> Result<(), CliError> {
-    if document.setup == Setup::EyeToHand {
-        return Err(CliError::BadInput(
-            "--write-cell: a cell has its scanner on the flange; the data have it in the cell".into(),
-        ));
-    }
-    spec.flange_from_scanner = document.flange_from_scanner;
-    spec.base_from_table = document.base_from_table.unwrap_or(spec.base_from_table);
-    spec.calibrated = Some(provenance(document));
+fn write_cell(path: &Path, spec: CellSpec, document: &CalibrationDocument) -> Result<(), CliError> {
+    let not_on_flange = "--write-cell: a cell has its scanner on the flange; the data have it in the cell";
+    let spec = document.calibrated(spec).ok_or_else(|| CliError::BadInput(not_on_flange.into()))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
     let toml = toml::to_string_pretty(&spec).map_err(|error| CliError::Failed(error.to_string()))?;
     let head = "# By `vantage calibrate cell`: flange_from_scanner and base_from_table as calibrated, the rest as it was.\n\
                 # A section [controllers] is not copied.\n\n";
     files::write(path, format!("{head}{toml}").as_bytes())
-}
-
-fn provenance(document: &CalibrationDocument) -> CalibrationProvenance {
-    CalibrationProvenance {
-        by: format!("vantage {VERSION_LINE}"),
-        at: document.taken_at.to_string(),
-        calibration_id: document.id.clone(),
-        data_sha256: document.data_sha256.clone(),
-        rms_rotation_deg: document.summary.spread.rms_rotation_deg,
-        rms_translation_mm: document.summary.spread.rms_translation_mm,
-        point_sd_mm: document.point_at_best_focus_sd_mm,
-        rotation_sd_deg: document.observability.rotation_sd_deg,
-        translation_sd_mm: document.observability.translation_sd_mm,
-        temperature_c: document.temperature_c,
-        compensation_sha256: None,
-    }
 }
 
 /// Summary for people.

@@ -16,7 +16,7 @@ use crate::wire::json_file_bytes;
 
 /// Check before use that a calibration still holds: ok, compensate or recalibrate.
 #[derive(Clone, Debug, clap::Args)]
-pub(super) struct CheckArgs {
+pub(super) struct CalibrateCheckArgs {
     /// Observations of the board where the calibration saw it, four or more, one of them from the zenith.
     data: PathBuf,
     /// Calibration to check.
@@ -39,7 +39,7 @@ pub(super) struct CheckArgs {
 }
 
 /// Checks.
-pub(super) fn run(args: &CheckArgs) -> Result<(), CliError> {
+pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
     if !(1e-4..=0.2).contains(&args.false_alarm) {
         return Err(CliError::BadInput(format!("--false-alarm: is {}; allowed is 0.0001 to 0.2", args.false_alarm)));
     }

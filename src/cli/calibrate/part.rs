@@ -10,7 +10,7 @@ use crate::wire::json_file_bytes;
 
 /// Find the pose of the part on the table from points, a registered cloud or a seat of a fixture.
 #[derive(Clone, Debug, clap::Args)]
-pub(super) struct PartArgs {
+pub(super) struct CalibratePartArgs {
     /// Data: {"method": "points" | "cloud" | "fixture", …}, TOML or JSON.
     data: PathBuf,
     /// Cell: name of a preset, or a TOML or JSON file.
@@ -22,7 +22,7 @@ pub(super) struct PartArgs {
 }
 
 /// Places the part.
-pub(super) fn run(args: &PartArgs) -> Result<(), CliError> {
+pub(super) fn run(args: &CalibratePartArgs) -> Result<(), CliError> {
     let shown = args.data.display().to_string();
     let data: PlacementData = files::from_value(files::value(&args.data)?, &shown)?;
     let placed = data.place(&cell(&args.cell)?).map_err(|errors| files::findings(&shown, &errors))?;

@@ -33,7 +33,7 @@ const HOLDABLE: std::ops::Range<usize> = 4..10;
       --out calibrated.toml --report calibration.html
 
 A format is recognised, or given by --from. Files of results: OpenCV YAML, XML or JSON, Bouguet's .m, MATLAB's stereoParams as \
-JSON, Kalibr's camera chain, a scanner of Vantage. BoardObservations: JSON of schema vantage.scanner_observations/1, or CSV \
+JSON, Kalibr's camera chain, a scanner of Vantage. Observations: JSON of schema vantage.scanner_observations/1, or CSV \
 view,device,x_mm,y_mm,z_mm,u_px,v_px. Corners are not searched for in pictures. What is not known stays unknown: no uncertainty is \
 made up.")]
 pub struct CalibrateScannerArgs {
@@ -123,7 +123,7 @@ impl FromStr for PlaneAt {
 enum Data {
     /// Results of other programs.
     Results { rig: Box<Rig>, specification: Option<Box<ScannerSpec>> },
-    /// BoardObservations, and the rectangle that the projector lights.
+    /// Observations, and the rectangle that the projector lights.
     Observed(Box<BoardObservations>, Option<LitRectangleSpec>),
 }
 

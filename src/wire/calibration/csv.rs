@@ -5,7 +5,7 @@
 use super::data::{CalibrationData, ObservationDocument};
 use super::foreign::{RobotPoseKind, of_observations};
 use super::pose::ObservedPose;
-use crate::cell::calibration::data::Setup;
+use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::{FieldError, Findings, did_you_mean};
 
 /// Columns that are read.
@@ -36,7 +36,7 @@ const COLUMNS: [&str; 22] = [
 /// Rows that a table may have.
 const MAX_ROWS: usize = 5000;
 
-/// How a table is read.
+/// Conventions of a table.
 #[derive(Clone, Copy, Debug)]
 pub struct CsvOptions {
     /// Convention of the flange's rotation.
@@ -44,7 +44,7 @@ pub struct CsvOptions {
     /// Millimetres in a unit of its lengths.
     pub unit_mm: f64,
     /// Place of the scanner.
-    pub setup: Setup,
+    pub setup: HandEyeSetup,
 }
 
 /// Reads a table; commas, semicolons or tabs separate.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
-use crate::cell::calibration::data::{ChainEstimate, Setup, Sighting, Sigma, Solve};
+use crate::cell::calibration::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve};
 use crate::cell::calibration::findings::CalibrationFinding;
 use crate::cell::calibration::observability::UncertaintyLimits;
 use crate::cell::calibration::placement::{self, Placement};
@@ -33,7 +33,7 @@ pub struct CalibrationData {
     pub cell: Option<String>,
     /// Place of the scanner: `eye_in_hand`, on the flange (the default), or `eye_to_hand`, in the cell with the board on the flange.
     #[serde(default = "in_hand")]
-    pub setup: Setup,
+    pub setup: HandEyeSetup,
     /// Frame of the clouds, instead of the scanner specification's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cloud_frame: Option<CloudFrameSpec>,
@@ -53,8 +53,8 @@ pub struct CalibrationData {
     pub observations: Vec<ObservationDocument>,
 }
 
-fn in_hand() -> Setup {
-    Setup::EyeInHand
+fn in_hand() -> HandEyeSetup {
+    HandEyeSetup::EyeInHand
 }
 
 /// A calibration board. Unknown fields are refused.
@@ -178,7 +178,7 @@ pub struct PointPairDocument {
     /// On the board, mm.
     #[schema(min_items = 3, max_items = 3)]
     pub board_mm: [f64; 3],
-    /// In the cloud, mm.
+    /// Position in the cloud, mm.
     #[schema(min_items = 3, max_items = 3)]
     pub cloud_mm: [f64; 3],
 }
@@ -206,7 +206,7 @@ pub struct ReadObservations {
 }
 
 impl CalibrationData {
-    /// What is to be calibrated, by these observations of a cell.
+    /// Calibration that these observations of a cell ask for.
     ///
     /// # Errors
     /// Every field that is out of range.
@@ -263,7 +263,7 @@ impl CalibrationData {
             joints_rad.extend(joints);
             let flange = joints.map(|joints| forward(&joints)).or(reported);
             let (Some(flange), Some((seen, seen_covariance, points_mm))) = (flange, seen) else { continue };
-            let robot = if self.setup == Setup::EyeToHand { flange.inverse() } else { flange };
+            let robot = if self.setup == HandEyeSetup::EyeToHand { flange.inverse() } else { flange };
             let table_rad = if solve == Solve::HandEye { 0.0 } else { each.table_angle_deg.to_radians() };
             sightings.push(Sighting { id: each.id.clone(), robot, table_rad, seen, seen_covariance, points_mm });
         }

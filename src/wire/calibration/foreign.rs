@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::data::{CALIBRATION_DATA_SCHEMA, CalibrationData, ObservationDocument};
 use super::pose::{ObservedPose, of_matrix};
-use crate::cell::calibration::data::Setup;
+use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::{FieldError, Findings, closed_list};
 
 /// Metres in millimetres: MoveIt's unit.
@@ -76,7 +76,7 @@ impl RobotPoseKind {
 ///
 /// # Errors
 /// Every pair that is not one.
-pub fn from_pose_samples(value: &Value, setup: Setup) -> Result<CalibrationData, Vec<FieldError>> {
+pub fn from_pose_samples(value: &Value, setup: HandEyeSetup) -> Result<CalibrationData, Vec<FieldError>> {
     let mut findings = Findings::default();
     let pairs = value.as_array().map_or(&[][..], Vec::as_slice);
     findings.require(!pairs.is_empty(), "", || "has no pairs of poses".into());
@@ -109,7 +109,7 @@ fn flat(value: &Value) -> Vec<f64> {
 }
 
 /// Data with these observations and nothing else known.
-pub(super) fn of_observations(observations: Vec<ObservationDocument>, setup: Setup) -> CalibrationData {
+pub(super) fn of_observations(observations: Vec<ObservationDocument>, setup: HandEyeSetup) -> CalibrationData {
     CalibrationData {
         schema: CALIBRATION_DATA_SCHEMA.to_owned(),
         cell: None,

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::data::CalibrationData;
 use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
-use crate::cell::calibration::data::{Setup, Solve};
+use crate::cell::calibration::data::{HandEyeSetup, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Severity};
 use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, closed_list};
 use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, json_file_bytes};
@@ -74,7 +74,7 @@ pub struct CalibrationRequest {
     #[serde(default)]
     #[schema(maximum = 1000)]
     pub hold_out: u16,
-    /// Observations.
+    /// Poses of arm, table and board that belong together.
     pub data: CalibrationData,
 }
 
@@ -169,7 +169,8 @@ impl CalibrationDocument {
         if witness.iter().any(|finding| finding.severity == Severity::Error) {
             return Err(CalibrationError::Findings(witness));
         }
-        let found = task.calibrate().map_err(CalibrationError::Findings)?;
+        let mut found = task.calibrate().map_err(CalibrationError::Findings)?;
+        found.findings.splice(0..0, witness);
         let document = Self::new(&found, solve, data, cell, [data_sha256, now]);
         let digest = Sha256::digest(json_file_bytes(&document));
         Ok(Self { id: digest.iter().map(|byte| format!("{byte:02x}")).collect(), ..document })
@@ -179,7 +180,7 @@ impl CalibrationDocument {
     /// the flange.
     #[must_use]
     pub fn calibrated(&self, mut spec: CellSpec) -> Option<CellSpec> {
-        if self.setup == Setup::EyeToHand {
+        if self.setup == HandEyeSetup::EyeToHand {
             return None;
         }
         spec.flange_from_scanner = self.flange_from_scanner;

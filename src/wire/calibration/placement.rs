@@ -59,7 +59,7 @@ pub struct PlacedPoint {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_items = 3, max_items = 3)]
     pub table_mm: Option<[f64; 3]>,
-    /// In the robot's base, mm, with the table at `table_angle_deg`.
+    /// Position in the robot's base, mm, with the table at `table_angle_deg`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_items = 3, max_items = 3)]
     pub base_mm: Option<[f64; 3]>,

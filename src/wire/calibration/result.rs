@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::data::{CalibrationData, SigmaDocument};
 use super::words::sentence;
-use crate::cell::calibration::data::{ChainEstimate, Setup, Sigma, Solve, Weighting};
+use crate::cell::calibration::data::{ChainEstimate, HandEyeSetup, Sigma, Solve, Weighting};
 use crate::cell::calibration::findings::{CalibrationFinding, FindingCode, Severity};
 use crate::cell::calibration::leave_one_out::Spread;
 use crate::cell::calibration::observability::Freedom;
@@ -38,7 +38,7 @@ pub struct CalibrationDocument {
     /// Name of the cell.
     pub cell: String,
     /// Place of the scanner.
-    pub setup: Setup,
+    pub setup: HandEyeSetup,
     /// SHA-256 of the observations.
     pub data_sha256: String,
     /// Time of the observations, else of the calibration.
@@ -71,7 +71,7 @@ pub struct CalibrationDocument {
     pub leave_one_out: LeaveOneOutDocument,
     /// Observations held out; `null` without any.
     pub held_out: Option<ResidualSpread>,
-    /// How well the motions determine the result.
+    /// Observability: how well the motions determine the result.
     pub observability: ObservabilityDocument,
     /// Runout of the table as harmonics of its angle; empty for fewer than 15 observations.
     pub table_runout: Vec<HarmonicDocument>,
@@ -87,11 +87,11 @@ pub struct CalibrationDocument {
 pub struct CovarianceDocument {
     /// Order of the rows, and units.
     pub order: String,
-    /// Of X.
+    /// Covariance of X.
     pub hand_eye: Vec<Vec<f64>>,
-    /// Of the table: turns about x and y, shifts along x and y.
+    /// Covariance of the table: turns about x and y, shifts along x and y.
     pub table: Vec<Vec<f64>>,
-    /// Of all unknowns together; zero for what was held.
+    /// Covariance of all unknowns together; zero for what was held.
     pub joint: Vec<Vec<f64>>,
 }
 
@@ -182,7 +182,7 @@ pub struct LeaveOneOutDocument {
     pub max_hand_eye_translation_mm: f64,
 }
 
-/// How well the motions determine the result.
+/// Observability: how well the motions determine the result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ObservabilityDocument {

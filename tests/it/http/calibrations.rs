@@ -1,9 +1,12 @@
 //! Calibrations: accepted, computed, kept, put in place; what they refuse, and what outlives the service.
 
+use std::time::Duration;
+
 use serde_json::{Value, json};
+use vantage::service::{App, Submission};
 use vantage::wire::example;
 
-use super::api::{Api, http_options, service_options};
+use super::api::{Api, service_options};
 
 async fn ended(api: &Api, request: &Value) -> Value {
     let accepted = api.post_json("/api/v1/calibrations", request).await;
@@ -109,13 +112,15 @@ async fn calibrations_outlive_the_service() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut options = service_options();
     options.data_dir = folder.path().to_owned();
-    let api = Api::start_with(options.clone(), http_options()).await;
-    let job = ended(&api, &example::calibration()).await;
-    api.app.stop().await;
-    api.app.close().await;
-    drop(api);
-    let api = Api::start_with(options, http_options()).await;
-    let path = format!("/api/v1/calibrations/{}", job["id"].as_str().expect("an id"));
-    assert_eq!(api.get(&path).await.ok(200), job);
-    api.get(&format!("{path}/result")).await.ok(200);
+    let request = serde_json::from_value(example::calibration()).expect("a request");
+    let app = App::open(options.clone()).await.expect("a service");
+    let job = app.submit_calibration(request, Submission::default()).await.expect("accepted");
+    let job = app.calibration_when_ended(job.id, Duration::from_secs(60)).await.expect("it");
+    let result = app.calibration_result(job.id).await.expect("a result");
+    app.stop().await;
+    app.close().await;
+    let app = App::open(options).await.expect("a service");
+    assert_eq!(app.calibration(job.id).await.expect("it"), job);
+    assert_eq!(app.calibration_result(job.id).await.expect("a result"), result);
+    app.stop().await;
 }

@@ -61,8 +61,8 @@ async fn the_document_is_served_and_is_of_openapi_3_1() {
 }
 
 /// Pages for people, which are no part of the interface; and what axum calls the lack of a route.
-const PAGES: [&str; 7] =
-    ["/", "/assets/{name}", "/docs", "/docs/", "/docs/{file}", "/problems/{code}", "/{*__private__axum_fallback}"];
+const PAGES: [&str; 8] =
+    ["/", "/assets/{name}", "/docs", "/docs/", "/docs/{file}", "/licences", "/problems/{code}", "/{*__private__axum_fallback}"];
 
 #[tokio::test]
 async fn every_route_is_in_the_document() {

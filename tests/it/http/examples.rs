@@ -139,6 +139,17 @@ const RUNS: [&str; 15] = [
 ];
 /// Operations of them that only a live run, or one that waits for it, accepts.
 const REFUSED: [&str; 2] = ["arm_run", "locate_part"];
+/// Operations on a calibration, in an order in which all are accepted.
+const CALIBRATIONS: [&str; 8] = [
+    "create_calibration",
+    "get_calibration",
+    "list_calibrations",
+    "get_calibration_result",
+    "get_calibrated_cell",
+    "get_calibration_report",
+    "cancel_calibration",
+    "delete_calibration",
+];
 /// Operations on leases, in an order in which all are accepted.
 const LEASES: [&str; 4] = ["take_lease", "list_leases", "renew_lease", "give_lease_back"];
 
@@ -170,6 +181,19 @@ async fn send_examples_of_runs(api: &Api, document: &Value) {
     }
 }
 
+async fn send_examples_of_calibrations(api: &Api, document: &Value) {
+    let calibration = send(api, document, "create_calibration", "").await;
+    let id = calibration["id"].as_str().expect("an id");
+    let ended = api.get(&format!("/api/v1/calibrations/{id}?wait=60s")).await.ok(200);
+    assert_eq!(ended["state"], "succeeded", "{ended}");
+    // Only one that waits can be cancelled.
+    let Example { method, path, .. } = example(document, "cancel_calibration", id);
+    api.send(&method, &path, &[], "").await.problem("calibration_not_queued");
+    for operation in CALIBRATIONS.iter().filter(|operation| !["create_calibration", "cancel_calibration"].contains(operation)) {
+        send(api, document, operation, id).await;
+    }
+}
+
 #[tokio::test]
 async fn every_example_is_accepted_as_it_is() {
     let api = Api::start().await;
@@ -187,7 +211,8 @@ async fn every_example_is_accepted_as_it_is() {
     }
     assert_eq!(api.ended(&job).await["state"], "succeeded");
     send_examples_of_runs(&api, &document).await;
-    let of_runs: Vec<&str> = RUNS.iter().chain(&LEASES).chain(&REFUSED).copied().collect();
+    send_examples_of_calibrations(&api, &document).await;
+    let of_runs: Vec<&str> = RUNS.iter().chain(&LEASES).chain(&REFUSED).chain(&CALIBRATIONS).copied().collect();
     for id in ids.iter().filter(|id| !FIRST.contains(id) && !LAST.contains(id) && !of_runs.contains(id) && **id != "update_job") {
         let answer = send(&api, &document, id, &job).await;
         if *id == "list_jobs" {

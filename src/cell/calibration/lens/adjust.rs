@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, Isometry3, Vector2};
 use super::equations::{BundleProblem, BundleState, HUBER, POSES, SHARED, seen_by};
 use super::fault::{LensError, LensFault};
 use super::model::{LENS, LensParameters, PARAMETER_NAMES};
-use super::observations::{BoardObservations, BoardView, Sighting};
+use super::observations::{BoardObservations, BoardView, DeviceSighting};
 use super::resect;
 use super::start::{MIN_POINTS, board_pose, camera_matrix, homography, mean_pose, placed};
 use crate::cell::{DeviceName, PerDevice};
@@ -185,7 +185,7 @@ fn projector_start(
     options: &AdjustOptions,
 ) -> Result<Option<(LensParameters, Isometry3<f64>)>, LensError> {
     let Some(size_px) = observations.size_px.projector else { return Ok(None) };
-    let seen: Vec<(&[Sighting], Isometry3<f64>)> = observations
+    let seen: Vec<(&[DeviceSighting], Isometry3<f64>)> = observations
         .views
         .iter()
         .zip(boards)

@@ -9,7 +9,7 @@
 use nalgebra::{Cholesky, Const, Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::model::{LENS, LensParameters};
-use super::observations::{BoardView, Sighting};
+use super::observations::{BoardView, DeviceSighting};
 use super::parallel::each;
 use crate::cell::DeviceName;
 
@@ -33,7 +33,7 @@ pub(super) struct BundleState {
     pub(super) left_from_board: Vec<Isometry3<f64>>,
 }
 
-/// BoardObservations with what is held and how they weigh.
+/// Observations with what is held and how they weigh.
 pub(super) struct BundleProblem<'a> {
     pub(super) views: &'a [BoardView],
     /// Sightings that count, as `views` has them: by view, by device.
@@ -76,7 +76,7 @@ pub(super) struct BundleStep {
 }
 
 /// Sightings of a device in a view.
-pub(super) fn seen_by(view: &BoardView, device: usize) -> &[Sighting] {
+pub(super) fn seen_by(view: &BoardView, device: usize) -> &[DeviceSighting] {
     &view.seen[DeviceName::ALL[device]]
 }
 
@@ -114,7 +114,7 @@ impl BundleState {
     }
 
     /// PixelResidual of a sighting, observed minus computed, px; `None` behind the device.
-    pub(super) fn residual(&self, view: usize, device: usize, sighting: &Sighting) -> Option<Vector2<f64>> {
+    pub(super) fn residual(&self, view: usize, device: usize, sighting: &DeviceSighting) -> Option<Vector2<f64>> {
         let point = self.device_from_left[device] * (self.left_from_board[view] * sighting.board_mm);
         (point.z > NEAREST_MM).then(|| sighting.pixel - self.lens[device].project(&point))
     }

@@ -31,7 +31,7 @@ pub use import::{CalibrationFormat, ImportOptions, ImportedFile, ImportedLens, M
 pub use lit_rectangle::{LitPlaneSpec, LitRectangleSpec, lit_rectangle};
 pub use model::{LensParameters, PARAMETER_NAMES};
 pub use observations::{
-    BoardObservations, BoardSpec, BoardView, DeviceImageSpec, OBSERVATIONS_SCHEMA, PixelOrigin, ScannerObservationsSpec,
-    Sighting, ViewSpec, read_csv,
+    BoardObservations, BoardSpec, BoardView, DeviceImageSpec, DeviceSighting, OBSERVATIONS_SCHEMA, PixelOrigin,
+    ScannerObservationsSpec, ViewSpec, read_csv,
 };
 pub use quality::{DeviceCoverage, Quality, ViewQuality, quality};

@@ -1,4 +1,4 @@
-//! BoardObservations of a board: where its points are imaged by the left camera, the right camera, and, from phase maps, by the
+//! Observations of a board: where its points are imaged by the left camera, the right camera, and, from phase maps, by the
 //! projector as an inverse camera. As JSON (`vantage.scanner_observations/1`) and as CSV, a point a line.
 
 use std::collections::BTreeMap;
@@ -39,7 +39,7 @@ closed_list! {
     }
 }
 
-/// BoardObservations of a board by a scanner's devices. Unknown fields are refused.
+/// Observations of a board by a scanner's devices. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ScannerObservationsSpec {
@@ -118,7 +118,7 @@ pub struct ViewSpec {
 
 /// Point of the board in an image; the pixel counts from the outer corner of the first one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sighting {
+pub struct DeviceSighting {
     /// Number of the point.
     pub point: u32,
     /// The point, board frame, mm.
@@ -133,12 +133,12 @@ pub struct BoardView {
     /// Its name.
     pub id: String,
     /// Sightings of each device.
-    pub seen: PerDevice<Vec<Sighting>>,
+    pub seen: PerDevice<Vec<DeviceSighting>>,
     /// Working distance at which the board was placed, mm.
     pub stated_distance_mm: Option<f64>,
 }
 
-/// BoardObservations, checked.
+/// Observations, checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardObservations {
     /// Sizes of the images; `None` for a projector that was not observed.
@@ -239,7 +239,7 @@ impl ViewSpec {
         if let Some(distance_mm) = self.stated_distance_mm {
             range(format!("{pointer}/stated_distance_mm"), distance_mm, 1.0, 1e4)?;
         }
-        let sightings = |device: DeviceName, pixels: &[Option<[f64; 2]>]| -> Result<Vec<Sighting>, LensError> {
+        let sightings = |device: DeviceName, pixels: &[Option<[f64; 2]>]| -> Result<Vec<DeviceSighting>, LensError> {
             let pointer = format!("{pointer}/{}", device.as_str());
             if !pixels.is_empty() && pixels.len() != points.len() {
                 let detail =
@@ -252,7 +252,7 @@ impl ViewSpec {
                 .map(|(point, board_mm, [u, v])| {
                     range(format!("{pointer}/{point}/0"), u, -MAX_PIXEL, MAX_PIXEL)?;
                     range(format!("{pointer}/{point}/1"), v, -MAX_PIXEL, MAX_PIXEL)?;
-                    Ok(Sighting { point, board_mm, pixel: Vector2::new(u + offset, v + offset) })
+                    Ok(DeviceSighting { point, board_mm, pixel: Vector2::new(u + offset, v + offset) })
                 })
                 .collect()
         };
@@ -370,7 +370,7 @@ impl CsvTable {
             }
         };
         let offset = PixelOrigin::Centre.offset_px();
-        list.push(Sighting { point, board_mm: Point3::new(*x, *y, *z), pixel: Vector2::new(u + offset, v + offset) });
+        list.push(DeviceSighting { point, board_mm: Point3::new(*x, *y, *z), pixel: Vector2::new(u + offset, v + offset) });
         Ok(())
     }
 }

@@ -95,7 +95,7 @@ fn pairs(view: &BoardView, adjusted: &Adjusted) -> Vec<Pair> {
     let (Some(left_lens), Some(right_lens)) = (adjusted.lens.left, adjusted.lens.right) else { return Vec::new() };
     let right: BTreeMap<u32, Vector3<f64>> =
         view.seen.right.iter().filter_map(|sighting| Some((sighting.point, right_lens.ray(&sighting.pixel)?))).collect();
-    let pair = |sighting: &super::observations::Sighting| {
+    let pair = |sighting: &super::observations::DeviceSighting| {
         let right = *right.get(&sighting.point)?;
         Some(Pair { point: sighting.point, left: left_lens.ray(&sighting.pixel)?, right })
     };

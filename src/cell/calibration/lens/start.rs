@@ -10,18 +10,18 @@ use nalgebra::{
 };
 
 use super::model::LensParameters;
-use super::observations::Sighting;
+use super::observations::DeviceSighting;
 
 /// Fewest points of a view from which a homography is taken.
 pub(super) const MIN_POINTS: usize = 4;
 
 /// Plane of the board: homographies need points on it.
-fn is_plane(seen: &[Sighting]) -> bool {
+fn is_plane(seen: &[DeviceSighting]) -> bool {
     seen.iter().all(|sighting| sighting.board_mm.z.abs() < 1e-9)
 }
 
 /// The homography that takes (X, Y, 1) of the board to pixels; `None` for too few points or points on a line.
-pub(super) fn homography(seen: &[Sighting]) -> Option<Matrix3<f64>> {
+pub(super) fn homography(seen: &[DeviceSighting]) -> Option<Matrix3<f64>> {
     if seen.len() < MIN_POINTS || !is_plane(seen) {
         return None;
     }
@@ -185,6 +185,6 @@ pub(super) fn mean_pose(poses: &[Isometry3<f64>]) -> Option<Isometry3<f64>> {
 }
 
 /// Points of a view in a frame.
-pub(super) fn placed(seen: &[Sighting], pose: &Isometry3<f64>) -> Vec<(Point3<f64>, Vector2<f64>)> {
+pub(super) fn placed(seen: &[DeviceSighting], pose: &Isometry3<f64>) -> Vec<(Point3<f64>, Vector2<f64>)> {
     seen.iter().map(|sighting| (pose * sighting.board_mm, sighting.pixel)).collect()
 }

@@ -70,7 +70,7 @@ fn observed(scanner: &Scanner, count: usize, noise_px: f64, seed: u64) -> BoardO
             let lit = points.iter().zip(0..).filter_map(|(point, number)| {
                 let pixel = optical.lens.project(&(device_from_board * point))?;
                 let noise = Vector2::new(random.normal(), random.normal()) * noise_px;
-                Some(Sighting { point: number, board_mm: *point, pixel: pixel + noise })
+                Some(DeviceSighting { point: number, board_mm: *point, pixel: pixel + noise })
             });
             lit.collect::<Vec<_>>()
         };
