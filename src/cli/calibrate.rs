@@ -113,10 +113,8 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     } else {
         files::value(path)?
     };
-    let data = match &value {
-        Value::Array(_) => from_pose_samples(&value, read.setup).map_err(below)?,
-        _ => files::from_value(value, &shown)?,
-    };
+    let data =
+        if value.is_array() { from_pose_samples(&value, read.setup).map_err(below)? } else { files::from_value(value, &shown)? };
     Ok((data, digest))
 }
 

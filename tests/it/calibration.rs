@@ -360,6 +360,11 @@ fn malformed_observations_are_refused_by_place() {
         let error = refused(pointer, value);
         assert!(error.contains(said), "{pointer}: {error}");
     }
+}
+
+/// Files of other programs, refused by place as well.
+#[test]
+fn malformed_files_of_other_programs_are_refused_by_place() {
     let transposed =
         json!([[[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1], [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]]]);
     let errors = from_pose_samples(&transposed, HandEyeSetup::EyeInHand).expect_err("transposed");

@@ -77,7 +77,7 @@ impl Screening<'_> {
         let scale = (median / expected).sqrt();
         let sigma_scale = if self.estimate_sigma || scale > MAX_SCALE { scale.max(1e-9) } else { 1.0 };
         let weighting = Weighting { sigma: self.weighting.sigma.scaled(sigma_scale), ..self.weighting };
-        let mut refined = self.from_set(&self.chosen(&first), &weighting)?;
+        let mut refined = self.refined_by(&self.chosen(&first), &weighting)?;
         let mut is_used = vec![false; self.sightings.len()];
         first.iter().for_each(|index| is_used[*index] = true);
         for round in 0..GATES {
@@ -98,7 +98,7 @@ impl Screening<'_> {
         indices.iter().map(|index| self.sightings[*index].clone()).collect()
     }
 
-    fn from_set(&self, set: &[Sighting], weighting: &Weighting) -> Option<Refined> {
+    fn refined_by(&self, set: &[Sighting], weighting: &Weighting) -> Option<Refined> {
         Adjustment { sightings: set, free: self.free, prior: None }.refine_in_rounds(&(self.start)(set)?, weighting, 1)
     }
 
@@ -108,7 +108,7 @@ impl Screening<'_> {
         let (bound, mut numbers) = (quantile(FALSE_DROP, 6), Numbers(0));
         let draws = (0..DRAWS).filter_map(|_| {
             let set = numbers.set(count);
-            let refined = self.from_set(&self.chosen(&set), &self.weighting)?;
+            let refined = self.refined_by(&self.chosen(&set), &self.weighting)?;
             let mut squares: Vec<f64> = self.sightings.iter().map(|each| refined.chi2_of_other(each)).collect();
             squares.sort_by(f64::total_cmp);
             let median = squares[count / 2];

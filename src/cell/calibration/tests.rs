@@ -407,6 +407,9 @@ fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
     }
 }
 
+/// A fault planted in observations.
+type Planted<'a> = &'a dyn Fn(&mut Vec<Sighting>);
+
 /// Faults that people bring, each with its code.
 #[test]
 fn faults_of_the_data_are_named() {
@@ -422,7 +425,7 @@ fn faults_of_the_data_are_named() {
         findings.into_iter().map(|finding| finding.code).collect()
     };
     assert_eq!(codes(&|_| ()), []);
-    let cases: [(FindingCode, &dyn Fn(&mut Vec<Sighting>)); 9] = [
+    let cases: [(FindingCode, Planted<'_>); 9] = [
         (FindingCode::UnitMismatch, &|s| s[3].seen.translation.vector /= 1000.0),
         (FindingCode::UnitMismatch, &|s| s.iter_mut().for_each(|each| each.seen.translation.vector /= 1000.0)),
         (FindingCode::Inverted, &|s| s.iter_mut().for_each(|each| each.seen = each.seen.inverse())),

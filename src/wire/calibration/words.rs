@@ -68,6 +68,7 @@ fn near_axis(axis: [f64; 3]) -> String {
     named.map_or_else(|| format!("({:.2} {:.2} {:.2})", axis[0], axis[1], axis[2]), |(name, _)| name.to_owned())
 }
 
+#[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]
 fn of_arm(code: FindingCode, figures: &Figures) -> String {
     let (mm, deg) = (figures.length_mm.unwrap_or(0.0), figures.turn_rad.unwrap_or(0.0).to_degrees());
     let differ = format!("FK(joints) and base_from_flange differ by up to {mm:.1} mm and {deg:.2}°");
@@ -86,6 +87,7 @@ fn of_arm(code: FindingCode, figures: &Figures) -> String {
     }
 }
 
+#[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]
 fn of_reading(code: FindingCode, figures: &Figures) -> String {
     let (given, other) = (figures.length_mm.unwrap_or(f64::NAN), figures.other_length_mm.unwrap_or(f64::NAN));
     let reading = match code {
@@ -99,6 +101,7 @@ fn of_reading(code: FindingCode, figures: &Figures) -> String {
     format!("the boards disagree by {given:.1} mm as given, and by {other:.2} mm {reading}")
 }
 
+#[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]
 fn of_table(code: FindingCode, figures: &Figures) -> String {
     let (asked, found) = (figures.turn_rad.unwrap_or(0.0).to_degrees(), figures.other_turn_rad.unwrap_or(0.0).to_degrees());
     match code {
@@ -110,6 +113,7 @@ fn of_table(code: FindingCode, figures: &Figures) -> String {
     }
 }
 
+#[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]
 fn of_poses(code: FindingCode, about: &str, figures: &Figures) -> String {
     let (mm, deg) = (figures.length_mm.unwrap_or(0.0), figures.turn_rad.unwrap_or(0.0).to_degrees());
     match code {

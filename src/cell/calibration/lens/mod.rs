@@ -2,7 +2,7 @@
 //! the devices image. Pure: text and numbers in, a rig and its quality out.
 //!
 //! Data flows one way: files → [`ImportedFile`] → [`Rig`], or observations → [`Rig`] by [`adjust()`]; then
-//! [`quality`] judges the observations, and [`ScannerDraft`] makes a specification.
+//! [`quality()`] judges the observations, and [`ScannerDraft`] makes a specification.
 
 mod adjust;
 mod assemble;

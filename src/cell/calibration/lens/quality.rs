@@ -2,7 +2,7 @@
 //! images and depth.
 //!
 //! Epipolar: for a point in both cameras, the distance of each undistorted pixel from the epipolar line of the other (Hartley and
-//! Zisserman, 2nd edition, section 11.4), E = [t]× R; mean of both. Pitch: points triangulated as the middle of the shortest
+//! Zisserman, 2nd edition, section 11.4), E = \[t\]× R; mean of both. Pitch: points triangulated as the middle of the shortest
 //! segment between both rays; distance between neighbours minus that on the board.
 
 use std::collections::BTreeMap;
