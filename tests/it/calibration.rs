@@ -308,7 +308,8 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
 #[test]
 fn malformed_observations_are_refused_by_place() {
     let cell = demo_cell();
-    let good = json!({"schema": "vantage.calibration_data/1", "observations": [{"id": "a", "joints_deg": [0, -30, 60, 0, 30, 0],
+    let board = json!({"kind": "chessboard", "columns": 11, "rows": 8, "square_mm": 15.0});
+    let good = json!({"schema": "vantage.calibration_data/1", "board": board, "observations": [{"id": "a", "joints_deg": [0, -30, 60, 0, 30, 0],
         "cloud_from_board": {"translation_mm": [0, 0, 480], "quaternion_xyzw": [0, 0, 0, 1]}}]});
     let refused = |pointer: &str, value: serde_json::Value| {
         let mut document = good.clone();
@@ -324,6 +325,9 @@ fn malformed_observations_are_refused_by_place() {
     let pose = "/observations/0/cloud_from_board";
     let cases = [
         ("/schema", json!("vantage.calibration_data/9"), "this version reads"),
+        ("/board/columns", json!(1), "is 1; allowed is 2 to 1000"),
+        ("/board/rows", json!(40_000), "is 40000; allowed is 2 to 1000"),
+        ("/board/square_mm", json!(0.0), "allowed is 0.01 to 1000 mm"),
         ("/observations", json!([]), "allowed are 1 to 5000"),
         ("/observations/0/id", json!(""), "name the observation"),
         ("/observations/0/joints_deg", json!([0, 0, 0]), "length 3"),

@@ -25,8 +25,8 @@ const HOLDABLE: std::ops::Range<usize> = 4..10;
 /// Make a scanner's specification from calibration files, or from points of a board as its devices image them.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
-  vantage calibrate scanner intrinsics.yml extrinsics.yml --image-size 4000x3036 \\
-      --field 300x190@480 --out my-scanner.toml
+  vantage calibrate scanner intrinsics.yml extrinsics.yml \\
+      --image-size 4000x3036 --field 300x190@480 --out my-scanner.toml
   vantage calibrate scanner Calib_left.m Calib_right.m --field 300x190@480 \\
       --depth 410..565 --out my-scanner.toml
   vantage calibrate scanner observations.json --like my-scanner.toml \\

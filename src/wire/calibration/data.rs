@@ -19,6 +19,8 @@ pub const CALIBRATION_DATA_SCHEMA: &str = "vantage.calibration_data/1";
 /// Observations that a calibration may have, and points that one of them may have.
 const MAX_OBSERVATIONS: usize = 5000;
 const MAX_POINTS: usize = 20_000;
+/// Largest number of points along an edge of a board.
+const MAX_BOARD_POINTS: f64 = 1000.0;
 /// Standard deviation of a point where none is given, mm: a structured-light scanner's at best focus.
 const POINT_SIGMA_MM: f64 = 0.02;
 
@@ -64,28 +66,37 @@ pub enum BoardDocument {
     /// Chessboard; its origin is its first inner corner.
     Chessboard {
         /// Inner corners along x.
-        columns: u32,
+        #[schema(minimum = 2, maximum = 1000)]
+        columns: u16,
         /// Inner corners along y.
-        rows: u32,
-        /// Edge of a square, mm.
+        #[schema(minimum = 2, maximum = 1000)]
+        rows: u16,
+        /// Edge of a square, mm, 0.01 to 1000.
+        #[schema(minimum = 0.01, maximum = 1000)]
         square_mm: f64,
     },
     /// Chessboard with markers, which has an orientation; its origin is its corner.
     Charuco {
         /// Squares along x.
-        columns: u32,
+        #[schema(minimum = 2, maximum = 1000)]
+        columns: u16,
         /// Squares along y.
-        rows: u32,
-        /// Edge of a square, mm.
+        #[schema(minimum = 2, maximum = 1000)]
+        rows: u16,
+        /// Edge of a square, mm, 0.01 to 1000.
+        #[schema(minimum = 0.01, maximum = 1000)]
         square_mm: f64,
     },
     /// Grid of circles; its origin is the centre of the first.
     Circles {
         /// Circles along x.
-        columns: u32,
+        #[schema(minimum = 2, maximum = 1000)]
+        columns: u16,
         /// Circles along y.
-        rows: u32,
-        /// Distance between centres, mm.
+        #[schema(minimum = 2, maximum = 1000)]
+        rows: u16,
+        /// Distance between centres, mm, 0.01 to 1000.
+        #[schema(minimum = 0.01, maximum = 1000)]
         spacing_mm: f64,
     },
     /// Spheres with names, whose centres are given with the observations.
@@ -96,7 +107,7 @@ impl BoardDocument {
     /// Middle of a board without a mark for its orientation, mm; none for one that has such a mark.
     #[must_use]
     pub fn middle_mm(&self) -> Option<Vector3<f64>> {
-        let middle = |columns: u32, rows: u32, pitch_mm: f64| {
+        let middle = |columns: u16, rows: u16, pitch_mm: f64| {
             Vector3::new(f64::from(columns) - 1.0, f64::from(rows) - 1.0, 0.0) * (0.5 * pitch_mm)
         };
         match self {
@@ -104,6 +115,19 @@ impl BoardDocument {
             Self::Circles { columns, rows, spacing_mm } => Some(middle(*columns, *rows, *spacing_mm)),
             Self::Charuco { .. } | Self::Spheres {} => None,
         }
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        let (columns, rows, pitch, pitch_mm) = match self {
+            Self::Chessboard { columns, rows, square_mm } | Self::Charuco { columns, rows, square_mm } => {
+                (*columns, *rows, "square_mm", *square_mm)
+            }
+            Self::Circles { columns, rows, spacing_mm } => (*columns, *rows, "spacing_mm", *spacing_mm),
+            Self::Spheres {} => return,
+        };
+        findings.range("/board/columns", columns.into(), 2.0, MAX_BOARD_POINTS, "");
+        findings.range("/board/rows", rows.into(), 2.0, MAX_BOARD_POINTS, "");
+        findings.range(format!("/board/{pitch}"), pitch_mm, 0.01, 1000.0, "mm");
     }
 }
 
@@ -282,6 +306,9 @@ impl CalibrationData {
         findings.require(self.schema == CALIBRATION_DATA_SCHEMA, "/schema", || {
             format!("is {:?}; this version reads {CALIBRATION_DATA_SCHEMA:?}", self.schema)
         });
+        if let Some(board) = &self.board {
+            board.check(findings);
+        }
         if let Some(temperature) = self.temperature_c {
             findings.range("/temperature_c", temperature, -50.0, 100.0, "°C");
         }

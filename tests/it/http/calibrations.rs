@@ -119,6 +119,7 @@ async fn calibrations_outlive_the_service() {
     let result = app.calibration_result(job.id).await.expect("a result");
     app.stop().await;
     app.close().await;
+    drop(app);
     let app = App::open(options).await.expect("a service");
     assert_eq!(app.calibration(job.id).await.expect("it"), job);
     assert_eq!(app.calibration_result(job.id).await.expect("a result"), result);
