@@ -14,7 +14,7 @@ use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
 use crate::service::{App, MeshUpload, Submission};
 use crate::settings::{Flags, Settings};
-use crate::wire::run::ReportedState;
+use crate::wire::run::{ReportedState, RunStepOp, RunStepRecord};
 use crate::wire::{Job, JobId, JobRequest, JobState};
 
 /// Approximate number of triangles of the sample part.
@@ -94,11 +94,18 @@ async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
     if run.state != ReportedState::Done {
         return output::line(format_args!("The run is {}: {}", run.state.as_str(), run.detail.unwrap_or_default()));
     }
+    let record = app.run_record(run.id).await.map_err(|error| CliError::Failed(format!("its record: {error}")))?;
+    let secs = |of: fn(&RunStepRecord) -> f64| record.steps.iter().map(of).sum::<f64>();
+    let (planned, actual) = (secs(|step| step.planned_secs), secs(|step| step.actual_secs));
+    let scans = || record.steps.iter().filter(|step| step.op == RunStepOp::Scan);
+    let worst = |of: fn(&RunStepRecord) -> f64| scans().map(of).fold(0.0, f64::max);
+    let (axis_deg, position_mm) = (worst(|step| step.optical_axis_deviation_deg), worst(|step| step.position_deviation_mm));
     let measured = run.coverage.map_or(0.0, |coverage| 100.0 * coverage.measured_of_asked);
     output::line(format_args!(
-        "The run is done: {} steps, {} scans, {:.0} s, {measured:.1} % of the asked area from the measured poses. Its record is at \
-         /api/v1/runs/{}/record, every byte exchanged with the controllers at /api/v1/runs/{}/audit.",
-        run.steps, run.scans, run.elapsed_secs, run.id, run.id
+        "The run is done: {} steps in {actual:.1} s, planned {planned:.1} s; {} scans within {axis_deg:.3}° and {position_mm:.3} mm of \
+         their poses; {measured:.1} % of the asked area from the measured poses. Its record is at /api/v1/runs/{}/record, every byte \
+         exchanged with the controllers at /api/v1/runs/{}/audit.",
+        run.steps, run.scans, run.id, run.id
     ))
 }
 

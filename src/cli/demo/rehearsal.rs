@@ -15,10 +15,10 @@ use crate::wire::run::{ArmRequest, LeaseRequest, Run, RunMode, RunRequest};
 
 /// Cell of the demo.
 const CELL: &str = "e05-transcan";
-/// Simulated seconds of the controllers a second; settling and captures take their time.
-const FACTOR: f64 = 10.0;
 /// Name that leases and runs have for who armed them.
 const OPERATOR: &str = "vantage demo";
+/// Longest wait for the program's check and the controllers' answer.
+const PREPARING: Duration = Duration::from_secs(60);
 /// Address on which simulated controllers listen, on free ports.
 const ADDRESS: &str = "127.0.0.1:0";
 
@@ -28,9 +28,9 @@ pub(super) async fn start_controllers(folder: &Path, execution: &mut ExecutionSe
     let spec = Presets.cell(CELL).map_err(|error| unusable(error.to_string()))?;
     let cell = spec.build(&Presets).map_err(|found| unusable(format!("{found:?}")))?;
     let listening = |error: std::io::Error| failed("a simulated controller", &error);
-    let arm = HansSimulator::listen(ADDRESS, cell.robot, cell.home_rad.joints_rad, FACTOR).await.map_err(listening)?;
+    let arm = HansSimulator::listen(ADDRESS, cell.robot, cell.home_rad.joints_rad, 1.0).await.map_err(listening)?;
     let arm_address = arm.addresses().map_err(listening)?.text;
-    let setup = DriveSetup { factor: FACTOR, ..DriveSetup::default() };
+    let setup = DriveSetup::default();
     let (listener, table_address) = MinasA6Simulator::listen(ADDRESS).await.map_err(listening)?;
     let text = format!(
         "{}\n[controllers]\nfirst_run_speed = 1.0\n[controllers.arm]\nprotocol = \"hans\"\naddress = \"{arm_address}\"\n\
@@ -53,6 +53,10 @@ pub(super) async fn run(app: &App, job: JobId) -> Result<Run, Error> {
     let request = RunRequest { mode: RunMode::Live, ..RunRequest::new(job) };
     let carried_out = async {
         let run = app.start_run(request, Some(lease.token), None).await?;
+        let run = app.run_when_prepared(run.id, PREPARING).await?;
+        if run.state.is_ended() {
+            return Ok(run);
+        }
         let arm = ArmRequest { operator: OPERATOR.to_owned(), cell: CELL.to_owned() };
         app.arm_run(run.id, arm, Some(lease.token)).await?;
         app.run_when_ended(run.id, Duration::from_secs(3600)).await

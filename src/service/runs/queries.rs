@@ -70,6 +70,14 @@ impl App {
         self.run_when(id, wait, |run| run.state.is_ended()).await
     }
 
+    /// Waits until a run can be armed, or has ended, at most for `wait`; returns it as it is then.
+    ///
+    /// # Errors
+    /// [`Error::RunNotFound`], [`Error::Internal`].
+    pub async fn run_when_prepared(&self, id: RunId, wait: Duration) -> Result<Run, Error> {
+        self.run_when(id, wait, |run| run.state != ReportedState::Preparing).await
+    }
+
     /// Waits until a run is as wanted or has ended, at most for `wait`; returns it as it is then.
     pub(super) async fn run_when(&self, id: RunId, wait: Duration, is_wanted: impl Fn(&Run) -> bool) -> Result<Run, Error> {
         let until = Instant::now() + wait;
