@@ -17,7 +17,7 @@ use crate::cell::FieldError;
 use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::calibration::findings::CalibrationFinding;
 use crate::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples, sentence};
-use crate::wire::json_file_bytes;
+use crate::wire::{hex, json_file_bytes};
 
 /// Largest file of observations, bytes.
 const MAX_BYTES: u64 = 256 << 20;
@@ -100,7 +100,7 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
         return Err(refuse(format!("has {length} bytes; allowed are {MAX_BYTES}")));
     }
     let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-    let digest = sha256(&bytes);
+    let digest = hex(&Sha256::digest(&bytes));
     let below = |errors: Vec<FieldError>| files::findings(&shown, &errors);
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
         let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
@@ -118,14 +118,9 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     Ok((data, digest))
 }
 
-/// Lower-case hexadecimal SHA-256.
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// SHA-256 of a document as a file has it.
 fn digest_of(document: &impl Serialize) -> String {
-    sha256(&json_file_bytes(document))
+    hex(&Sha256::digest(json_file_bytes(document)))
 }
 
 /// Error that lists findings, each with its code.

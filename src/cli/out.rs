@@ -19,6 +19,7 @@ use super::CliError;
 use crate::program::dialects::Dialect;
 use crate::service::plan_job::{Artifact, PLAN_FILE, REFUSED_FILE, program_stem};
 use crate::wire::candidates::CANDIDATES_FILE;
+use crate::wire::hex;
 use crate::wire::output_record::{OutputRecord, RECORD_FILE, RecordedFile};
 use crate::wire::plan::PLAN_SCHEMA;
 use crate::wire::regions::REGIONS_FILE;
@@ -464,7 +465,7 @@ fn write_durably(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 }
 
 fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&Sha256::digest(bytes))
 }
 
 fn refused(path: &Path, error: &std::io::Error) -> CliError {

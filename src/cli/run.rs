@@ -24,9 +24,9 @@ use crate::cell::{Cell, ControllersSpec};
 use crate::check::{Reference, field_errors};
 use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, RunHandle, RunJob, RunState};
 use crate::program::Finding;
-use crate::service::hex;
 use crate::service::plan_job::program_stem;
 use crate::service::runs::session::{self, AuditPlace, SessionOrder};
+use crate::wire::hex;
 use crate::wire::program::ProgramDocument;
 use crate::wire::run::{NOT_SAFETY_RATED, Run, RunMode, RunRequest};
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use sha2::{Digest, Sha256};
 
 use super::keys::KeyDigest;
-use crate::service::hex;
+use crate::wire::hex;
 
 /// Time without use after which a session ends.
 pub(super) const IDLE_TIMEOUT: Duration = Duration::from_secs(12 * 3600);

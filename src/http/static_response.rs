@@ -26,7 +26,7 @@ impl StaticResponse {
     pub(super) fn new(bytes: impl Into<Bytes>, media_type: String) -> Self {
         let bytes = bytes.into();
         let gzip = compress(&bytes).ok().filter(|gzip| gzip.len() < bytes.len()).map(Bytes::from);
-        let etag = format!("\"{}\"", crate::service::hex(&Sha256::digest(&bytes)));
+        let etag = format!("\"{}\"", crate::wire::hex(&Sha256::digest(&bytes)));
         Self { bytes, gzip, etag, media_type }
     }
 

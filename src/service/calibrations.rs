@@ -14,7 +14,7 @@ use super::cells::BuiltCell;
 use super::error::Error;
 use super::jobs::failure;
 use super::library::Library;
-use super::store::{CalibrationInput, Page, hex};
+use super::store::{CalibrationInput, Page};
 use super::submit::{Lookup, Submission};
 use crate::cell::{CellSpec, FieldError};
 use crate::planning::context::Context;
@@ -23,6 +23,7 @@ use crate::wire::calibration::{
     CalibrationDocument, CalibrationError, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection,
     CalibrationState, FindingDocument,
 };
+use crate::wire::hex;
 use crate::wire::{CalibrationId, JobProblem, ProblemField};
 
 /// Max number of calibrations that wait.

@@ -8,9 +8,9 @@ use sha2::{Digest, Sha256};
 
 use super::execute::MeshSource;
 use super::kept::Kept;
-use super::store::hex;
 use crate::cell::{Cell, CellSpec, FieldError, Named, ShapeSpec, SpecLibrary};
 use crate::planning::sequence::Roadmaps;
+use crate::wire::hex;
 use crate::wire::warnings::{self, FieldWarning};
 
 /// Cells that are kept at most.

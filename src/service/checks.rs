@@ -8,11 +8,11 @@ use sha2::{Digest, Sha256};
 use super::app::App;
 use super::error::Error;
 use super::library::Library;
-use super::store::hex;
 use super::submit::Lookup;
 use crate::cell::{Presets, SpecKind, SpecLibrary};
 use crate::check::{self, Reference};
 use crate::planning::context::{Context, Silent};
+use crate::wire::hex;
 use crate::wire::{CheckReport, CheckRequest, DocumentKind, MeshId, ProblemField};
 
 impl App {

@@ -4,8 +4,8 @@ use std::io::{self, Read};
 
 use sha2::{Digest, Sha256};
 
-use super::store::hex;
 use crate::geometry::Poll;
+use crate::wire::hex;
 
 /// Bytes hashed at a time.
 const PIECE_BYTES: usize = 1 << 20;

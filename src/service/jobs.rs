@@ -27,8 +27,9 @@ use super::failpoint;
 use super::progress::Course;
 use super::schedule::{Ahead, Share};
 use super::size::JobSize;
-use super::store::{Attempt, AttemptOutcome, blocking, hex};
+use super::store::{Attempt, AttemptOutcome, blocking};
 use super::submit::job_input;
+use crate::wire::hex;
 use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{JobId, JobProblem, JobState};
 

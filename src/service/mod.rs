@@ -45,7 +45,6 @@ pub use queries::ResultBody;
 pub use runs::{RunCursor, RunMessage, RunStream};
 pub use size::{JobSize, Sizer};
 pub use specs::SpecEntry;
-pub(crate) use store::hex;
 pub use store::{BackupError, BackupReport, JobQuery, OpenError, PartNames, Precondition, backup, restore};
 pub use submit::Submission;
 

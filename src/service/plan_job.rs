@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 
 use sha2::{Digest, Sha256};
 
-use super::store::hex;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
 use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
 use crate::planning::context::{Cancelled, Context, Stage};
@@ -20,6 +19,7 @@ use crate::report::no_plan_text;
 use crate::report::text::{summarised_text, warned};
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
+use crate::wire::hex;
 use crate::wire::part_size::{PartSize, SizeLimits, size_text};
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;

@@ -7,8 +7,9 @@ use super::app::App;
 use super::error::Error;
 use super::library::Library;
 use super::presets::PRESETS;
-use super::store::{Precondition, PutResult, StoredSpec, hex};
+use super::store::{Precondition, PutResult, StoredSpec};
 use crate::cell::{CellSpec, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, preset_text};
+use crate::wire::hex;
 use crate::wire::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 
 /// A specification as clients receive it.

@@ -17,6 +17,7 @@ use crate::cli::scanner::{Dimensions, Span, write_or_print};
 use crate::cli::{CliError, FileFinding, files, output};
 use crate::geometry::LengthUnit;
 use crate::report::scanner_calibration::{CalibrationPictures, html};
+use crate::wire::hex;
 use crate::wire::scanner_calibration::{CalibrationSource, ScannerCalibration};
 
 /// Names of the parameters that can be held at 0.
@@ -204,11 +205,7 @@ impl CalibrateScannerArgs {
                 results.push(file);
             }
         }
-        let digest = hash.finalize();
-        source.data_sha256 = digest.iter().fold(String::new(), |mut text, byte| {
-            let _ = write!(text, "{byte:02x}");
-            text
-        });
+        source.data_sha256 = hex(&hash.finalize());
         if let Some((observations, lit)) = observed {
             if self.files.len() > 1 {
                 return Err(CliError::BadInput("give one file of observations, or files of results".to_owned()));

@@ -23,6 +23,7 @@ use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::service::{Error, FinishedUpload, MeshUpload, Upload};
+use crate::wire::hex;
 use crate::wire::{MeshPage, UploadedMesh};
 
 const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
@@ -102,7 +103,7 @@ fn announced_sha256(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
     let entry = value.split(',').find_map(|entry| entry.trim().strip_prefix("sha-256=")).ok_or_else(refuse)?;
     let encoded = entry.strip_prefix(':').and_then(|entry| entry.strip_suffix(':')).ok_or_else(refuse)?;
     let digest = BASE64_STANDARD.decode(encoded).ok().filter(|digest| digest.len() == 32).ok_or_else(refuse)?;
-    Ok(Some(digest.iter().map(|byte| format!("{byte:02x}")).collect()))
+    Ok(Some(hex(&digest)))
 }
 
 fn is_multipart(headers: &HeaderMap) -> bool {

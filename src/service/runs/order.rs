@@ -20,8 +20,8 @@ use crate::service::cells::KeptCells;
 use crate::service::error::Error;
 use crate::service::execute::{JobInput, JobMeshes, opened};
 use crate::service::plan_job::{PLAN_FILE, program_stem};
-use crate::service::store::hex;
 use crate::service::submit::job_input;
+use crate::wire::hex;
 use crate::wire::run::{RunCoverage, RunMode, RunRequest};
 use crate::wire::{JobState, program::ProgramDocument};
 

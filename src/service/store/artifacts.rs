@@ -10,13 +10,13 @@ use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
-use super::files::hex;
 use super::pinned::FilePin;
 use super::{Store, blocking};
 use crate::service::error::{Error, InternalError};
 use crate::service::execute::Artifact;
 use crate::service::failpoint;
 use crate::service::plan_job::{REPORT_DRAFT_FILE, REPORT_FILE};
+use crate::wire::hex;
 use crate::wire::{JobFile, JobId, JobState};
 
 /// Min size of a result to be compressed.

@@ -16,6 +16,7 @@ use tempfile::{NamedTempFile, TempPath};
 
 use crate::service::error::Error;
 use crate::service::failpoint;
+use crate::wire::hex;
 
 /// Time for which a checked file is trusted.
 const CHECK_LIFETIME: Duration = Duration::from_secs(3600);
@@ -278,13 +279,4 @@ impl Receiver {
         self.file.as_file().sync_all()?;
         Ok(Received { file: self.file, sha256: hex(&self.hash.finalize()), size_bytes: self.size_bytes })
     }
-}
-
-/// Lower-case hexadecimal.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write;
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

@@ -6,10 +6,10 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
-use super::files::hex;
 use super::now;
 use super::stored::{VERSION, read_leniently};
 use crate::service::error::{Error, InternalError};
+use crate::wire::hex;
 
 /// An idempotency key and the fingerprint of its request.
 #[derive(Clone, Debug)]

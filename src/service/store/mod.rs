@@ -41,7 +41,7 @@ pub(crate) use artifacts::{FileEncoding, ResultFile};
 pub(crate) use attempts::{Attempt, AttemptOutcome};
 pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use calibrations::CalibrationInput;
-pub(crate) use files::{Files, Received, hex};
+pub(crate) use files::{Files, Received};
 pub(crate) use idempotency::IdempotencyKey;
 pub use job_list::JobQuery;
 pub(crate) use jobs::NewJob;

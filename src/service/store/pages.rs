@@ -4,8 +4,8 @@
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::files::hex;
 use crate::service::error::Error;
+use crate::wire::hex;
 
 /// A page of a listing.
 #[derive(Clone, Debug)]

@@ -11,7 +11,7 @@ use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
 use crate::cell::calibration::data::{HandEyeSetup, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Severity};
 use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, closed_list};
-use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, json_file_bytes};
+use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, hex, json_file_bytes};
 
 /// Largest number of observations that may be held out.
 const MAX_HELD_OUT: u16 = 1000;
@@ -172,8 +172,7 @@ impl CalibrationDocument {
         let mut found = task.calibrate().map_err(CalibrationError::Findings)?;
         found.findings.splice(0..0, witness);
         let document = Self::new(&found, solve, data, cell, [data_sha256, now]);
-        let digest = Sha256::digest(json_file_bytes(&document));
-        Ok(Self { id: digest.iter().map(|byte| format!("{byte:02x}")).collect(), ..document })
+        Ok(Self { id: hex(&Sha256::digest(json_file_bytes(&document))), ..document })
     }
 
     /// The cell with the calibrated poses and their provenance; `None` with the setup `eye_to_hand`, since a cell has its scanner on

@@ -232,7 +232,7 @@ async fn the_part_of_the_examples_has_its_id_in_whichever_unit_it_comes_first() 
     assert_eq!(add("cm").await.id, MeshId::EXAMPLE);
     // Its digest stands beside it.
     let digest = <sha2::Sha256 as sha2::Digest>::digest(crate::wire::example::MESH);
-    assert_eq!(hex(&digest), crate::wire::example::MESH_SHA256);
+    assert_eq!(crate::wire::hex(&digest), crate::wire::example::MESH_SHA256);
 }
 
 #[tokio::test]
