@@ -19,6 +19,8 @@ use crate::cell::calibration::findings::CalibrationFinding;
 use crate::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples, sentence};
 use crate::wire::{hex, json_file_bytes};
 
+/// Files of observations that are read.
+const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV, or MoveIt's pairs of poses";
 /// Largest file of observations, bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
@@ -111,7 +113,7 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     let value: Value = if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         serde_json::from_slice(&bytes).map_err(|error| refuse(error.to_string()))?
     } else {
-        files::value(path)?
+        files::value(path).map_err(|error| CliError::BadInput(format!("{error}; {READ}")))?
     };
     let data =
         if value.is_array() { from_pose_samples(&value, read.setup).map_err(below)? } else { files::from_value(value, &shown)? };
