@@ -1,6 +1,7 @@
 //! Pure maths: frames, meshes and their files, ray queries. No I/O, no clock, no global state.
 
 mod adjacency;
+pub mod cloud_io;
 mod convex;
 pub mod demo_parts;
 mod face_lists;
@@ -9,6 +10,8 @@ mod id_table;
 mod mesh;
 mod mesh_health;
 pub mod mesh_io;
+mod nearest_face;
+mod point_cloud;
 mod poll;
 mod preview;
 mod random_hash;
@@ -28,6 +31,8 @@ pub use frames::{
 };
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, each_inner_edge, is_closed, outward_faces};
+pub use nearest_face::{NearestFace, NearestPoint};
+pub use point_cloud::{CloudGrid, PointCloud};
 pub use poll::{Interrupted, Poll};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};

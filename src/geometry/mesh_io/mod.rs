@@ -14,11 +14,11 @@ mod facets;
 mod obj;
 mod obj_groups;
 mod pieces;
-mod ply;
+pub(super) mod ply;
 mod soup;
 mod stl_ascii;
 mod stl_binary;
-mod text;
+pub(super) mod text;
 
 use std::borrow::Cow;
 use std::fmt;
@@ -118,6 +118,11 @@ const CHUNK_BYTES: u64 = 1 << 20;
 pub fn detect_format(bytes: &[u8]) -> Result<MeshFormat, MeshError> {
     let poll = Poll::never();
     detect::detect_format(&content(bytes, &poll)?, &poll)
+}
+
+/// Returns true if a file that begins so, and is so long, is a binary STL file.
+pub(in crate::geometry) fn is_binary_stl(head: &[u8], length_bytes: u64) -> bool {
+    stl_binary::length_fits(head, length_bytes)
 }
 
 /// Reads a mesh file. `unit` is the unit of its coordinates, which none of the formats states.

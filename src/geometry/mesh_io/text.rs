@@ -22,52 +22,52 @@ const POWERS_OF_TEN: [f64; 23] = [
 
 /// A line without its terminator, and its number, counted from 1.
 #[derive(Clone, Copy)]
-pub(super) struct Line<'a> {
-    pub(super) number: u64,
-    pub(super) text: &'a [u8],
+pub(in crate::geometry) struct Line<'a> {
+    pub(in crate::geometry) number: u64,
+    pub(in crate::geometry) text: &'a [u8],
     poll: &'a Poll<'a>,
 }
 
 impl<'a> Line<'a> {
-    pub(super) fn at(self) -> Position {
+    pub(in crate::geometry) fn at(self) -> Position {
         Position::Line(self.number)
     }
 
-    pub(super) fn tokens(self) -> Tokens<'a> {
+    pub(in crate::geometry) fn tokens(self) -> Tokens<'a> {
         Tokens::of(self.text, self.poll)
     }
 }
 
 /// Iterator over numbered lines.
 #[derive(Clone)]
-pub(super) struct Lines<'a> {
+pub(in crate::geometry) struct Lines<'a> {
     rest: &'a [u8],
     number: u64,
     poll: &'a Poll<'a>,
 }
 
 impl<'a> Lines<'a> {
-    pub(super) fn new(bytes: &'a [u8], first: u64, poll: &'a Poll<'a>) -> Self {
+    pub(in crate::geometry) fn new(bytes: &'a [u8], first: u64, poll: &'a Poll<'a>) -> Self {
         Self { rest: bytes, number: first - 1, poll }
     }
 
     /// Position of the line returned last.
-    pub(super) fn at(&self) -> Position {
+    pub(in crate::geometry) fn at(&self) -> Position {
         Position::Line(self.number)
     }
 
     /// Number of the line returned last; 0 before the first.
-    pub(super) fn number(&self) -> u64 {
+    pub(in crate::geometry) fn number(&self) -> u64 {
         self.number
     }
 
     /// Bytes after the line returned last.
-    pub(super) fn rest(&self) -> &'a [u8] {
+    pub(in crate::geometry) fn rest(&self) -> &'a [u8] {
         self.rest
     }
 
     /// Passes over so many bytes, which are so many whole lines.
-    pub(super) fn pass(&mut self, bytes: usize, lines: u64) {
+    pub(in crate::geometry) fn pass(&mut self, bytes: usize, lines: u64) {
         (self.rest, self.number) = (&self.rest[bytes..], self.number + lines);
     }
 }
@@ -90,23 +90,23 @@ impl<'a> Iterator for Lines<'a> {
 
 /// Iterator over words separated by white space.
 #[derive(Clone)]
-pub(super) struct Tokens<'a> {
+pub(in crate::geometry) struct Tokens<'a> {
     rest: &'a [u8],
     poll: &'a Poll<'a>,
 }
 
 impl<'a> Tokens<'a> {
-    pub(super) fn of(text: &'a [u8], poll: &'a Poll<'a>) -> Self {
+    pub(in crate::geometry) fn of(text: &'a [u8], poll: &'a Poll<'a>) -> Self {
         Self { rest: text, poll }
     }
 
     /// Skips the words that are left.
-    pub(super) fn skip_all(&mut self) {
+    pub(in crate::geometry) fn skip_all(&mut self) {
         self.rest = &[];
     }
 
     /// Bytes after the token returned last, trimmed.
-    pub(super) fn rest(&self) -> &'a [u8] {
+    pub(in crate::geometry) fn rest(&self) -> &'a [u8] {
         self.rest.trim_ascii()
     }
 }
@@ -126,7 +126,7 @@ impl<'a> Iterator for Tokens<'a> {
 }
 
 /// Parses a decimal number. NaN and infinities are accepted; callers reject them where they matter.
-pub(super) fn number(token: &[u8], at: Position) -> Result<f64, MeshError> {
+pub(in crate::geometry) fn number(token: &[u8], at: Position) -> Result<f64, MeshError> {
     plain_decimal(token).or_else(|| parse_token(token)).ok_or_else(|| MeshError::Syntax {
         at,
         expected: "a number",
@@ -180,13 +180,16 @@ fn exponent(text: &[u8]) -> Option<i32> {
 }
 
 /// Parses a token; `None` if it is malformed or too long.
-pub(super) fn parse_token<T: FromStr>(token: &[u8]) -> Option<T> {
+pub(in crate::geometry) fn parse_token<T: FromStr>(token: &[u8]) -> Option<T> {
     let token = Some(token).filter(|token| token.len() <= MAX_NUMBER_BYTES)?;
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
 /// Parses three finite coordinates.
-pub(super) fn coordinates<'a>(tokens: &mut impl Iterator<Item = &'a [u8]>, at: Position) -> Result<[f64; 3], MeshError> {
+pub(in crate::geometry) fn coordinates<'a>(
+    tokens: &mut impl Iterator<Item = &'a [u8]>,
+    at: Position,
+) -> Result<[f64; 3], MeshError> {
     let mut xyz = [0.0; 3];
     for value in &mut xyz {
         let token =
@@ -200,7 +203,7 @@ pub(super) fn coordinates<'a>(tokens: &mut impl Iterator<Item = &'a [u8]>, at: P
 }
 
 /// A short, printable quotation of file content.
-pub(super) fn excerpt(bytes: &[u8]) -> String {
+pub(in crate::geometry) fn excerpt(bytes: &[u8]) -> String {
     const MAX_BYTES: usize = 40;
     if bytes.is_empty() {
         return "nothing".into();
@@ -211,7 +214,7 @@ pub(super) fn excerpt(bytes: &[u8]) -> String {
 }
 
 /// Removes the byte order mark; text in UTF-16 with such a mark is converted to UTF-8.
-pub(super) fn without_byte_order_mark<'b>(bytes: &'b [u8], poll: &Poll<'_>) -> Result<Cow<'b, [u8]>, MeshError> {
+pub(in crate::geometry) fn without_byte_order_mark<'b>(bytes: &'b [u8], poll: &Poll<'_>) -> Result<Cow<'b, [u8]>, MeshError> {
     match bytes {
         [0xEF, 0xBB, 0xBF, text @ ..] => Ok(Cow::Borrowed(text)),
         [0xFF, 0xFE, text @ ..] => from_utf16(text, "UTF-16 (little endian)", u16::from_le_bytes, poll).map(Cow::Owned),

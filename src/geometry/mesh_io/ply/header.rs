@@ -6,10 +6,12 @@ use crate::geometry::poll::Poll;
 
 /// Max elements and properties of a header together; real files have a few dozen.
 const MAX_DECLARED: usize = 10_000;
+/// Max comments that are kept for the number that they name.
+const MAX_NOTES: usize = 100;
 
 /// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum BodyEncoding {
+pub(in crate::geometry) enum BodyEncoding {
     Ascii,
     LittleEndian,
     BigEndian,
@@ -17,7 +19,7 @@ pub(super) enum BodyEncoding {
 
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
+pub(in crate::geometry) enum Scalar {
     I8,
     U8,
     I16,
@@ -30,34 +32,36 @@ pub(super) enum Scalar {
 
 /// A number, or a list preceded by its length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum PropertyKind {
+pub(in crate::geometry) enum PropertyKind {
     Scalar(Scalar),
     List { count: Scalar, item: Scalar },
 }
 
 #[derive(Debug)]
-pub(super) struct Property {
-    pub(super) name: Vec<u8>,
-    pub(super) kind: PropertyKind,
+pub(in crate::geometry) struct Property {
+    pub(in crate::geometry) name: Vec<u8>,
+    pub(in crate::geometry) kind: PropertyKind,
 }
 
 /// A kind of record, with the number of its records.
 #[derive(Debug)]
-pub(super) struct Element {
-    pub(super) name: Vec<u8>,
-    pub(super) count: u64,
-    pub(super) properties: Vec<Property>,
-    pub(super) at: Position,
+pub(in crate::geometry) struct Element {
+    pub(in crate::geometry) name: Vec<u8>,
+    pub(in crate::geometry) count: u64,
+    pub(in crate::geometry) properties: Vec<Property>,
+    pub(in crate::geometry) at: Position,
 }
 
 #[derive(Debug)]
-pub(super) struct Header {
-    pub(super) encoding: BodyEncoding,
-    pub(super) elements: Vec<Element>,
+pub(in crate::geometry) struct Header {
+    pub(in crate::geometry) encoding: BodyEncoding,
+    pub(in crate::geometry) elements: Vec<Element>,
     /// Byte at which the body begins.
-    pub(super) body_at: usize,
+    pub(in crate::geometry) body_at: usize,
     /// Line at which the body begins.
-    pub(super) body_line: u64,
+    pub(in crate::geometry) body_line: u64,
+    /// Whole numbers that comments name, such as `obj_info num_cols 512`.
+    pub(in crate::geometry) notes: Vec<(Vec<u8>, u64)>,
 }
 
 impl Scalar {
@@ -75,7 +79,7 @@ impl Scalar {
         })
     }
 
-    pub(super) fn size_bytes(self) -> usize {
+    pub(in crate::geometry) fn size_bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -86,7 +90,7 @@ impl Scalar {
 }
 
 impl Element {
-    pub(super) fn property_names(&self) -> String {
+    pub(in crate::geometry) fn property_names(&self) -> String {
         excerpt(&self.properties.iter().map(|p| p.name.as_slice()).collect::<Vec<_>>().join(&b' '))
     }
 
@@ -101,10 +105,10 @@ impl Element {
 }
 
 impl Header {
-    pub(super) fn parse(bytes: &[u8], poll: &Poll<'_>) -> Result<Self, MeshError> {
+    pub(in crate::geometry) fn parse(bytes: &[u8], poll: &Poll<'_>) -> Result<Self, MeshError> {
         let mut lines = Lines::new(bytes, 1, poll);
         let (mut encoding, mut declared) = (None, 0);
-        let mut elements: Vec<Element> = Vec::new();
+        let (mut elements, mut notes): (Vec<Element>, _) = (Vec::new(), Vec::new());
         expect_line(&mut lines, b"ply", "\"ply\"")?;
         loop {
             let Some(line) = lines.next() else {
@@ -118,6 +122,9 @@ impl Header {
             }
             match words[..] {
                 [b"format", name, b"1.0"] if encoding.is_none() => encoding = Some(parse_encoding(name, line)?),
+                [b"comment" | b"obj_info", name, value] if notes.len() < MAX_NOTES => {
+                    notes.extend(parse_token(value).map(|value| (name.to_vec(), value)));
+                }
                 [b"comment" | b"obj_info", ..] | [] => {}
                 [b"element", name, count] => elements.push(parse_element(name, count, line)?),
                 [b"property", ref rest @ ..] => match elements.last_mut() {
@@ -131,11 +138,11 @@ impl Header {
         let encoding =
             encoding.ok_or(MeshError::Syntax { at: lines.at(), expected: "a format line", found: "\"end_header\"".into() })?;
         let body_at = end_of_header(bytes, bytes.len() - lines.rest().len());
-        Ok(Self { encoding, elements, body_at, body_line: lines.number() + 1 })
+        Ok(Self { encoding, elements, body_at, body_line: lines.number() + 1, notes })
     }
 
     /// Refuses counts that the file is too short for, before anything is allocated for them.
-    pub(super) fn check_counts(&self, file_bytes: usize) -> Result<(), MeshError> {
+    pub(in crate::geometry) fn check_counts(&self, file_bytes: usize) -> Result<(), MeshError> {
         // The last line of a text body may lack its terminator.
         let present = (file_bytes - self.body_at) as u64 + u64::from(self.encoding == BodyEncoding::Ascii);
         let mut needed = 0_u64;

@@ -2,9 +2,9 @@
 //! records, as text or binary in either byte order. The parser is our own: the crates that read PLY refuse numbers such as
 //! `.5` and do not locate errors in binary files.
 
-mod header;
+pub(in crate::geometry) mod header;
 mod record_runs;
-mod values;
+pub(in crate::geometry) mod values;
 
 use std::ops::Range;
 

@@ -119,7 +119,8 @@ fn next_token<'a>(lines: &Lines<'a>, tokens: &mut Tokens<'a>) -> Result<&'a [u8]
     })
 }
 
-fn decode(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> Option<f64> {
+/// The number of this type at a byte.
+pub(in crate::geometry) fn decode(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> Option<f64> {
     macro_rules! read {
         ($type:ty) => {{
             let raw = *bytes.get(at..)?.first_chunk()?;

@@ -1,0 +1,158 @@
+//! E57 files (ASTM E2807), read with the crate `e57`: each scan a cloud in its own coordinates, with its name and pose, in metres.
+//! Points whose `cartesianInvalidState` is not 0 are none. A scan with row and column of each point is organised.
+//! Only scans in Cartesian or spherical coordinates without either are refused.
+
+use std::io::{BufReader, Read, Seek};
+
+use e57::{E57Reader, PointCloud as Scan, RecordName, RecordValue};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
+use super::{CloudError, CloudLimits, Collected, StatedPose, StoredCloud};
+use crate::geometry::point_cloud::CloudGrid;
+use crate::geometry::poll::Poll;
+
+/// Points between two looks at whether to go on.
+const POINTS_PER_LOOK: usize = 4096;
+/// Bytes of the source that are read at a time.
+const BUFFER_BYTES: usize = 1 << 18;
+/// Cells of a grid a point, at most: a grid with fewer points in it is not worth its memory.
+const MAX_CELLS_PER_POINT: u64 = 64;
+
+pub(super) fn read<S: Read + Seek>(
+    source: &mut S,
+    limits: &CloudLimits,
+    poll: &Poll<'_>,
+) -> Result<Vec<StoredCloud>, CloudError> {
+    let fault = |detail: e57::Error| CloudError::E57 { part: "header".into(), detail: chain(&detail) };
+    let mut reader = E57Reader::new(BufReader::with_capacity(BUFFER_BYTES, source)).map_err(fault)?;
+    let scans = reader.pointclouds();
+    let (mut clouds, mut points) = (Vec::new(), 0_usize);
+    for (index, scan) in scans.iter().enumerate() {
+        let part =
+            || scan.name.as_ref().map_or_else(|| format!("scan {}", index + 1), |name| format!("scan {} ({name:?})", index + 1));
+        let left = CloudLimits { max_points: limits.max_points - points };
+        let cloud = read_scan(&mut reader, scan, &left, poll, &part)?;
+        points += cloud.points.len();
+        clouds.push(cloud);
+    }
+    if clouds.iter().all(|cloud| cloud.points.iter().all(|point| point[0].is_nan())) {
+        return Err(CloudError::NoPoints);
+    }
+    Ok(clouds)
+}
+
+/// Places of what is wanted among the values of a record.
+struct Layout {
+    place: [usize; 3],
+    is_spherical: bool,
+    invalid: Option<usize>,
+    row_column: Option<[usize; 2]>,
+}
+
+impl Layout {
+    fn of(scan: &Scan) -> Option<Self> {
+        let at = |name: RecordName| scan.prototype.iter().position(|record| record.name == name);
+        let three = |names: [RecordName; 3]| {
+            let [a, b, c] = names.map(at);
+            Some([a?, b?, c?])
+        };
+        let plain = three([RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ]);
+        let is_spherical = plain.is_none();
+        let spherical = || three([RecordName::SphericalRange, RecordName::SphericalAzimuth, RecordName::SphericalElevation]);
+        let state = if is_spherical { RecordName::SphericalInvalidState } else { RecordName::CartesianInvalidState };
+        let row_column = at(RecordName::RowIndex).zip(at(RecordName::ColumnIndex)).map(<[usize; 2]>::from);
+        Some(Self { place: plain.or_else(spherical)?, is_spherical, invalid: at(state), row_column })
+    }
+
+    /// The point of a record, if it has one.
+    fn point(&self, scan: &Scan, values: &[RecordValue]) -> e57::Result<[f32; 3]> {
+        let value = |place: usize| values[place].to_f64(&scan.prototype[place].data_type);
+        if let Some(place) = self.invalid
+            && value(place)? != 0.0
+        {
+            return Ok([f32::NAN; 3]);
+        }
+        let [a, b, c] = [value(self.place[0])?, value(self.place[1])?, value(self.place[2])?];
+        let xyz = if self.is_spherical { [a * c.cos() * b.cos(), a * c.cos() * b.sin(), a * c.sin()] } else { [a, b, c] };
+        Ok(xyz.map(|value| value as f32))
+    }
+}
+
+fn read_scan<S: Read + Seek>(
+    reader: &mut E57Reader<S>,
+    scan: &Scan,
+    limits: &CloudLimits,
+    poll: &Poll<'_>,
+    part: &dyn Fn() -> String,
+) -> Result<StoredCloud, CloudError> {
+    let fault = |detail: e57::Error| CloudError::E57 { part: part(), detail: chain(&detail) };
+    let say = |detail: &str| CloudError::E57 { part: part(), detail: detail.into() };
+    let layout = Layout::of(scan).ok_or_else(|| say("has neither cartesianX, Y, Z nor spherical coordinates"))?;
+    if scan.records > limits.max_points as u64 {
+        return Err(CloudError::TooManyPoints { limit: limits.max_points });
+    }
+    // The number of records is a mere statement: room grows with those that are there.
+    let mut collected = Collected::new(0, layout.row_column.is_some(), limits)?;
+    let mut cells: Vec<[u32; 2]> = Vec::new();
+    for (index, values) in reader.pointcloud_raw(scan).map_err(fault)?.enumerate() {
+        if index.is_multiple_of(POINTS_PER_LOOK) {
+            poll.check()?;
+        }
+        let values = values.map_err(fault)?;
+        collected.push(layout.point(scan, &values).map_err(fault)?)?;
+        if let Some(places) = layout.row_column {
+            let [row, column] = places.map(|place| values[place].to_i64(&scan.prototype[place].data_type));
+            let [row, column] = [row.map_err(fault)?, column.map_err(fault)?].map(|number| u32::try_from(number).ok());
+            let (row, column) = row.zip(column).ok_or_else(|| say("has a rowIndex or columnIndex outside 0 … 4294967295"))?;
+            cells.push([row, column]);
+        }
+    }
+    let mut cloud = organised(collected, &cells, limits)?;
+    cloud.name.clone_from(&scan.name);
+    cloud.stated_pose = stated_pose(scan).map(StatedPose::FileFromCloud);
+    Ok(cloud)
+}
+
+/// Puts the points into their cells, where rows and columns tell those apart.
+fn organised(collected: Collected, cells: &[[u32; 2]], limits: &CloudLimits) -> Result<StoredCloud, CloudError> {
+    let not_finite = collected.not_finite;
+    let mut cloud = collected.into_cloud(None);
+    let begin = [0, 1].map(|axis| cells.iter().map(|cell| cell[axis]).min().unwrap_or(0));
+    let end = [0, 1].map(|axis| cells.iter().map(|cell| u64::from(cell[axis]) + 1).max().unwrap_or(0));
+    // Cells count from 0, so that they stay where the camera has them; but far-off first numbers are another start.
+    let begin = begin.map(|first| if u64::from(first) > 100_000 { first } else { 0 });
+    let [rows, columns] = [0, 1].map(|axis| end[axis] - u64::from(begin[axis]).min(end[axis]));
+    let size = rows.saturating_mul(columns);
+    let fits = rows > 1 && columns > 1 && size <= (cells.len() as u64).saturating_mul(MAX_CELLS_PER_POINT);
+    if !fits || size > limits.max_points as u64 {
+        cloud.points.retain(|point| !point[0].is_nan());
+        return Ok(cloud);
+    }
+    let grid = CloudGrid { columns: columns as usize, rows: rows as usize };
+    let mut points = vec![[f32::NAN; 3]; size as usize];
+    for (cell, point) in cells.iter().zip(&cloud.points).filter(|(_, point)| !point[0].is_nan()) {
+        points[(cell[0] - begin[0]) as usize * grid.columns + (cell[1] - begin[1]) as usize] = *point;
+    }
+    Ok(StoredCloud { points, grid: Some(grid), not_finite, ..StoredCloud::default() })
+}
+
+/// Pose of a scan in the file, if it states one other than the identity.
+fn stated_pose(scan: &Scan) -> Option<Isometry3<f64>> {
+    let stated = scan.transform.as_ref()?;
+    let (q, t) = (&stated.rotation, &stated.translation);
+    let quaternion = Quaternion::new(q.w, q.x, q.y, q.z);
+    let is_good = (0.9..1.1).contains(&quaternion.norm()) && [t.x, t.y, t.z].iter().all(|value| value.is_finite());
+    let pose = Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), UnitQuaternion::from_quaternion(quaternion));
+    (is_good && pose != Isometry3::identity()).then_some(pose)
+}
+
+/// Message of an error with those of its causes.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}
