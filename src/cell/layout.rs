@@ -14,12 +14,12 @@ use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::{PoseInput, PoseSpec};
-use super::provenance::CalibrationProvenance;
+use super::provenance::{CalibrationObjection, CalibrationProvenance, UseConditions};
 use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
 use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 use super::turntable::{Turntable, TurntableSpec};
-use crate::geometry::{Base, Flange, Mesh, Plate, Pose, ScannerFrame, Table, table_from_plate};
+use crate::geometry::{Base, Flange, Mesh, Plate, Pose, ScannerFrame, Table};
 
 /// Difference of a written angle from a whole number that is none, degrees: angles were turned into radians and back.
 const WHOLE_NUMBER: f64 = 1e-6;
@@ -247,10 +247,23 @@ impl Cell {
         Axes(std::array::from_fn(|axis| joints.get(axis).copied().unwrap_or(self.turntable.axis)))
     }
 
+    /// Reasons for which its calibrated poses may not be used under these conditions; none where they were typed in.
+    #[must_use]
+    pub fn calibration_objections(&self, conditions: &UseConditions) -> Vec<CalibrationObjection> {
+        let calibrated = self.calibrated.iter();
+        calibrated.flat_map(|known| known.objections(&self.name, &self.flange_from_scanner, conditions)).collect()
+    }
+
     /// The plate after the table has turned.
     #[must_use]
     pub fn base_from_plate(&self, table_angle_rad: f64) -> Pose<Base, Plate> {
-        self.base_from_table * table_from_plate(table_angle_rad)
+        self.base_from_table * self.turntable.table_from_plate(table_angle_rad)
+    }
+
+    /// The scanner as the plate sees it.
+    #[must_use]
+    pub fn plate_from_scanner(&self, configuration: &Configuration) -> Pose<Plate, ScannerFrame> {
+        self.base_from_plate(configuration.table_rad).inverse() * self.base_from_scanner(&configuration.joints_rad)
     }
 
     /// The scanner at these joints.

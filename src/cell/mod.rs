@@ -23,6 +23,7 @@ mod mounting;
 mod pose_spec;
 mod provenance;
 mod robot;
+pub mod runout;
 mod scanner;
 mod shape_spec;
 pub mod time_parameterisation;
@@ -49,12 +50,14 @@ pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
 pub use mounting::HousingFace;
 pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
-pub use provenance::CalibrationProvenance;
+pub use provenance::{CalibrationObjection, CalibrationProvenance, CompensationProvenance, PoseOrigin, UseConditions};
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
+pub use runout::{RunoutHarmonic, RunoutSpec};
 pub use scanner::{
     BoardPoseSpec, BoardPosesSpec, CalibratedScannerSpec, CloudFrame, CloudFrameSpec, DataSheet, DepthBound, DepthBoundSource,
-    DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume, OpticalDevice, PerDevice,
-    PlanarConstruction, Scanner, ScannerResidualsSpec, ScannerSpec, hyperfocal_distance_mm,
+    DepthOfField, DepthSpec, DeviceName, DeviceSpec, Exposure, ExposureFault, ExposureSpec, Field, Finish, LEVELS, Lens,
+    LevelRange, Lighting, Material, MeasurementVolume, OpticalDevice, PerDevice, PlanarConstruction, REFERENCE_LEVEL, Scanner,
+    ScannerResidualsSpec, ScannerSpec, best_levels, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};

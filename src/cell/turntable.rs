@@ -5,7 +5,9 @@ use utoipa::ToSchema;
 
 use super::axis::{Axis, AxisSpec};
 use super::field_error::{FieldError, Findings};
+use super::runout::{RunoutHarmonic, RunoutSpec, error_motion, max_displacement_mm};
 use super::shape_spec::BodySpec;
+use crate::geometry::{Plate, Pose, Table, table_from_plate};
 
 /// Angle range that is planned on for a table without end stops, degrees: a turn each way, so that a program's angles
 /// stay absolute.
@@ -30,6 +32,9 @@ pub struct TurntableSpec {
     /// Bodies that stand below the plate and do not turn, in the table frame.
     #[serde(default)]
     pub body: Vec<BodySpec>,
+    /// Runout of the plate as harmonics of its angle, each order once, at most 8: from a calibration. Default: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub runout: Vec<RunoutSpec>,
 }
 
 /// Range of a table's rotation.
@@ -61,6 +66,7 @@ impl TurntableSpec {
             plate_radius_mm: 0.5 * self.plate_diameter_mm,
             plate_thickness_mm: self.plate_thickness_mm,
             axis: self.axis().build(),
+            runout: self.runout.iter().map(RunoutSpec::build).collect(),
         })
     }
 
@@ -87,6 +93,7 @@ impl TurntableSpec {
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
         }
+        RunoutSpec::check_all(&self.runout, "/runout", findings);
     }
 }
 
@@ -101,4 +108,24 @@ pub struct Turntable {
     pub plate_thickness_mm: f64,
     /// Limits.
     pub axis: Axis,
+    /// Runout of the plate.
+    pub runout: Vec<RunoutHarmonic>,
+}
+
+impl Turntable {
+    /// The plate after the table has turned, with its runout.
+    #[must_use]
+    pub fn table_from_plate(&self, angle_rad: f64) -> Pose<Table, Plate> {
+        let turned = table_from_plate(angle_rad);
+        if self.runout.is_empty() {
+            return turned;
+        }
+        Pose::<Table, Table>::claim(error_motion(&self.runout, angle_rad)) * turned
+    }
+
+    /// Largest displacement of plate or part by the runout, mm.
+    #[must_use]
+    pub fn runout_displacement_mm(&self) -> f64 {
+        max_displacement_mm(&self.runout, self.plate_radius_mm)
+    }
 }

@@ -1,5 +1,6 @@
 //! `vantage calibrate`: from raw observations to a cell that can be trusted, with residuals, uncertainty and a check before use.
 
+mod brightness;
 mod cell;
 mod check;
 mod part;
@@ -16,11 +17,14 @@ use super::{CliError, FileFinding, files};
 use crate::cell::FieldError;
 use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::calibration::findings::CalibrationFinding;
-use crate::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples, sentence};
+use crate::wire::calibration::{
+    CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_easy_handeye, from_pose_samples, from_zivid, sentence,
+};
 use crate::wire::{hex, json_file_bytes};
 
 /// Files of observations that are read.
-const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV, or MoveIt's pairs of poses";
+const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV, MoveIt's pairs of poses, samples of \
+                    easy_handeye2 (.yaml, .samples), or a folder of posNN.yaml with boardNN.yaml as Zivid writes them";
 /// Largest file of observations, bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
@@ -35,6 +39,7 @@ const MAX_BYTES: u64 = 256 << 20;
   vantage calibrate check check.json --cell calibrated.toml \\
       --calibration calibration.json
   vantage calibrate part points.json --cell calibrated.toml
+  vantage calibrate brightness sweep.json --out exposure.toml
 
 Exit codes: 0 success, 1 system error, 2 bad input, 3 the check does not pass.")]
 pub struct CalibrateArgs {
@@ -44,6 +49,7 @@ pub struct CalibrateArgs {
 
 #[derive(Clone, Debug, clap::Subcommand)]
 enum CalibrateCommand {
+    Brightness(brightness::CalibrateBrightnessArgs),
     Cell(cell::CalibrateCellArgs),
     Check(check::CalibrateCheckArgs),
     Poses(poses::PosesArgs),
@@ -57,6 +63,7 @@ enum CalibrateCommand {
 /// [`CliError`].
 pub fn run(args: &CalibrateArgs) -> Result<(), CliError> {
     match &args.command {
+        CalibrateCommand::Brightness(args) => brightness::run(args),
         CalibrateCommand::Cell(args) => cell::run(args),
         CalibrateCommand::Check(args) => check::run(args),
         CalibrateCommand::Poses(args) => poses::run(args),
@@ -93,8 +100,39 @@ fn one_of<T: Copy>(text: &str, all: &[T], name: impl Fn(T) -> &'static str) -> R
     found.ok_or_else(|| format!("use one of {}", all.iter().map(|value| name(*value)).collect::<Vec<_>>().join(", ")))
 }
 
+/// Observations of a folder of pairs of matrices, with the SHA-256 of all their bytes in order.
+fn folder_of_poses(folder: &Path, read: &ReadArgs) -> Result<(CalibrationData, String), CliError> {
+    let shown = folder.display().to_string();
+    let refuse = |error: String| CliError::BadInput(format!("{shown}: {error}"));
+    let entries = std::fs::read_dir(folder).map_err(|error| refuse(error.to_string()))?;
+    let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+    let mut numbers: Vec<String> =
+        names.filter_map(|name| Some(name.strip_prefix("pos")?.strip_suffix(".yaml")?.to_owned())).collect();
+    numbers.sort();
+    let (mut files, mut hasher) = (Vec::new(), Sha256::new());
+    for number in numbers {
+        let mut text = |side: &str| {
+            let path = folder.join(format!("{side}{number}.yaml"));
+            let length = std::fs::metadata(&path).map_err(|error| refuse(format!("{}: {error}", path.display())))?.len();
+            if length > MAX_BYTES {
+                return Err(refuse(format!("{} has {length} bytes; allowed are {MAX_BYTES}", path.display())));
+            }
+            let text = std::fs::read_to_string(&path).map_err(|error| refuse(format!("{}: {error}", path.display())))?;
+            hasher.update(&text);
+            Ok(text)
+        };
+        let texts = [text("pos")?, text("board")?];
+        files.push((number, texts));
+    }
+    let data = from_zivid(&files, read.setup).map_err(|errors| files::findings(&shown, &errors))?;
+    Ok((data, hex(&hasher.finalize())))
+}
+
 /// Observations of a file, with the SHA-256 of its bytes: CSV by the file's name, pairs of poses by a list, else our own shape.
 fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String), CliError> {
+    if path.is_dir() {
+        return folder_of_poses(path, read);
+    }
     let shown = path.display().to_string();
     let refuse = |error: String| CliError::BadInput(format!("{shown}: {error}"));
     let length = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?.len();
@@ -109,6 +147,10 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
         let unit_mm = read.unit.mm();
         let options = CsvOptions { robot_pose: read.robot_pose, unit_mm, setup: read.setup };
         return Ok((from_csv(&text, &options).map_err(below)?, digest));
+    }
+    if path.extension().is_some_and(|extension| ["yaml", "yml", "samples"].iter().any(|known| extension == *known)) {
+        let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
+        return Ok((from_easy_handeye(&text, read.setup).map_err(below)?, digest));
     }
     let value: Value = if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         serde_json::from_slice(&bytes).map_err(|error| refuse(error.to_string()))?

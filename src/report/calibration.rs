@@ -74,6 +74,16 @@ fn result(calibration: &CalibrationDocument) -> String {
     rows += &spread("Standard deviation of the scanner's pose", seen.translation_sd_mm, seen.rotation_sd_deg);
     let point = format!("{} mm", number(calibration.point_at_best_focus_sd_mm, 3));
     rows += &row(&["Standard deviation of a scanned point at best focus".to_owned(), point]);
+    if let Some(face) = &calibration.plate_face {
+        let (height, sd, tilt) = (number(face.height_mm, 3), number(face.height_sd_mm, 3), number(face.tilt_deg, 4));
+        let name = "Face of the plate above the nominal table".to_owned();
+        rows += &row(&[name, format!("{height} mm ± {sd} mm, tilted by {tilt}°")]);
+    }
+    let taken_out: Vec<String> = calibration.turntable_runout.iter().map(|harmonic| harmonic.order.to_string()).collect();
+    if !taken_out.is_empty() {
+        let name = "Runout beyond noise, in the turntable's specification".to_owned();
+        rows += &row(&[name, format!("harmonics {} of the angle", taken_out.join(", "))]);
+    }
     for harmonic in &calibration.table_runout {
         let (radial, axial, sd) = (number(harmonic.radial_mm, 3), number(harmonic.axial_mm, 3), number(harmonic.sd_mm, 3));
         let name = format!("Runout of the table, {} a turn", harmonic.order);

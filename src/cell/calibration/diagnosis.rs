@@ -13,6 +13,8 @@ const SAME_MM: f64 = 0.01;
 const SAME_RAD: f64 = 2e-5;
 /// Ratio of lengths that no motion of an arm explains: between 1000 and what a board near or far makes of it.
 const UNIT_RATIO: f64 = 100.0;
+/// Ratio of all lengths to the scanner's best focus from which on they are in another unit: centimetres are the nearest, with 10.
+const ALL_UNIT_RATIO: f64 = 8.0;
 /// Factor by which another reading of the data has to fit better.
 const CLEARLY: f64 = 5.0;
 /// Residual beyond which another reading is looked for, mm.
@@ -62,9 +64,10 @@ fn units(sightings: &[Sighting], best_mm: f64) -> Vec<CalibrationFinding> {
         let mut sorted = lengths.clone();
         sorted.sort_by(f64::total_cmp);
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        // A scanner sees nothing nearer than a tenth of its best focus, and no arm holds its flange in its own foot.
-        let (reference, is_all) = if median < best_mm / UNIT_RATIO { (best_mm, true) } else { (median, false) };
-        let is_off = |length: f64| length < reference / UNIT_RATIO || length > reference * UNIT_RATIO;
+        // A scanner sees nothing nearer than an eighth of its best focus, and no arm holds its flange in its own foot.
+        let is_all = median < best_mm / ALL_UNIT_RATIO;
+        let (reference, ratio) = if is_all { (best_mm, ALL_UNIT_RATIO) } else { (median, UNIT_RATIO) };
+        let is_off = |length: f64| length < reference / ratio || length > reference * ratio;
         let off: Vec<usize> = (0..lengths.len()).filter(|index| is_off(lengths[*index])).collect();
         if off.is_empty() {
             continue;

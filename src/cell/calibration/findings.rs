@@ -55,6 +55,8 @@ closed_list! {
         Stale = "stale",
         /// No observations agree with each other.
         NoConsensus = "no_consensus",
+        /// Points of the plate's face that tell no plane.
+        NoPlateFace = "no_plate_face",
         /// The observations held out do not agree with the calibration.
         HeldOutDisagrees = "held_out_disagrees",
     }

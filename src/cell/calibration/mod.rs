@@ -2,6 +2,7 @@
 //! covariance, and a check before use. Pure: no files, no clock. Equation of the chain: [`data`]. Calibration of the scanner itself:
 //! [`lens`].
 
+pub mod brightness;
 pub mod check;
 pub mod chi_squared;
 pub mod data;
@@ -20,4 +21,5 @@ pub mod start;
 pub mod table;
 #[cfg(test)]
 mod tests;
+pub mod watch;
 pub mod witness;

@@ -4,6 +4,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, Translation3, Vector3};
 
+use super::se3::adjoint;
 use super::start::nearest_rotation;
 
 /// Distance from the line through the farthest points below which points lie on a line, as a share of their extent.
@@ -159,3 +160,18 @@ pub fn from_seat(seats: &[Seat], name: &str, part_from_seat: &Isometry3<f64>) ->
     let seat = seats.iter().find(|seat| seat.name == name).ok_or(PlacementError::UnknownSeat)?;
     Ok(seat.table_from_seat * part_from_seat.inverse())
 }
+
+/// Covariance of table_from_part from that of the part in the cloud and that of the scanner's pose, all body increments: the part's own
+/// stays, the scanner's is carried to the part.
+#[must_use]
+pub fn from_cloud_covariance(
+    cloud_from_part: &Isometry3<f64>,
+    of_part: &Matrix6<f64>,
+    of_scanner: Option<&Matrix6<f64>>,
+) -> Matrix6<f64> {
+    let carried = adjoint(&cloud_from_part.inverse());
+    of_part + of_scanner.map_or_else(Matrix6::zeros, |scanner| carried * scanner * carried.transpose())
+}
+
+#[cfg(test)]
+mod tests;

@@ -80,12 +80,17 @@ impl PosePlanner<'_> {
         Weighting { setup: HandEyeSetup::EyeInHand, sigma: self.sigma }
     }
 
+    /// The cell with the board on its plate.
+    #[must_use]
+    pub fn scene(&self) -> CollisionScene {
+        let on_table = Pose::claim(Isometry3::identity());
+        CollisionScene::new(self.cell, &board_mesh(&self.board), None, &on_table, self.clearance_mm)
+    }
+
     /// Poses that the arm takes, each free of collisions with the board in view; the same for the same cell.
     #[must_use]
     pub fn candidates(&self) -> Vec<PlannedPose> {
-        let mesh = board_mesh(&self.board);
-        let on_table = Pose::claim(Isometry3::identity());
-        let scene = CollisionScene::new(self.cell, &mesh, None, &on_table, self.clearance_mm);
+        let scene = self.scene();
         (0..VIEWS).filter_map(|index| self.candidate(index, &scene)).collect()
     }
 
@@ -118,10 +123,9 @@ impl PosePlanner<'_> {
     /// View `index`: tilt and roll over their ranges, the board's middle about the axis within the depth range.
     fn view(&self, index: u32) -> Pose<ScannerFrame, Board> {
         let number = |base: u32| halton(index + 1, base);
-        let scanner = &self.cell.scanner;
+        let [near_mm, far_mm] = self.cell.scanner.working_depth_mm();
         let (azimuth, tilt) = (TAU * number(2), MAX_TILT_RAD * number(3).sqrt());
-        let (roll, depth) =
-            (MAX_ROLL_RAD * (2.0 * number(5) - 1.0), scanner.near_mm + (scanner.far_mm - scanner.near_mm) * number(7));
+        let (roll, depth) = (MAX_ROLL_RAD * (2.0 * number(5) - 1.0), near_mm + (far_mm - near_mm) * number(7));
         let tilted = UnitQuaternion::from_scaled_axis(Vector3::new(azimuth.cos(), azimuth.sin(), 0.0) * tilt);
         let facing = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
         let rolled = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll + PI * f64::from(index % 4) / 2.0);
@@ -132,7 +136,7 @@ impl PosePlanner<'_> {
         Pose::from_parts(Vector3::new(0.0, 0.0, depth) + aside - rotation * middle, rotation)
     }
 
-    /// Returns true if all corners of the board are within the depth range and in every device's image.
+    /// Returns true if all corners of the board are in the working depth, in focus for every device, and in every device's image.
     fn is_seen(&self, scanner_from_board: &Pose<ScannerFrame, Board>) -> bool {
         let scanner = &self.cell.scanner;
         let [width, height] = self.board.size_mm;
@@ -141,7 +145,7 @@ impl PosePlanner<'_> {
             let is_imaged = (&scanner.devices)
                 .into_iter()
                 .all(|device| device.lens.project(&device.scanner_from_device.inverse().point(&corner)).is_some());
-            (scanner.near_mm..=scanner.far_mm).contains(&corner.z) && is_imaged
+            scanner.is_in_depth(&corner) && is_imaged
         })
     }
 

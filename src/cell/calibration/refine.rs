@@ -333,6 +333,12 @@ impl Refined {
         self.covariance.fixed_view::<4, 4>(TABLE_COLUMN, TABLE_COLUMN).into_owned()
     }
 
+    /// Standard deviation of the table's ratio; 0 where it was held.
+    #[must_use]
+    pub fn scale_sd(&self) -> f64 {
+        self.covariance[(SCALE_COLUMN, SCALE_COLUMN)].max(0.0).sqrt()
+    }
+
     /// Whitened square of an observation that was not used: its covariance has that of the unknowns added.
     #[must_use]
     pub fn chi2_of_other(&self, sighting: &Sighting) -> f64 {

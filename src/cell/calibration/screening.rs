@@ -2,7 +2,7 @@
 //! 24(6), 1981, with the bounded cost of P. H. S. Torr, A. Zisserman, *MLESAC*, CVIU 78(1), 2000), then a gate on χ² of six degrees,
 //! three times. A loss that bounds outliers alone was measured not to be enough. Costs 60 small refinements.
 
-use super::chi_squared::quantile;
+use super::chi_squared::{exceedance, quantile};
 use super::data::{ChainEstimate, Sighting, Sigma, Weighting};
 use super::refine::{Adjustment, Free, Refined};
 
@@ -14,6 +14,10 @@ const SET: usize = 4;
 const FALSE_DROP: f64 = 0.0005;
 /// Rounds of gating.
 const GATES: usize = 3;
+/// Probability of the residuals below which the deviations that were given do not explain them.
+const UNEXPLAINED_P: f64 = 1e-3;
+/// Ratio to the gate up to which a dropped observation is tried again.
+const MAX_READMITTED: f64 = 4.0;
 /// Ratio of the residuals' median to the one expected beyond which the given deviations are taken for too small.
 const MAX_SCALE: f64 = 2.5;
 
@@ -26,6 +30,25 @@ pub struct Screened {
     pub is_used: Vec<bool>,
     /// Factor by which the deviations that were given had to grow for most observations to agree; 1 if they did not.
     pub sigma_scale: f64,
+}
+
+impl Screened {
+    /// Deviations and covariance as large as the residuals of whole poses ask for, where those that were given do not explain them.
+    /// Points of one cloud share errors that their own scatter does not show: poses are the clusters of the covariance (K.-Y. Liang,
+    /// S. L. Zeger, *Longitudinal data analysis using generalized linear models*, Biometrika 73(1), 1986, section 3), and each is one
+    /// observation here.
+    #[must_use]
+    pub fn inflated(self) -> Self {
+        let (factor, freedom) = (self.refined.variance_factor(), self.refined.freedom());
+        let p = exceedance(self.refined.chi2.iter().sum(), freedom);
+        if p >= UNEXPLAINED_P || factor <= 1.0 {
+            return self;
+        }
+        let scale = factor.sqrt();
+        let weighting = Weighting { sigma: self.refined.weighting.sigma.scaled(scale), ..self.refined.weighting };
+        let refined = Refined { covariance: self.refined.covariance * factor, weighting, ..self.refined };
+        Self { refined, sigma_scale: self.sigma_scale * scale, ..self }
+    }
 }
 
 /// Stream of numbers that is the same everywhere: SplitMix64 (G. L. Steele, D. Lea, C. H. Flood, *Fast splittable pseudorandom number
@@ -90,8 +113,56 @@ impl Screening<'_> {
             let (at, weighting) = (&refined.estimate, &refined.weighting);
             refined = if estimate { problem.refine_with_sigma(at, weighting)? } else { problem.refine(at, weighting)? };
         }
-        let sigma_scale = if self.estimate_sigma { 1.0 } else { sigma_scale };
-        Some(Screened { refined, is_used, sigma_scale })
+        if self.estimate_sigma {
+            return Some(self.readmitted(Screened { refined, is_used, sigma_scale: 1.0 }));
+        }
+        self.gated_as_explained(Screened { refined, is_used, sigma_scale })
+    }
+
+    /// Gates anew with deviations that explain the observations used, where those that were given do not: too small ones drop good
+    /// observations.
+    fn gated_as_explained(&self, mut screened: Screened) -> Option<Screened> {
+        for _ in 0..GATES {
+            let before = screened.sigma_scale;
+            screened = screened.inflated();
+            if screened.sigma_scale <= before {
+                break;
+            }
+            let is_used = self.gate(&screened.refined, &screened.is_used);
+            if is_used == screened.is_used {
+                break;
+            }
+            let used: Vec<Sighting> =
+                self.sightings.iter().zip(&is_used).filter(|(_, used)| **used).map(|(each, _)| each.clone()).collect();
+            let problem = Adjustment { sightings: &used, free: self.free, prior: None };
+            let refined = problem.refine(&screened.refined.estimate, &screened.refined.weighting)?;
+            screened = Screened { refined, is_used, ..screened };
+        }
+        Some(screened)
+    }
+
+    /// Takes dropped observations back, the nearest first, that agree once the deviations are estimated with them: deviations that
+    /// were estimated without the larger residuals are too small, and would keep good ones out for ever.
+    fn readmitted(&self, mut screened: Screened) -> Screened {
+        let mut dropped: Vec<(f64, usize)> = (0..self.sightings.len())
+            .filter(|index| !screened.is_used[*index])
+            .map(|index| (screened.refined.chi2_of_other(&self.sightings[index]), index))
+            .filter(|(square, _)| *square < MAX_READMITTED * quantile(FALSE_DROP, 6))
+            .collect();
+        dropped.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, index) in dropped {
+            let mut is_used = screened.is_used.clone();
+            is_used[index] = true;
+            let used: Vec<Sighting> =
+                self.sightings.iter().zip(&is_used).filter(|(_, used)| **used).map(|(each, _)| each.clone()).collect();
+            let problem = Adjustment { sightings: &used, free: self.free, prior: None };
+            let refined = problem.refine_with_sigma(&screened.refined.estimate, &screened.refined.weighting);
+            let is_inside = |refined: &Refined| self.own_square(refined, &self.sightings[index]) < quantile(FALSE_DROP, 6);
+            if let Some(refined) = refined.filter(is_inside) {
+                screened = Screened { refined, is_used, ..screened };
+            }
+        }
+        screened
     }
 
     fn chosen(&self, indices: &[usize]) -> Vec<Sighting> {

@@ -13,15 +13,22 @@ use super::refine::{Adjustment, Free, Refined};
 use super::screening::{Screened, Screening, sigma_or_default};
 use super::se3::Twist;
 use super::start::{start_fixed, start_joint, start_table};
+use super::table::{FacePoint, Harmonic, LocatedFace, identify_runout, lifted, locate_face, merged, runout, without_runout};
+use super::watch::{CalibrationStage, CalibrationWatch, Unwatched};
+use crate::cell::runout::RunoutHarmonic;
 
 /// Observations below which none can be told to be bad.
 const MIN_FOR_SCREENING: usize = 6;
 /// Share of the observations that must agree.
 const MIN_AGREEING: f64 = 0.5;
+/// Share of the observations that agree where a table's ratio is no cause for others to disagree.
+const MANY_AGREEING: f64 = 0.8;
 /// Deviation of the table's ratio from 1 that is worth a finding.
 const SCALE_TOLERANCE: f64 = 1e-3;
 /// Probability with which a good observation that was held out is said to disagree.
 const HELD_OUT_FALSE_ALARM: f64 = 0.001;
+/// Rounds in which the runout is found: the second corrects what the first mixed with the chain.
+const RUNOUT_ROUNDS: usize = 2;
 /// Turn of the table over all observations below which its axis cannot be told, rad (10°).
 const MIN_TABLE_TURN_RAD: f64 = 0.174;
 
@@ -48,6 +55,10 @@ pub struct Task {
     pub board_middle_mm: Option<Vector3<f64>>,
     /// Largest uncertainty.
     pub limits: UncertaintyLimits,
+    /// Runout of the table that is known already.
+    pub runout: Vec<RunoutHarmonic>,
+    /// Points of the plate's face; with some the table's origin is put into it.
+    pub face: Vec<FacePoint>,
 }
 
 /// Part that an observation had.
@@ -84,6 +95,12 @@ pub struct Calibration {
     pub observability: Observability,
     /// Standard deviation of a scanned point at best focus, mm.
     pub point_sd_mm: f64,
+    /// Runout of the table: the one that was known with what was found beyond it. The residuals are those beside it.
+    pub runout: Vec<RunoutHarmonic>,
+    /// Harmonics of the board's place over the angle, before the runout was taken out.
+    pub harmonics: Vec<Harmonic>,
+    /// Face of the plate, where points of it were given.
+    pub face: Option<LocatedFace>,
     /// Remarks; none of them an error.
     pub findings: Vec<CalibrationFinding>,
 }
@@ -125,11 +142,74 @@ impl Task {
     /// # Errors
     /// Every finding, if one of them is an error.
     pub fn calibrate(&self) -> Result<Calibration, Vec<CalibrationFinding>> {
+        self.calibrate_watched(&Unwatched)
+    }
+
+    /// Calibrates, and ends early with the findings so far, perhaps none, where `watch` says so.
+    ///
+    /// # Errors
+    /// Every finding, if one of them is an error, or the calibration was cancelled.
+    pub fn calibrate_watched(&self, watch: &dyn CalibrationWatch) -> Result<Calibration, Vec<CalibrationFinding>> {
+        watch.begins(CalibrationStage::Diagnosis);
         let mut findings = diagnosis::before(&self.sightings, self.best_in_cloud_mm.norm());
         let task = self.prepared(&mut findings)?;
-        let screened = task.screened(&mut findings)?;
+        check(watch, &findings)?;
+        watch.begins(CalibrationStage::Screening);
+        let screened = task.screened(&mut findings);
+        check(watch, &findings)?;
+        if let Some(finding) = task.other_ratio(screened.as_ref().ok()) {
+            return Err(vec![finding]);
+        }
+        check(watch, &findings)?;
+        watch.begins(CalibrationStage::Table);
+        let screened = screened?;
+        let harmonics = if task.solve == Solve::HandEye {
+            Vec::new()
+        } else {
+            runout(&screened.refined.estimate, &task.chosen(&screened.is_used))
+        };
+        let (task, screened) = task.beside_runout(screened);
+        check(watch, &findings)?;
         let (task, screened) = task.flipped_back(screened, &mut findings)?;
-        task.assemble(&screened, findings)
+        check(watch, &findings)?;
+        let face = task.located(&screened.refined, &mut findings);
+        refuse(&findings)?;
+        let lifted = face.map_or(screened.refined.clone(), |located| lifted(&screened.refined, located.face.height_mm));
+        watch.begins(CalibrationStage::Judgement);
+        let found = task.assemble(&Screened { refined: lifted, ..screened }, findings)?;
+        Ok(Calibration { harmonics, face, ..found })
+    }
+
+    /// Observations without the runout that they show, and what they tell.
+    fn beside_runout(mut self, mut screened: Screened) -> (Self, Screened) {
+        for _ in 0..RUNOUT_ROUNDS {
+            if self.solve == Solve::HandEye {
+                break;
+            }
+            let found = identify_runout(&screened.refined, &self.chosen(&screened.is_used));
+            let at = screened.refined.estimate;
+            let free = |each: &Sighting| without_runout(&at.table, &found, at.scale, each);
+            let task = Self { sightings: self.sightings.iter().map(free).collect(), ..self.clone() };
+            let again = if found.is_empty() { None } else { task.screened(&mut Vec::new()).ok() };
+            // What makes the observations fit no better is no runout.
+            let Some(again) = again.filter(|again| !is_worse(again, &screened)) else { break };
+            self = Self { runout: merged(&self.runout, &found), ..task };
+            screened = again;
+        }
+        (self, screened)
+    }
+
+    /// Face of the plate. Points that tell none are a finding.
+    fn located(&self, refined: &Refined, findings: &mut Vec<CalibrationFinding>) -> Option<LocatedFace> {
+        if self.face.is_empty() || self.solve == Solve::HandEye {
+            return None;
+        }
+        let located = locate_face(refined, &self.face);
+        if located.is_none() {
+            let figures = Figures { count: Some(self.face.len()), ..Figures::default() };
+            findings.push(CalibrationFinding::new(FindingCode::NoPlateFace, Severity::Error).with(figures));
+        }
+        located
     }
 
     /// The task without duplicates, if its motions and readings allow one.
@@ -142,7 +222,7 @@ impl Task {
         let kept: Vec<usize> = (0..self.sightings.len()).filter(|index| !is_duplicate(*index)).collect();
         let sightings: Vec<_> = kept.iter().map(|index| self.sightings[*index].clone()).collect();
         let joints_rad = kept.iter().filter_map(|index| self.joints_rad.get(*index).copied()).collect();
-        let task = Self { sightings, joints_rad, ..self.clone() };
+        let task = Self { sightings, joints_rad, ..self.clone() }.beside_known_runout();
         let count = task.sightings.len().saturating_sub(task.hold_out);
         if count < MIN_OBSERVATIONS {
             let figures = Figures { count: Some(count), ..Figures::default() };
@@ -159,6 +239,17 @@ impl Task {
         }
         refuse(findings)?;
         Ok(task)
+    }
+
+    /// Observations without the runout that is known already.
+    fn beside_known_runout(self) -> Self {
+        let sightings = if self.solve == Solve::HandEye {
+            self.sightings.clone()
+        } else {
+            let free = |each: &Sighting| without_runout(&self.nominal.table, &self.runout, 1.0, each);
+            self.sightings.iter().map(free).collect()
+        };
+        Self { sightings, ..self }
     }
 
     /// Motions that cannot tell the unknowns, whatever the noise.
@@ -194,21 +285,24 @@ impl Task {
     }
 
     fn screened(&self, findings: &mut Vec<CalibrationFinding>) -> Result<Screened, Vec<CalibrationFinding>> {
-        let (sightings, free, start) = (self.fitted(), self.free(), |some: &[Sighting]| self.start(some));
-        let estimate_sigma = self.sigma.is_none();
-        let screened = if sightings.len() < MIN_FOR_SCREENING {
-            let problem = Adjustment { sightings, free, prior: None };
-            let refined = self.start(sightings).and_then(|at| problem.refine(&at, &self.weighting()));
-            refined.map(|refined| Screened { refined, is_used: vec![true; sightings.len()], sigma_scale: 1.0 })
-        } else {
-            Screening { sightings, free, start: &start, weighting: self.weighting(), estimate_sigma }.screen()
-        };
-        let Some(screened) = screened else {
+        let Some(screened) = self.screened_with(self.free()) else {
             let open = Observability::new(&self.frames(), None, 1.0);
             findings.push(self.degenerate(&open, FindingCode::DegenerateMotion, Severity::Error));
             return Err(std::mem::take(findings));
         };
         Ok(screened)
+    }
+
+    fn screened_with(&self, free: Free) -> Option<Screened> {
+        let (sightings, start) = (self.fitted(), |some: &[Sighting]| self.start(some));
+        let estimate_sigma = self.sigma.is_none();
+        if sightings.len() < MIN_FOR_SCREENING {
+            let problem = Adjustment { sightings, free, prior: None };
+            let refined = self.start(sightings).and_then(|at| problem.refine(&at, &self.weighting()));
+            let screened = refined.map(|refined| Screened { refined, is_used: vec![true; sightings.len()], sigma_scale: 1.0 });
+            return screened.map(|screened| if estimate_sigma { screened } else { screened.inflated() });
+        }
+        Screening { sightings, free, start: &start, weighting: self.weighting(), estimate_sigma }.screen()
     }
 
     /// Boards that were seen half a turn round are turned back where the board's middle is known, and all is screened again.
@@ -269,6 +363,9 @@ impl Task {
             whitened,
             left_out,
             observability,
+            runout: self.runout.clone(),
+            harmonics: Vec::new(),
+            face: None,
             findings,
         })
     }
@@ -347,7 +444,7 @@ impl Task {
         findings.extend(diagnosis::arm_model(&lengths, &joints));
     }
 
-    /// Sign and ratio of the table's turn.
+    /// Sign of the table's turn: a cell cannot say that its table turns the other way.
     fn judge_table(&self, screened: &Screened, findings: &mut Vec<CalibrationFinding>) {
         if self.solve == Solve::HandEye {
             return;
@@ -356,19 +453,44 @@ impl Task {
         if refined.estimate.scale < 0.0 {
             let asked = self.sightings.iter().map(|each| each.table_rad).fold(0.0, f64::max);
             let figures = Figures { turn_rad: Some(asked), other_turn_rad: Some(-asked), ..Figures::default() };
-            findings.push(CalibrationFinding::new(FindingCode::TableSign, Severity::Warning).with(figures));
-        }
-        let used = self.chosen(&screened.is_used);
-        let problem = Adjustment { sightings: &used, free: Free { scale: true, ..self.free() }, prior: None };
-        if let Some(with_scale) = problem.refine(&refined.estimate, &refined.weighting) {
-            let off = with_scale.estimate.scale.abs() - 1.0;
-            let sd = with_scale.covariance[(16, 16)].sqrt();
-            if off.abs() > SCALE_TOLERANCE && off.abs() > 4.0 * sd {
-                let figures = Figures { ratio: Some(with_scale.estimate.scale), ..Figures::default() };
-                findings.push(CalibrationFinding::new(FindingCode::TableScale, Severity::Warning).with(figures));
-            }
+            findings.push(CalibrationFinding::new(FindingCode::TableSign, Severity::Error).with(figures));
         }
     }
+
+    /// Error of a table that turns by another ratio than it reports: told before anything else, since it makes good observations
+    /// look bad and good motions look degenerate.
+    fn other_ratio(&self, screened: Option<&Screened>) -> Option<CalibrationFinding> {
+        if self.solve == Solve::HandEye {
+            return None;
+        }
+        let free = Free { scale: true, ..self.free() };
+        let count = |screened: &Screened| screened.is_used.iter().filter(|used| **used).count();
+        let agreeing = screened.map_or(0, count);
+        let with_ratio = match screened {
+            Some(screened) if agreeing as f64 >= MANY_AGREEING * self.fitted().len() as f64 => {
+                let used = self.chosen(&screened.is_used);
+                let problem = Adjustment { sightings: &used, free, prior: None };
+                problem.refine(&screened.refined.estimate, &screened.refined.weighting)?
+            }
+            _ => self.screened_with(free).filter(|screened| count(screened) > agreeing)?.refined,
+        };
+        let off = with_ratio.estimate.scale.abs() - 1.0;
+        let is_off = off.abs() > SCALE_TOLERANCE && off.abs() > 4.0 * with_ratio.scale_sd();
+        let figures = Figures { ratio: Some(with_ratio.estimate.scale), ..Figures::default() };
+        is_off.then(|| CalibrationFinding::new(FindingCode::TableScale, Severity::Error).with(figures))
+    }
+}
+
+/// Ends with the findings so far if the calibration was cancelled.
+fn check(watch: &dyn CalibrationWatch, findings: &[CalibrationFinding]) -> Result<(), Vec<CalibrationFinding>> {
+    if watch.is_cancelled() { Err(findings.to_vec()) } else { Ok(()) }
+}
+
+/// Returns true if fewer observations agree, or the same ones less well.
+fn is_worse(after: &Screened, before: &Screened) -> bool {
+    let used = |screened: &Screened| screened.is_used.iter().filter(|used| **used).count();
+    let size = |screened: &Screened| screened.refined.weighting.sigma.robot_mm * screened.refined.variance_factor().sqrt();
+    used(after) < used(before) || (used(after) == used(before) && size(after) > size(before))
 }
 
 /// Ends with the findings if one is an error.

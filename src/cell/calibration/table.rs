@@ -1,10 +1,14 @@
 //! Turntable beyond its axis: how far the plate runs out with the angle, and where its face lies. Runout is the displacement of the
 //! board from a turn about a fixed axis, as harmonics of the angle (ISO 230-7:2015, 3.2: radial and axial error motion); its first
-//! harmonic is wobble.
+//! harmonic is wobble. A part of the first harmonic that turns with the plate is a shift or tilt of whatever lies on it, and no runout.
 
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, SMatrix, Vector3};
 
+use super::chi_squared::exceedance;
 use super::data::{ChainEstimate, Sighting};
+use super::refine::{BOARD_COLUMN, COLUMNS, Increment, Refined, TABLE_COLUMN, moved};
+use super::se3::adjoint;
+use crate::cell::runout::{RunoutHarmonic, error_motion};
 
 /// Harmonics that are told.
 const ORDERS: usize = 2;
@@ -59,6 +63,112 @@ pub fn runout(at: &ChainEstimate, sightings: &[Sighting]) -> Vec<Harmonic> {
         .collect()
 }
 
+/// Unknowns of the runout: a first harmonic that turns against the plate (tilt, shift across) with its axial part, and a second
+/// harmonic in all five freedoms.
+const FIRST: usize = 6;
+const SECOND: usize = 10;
+const RUNOUT: usize = FIRST + SECOND;
+/// Unknowns of the chain beside the ratio, which is held, and those of the runout.
+const CHAIN: usize = COLUMNS - 1;
+/// Probability of a harmonic as large by chance, from which on it is one.
+const SIGNIFICANT_P: f64 = 1e-3;
+/// Freedoms of an error motion in a twist.
+const FREEDOMS: [usize; 5] = [0, 1, 3, 4, 5];
+
+/// Derivative of the error motion's twist, table frame, by the unknowns of the runout, at an angle.
+fn motion_rows(angle_rad: f64) -> SMatrix<f64, 6, RUNOUT> {
+    let mut rows = SMatrix::<f64, 6, RUNOUT>::zeros();
+    let (sin, cos) = angle_rad.sin_cos();
+    for (column, first) in [(0, 0), (2, 3)] {
+        // (u cos φ + v sin φ, v cos φ − u sin φ): turns by −φ.
+        (rows[(first, column)], rows[(first, column + 1)]) = (cos - 1.0, sin);
+        (rows[(first + 1, column)], rows[(first + 1, column + 1)]) = (-sin, cos - 1.0);
+    }
+    (rows[(5, 4)], rows[(5, 5)]) = (cos - 1.0, sin);
+    let (sin, cos) = (2.0 * angle_rad).sin_cos();
+    for (freedom, row) in FREEDOMS.into_iter().enumerate() {
+        (rows[(row, FIRST + 2 * freedom)], rows[(row, FIRST + 2 * freedom + 1)]) = (cos - 1.0, sin);
+    }
+    rows
+}
+
+/// Harmonics of these unknowns; of those that are not significant nothing is left.
+fn harmonics(unknowns: &[f64], is_kept: [bool; 2]) -> Vec<RunoutHarmonic> {
+    let at = |index: usize| unknowns[index];
+    let first = RunoutHarmonic { order: 1, cos: [at(0), at(1), at(2), at(3), at(4)], sin: [at(1), -at(0), at(3), -at(2), at(5)] };
+    let of = |phase: usize| std::array::from_fn(|freedom| at(FIRST + 2 * freedom + phase));
+    let second = RunoutHarmonic { order: 2, cos: of(0), sin: of(1) };
+    [first, second].into_iter().zip(is_kept).filter(|(_, kept)| *kept).map(|(harmonic, _)| harmonic).collect()
+}
+
+/// Runout beyond what noise explains, from observations that were refined without it: unknowns of chain and runout are fitted
+/// together, with the weights of the refinement, and each order is tested by χ². Empty for fewer than fifteen observations, and
+/// where the table's angles leave it open.
+#[must_use]
+pub fn identify_runout(refined: &Refined, sightings: &[Sighting]) -> Vec<RunoutHarmonic> {
+    if sightings.len() < MIN_OBSERVATIONS {
+        return Vec::new();
+    }
+    let (mut normal, mut right) = (DMatrix::<f64>::zeros(CHAIN + RUNOUT, CHAIN + RUNOUT), DVector::<f64>::zeros(CHAIN + RUNOUT));
+    for sighting in sightings {
+        let Some(linear) = refined.linear(sighting) else { return Vec::new() };
+        let at = &refined.estimate;
+        let angle = at.scale * sighting.table_rad;
+        let plate_from_board = Isometry3::rotation(Vector3::z() * angle) * at.board;
+        let of_motion: SMatrix<f64, 6, RUNOUT> = adjoint(&plate_from_board.inverse()) * motion_rows(angle);
+        let mut rows = DMatrix::<f64>::zeros(6, CHAIN + RUNOUT);
+        rows.columns_mut(0, CHAIN).copy_from(&linear.rows.columns(0, CHAIN));
+        rows.columns_mut(CHAIN, RUNOUT).copy_from(&of_motion);
+        let weighted = linear.weight * &rows;
+        normal += rows.transpose() * &weighted;
+        right -= weighted.transpose() * linear.residual;
+    }
+    for column in (0..CHAIN).filter(|column| refined.covariance[(*column, *column)] <= 0.0) {
+        normal.row_mut(column).fill(0.0);
+        normal.column_mut(column).fill(0.0);
+        (normal[(column, column)], right[column]) = (1.0, 0.0);
+    }
+    let scale = DVector::from_fn(CHAIN + RUNOUT, |row, _| normal[(row, row)].max(f64::MIN_POSITIVE).sqrt().recip());
+    let unit = DMatrix::from_fn(CHAIN + RUNOUT, CHAIN + RUNOUT, |row, column| normal[(row, column)] * scale[row] * scale[column]);
+    let Some(cholesky) = unit.cholesky() else { return Vec::new() };
+    let inverse = cholesky.inverse();
+    let found = (&inverse * right.component_mul(&scale)).component_mul(&scale);
+    let is_significant = |first: usize, count: usize| {
+        let at = CHAIN + first;
+        let covariance =
+            DMatrix::from_fn(count, count, |row, column| inverse[(at + row, at + column)] * scale[at + row] * scale[at + column]);
+        let own = found.rows(at, count).into_owned();
+        let square = covariance.cholesky().map_or(0.0, |cholesky| own.dot(&cholesky.solve(&own)));
+        exceedance(square / refined.variance_factor().max(1.0), count) < SIGNIFICANT_P
+    };
+    let is_kept = [is_significant(0, FIRST), is_significant(FIRST, SECOND)];
+    harmonics(found.rows(CHAIN, RUNOUT).as_slice(), is_kept)
+}
+
+/// Sum of two runouts, order by order: their error motions are small.
+#[must_use]
+pub fn merged(one: &[RunoutHarmonic], other: &[RunoutHarmonic]) -> Vec<RunoutHarmonic> {
+    let mut all = one.to_vec();
+    for harmonic in other {
+        match all.iter_mut().find(|known| known.order == harmonic.order) {
+            None => all.push(*harmonic),
+            Some(known) => {
+                known.cos.iter_mut().zip(&harmonic.cos).for_each(|(sum, part)| *sum += part);
+                known.sin.iter_mut().zip(&harmonic.sin).for_each(|(sum, part)| *sum += part);
+            }
+        }
+    }
+    all
+}
+
+/// Observation as it would be without runout: B E Rz P = R X C is B Rz P = (B E⁻¹ B⁻¹ R) X C.
+#[must_use]
+pub fn without_runout(base_from_table: &Isometry3<f64>, runout: &[RunoutHarmonic], sense: f64, sighting: &Sighting) -> Sighting {
+    let error = error_motion(runout, sense * sighting.table_rad);
+    let robot = base_from_table * error.inverse() * base_from_table.inverse() * sighting.robot;
+    Sighting { robot, ..sighting.clone() }
+}
+
 /// Displacement of the board that was seen from the one predicted, in the table.
 fn displacement(at: &ChainEstimate, sighting: &Sighting) -> Vector3<f64> {
     let seen = at.table.inverse() * sighting.robot * at.hand_eye * sighting.seen;
@@ -99,8 +209,60 @@ pub fn plate_face(points_mm: &[Point3<f64>]) -> Option<PlateFace> {
     })
 }
 
-/// Table whose origin lies on its axis in the plate's face.
-#[must_use]
-pub fn lifted(base_from_table: &Isometry3<f64>, face: &PlateFace) -> Isometry3<f64> {
-    base_from_table * nalgebra::Translation3::new(0.0, 0.0, face.height_mm)
+/// Point of the plate's face as it was scanned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FacePoint {
+    /// base_from_flange.
+    pub robot: Isometry3<f64>,
+    /// Angle of the table.
+    pub table_rad: f64,
+    /// Point in the cloud, mm.
+    pub cloud_mm: Point3<f64>,
 }
+
+/// Face of the plate with the standard deviation of its height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocatedFace {
+    /// The face.
+    pub face: PlateFace,
+    /// Standard deviation of its height: by the unknowns of the chain and by the scatter of the points, mm.
+    pub height_sd_mm: f64,
+}
+
+/// Face of the plate through scanned points, by the refined chain. None for points that tell no plane.
+#[must_use]
+pub fn locate_face(refined: &Refined, points: &[FacePoint]) -> Option<LocatedFace> {
+    let at = &refined.estimate;
+    let height = |at: &ChainEstimate| {
+        let on_plate =
+            |point: &FacePoint| at.base_from_plate(point.table_rad).inverse() * point.robot * at.hand_eye * point.cloud_mm;
+        plate_face(&points.iter().map(on_plate).collect::<Vec<_>>())
+    };
+    let face = height(at)?;
+    let mut slope = Increment::zeros();
+    for column in 0..BOARD_COLUMN {
+        let step = if [0, 1, 2, TABLE_COLUMN, TABLE_COLUMN + 1].contains(&column) { 1e-5 } else { 1e-2 };
+        let mut by = Increment::zeros();
+        by[column] = step;
+        slope[column] = (height(&moved(at, &by))?.height_mm - height(&moved(at, &-by))?.height_mm) / (2.0 * step);
+    }
+    let of_chain = slope.dot(&(refined.covariance * slope)).max(0.0);
+    let of_points = face.rms_mm.powi(2) / points.len() as f64;
+    Some(LocatedFace { face, height_sd_mm: (of_chain + of_points).sqrt() })
+}
+
+/// Refined unknowns with the table's origin moved along its axis to the height of the face: nothing that was observed changes by it.
+#[must_use]
+pub fn lifted(refined: &Refined, height_mm: f64) -> Refined {
+    let up = nalgebra::Translation3::new(0.0, 0.0, height_mm);
+    let at = &refined.estimate;
+    let estimate = ChainEstimate { table: at.table * up, board: up.inverse() * at.board, ..*at };
+    // B exp(ξ) T = B T exp(Ad(T⁻¹) ξ): a tilt about the old origin shifts the new one.
+    let mut change = super::refine::Square::identity();
+    change[(TABLE_COLUMN + 2, TABLE_COLUMN + 1)] = height_mm;
+    change[(TABLE_COLUMN + 3, TABLE_COLUMN)] = -height_mm;
+    Refined { estimate, covariance: change * refined.covariance * change.transpose(), ..refined.clone() }
+}
+
+#[cfg(test)]
+mod tests;

@@ -101,3 +101,6 @@ fn is_out_of_step(witnessed: &[Witnessed<'_>], forward: Forward<'_>) -> bool {
     };
     count > 3 && (fits(0) || fits(1))
 }
+
+#[cfg(test)]
+mod tests;

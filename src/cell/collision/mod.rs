@@ -140,6 +140,8 @@ impl CollisionScene {
     /// The cell with nothing on its plate.
     #[must_use]
     pub fn without_part(cell: &Cell, clearance_mm: f64) -> Self {
+        // Bodies turn about the fixed axis here: what the plate runs out by is kept free beside.
+        let clearance_mm = clearance_mm + cell.turntable.runout_displacement_mm();
         let bodies = assemble(cell);
         let pairs = body_pairs(&bodies, 0, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
         let mut scene = Self {

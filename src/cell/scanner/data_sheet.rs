@@ -113,6 +113,7 @@ impl DataSheet {
             practical_volume_mm: [width, height, far - near],
             block_cube_mm: None,
             depth_origin_mm: None,
+            exposure: None,
             calibrated: None,
         };
         spec.build().map(|_| spec)

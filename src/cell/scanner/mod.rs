@@ -5,6 +5,8 @@ mod cloud_frame;
 mod data_sheet;
 mod depth_of_field;
 mod device;
+mod exposure;
+mod material;
 mod measurement_volume;
 mod per_device;
 mod planar_construction;
@@ -20,6 +22,8 @@ pub use cloud_frame::{CloudFrame, CloudFrameSpec};
 pub use data_sheet::DataSheet;
 pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
+pub use exposure::{Exposure, ExposureFault, ExposureSpec, LEVELS, LevelRange, Lighting, REFERENCE_LEVEL, best_levels};
+pub use material::{Finish, Material};
 pub use measurement_volume::{Field, MeasurementVolume};
 pub use per_device::PerDevice;
 pub use planar_construction::PlanarConstruction;
@@ -56,6 +60,8 @@ pub struct Scanner {
     pub practical_volume_mm: [f64; 3],
     /// Edge of the cube that blocks of a large part must fit in ([`crate::planning::method::candidates`]), mm.
     pub block_cube_mm: f64,
+    /// Brightness levels of the projector.
+    pub exposure: Exposure,
     /// Provenance of lenses and poses, if they were calibrated.
     pub calibrated: Option<CalibratedScannerSpec>,
 }

@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 use super::calibrated::CalibratedScannerSpec;
 use super::cloud_frame::CloudFrameSpec;
 use super::device::{DeviceName, Lens, OpticalDevice};
+use super::exposure::ExposureSpec;
 use super::per_device::PerDevice;
 use crate::cell::field_error::{FieldError, Findings};
 use crate::cell::pose_spec::{PoseInput, PoseSpec};
@@ -67,6 +68,9 @@ pub struct ScannerSpec {
     /// centres, that of the housing's front for distances from there. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_origin_mm: Option<f64>,
+    /// Brightness levels of the projector. Default: assumed, each √2 times as bright as the one before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ExposureSpec>,
     /// Origin of lenses and poses, where they were calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated: Option<CalibratedScannerSpec>,
@@ -190,6 +194,7 @@ impl ScannerSpec {
             stated_volume_mm: self.stated_volume_mm,
             practical_volume_mm: self.practical_volume_mm,
             block_cube_mm: self.block_cube_mm(),
+            exposure: ExposureSpec::build(self.exposure.as_ref()),
             calibrated: self.calibrated.clone(),
         })
     }
@@ -276,6 +281,9 @@ impl ScannerSpec {
         }
         if let Some(origin_mm) = self.depth_origin_mm {
             findings.range("/depth_origin_mm", origin_mm, -1000.0, 1000.0, "mm");
+        }
+        if let Some(exposure) = &self.exposure {
+            exposure.check("/exposure", findings);
         }
         if let Some(calibrated) = &self.calibrated {
             calibrated.check(findings);

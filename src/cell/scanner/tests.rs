@@ -488,6 +488,22 @@ mod working_depth {
     }
 
     #[test]
+    fn the_working_depth_is_what_all_limits_leave() {
+        assert_eq!(scanner(NOMINAL).working_depth_mm(), [410.0, 565.0]);
+        let mut wanted = spec(NOMINAL);
+        wanted.projector.in_focus_mm = Some([430.0, 600.0]);
+        wanted.left.in_focus_mm = Some([300.0, 520.0]);
+        let rig = wanted.build().expect("valid");
+        let [near, far] = rig.working_depth_mm();
+        let left = rig.devices.left.scanner_from_device.inverse();
+        close(near, 430.0, 1e-9);
+        close(left.point(&Point3::new(0.0, 0.0, far)).z, 520.0, 1e-9);
+        for (depth, is_in) in [(far - 0.01, true), (far + 0.01, false), (429.9, false), (480.0, true)] {
+            assert_eq!(rig.is_in_depth(&Point3::new(0.0, 0.0, depth)), is_in, "{depth}");
+        }
+    }
+
+    #[test]
     fn the_slab_of_a_camera_is_square_to_its_own_axis() {
         let mut wanted = spec(CALIBRATED);
         (wanted.left.f_number, wanted.left.circle_of_confusion_um) = (Some(8.0), Some(9.0));

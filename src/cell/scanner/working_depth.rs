@@ -118,6 +118,25 @@ impl OpticalDevice {
 }
 
 impl Scanner {
+    /// Working depth on the scanner's z axis, mm: the practical one and the depths of field of the devices together. Best focus
+    /// lies in it.
+    #[must_use]
+    pub fn working_depth_mm(&self) -> [f64; 2] {
+        let limited = self.devices.iter().filter(|device| device.has_focus_limit());
+        let on_axis = limited.map(|device| device.depths_in_focus(&[[0.0, 0.0]]));
+        on_axis.fold([self.near_mm, self.far_mm], |[near, far], [low, high]| [near.max(low), far.min(high)])
+    }
+
+    /// Returns true if a point is in the working depth: the practical one, and in focus for every device.
+    #[must_use]
+    pub fn is_in_depth(&self, in_scanner_mm: &Point3<f64>) -> bool {
+        let is_in_focus = |device: &OpticalDevice| {
+            let [near_mm, far_mm] = device.in_focus_mm;
+            (near_mm..=far_mm).contains(&device.scanner_from_device.inverse().point(in_scanner_mm).z)
+        };
+        (self.near_mm..=self.far_mm).contains(&in_scanner_mm.z) && self.devices.iter().all(is_in_focus)
+    }
+
     /// Limits of the working depth: the practical one, then those of devices that have one.
     #[must_use]
     pub fn depth_bounds(&self) -> Vec<DepthBound> {

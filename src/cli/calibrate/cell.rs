@@ -56,6 +56,7 @@ pub(super) fn run(args: &CalibrateCellArgs) -> Result<(), CliError> {
     let document = solved.map_err(|error| match error {
         CalibrationError::Fields(errors) => files::findings(&shown, &errors),
         CalibrationError::Findings(findings) => refused(&args.data, &findings),
+        CalibrationError::Cancelled => CliError::Failed("cancelled".to_owned()),
     })?;
     if let Some(path) = &args.out {
         files::write(path, &json_file_bytes(&document))?;
@@ -81,7 +82,11 @@ fn remedy(severity: Severity) -> &'static str {
 }
 
 /// Writes the cell with the calibrated poses.
-fn write_cell(path: &Path, spec: CellSpec, document: &CalibrationDocument) -> Result<(), CliError> {
+fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -> Result<(), CliError> {
+    if !document.turntable_runout.is_empty() {
+        // The runout goes into the turntable's specification, which has to stand in the cell for that.
+        spec.inline_devices(&FileLibrary);
+    }
     let not_on_flange = "--write-cell: a cell has its scanner on the flange; the data have it in the cell";
     let spec = document.calibrated(spec).ok_or_else(|| CliError::BadInput(not_on_flange.into()))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
@@ -104,6 +109,9 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
     if let Some(table) = &document.base_from_table {
         let [x, y, z] = table.translation_mm;
         line("base from table", format!("{x:.3} {y:.3} {z:.3} mm"));
+    }
+    if let Some(face) = &document.plate_face {
+        line("face of the plate", format!("{:.3} ± {:.3} mm above the nominal table", face.height_mm, face.height_sd_mm));
     }
     line(
         "residuals",

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use serde_json::Value;
 
 use super::{ReadArgs, digest_of, observations, refused};
+use crate::cell::CellSpec;
 use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
+use crate::cell::calibration::data::Sighting;
 use crate::cell::calibration::findings::Severity;
-use crate::cell::{CalibrationProvenance, CellSpec};
+use crate::cell::calibration::table::without_runout;
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
@@ -28,6 +30,12 @@ pub(super) struct CalibrateCheckArgs {
     /// Rate of false alarms, 0.0001 to 0.2.
     #[arg(long, value_name = "RATE", default_value_t = 0.01)]
     false_alarm: f64,
+    /// Hours for which a compensation may be used, 0.01 to 1000000.
+    #[arg(long, value_name = "HOURS", default_value_t = 24.0)]
+    max_age: f64,
+    /// Change of temperature beyond which a compensation may not be used, K, 0.1 to 100.
+    #[arg(long, value_name = "K", default_value_t = 5.0)]
+    max_temperature_change: f64,
     /// JSON file to write the check to, with the compensation if there is one.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -38,14 +46,31 @@ pub(super) struct CalibrateCheckArgs {
     read: ReadArgs,
 }
 
+impl CalibrateCheckArgs {
+    fn check(&self) -> Result<(), CliError> {
+        let numbers = [
+            ("--false-alarm", self.false_alarm, 1e-4..=0.2),
+            ("--max-age", self.max_age, 0.01..=1e6),
+            ("--max-temperature-change", self.max_temperature_change, 0.1..=100.0),
+        ];
+        numbers.into_iter().try_for_each(|(flag, value, range)| {
+            let (low, high) = (range.start(), range.end());
+            let refused = || CliError::BadInput(format!("{flag}: is {value}; allowed is {low} to {high}"));
+            if range.contains(&value) { Ok(()) } else { Err(refused()) }
+        })
+    }
+}
+
 /// Checks.
 pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
-    if !(1e-4..=0.2).contains(&args.false_alarm) {
-        return Err(CliError::BadInput(format!("--false-alarm: is {}; allowed is 0.0001 to 0.2", args.false_alarm)));
-    }
+    args.check()?;
     let (spec, _) = files::cell(&args.cell)?;
     let cell = spec.build(&FileLibrary).map_err(|errors| files::findings(&args.cell, &errors))?;
     let calibration = calibration(&args.calibration)?;
+    if calibration.cell != cell.name {
+        let (of, here) = (&calibration.cell, &cell.name);
+        return Err(CliError::BadInput(format!("{}: /cell: is of cell {of:?}, not of {here:?}", args.calibration.display())));
+    }
     let (data, digest) = observations(&args.data, &args.read)?;
     let shown = args.data.display().to_string();
     let read = data.read(&cell, calibration.kind).map_err(|errors| files::findings(&shown, &errors))?;
@@ -56,8 +81,11 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         return Err(CliError::BadInput(format!("{shown}: {} observations; a check needs 4, at least 2", read.sightings.len())));
     }
     let (calibrated, covariance, weighting) = calibration.estimate();
+    let runout = &cell.turntable.runout;
+    let beside = |each: &Sighting| without_runout(&calibrated.table, runout, calibrated.scale, each);
+    let sightings: Vec<Sighting> = read.sightings.iter().map(beside).collect();
     let limits = CheckLimits { false_alarm: args.false_alarm, ..CheckLimits::default() };
-    let check = Check { sightings: &read.sightings, calibrated, covariance: &covariance, weighting, limits };
+    let check = Check { sightings: &sightings, calibrated, covariance: &covariance, weighting, limits };
     let unfit = || CliError::BadInput(format!("{}: knows no covariance to check by", args.calibration.display()));
     let checked = check.check().ok_or_else(unfit)?;
     let scanner_from_cloud = calibration.scanner_from_cloud.scanner_from_cloud(&cell.scanner.devices);
@@ -70,6 +98,9 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         [&digest, &taken_at],
         data.temperature_c,
     );
+    if let Some(compensation) = &mut document.compensation {
+        (compensation.max_age_hours, compensation.max_temperature_change_k) = (args.max_age, args.max_temperature_change);
+    }
     document.id = digest_of(&document);
     if let Some(path) = &args.out {
         files::write(path, &json_file_bytes(&document))?;
@@ -81,6 +112,11 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         output::warning(&shown, "", &finding.detail, "calibrate again at this temperature");
     }
     output::result(&document, text(&document))?;
+    verdict(&document, &shown)
+}
+
+/// Success of the command: any verdict but ok is an exit code of its own.
+fn verdict(document: &CalibrationCheckDocument, shown: &str) -> Result<(), CliError> {
     match document.verdict {
         CheckVerdict::Ok => Ok(()),
         CheckVerdict::Compensate | CheckVerdict::Recalibrate => Err(CliError::NotCalibrated(format!(
@@ -114,7 +150,7 @@ fn write_compensated(path: &std::path::Path, mut spec: CellSpec, document: &Cali
     let provenance = provenance
         .ok_or_else(|| CliError::BadInput("--write-cell: the cell does not have its poses from this calibration".to_owned()))?;
     spec.flange_from_scanner = compensation.flange_from_scanner;
-    spec.calibrated = Some(CalibrationProvenance { compensation_sha256: Some(document.id.clone()), ..provenance });
+    spec.calibrated = document.in_force(provenance);
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
     let toml = toml::to_string_pretty(&spec).map_err(|error| CliError::Failed(error.to_string()))?;
     files::write(path, format!("# By `vantage calibrate check`: flange_from_scanner as compensated.\n\n{toml}").as_bytes())

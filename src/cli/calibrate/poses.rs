@@ -1,18 +1,27 @@
 //! `vantage calibrate poses`: the poses from which observations tell most.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::atomic::AtomicBool;
 
 use crate::cell::calibration::data::Sigma;
 use crate::cell::calibration::poses::{PlannedBoard, PlannedPose, PosePlan, PosePlanner, board_on_plate};
-use crate::cell::{Cell, CloudFrame, CloudFrameSpec, PoseSpec};
+use crate::cell::{Cell, CloudFrame, CloudFrameSpec, CollisionScene, PoseSpec};
+use crate::check::field_errors;
 use crate::cli::check::cell;
 use crate::cli::files;
 use crate::cli::{CliError, output};
 use crate::geometry::{Board, Plate, Pose};
-use crate::planning::params::MotionParams;
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::{MotionParams, PlanParams};
+use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
+use crate::program::{Program, compile};
+use crate::service::calibration_poses::{RoutedPoses, TooFewPoses, expected, route};
+use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::wire::calibration::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
+use crate::wire::echo::Echo;
 use crate::wire::json_file_bytes;
+use crate::wire::program::ProgramDocument;
 
 /// Plan calibration poses: reachable, free of collisions, the board in view, the most informative first.
 #[derive(Clone, Debug, clap::Args)]
@@ -35,9 +44,13 @@ pub(super) struct PosesArgs {
     /// Distance that bodies keep, mm [default: that of plans].
     #[arg(long, value_name = "MM")]
     clearance: Option<f64>,
-    /// JSON file to write [default: standard output].
+    /// JSON file to write [default: standard output]. A program.json that goes to the poses, as the linter passed it, is written
+    /// beside it.
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Controller language to write the program in as well, beside program.json.
+    #[arg(long, value_name = "DIALECT", requires = "out")]
+    program: Option<Dialect>,
 }
 
 /// Extent of a board.
@@ -73,20 +86,67 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
         clearance_mm: args.clearance.unwrap_or(MotionParams::default().clearance_mm),
         scanner_from_cloud: frame.scanner_from_cloud(&cell.scanner.devices),
     };
-    let candidates = planner.candidates();
     let (count, hold_out) = (usize::from(args.count), usize::from(args.hold_out));
-    let plan = planner.choose(&candidates, count, hold_out).ok_or_else(|| {
+    let mut params = PlanParams::default();
+    params.motion.clearance_mm = planner.clearance_mm;
+    let (never, scene) = (AtomicBool::new(false), planner.scene());
+    let ctx = Context::new(&never, &Silent);
+    let routed = route(&planner, &scene, (count, hold_out), &params, &ctx);
+    let routed = routed.map_err(|_| CliError::Failed("cancelled".to_owned()))?.map_err(|TooFewPoses { reached }| {
         CliError::NoPlan(format!(
-            "the arm takes {} poses with the whole board in view, and {} are needed: take a smaller board, move it, or ask for fewer",
-            candidates.len(),
+            "the arm gets to {reached} poses with the whole board in view, and {} are needed: take a smaller board, move it, or ask \
+             for fewer",
             count + hold_out
         ))
     })?;
-    let document = document(&plan, &planner, &cell, hold_out);
+    let document = document(&routed.plan, &planner, &cell, hold_out);
+    let bytes = json_file_bytes(&document);
+    let program = Linted::new(&planner, &scene, &routed, &plan_sha256(&bytes), &params)?;
     if let Some(path) = &args.out {
-        files::write(path, &json_file_bytes(&document))?;
+        program.write(path, &bytes, args.program)?;
     }
     output::result(&document, text(&document))
+}
+
+/// Program through the poses, with the files of its languages.
+struct Linted {
+    program: Program,
+    files: Vec<(Dialect, Result<Vec<DialectFile>, String>)>,
+}
+
+impl Linted {
+    /// Compiles and checks the program, and writes it in every language.
+    fn new(
+        planner: &PosePlanner<'_>,
+        scene: &CollisionScene,
+        routed: &RoutedPoses,
+        plan_sha256: &str,
+        params: &PlanParams,
+    ) -> Result<Self, CliError> {
+        let program = compile(&routed.sequence, 0, planner.cell, plan_sha256, params);
+        let expected = expected(planner, &routed.plan, plan_sha256);
+        let checked = CheckedProgram::new(&program, planner.cell, scene, Some(&expected), CheckedWith::Part);
+        let checked = checked.map_err(|found| files::findings("program.json", &field_errors(&found)))?;
+        let files = Dialect::ALL.map(|dialect| (dialect, checked.render(dialect, &params.dialects).map_err(|e| e.to_string())));
+        Ok(Self { files: files.into(), program })
+    }
+
+    /// Writes poses and program into one folder; a folder with a plan in it has a program of its own.
+    fn write(&self, path: &Path, poses: &[u8], dialect: Option<Dialect>) -> Result<(), CliError> {
+        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if folder.join(PLAN_FILE).is_file() {
+            return Err(CliError::BadInput(format!(
+                "--out {}: its folder has a plan with a program.json of its own; name a file in another folder",
+                path.display()
+            )));
+        }
+        let asked = self.files.iter().find(|(known, _)| Some(*known) == dialect).map(|(_, files)| files);
+        let rendered = asked
+            .map_or(Ok(&[][..]), |files| files.as_deref().map_err(|error| CliError::BadInput(format!("--program: {error}"))))?;
+        files::write(path, poses)?;
+        files::write(&folder.join("program.json"), &ProgramDocument::new(&self.program, Echo::default()).to_bytes())?;
+        rendered.iter().try_for_each(|file| files::write(&folder.join(&file.name), file.text.as_bytes()))
+    }
 }
 
 fn document(plan: &PosePlan, planner: &PosePlanner<'_>, cell: &Cell, hold_out: usize) -> CalibrationPosesDocument {

@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::result::{CalibrationDocument, FindingDocument};
-use crate::cell::PoseSpec;
 use crate::cell::calibration::check::{CheckLimits, CheckVerdict, Checked};
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use crate::cell::calibration::se3::{rotation_of, translation_of};
+use crate::cell::{CalibrationProvenance, CompensationProvenance, PoseSpec};
 use crate::geometry::{Cloud, Flange, Pose, ScannerFrame};
 use crate::wire::UtcTime;
 
@@ -117,6 +117,27 @@ impl CalibrationCheckDocument {
             compensation: (checked.verdict == CheckVerdict::Compensate).then_some(compensation),
             findings: findings.iter().map(FindingDocument::from).collect(),
         }
+    }
+
+    /// Provenance of the cell's poses with the compensation in force; none without a compensation.
+    #[must_use]
+    pub fn in_force(&self, calibrated: CalibrationProvenance) -> Option<CalibrationProvenance> {
+        let compensation = self.compensation.as_ref()?;
+        let provenance = CompensationProvenance {
+            cell: self.cell.clone(),
+            calibration_id: self.calibration_id.clone(),
+            at: self.taken_at.to_string(),
+            temperature_c: self.temperature_c,
+            flange_from_scanner: compensation.flange_from_scanner,
+            rotation_deg: self.drift_rotation_deg,
+            translation_mm: self.drift_translation_mm,
+            max_rotation_deg: compensation.max_rotation_deg,
+            max_translation_mm: compensation.max_translation_mm,
+            max_age_hours: compensation.max_age_hours,
+            max_temperature_change_k: compensation.max_temperature_change_k,
+        };
+        let compensation_sha256 = Some(self.id.clone());
+        Some(CalibrationProvenance { compensation_sha256, compensation: Some(provenance), ..calibrated })
     }
 }
 

@@ -10,6 +10,7 @@ use crate::cell::calibration::findings::CalibrationFinding;
 use crate::cell::calibration::observability::UncertaintyLimits;
 use crate::cell::calibration::placement::{self, Placement};
 use crate::cell::calibration::solve::Task;
+use crate::cell::calibration::table::FacePoint;
 use crate::cell::calibration::witness::{self, Witnessed};
 use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings};
 use crate::wire::UtcTime;
@@ -19,6 +20,8 @@ pub const CALIBRATION_DATA_SCHEMA: &str = "vantage.calibration_data/1";
 /// Observations that a calibration may have, and points that one of them may have.
 const MAX_OBSERVATIONS: usize = 5000;
 const MAX_POINTS: usize = 20_000;
+/// Scans of the plate that observations may have.
+const MAX_PLATE_SCANS: usize = 1000;
 /// Largest number of points along an edge of a board.
 const MAX_BOARD_POINTS: f64 = 1000.0;
 /// Standard deviation of a point where none is given, mm: a structured-light scanner's at best focus.
@@ -53,6 +56,27 @@ pub struct CalibrationData {
     pub sigma: Option<SigmaDocument>,
     /// Observations, 1 to 5000.
     pub observations: Vec<ObservationDocument>,
+    /// Scans of the plate's bare face, at most 1000: with some, the table's origin is put into the face. Not with `hand_eye`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub plate: Vec<PlateScanDocument>,
+}
+
+/// A scan of the plate's bare face. Unknown fields are refused.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct PlateScanDocument {
+    /// Joints 1 to 6, degrees, -3600 to 3600 each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 6, max_items = 6)]
+    pub joints_deg: Option<[f64; 6]>,
+    /// Flange as the controller reported it, instead of `joints_deg`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_from_flange: Option<ObservedPose>,
+    /// Angle of the table, degrees, -3600 to 3600. Default 0.
+    #[serde(default)]
+    pub table_angle_deg: f64,
+    /// Points of the face in the cloud, mm, 3 to 20000.
+    pub points_mm: Vec<[f64; 3]>,
 }
 
 fn in_hand() -> HandEyeSetup {
@@ -236,6 +260,7 @@ impl CalibrationData {
     /// Every field that is out of range.
     pub fn task(&self, cell: &Cell, solve: Solve, hold_out: usize) -> Result<(Task, Vec<CalibrationFinding>), Vec<FieldError>> {
         let read = self.read(cell, solve)?;
+        let face = self.face(cell, solve)?;
         let scanner_from_cloud = *self.cloud_frame(cell).scanner_from_cloud(&cell.scanner.devices).isometry();
         let best = Point3::new(0.0, 0.0, cell.scanner.best_mm);
         let task = Task {
@@ -254,6 +279,8 @@ impl CalibrationData {
             best_in_cloud_mm: (scanner_from_cloud.inverse() * best).coords,
             board_middle_mm: self.board.as_ref().and_then(BoardDocument::middle_mm),
             limits: UncertaintyLimits::default(),
+            runout: cell.turntable.runout.clone(),
+            face,
         };
         Ok((task, read.findings))
     }
@@ -298,6 +325,28 @@ impl CalibrationData {
         Ok(ReadObservations { sightings, joints_rad, findings: witness::compare(&witnessed, &forward) })
     }
 
+    /// Points of the plate's face with where the robot was.
+    fn face(&self, cell: &Cell, solve: Solve) -> Result<Vec<FacePoint>, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        findings.require(self.plate.len() <= MAX_PLATE_SCANS, "/plate", || {
+            format!("has {} scans; allowed are {MAX_PLATE_SCANS}", self.plate.len())
+        });
+        findings.require(self.plate.is_empty() || solve != Solve::HandEye, "/plate", || {
+            "is given, but hand_eye solves for no table; solve for table or joint".into()
+        });
+        findings.require(self.plate.is_empty() || self.setup == HandEyeSetup::EyeInHand, "/plate", || {
+            "is given, but the scanner stands in the cell; a plate is located with the scanner on the flange".into()
+        });
+        let mut face = Vec::new();
+        for (index, scan) in self.plate.iter().enumerate().take(MAX_PLATE_SCANS) {
+            let Some(robot) = scan.robot(&format!("/plate/{index}"), cell, &mut findings) else { continue };
+            let table_rad = scan.table_angle_deg.to_radians();
+            face.extend(scan.points_mm.iter().map(|point| FacePoint { robot, table_rad, cloud_mm: Point3::from(*point) }));
+        }
+        findings.into_result()?;
+        Ok(face)
+    }
+
     fn board_sigma_mm(&self) -> f64 {
         self.sigma.map_or(POINT_SIGMA_MM, |sigma| sigma.board_mm)
     }
@@ -331,6 +380,32 @@ impl CalibrationData {
     fn constellation(&self) -> Vec<SphereDocument> {
         let most = self.observations.iter().map(|each| each.spheres.len()).max().unwrap_or(0);
         self.observations.iter().find(|each| each.spheres.len() == most).map_or_else(Vec::new, |each| each.spheres.clone())
+    }
+}
+
+impl PlateScanDocument {
+    /// Flange of a scan whose fields are in range.
+    fn robot(&self, pointer: &str, cell: &Cell, findings: &mut Findings) -> Option<Isometry3<f64>> {
+        findings.range(format!("{pointer}/table_angle_deg"), self.table_angle_deg, -3600.0, 3600.0, "°");
+        for (joint, angle) in self.joints_deg.iter().flatten().enumerate() {
+            findings.range(format!("{pointer}/joints_deg/{joint}"), *angle, -3600.0, 3600.0, "°");
+        }
+        let count = self.points_mm.len();
+        findings.require((3..=MAX_POINTS).contains(&count), format!("{pointer}/points_mm"), || {
+            format!("has {count} points; allowed are 3 to {MAX_POINTS}")
+        });
+        let is_point = |point: &[f64; 3]| point.iter().all(|value| value.is_finite() && value.abs() <= 1e5);
+        findings.require(self.points_mm.iter().all(is_point), format!("{pointer}/points_mm"), || {
+            "has a coordinate that is not a number within ±100000 mm".into()
+        });
+        match (&self.joints_deg, &self.base_from_flange) {
+            (Some(joints_deg), None) => Some(*cell.robot.base_from_flange(&joints_deg.map(f64::to_radians)).isometry()),
+            (None, Some(pose)) => pose.pose(&format!("{pointer}/base_from_flange"), findings),
+            (Some(_), Some(_)) | (None, None) => {
+                findings.push(pointer, "needs one of joints_deg and base_from_flange");
+                None
+            }
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::{FieldError, Findings, closed_list};
 
 /// Metres in millimetres: MoveIt's unit.
-const METRE_MM: f64 = 1000.0;
+pub(super) const METRE_MM: f64 = 1000.0;
 
 closed_list! {
     /// Convention of a controller for the rotation of the flange.
@@ -100,7 +100,7 @@ pub fn from_pose_samples(value: &Value, setup: HandEyeSetup) -> Result<Calibrati
 }
 
 /// Numbers of a list, or of its rows.
-fn flat(value: &Value) -> Vec<f64> {
+pub(super) fn flat(value: &Value) -> Vec<f64> {
     let of_row = |row: &Value| match row.as_array() {
         Some(numbers) => numbers.iter().filter_map(Value::as_f64).collect(),
         None => row.as_f64().into_iter().collect::<Vec<f64>>(),
@@ -120,5 +120,6 @@ pub(super) fn of_observations(observations: Vec<ObservationDocument>, setup: Han
         board: None,
         sigma: None,
         observations,
+        plate: Vec::new(),
     }
 }

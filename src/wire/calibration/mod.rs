@@ -1,7 +1,9 @@
 //! Documents of calibration: observations that users bring (`vantage.calibration_data/1`, CSV, and what other programs write),
 //! results (`vantage.calibration/1`), checks before use (`vantage.calibration_check/1`), and the sentences of their findings.
 
+mod brightness;
 mod check;
+mod conditions;
 mod csv;
 mod data;
 mod foreign;
@@ -13,12 +15,15 @@ mod result;
 #[cfg(test)]
 mod tests;
 mod words;
+mod yaml;
 
+pub use brightness::{BRIGHTNESS_SCHEMA, BrightnessData, BrightnessDocument, LevelCaptureDocument};
 pub use check::{CALIBRATION_CHECK_SCHEMA, CalibrationCheckDocument, CompensationDocument};
+pub use conditions::use_conditions;
 pub use csv::{CsvOptions, from_csv};
 pub use data::{
-    BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, ObservationDocument, PointPairDocument, SigmaDocument,
-    SphereDocument,
+    BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, ObservationDocument, PlateScanDocument, PointPairDocument,
+    SigmaDocument, SphereDocument,
 };
 pub use foreign::{RobotPoseKind, from_pose_samples};
 pub use order::{CalibrationError, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection, CalibrationState};
@@ -27,3 +32,4 @@ pub use pose::ObservedPose;
 pub use poses::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
 pub use result::{CALIBRATION_SCHEMA, CalibrationDocument, FindingDocument, ResidualDocument};
 pub use words::sentence;
+pub use yaml::{from_easy_handeye, from_zivid};

@@ -10,6 +10,7 @@ use super::data::CalibrationData;
 use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
 use crate::cell::calibration::data::{HandEyeSetup, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Severity};
+use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch, Unwatched};
 use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, closed_list};
 use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, hex, json_file_bytes};
 
@@ -27,7 +28,7 @@ closed_list! {
         Succeeded = "succeeded",
         /// Has none; `problem` says why.
         Failed = "failed",
-        /// Was cancelled before it was computed.
+        /// Was cancelled before it had a result.
         Cancelled = "cancelled",
     }
 }
@@ -123,6 +124,9 @@ pub struct CalibrationJob {
     pub findings: Vec<FindingDocument>,
     /// Reason for a failure.
     pub problem: Option<JobProblem>,
+    /// Stage of the computation; absent unless it is running.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stage: Option<CalibrationStage>,
 }
 
 /// A page of calibrations, newest first.
@@ -151,6 +155,8 @@ pub enum CalibrationError {
     Fields(Vec<FieldError>),
     /// Findings, one of which is an error.
     Findings(Vec<CalibrationFinding>),
+    /// It was cancelled.
+    Cancelled,
 }
 
 impl CalibrationDocument {
@@ -163,19 +169,37 @@ impl CalibrationDocument {
         data: &CalibrationData,
         cell: &Cell,
         (solve, hold_out): (Solve, usize),
+        from: [&str; 2],
+    ) -> Result<Self, CalibrationError> {
+        Self::solved_watched(data, cell, (solve, hold_out), from, &Unwatched)
+    }
+
+    /// Calibrates as [`CalibrationDocument::solved`] does; `watch` is told of the stages and may end it.
+    ///
+    /// # Errors
+    /// [`CalibrationError`].
+    pub fn solved_watched(
+        data: &CalibrationData,
+        cell: &Cell,
+        (solve, hold_out): (Solve, usize),
         [data_sha256, now]: [&str; 2],
+        watch: &dyn CalibrationWatch,
     ) -> Result<Self, CalibrationError> {
         let (task, witness) = data.task(cell, solve, hold_out).map_err(CalibrationError::Fields)?;
         if witness.iter().any(|finding| finding.severity == Severity::Error) {
             return Err(CalibrationError::Findings(witness));
         }
-        let mut found = task.calibrate().map_err(CalibrationError::Findings)?;
+        let found = task.calibrate_watched(watch);
+        if watch.is_cancelled() {
+            return Err(CalibrationError::Cancelled);
+        }
+        let mut found = found.map_err(CalibrationError::Findings)?;
         found.findings.splice(0..0, witness);
         let document = Self::new(&found, solve, data, cell, [data_sha256, now]);
         Ok(Self { id: hex(&Sha256::digest(json_file_bytes(&document))), ..document })
     }
 
-    /// The cell with the calibrated poses and their provenance; `None` with the setup `eye_to_hand`, since a cell has its scanner on
+    /// The cell with the calibrated poses, the runout of its turntable if that is written out, and their provenance; `None` with the setup `eye_to_hand`, since a cell has its scanner on
     /// the flange.
     #[must_use]
     pub fn calibrated(&self, mut spec: CellSpec) -> Option<CellSpec> {
@@ -184,6 +208,11 @@ impl CalibrationDocument {
         }
         spec.flange_from_scanner = self.flange_from_scanner;
         spec.base_from_table = self.base_from_table.unwrap_or(spec.base_from_table);
+        if let Named::Inline(turntable) = &mut spec.turntable
+            && self.kind != Solve::HandEye
+        {
+            turntable.runout.clone_from(&self.turntable_runout);
+        }
         spec.calibrated = Some(self.provenance());
         Some(spec)
     }
@@ -200,7 +229,10 @@ impl CalibrationDocument {
             rotation_sd_deg: self.observability.rotation_sd_deg,
             translation_sd_mm: self.observability.translation_sd_mm,
             temperature_c: self.temperature_c,
+            max_age_hours: None,
+            max_temperature_change_k: None,
             compensation_sha256: None,
+            compensation: None,
         }
     }
 }

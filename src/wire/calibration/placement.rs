@@ -1,13 +1,13 @@
 //! `vantage.placement/1`: where the part lies, from points, from a registered cloud, or from a seat of a fixture.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Matrix6, Point3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
-use crate::cell::calibration::placement::{Seat, from_cloud, from_points, from_seat};
+use crate::cell::calibration::placement::{Seat, from_cloud, from_cloud_covariance, from_points, from_seat};
 use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings, PoseSpec};
-use crate::geometry::{Part, Pose, Table, table_from_plate};
+use crate::geometry::{Part, Pose, Table};
 
 /// Name and version of the shape.
 pub const PLACEMENT_SCHEMA: &str = "vantage.placement/1";
@@ -36,6 +36,9 @@ pub enum PlacementData {
         table_angle_deg: f64,
         /// The part in the cloud, as the registration found it.
         cloud_from_part: ObservedPose,
+        /// Covariance of it as a body increment of the part, rx ry rz tx ty tz, rad and mm: six rows of six. Default: not known.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        covariance: Vec<Vec<f64>>,
     },
     /// A seat of a fixture.
     Fixture {
@@ -102,24 +105,55 @@ impl PlacementData {
     pub fn place(&self, cell: &Cell) -> Result<PlacementDocument, Vec<FieldError>> {
         match self {
             Self::Points { points, sigma_mm } => of_points(points, *sigma_mm, cell),
-            Self::Cloud { joints_deg, table_angle_deg, cloud_from_part } => {
+            Self::Cloud { joints_deg, table_angle_deg, cloud_from_part, covariance } => {
                 let mut findings = Findings::default();
                 let cloud_from_part = cloud_from_part.pose("/cloud_from_part", &mut findings);
                 findings.range("/table_angle_deg", *table_angle_deg, -3600.0, 3600.0, "°");
                 joints_deg.iter().enumerate().for_each(|(joint, angle)| {
                     findings.range(format!("/joints_deg/{joint}"), *angle, -3600.0, 3600.0, "°");
                 });
+                let covariance = matrix_of(covariance, "/covariance", &mut findings);
                 findings.into_result()?;
                 let frame = cell.scanner.cloud_frame.unwrap_or(CloudFrameSpec::Named(CloudFrame::Scanner));
                 let base_from_cloud =
                     cell.base_from_scanner(&joints_deg.map(f64::to_radians)) * frame.scanner_from_cloud(&cell.scanner.devices);
                 let plate = cell.base_from_plate(table_angle_deg.to_radians());
-                let pose = cloud_from_part.map(|part| from_cloud(plate.isometry(), base_from_cloud.isometry(), &part));
-                Ok(document(&pose.unwrap_or_else(Isometry3::identity)))
+                let part = cloud_from_part.unwrap_or_else(Isometry3::identity);
+                let placed = document(&from_cloud(plate.isometry(), base_from_cloud.isometry(), &part));
+                let covariance =
+                    covariance.map(|of_part| from_cloud_covariance(&part, &of_part, scanner_covariance(cell).as_ref()));
+                Ok(PlacementDocument { covariance: covariance.map_or_else(Vec::new, |all| rows_of(&all)), ..placed })
             }
             Self::Fixture { seats, seat, part_from_seat } => of_seat(seats, seat, part_from_seat),
         }
     }
+}
+
+/// Covariance of six rows of six finite numbers; none where it is left out.
+fn matrix_of(rows: &[Vec<f64>], pointer: &str, findings: &mut Findings) -> Option<Matrix6<f64>> {
+    if rows.is_empty() {
+        return None;
+    }
+    let is_square = rows.len() == 6 && rows.iter().all(|row| row.len() == 6 && row.iter().all(|value| value.is_finite()));
+    if !is_square {
+        findings.push(pointer, "is not 6 rows of 6 finite numbers");
+        return None;
+    }
+    let matrix = Matrix6::from_fn(|row, column| rows[row][column]);
+    let is_covariance = (matrix - matrix.transpose()).amax() <= 1e-6 * matrix.amax() && matrix.diagonal().min() >= 0.0;
+    findings.require(is_covariance, pointer, || "is not a covariance: it has to be symmetric, its diagonal not negative".into());
+    is_covariance.then_some(matrix)
+}
+
+fn rows_of(matrix: &Matrix6<f64>) -> Vec<Vec<f64>> {
+    (0..6).map(|row| (0..6).map(|column| matrix[(row, column)]).collect()).collect()
+}
+
+/// Covariance of the scanner's pose by the cell's calibration: the largest deviations that it states, on every axis.
+fn scanner_covariance(cell: &Cell) -> Option<Matrix6<f64>> {
+    let known = cell.calibrated.as_ref()?;
+    let (turn, shift) = (known.rotation_sd_deg.to_radians().powi(2), known.translation_sd_mm.powi(2));
+    Some(Matrix6::from_diagonal(&nalgebra::Vector6::new(turn, turn, turn, shift, shift, shift)))
 }
 
 fn document(table_from_part: &Isometry3<f64>) -> PlacementDocument {
@@ -146,7 +180,7 @@ fn of_points(points: &[PlacedPoint], sigma_mm: Option<f64>, cell: &Cell) -> Resu
         let on_plate = match (point.table_mm, point.base_mm) {
             (Some(table_mm), None) => Some(Point3::from(table_mm)),
             (None, Some(base_mm)) => {
-                let base_from_plate = cell.base_from_table * table_from_plate(point.table_angle_deg.to_radians());
+                let base_from_plate = cell.base_from_plate(point.table_angle_deg.to_radians());
                 Some(base_from_plate.inverse().point(&Point3::from(base_mm)))
             }
             (Some(_), Some(_)) | (None, None) => {
@@ -159,9 +193,7 @@ fn of_points(points: &[PlacedPoint], sigma_mm: Option<f64>, cell: &Cell) -> Resu
     findings.into_result()?;
     let placed = from_points(&pairs, sigma_mm)
         .map_err(|error| vec![FieldError { pointer: "/points".into(), detail: error.to_string() }])?;
-    let covariance = placed
-        .covariance
-        .map_or_else(Vec::new, |all| (0..6).map(|row| (0..6).map(|column| all[(row, column)]).collect()).collect());
+    let covariance = placed.covariance.as_ref().map_or_else(Vec::new, rows_of);
     Ok(PlacementDocument { residuals_mm: placed.residuals_mm, rms_mm: Some(placed.rms_mm), covariance, ..document(&placed.pose) })
 }
 

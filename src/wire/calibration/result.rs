@@ -13,8 +13,8 @@ use crate::cell::calibration::observability::Freedom;
 use crate::cell::calibration::refine::Square;
 use crate::cell::calibration::se3::{Twist, rotation_of, translation_of};
 use crate::cell::calibration::solve::{Calibration, Role};
-use crate::cell::calibration::table::runout;
-use crate::cell::{Cell, CloudFrameSpec, FieldError, Findings, PoseSpec};
+use crate::cell::calibration::table::{Harmonic, LocatedFace};
+use crate::cell::{Cell, CloudFrameSpec, FieldError, Findings, PoseSpec, RunoutSpec};
 use crate::geometry::{Cloud, Pose, ScannerFrame};
 use crate::wire::UtcTime;
 
@@ -73,8 +73,15 @@ pub struct CalibrationDocument {
     pub held_out: Option<ResidualSpread>,
     /// Observability: how well the motions determine the result.
     pub observability: ObservabilityDocument,
-    /// Runout of the table as harmonics of its angle; empty for fewer than 15 observations.
+    /// Displacement of the board beside a turn about the axis, as harmonics of the table's angle; empty for fewer than 15
+    /// observations.
     pub table_runout: Vec<HarmonicDocument>,
+    /// Runout of the table that is more than noise, as the table's specification has it; the residuals are those beside it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub turntable_runout: Vec<RunoutSpec>,
+    /// Face of the plate, into which the table's origin was put; left out where it was not scanned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plate_face: Option<PlateFaceDocument>,
     /// Standard deviation of a scanned point at the depth of best focus, root of the sum over three axes, mm.
     pub point_at_best_focus_sd_mm: f64,
     /// Remarks.
@@ -224,6 +231,26 @@ pub struct HarmonicDocument {
     pub sd_mm: f64,
 }
 
+/// Face of the plate as scanned.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct PlateFaceDocument {
+    /// Height of the face at the axis above the origin of the nominal table, mm.
+    pub height_mm: f64,
+    /// Standard deviation of the height, mm.
+    pub height_sd_mm: f64,
+    /// Angle between the face's normal and the axis, degrees.
+    pub tilt_deg: f64,
+    /// Root mean square distance of the points from the face, mm.
+    pub rms_mm: f64,
+}
+
+impl From<LocatedFace> for PlateFaceDocument {
+    fn from(LocatedFace { face, height_sd_mm }: LocatedFace) -> Self {
+        Self { height_mm: face.height_mm, height_sd_mm, tilt_deg: face.tilt_rad.to_degrees(), rms_mm: face.rms_mm }
+    }
+}
+
 /// A finding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
@@ -302,7 +329,9 @@ impl CalibrationDocument {
             leave_one_out: left_out(found),
             held_out,
             observability: observability(found),
-            table_runout: harmonics(found, solve),
+            table_runout: found.harmonics.iter().map(HarmonicDocument::from).collect(),
+            turntable_runout: found.runout.iter().map(RunoutSpec::from).collect(),
+            plate_face: found.face.map(PlateFaceDocument::from),
             point_at_best_focus_sd_mm: found.point_sd_mm,
             findings: found.findings.iter().map(FindingDocument::from).collect(),
         }
@@ -404,14 +433,8 @@ fn observability(found: &Calibration) -> ObservabilityDocument {
     }
 }
 
-fn harmonics(found: &Calibration, solve: Solve) -> Vec<HarmonicDocument> {
-    if solve == Solve::HandEye {
-        return Vec::new();
+impl From<&Harmonic> for HarmonicDocument {
+    fn from(each: &Harmonic) -> Self {
+        Self { order: each.order, radial_mm: each.radial_mm, axial_mm: each.axial_mm, sd_mm: each.sd_mm }
     }
-    let used: Vec<_> =
-        found.sightings.iter().zip(&found.roles).filter(|(_, role)| **role == Role::Used).map(|(each, _)| each.clone()).collect();
-    let of = runout(&found.refined.estimate, &used);
-    of.into_iter()
-        .map(|each| HarmonicDocument { order: each.order, radial_mm: each.radial_mm, axial_mm: each.axial_mm, sd_mm: each.sd_mm })
-        .collect()
 }

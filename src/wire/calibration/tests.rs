@@ -1,1 +1,415 @@
-//! Documents of calibration: what is read, what is refused and how it is said.
+//! Sentences, readers of other programs' files, and sixty damaged or mistaken files, each with what it is told.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde_json::{Value, json};
+
+use super::*;
+use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
+use crate::cell::calibration::data::{HandEyeSetup, Solve};
+use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
+use crate::cell::calibration::se3::{exp, twist};
+use crate::cell::{CalibrationObjection, Cell, Presets, SpecLibrary, UseConditions};
+
+fn cell() -> Cell {
+    Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
+}
+
+/// Numbers between −1 and 1, the same each time: the fractional parts of multiples of √2 and of the golden ratio.
+fn number(index: usize, of: f64) -> f64 {
+    2.0 * (of * (index + 1) as f64).fract() - 1.0
+}
+
+/// Observations of a board on the table of the preset cell, without noise but for some hundredths: 14 of them, the arm by joints and by
+/// what its controller reports.
+fn valid(cell: &Cell) -> Value {
+    let board = Isometry3::from_parts(Translation3::new(-40.0, -30.0, 30.0), UnitQuaternion::identity());
+    let hand_eye = *cell.flange_from_scanner.isometry();
+    let mut observations = Vec::new();
+    for index in 0..400 {
+        let table_deg = (observations.len() as f64 * 25.0) - 170.0;
+        let tilt = Vector3::new(
+            number(index, std::f64::consts::SQRT_2),
+            number(index, 0.618_033_988),
+            1.5 * number(index, 0.732_050_807),
+        ) * 0.55;
+        let turned =
+            UnitQuaternion::from_scaled_axis(tilt) * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let depth = 480.0 + 25.0 * number(index, 0.302_775_637);
+        let place = Vector3::new(0.0, 0.0, depth) - turned * Vector3::new(40.0, 30.0, 0.0);
+        let seen = Isometry3::from_parts(Translation3::from(place), turned);
+        let plate = *cell.base_from_plate(f64::to_radians(table_deg)).isometry();
+        let flange = plate * board * seen.inverse() * hand_eye.inverse();
+        let solutions = cell.robot.kinematics.ik_solutions(&crate::geometry::Pose::claim(flange));
+        let Some(joints) = solutions.into_iter().next() else { continue };
+        let noise = Vector3::new(number(index, 2.236_067_977), number(index, 2.645_751_311), number(index, 3.316_624_790)) * 0.03;
+        let seen = Isometry3::from_parts(Translation3::from(seen.translation.vector + noise), seen.rotation);
+        observations.push(json!({"id": format!("p{:02}", observations.len() + 1), "joints_deg": joints.map(f64::to_degrees),
+            "table_angle_deg": table_deg, "base_from_flange": ObservedPose::of(&flange), "cloud_from_board": ObservedPose::of(&seen)}));
+        if observations.len() == 14 {
+            break;
+        }
+    }
+    assert_eq!(observations.len(), 14);
+    json!({"schema": "vantage.calibration_data/1", "cloud_frame": "scanner", "temperature_c": 22.0,
+        "board": {"kind": "charuco", "columns": 9, "rows": 7, "square_mm": 10.0},
+        "sigma": {"robot_deg": 0.01, "robot_mm": 0.1, "board_deg": 0.01, "board_mm": 0.05}, "observations": observations})
+}
+
+/// Findings on a document: pointers and sentences of fields, codes and sentences of findings, worst first.
+fn told(cell: &Cell, document: Value, solve: Solve) -> Vec<(String, String)> {
+    let data: CalibrationData = match serde_path_to_error::deserialize(document) {
+        Ok(data) => data,
+        Err(error) => return vec![(format!("/{}", error.path()), error.inner().to_string())],
+    };
+    match CalibrationDocument::solved(&data, cell, (solve, 0), ["00", "2026-11-23T00:00:00Z"]) {
+        Ok(document) => {
+            document.findings.iter().map(|finding| (finding.code.as_str().to_owned(), finding.detail.clone())).collect()
+        }
+        Err(CalibrationError::Fields(errors)) => errors.into_iter().map(|error| (error.pointer, error.detail)).collect(),
+        Err(CalibrationError::Findings(findings)) => {
+            findings.iter().map(|finding| (finding.code.as_str().to_owned(), sentence(finding))).collect()
+        }
+        Err(CalibrationError::Cancelled) => unreachable!("nobody cancels"),
+    }
+}
+
+type Change = fn(&mut Value);
+
+fn each(document: &mut Value, change: impl Fn(usize, &mut Value)) {
+    let observations = document["observations"].as_array_mut().expect("a list");
+    observations.iter_mut().enumerate().for_each(|(index, observation)| change(index, observation));
+}
+
+fn scale(pose: &mut Value, factor: f64) {
+    pose["translation_mm"]
+        .as_array_mut()
+        .expect("three")
+        .iter_mut()
+        .for_each(|v| *v = json!(v.as_f64().expect("a number") * factor));
+}
+
+fn isometry(pose: &Value) -> Isometry3<f64> {
+    let pose: ObservedPose = serde_json::from_value(pose.clone()).expect("a pose");
+    let mut findings = crate::cell::Findings::default();
+    pose.pose("", &mut findings).expect("in range")
+}
+
+fn moved(pose: &mut Value, change: impl Fn(Isometry3<f64>) -> Isometry3<f64>) {
+    *pose = json!(ObservedPose::of(&change(isometry(pose))));
+}
+
+fn shifted(mm: [f64; 3]) -> Isometry3<f64> {
+    Isometry3::translation(mm[0], mm[1], mm[2])
+}
+
+/// Mistakes that people make with good data: code or pointer that comes first, and words of its sentence.
+const MISTAKES: [(&str, &str, Change); 24] = [
+    ("too_few", "2 observations; at least 3", |d| d["observations"].as_array_mut().expect("a list").truncate(2)),
+    ("unit_mismatch", "× smaller than the others", |d| scale(&mut d["observations"][4]["cloud_from_board"], 1e-3)),
+    ("unit_mismatch", "× smaller than the scanner's distance", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1e-3))),
+    ("unit_mismatch", "inches for millimetres", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1.0 / 25.4))),
+    ("wrong_robot_model", "differ by up to", |d| each(d, |_, o| scale(&mut o["base_from_flange"], 1e-3))),
+    ("tool_active", "a constant 0.0, 0.0, 182.3 mm", |d| {
+        each(d, |_, o| moved(&mut o["base_from_flange"], |pose| pose * shifted([0.0, 0.0, 182.3])));
+    }),
+    ("wrong_robot_model", "not by a constant", |d| {
+        each(d, |i, o| moved(&mut o["base_from_flange"], |pose| shifted([15.0 * i as f64, 0.0, 0.0]) * pose));
+    }),
+    ("joint_order", "joints in another order or sense", |d| {
+        each(d, |_, o| o["joints_deg"].as_array_mut().expect("six").reverse());
+    }),
+    ("joint_order", "joints in another order or sense", |d| {
+        each(d, |_, o| o["joints_deg"][2] = json!(-o["joints_deg"][2].as_f64().expect("a number")));
+    }),
+    ("angle_unit", "degrees and radians exchanged", |d| {
+        each(d, |_, o| {
+            let joints = o["joints_deg"].as_array_mut().expect("six").iter_mut();
+            joints.for_each(|v| *v = json!(v.as_f64().expect("a number").to_radians()));
+        });
+    }),
+    ("out_of_step", "one observation apart", |d| {
+        let poses: Vec<Value> =
+            d["observations"].as_array().expect("a list").iter().map(|o| o["base_from_flange"].clone()).collect();
+        each(d, |index, o| o["base_from_flange"] = poses[(index + 1).min(poses.len() - 1)].clone());
+    }),
+    ("inverted", "board_from_cloud was given", |d| each(d, |_, o| moved(&mut o["cloud_from_board"], |pose| pose.inverse()))),
+    ("other_setup", "arm's poses inverted", |d| {
+        each(d, |_, o| {
+            o.as_object_mut().expect("an object").remove("joints_deg");
+            moved(&mut o["base_from_flange"], |pose| pose.inverse());
+        });
+    }),
+    ("transposed", "columns were written as rows", |d| {
+        each(d, |_, o| {
+            moved(&mut o["cloud_from_board"], |pose| Isometry3::from_parts(pose.translation, pose.rotation.inverse()))
+        });
+    }),
+    ("duplicate_pose", "are the same within", |d| {
+        d["observations"][7] = d["observations"][2].clone();
+        d["observations"][7]["id"] = json!("twin");
+    }),
+    ("swapped", "exchanged", |d| {
+        let kept = d["observations"][3]["cloud_from_board"].take();
+        d["observations"][3]["cloud_from_board"] = d["observations"][9]["cloud_from_board"].take();
+        d["observations"][9]["cloud_from_board"] = kept;
+    }),
+    ("moved", "the board or the scanner moved in between", |d| {
+        each(d, |index, o| {
+            if index >= 10 {
+                moved(&mut o["cloud_from_board"], |pose| pose * shifted([3.0, 1.0, 0.0]));
+            }
+        });
+    }),
+    ("flipped", "fits turned by 180°", |d| {
+        d["board"] = json!({"kind": "chessboard", "columns": 9, "rows": 7, "square_mm": 10.0});
+        let turn = Isometry3::from_parts(
+            Translation3::new(80.0, 60.0, 0.0),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI),
+        );
+        moved(&mut d["observations"][5]["cloud_from_board"], |pose| pose * turn);
+    }),
+    ("bad_pose", "does not agree with the others", |d| {
+        moved(&mut d["observations"][6]["cloud_from_board"], |pose| pose * shifted([4.0, 0.0, 3.0]));
+    }),
+    ("table_sign", "invert the table's axis", |d| {
+        each(d, |_, o| o["table_angle_deg"] = json!(-o["table_angle_deg"].as_f64().expect("a number")));
+    }),
+    ("table_scale", "check its gear ratio", |d| {
+        each(d, |_, o| o["table_angle_deg"] = json!(1.01 * o["table_angle_deg"].as_f64().expect("a number")));
+    }),
+    ("table_still", "its axis needs 10°", |d| each(d, |_, o| o["table_angle_deg"] = json!(0.0))),
+    ("sigma_too_small", "leave sigma out", |d| {
+        d["sigma"] = json!({"robot_deg": 0.0001, "robot_mm": 0.001, "board_deg": 0.0001, "board_mm": 0.001});
+    }),
+    ("no_plate_face", "lie in no plane", |d| {
+        let points: Vec<[f64; 3]> = (0..5).map(|i| [f64::from(i), 0.0, 480.0]).collect();
+        d["plate"] = json!([{"joints_deg": d["observations"][0]["joints_deg"], "points_mm": points}]);
+    }),
+];
+
+/// Fields that cannot be read: pointer and words.
+const FIELDS: [(&str, &str, Change); 24] = [
+    ("/schema", "this version reads", |d| d["schema"] = json!("vantage.calibration_data/2")),
+    ("/setup", "unknown variant", |d| d["setup"] = json!("in_hand")),
+    ("/temperature_c", "-50 to 100 °C", |d| d["temperature_c"] = json!(295.15)),
+    ("/taken_at", "is not a time", |d| d["taken_at"] = json!("yesterday")),
+    ("/board.kind", "unknown variant", |d| d["board"] = json!({"kind": "dots"})),
+    ("/board/rows", "2 to 1000", |d| d["board"]["rows"] = json!(1)),
+    ("/board/square_mm", "0.01 to 1000 mm", |d| d["board"]["square_mm"] = json!(-10.0)),
+    ("/sigma/robot_deg", "0.00001 to 5 °", |d| d["sigma"]["robot_deg"] = json!(0.0)),
+    ("/sigma/board_mm", "0.0001 to 50 mm", |d| d["sigma"]["board_mm"] = json!(1e9)),
+    ("/observations", "1 to 5000", |d| d["observations"] = json!([])),
+    ("/observations", "invalid type", |d| d["observations"] = json!({"p01": {}})),
+    ("/observations/1/id", "is the name of another", |d| d["observations"][1]["id"] = d["observations"][0]["id"].clone()),
+    ("/observations/1/id", "name the observation", |d| d["observations"][1]["id"] = json!("")),
+    ("/observations[2].joints", "unknown field", |d| d["observations"][2]["joints"] = json!([])),
+    ("/observations/2/joints_deg/3", "-3600 to 3600 °", |d| d["observations"][2]["joints_deg"][3] = json!(1e5)),
+    ("/observations[2].joints_deg", "invalid length 5", |d| {
+        let _ = d["observations"][2]["joints_deg"].as_array_mut().expect("six").pop();
+    }),
+    ("/observations/2/table_angle_deg", "-3600 to 3600 °", |d| d["observations"][2]["table_angle_deg"] = json!(-1e7)),
+    ("/observations/3/cloud_from_board/quaternion_xyzw", "has norm", |d| {
+        d["observations"][3]["cloud_from_board"]["quaternion_xyzw"] = json!([0.0, 0.0, 0.0, 0.0]);
+    }),
+    ("/observations/3/cloud_from_board", "has no rotation", |d| {
+        d["observations"][3]["cloud_from_board"] = json!({"translation_mm": [0, 0, 480]});
+    }),
+    ("/observations/3/cloud_from_board/rotation_rows", "left-handed", |d| {
+        d["observations"][3]["cloud_from_board"] =
+            json!({"translation_mm": [0, 0, 480], "rotation_rows": [[0, 1, 0], [1, 0, 0], [0, 0, 1]]});
+    }),
+    ("/observations/3/cloud_from_board/rotation_rows", "is not a rotation", |d| {
+        d["observations"][3]["cloud_from_board"] =
+            json!({"translation_mm": [0, 0, 480], "rotation_rows": [[1, 0, 0], [0, 1, 1], [0, 0, 1]]});
+    }),
+    ("/observations/3/cloud_from_board/translation_mm/2", "-100000 to 100000", |d| {
+        d["observations"][3]["cloud_from_board"]["translation_mm"][2] = json!(4.8e8);
+    }),
+    ("/observations/4", "in one form", |d| {
+        d["observations"][4]["points"] = json!([{"board_mm": [0, 0, 0], "cloud_mm": [0, 0, 480]}])
+    }),
+    ("/plate/0", "needs one of joints_deg", |d| d["plate"] = json!([{"points_mm": [[0, 0, 480], [1, 0, 480], [0, 1, 480]]}])),
+];
+
+/// Row C13: forty-eight files of ours, each told what it looks like first, and the good one told nothing.
+#[test]
+fn mistaken_observations_are_told_what_they_look_like() {
+    let cell = cell();
+    let good = valid(&cell);
+    assert_eq!(told(&cell, good.clone(), Solve::Joint), [], "the data are good");
+    let mut unlike = Vec::new();
+    for (first, words, change) in MISTAKES.iter().chain(&FIELDS) {
+        let mut document = good.clone();
+        change(&mut document);
+        let told = told(&cell, document, Solve::Joint);
+        let found = told.iter().find(|(place, _)| place == first);
+        println!("C13 {first}: {}", found.map_or("", |(_, detail)| detail));
+        if !found.is_some_and(|(_, detail)| detail.contains(words)) {
+            unlike.push(format!("{first}, {words:?}: {told:?}"));
+        }
+    }
+    assert!(unlike.is_empty(), "{}", unlike.join("\n"));
+    let mut plate = good;
+    plate["plate"] = json!([{"joints_deg": [0, 0, 0, 0, 0, 0], "points_mm": [[0, 0, 480], [1, 0, 480], [0, 1, 480]]}]);
+    let told = told(&cell, plate, Solve::HandEye);
+    assert!(told[0].0 == "/plate" && told[0].1.contains("solves for no table"), "{told:?}");
+}
+
+fn ros(pose: &Isometry3<f64>) -> String {
+    let ([x, y, z], q) = (<[f64; 3]>::from(pose.translation.vector / 1000.0), pose.rotation.quaternion());
+    format!(
+        "    translation:\n      x: {x}\n      y: {y}\n      z: {z}\n    rotation:\n      x: {}\n      y: {}\n      z: {}\n      w: {}\n",
+        q.i, q.j, q.k, q.w
+    )
+}
+
+fn opencv(pose: &Isometry3<f64>) -> String {
+    let matrix = pose.to_homogeneous();
+    let numbers: Vec<String> = (0..16).map(|index| matrix[(index / 4, index % 4)].to_string()).collect();
+    format!("%YAML:1.0\n---\nPoseState: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [ {} ]\n", numbers.join(", "))
+}
+
+/// Poses as easy_handeye2 and Zivid write them come back, for either place of the camera.
+#[test]
+fn files_of_easy_handeye_and_zivid_are_read() {
+    let flange = Isometry3::from_parts(Translation3::new(400.0, -20.0, 610.0), UnitQuaternion::from_euler_angles(0.3, -0.4, 2.0));
+    let board = Isometry3::from_parts(Translation3::new(12.0, 8.0, 480.0), UnitQuaternion::from_euler_angles(3.0, 0.2, -0.7));
+    let same = |data: &CalibrationData, setup: HandEyeSetup| {
+        let read = data.read(&cell(), Solve::HandEye).expect("observations");
+        let robot = if setup == HandEyeSetup::EyeToHand { flange.inverse() } else { flange };
+        assert_eq!((data.setup, read.sightings.len()), (setup, 1));
+        let off = (read.sightings[0].robot.inverse() * robot).translation.vector.norm()
+            + (read.sightings[0].seen.inverse() * board).translation.vector.norm();
+        assert!(off < 1e-9, "{off}");
+    };
+    let sample = |kind: &str, robot: &Isometry3<f64>| {
+        let head = if kind.is_empty() { String::new() } else { format!("parameters:\n  calibration_type: {kind}\n") };
+        format!("{head}samples:\n- robot:\n{}  tracking:\n{}", ros(robot), ros(&board))
+    };
+    same(&from_easy_handeye(&sample("eye_in_hand", &flange), HandEyeSetup::EyeToHand).expect("samples"), HandEyeSetup::EyeInHand);
+    same(&from_easy_handeye(&sample("", &flange), HandEyeSetup::EyeInHand).expect("samples"), HandEyeSetup::EyeInHand);
+    let inverted = sample("eye_on_base", &flange.inverse());
+    same(&from_easy_handeye(&inverted, HandEyeSetup::EyeInHand).expect("samples"), HandEyeSetup::EyeToHand);
+    let rows = |pose: &Isometry3<f64>| {
+        let matrix = pose.to_homogeneous();
+        let row = |row: usize| {
+            format!("      [{}, {}, {}, {}]", matrix[(row, 0)], matrix[(row, 1)], matrix[(row, 2)], matrix[(row, 3)])
+        };
+        format!(
+            "__version__:\n  serializer: 1\n  data: 1\nFloatMatrix:\n  Data:\n    [\n{}\n    ]\n",
+            (0..4).map(row).collect::<Vec<_>>().join(",\n")
+        )
+    };
+    for text in [opencv, rows as fn(&Isometry3<f64>) -> String] {
+        let files = [("01".to_owned(), [text(&flange), text(&board)])];
+        same(&from_zivid(&files, HandEyeSetup::EyeInHand).expect("poses"), HandEyeSetup::EyeInHand);
+    }
+}
+
+/// Twelve files of other programs, each refused with its place.
+#[test]
+fn damaged_files_of_other_programs_are_refused_by_place() {
+    let flange = Isometry3::translation(400.0, -20.0, 610.0);
+    let text = format!("samples:\n- robot:\n{}  tracking:\n{}", ros(&flange), ros(&flange));
+    let easy: [(String, &str, &str); 6] = [
+        (String::new(), "", "holds nothing"),
+        ("samples: []".into(), "/samples", "has no samples"),
+        (text.replace("tracking:", "camera:"), "/samples/0/optical", "has no translation"),
+        (text.replacen("w: 1", "w: 0.5", 1), "/samples/0/robot/rotation", "has norm 0.5"),
+        (text.replacen("x: 0.4", "x: 400", 1), "/samples/0/robot/translation", "the unit is the metre"),
+        (
+            format!("parameters:\n  calibration_type: in_hand\n{text}"),
+            "/parameters/calibration_type",
+            "eye_in_hand and eye_on_base",
+        ),
+    ];
+    for (text, pointer, words) in easy {
+        let errors = from_easy_handeye(&text, HandEyeSetup::EyeInHand).expect_err(pointer);
+        assert!(errors.iter().any(|error| error.pointer == pointer && error.detail.contains(words)), "{pointer}: {errors:?}");
+    }
+    let pose = opencv(&flange);
+    let zivid: [(String, &str); 6] = [
+        ("%YAML:1.0\n---\nPoseState: 3\n".into(), "holds no matrix"),
+        (pose.replace("data: [ 1,", "data: [ 2,"), "is not a rotation"),
+        (pose.replace("data: [ 1,", "data: [ .nan,"), "has 15 numbers"),
+        (pose.replace(", 0, 0, 0, 1 ]", ", 0, 0, 0 ]"), "has 15 numbers"),
+        (pose.replace(", 0, 0, 0, 1 ]", ", 400, -20, 610, 1 ]"), "transposed"),
+        (pose.replace("data: [", "data: [ ["), "not YAML"),
+    ];
+    for (text, words) in zivid {
+        let files = [("07".to_owned(), [text, pose.clone()])];
+        let errors = from_zivid(&files, HandEyeSetup::EyeInHand).expect_err(words);
+        assert!(errors.iter().any(|error| error.pointer == "/pos07" && error.detail.contains(words)), "{words}: {errors:?}");
+    }
+    assert!(from_zivid(&[], HandEyeSetup::EyeInHand).is_err());
+}
+
+/// Every code has a sentence of its own that says more than the code, without a placeholder left in it.
+#[test]
+fn every_finding_has_a_sentence() {
+    let figures = Figures {
+        count: Some(5),
+        ratio: Some(1.01),
+        turn_rad: Some(0.01),
+        other_turn_rad: Some(-0.01),
+        length_mm: Some(2.1),
+        other_length_mm: Some(0.4),
+        vector: Some(Vector3::z()),
+        joint: Some(2),
+        temperatures_c: Some([31.0, 22.4]),
+    };
+    let mut said = Vec::new();
+    for code in FindingCode::ALL {
+        let finding = CalibrationFinding::new(code, Severity::Warning).about(["p01".to_owned()]);
+        let (with, without) = (sentence(&finding.clone().with(figures)), sentence(&finding));
+        assert!(with.len() > 25 && !with.contains("NaN") && !without.is_empty(), "{}: {with}", code.as_str());
+        assert!(!said.contains(&with), "{}: {with}", code.as_str());
+        said.push(with);
+    }
+    let of = |code: FindingCode| said[FindingCode::ALL.iter().position(|known| *known == code).expect("known")].clone();
+    assert_eq!(of(FindingCode::Stale), "taken at 31.0 °C, calibration at 22.4 °C: 8.6 K, over 5 K: calibrate again");
+    assert!(of(FindingCode::ArmModel).contains("joint 2"));
+    assert!(of(FindingCode::DegenerateMotion).contains("along z"));
+}
+
+/// The way from observations to a compensated cell: what is written builds, holds for a day in its own cell, and for no other.
+#[test]
+fn a_compensation_goes_into_force_with_its_bounds() {
+    let nominal = cell();
+    let data: CalibrationData = serde_json::from_value(valid(&nominal)).expect("the shape");
+    let from = ["cd", "2026-11-20T09:00:00Z"].map(|text| if text == "cd" { "cd".repeat(32) } else { text.to_owned() });
+    let calibration =
+        CalibrationDocument::solved(&data, &nominal, (Solve::Joint, 0), [&from[0], &from[1]]).expect("a calibration");
+    let spec = calibration.calibrated(Presets.cell("e05-transcan").expect("a preset")).expect("on the flange");
+    let calibrated = spec.build(&Presets).expect("valid");
+    let conditions =
+        |cell: &Cell, now: &str, celsius: f64| use_conditions(cell, Some(&now.parse().expect("a time")), Some(celsius));
+    assert_eq!(calibrated.calibration_objections(&conditions(&calibrated, "2029-01-01T00:00:00Z", 35.0)), []);
+    // The scanner is knocked by 0.5 mm and 0.05°.
+    let knock = exp(&twist(&Vector3::new(0.05_f64.to_radians(), 0.0, 0.0), &Vector3::new(0.3, -0.4, 0.0)));
+    let (estimate, covariance, weighting) = calibration.estimate();
+    let mut sightings = data.read(&nominal, Solve::Joint).expect("observations").sightings;
+    sightings.truncate(4);
+    sightings.iter_mut().for_each(|each| each.seen = knock.inverse() * each.seen);
+    let limits = CheckLimits::default();
+    let check = Check { sightings: &sightings, calibrated: estimate, covariance: &covariance, weighting, limits };
+    let checked = check.check().expect("four poses");
+    let times = ["cd", "2026-11-23T06:00:00Z"];
+    let frame = calibration.scanner_from_cloud.scanner_from_cloud(&nominal.scanner.devices);
+    let mut document = CalibrationCheckDocument::new(&checked, &limits, &calibration, &frame, times, Some(22.0));
+    document.id = "ef".repeat(32);
+    assert_eq!(document.verdict, CheckVerdict::Compensate, "{document:?}");
+    let mut compensated = spec.clone();
+    compensated.flange_from_scanner = document.compensation.as_ref().expect("a compensation").flange_from_scanner;
+    compensated.calibrated = document.in_force(spec.calibrated.clone().expect("calibrated"));
+    let text = toml::to_string_pretty(&compensated).expect("TOML");
+    let cell = toml::from_str::<crate::cell::CellSpec>(&text).expect("it reads back").build(&Presets).expect("valid");
+    let found = |now: &str, celsius: f64| cell.calibration_objections(&conditions(&cell, now, celsius)).len();
+    assert_eq!((found("2026-11-24T05:59:00Z", 26.0), found("2026-11-24T06:01:00Z", 26.0)), (0, 1), "a day");
+    assert_eq!((found("2026-11-23T07:00:00Z", 28.0), found("2026-11-23T05:00:00Z", 22.0)), (1, 1), "6 K; before it was taken");
+    let other = Cell { name: "line-4".into(), ..cell.clone() };
+    assert_eq!(other.calibration_objections(&UseConditions::default()).len(), 1);
+    // Written into a cell whose hand-eye is another.
+    let moved = Cell { flange_from_scanner: calibrated.flange_from_scanner, ..cell };
+    assert!(matches!(moved.calibration_objections(&UseConditions::default())[..], [CalibrationObjection::OtherPose]));
+}

@@ -30,7 +30,12 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
             let ratio = figures.ratio.unwrap_or(f64::NAN);
             let size = if ratio >= 1.0 { format!("{ratio:.0} × smaller") } else { format!("{:.0} × larger", ratio.recip()) };
             let than = if figures.count.is_some() { "than the scanner's distance" } else { "than the others" };
-            format!("translations of {about} are {size} {than}: metres for millimetres?")
+            let unit = match ratio.max(ratio.recip()) {
+                centimetres if centimetres < 16.0 => "centimetres",
+                inches if inches < 60.0 => "inches",
+                _ => "metres",
+            };
+            format!("translations of {about} are {size} {than}: {unit} for millimetres?")
         }
         FindingCode::SigmaTooSmall => format!(
             "the observations scatter {:.1} × more than the sigmas given: leave sigma out to have it estimated",
@@ -40,6 +45,10 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
             "residuals grow with joint {} (r = {:.1}): the arm's own calibration, not the hand-eye",
             figures.joint.unwrap_or(0),
             figures.ratio.unwrap_or(f64::NAN)
+        ),
+        FindingCode::NoPlateFace => format!(
+            "the {} points of the plate lie in no plane across its axis: scan the bare plate, from more than one place",
+            figures.count.unwrap_or(0)
         ),
         FindingCode::Stale => of_age(figures),
         FindingCode::NoConsensus => format!(
@@ -74,7 +83,8 @@ fn of_arm(code: FindingCode, figures: &Figures) -> String {
     let differ = format!("FK(joints) and base_from_flange differ by up to {mm:.1} mm and {deg:.2}°");
     match code {
         FindingCode::ToolActive => {
-            let [x, y, z] = figures.vector.map_or([0.0; 3], Into::into);
+            // Rounded here, so that nothing is printed as -0.0.
+            let [x, y, z] = figures.vector.map_or([0.0; 3], Into::into).map(|mm: f64| (10.0 * mm).round() / 10.0 + 0.0);
             format!(
                 "FK(joints) and base_from_flange differ by a constant {x:.1}, {y:.1}, {z:.1} mm and {deg:.2}°: a tool is active in the \
                  controller; export the flange, or set the tool to zero"

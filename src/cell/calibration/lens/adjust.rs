@@ -147,6 +147,16 @@ fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &
     let homographies: Vec<Option<nalgebra::Matrix3<f64>>> = views.iter().map(|view| homography(&view.seen[device])).collect();
     let found: Vec<nalgebra::Matrix3<f64>> = homographies.iter().flatten().copied().collect();
     let pointer = format!("/views/*/{}", device.as_str());
+    let off_plane_mm =
+        views.iter().flat_map(|view| &view.seen[device]).map(|sighting| sighting.board_mm.z.abs()).fold(0.0, f64::max);
+    if found.len() < MIN_VIEWS && off_plane_mm > 0.0 {
+        let detail = format!(
+            "{} views can be started from: points of the board lie up to {off_plane_mm} mm off z = 0, and the start needs a plane board; \
+             give its points in the plane z = 0 of its own frame",
+            found.len()
+        );
+        return Err(LensError::new(LensFault::TooFew, pointer, detail));
+    }
     if found.len() < MIN_VIEWS {
         let detail = format!(
             "{} views show {MIN_POINTS} points or more that are not on a line; at least {MIN_VIEWS}, better 15 with tilts about two axes",

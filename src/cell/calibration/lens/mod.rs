@@ -27,7 +27,7 @@ pub use assemble::{BoardScatter, CoefficientFit, Rig, RigDevice, RigSigma, assem
 pub use depth_origin::{DepthDatum, DepthOrigin, MIN_PLANES, StatedPlane, depth_origin, stated_planes};
 pub use draft::{Assumption, DraftChecks, DraftFigures, ScannerDraft, housing_front_mm};
 pub use fault::{LensError, LensFault};
-pub use import::{CalibrationFormat, ImportOptions, ImportedFile, ImportedLens, MAX_FILE_BYTES, detect, read};
+pub use import::{CalibrationFormat, ImportOptions, ImportedFile, ImportedLens, MAX_FILE_BYTES, detect, read, yaml};
 pub use lit_rectangle::{LitPlaneSpec, LitRectangleSpec, lit_rectangle};
 pub use model::{LensParameters, PARAMETER_NAMES};
 pub use observations::{

@@ -171,20 +171,53 @@ fn noise_of_a_tenth_of_a_pixel_leaves_every_parameter_within_three_standard_devi
     assert!((draft.checks.axes_angle_deg - scanner.axes_angle_rad().to_degrees()).abs() < 3.0 * angle_sigma.to_degrees());
 }
 
+/// Normalised estimation error squared of all 42 unknowns together: χ² of 42 degrees if the covariance is true. 200 runs, 99 % band.
 #[test]
-fn the_covariance_is_true_over_many_runs() {
+fn the_whole_covariance_is_true() {
     let scanner = thesis();
-    let runs = 12;
-    let squares: f64 = (0..runs)
-        .map(|run| {
-            let adjusted = adjust(&observed(&scanner, 15, 0.1, 100 + run), &AdjustOptions::default()).expect("a rig");
-            let all = standardised(&adjusted, &scanner);
-            all.iter().map(|(_, off)| off * off).sum::<f64>() / all.len() as f64
-        })
-        .sum();
-    let mean = squares / runs as f64;
-    println!("mean square of 42 standardised errors over {runs} runs: {mean:.3}");
-    assert!((0.75..1.3).contains(&mean), "{mean}");
+    let runs = 200;
+    let (mut sum, mut lenses) = (0.0, 0.0);
+    for run in 0..runs {
+        let adjusted = adjust(&observed(&scanner, 10, 0.1, 5000 + run), &AdjustOptions::default()).expect("a rig");
+        let off = errors(&adjusted, &scanner);
+        let scale = nalgebra::DVector::from_fn(42, |row, _| adjusted.covariance[(row, row)].sqrt());
+        let unit =
+            nalgebra::DMatrix::from_fn(42, 42, |row, column| adjusted.covariance[(row, column)] / (scale[row] * scale[column]));
+        let whitened = off.component_div(&scale);
+        lenses += whitened.norm_squared() / 42.0 / runs as f64;
+        sum += whitened.dot(&unit.cholesky().expect("positive").solve(&whitened)) / runs as f64;
+    }
+    println!("lens NEES of 42 over {runs} runs: {sum:.2}; mean square of single errors {lenses:.3}");
+    // 42 ± 2.576 √(2 · 42 / 200).
+    assert!((40.33..=43.67).contains(&sum), "{sum}");
+}
+
+/// Errors in the order of the covariance: ten of each lens, then turn and shift of right camera and projector.
+fn errors(adjusted: &Adjusted, scanner: &Scanner) -> nalgebra::DVector<f64> {
+    let mut all = Vec::new();
+    for device in DeviceName::ALL {
+        let (found, truth) = (adjusted.lens[device].expect("estimated"), parameters(scanner, device));
+        all.extend(found.values().into_iter().zip(truth.values()).map(|(found, truth)| found - truth));
+    }
+    for device in [DeviceName::Right, DeviceName::Projector] {
+        let from_left = scanner.devices[device].scanner_from_device.inverse() * scanner.devices.left.scanner_from_device;
+        let (truth, found) = (from_left.isometry(), &adjusted.device_from_left[device]);
+        all.extend((found.rotation * truth.rotation.inverse()).scaled_axis().iter());
+        all.extend((found.translation.vector - truth.translation.vector).iter());
+    }
+    nalgebra::DVector::from_vec(all)
+}
+
+/// A board whose points lie off its plane z = 0 is told so.
+#[test]
+fn a_board_off_its_plane_is_told_so() {
+    let mut observations = observed(&thesis(), 12, 0.0, 1);
+    for sighting in observations.views.iter_mut().flat_map(|view| &mut view.seen.left) {
+        sighting.board_mm.z = 3.0;
+    }
+    let error = adjust(&observations, &AdjustOptions::default()).expect_err("off its plane");
+    assert_eq!((error.code, error.pointer.as_str()), (LensFault::TooFew, "/views/*/left"));
+    assert!(error.detail.contains("lie up to 3 mm off z = 0"), "{error}");
 }
 
 #[test]

@@ -27,6 +27,14 @@ const ROTATION_TOLERANCE: f64 = 1e-3;
 /// Pixels from the centre of the first pixel, where OpenCV, Bouguet and Kalibr count from, to its outer corner.
 const FROM_CENTRE_PX: f64 = 0.5;
 
+/// Tree of a YAML file, OpenCV's `FileStorage` among them. Aliases are refused; depth is bounded.
+///
+/// # Errors
+/// [`LensError`].
+pub fn yaml(text: &str) -> Result<serde_json::Value, LensError> {
+    node::yaml(text)
+}
+
 closed_list! {
     /// Format of a calibration file.
     pub enum CalibrationFormat {
