@@ -6,26 +6,32 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::verdict::Grade;
-use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseInput, PoseSpec, Scanner};
+use crate::cell::{DeviceName, FieldError, Findings, Material, OpticalDevice, PoseInput, PoseSpec, Scanner};
 
+mod brightness;
 mod candidates;
 mod dialects;
-mod knob;
+pub(crate) mod knob;
+mod materials;
 mod preset;
 mod realism;
 mod regions;
 mod registration;
+mod rescan;
 mod robust;
 mod selection;
 
+pub use brightness::Brightness;
 pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
 pub use dialects::DialectParams;
 use knob::params;
 pub use knob::{Knob, KnobGroup};
+pub use materials::{MaterialParams, RegionMaterialParams};
 pub use preset::Preset;
 pub use realism::RealismParams;
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 pub use registration::Registration;
+pub use rescan::RescanParams;
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
 
@@ -38,6 +44,9 @@ params! {
         part: PartParams = PartParams::default();
         /// Regions that are excluded, of interest, or toleranced.
         regions: RegionParams = RegionParams::default();
+        /// Materials of the surface, from which the brightness of views follows. Default: not known; brightness then enters no figure.
+        #[serde(skip_serializing_if = "MaterialParams::is_default")]
+        materials: MaterialParams = MaterialParams::default();
         /// Values that the program carries to the scanner.
         scan: ScanParams = ScanParams::default();
         /// Values that the program carries to the robot.
@@ -96,8 +105,12 @@ params! {
 params! {
     /// Values that the program carries to the scanner.
     ScanParams {
-        /// Projector brightness level.
-        brightness: u8 = 5, [0.0, 9.0] "";
+        /// Projector brightness: a level for every view, or `auto`: for each view the level at which the largest area is neither
+        /// saturated nor dark, and two captures where that adds at least 1 % of it.
+        brightness: Brightness = Brightness::Level(5), [0.0, 9.0] "";
+        /// Light of the surroundings: share of the cameras' full scale that it alone gives a white surface. Default: none.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        ambient: Option<f64> = None, [0.0, 0.9] "";
         /// Pause between arrival and capture, s.
         settle_secs: f64 = 0.3, [0.0, 60.0] "s";
         /// Time of one capture, s.
@@ -364,6 +377,7 @@ impl PlanParams {
         self.check_ranges("", &mut findings);
         self.preset.check(self, &mut findings);
         self.regions.check(&mut findings);
+        self.materials.check(&mut findings);
         self.scan.check_ranges("/scan", &mut findings);
         self.motion.check(&mut findings);
         self.limits.check_ranges("/limits", &mut findings);
@@ -409,6 +423,8 @@ impl PlanParams {
             ("regions.interest[]", InterestParams::KNOBS),
             ("regions.features[]", FeatureParams::KNOBS),
             ("regions.noise", NoiseParams::KNOBS),
+            ("materials", MaterialParams::KNOBS),
+            ("materials.regions[]", RegionMaterialParams::KNOBS),
             ("scan", ScanParams::KNOBS),
             ("motion", MotionParams::KNOBS),
             ("dialects", DialectParams::KNOBS),
@@ -435,6 +451,15 @@ impl PartParams {
         }
         let poses = self.resting_poses.iter().enumerate();
         poses.for_each(|(index, pose)| pose.check(&format!("/part/resting_poses/{index}"), findings));
+    }
+}
+
+impl PlanParams {
+    /// Material of what no region of `materials` holds; `None` where brightness enters no figure, since nothing is said of it.
+    #[must_use]
+    pub fn material_of_part(&self) -> Option<Material> {
+        let is_asked = self.materials != MaterialParams::default() || self.scan.brightness == Brightness::Auto;
+        is_asked.then(|| self.materials.of_part())
     }
 }
 

@@ -9,13 +9,14 @@ use super::advice::{self, AdviceScope, Basis};
 use super::candidates::{Candidate, CandidateSet};
 use super::certificate::{self, SetupViews};
 use super::context::{Cancelled, Context, PlanError, Stage};
+use super::demand::{Demand, DemandStop, FurtherViews};
 use super::ids::{CandidateIndex, SetupId, SetupIndex};
 use super::missed::CanExecute;
 use super::missed::obstructions::{self, BlockedCandidate};
 use super::outcome::{self, Surroundings};
 use super::params::{PlanParams, SelectionGoal};
 use super::plan::{Certificate, Obstruction, Outcome, SetupPlan, StopReason};
-use super::problem::{ChosenViews, EvaluatedSetups, SampledPart, ViewPlanningProblem};
+use super::problem::{ChosenViews, EvaluatedSetups, ExpectedViews, SampledPart, ViewPlanningProblem};
 use super::scene::{PlanInput, PlanningScene};
 use super::sequence::Ordered;
 use super::setups::Setup;
@@ -37,6 +38,8 @@ struct OrderedViews {
     ordered: Vec<Ordered>,
     /// Candidates that were given up for want of a path.
     excluded: BTreeSet<CandidateIndex>,
+    /// Area that each view is expected to add, and the rule that ended their choice; of further views alone.
+    expected: Option<(Vec<f64>, DemandStop)>,
 }
 
 /// Plans: every stage in turn.
@@ -47,12 +50,55 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let sampled = SampledPart::new(input, params, ctx)?;
     let setups = sampled.setups(input, ctx)?;
     let mut problem = problem(input, &sampled, &setups, ctx)?;
-    let views = select_and_order(&mut problem, &sampled, &setups, ctx)?;
-    let (views, problem) = shorten(problem, &sampled, &setups, views, ctx)?;
-    let part = sampled.part_alone(input, &setups, ctx)?;
-    let mut outcome = explain(problem, &sampled, &setups, views, &part, ctx)?;
-    certify(&mut outcome, input, &sampled.params, &setups, &part, ctx)?;
-    let scene_of = |plan: &SetupPlan| Some(setup_of(&setups, plan)?.scene.as_ref()?.collision_scene().clone());
+    let views = select_and_order(&mut problem, &sampled, &setups, None, ctx)?;
+    finish(problem, &sampled, &setups, views, None, ctx)
+}
+
+/// Plans further views of a part that was planned with `params`: the fewest that are expected to measure what is still open. Stages
+/// and files are those of [`plan()`], and the plan asks for the open samples alone.
+///
+/// # Errors
+/// [`PlanError`], as of [`plan()`]; nothing open.
+pub fn plan_further(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    demand: &Demand<'_>,
+    ctx: &Context<'_>,
+) -> Result<FurtherViews, PlanError> {
+    let mut params = params.clone();
+    // Views are chosen by what they are expected to add, and nothing else.
+    (params.selection.goal, params.robust.select, params.missed.advice) = (SelectionGoal::FewestViews, false, false);
+    let sampled = SampledPart::demanded(input, &params, Some(demand), ctx)?;
+    let setups = sampled.setups(input, ctx)?;
+    let mut problem = problem(input, &sampled, &setups, ctx)?;
+    let ExpectedViews { chosen, left_mm2, stopped_because, .. } = problem.select_expected(demand, &BTreeSet::new(), ctx)?;
+    if chosen.candidates.is_empty() {
+        return Ok(FurtherViews { outcome: None, expected_mm2: Vec::new(), left_mm2, stopped_because });
+    }
+    let mut views = select_and_order(&mut problem, &sampled, &setups, Some(demand), ctx)?;
+    let expected = views.expected.take();
+    let outcome = Some(finish(problem, &sampled, &setups, views, Some(demand), ctx)?);
+    let (expected_mm2, stopped_because) = expected.unwrap_or((Vec::new(), stopped_because));
+    Ok(FurtherViews { outcome, expected_mm2, left_mm2, stopped_because })
+}
+
+/// Stages after the views are chosen and ordered.
+fn finish<'a>(
+    problem: ViewPlanningProblem<'a>,
+    sampled: &'a SampledPart,
+    setups: &[Setup<'_>],
+    views: OrderedViews,
+    demand: Option<&Demand<'_>>,
+    ctx: &Context<'_>,
+) -> Result<Outcome, PlanError> {
+    let input = problem.input;
+    let (views, problem) = shorten(problem, sampled, setups, views, ctx)?;
+    let part = sampled.part_alone(input, setups, ctx)?;
+    let mut outcome = explain(problem, sampled, setups, views, &part, ctx)?;
+    let asked_as = demand.map(|_| Arc::clone(&outcome.surface));
+    outcome.plan.coverage.is_of_open = demand.is_some();
+    certify(&mut outcome, (input, &sampled.params), setups, (&part, asked_as.as_ref()), ctx)?;
+    let scene_of = |plan: &SetupPlan| Some(setup_of(setups, plan)?.scene.as_ref()?.collision_scene().clone());
     outcome.scenes = outcome.plan.setups.iter().filter_map(scene_of).collect();
     Ok(outcome)
 }
@@ -148,20 +194,27 @@ fn select_and_order<'a>(
     problem: &mut ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
     setups: &[Setup<'_>],
+    demand: Option<&Demand<'_>>,
     ctx: &Context<'_>,
 ) -> Result<OrderedViews, PlanError> {
     let mut excluded = BTreeSet::new();
     let mut reselections = 0;
     loop {
         ctx.begin(Stage::Selection)?;
-        let chosen = choose(problem, sampled, setups, &excluded, ctx)?;
+        let (chosen, expected) = match demand {
+            Some(demand) => {
+                let views = problem.select_expected(demand, &excluded, ctx)?;
+                (views.chosen, Some((views.expected_mm2, views.stopped_because)))
+            }
+            None => (choose(problem, sampled, setups, &excluded, ctx)?, None),
+        };
         if chosen.candidates.is_empty() && excluded.is_empty() {
             let in_the_way = obstructions(problem, setups, &BTreeSet::new(), ctx)?;
             return Err(PlanError::NoPlan(outcome::nothing_measured(problem, &setups[0].occluders, in_the_way, ctx)?));
         }
         let scenes: Vec<_> = scenes(setups).collect();
         if scenes.is_empty() {
-            return Ok(OrderedViews { chosen, ordered: Vec::new(), excluded });
+            return Ok(OrderedViews { chosen, ordered: Vec::new(), excluded, expected });
         }
         ctx.begin(Stage::Sequence)?;
         let order = |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| {
@@ -172,10 +225,10 @@ fn select_and_order<'a>(
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
         if no_path.is_empty() && problem.params.selection.goal == SelectionGoal::MinTime {
             let (chosen, ordered) = adjust::exchange_views(problem, &scenes, (chosen, ordered), &excluded, ctx)?;
-            return Ok(OrderedViews { chosen, ordered, excluded });
+            return Ok(OrderedViews { chosen, ordered, excluded, expected });
         }
         if no_path.is_empty() || reselections == MAX_RESELECTIONS {
-            return Ok(OrderedViews { chosen, ordered, excluded });
+            return Ok(OrderedViews { chosen, ordered, excluded, expected });
         }
         excluded.extend(chosen.candidates_of(&no_path));
         reselections += 1;
@@ -191,7 +244,7 @@ fn shorten<'a>(
     views: OrderedViews,
     ctx: &Context<'_>,
 ) -> Result<(OrderedViews, ViewPlanningProblem<'a>), PlanError> {
-    let OrderedViews { chosen, ordered, excluded } = views;
+    let OrderedViews { chosen, ordered, excluded, expected } = views;
     let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
     let ordered = bounded.collect::<Result<Vec<_>, _>>()?;
     let as_moved = |ordered: Vec<Ordered>| {
@@ -200,7 +253,7 @@ fn shorten<'a>(
     };
     let unrolled = problem.strata.is_some().then(|| (problem.poses_of(&chosen), ordered.clone()));
     let mut ordered = as_moved(adjust::roll_views(&mut problem, setups, &chosen, ordered, ctx)?)?;
-    let Some((poses, in_order)) = unrolled else { return Ok((OrderedViews { chosen, ordered, excluded }, problem)) };
+    let Some((poses, in_order)) = unrolled else { return Ok((OrderedViews { chosen, ordered, excluded, expected }, problem)) };
     let mut every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), ctx)?;
     let is_met = chosen.selection.stopped_because != StopReason::Target || every.meets_goals(&chosen.candidates, &excluded);
     if !is_met && problem.poses_of(&chosen) != poses {
@@ -208,7 +261,7 @@ fn shorten<'a>(
         ordered = as_moved(in_order)?;
         every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), ctx)?;
     }
-    Ok((OrderedViews { chosen, ordered, excluded }, every))
+    Ok((OrderedViews { chosen, ordered, excluded, expected }, every))
 }
 
 /// Stage missed: verdicts, coverage, and the causes and remedies of what is missed.
@@ -221,7 +274,7 @@ fn explain(
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     ctx.begin(Stage::Missed)?;
-    let OrderedViews { chosen, ordered, excluded } = views;
+    let OrderedViews { chosen, ordered, excluded, .. } = views;
     let input = problem.input;
     let can_execute = |view: &Pose<Part, ScannerFrame>| can_execute(setups, view, ctx);
     let can_execute = input.cell.is_some().then_some(&can_execute as &CanExecute<'_>);
@@ -242,13 +295,13 @@ fn explain(
     Ok(outcome)
 }
 
-/// Stage certificate: coverage of the chosen views on a second set of samples, and with poses that are off.
+/// Stage certificate: coverage of the chosen views on a second set of samples, and with poses that are off. `asked_as` are the samples
+/// that tell what is asked, where that is not what the regions say.
 fn certify(
     outcome: &mut Outcome,
-    input: &PlanInput<'_>,
-    params: &PlanParams,
+    (input, params): (&PlanInput<'_>, &PlanParams),
     setups: &[Setup<'_>],
-    part: &RayScene,
+    (part, asked_as): (&RayScene, Option<&Arc<Surface>>),
     ctx: &Context<'_>,
 ) -> Result<(), PlanError> {
     ctx.begin(Stage::Certificate)?;
@@ -259,7 +312,7 @@ fn certify(
     };
     let views: Vec<_> = SetupId::number(&plan.setups).filter_map(views).collect();
     let standing: Vec<_> = setups.iter().filter(|setup| setup.scene.is_some()).map(|setup| setup.table_from_part).collect();
-    let Certificate { independent, robust } = certificate::certify(input, params, &views, part, &standing, ctx)?;
+    let Certificate { independent, robust } = certificate::certify((input, params), &views, (part, asked_as), &standing, ctx)?;
     (plan.coverage.independent, plan.coverage.robust) = (independent, robust);
     Ok(())
 }

@@ -12,8 +12,8 @@ use nalgebra::{Point3, Vector3};
 use super::context::{Cancelled, Context};
 use super::surface::Surface;
 use super::visibility::SampleSet;
-use crate::cell::Cell;
-use crate::geometry::{Aabb, Base, Part, Plate, Pose, RayScene, ScannerFrame, Table, plate_from_placed, table_from_plate};
+use crate::cell::{Cell, Turntable};
+use crate::geometry::{Aabb, Base, Part, Plate, Pose, RayScene, ScannerFrame, Table, plate_from_placed};
 
 /// Steps in which a plane between two sets of points is looked for.
 const MAX_STEPS: usize = 48;
@@ -24,6 +24,7 @@ const SAMPLES_PER_CHECK: usize = 4096;
 pub(super) struct Sight {
     obstacles: Vec<Obstacle>,
     base_from_table: Pose<Base, Table>,
+    turntable: Turntable,
     plate_from_part: Pose<Plate, Part>,
     /// Optical centres, scanner frame.
     centres_mm: [Point3<f64>; 3],
@@ -84,6 +85,7 @@ impl Sight {
         Ok(Self {
             obstacles: cell.obstacles.iter().map(obstacle).collect::<Result<_, _>>()?,
             base_from_table: cell.base_from_table,
+            turntable: cell.turntable.clone(),
             plate_from_part: plate_from_placed(table_from_part),
             centres_mm: [&devices.left, &devices.right, &devices.projector].map(|device| device.scanner_from_device.origin_mm()),
             part_mm: corners(part),
@@ -152,7 +154,7 @@ impl Sight {
     }
 
     fn lines(&self, part_from_scanner: &Pose<Part, ScannerFrame>, table_rad: f64) -> Lines {
-        let base_from_part = self.base_from_table * table_from_plate(table_rad) * self.plate_from_part;
+        let base_from_part = self.base_from_table * self.turntable.table_from_plate(table_rad) * self.plate_from_part;
         let base_from_scanner = base_from_part * *part_from_scanner;
         Lines { base_from_part, centres_mm: self.centres_mm.map(|centre_mm| base_from_scanner.point(&centre_mm)) }
     }

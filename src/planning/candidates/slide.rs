@@ -94,12 +94,12 @@ impl<'a> Slide<'a> {
 
     /// The move of the highest score, begun at the one by `from_mm`; `None` where no sample is seen from either end.
     fn best(&self, start: &Pose<Part, ScannerFrame>, samples: &[SlideSample], from_mm: f64) -> Option<f64> {
-        let scanner = self.scope.scanner;
+        let [near_mm, far_mm] = self.scope.scanner.working_depth_mm();
         let seen = self.seen(start, samples, from_mm);
         let scanner_from_part = start.inverse();
         let depths_mm = || seen.iter().map(|sample| scanner_from_part.point(&sample.point_mm).z);
-        let low_mm = depths_mm().fold(f64::INFINITY, f64::min) - scanner.far_mm;
-        let high_mm = depths_mm().fold(f64::NEG_INFINITY, f64::max) - scanner.near_mm;
+        let low_mm = depths_mm().fold(f64::INFINITY, f64::min) - far_mm;
+        let high_mm = depths_mm().fold(f64::NEG_INFINITY, f64::max) - near_mm;
         if low_mm >= high_mm {
             return None;
         }

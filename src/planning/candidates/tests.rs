@@ -113,6 +113,26 @@ fn the_slide_puts_the_seen_surface_at_best_focus() {
 }
 
 #[test]
+fn the_slide_ends_where_all_devices_are_in_focus() {
+    // Two blocks with a gap on the axis from above: the slide begins with their tops 450 mm away, out of the projector's 4 mm.
+    let [mut mesh, right] = [box_mesh([0.0; 3], [45.0, 80.0, 60.0]), box_mesh([55.0, 0.0, 0.0], [100.0, 80.0, 60.0])];
+    mesh.faces.extend(right.faces.iter().map(|face| face.map(|vertex| 8 + vertex)));
+    mesh.source_face.extend(12..24);
+    mesh.vertices_mm.extend(right.vertices_mm);
+    let part = PartParams { patch_edge_mm: Some(8.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
+    let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let mut spec = Presets.scanner("transcan-c-nominal").expect("a preset");
+    spec.projector.in_focus_mm = Some([478.0, 482.0]);
+    let (scanner, flag) = (spec.build().expect("valid"), AtomicBool::new(false));
+    let sight = Sight::of(&mesh, &surface, &scanner);
+    let scope = scope(&mesh, &surface, &scanner, &sight);
+    let generated = generate(&scope, &CandidateParams::ellipsoid(), &Context::new(&flag, &Silent));
+    let zenith = poses(&generated.unwrap_or_else(|error| panic!("{error}")))[0];
+    let depth_mm = zenith.origin_mm().z - 60.0;
+    assert!((478.0..=482.0).contains(&depth_mm), "the tops are {depth_mm} mm away");
+}
+
+#[test]
 fn the_slide_weighs_the_visible_surface_of_the_block_and_not_what_is_hidden() {
     // A low plate below a small table: from above, the table's top is on the axis, but most of what is seen is the plate 50 mm
     // below. The underside of the table and what it hides of the plate must not count.

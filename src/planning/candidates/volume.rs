@@ -49,12 +49,13 @@ struct Volume<'a> {
 impl Volume<'_> {
     fn viewpoint(&self, mut stream: Stream) -> Option<Aim> {
         let scanner = self.scope.scanner;
+        let [near_mm, far_mm] = scanner.working_depth_mm();
         let (low, extent) =
             (self.aabb.min.coords.add_scalar(-scanner.far_mm), self.aabb.extent_mm().add_scalar(2.0 * scanner.far_mm));
         (0..TRIES).find_map(|_| {
             let position_mm = Point3::from(low + extent.map(|edge_mm| stream.unit() * edge_mm));
             let nearest_mm2 = self.samples.iter().map(|(p, _)| (p - position_mm).norm_squared()).fold(f64::INFINITY, f64::min);
-            let in_depth = (scanner.near_mm..=scanner.far_mm).contains(&nearest_mm2.sqrt());
+            let in_depth = (near_mm..=far_mm).contains(&nearest_mm2.sqrt());
             let axis = self.pull(&position_mm).filter(|_| in_depth)?;
             Some(Aim { position_mm, axis, label: Label::of_direction(&-axis), slides_by: SlidesBy::None, baseline: None })
         })

@@ -191,7 +191,7 @@ mod tests {
         let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| {
-            let second = SecondSampling::new(&input, &params, &setups, &ctx).unwrap_or_else(|error| panic!("{error}"));
+            let second = SecondSampling::new(&input, &params, &setups, None, &ctx).unwrap_or_else(|error| panic!("{error}"));
             let part = crate::geometry::RayScene::new([mesh]);
             let nominal = second.independent(&part, &[], &ctx).expect("not cancelled").of_asked();
             let robust = |max: &usize| robust_on(&second, ERROR, (nominal, *max), &ctx).expect("not cancelled");

@@ -13,8 +13,10 @@ pub mod recheck;
 mod tests;
 
 use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
+use super::demand::mask_alike;
 use super::ids::{SampleId, SetupId};
 use super::params::{Objective, PlanParams};
 use super::plan::{Certificate, Independent, PlannedView};
@@ -81,20 +83,19 @@ impl<'a> SetupViews<'a> {
     }
 }
 
-/// Evaluates the views of all setups together. `part` is the scene of the part alone; `standing` are the poses in which it is
-/// planned, if there is a plate.
+/// Evaluates the views of all setups together. `part` is the scene of the part alone; `asked_as` are the samples that tell what is
+/// asked, where that is not what the regions say; `standing` are the poses in which it is planned, if there is a plate.
 ///
 /// # Errors
 /// [`PlanError::Cancelled`].
 pub(super) fn certify(
-    input: &PlanInput<'_>,
-    params: &PlanParams,
+    (input, params): (&PlanInput<'_>, &PlanParams),
     setups: &[SetupViews<'_>],
-    part: &RayScene,
+    (part, asked_as): (&RayScene, Option<&Arc<Surface>>),
     standing: &[Pose<Table, Part>],
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
-    let second = SecondSampling::new(input, params, setups, ctx)?;
+    let second = SecondSampling::new(input, params, setups, asked_as, ctx)?;
     let independent = second.independent(part, standing, ctx)?;
     let nominal = independent.of_asked();
     let robust = params.robust.pose_error.map(|error| draws::robust(&second, error, nominal, ctx)).transpose()?;
@@ -117,12 +118,14 @@ impl<'a> SecondSampling<'a> {
         input: &'a PlanInput<'a>,
         params: &PlanParams,
         setups: &'a [SetupViews<'a>],
+        asked_as: Option<&Arc<Surface>>,
         ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
         let mut params = params.clone();
         params.selection.objective = Objective::Coverage;
         let seed = split_mix(params.seed ^ SECOND_SAMPLES);
-        let surface = requirements::sampled(input.mesh, &params, seed, ctx)?;
+        let mut surface = requirements::sampled(input.mesh, &params, seed, ctx)?;
+        asked_as.into_iter().for_each(|first| mask_alike(first, &mut surface));
         let asked_area_mm2 = surface.asked_area_mm2();
         let asked_mm2 = asked_area_mm2.iter().sum();
         Ok(Self { input, params, setups, surface, asked_area_mm2, asked_mm2 })

@@ -9,8 +9,8 @@ use crate::planning::realism::{self, RiskInput, RiskView};
 use crate::planning::scene::{PlanInput, plate};
 use crate::planning::selection::coverable_mm2;
 use crate::planning::sight::Sight;
-use crate::planning::surface::{check_asked, requirements};
-use crate::planning::visibility::{self, Occluders};
+use crate::planning::surface::{Surface, check_asked, requirements};
+use crate::planning::visibility::{self, Occluders, Row};
 
 /// Areas that views measure.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +45,17 @@ pub fn measured(
     measured_in_cell(input, params, table_from_part, &views, ctx)
 }
 
+/// Samples of a plan, cut anew, and what views measure of them.
+#[derive(Clone, Debug)]
+pub struct Rechecked {
+    /// The samples: those of the plan.
+    pub surface: Surface,
+    /// Area of each sample, 0 where it is not asked for.
+    pub asked_area_mm2: Vec<f64>,
+    /// Samples that each view measures.
+    pub rows: Vec<Row>,
+}
+
 /// Evaluates `views` of the part as it lies, past the obstacles of the cell; `params` as a plan states them, its samples those of
 /// the plan. Every sample is joined with every device by a ray: about a second for ten views of a hundred thousand samples.
 ///
@@ -57,6 +68,22 @@ pub fn measured_in_cell(
     views: &[TakenView],
     ctx: &Context<'_>,
 ) -> Result<Measured, PlanError> {
+    let Rechecked { asked_area_mm2, rows, .. } = recheck(input, params, table_from_part, views, ctx)?;
+    let rows: Vec<_> = rows.iter().collect();
+    Ok(Measured { asked_mm2: asked_area_mm2.iter().sum(), measured_mm2: coverable_mm2(&rows, &asked_area_mm2) })
+}
+
+/// Evaluates each of `views`, as [`measured_in_cell`] does all of them together.
+///
+/// # Errors
+/// The errors of [`measured_in_cell`].
+pub fn recheck(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    table_from_part: &Pose<Table, Part>,
+    views: &[TakenView],
+    ctx: &Context<'_>,
+) -> Result<Rechecked, PlanError> {
     params.check()?;
     params.check_limits(input.scanner)?;
     Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
@@ -86,6 +113,5 @@ pub fn measured_in_cell(
         let left_out = realism::risks(&part, &risk_views, ctx)?.samples();
         rows = realism::without(rows, &left_out);
     }
-    let rows: Vec<_> = rows.iter().collect();
-    Ok(Measured { asked_mm2: asked_area_mm2.iter().sum(), measured_mm2: coverable_mm2(&rows, &asked_area_mm2) })
+    Ok(Rechecked { surface, asked_area_mm2, rows })
 }

@@ -42,6 +42,17 @@ pub enum NoPlan {
     },
     /// No candidate measures anything, whatever value a study gives to what it varies.
     NothingInStudy,
+    /// No further view of a part that was scanned is worth it.
+    NoFurtherView {
+        /// Share of the asked area that is measured.
+        measured_of_asked: f64,
+        /// Share that all further views together are expected to add.
+        left_of_asked: f64,
+        /// Share that is missing and that no further view mends.
+        hopeless_of_asked: f64,
+        /// Name of the rule that ended the choice.
+        rule: &'static str,
+    },
 }
 
 impl PlanError {

@@ -19,3 +19,4 @@ mod spots;
 mod tests;
 
 pub(super) use search::{CanExecute, MissAnalysis, explain};
+pub use spots::{Spot, spots_of};

@@ -131,7 +131,8 @@ impl ProposalSource<'_> {
             .map(|base| self.as_is(*base))
             .chain(furthest.iter().take(self.bases.len()).map(|tried| tried.proposal.clone()))
             .collect();
-        let depths_mm = DEPTH_SHARES.map(|share| self.scanner.near_mm + share * (self.scanner.far_mm - self.scanner.near_mm));
+        let [near_mm, far_mm] = self.scanner.working_depth_mm();
+        let depths_mm = DEPTH_SHARES.map(|share| near_mm + share * (far_mm - near_mm));
         depths_mm.iter().flat_map(|depth_mm| sources.iter().map(move |source| self.at_depth(source, *depth_mm))).collect()
     }
 

@@ -9,27 +9,33 @@ use crate::planning::plan::{Cause, Verdict};
 use crate::planning::surface::Surface;
 
 /// Samples of one cause that hang together.
-pub(super) struct Spot {
-    pub(super) cause: Cause,
-    /// Ascending.
-    pub(super) samples: Vec<SampleId>,
-    pub(super) area_mm2: f64,
-    /// Area-weighted.
-    pub(super) centre_mm: Point3<f64>,
-    /// Extent of the box around its patches, along the part's axes.
-    pub(super) extent_mm: Vector3<f64>,
-    /// Ascending.
-    pub(super) source_faces: Vec<u32>,
+pub struct Spot<C = Cause> {
+    /// Their cause.
+    pub cause: C,
+    /// The samples, ascending.
+    pub samples: Vec<SampleId>,
+    /// Area that they stand for.
+    pub area_mm2: f64,
+    /// Area-weighted centre.
+    pub centre_mm: Point3<f64>,
+    /// Extent of the box around their patches, along the part's axes.
+    pub extent_mm: Vector3<f64>,
+    /// Faces of the uploaded file that they touch, ascending.
+    pub source_faces: Vec<u32>,
 }
 
 /// Every spot, in the order of [`Cause`], those of a cause largest first.
 pub(super) fn find(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Spot> {
-    Cause::ALL.into_iter().flat_map(|cause| spots_of(cause, mesh, surface, verdicts)).collect()
+    let spots_of_cause = |cause: Cause| {
+        let missed = |sample: &SampleId| verdicts[sample.index()] == Verdict::Missed(cause);
+        spots_of(cause, SampleId::first(verdicts.len()).filter(missed).collect(), mesh, surface)
+    };
+    Cause::ALL.into_iter().flat_map(spots_of_cause).collect()
 }
 
-fn spots_of(cause: Cause, mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Spot> {
-    let missed = |sample: &SampleId| verdicts[sample.index()] == Verdict::Missed(cause);
-    let samples: Vec<SampleId> = SampleId::first(verdicts.len()).filter(missed).collect();
+/// The spots that samples of one cause, ascending, form: largest first.
+#[must_use]
+pub fn spots_of<C: Copy>(cause: C, samples: Vec<SampleId>, mesh: &Mesh, surface: &Surface) -> Vec<Spot<C>> {
     let mut patches: Vec<PatchId> = samples.iter().map(|sample| surface.sample_patch[sample.index()]).collect();
     patches.dedup();
     let component = components_sharing(patches.iter().map(|patch| corner_keys(surface, *patch)));
@@ -42,7 +48,7 @@ fn spots_of(cause: Cause, mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) 
         }
         members[component[position]].push(sample);
     }
-    let mut spots: Vec<Spot> = members.into_iter().map(|samples| Spot::new(cause, samples, mesh, surface)).collect();
+    let mut spots: Vec<Spot<C>> = members.into_iter().map(|samples| Spot::new(cause, samples, mesh, surface)).collect();
     // A stable sort: spots of equal area stay ordered by their first patch.
     spots.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     spots
@@ -53,8 +59,8 @@ fn corner_keys(surface: &Surface, patch: PatchId) -> [[u64; 3]; 3] {
     surface.patches[patch.index()].corners_mm.map(|corner| [corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits()))
 }
 
-impl Spot {
-    fn new(cause: Cause, samples: Vec<SampleId>, mesh: &Mesh, surface: &Surface) -> Self {
+impl<C> Spot<C> {
+    fn new(cause: C, samples: Vec<SampleId>, mesh: &Mesh, surface: &Surface) -> Self {
         let (mut area_mm2, mut moment) = (0.0, Vector3::zeros());
         for sample in samples.iter().copied() {
             area_mm2 += surface.sample_area_mm2(sample);

@@ -3,6 +3,7 @@
 
 mod at_risk;
 mod coverage;
+mod exposure;
 mod table;
 mod verdicts;
 
@@ -77,9 +78,13 @@ pub(super) fn assemble(
     let verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
     let mut coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
     coverage.at_risk = at_risk::area(&solution, &risks);
+    let exposures = exposure::of(&solution, surroundings.setups, ctx)?;
+    coverage.exposure = exposures.as_ref().map(|exposures| exposures.loss);
     let missed = missed::explain(&solution.miss_analysis(surroundings), &verdicts, ctx)?;
     let weakest_links = solution.weakest_links(ctx)?;
-    let plan = solution.plan(ordered, coverage, missed, &weakest_links);
+    let mut plan = solution.plan(ordered, coverage, missed, &weakest_links);
+    let brightness = exposures.into_iter().flat_map(|exposures| exposures.views);
+    plan.views.iter_mut().zip(brightness).for_each(|(view, exposure)| view.exposure = exposure);
     let fates = problem.params.output.candidates.then(|| solution.fates());
     let measured_by_view = solution.measuring;
     let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings, ctx)).transpose()?;
@@ -224,6 +229,7 @@ impl<'a> Solution<'a> {
                     station,
                     stance: station.zip(problem.input.cell).map(|(station, cell)| Stance::of(&cell.robot, &station, None)),
                     rejected: no_path.contains(&index).then_some(Cause::NoPath),
+                    exposure: None,
                 }
             })
             .collect()

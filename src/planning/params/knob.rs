@@ -33,7 +33,7 @@ pub struct KnobGroup {
 }
 
 /// A value with a range: a number, or a list of them.
-pub(super) trait Ranged {
+pub(crate) trait Ranged {
     /// Records what is out of `[min, max]`.
     fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings);
 }
@@ -75,7 +75,7 @@ impl<T: Ranged> Ranged for Vec<T> {
 }
 
 /// Records a list that is too short or too long.
-pub(super) fn check_entries(count: usize, at: &str, [min, max]: [usize; 2], findings: &mut Findings) {
+pub(crate) fn check_entries(count: usize, at: &str, [min, max]: [usize; 2], findings: &mut Findings) {
     findings.require((min..=max).contains(&count), at, || format!("has {count} entries; allowed is {min} to {max}"));
 }
 
@@ -168,8 +168,8 @@ macro_rules! knobs {
 }
 
 /// The first item, if there is one.
-pub(super) const fn first<T: Copy>(items: &[T]) -> Option<T> {
+pub(crate) const fn first<T: Copy>(items: &[T]) -> Option<T> {
     if items.is_empty() { None } else { Some(items[0]) }
 }
 
-pub(super) use {knobs, params};
+pub(crate) use {knobs, params};

@@ -214,7 +214,7 @@ impl FeatureParams {
 }
 
 impl Region {
-    fn check(&self, at: &str, findings: &mut Findings) {
+    pub(super) fn check(&self, at: &str, findings: &mut Findings) {
         let direction = |normal: &[f64; 3], findings: &mut Findings| {
             findings.require(normal.iter().any(|c| *c != 0.0), format!("{at}/normal"), || "is zero; give a direction".into());
         };

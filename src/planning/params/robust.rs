@@ -2,7 +2,7 @@
 //! it bears them.
 
 use super::knob::params;
-use crate::cell::Findings;
+use crate::cell::{CalibrationProvenance, Findings};
 
 params! {
     /// Error of a pose: turned by the whole angle and moved by the whole distance, each in a random direction.
@@ -19,7 +19,8 @@ params! {
     /// Evaluation of a plan with poses that are off.
     RobustParams {
         /// Error of poses for which coverage is evaluated again, on samples that the views were not chosen on; `null` evaluates
-        /// none. The default turn is the one that the thesis accepts (§4.1.2); the shift has no source.
+        /// none. The default turn is the one that the thesis accepts (§4.1.2); the shift has no source. In a cell whose poses are
+        /// calibrated, twice the standard deviations of the calibration stand in for the default.
         pose_error: Option<PoseErrorParams> = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
         /// Draws in which every view is put off by an error of its own.
         draws: u32 = 5, [1.0, 1000.0] "";
@@ -34,7 +35,22 @@ params! {
     }
 }
 
+/// Standard deviations of a calibration that poses are taken to be off by: 95 % of a normal error.
+const CALIBRATION_SIGMAS: f64 = 2.0;
+
 impl RobustParams {
+    /// Puts the error that a calibration leaves in the place of the default.
+    pub(in crate::planning) fn use_calibration(&mut self, calibrated: Option<&CalibrationProvenance>) {
+        if let Some(calibrated) = calibrated
+            && self.pose_error == Self::default().pose_error
+        {
+            self.pose_error = Some(PoseErrorParams {
+                angle_deg: (CALIBRATION_SIGMAS * calibrated.rotation_sd_deg).min(20.0),
+                translation_mm: (CALIBRATION_SIGMAS * calibrated.translation_sd_mm).min(100.0),
+            });
+        }
+    }
+
     /// Checks every range.
     pub(super) fn check(&self, findings: &mut Findings) {
         self.check_ranges("/robust", findings);
@@ -44,5 +60,46 @@ impl RobustParams {
         findings.require(!self.select || self.pose_error.is_some(), "/robust/select", || {
             "is true without an error to tolerate; give robust.pose_error".into()
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibrated() -> CalibrationProvenance {
+        CalibrationProvenance {
+            by: "vantage".into(),
+            at: "2026-11-20T09:00:00Z".into(),
+            calibration_id: "ab".repeat(32),
+            data_sha256: "cd".repeat(32),
+            rms_rotation_deg: 0.01,
+            rms_translation_mm: 0.1,
+            point_sd_mm: 0.05,
+            rotation_sd_deg: 0.005,
+            translation_sd_mm: 0.04,
+            temperature_c: None,
+            max_age_hours: None,
+            max_temperature_change_k: None,
+            compensation_sha256: None,
+            compensation: None,
+        }
+    }
+
+    #[test]
+    fn a_calibration_stands_in_for_the_default_and_for_nothing_that_was_asked_for() {
+        let error_of = |given: RobustParams, calibrated: Option<&CalibrationProvenance>| {
+            let mut robust = given;
+            robust.use_calibration(calibrated);
+            robust.pose_error.map(|error| [error.angle_deg, error.translation_mm])
+        };
+        let (known, default) = (calibrated(), RobustParams::default);
+        assert_eq!(error_of(default(), None), Some([1.0, 1.0]));
+        assert_eq!(error_of(default(), Some(&known)), Some([0.01, 0.08]));
+        let own = PoseErrorParams { angle_deg: 0.5, translation_mm: 1.0 };
+        assert_eq!(error_of(RobustParams { pose_error: Some(own), ..default() }, Some(&known)), Some([0.5, 1.0]));
+        assert_eq!(error_of(RobustParams { pose_error: None, ..default() }, Some(&known)), None);
+        let poor = CalibrationProvenance { rotation_sd_deg: 30.0, translation_sd_mm: 1e3, ..known };
+        assert_eq!(error_of(default(), Some(&poor)), Some([20.0, 100.0]), "within the ranges of the parameter");
     }
 }

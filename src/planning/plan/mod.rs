@@ -4,6 +4,7 @@
 mod at_risk;
 mod candidate_table;
 mod certificate;
+mod exposure;
 mod measured;
 mod plan_advice;
 mod region_coverage;
@@ -13,6 +14,7 @@ mod turn;
 pub use at_risk::AtRisk;
 pub use candidate_table::{CandidateFate, CandidateTable, MAX_LISTING_BYTES, TableEntry};
 pub use certificate::{Certificate, Drawn, Independent, Robust};
+pub use exposure::{ExposureLoss, ViewExposure};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 pub use plan_advice::{AdviceKind, ParamChange, PlanAdvice};
 pub use region_coverage::RegionCoverage;
@@ -26,7 +28,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::candidates::Label;
 pub use super::ids::{CandidateId, SetupId, ViewId};
-use super::params::{PlanParams, SelectionParams, TargetOf};
+use super::params::{PlanParams, ScanParams, SelectionParams, TargetOf};
 pub use super::registration::Stability;
 pub use super::selection::{Bound, StopReason};
 use super::sequence::{Leg, Sequence};
@@ -135,6 +137,13 @@ impl Plan {
         self.sequences().flat_map(|sequence| &sequence.visits)
     }
 
+    /// Captures of the views that are visited: some views have two, of different brightness.
+    #[must_use]
+    pub fn captures(&self) -> usize {
+        let captures = |view: ViewId| self.views.get(view.index()).map_or(1, |view| view.levels(&self.params.scan).len());
+        self.visits().map(|(view, _)| captures(*view)).sum()
+    }
+
     /// Number of views that are executed: those chosen, but for the ones to which no path was found.
     #[must_use]
     pub fn executed_views(&self) -> usize {
@@ -172,6 +181,10 @@ pub struct Coverage {
     pub measured: MeasuredArea,
     /// Area that the chosen views measure in the simulation and a real scan may lack.
     pub at_risk: AtRisk,
+    /// True if the views are further ones, of which only what earlier scans left open is asked.
+    pub is_of_open: bool,
+    /// Area that is expected to be too dark or saturated; `None` where nothing is known of the materials.
+    pub exposure: Option<ExposureLoss>,
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
     /// Coverage of each region of interest and feature, in the order of their numbers: regions of interest come first.
@@ -267,6 +280,16 @@ pub struct PlannedView {
     pub stance: Option<Stance>,
     /// Cause for which it measures nothing, if so.
     pub rejected: Option<Cause>,
+    /// Brightness of its captures; `None` where nothing is known of the materials, or when rejected.
+    pub exposure: Option<ViewExposure>,
+}
+
+impl PlannedView {
+    /// Brightness level of each of its captures.
+    #[must_use]
+    pub fn levels(&self, scan: &ScanParams) -> Vec<u8> {
+        self.exposure.as_ref().map_or_else(|| vec![scan.brightness.usual_level()], |exposure| exposure.levels.clone())
+    }
 }
 
 /// Posture, singularity and clearance of an arm at a station.

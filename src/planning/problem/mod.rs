@@ -5,6 +5,7 @@
 
 mod evaluated;
 mod every_sample;
+mod expected;
 mod robust_rows;
 mod rounds;
 mod sampled_part;
@@ -14,6 +15,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 pub(super) use evaluated::EvaluatedCandidates;
+pub(super) use expected::ExpectedViews;
 pub(super) use sampled_part::{EvaluatedSetups, SampledPart, TriedSetup};
 
 use super::candidates::{Candidate, CandidateSet};

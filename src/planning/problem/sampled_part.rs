@@ -8,6 +8,7 @@ use super::rounds::Rounds;
 use crate::geometry::{Part, Pose, RayScene, Table};
 use crate::planning::candidates::{self, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
+use crate::planning::demand::Demand;
 use crate::planning::estimate::Estimate;
 use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
@@ -63,18 +64,36 @@ impl SampledPart {
     /// # Errors
     /// [`PlanError`].
     pub(in crate::planning) fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
+        Self::demanded(input, params, None, ctx)
+    }
+
+    /// [`SampledPart::new`], of which a demand leaves some asked; views are then chosen on these alone.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn demanded(
+        input: &PlanInput<'_>,
+        params: &PlanParams,
+        demand: Option<&Demand<'_>>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, PlanError> {
         params.check()?;
         params.check_limits(input.scanner)?;
         ctx.check()?;
         Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
         let mut params = scene::resolve(params, input);
         ctx.begin(Stage::Surface)?;
-        let surface = requirements::sampled(input.mesh, &params, params.seed, ctx)?;
+        let mut surface = requirements::sampled(input.mesh, &params, params.seed, ctx)?;
+        demand.map_or(Ok(()), |demand| demand.mask(&mut surface))?;
         let asked_area_mm2 = surface.asked_area_mm2();
         check_asked(&asked_area_mm2)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         let count = params.selection.samples.map_or_else(|| thinned::default_count(surface.area_where(|_| true)), f64::from);
-        let thinned = thinned::thinned(&surface, count).map(|(surface, strata)| {
+        let thinned = match demand {
+            Some(_) => thinned::asked_alone(&surface),
+            None => thinned::thinned(&surface, count),
+        };
+        let thinned = thinned.map(|(surface, strata)| {
             let asked_area_mm2 = surface.asked_area_mm2();
             Thinned { surface: Arc::new(surface), strata, asked_area_mm2 }
         });

@@ -126,6 +126,32 @@ impl EdgeGrid {
     }
 }
 
+/// The zone along the concave edges of a mesh, ready for many points.
+pub struct ConcaveZone {
+    edges: Vec<ConcaveEdge>,
+    grid: EdgeGrid,
+    zone_mm: f64,
+}
+
+impl ConcaveZone {
+    /// The zone of this width along the edges of `mesh` with less than `dihedral_max_rad` between their faces in the air.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn new(mesh: &Mesh, dihedral_max_rad: f64, zone_mm: f64, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let edges = concave_edges(mesh, dihedral_max_rad, ctx)?;
+        let grid = EdgeGrid::new(&edges, zone_mm, mesh.aabb().extent_mm().amax(), ctx)?;
+        Ok(Self { edges, grid, zone_mm })
+    }
+
+    /// Returns true if a surface point with this unit normal lies in the zone.
+    #[must_use]
+    pub fn holds(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+        let mut near = self.grid.near(point_mm).iter().map(|edge| &self.edges[*edge as usize]);
+        near.any(|edge| edge.zone_holds(point_mm, normal, self.zone_mm))
+    }
+}
+
 /// The samples that lie in the zone of an edge, of those that `is_asked_for` accepts, ascending.
 ///
 /// # Errors

@@ -20,6 +20,7 @@ use super::verdict::RiskReason;
 use super::visibility::{Row, SampleSet};
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame};
+pub use concave::ConcaveZone;
 use concave::ZoneSample;
 use margins::Margins;
 

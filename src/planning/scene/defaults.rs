@@ -96,6 +96,7 @@ pub(in crate::planning) fn resolve(params: &PlanParams, input: &PlanInput<'_>) -
         resolved.limits.camera_deg.get_or_insert(own_deg.left);
     }
     resolved.limits.projector_deg.get_or_insert(own_deg.projector);
+    resolved.robust.use_calibration(input.cell.and_then(|cell| cell.calibrated.as_ref()));
     let hemisphere = if input.cell.is_some() || params.setups > 1 { Hemisphere::AboveTable } else { Hemisphere::Full };
     resolved.candidates.hemisphere.get_or_insert(hemisphere);
     resolved

@@ -8,7 +8,8 @@ mod placement;
 pub use defaults::{UpAxis, resting, standing};
 pub(super) use defaults::{resolve, standing_on};
 pub use input::PlanInput;
-pub(super) use placement::{check as check_placement, plate};
+pub(super) use placement::check as check_placement;
+pub use placement::plate;
 
 use rayon::prelude::*;
 

@@ -55,7 +55,8 @@ pub(in crate::planning) fn check(
 }
 
 /// The plate's upper face as an occluder, in the part frame.
-pub(in crate::planning) fn plate(cell: &Cell, table_from_part: &Pose<Table, Part>) -> Mesh {
+#[must_use]
+pub fn plate(cell: &Cell, table_from_part: &Pose<Table, Part>) -> Mesh {
     let part_from_table = table_from_part.inverse();
     let rim = |sector: u32| {
         let (sin, cos) = (std::f64::consts::TAU * f64::from(sector) / f64::from(SECTORS)).sin_cos();

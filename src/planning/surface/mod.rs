@@ -193,6 +193,20 @@ fn cut<E: From<Vec<FieldError>>>(
     Ok(surface)
 }
 
+/// Places of the excluded regions that hold none of the samples.
+#[must_use]
+pub fn empty_exclusions(mesh: &Mesh, surface: &Surface, regions: &RegionParams) -> Vec<usize> {
+    let is_empty = |region: &RegionFinder| {
+        let holds = |sample: SampleId| {
+            let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
+            region.holds(source_face, &surface.sample_mm[sample.index()])
+        };
+        !surface.samples().any(holds)
+    };
+    let finders = regions.exclude.iter().enumerate().map(|(index, region)| (index, RegionFinder::new(mesh, region, "").ok()));
+    finders.filter(|(_, finder)| finder.as_ref().is_some_and(is_empty)).map(|(index, _)| index).collect()
+}
+
 /// Upper bounds on the patches and samples of a part, after [`resolve`]; about twice as many as it is.
 #[must_use]
 pub(super) fn expected(mesh: &Mesh, params: &PartParams) -> [f64; 2] {

@@ -20,7 +20,7 @@ use std::collections::HashMap;
 use nalgebra::Point3;
 
 use super::{RegionFinder, Surface, sample_for};
-use crate::cell::{FieldError, closed_list};
+use crate::cell::{FieldError, Material, closed_list};
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::SampleId;
@@ -50,6 +50,8 @@ pub struct Requirement {
     pub noise_max_mm: Option<f64>,
     /// Largest distance between measured points, mm.
     pub spacing_max_mm: Option<f64>,
+    /// Material; `None` where brightness enters no figure.
+    pub material: Option<Material>,
 }
 
 /// Requirements by sample.
@@ -130,14 +132,18 @@ impl Requirements {
     pub fn new(mesh: &Mesh, surface: &Surface, params: &PlanParams) -> Result<Self, Vec<FieldError>> {
         let mut requirements = Self::default();
         requirements.kinds[0].min_grade = params.selection.min_grade;
+        requirements.kinds[0].material = params.material_of_part();
         let (interest, features) = (&params.regions.interest, &params.regions.features);
-        if interest.is_empty() && features.is_empty() {
+        let materials = &params.materials.regions;
+        if interest.is_empty() && features.is_empty() && materials.is_empty() {
             return Ok(requirements);
         }
         let interest = interest.iter().enumerate().map(|(i, region)| (format!("/regions/interest/{i}/region"), &region.region));
         let features = features.iter().enumerate().map(|(i, region)| (format!("/regions/features/{i}/region"), &region.region));
-        let finders =
-            interest.chain(features).map(|(at, region)| RegionFinder::new(mesh, region, &at)).collect::<Result<Vec<_>, _>>()?;
+        let materials =
+            materials.iter().enumerate().map(|(i, region)| (format!("/materials/regions/{i}/region"), &region.region));
+        let finders = interest.chain(features).chain(materials).map(|(at, region)| RegionFinder::new(mesh, region, &at));
+        let finders = finders.collect::<Result<Vec<_>, _>>()?;
         let mut kind_of: HashMap<Vec<usize>, u8> = HashMap::from([(Vec::new(), 0)]);
         for (sample, p) in SampleId::number(&surface.sample_mm) {
             let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
@@ -199,14 +205,22 @@ impl Requirement {
     /// Returns true if being measured is not enough.
     #[must_use]
     pub fn requires_quality(&self) -> bool {
-        self.min_grade.is_some_and(|grade| grade != Grade::D) || self.noise_max_mm.is_some() || self.spacing_max_mm.is_some()
+        self.min_grade.is_some_and(|grade| grade != Grade::D)
+            || self.noise_max_mm.is_some()
+            || self.spacing_max_mm.is_some()
+            || self.material.is_some()
     }
 
-    /// Combines a set of regions: the greatest weight, the strictest limits.
+    /// Combines a set of regions: the greatest weight, the strictest limits, the last material. Regions of a material are numbered
+    /// after those with requirements.
     fn of_regions(regions: &[usize], params: &PlanParams) -> Self {
         let (interest, features) = (&params.regions.interest, &params.regions.features);
         let coarsest_mm = features.iter().map(|feature| feature.tolerance_mm).fold(0.0, f64::max);
-        let mut requirement = Self { regions: regions.to_vec(), weight: f64::NEG_INFINITY, ..Self::default() };
+        let (regions, materials) = regions.split_at(regions.partition_point(|region| *region < interest.len() + features.len()));
+        let material = materials.last().map(|region| &params.materials.regions[region - interest.len() - features.len()]);
+        let material = material.map(|region| params.materials.of_region(region)).or_else(|| params.material_of_part());
+        let weight = if regions.is_empty() { 1.0 } else { f64::NEG_INFINITY };
+        let mut requirement = Self { regions: regions.to_vec(), weight, material, ..Self::default() };
         for &region in regions {
             match region.checked_sub(interest.len()) {
                 None => requirement.tighten(&interest[region]),

@@ -87,6 +87,19 @@ pub(in crate::planning) fn thinned(whole: &Surface, count: f64) -> Option<(Surfa
     Some((whole.of_samples(&picks), Strata { of_sample, members }))
 }
 
+/// The asked samples of `whole` as a surface in which each has a patch of its own; about [`MAX_SAMPLES`] of all where they are more.
+#[must_use]
+pub(in crate::planning) fn asked_alone(whole: &Surface) -> Option<(Surface, Strata)> {
+    let asked = whole.samples().filter(|sample| whole.asked[sample.index()]);
+    let picks: Vec<(SampleId, f64)> = asked.map(|sample| (sample, whole.sample_area_mm2(sample))).collect();
+    if picks.len() as f64 > MAX_SAMPLES {
+        return thinned(whole, MAX_SAMPLES);
+    }
+    // No stratum stands for any other: none is ever refined.
+    let strata = Strata { of_sample: vec![0; whole.sample_mm.len()], members: vec![SampleId::first(picks.len()).collect()] };
+    Some((whole.of_samples(&picks), strata))
+}
+
 impl Strata {
     /// Adds samples of `whole` to `surface`, the one that is chosen on, where these disagree about some views: `is_measured` tells
     /// which samples of `surface` they measure, `missed` are the samples of `whole`, ascending, that they miss and other views

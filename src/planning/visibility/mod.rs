@@ -27,11 +27,12 @@ use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame};
 
 pub(super) use rays::Probe;
+pub use rays::RAY_END_SHARE;
 pub use row::{QualityScale, Row};
 pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
 pub(super) use united_views::UnitedViews;
-pub use view::Optics;
+pub use view::{MeasuringPrecision, Optics, SightLine, View};
 
 /// The visibility matrix: what every view measures, and how far the others get. Rows are in the order of the views.
 #[derive(Clone, Debug, Default)]
@@ -172,9 +173,9 @@ fn apply_requirements(
     let held = table.rows.par_iter().zip(views).map(|(row, pose)| {
         ctx.check()?;
         let view = optics.at(pose);
-        Ok(row.retained(|sample, quality| {
+        Ok(row.regraded(|sample, quality| {
             let normal = &surface.patch_of(sample).normal;
-            view.meets_requirement(&surface.sample_mm[sample.index()], normal, quality, surface.requirements.kind(sample))
+            view.counted_quality(&surface.sample_mm[sample.index()], normal, quality, surface.requirements.kind(sample))
         }))
     });
     let held = held.collect::<Result<Vec<_>, Cancelled>>()?;

@@ -20,7 +20,7 @@ use crate::planning::verdict::Cause;
 const BLOCK_WORDS: usize = 16;
 /// End of a ray from the optical centre before the sample, as a share of its length: 3 µm at 480 mm, so that a
 /// sample is not hidden by its own facet.
-pub(super) const RAY_END_SHARE: f64 = 1.0 - 3e-3 / 480.0;
+pub const RAY_END_SHARE: f64 = 1.0 - 3e-3 / 480.0;
 
 pub(super) fn cast(
     surface: &Surface,
@@ -61,7 +61,7 @@ impl<'a> Probe<'a> {
     /// The first step at which a point fails that has this unit normal and kind of requirement; else its quality.
     pub(in crate::planning) fn measure(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         let quality = self.seen(p, normal, kind)?;
-        if self.view.meets_requirement(p, normal, quality, kind) { Ok(quality) } else { Err(Cause::BelowGrade) }
+        self.view.counted_quality(p, normal, quality, kind).ok_or(Cause::BelowGrade)
     }
 
     /// The first step at which a point fails, however well it is measured; else its quality.
@@ -88,7 +88,7 @@ impl<'a> Probe<'a> {
 
     /// The angles at which the devices see a point.
     pub(in crate::planning) fn incidence_rad(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> PerDevice<f64> {
-        self.view.centres_mm.map(|centre| normal.angle(&(centre - p)))
+        self.view.incidence_rad(p, normal)
     }
 }
 

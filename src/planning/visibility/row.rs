@@ -181,17 +181,19 @@ impl Row {
             .flat_map(|(scale, steps)| self.samples().zip(steps).map(move |(sample, step)| (sample, scale.quality(*step))))
     }
 
-    /// The samples that `keep` accepts, with their quality. Nothing is left of a row without quality.
+    /// The samples to which `quality_of` gives a quality, with that: from the one that each has. Nothing is left of a row without
+    /// quality.
     #[must_use]
-    pub fn retained(&self, keep: impl Fn(SampleId, f32) -> bool) -> Self {
+    pub fn regraded(&self, quality_of: impl Fn(SampleId, f32) -> Option<f32>) -> Self {
         let Some((scale, steps)) = self.quality() else { return Self::default() };
         let mut measured = SampleSet::from_words(vec![0; self.words().len()]);
         let mut retained = Vec::with_capacity(steps.len());
         for (sample, step) in self.samples().zip(steps) {
-            if keep(sample, scale.quality(*step)) {
-                measured.insert(sample);
-                retained.push(*step);
-            }
+            let quality = scale.quality(*step);
+            let Some(regraded) = quality_of(sample, quality) else { continue };
+            measured.insert(sample);
+            // A step that stays is not rounded again.
+            retained.push(if regraded.to_bits() == quality.to_bits() { *step } else { scale.quantise(regraded) });
         }
         Self::new(measured.into_words()).with_quality(retained, scale)
     }

@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
+use crate::cell::{Presets, SpecLibrary};
 use crate::geometry::Mesh;
 use crate::planning::context::Silent;
 use crate::planning::ids::SampleId;
@@ -76,6 +77,24 @@ fn quality_is_best_below_the_viewpoint_and_falls_with_depth() {
     // D is 70 mm on the near side and 85 on the far side of F: half of it makes Q_dis 0, so 0.6 · 1 + 0.4 · 0.
     assert!((worst(445.0) - 0.6).abs() < 0.01);
     assert!((worst(522.5) - 0.6).abs() < 0.01);
+}
+
+#[test]
+fn quality_falls_over_the_depth_that_the_devices_leave() {
+    let mesh = box_mesh([-0.5, -0.5, -5.0], [0.5, 0.5, 0.0]);
+    let surface = sampled(&mesh, 50.0);
+    let mut spec = Presets.scanner("transcan-c-nominal").expect("a preset");
+    spec.projector.in_focus_mm = Some([440.0, 520.0]);
+    let scanner = spec.build().expect("valid");
+    let worst = |depth_mm: f64| {
+        let row = table_by(&scanner, &mesh, &surface, &[looking_down(depth_mm)], &PlanParams::default()).rows.remove(0);
+        row.graded().map(|(_, quality)| f64::from(quality)).fold(f64::INFINITY, f64::min)
+    };
+    // D is 40 mm on both sides now, not 70 and 85: half of it makes Q_dis 0, so 0.6 · 1 + 0.4 · 0; the end −1, so 0.2.
+    for (depth_mm, quality) in [(480.0, 1.0), (460.0, 0.6), (500.0, 0.6), (440.5, 0.21), (519.5, 0.21)] {
+        assert!((worst(depth_mm) - quality).abs() < 0.01, "{depth_mm}: {}", worst(depth_mm));
+    }
+    assert!(worst(439.5).is_infinite() && worst(520.5).is_infinite());
 }
 
 #[test]

@@ -92,9 +92,9 @@ impl<'a> UnitedViews<'a> {
             return Ok(row);
         }
         let view = self.optics.at(pose);
-        Ok(row.retained(|sample: SampleId, quality| {
+        Ok(row.regraded(|sample: SampleId, quality| {
             let normal = &self.surface.patch_of(sample).normal;
-            view.meets_requirement(&self.surface.sample_mm[sample.index()], normal, quality, requirements.kind(sample))
+            view.counted_quality(&self.surface.sample_mm[sample.index()], normal, quality, requirements.kind(sample))
         }))
     }
 }

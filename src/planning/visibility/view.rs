@@ -4,9 +4,11 @@
 //!
 //! Written without a branch, in f64, so that an engine may run it on many samples at a time and get the same bits.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::cell::{DeviceName, Lens, PerDevice, Scanner};
+use crate::cell::{DeviceName, Exposure, Lens, LevelRange, Lighting, Material, PerDevice, Scanner};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::params::{PlanParams, ScoreAngle};
 use crate::planning::surface::requirements::{Requirement, Requirements};
@@ -18,6 +20,9 @@ pub(super) const SHADOWS: PerDevice<Cause> =
 /// Stands where a number of a cause may stand: no step before a shadow fails.
 pub(super) const PASSES: u8 = u8::MAX;
 
+/// Least half range of the working depth.
+const MIN_HALF_RANGE_MM: f64 = 1e-3;
+
 /// The number of a cause, as wide as the values beside which it is computed.
 const fn number(cause: Cause) -> u64 {
     cause as u64
@@ -28,6 +33,8 @@ pub struct Optics {
     near_mm: f64,
     best_mm: f64,
     far_mm: f64,
+    /// D of [`crate::planning::method::quality`] below and above best focus.
+    half_range_mm: [f64; 2],
     devices: PerDevice<DeviceOptics>,
     angle_weight: f64,
     distance_weight: f64,
@@ -42,6 +49,16 @@ pub struct Optics {
     /// σ_F and g of [`crate::planning::surface::requirements`].
     noise_best_mm: f64,
     noise_depth_gain: f64,
+    exposure: ExposureLimits,
+}
+
+/// Light of the job, and the brightness levels that it may use.
+struct ExposureLimits {
+    exposure: Exposure,
+    /// Distance from the projector to the best focus, mm.
+    best_mm: f64,
+    ambient: f64,
+    levels: RangeInclusive<u8>,
 }
 
 struct DeviceOptics {
@@ -72,7 +89,11 @@ impl Optics {
             let in_force_rad = required_rad.zip(limits_rad);
             in_force_rad.map(|(required_rad, (job_rad, own_rad))| required_rad.map_or(job_rad, |rad| rad.min(own_rad)).cos())
         };
+        // Best focus may lie at an end of a device's depth of field: half a range of nothing would divide by zero.
+        let [near_mm, far_mm] = scanner.working_depth_mm();
+        let half_range_mm = [scanner.best_mm - near_mm, far_mm - scanner.best_mm].map(|half_mm| half_mm.max(MIN_HALF_RANGE_MM));
         Self {
+            half_range_mm,
             near_mm: scanner.near_mm,
             best_mm: scanner.best_mm,
             far_mm: scanner.far_mm,
@@ -86,13 +107,27 @@ impl Optics {
             focal_px: scanner.devices.cameras().into_iter().map(|camera| camera.lens.focal_px()).fold(f64::INFINITY, f64::min),
             noise_best_mm: params.regions.noise.best_mm,
             noise_depth_gain: params.regions.noise.depth_gain,
+            exposure: ExposureLimits {
+                exposure: scanner.exposure,
+                best_mm: (scanner.best_focus_mm() - scanner.devices.projector.scanner_from_device.origin_mm()).norm(),
+                ambient: params.scan.ambient.unwrap_or(0.0),
+                levels: params.scan.brightness.levels(),
+            },
         }
+    }
+
+    /// The optics for light of any brightness: what a view sees, whether it is lit well or not.
+    #[must_use]
+    pub(in crate::planning) fn at_any_brightness(mut self) -> Self {
+        self.requirements.iter_mut().for_each(|requirement| requirement.material = None);
+        self
     }
 
     /// D of [`crate::planning::method::quality`]: the half range of the working depth on that side of F.
     #[inline(always)]
     fn half_range_mm(&self, depth_mm: f64) -> f64 {
-        if depth_mm < self.best_mm { self.best_mm - self.near_mm } else { self.far_mm - self.best_mm }
+        let [below_mm, above_mm] = self.half_range_mm;
+        if depth_mm < self.best_mm { below_mm } else { above_mm }
     }
 
     /// The viewpoint's side of everything that does not depend on the sample.
@@ -155,6 +190,28 @@ pub struct View<'a> {
     pub(super) centres_mm: PerDevice<Point3<f64>>,
 }
 
+/// Expected precision of a point on a surface ([`crate::planning::surface::requirements`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuringPrecision {
+    /// Cosine of the angle between the normal and the direction to the viewpoint; not above 0 where the surface faces away.
+    pub cos: f64,
+    /// Standard deviation across the surface, mm.
+    pub noise_mm: f64,
+    /// Distance between the points of neighbouring pixels, mm.
+    pub spacing_mm: f64,
+}
+
+/// Angles and depth under which a view sees a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SightLine {
+    /// Largest angle between the sample's normal and the direction to a device, rad.
+    pub worst_incidence_rad: f64,
+    /// Smallest angle between the mirrored ray of the projector and the direction to a camera, rad.
+    pub mirror_rad: f64,
+    /// z in the scanner's frame, mm.
+    pub depth_mm: f64,
+}
+
 /// One device's view of a sample.
 struct Seen {
     faces: bool,
@@ -171,7 +228,10 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 impl View<'_> {
     /// The first step before any shadow at which a sample fails; else its quality.
-    pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+    ///
+    /// # Errors
+    /// The cause of the failing step.
+    pub fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         let limits = self.optics.incidence_min[usize::from(kind)];
         let (cause, quality) = self.evaluate_optics((*p).into(), (*normal).into(), limits);
         if cause == u64::from(PASSES) { Ok(quality as f32) } else { Err(Cause::ALL[cause as usize]) }
@@ -222,22 +282,79 @@ impl View<'_> {
         self.quality(self.scanner.apply((*p).into()), (*normal).into()) as f32
     }
 
+    /// Brightness levels at which a sample that this view sees can be measured.
+    pub(in crate::planning) fn levels_at(&self, p: &Point3<f64>, normal: &Vector3<f64>, material: &Material) -> LevelRange {
+        let light = &self.optics.exposure;
+        light.exposure.levels(material, &self.lighting(p, normal), light.ambient)
+    }
+
+    /// Angles and depth under which this view sees a sample.
+    pub(in crate::planning) fn sight_line(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> SightLine {
+        SightLine {
+            worst_incidence_rad: self.incidence_rad(p, normal).into_iter().fold(0.0, f64::max),
+            mirror_rad: self.lighting(p, normal).mirror_rad.into_iter().fold(f64::INFINITY, f64::min),
+            depth_mm: self.scanner.apply((*p).into())[2],
+        }
+    }
+
+    fn lighting(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> Lighting {
+        let PerDevice { left, right, projector } = &self.centres_mm;
+        let (towards, distance_mm) = (projector - p, (projector - p).norm());
+        let cos_projector = normal.dot(&towards) / distance_mm;
+        let mirrored = normal * (2.0 * normal.dot(&towards)) - towards;
+        let mirror_rad = [left, right].map(|camera| mirrored.angle(&(camera - p)));
+        Lighting { cos_projector, nearness: self.optics.exposure.best_mm / distance_mm, mirror_rad }
+    }
+
+    /// The quality by which a sample that is measured counts; `None` if it is not measured as well as is asked, or at no brightness
+    /// level. Inside the mirror cone of a glossy surface it is the least that there is: a view from elsewhere is better.
+    pub(super) fn counted_quality(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> Option<f32> {
+        let requirement = &self.optics.requirements[usize::from(kind)];
+        let Some(material) = &requirement.material else {
+            return self.meets_requirement(p, normal, quality, kind).then_some(quality);
+        };
+        let (light, lighting) = (&self.optics.exposure, self.lighting(p, normal));
+        let range = light.exposure.levels(material, &lighting, light.ambient);
+        let in_lobe = material.gloss > 0.0 && lighting.mirror_rad.iter().any(|angle_rad| *angle_rad < material.lobe_rad);
+        let quality = if in_lobe { -(self.optics.angle_weight + self.optics.distance_weight) as f32 } else { quality };
+        let counts = range.is_lit_at_any(light.levels.clone()) && self.meets_requirement(p, normal, quality, kind);
+        counts.then_some(quality)
+    }
+
     /// Returns true if a sample that is measured is measured as well as is asked.
-    pub(super) fn meets_requirement(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
+    fn meets_requirement(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
         let optics = self.optics;
         let requirement = &optics.requirements[usize::from(kind)];
         if !requirement.requires_quality() {
             return true;
         }
-        let in_scanner = self.scanner.apply((*p).into());
-        let cos = -dot(self.scanner.turn((*normal).into()), in_scanner) / dot(in_scanner, in_scanner).sqrt();
-        let off = (in_scanner[2] - optics.best_mm) / optics.half_range_mm(in_scanner[2]);
-        let noise_mm = optics.noise_best_mm * (1.0 + optics.noise_depth_gain * off * off) / cos;
-        let spacing_mm = in_scanner[2] / (optics.focal_px * cos);
+        let MeasuringPrecision { cos, noise_mm, spacing_mm } = self.precision_at(p, normal);
         (cos > 0.0)
             && requirement.min_grade.is_none_or(|grade| f64::from(quality) > grade.above())
             && requirement.noise_max_mm.is_none_or(|max_mm| noise_mm <= max_mm)
             && requirement.spacing_max_mm.is_none_or(|max_mm| spacing_mm <= max_mm)
+    }
+
+    /// The expected precision at a sample that is measured.
+    #[must_use]
+    pub fn precision_at(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> MeasuringPrecision {
+        let (optics, in_scanner) = (self.optics, self.scanner.apply((*p).into()));
+        let cos = -dot(self.scanner.turn((*normal).into()), in_scanner) / dot(in_scanner, in_scanner).sqrt();
+        let off = (in_scanner[2] - optics.best_mm) / optics.half_range_mm(in_scanner[2]);
+        let noise_mm = optics.noise_best_mm * (1.0 + optics.noise_depth_gain * off * off) / cos;
+        MeasuringPrecision { cos, noise_mm, spacing_mm: in_scanner[2] / (optics.focal_px * cos) }
+    }
+
+    /// Optical centres, part frame.
+    #[must_use]
+    pub fn centres_mm(&self) -> &PerDevice<Point3<f64>> {
+        &self.centres_mm
+    }
+
+    /// The angles at which the devices see a point with this unit normal.
+    #[must_use]
+    pub fn incidence_rad(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> PerDevice<f64> {
+        self.centres_mm.map(|centre| normal.angle(&(centre - p)))
     }
 
     /// c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]), each clamped to [−1, 1]. D is the half range on the sample's

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::at_risk::AtRiskDocument;
+use super::exposure::ExposureLossDocument;
 use super::regions::RegionCoverageDocument;
 use crate::planning::params::PoseErrorParams;
 use crate::planning::plan::{Coverage, Drawn, Independent, Robust, VisibleShares, share};
@@ -40,6 +41,12 @@ pub struct CoverageDocument {
     /// Measured area that a real scan may lack; it is not a figure of the headline. `null` in plans from before it was introduced.
     #[serde(default)]
     pub at_risk: Option<AtRiskDocument>,
+    /// True in the plan of further views after a scan: what that left open is all that is asked for.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub of_open: bool,
+    /// Area that is expected to be too dark or saturated; present where `params.materials` or `params.scan.brightness` asks for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ExposureLossDocument>,
     /// Coverage of each region of interest and each feature, in this order, as in `params.regions`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
@@ -180,6 +187,8 @@ impl From<&Coverage> for CoverageDocument {
             grades: GradesDocument { a, b, c, d },
             curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
             at_risk: Some(AtRiskDocument::from(coverage)),
+            of_open: coverage.is_of_open,
+            exposure: coverage.exposure.map(|loss| ExposureLossDocument::of(&loss, coverage.asked_area_mm2)),
             regions: coverage.regions.iter().map(RegionCoverageDocument::from).collect(),
             independent: Some(IndependentDocument::from(&coverage.independent)),
             robust: coverage.robust.as_ref().map(RobustDocument::from),

@@ -42,9 +42,9 @@ impl MotionDocument {
     /// Sums up the motion of a plan; `None` without a cell.
     pub(in crate::wire) fn of(plan: &Plan) -> Option<Self> {
         plan.sequences().next()?;
-        let (visits, scan) = (plan.visits().count() as f64, &plan.params.scan);
+        let (visits, captures, scan) = (plan.visits().count() as f64, plan.captures() as f64, &plan.params.scan);
         let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
-        let [settling_secs, scanning_secs] = [scan.settle_secs, scan.capture_secs].map(|secs| secs * visits);
+        let (settling_secs, scanning_secs) = (scan.settle_secs * visits, scan.capture_secs * captures);
         Some(Self {
             cycle_secs: moving_secs + settling_secs + scanning_secs,
             moving_secs,

@@ -1,0 +1,52 @@
+//! Brightness of the views and the area expected to be lost to it, in `plan.json`, `viewpoints.json` and `coverage.json`.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::planning::plan::{ExposureLoss, ViewExposure, share};
+
+/// Brightness of a view, and the area that it sees and that is expected to be lost to it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct ViewExposureDocument {
+    /// Brightness level of each capture, 0 to 9, ascending: one, or two at one pose.
+    pub levels: Vec<u8>,
+    /// Asked area that the view sees, whether it is lit well or not.
+    pub seen_area_mm2: f64,
+    /// Part of it that is too dark in every capture.
+    pub dark_area_mm2: f64,
+    /// Part of it that is saturated in a capture, and too dark or saturated in the others.
+    pub saturated_area_mm2: f64,
+}
+
+impl From<&ViewExposure> for ViewExposureDocument {
+    fn from(exposure: &ViewExposure) -> Self {
+        let ViewExposure { levels, seen_area_mm2, dark_area_mm2, saturated_area_mm2 } = exposure.clone();
+        Self { levels, seen_area_mm2, dark_area_mm2, saturated_area_mm2 }
+    }
+}
+
+/// Asked area that some view sees and that is expected to be too dark or saturated in all that do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct ExposureLossDocument {
+    /// Area that is too dark in every view that sees it.
+    pub dark_area_mm2: f64,
+    /// Area that is saturated in some view.
+    pub saturated_area_mm2: f64,
+    /// Both as a share of the asked area.
+    pub of_asked: f64,
+    /// Part of both that counts as measured above, since a level by itself would do, and its views are captured at others.
+    pub of_measured_area_mm2: f64,
+    /// True if the scanner's specification has no `exposure`, so that its levels were assumed.
+    pub levels_assumed: bool,
+}
+
+impl ExposureLossDocument {
+    /// The loss beside the asked area.
+    pub(in crate::wire) fn of(loss: &ExposureLoss, asked_area_mm2: f64) -> Self {
+        let ExposureLoss { dark_area_mm2, saturated_area_mm2, of_measured_area_mm2, is_assumed } = *loss;
+        let of_asked = share(dark_area_mm2 + saturated_area_mm2, asked_area_mm2);
+        Self { dark_area_mm2, saturated_area_mm2, of_asked, of_measured_area_mm2, levels_assumed: is_assumed }
+    }
+}
