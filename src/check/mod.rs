@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
-    Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec,
+    Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, UseConditions,
 };
 use crate::geometry::Mesh;
 use crate::planning::certificate::recheck::{self, TakenView};
@@ -18,10 +18,11 @@ use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
 use crate::planning::{PlanInput, resting};
 use crate::program::{self, Expected, Fault, Finding, Program};
+use crate::wire::calibration::use_conditions;
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{DocumentKind, from_value, warnings};
+use crate::wire::{DocumentKind, UtcTime, from_value, warnings};
 
 /// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
 const ROUNDING_MM: f64 = 0.01;
@@ -35,6 +36,25 @@ pub struct Reference {
     pub part: Option<Mesh>,
     /// The fixture that holds it, in part coordinates.
     pub fixture: Option<Mesh>,
+    /// Present time and temperature of the cell.
+    pub present: Present,
+}
+
+/// Time and temperature, °C, as far as they are known: against them the cell's calibration may be stale.
+#[derive(Clone, Debug, Default)]
+pub struct Present {
+    /// Time.
+    pub now: Option<UtcTime>,
+    /// Temperature in the cell, °C.
+    pub temperature_c: Option<f64>,
+}
+
+impl Present {
+    /// Conditions of the calibration of `cell`.
+    #[must_use]
+    pub fn conditions(&self, cell: &Cell) -> UseConditions {
+        use_conditions(cell, self.now.as_ref(), self.temperature_c)
+    }
 }
 
 /// A document without findings.
@@ -169,9 +189,12 @@ fn check_program(
     let program = document.program()?;
     reference.owns(&program).map_err(|finding| field_errors(&[finding]))?;
     let Some(cell) = cell else { return Ok(None) };
+    reference.check_scanner(cell)?;
     let expected = reference.expected(document.setup);
     let scene = reference.scene(cell, expected.as_ref());
-    let found = program::check(&program, cell, &scene, expected.as_ref());
+    let mut found = program::check(&program, cell, &scene, expected.as_ref());
+    let stale = program::check_calibration(cell, &reference.present.conditions(cell));
+    found.extend(stale.into_iter().filter(|finding| !found.contains(finding)).collect::<Vec<_>>());
     if !found.is_empty() {
         return Err(field_errors(&found));
     }
@@ -221,6 +244,15 @@ impl Reference {
         Err(Finding { step: None, fault })
     }
 
+    /// Holds the scanner of the cell against that of the plan.
+    ///
+    /// # Errors
+    /// Fields in which they differ; never one without a plan.
+    pub fn check_scanner(&self, cell: &Cell) -> Result<(), Vec<FieldError>> {
+        let differences = self.plan.as_ref().map(|(plan, _)| plan.scanner_differences(&cell.scanner)).unwrap_or_default();
+        if differences.is_empty() { Ok(()) } else { Err(differences) }
+    }
+
     /// Requirements of the plan on the program of a setup.
     #[must_use]
     pub fn expected(&self, setup: usize) -> Option<Expected> {
@@ -259,6 +291,10 @@ impl Reference {
         };
         // Views of other setups than the program's clear samples of risks; what they measure is not to be had here.
         if !plan.params.realism.count_at_risk && plan.setups.len() > 1 {
+            return Ok(None);
+        }
+        // Parameters do not say what earlier scans left open.
+        if plan.coverage.of_open {
             return Ok(None);
         }
         let poses = program::scan_poses(program, cell, &expected.table_from_part).into_iter();

@@ -5,8 +5,11 @@ mod regions;
 
 use std::collections::BTreeSet;
 
+use nalgebra::Point3;
+
 use super::expected;
 use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings};
+use crate::geometry::{Device, ScannerFrame};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{AdviceKind, Cause, RemedyKind, RiskReason, StopReason, ViewId};
 use crate::program::{self, Expected};
@@ -16,6 +19,8 @@ use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocu
 const SHARE_TOLERANCE: f64 = 1e-9;
 /// Tolerance of areas, as a share of the asked area: they are sums in different orders.
 const AREA_TOLERANCE: f64 = 1e-6;
+/// Tolerance of depths, mm: they went through a file.
+const ROUNDING_MM: f64 = 1e-6;
 /// Tolerance of angles, °: they were converted to degrees and back.
 const ROUNDING_DEG: f64 = 1e-6;
 /// Causes for which a chosen view may measure nothing.
@@ -29,6 +34,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     }
     check_part(&document.part, &mut findings);
     check_limits(document, cell.filter(|_| document.cell.is_some()), &mut findings);
+    check_depth(document, cell.filter(|_| document.cell.is_some()), &mut findings);
     check_candidates(document, &mut findings);
     check_coverage(&document.coverage, &mut findings);
     regions::check(document, &mut findings);
@@ -89,6 +95,48 @@ fn check_limits(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Fin
             )
         });
     }
+}
+
+/// Requires best focus within the working depth and in focus for every device; with the cell, no depth beyond that of its scanner.
+fn check_depth(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Findings) {
+    let depth = &document.scanner.depth_mm;
+    let is_ordered = 0.0 < depth.near && depth.near < depth.best && depth.best < depth.far && depth.far.is_finite();
+    findings.require(is_ordered, "/scanner/depth_mm", || {
+        format!("is near {}, best {}, far {} mm; allowed is 0 < near < best < far", depth.near, depth.best, depth.far)
+    });
+    if let Some(cell) = cell {
+        let scanner = &cell.scanner;
+        let range = [scanner.near_mm, scanner.far_mm];
+        within_slab("/scanner/depth_mm", ["near", "far"], [Some(depth.near), Some(depth.far)], range, findings);
+    }
+    for (index, device) in document.scanner.devices.iter().enumerate() {
+        let at = format!("/scanner/devices/{index}");
+        let in_focus_mm = [device.in_focus_from_mm, device.in_focus_to_mm];
+        let best = Point3::new(0.0, 0.0, depth.best);
+        let best_mm = device.scanner_from_device.pose::<ScannerFrame, Device>().inverse().point(&best).z;
+        let [from_mm, to_mm] = [in_focus_mm[0].unwrap_or(f64::NEG_INFINITY), in_focus_mm[1].unwrap_or(f64::INFINITY)];
+        let is_in_focus = (from_mm - ROUNDING_MM..=to_mm + ROUNDING_MM).contains(&best_mm);
+        findings.require(is_in_focus, format!("{at}/in_focus_from_mm"), || {
+            format!("to in_focus_to_mm is {from_mm} to {to_mm} mm; best focus, {best_mm:.3} mm from the device, must lie in it")
+        });
+        let of_cell = DeviceName::ALL.into_iter().find(|name| name.as_str() == device.name).zip(cell);
+        if let Some((name, cell)) = of_cell {
+            let range = cell.scanner.devices[name].in_focus_mm;
+            within_slab(&at, ["in_focus_from_mm", "in_focus_to_mm"], in_focus_mm, range, findings);
+        }
+    }
+}
+
+/// Requires the two ends of a range of depths within that of the cell's scanner; an end that is missing is an infinite one.
+fn within_slab(at: &str, fields: [&str; 2], ends_mm: [Option<f64>; 2], [near_mm, far_mm]: [f64; 2], findings: &mut Findings) {
+    let [low, high] = [ends_mm[0].unwrap_or(f64::NEG_INFINITY), ends_mm[1].unwrap_or(f64::INFINITY)];
+    let shown = |end: Option<f64>| end.map_or_else(|| "without a limit".to_owned(), |mm| format!("{mm} mm"));
+    findings.require(low >= near_mm - ROUNDING_MM, format!("{at}/{}", fields[0]), || {
+        format!("is {}; allowed is {near_mm} mm and more, as in the cell's scanner", shown(ends_mm[0]))
+    });
+    findings.require(high <= far_mm + ROUNDING_MM, format!("{at}/{}", fields[1]), || {
+        format!("is {}; allowed is up to {far_mm} mm, as in the cell's scanner", shown(ends_mm[1]))
+    });
 }
 
 fn check_candidates(document: &PlanDocument, findings: &mut Findings) {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::session::streamer::Jitter;
 use super::session::{Identities, Mode, RunReason, RunState, RunStatus, StopCause};
 use crate::cell::{Cell, Configuration};
-use crate::geometry::{Part, Plate, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Part, Pose, Table, plate_from_placed};
 use crate::planning::PlanInput;
 use crate::planning::certificate::recheck::{self, Measured, TakenView};
 use crate::planning::context::{Context, PlanError};
@@ -54,7 +54,7 @@ impl PoseDeviation {
     /// Deviation of a measured configuration.
     #[must_use]
     pub fn of(cell: &Cell, commanded: &Configuration, measured: &Configuration) -> Self {
-        let [meant, found] = [commanded, measured].map(|configuration| plate_from_scanner(cell, configuration));
+        let [meant, found] = [commanded, measured].map(|configuration| cell.plate_from_scanner(configuration));
         let [meant_axis, found_axis] = [&meant, &found].map(|pose| pose.direction(&nalgebra::Vector3::z()));
         // Exact for small angles, where the cosine is not.
         let angle_rad = meant_axis.cross(&found_axis).norm().atan2(meant_axis.dot(&found_axis));
@@ -194,7 +194,7 @@ impl RunRecord {
     pub fn taken_views(&self, cell: &Cell, table_from_part: &Pose<Table, Part>) -> Vec<TakenView> {
         let part_from_plate = plate_from_placed(table_from_part).inverse();
         let view = |scan: &StepRecord| TakenView {
-            part_from_scanner: part_from_plate * plate_from_scanner(cell, &scan.measured),
+            part_from_scanner: part_from_plate * cell.plate_from_scanner(&scan.measured),
             table_rad: Some(scan.measured.table_rad),
         };
         self.scans().map(view).collect()
@@ -215,11 +215,6 @@ impl RunRecord {
         let lies = self.located.as_ref().unwrap_or(table_from_part);
         recheck::measured_in_cell(input, params, lies, &self.taken_views(cell, lies), ctx)
     }
-}
-
-/// The scanner as the plate sees it.
-fn plate_from_scanner(cell: &Cell, configuration: &Configuration) -> Pose<Plate, ScannerFrame> {
-    cell.base_from_plate(configuration.table_rad).inverse() * cell.base_from_scanner(&configuration.joints_rad)
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use super::{Move, Program, Step};
-use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact};
+use super::{Move, Program, ProgramCalibration, Step};
+use crate::cell::{Axes, CalibrationObjection, Cell, CollisionScene, Configuration, Contact, UseConditions};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 use crate::planning::plan::ViewId;
 
@@ -64,6 +64,17 @@ pub enum Fault {
         program: String,
         /// Name in the cell.
         cell: String,
+    },
+    /// Calibrated poses of the cell that may not be used.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationObjection),
+    /// Made with another calibration than the cell has.
+    #[error("is made with calibration {}, the cell has {}", named(program.as_ref()), named(cell.as_ref()))]
+    OtherCalibration {
+        /// Calibration of the program.
+        program: Option<ProgramCalibration>,
+        /// Calibration of the cell.
+        cell: Option<ProgramCalibration>,
     },
     /// Made from another plan.
     #[error("is made from plan {program}, not from {plan}")]
@@ -172,11 +183,16 @@ pub enum Fault {
     },
 }
 
+fn named(calibration: Option<&ProgramCalibration>) -> String {
+    calibration.map_or_else(|| "none".to_owned(), ToString::to_string)
+}
+
 /// Everything that is wrong with `program` in `cell`, in the order of its steps; empty when it is sound. `scene` holds the
 /// part, if known, and the clearance to keep; with `expected` every capture is held against its viewpoint.
 #[must_use]
 pub fn check(program: &Program, cell: &Cell, scene: &CollisionScene, expected: Option<&Expected>) -> Vec<Finding> {
-    let mut linter = Linter { cell, scene, axes: cell.axes(), expected, findings: Vec::new(), scanned: BTreeSet::new() };
+    let mut linter =
+        Linter { cell, scene, axes: cell.axes(), expected, findings: Vec::new(), scanned: BTreeSet::new(), captured: None };
     linter.whole(program);
     let mut here = program.home_rad;
     for (index, step) in program.steps.iter().enumerate() {
@@ -184,6 +200,13 @@ pub fn check(program: &Program, cell: &Cell, scene: &CollisionScene, expected: O
     }
     linter.end(program, &here);
     linter.findings
+}
+
+/// Objections to the calibrated poses of a cell under these conditions, ages and temperature among them.
+#[must_use]
+pub fn check_calibration(cell: &Cell, conditions: &UseConditions) -> Vec<Finding> {
+    let objections = cell.calibration_objections(conditions).into_iter();
+    objections.map(|objection| Finding { step: None, fault: Fault::Calibration(objection) }).collect()
 }
 
 /// Poses of the scanner at each scan, as seen from the part.
@@ -245,6 +268,8 @@ struct Linter<'a> {
     expected: Option<&'a Expected>,
     findings: Vec<Finding>,
     scanned: BTreeSet<ViewId>,
+    /// View and brightness of the capture since which nothing has moved.
+    captured: Option<(ViewId, u8)>,
 }
 
 impl Linter<'_> {
@@ -253,6 +278,12 @@ impl Linter<'_> {
     }
 
     fn whole(&mut self, program: &Program) {
+        // Ages and temperatures are for whoever has a clock: `check_calibration`.
+        self.findings.extend(check_calibration(self.cell, &UseConditions::default()));
+        let present = ProgramCalibration::of(self.cell);
+        if program.calibration != present {
+            self.find(None, Fault::OtherCalibration { program: program.calibration.clone(), cell: present });
+        }
         let hardware =
             [("robot", &program.robot, &self.cell.robot.name), ("turntable", &program.turntable, &self.cell.turntable.name)];
         for (what, program, cell) in hardware.map(|(what, program, cell)| (what, program.clone(), cell.clone())) {
@@ -275,6 +306,7 @@ impl Linter<'_> {
         }
         match step {
             Step::Move(step) => {
+                self.captured = None;
                 self.travel(index, step, here);
                 *here = step.target_rad;
             }
@@ -323,7 +355,9 @@ impl Linter<'_> {
         if brightness > MAX_BRIGHTNESS {
             self.find(Some(index), Fault::Brightness(brightness));
         }
-        if !self.scanned.insert(view) {
+        // Two captures of one pose differ in their brightness.
+        let is_second = self.captured.replace((view, brightness)).is_some_and(|(last, level)| last == view && level < brightness);
+        if !self.scanned.insert(view) && !is_second {
             self.find(Some(index), Fault::Twice(view.0));
         }
         let Some(expected) = self.expected else { return };

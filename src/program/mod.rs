@@ -6,12 +6,12 @@ mod compile;
 pub mod dialects;
 mod interlock;
 
-pub use check::{Expected, Fault, Finding, check, off_coverage, off_pose, scan_configurations, scan_poses};
-pub use compile::compile;
+pub use check::{Expected, Fault, Finding, check, check_calibration, off_coverage, off_pose, scan_configurations, scan_poses};
+pub use compile::{compile, compile_views};
 pub use interlock::{Together, interlock};
 
 use crate::cell::time_parameterisation::SmoothPath;
-use crate::cell::{Axes, Configuration};
+use crate::cell::{Axes, Cell, Configuration};
 use crate::planning::plan::ViewId;
 
 /// A program. Begins and ends at home; an immutable value.
@@ -21,6 +21,8 @@ pub struct Program {
     pub plan_sha256: String,
     /// Setup of the plan in which the part lies, from 0.
     pub setup: usize,
+    /// Calibration of the cell that it was made for; `None` where the cell's poses were typed in.
+    pub calibration: Option<ProgramCalibration>,
     /// Name of the robot's specification.
     pub robot: String,
     /// Name of the turntable's specification.
@@ -31,6 +33,32 @@ pub struct Program {
     pub steps: Vec<Step>,
     /// Predicted time of all steps.
     pub cycle_secs: f64,
+}
+
+/// Calibration that a program was made with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProgramCalibration {
+    /// Identifier of the calibration.
+    pub calibration_id: String,
+    /// Identifier of the compensation in force.
+    pub compensation_sha256: Option<String>,
+}
+
+impl ProgramCalibration {
+    /// Calibration of a cell.
+    #[must_use]
+    pub fn of(cell: &Cell) -> Option<Self> {
+        let known = cell.calibrated.as_ref()?;
+        let (calibration_id, compensation_sha256) = (known.calibration_id.clone(), known.compensation_sha256.clone());
+        Some(Self { calibration_id, compensation_sha256 })
+    }
+}
+
+impl std::fmt::Display for ProgramCalibration {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.calibration_id)?;
+        self.compensation_sha256.as_ref().map_or(Ok(()), |sha256| write!(f, " with compensation {sha256}"))
+    }
 }
 
 /// One step.

@@ -2,8 +2,11 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
-use super::{Expected, Fault, Program, Step, check, compile};
-use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
+use super::{Expected, Fault, Program, ProgramCalibration, Step, check, check_calibration, compile};
+use crate::cell::{
+    CalibrationProvenance, Cell, CollisionScene, CompensationProvenance, Configuration, PoseSpec, Presets, SpecLibrary,
+    UseConditions,
+};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;
@@ -88,6 +91,20 @@ fn a_compiled_program_is_sound_and_does_what_each_view_needs() {
 }
 
 #[test]
+fn a_view_with_two_levels_is_captured_twice_at_one_pose() {
+    let job = job();
+    let Step::Scan { view, .. } = job.program.steps[2] else { panic!("third step scans") };
+    let again = |brightness| Step::Scan { view, brightness, capture_secs: 1.0 };
+    let mut twice = job.program.clone();
+    twice.steps.insert(3, again(7));
+    twice.cycle_secs += 1.0;
+    assert_eq!(job.faults(&twice), [], "a brighter capture of the same pose");
+    assert!(matches!(job.fault_after(|p| p.steps.insert(3, again(4))), Fault::Twice(v) if v == view.0), "levels ascend");
+    let later = job.program.steps.len() - 1;
+    assert!(matches!(job.fault_after(|p| p.steps.insert(later, again(7))), Fault::OffPose { .. } | Fault::Twice(_)));
+}
+
+#[test]
 fn each_fault_is_found_and_named() {
     let job = job();
     let turned = |by: f64, joint: usize| move |program: &mut Program| first_move(program).target_rad.joints_rad[joint] += by;
@@ -115,6 +132,63 @@ fn each_fault_is_found_and_named() {
     assert!(matches!(job.fault_after(|p| p.steps[2] = scan(view.0, 10)), Fault::Brightness(10)));
     assert!(matches!(job.fault_after(|p| p.steps.insert(3, scan(view.0, 5))), Fault::Twice(v) if v == view.0));
     assert!(matches!(job.fault_after(|p| drop(p.steps.remove(2))), Fault::NeverScanned(v) if v == view.0));
+}
+
+/// A cell whose compensation is of another cell, out of bounds or too old, and a program of another calibration.
+#[test]
+fn calibrated_poses_that_may_not_be_used_are_found() {
+    let mut job = job();
+    let compensation = CompensationProvenance {
+        cell: job.cell.name.clone(),
+        calibration_id: "ab".repeat(32),
+        at: "2026-11-23T06:00:00Z".into(),
+        temperature_c: Some(22.0),
+        flange_from_scanner: PoseSpec::from(&job.cell.flange_from_scanner),
+        rotation_deg: 0.05,
+        translation_mm: 0.4,
+        max_rotation_deg: 1.0,
+        max_translation_mm: 8.4,
+        max_age_hours: 24.0,
+        max_temperature_change_k: 5.0,
+    };
+    let calibrated = CalibrationProvenance {
+        by: "vantage".into(),
+        at: "2026-11-20T09:00:00Z".into(),
+        calibration_id: "ab".repeat(32),
+        data_sha256: "cd".repeat(32),
+        rms_rotation_deg: 0.01,
+        rms_translation_mm: 0.1,
+        point_sd_mm: 0.05,
+        rotation_sd_deg: 0.004,
+        translation_sd_mm: 0.04,
+        temperature_c: None,
+        max_age_hours: None,
+        max_temperature_change_k: None,
+        compensation_sha256: Some("ef".repeat(32)),
+        compensation: Some(compensation),
+    };
+    job.cell.calibrated = Some(calibrated.clone());
+    assert!(matches!(job.faults(&job.program)[..], [Fault::OtherCalibration { program: None, .. }]));
+    job.program.calibration = ProgramCalibration::of(&job.cell);
+    assert_eq!(job.faults(&job.program), []);
+    let spoilt = |change: fn(&mut CompensationProvenance)| {
+        let mut known = calibrated.clone();
+        known.compensation.iter_mut().for_each(change);
+        let cell = Cell { calibrated: Some(known), ..job.cell.clone() };
+        let found = check(&job.program, &cell, &job.scene, Some(&job.expected));
+        assert_eq!(found.len(), 1, "{found:?}");
+        found[0].to_string()
+    };
+    assert!(spoilt(|known| known.cell = "line-4".into()).contains("is of cell \"line-4\""));
+    assert!(spoilt(|known| known.rotation_deg = 2.0).contains("allowed are 8.4 mm and 1°"));
+    assert!(spoilt(|known| known.calibration_id = "00".repeat(32)).contains("corrects calibration"));
+    // Age and temperature are held against a clock that the caller has.
+    let at = |hours: f64, celsius: f64| {
+        let compensation_age_hours = Some(hours);
+        let conditions = UseConditions { compensation_age_hours, temperature_c: Some(celsius), ..UseConditions::default() };
+        check_calibration(&job.cell, &conditions).len()
+    };
+    assert_eq!((at(23.9, 26.9), at(24.1, 26.9), at(23.9, 27.1), at(24.1, 27.1)), (0, 1, 1, 2));
 }
 
 #[test]

@@ -10,7 +10,7 @@ use tokio::time::Instant;
 use super::cause::{DeviceRole, StopCause};
 use super::machine::MachineState;
 use super::state::RunState;
-use crate::cell::{Cell, CollisionScene, Configuration, Contact};
+use crate::cell::{CalibrationObjection, Cell, CollisionScene, Configuration, Contact, UseConditions};
 use crate::execution::device::Target;
 use crate::program::{Expected, Finding, Program, check};
 
@@ -18,6 +18,7 @@ use crate::program::{Expected, Finding, Program, check};
 const WORKSPACE_SAMPLES: u32 = 20;
 /// Numbers that went through degrees or a quotient differ by less, as a share.
 const ROUNDING: f64 = 1e-9;
+const SECS_PER_HOUR: f64 = 3600.0;
 
 /// Limits that a session keeps; from the cell file alone.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,6 +102,9 @@ pub struct RunJob {
     pub(super) scene: Arc<CollisionScene>,
     pub(super) approved: Hashes,
     pub(super) present: Hashes,
+    /// Age and temperature of the calibration when the job was made.
+    conditions: UseConditions,
+    made_at: Instant,
 }
 
 impl RunJob {
@@ -121,7 +125,24 @@ impl RunJob {
             return Err(findings);
         }
         let scene = Arc::new(scene.at_most_clearance(0.5 * scene.clearance_mm()));
-        Ok(Self { program: Arc::new(program), cell, scene, approved, present })
+        let (conditions, made_at) = (UseConditions::default(), Instant::now());
+        Ok(Self { program: Arc::new(program), cell, scene, approved, present, conditions, made_at })
+    }
+
+    /// The job under these conditions, as they are now: ages grow from here on.
+    #[must_use]
+    pub fn under(self, conditions: UseConditions) -> Self {
+        Self { conditions, made_at: Instant::now(), ..self }
+    }
+
+    /// Conditions at this moment.
+    fn conditions(&self) -> UseConditions {
+        let hours = self.made_at.elapsed().as_secs_f64() / SECS_PER_HOUR;
+        UseConditions {
+            calibration_age_hours: self.conditions.calibration_age_hours.map(|age| age + hours),
+            compensation_age_hours: self.conditions.compensation_age_hours.map(|age| age + hours),
+            ..self.conditions
+        }
     }
 
     /// The program.
@@ -149,6 +170,8 @@ pub enum Objection {
         /// Hash in force.
         present: String,
     },
+    /// Calibrated poses that may not be used, or not any longer.
+    Calibration(CalibrationObjection),
     /// No such step.
     NoSuchStep {
         /// Step asked for, from 0.
@@ -198,6 +221,7 @@ impl fmt::Display for Objection {
             Self::OtherHash { what, approved, present } => {
                 write!(f, "the {what} in force ({present}) is not the one approved ({approved}); plan again, or approve it")
             }
+            Self::Calibration(objection) => objection.fmt(f),
             Self::NoSuchStep { step, steps } => write!(f, "there is no step {step}; the program has {steps}, from 0"),
             Self::Override(value) => write!(f, "the speed override is {value}; allowed is 0.01 to 1"),
             Self::Moves(device) => write!(f, "the {device} moves already; wait until it stands still"),
@@ -255,6 +279,7 @@ pub(super) fn to_run(job: &RunJob, from_step: usize, speed_override: f64) -> Vec
     ];
     let other = pairs.into_iter().filter(|(_, approved, present)| approved != present);
     let mut found: Vec<_> = other.map(|(what, approved, present)| Objection::OtherHash { what, approved, present }).collect();
+    found.extend(job.cell.calibration_objections(&job.conditions()).into_iter().map(Objection::Calibration));
     let steps = job.program.steps.len();
     if from_step >= steps.max(1) {
         found.push(Objection::NoSuchStep { step: from_step, steps });

@@ -8,6 +8,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+};
+
 /// Width of a bin of the histogram.
 const BIN: Duration = Duration::from_micros(10);
 /// Bins of the histogram: up to 20 ms; the last holds all beyond.
@@ -152,12 +156,16 @@ fn keep_time(period: Duration, is_over: &AtomicBool, jitter: &Mutex<Jitter>, bea
     }
 }
 
-/// Raises the priority of this thread (Linux has one per thread), so that it beats on time beside threads that plan. Without the right
-/// to (`CAP_SYS_NICE`, or `LimitNICE` of systemd) it stays as it is, above that of planning threads.
+/// Raises this thread above those that plan, so that it beats on time: to the real-time class (`SCHED_FIFO`, sched(7)), in which it
+/// waits for no other thread. Without the right to that (`CAP_SYS_NICE`, or `LimitRTPRIO` of systemd) by its nice value, and without
+/// the right to that too (`LimitNICE`) it stays as it is, above planning threads all the same.
 fn raise_priority() {
     const NICE: i32 = -15;
-    // Refused without the right: as the line above says.
-    let _ = rustix::process::setpriority_process(Some(rustix::thread::gettid()), NICE);
+    let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    if set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, fifo).is_err() {
+        // Refused without the right: as the line above says.
+        let _ = rustix::process::setpriority_process(Some(rustix::thread::gettid()), NICE);
+    }
 }
 
 fn wait_until(deadline: Instant) {

@@ -70,6 +70,7 @@ fn what_cannot_be_separated_is_told_with_step_and_bodies() {
     let program = Program {
         plan_sha256: String::new(),
         setup: 0,
+        calibration: None,
         robot: String::new(),
         turntable: String::new(),
         home_rad,

@@ -1,9 +1,12 @@
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::time::Instant;
 
 use super::{Objection, Safeguards, Workspace, to_run, to_start, to_target, unfit};
-use crate::cell::Configuration;
+use crate::cell::{
+    CalibrationObjection, CalibrationProvenance, Cell, CompensationProvenance, Configuration, PoseSpec, UseConditions,
+};
 use crate::execution::device::{ArmState, Condition, FaultCode, TableState};
 use crate::execution::profile::segment;
 use crate::execution::session::{DeviceRole, MachineState, RunState, StopCause};
@@ -101,4 +104,55 @@ fn options_out_of_range_are_refused() {
     assert_eq!(to_run(&job, steps, 1.0), [Objection::NoSuchStep { step: steps, steps }]);
     assert_eq!(to_run(&job, 0, 0.0), [Objection::Override(0.0)]);
     assert!(matches!(to_run(&job, 0, f64::NAN)[..], [Objection::Override(_)]));
+}
+
+/// A compensation that is fresh when the job is made, and stale when it is begun half an hour later.
+#[tokio::test(start_paused = true)]
+async fn a_compensation_that_went_stale_is_refused_before_motion() {
+    let mut job = job();
+    let mut cell = Cell::clone(&planned().cell);
+    cell.calibrated = Some(compensated(&cell));
+    job.cell = Arc::new(cell);
+    let fresh = UseConditions { compensation_age_hours: Some(23.8), ..UseConditions::default() };
+    let job = job.under(fresh);
+    assert_eq!(to_run(&job, 0, 1.0), []);
+    tokio::time::advance(Duration::from_secs(1800)).await;
+    let found = to_run(&job, 0, 1.0);
+    assert!(matches!(&found[..], [Objection::Calibration(CalibrationObjection::TooOld { .. })]), "{found:?}");
+    assert!(found[0].to_string().starts_with("the compensation is 24.3 h old"), "{}", found[0]);
+    let hot = job.clone().under(UseConditions { temperature_c: Some(31.0), ..fresh });
+    assert!(matches!(&to_run(&hot, 0, 1.0)[..], [Objection::Calibration(CalibrationObjection::Temperature { .. })]));
+}
+
+fn compensated(cell: &Cell) -> CalibrationProvenance {
+    let id = "ab".repeat(32);
+    let compensation = CompensationProvenance {
+        cell: cell.name.clone(),
+        calibration_id: id.clone(),
+        at: "2026-11-23T06:00:00Z".into(),
+        temperature_c: Some(22.0),
+        flange_from_scanner: PoseSpec::from(&cell.flange_from_scanner),
+        rotation_deg: 0.05,
+        translation_mm: 0.4,
+        max_rotation_deg: 1.0,
+        max_translation_mm: 8.4,
+        max_age_hours: 24.0,
+        max_temperature_change_k: 5.0,
+    };
+    CalibrationProvenance {
+        by: "vantage".into(),
+        at: "2026-11-20T09:00:00Z".into(),
+        calibration_id: id,
+        data_sha256: "cd".repeat(32),
+        rms_rotation_deg: 0.01,
+        rms_translation_mm: 0.1,
+        point_sd_mm: 0.05,
+        rotation_sd_deg: 0.004,
+        translation_sd_mm: 0.04,
+        temperature_c: None,
+        max_age_hours: None,
+        max_temperature_change_k: None,
+        compensation_sha256: Some("ef".repeat(32)),
+        compensation: Some(compensation),
+    }
 }
