@@ -1,0 +1,121 @@
+//! `vantage compare`: scans held against the plan of a part.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use super::out::{FileOrigin, OutputFolder, OutputWriter};
+use super::plan::pool;
+use super::scanned_part::{ScannedPartArgs, read_state, with_sets};
+use super::{CliError, files, output};
+use crate::geometry::LengthUnit;
+use crate::inspection::InspectionParams;
+use crate::inspection::ingest::ScanFrame;
+use crate::planning::context::{Context, Silent};
+use crate::report::inspection_text;
+use crate::service::inspect_job::{INSPECTION_FILES, InspectError, InspectJob, ScanSource};
+
+/// Endings of the names of files that a folder of scans is searched for.
+const ENDINGS: [&str; 9] = ["ply", "pcd", "e57", "xyz", "asc", "pts", "csv", "stl", "obj"];
+
+/// Compare scans with the plan of a part.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage compare plan scans --mesh part.stl --unit mm --out inspection
+  vantage compare plan/plan.json scans/view_*.ply --mesh part.stl --unit mm \\
+      --frame scanner --scan-unit mm --set align.method=as_placed \\
+      --out inspection
+
+Scans are PLY, PCD, E57, XYZ or STL files: one of each view, whose number is the last one in its name, or one of all views. Unit and \
+frame are found out where they are not given. Parameters: align.method (as_placed, best_fit, best_fit_on), align.region, \
+align.prior_deg, align.prior_mm, compare.tolerance_mm, compare.normal_deg, compare.search_mm, compare.band_deg, compare.edge_px, \
+compare.edge_step_mm.
+
+Files written to --out: inspection.html (open this first), inspection.txt, inspection.json, losses.json, learned.json, coverage.csv, \
+deviation.csv, deviation.ply.
+
+Exit codes: 0 success, 1 system error, 2 bad input, 4 interrupted.")]
+pub struct CompareArgs {
+    #[command(flatten)]
+    part: ScannedPartArgs,
+    /// Scans: files, or folders of files.
+    #[arg(required = true, value_name = "SCANS")]
+    scans: Vec<PathBuf>,
+    /// Unit of the scans, if it is known: mm, cm, m or inch.
+    #[arg(long, value_name = "UNIT")]
+    scan_unit: Option<LengthUnit>,
+    /// Frame of the scans, if it is known: cloud, scanner, base, table, plate or part.
+    #[arg(long)]
+    frame: Option<ScanFrame>,
+    /// Set one parameter: `compare.tolerance_mm=0.3`. Repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// Inspection of the round before, whose surface stays measured: the folder that `vantage compare` wrote.
+    #[arg(long, value_name = "INSPECTION")]
+    after: Option<PathBuf>,
+    /// Folder for the results; created if it does not exist.
+    #[arg(long)]
+    out: PathBuf,
+    /// Number of threads, 0 to 1024; 0 for all cores. The result does not depend on it.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    threads: u16,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
+    let params: InspectionParams = with_sets(&args.sets)?;
+    params.check().map_err(|errors| files::findings("parameters", &errors))?;
+    let scans = sources(args)?;
+    let before = args.after.as_deref().map(read_state).transpose()?;
+    let folder = OutputFolder::prepare(&args.out, OutputWriter::Inspection, &INSPECTION_FILES)?;
+    let pool = pool(args.threads)?;
+    let scanned = pool.install(|| args.part.load(cancel))?;
+    let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record: scanned.record.clone(), before };
+    let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
+    let inspected = pool.install(|| job.inspect(&scanned.part(), &progress, &Context::new(cancel, &Silent)));
+    let inspected = inspected.map_err(to_cli_error)?;
+    folder.replace(&inspected.files, &FileOrigin { plan_sha256: Some(scanned.plan_sha256.clone()), made_from: None })?;
+    output::result(&inspected.document, inspection_text(&inspected.document, &scanned.name))
+}
+
+fn to_cli_error(error: InspectError) -> CliError {
+    match error {
+        InspectError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
+        InspectError::Refused(errors) => files::findings("the inspection", &errors),
+        InspectError::Damaged(reason) => CliError::BadInput(reason),
+    }
+}
+
+/// Files of the scans, those of folders sorted by name.
+fn sources(args: &CompareArgs) -> Result<Vec<ScanSource>, CliError> {
+    let mut paths = Vec::new();
+    for path in &args.scans {
+        if path.is_dir() { paths.extend(of_folder(path)?) } else { paths.push(path.clone()) }
+    }
+    let source = |path: PathBuf| ScanSource {
+        name: path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        sha256: String::new(),
+        view: None,
+        unit: args.scan_unit.map(|unit| unit.as_str().to_owned()),
+        frame: args.frame,
+        path,
+    };
+    Ok(paths.into_iter().map(source).collect())
+}
+
+fn of_folder(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let shown = folder.display();
+    let entries = std::fs::read_dir(folder).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let is_scan = |path: &PathBuf| {
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
+    };
+    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).filter(is_scan).collect();
+    paths.sort();
+    if paths.is_empty() {
+        return Err(CliError::BadInput(format!("{shown}: has no scans (files that end in {})", ENDINGS.join(", "))));
+    }
+    Ok(paths)
+}

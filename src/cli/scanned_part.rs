@@ -1,0 +1,170 @@
+//! Part, cell and plan of commands on scans.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use super::plan::{insert, load_cell, load_mesh, load_scanner};
+use super::{CliError, files, set_value};
+use crate::cell::{Cell, Scanner};
+use crate::geometry::{LengthUnit, Mesh};
+use crate::service::inspect_job::InspectedPart;
+use crate::service::plan_job::{PLAN_FILE, plan_sha256};
+use crate::service::rescan_job::RESCAN_STATE_FILE;
+use crate::wire::inspection::RescanState;
+use crate::wire::plan::PlanDocument;
+use crate::wire::run::RunRecordDocument;
+
+/// The plan that was scanned, and what it was made for.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct ScannedPartArgs {
+    /// Plan: plan.json, or the folder that `vantage plan` wrote.
+    #[arg(value_name = "PLAN")]
+    plan: PathBuf,
+    /// Part as it was planned: an STL, OBJ or PLY file.
+    #[arg(long)]
+    mesh: PathBuf,
+    /// Unit of the mesh files: mm, cm, m or inch.
+    #[arg(long)]
+    unit: Option<LengthUnit>,
+    /// Fixture, in the part's coordinates and unit.
+    #[arg(long)]
+    fixture: Option<PathBuf>,
+    /// Cell of the plan: name of a preset, or a TOML or JSON file [default: the preset that the plan names].
+    #[arg(long)]
+    cell: Option<String>,
+    /// Scanner of a plan without a cell: name of a preset, or a file [default: the preset that the plan names].
+    #[arg(long)]
+    scanner: Option<String>,
+    /// Record of the run in which the scans are taken (`vantage run --record`): its measured poses count in place of the plan's.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+}
+
+/// A plan that was read, with part and hardware.
+pub(super) struct ScannedPart {
+    pub(super) plan: PlanDocument,
+    pub(super) plan_bytes: Vec<u8>,
+    pub(super) plan_sha256: String,
+    pub(super) mesh: Mesh,
+    pub(super) fixture: Option<Mesh>,
+    pub(super) name: String,
+    pub(super) scanner: Scanner,
+    pub(super) cell: Option<Cell>,
+    pub(super) record: Option<RunRecordDocument>,
+}
+
+impl ScannedPartArgs {
+    /// Unit of the mesh files.
+    pub(super) fn unit(&self) -> LengthUnit {
+        self.unit.unwrap_or(LengthUnit::Millimetre)
+    }
+
+    /// Reads every file, and holds part and hardware against the plan.
+    pub(super) fn load(&self, cancel: &AtomicBool) -> Result<ScannedPart, CliError> {
+        let path = if self.plan.is_dir() { self.plan.join(PLAN_FILE) } else { self.plan.clone() };
+        let shown = path.display().to_string();
+        let plan_bytes = std::fs::read(&path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+        let plan: PlanDocument = files::from_value(files::value(&path)?, &shown)?;
+        let of_plan = plan.cell.as_ref().map_or("none", |cell| cell.name.as_str());
+        let cell = self.cell.as_deref().unwrap_or(of_plan);
+        let cell = load_cell(cell, self.scanner.as_deref()).map_err(|error| named(error, self.cell.is_none(), "--cell"))?;
+        let scanner = self.scanner.as_deref().unwrap_or(&plan.scanner.name);
+        let scanner = load_scanner(cell.as_ref(), Some(scanner));
+        let scanner = scanner.map_err(|error| named(error, self.scanner.is_none(), "--scanner"))?;
+        let (part, _) = load_mesh(&self.mesh, self.unit, cancel)?;
+        let fixture = self.fixture.as_deref().map(|path| load_mesh(path, self.unit, cancel)).transpose()?;
+        let name = self.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let scanned = ScannedPart {
+            plan_sha256: plan_sha256(&plan_bytes),
+            record: self.record.as_deref().map(read_record).transpose()?,
+            fixture: fixture.map(|(fixture, _)| fixture.mesh),
+            mesh: part.mesh,
+            plan,
+            plan_bytes,
+            name,
+            scanner,
+            cell,
+        };
+        scanned.part().check(&scanned.plan).map_err(|errors| files::findings(&shown, &errors))?;
+        Ok(scanned)
+    }
+}
+
+/// The error on a file that the plan names and nobody gave: which option names it.
+fn named(error: CliError, is_of_plan: bool, option: &str) -> CliError {
+    match error {
+        CliError::BadInput(text) if is_of_plan => CliError::BadInput(format!("{text}\n  → name the file with {option}")),
+        CliError::BadInput(_)
+        | CliError::Failed(_)
+        | CliError::Findings(_)
+        | CliError::NoPlan(_)
+        | CliError::RegionsUnmet(_)
+        | CliError::NotCalibrated(_)
+        | CliError::Cancelled(_) => error,
+    }
+}
+
+fn read_record(path: &Path) -> Result<RunRecordDocument, CliError> {
+    files::from_value(files::value(path)?, &path.display().to_string())
+}
+
+impl ScannedPart {
+    /// Part and hardware.
+    pub(super) fn part(&self) -> InspectedPart<'_> {
+        InspectedPart {
+            mesh: &self.mesh,
+            fixture: self.fixture.as_ref(),
+            name: &self.name,
+            scanner: &self.scanner,
+            cell: self.cell.as_ref(),
+        }
+    }
+}
+
+/// Parameters with defaults, changed by every `--set KEY=VALUE`.
+pub(super) fn with_sets<T>(sets: &[String]) -> Result<T, CliError>
+where
+    T: Default + Serialize + DeserializeOwned + ToSchema + 'static,
+{
+    let mut value = serde_json::to_value(T::default()).unwrap_or(Value::Null);
+    for set in sets {
+        let (key, text) =
+            set.split_once('=').ok_or_else(|| CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE")))?;
+        let known = value.pointer(&format!("/{}", key.replace('.', "/"))).is_some();
+        if !known {
+            return Err(CliError::BadInput(format!(
+                "--set {set}: there is no parameter {key}; known are {}",
+                known_keys(&value)
+            )));
+        }
+        let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
+        inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
+    }
+    files::from_value(value, "parameters")
+}
+
+/// Keys of a value that are no tables.
+fn known_keys(value: &Value) -> String {
+    fn add(prefix: &str, value: &Value, keys: &mut Vec<String>) {
+        match value.as_object() {
+            Some(table) => table.iter().for_each(|(name, value)| add(&format!("{prefix}.{name}"), value, keys)),
+            None => keys.push(prefix.trim_start_matches('.').to_owned()),
+        }
+    }
+    let mut keys = Vec::new();
+    add("", value, &mut keys);
+    keys.join(", ")
+}
+
+/// Reads the state that an inspection left, from its folder or its file.
+pub(super) fn read_state(inspection: &Path) -> Result<RescanState, CliError> {
+    let file = if inspection.is_dir() { inspection.join(RESCAN_STATE_FILE) } else { inspection.to_owned() };
+    let shown = file.display().to_string();
+    serde_json::from_value(files::value(&file)?)
+        .map_err(|error| CliError::BadInput(format!("{shown}: {error}\n  → name the folder that `vantage compare` wrote")))
+}

@@ -1,0 +1,78 @@
+//! `vantage sim scanner`: scans of a plan's views, as a real scanner would export them.
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use super::out::{FileOrigin, OutputFolder, OutputWriter};
+use super::plan::{load_mesh, pool};
+use super::scanned_part::{ScannedPartArgs, with_sets};
+use super::{CliError, files, output};
+use crate::geometry::LengthUnit;
+use crate::inspection::simulated_scanner::SimulationParams;
+use crate::planning::context::{Context, Silent};
+use crate::service::inspect_job::PlannedViews;
+use crate::service::simulate_scans::{SimulatedScans, TRUTH_FILE, scan_file};
+
+/// Scan the views of a plan with a simulated scanner.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage sim scanner plan --mesh part.stl --unit mm --out scans
+  vantage sim scanner plan --mesh part.stl --unit mm --set step_px=8 \\
+      --set grazing_deg=[65,80] --set view_error_mm=0.2 --out scans
+  vantage compare plan scans --mesh part.stl --unit mm --out inspection
+
+Writes an organised cloud for each view (PLY, mm, scanner frame) and truth.json: poses as they really were, and what became of every \
+pixel. Parameters: step_px, seed, noise_best_mm, noise_depth_gain, correlated_noise_px, correlation_px, grazing_deg, lobe_deg, edge_px, \
+edge_step_mm, concave_mm, concave_dihedral_deg, albedo, brightness, signal, view_error_deg, view_error_mm, part_error_deg, \
+part_error_mm, with_surroundings. Nothing simulated here is a proof that a real scanner does the same.")]
+pub(super) struct SimScannerArgs {
+    #[command(flatten)]
+    part: ScannedPartArgs,
+    /// Part as it was built, where it differs from the planned one: an STL, OBJ or PLY file in the same coordinates.
+    #[arg(long, value_name = "MESH")]
+    part_as_built: Option<PathBuf>,
+    /// Unit of the part as it was built: mm, cm, m or inch.
+    #[arg(long, value_name = "UNIT", default_value = "mm")]
+    as_built_unit: LengthUnit,
+    /// Set one parameter: `lobe_deg=4`. Repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// Folder for the scans; created if it does not exist.
+    #[arg(long)]
+    out: PathBuf,
+    /// Number of threads, 0 to 1024; 0 for all cores. The scans do not depend on it.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    threads: u16,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`CliError`].
+pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliError> {
+    let sim: SimulationParams = with_sets(&args.sets)?;
+    sim.check().map_err(|errors| files::findings("parameters", &errors))?;
+    let pool = pool(args.threads)?;
+    let scanned = pool.install(|| args.part.load(cancel))?;
+    let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(args.as_built_unit), cancel)).transpose()?;
+    let as_built = as_built.map(|(read, _)| read.mesh);
+    let planned = PlannedViews::new(&scanned.plan, scanned.record.as_ref(), scanned.cell.as_ref());
+    let names: Vec<String> = planned.views.iter().map(|view| scan_file(view.viewpoint)).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).chain([TRUTH_FILE]).collect();
+    let folder = OutputFolder::prepare(&args.out, OutputWriter::Scans, &names)?;
+    let scans = SimulatedScans {
+        part: scanned.part(),
+        as_built: as_built.as_ref().unwrap_or(&scanned.mesh),
+        planned: &planned,
+        plan_params: &scanned.plan.params,
+        plan_sha256: &scanned.plan_sha256,
+        sim: &sim,
+    };
+    let progress = |done: usize, all: usize| output::note(format_args!("view {done} of {all}"));
+    let taken = pool.install(|| scans.files(&progress, &Context::new(cancel, &Silent)));
+    let taken = taken.map_err(|_| CliError::Cancelled("interrupted; nothing was written".into()))?;
+    folder.replace(&taken, &FileOrigin { plan_sha256: Some(scanned.plan_sha256.clone()), made_from: None })?;
+    let written: Vec<&str> = taken.iter().map(|file| file.name.as_ref()).collect();
+    let words = format!("{} scans in {}\n", written.len() - 1, folder.path().display());
+    output::result(&serde_json::json!({ "out": folder.path(), "files": written }), words)
+}

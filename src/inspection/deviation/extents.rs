@@ -1,0 +1,42 @@
+//! Extents of the part along its axes: nominal ones from the mesh; measured ones moved by the mean deviation of the samples at both ends.
+
+use super::{Nominal, SampleDeviation};
+
+/// Samples within this distance of an end belong to it, mm, and within this share of the extent.
+const END_MM: f64 = 0.2;
+const END_SHARE: f64 = 0.002;
+/// Least cosine between a sample's normal and the axis.
+const END_COS: f64 = 0.7;
+/// Fewer measured samples say nothing.
+const MIN_SAMPLES: usize = 5;
+
+/// Extent along one axis of the part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// Extent of the mesh, mm.
+    pub nominal_mm: f64,
+    /// Extent as measured, mm; none where an end was not measured.
+    pub measured_mm: Option<f64>,
+}
+
+pub(super) fn extents(samples: &[SampleDeviation], nominal: &Nominal<'_>) -> [Extent; 3] {
+    let around = nominal.mesh.aabb();
+    [0, 1, 2].map(|axis| {
+        let nominal_mm = around.extent_mm()[axis];
+        let end = |is_high: bool| {
+            let (sign, limit) = if is_high { (1.0, around.max[axis]) } else { (-1.0, around.min[axis]) };
+            let within = END_MM.max(END_SHARE * nominal_mm);
+            let (mut area, mut sum, mut count) = (0.0, 0.0, 0);
+            for sample in nominal.surface.samples() {
+                let (at, found) = (nominal.surface.sample_mm[sample.index()], samples[sample.index()]);
+                let cos = sign * nominal.surface.patch_of(sample).normal[axis];
+                if found.points > 0 && (at[axis] - limit).abs() <= within && cos >= END_COS {
+                    let own = nominal.surface.sample_area_mm2(sample);
+                    (area, sum, count) = (area + own, sum + own * cos * f64::from(found.distance_mm), count + 1);
+                }
+            }
+            (count >= MIN_SAMPLES).then(|| sum / area)
+        };
+        Extent { nominal_mm, measured_mm: end(false).zip(end(true)).map(|(low, high)| nominal_mm + low + high) }
+    })
+}

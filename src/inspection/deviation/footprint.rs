@@ -1,0 +1,210 @@
+//! Distances of a view's points from the faces that their rays meet, and those that a sample takes.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{DeviationOptions, LeftCamera, Nominal, PlacedScan, SimdLevel};
+use crate::geometry::{CloudGrid, Hit};
+use crate::planning::ids::SampleId;
+
+/// Rays that are cast together.
+const RAYS: usize = 4096;
+/// Face of a cell without a distance.
+const NO_FACE: u32 = u32::MAX;
+/// Largest distance from the surface at which points still count as material of the part, mm.
+const MAX_OFF_MM: f64 = 30.0;
+/// Every so many cells of a row and a column that are off the surface are kept, to bound memory.
+const OFF_STEP: usize = 2;
+
+/// Distance of each cell of a view.
+pub(super) struct ViewDistances {
+    grid: CloudGrid,
+    face: Vec<u32>,
+    distance_mm: Vec<f32>,
+    /// Points off the surface: position in the part's frame, and distance.
+    pub(super) off_surface: Vec<(Point3<f64>, f64)>,
+    pub(super) compared: u64,
+}
+
+/// Points that a sample takes from a view.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct MeasuredFootprint {
+    pub(super) points: u32,
+    pub(super) sum_mm: f64,
+    pub(super) square_mm2: f64,
+}
+
+/// A point's face and distance, or its place off the surface.
+#[derive(Clone, Copy)]
+enum Found {
+    Nothing,
+    On(u32, f32),
+    Off(f64),
+}
+
+impl ViewDistances {
+    pub(super) fn of(
+        placed: &PlacedScan<'_>,
+        nominal: &Nominal<'_>,
+        camera: &LeftCamera<'_>,
+        options: &DeviationOptions,
+    ) -> Self {
+        let cloud = &placed.scan.scanner_cloud;
+        // Points without a grid are left out: ingest gives every cloud one.
+        let grid = cloud.grid.unwrap_or(CloudGrid { columns: 0, rows: 0 });
+        let view = View { placed, nominal, options, eye_mm: placed.part_from_scanner.point(&camera.centre_mm), grid };
+        let cells = grid.columns * grid.rows;
+        let pieces: Vec<Vec<Found>> = (0..cells.div_ceil(RAYS))
+            .into_par_iter()
+            .map(|piece| view.piece(piece * RAYS..cells.min((piece + 1) * RAYS)))
+            .collect();
+        let mut distances =
+            Self { grid, face: vec![NO_FACE; cells], distance_mm: vec![0.0; cells], off_surface: Vec::new(), compared: 0 };
+        for (cell, found) in pieces.into_iter().flatten().enumerate() {
+            match found {
+                Found::Nothing => {}
+                Found::On(face, distance_mm) => {
+                    (distances.face[cell], distances.distance_mm[cell]) = (face, distance_mm);
+                    distances.compared += 1;
+                }
+                Found::Off(distance_mm) => {
+                    let is_kept =
+                        (cell % grid.columns).is_multiple_of(OFF_STEP) && (cell / grid.columns).is_multiple_of(OFF_STEP);
+                    if let Some(point) = view.point(cell).filter(|_| is_kept) {
+                        distances.off_surface.push((placed.part_from_scanner.point(&point), distance_mm));
+                    }
+                }
+            }
+        }
+        distances
+    }
+}
+
+/// A view on its way.
+struct View<'a> {
+    placed: &'a PlacedScan<'a>,
+    nominal: &'a Nominal<'a>,
+    options: &'a DeviationOptions,
+    /// Optical centre of the left camera, part frame.
+    eye_mm: Point3<f64>,
+    grid: CloudGrid,
+}
+
+impl View<'_> {
+    /// Point of a cell, scanner frame.
+    fn point(&self, cell: usize) -> Option<Point3<f64>> {
+        let point = self.placed.scan.scanner_cloud.points_mm.get(cell)?;
+        (!point[0].is_nan()).then(|| Point3::from(point.map(f64::from)))
+    }
+
+    fn piece(&self, cells: std::ops::Range<usize>) -> Vec<Found> {
+        let mut numbers = Vec::with_capacity(cells.len());
+        let mut directions = Vec::with_capacity(cells.len());
+        for cell in cells.clone() {
+            if let Some(point) = self.point(cell) {
+                numbers.push(cell);
+                directions.push(self.placed.part_from_scanner.point(&point) - self.eye_mm);
+            }
+        }
+        let mut hits: Vec<Option<Hit>> = Vec::new();
+        self.nominal.scene.first_hits_from(SimdLevel::widest(), &self.eye_mm, &directions, &mut hits);
+        let mut found = vec![Found::Nothing; cells.len()];
+        for ((cell, direction), hit) in numbers.iter().zip(&directions).zip(&hits) {
+            if let Some(hit) = hit {
+                found[cell - cells.start] = self.judge(*cell, direction, hit.triangle);
+            }
+        }
+        found
+    }
+
+    fn judge(&self, cell: usize, direction: &Vector3<f64>, face: u32) -> Found {
+        let mesh = self.nominal.mesh;
+        let normal = mesh.scaled_normal(face as usize).normalize();
+        // The back of a face is met where the registered pose and the scan disagree at a rim.
+        if normal.dot(direction) >= 0.0 {
+            return Found::Nothing;
+        }
+        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.corners(face as usize)[0]));
+        if distance_mm.abs() > self.options.search_mm {
+            return if distance_mm.abs() <= MAX_OFF_MM { Found::Off(distance_mm) } else { Found::Nothing };
+        }
+        let is_turned = self.normal(cell).is_some_and(|measured| {
+            let nominal = self.placed.part_from_scanner.inverse().direction(&normal);
+            measured.dot(&nominal) < self.options.max_turn_deg.to_radians().cos()
+        });
+        if is_turned { Found::Nothing } else { Found::On(face, distance_mm as f32) }
+    }
+
+    /// Normal of the surface around a cell, towards the scanner, scanner frame: cross product of the differences of neighbours on both
+    /// sides, or with the point itself at a rim.
+    fn normal(&self, cell: usize) -> Option<Vector3<f64>> {
+        let own = self.point(cell)?;
+        let (column, row) = (cell % self.grid.columns, cell / self.grid.columns);
+        let left = (column > 0).then(|| self.point(cell - 1)).flatten();
+        let right = (column + 1 < self.grid.columns).then(|| self.point(cell + 1)).flatten();
+        let above = (row > 0).then(|| self.point(cell - self.grid.columns)).flatten();
+        let below = (row + 1 < self.grid.rows).then(|| self.point(cell + self.grid.columns)).flatten();
+        let along = right.unwrap_or(own) - left.unwrap_or(own);
+        let down = below.unwrap_or(own) - above.unwrap_or(own);
+        let normal = along.cross(&down).try_normalize(1e-12)?;
+        Some(if normal.dot(&own.coords) > 0.0 { -normal } else { normal })
+    }
+}
+
+/// Footprints of samples in a view.
+pub(super) struct Footprints<'a> {
+    pub(super) placed: &'a PlacedScan<'a>,
+    pub(super) nominal: &'a Nominal<'a>,
+    pub(super) camera: &'a LeftCamera<'a>,
+    pub(super) distances: &'a ViewDistances,
+    pub(super) footprint_mm: f64,
+}
+
+/// Largest half width of a footprint, cells.
+const MAX_HALF_WIDTH: usize = 12;
+/// Faces turned by less than this against a sample's own may be averaged with it: cos 30°, as for the measured normals.
+const SAME_SIDE_COS: f64 = 0.866;
+
+impl Footprints<'_> {
+    /// Points of a sample; `None` where it has none.
+    pub(super) fn of(&self, sample: SampleId) -> Option<MeasuredFootprint> {
+        let surface = self.nominal.surface;
+        let (at, patch) = (surface.sample_mm[sample.index()], surface.patch_of(sample));
+        let in_scanner = self.placed.part_from_scanner.inverse().point(&at);
+        let towards = self.placed.part_from_scanner.point(&self.camera.centre_mm) - at;
+        if towards.dot(&patch.normal) <= 0.0 || self.distances.face.is_empty() {
+            return None;
+        }
+        let (pixel, depth) = self.camera.pixel(&in_scanner)?;
+        let grid = self.distances.grid;
+        let pixels = self.camera.pixels_of(grid);
+        let [column, row] = LeftCamera::cell(pixel, pixels, grid)?;
+        let cell_mm = pixels * depth / self.nominal.scanner.devices.left.lens.focal_px();
+        let half = ((self.footprint_mm / cell_mm).ceil() as usize).clamp(1, MAX_HALF_WIDTH);
+        let mut footprint = MeasuredFootprint::default();
+        for row in row.saturating_sub(half)..=(row + half).min(grid.rows - 1) {
+            for column in column.saturating_sub(half)..=(column + half).min(grid.columns - 1) {
+                self.take(row * grid.columns + column, &at, patch.face, &patch.normal, &mut footprint);
+            }
+        }
+        (footprint.points > 0).then_some(footprint)
+    }
+
+    fn take(&self, cell: usize, at: &Point3<f64>, own_face: u32, normal: &Vector3<f64>, into: &mut MeasuredFootprint) {
+        let face = self.distances.face[cell];
+        if face == NO_FACE {
+            return;
+        }
+        let distance = f64::from(self.distances.distance_mm[cell]);
+        let Some(point) = self.placed.scan.scanner_cloud.points_mm.get(cell) else { return };
+        let point = self.placed.part_from_scanner.point(&Point3::from(point.map(f64::from)));
+        let face_normal = if face == own_face { *normal } else { self.nominal.mesh.scaled_normal(face as usize).normalize() };
+        // The foot of the point on the face stands for where its ray meets it: both are the same but for the deviation itself.
+        let foot = point - face_normal * distance;
+        if (foot - at).norm() <= self.footprint_mm && face_normal.dot(normal) >= SAME_SIDE_COS {
+            into.points += 1;
+            into.sum_mm += distance;
+            into.square_mm2 += distance * distance;
+        }
+    }
+}

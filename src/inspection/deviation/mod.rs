@@ -1,0 +1,318 @@
+//! Deviation of the surface from its model: for every sample the mean signed distance of the points that its pixels hold, with its
+//! uncertainty; statistics, verdicts of toleranced regions, extents, and the worst spots.
+//!
+//! Each point belongs to the face that the left camera's ray through it meets first, at h; its distance is d = n·(q − h), n the
+//! face's outward normal, exact where the surface found is parallel to the face. A sample takes the points whose h is no farther than
+//! [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none is ever averaged across an edge.
+//!
+//! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U = 2·sqrt(σ²/n_eff + σ_reg² + σ_pose²), σ the points' own spread and σ_reg,
+//! σ_pose the standard deviation along n of where the views lie, after registration or as stated. Points of one view share its
+//! pose: the mean over views has Σ (n_v/n)² σ_v². Few points show their σ badly, so that their variance is pooled with the median of all
+//! samples, which counts for ten, and Student's factor takes the place of 2 before it where that is larger (JCGM 100:2008, G.3). Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its
+//! contrary where |d| − U > T/2, and nothing in between.
+//!
+//! Cost: a ray a point in packets, some 10⁻⁷ s, and a look-up of the pixels around each sample. Nothing depends on the number of threads.
+
+pub mod align;
+mod extents;
+mod footprint;
+mod off_surface;
+mod spots;
+pub mod statistics;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Matrix6, Point3, Vector3};
+use rayon::prelude::*;
+
+use super::ingest::LeftCamera;
+use super::{RegisteredView, ViewScan};
+use crate::cell::Scanner;
+use crate::cell::calibration::se3::Twist;
+use crate::cell::closed_list;
+use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame, SimdLevel};
+use crate::planning::ids::SampleId;
+use crate::planning::surface::Surface;
+pub use extents::Extent;
+use footprint::{Footprints, ViewDistances};
+pub use off_surface::{MaterialKind, OffSurface};
+pub use spots::DeviationSpot;
+pub use statistics::{Conformity, DeviationStatistics, Histogram, RegionDeviation, RegionToJudge};
+
+/// Knobs of the comparison.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviationOptions {
+    /// Distance from the sample within which points count for it, mm; `None` takes half the distance between samples, and at least 1.5
+    /// times that between the points.
+    pub footprint_mm: Option<f64>,
+    /// Distance from the surface up to which a point measures it, mm. Points beyond are material missing or extra.
+    pub search_mm: f64,
+    /// Largest angle between the measured and the nominal normal, degrees.
+    pub max_turn_deg: f64,
+    /// Points that share an error, pixels squared: n_eff = n over it.
+    pub correlated_points: f64,
+    /// Standard deviation of a point where too few samples show their own, mm.
+    pub noise_mm: f64,
+    /// Deviation from which spots are listed where a region has no tolerance, mm.
+    pub spot_mm: f64,
+    /// Least share of a region that has to be measured for its verdict to be `pass`.
+    pub min_measured: f64,
+}
+
+impl Default for DeviationOptions {
+    /// 2 mm: beyond it a point seldom belongs to the face that its ray meets; 30° as coverage is counted.
+    fn default() -> Self {
+        Self {
+            footprint_mm: None,
+            search_mm: 2.0,
+            max_turn_deg: 30.0,
+            correlated_points: 1.0,
+            noise_mm: 0.035 / 3.0,
+            spot_mm: 0.1,
+            min_measured: 0.9,
+        }
+    }
+}
+
+closed_list! {
+    /// Alignment of the scans to the model.
+    pub enum Alignment {
+        /// The calibrated poses place the part.
+        AsPlaced = "as_placed",
+        /// All measured samples fitted to the model, by least squares of their distances.
+        BestFit = "best_fit",
+        /// The samples of one region fitted to the model.
+        BestFitOn = "best_fit_on",
+    }
+}
+
+/// Deviation of one sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SampleDeviation {
+    /// Mean signed distance along the outward normal, mm: above 0 where there is more material than nominal.
+    pub distance_mm: f32,
+    /// Standard deviation of its points, mm.
+    pub sigma_mm: f32,
+    /// Expanded uncertainty of the mean, k = 2, mm.
+    pub expanded_mm: f32,
+    /// Number of points; 0 where it was not measured.
+    pub points: u32,
+}
+
+/// A scan with the pose at which it is compared.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedScan<'a> {
+    /// The scan.
+    pub scan: &'a ViewScan,
+    /// Pose of the scanner.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Covariance of the pose: right perturbation, rad and mm.
+    pub covariance: Matrix6<f64>,
+}
+
+impl<'a> PlacedScan<'a> {
+    /// A scan at its registered pose.
+    #[must_use]
+    pub fn registered(scan: &'a ViewScan, view: &RegisteredView) -> Self {
+        Self { scan, part_from_scanner: view.part_from_scanner, covariance: view.covariance }
+    }
+
+    /// Moves the part's coordinates.
+    #[must_use]
+    pub fn moved(&self, mesh_from_placed: &Pose<Part, Part>) -> Self {
+        Self { part_from_scanner: *mesh_from_placed * self.part_from_scanner, ..*self }
+    }
+}
+
+/// The model that scans are compared with.
+pub struct Nominal<'a> {
+    /// The mesh.
+    pub mesh: &'a Mesh,
+    /// Its triangles, to be met by rays.
+    pub scene: &'a RayScene,
+    /// Its samples.
+    pub surface: &'a Surface,
+    /// The scanner.
+    pub scanner: &'a Scanner,
+}
+
+/// Result of the comparison.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Deviation {
+    /// Deviation of each sample.
+    pub samples: Vec<SampleDeviation>,
+    /// Views that measured each sample, as places in the list of scans, ascending: the first is at `view_begin[sample]`.
+    pub views: Vec<u16>,
+    /// Begin of each sample's views, and the end of the last.
+    pub view_begin: Vec<u32>,
+    /// Points off the surface by more than the search distance, in heaps.
+    pub off_surface: Vec<OffSurface>,
+    /// Points that met a face and were compared.
+    pub compared_points: u64,
+}
+
+/// Compares scans with the model.
+#[must_use]
+pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &DeviationOptions) -> Deviation {
+    let camera = LeftCamera::of(nominal.scanner);
+    let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal, &camera));
+    let (mut sums, mut heaps, mut compared_points) = (vec![Sum::default(); nominal.surface.sample_mm.len()], Vec::new(), 0);
+    let mut seen: Vec<Vec<SampleId>> = Vec::with_capacity(scans.len());
+    for placed in scans {
+        let distances = ViewDistances::of(placed, nominal, &camera, options);
+        compared_points += distances.compared;
+        heaps.extend_from_slice(&distances.off_surface);
+        let footprints = Footprints { placed, nominal, camera: &camera, distances: &distances, footprint_mm };
+        let found: Vec<Option<footprint::MeasuredFootprint>> =
+            (0..sums.len()).into_par_iter().with_min_len(1024).map(|sample| footprints.of(SampleId::at(sample))).collect();
+        let mut own = Vec::new();
+        for (sample, footprint) in found.iter().enumerate() {
+            if let Some(footprint) = footprint {
+                let id = SampleId::at(sample);
+                sums[sample].add(footprint, pose_variance(placed, nominal.surface, id));
+                own.push(id);
+            }
+        }
+        seen.push(own);
+    }
+    let pooled = pooled_variance(&sums, options);
+    let samples: Vec<SampleDeviation> = sums.iter().map(|sum| sum.finish(pooled, options)).collect();
+    let (views, view_begin) = views_of(&seen, samples.len());
+    let off_surface = off_surface::heaps(&heaps, options);
+    Deviation { samples, views, view_begin, off_surface, compared_points }
+}
+
+/// Half the distance between samples, and at least 1.5 times that between points at the best focus.
+fn default_footprint_mm(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, camera: &LeftCamera<'_>) -> f64 {
+    let surface = nominal.surface;
+    let area_mm2: f64 = surface.patches.iter().map(|patch| patch.area_mm2).sum();
+    let between_samples = (area_mm2 / surface.sample_mm.len().max(1) as f64).sqrt();
+    let grids = scans.iter().filter_map(|placed| placed.scan.scanner_cloud.grid);
+    let pixels = grids.map(|grid| camera.pixels_of(grid)).fold(1.0, f64::max);
+    let between_points = pixels * nominal.scanner.best_mm / nominal.scanner.devices.left.lens.focal_px();
+    (0.5 * between_samples).max(1.5 * between_points)
+}
+
+/// Variance along a sample's normal of where the view's pose puts it: jᵀ Σ j with j = (s × n, n) in the scanner's frame.
+fn pose_variance(placed: &PlacedScan<'_>, surface: &Surface, sample: SampleId) -> f64 {
+    let scanner_from_part = placed.part_from_scanner.inverse();
+    let at = scanner_from_part.point(&surface.sample_mm[sample.index()]);
+    let normal = scanner_from_part.direction(&surface.patch_of(sample).normal);
+    let row = lever(&at, &normal);
+    (row.transpose() * placed.covariance * row)[0].max(0.0)
+}
+
+/// Derivative of a point's distance along `normal` by a small motion of the point: (p × n, n).
+fn lever(at: &Point3<f64>, normal: &Vector3<f64>) -> Twist {
+    let turn = at.coords.cross(normal);
+    Twist::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
+}
+
+/// Points of a sample over all views.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    points: f64,
+    sum_mm: f64,
+    square_mm2: f64,
+    /// Σ n_v² σ_v² of the views' poses.
+    pose: f64,
+}
+
+impl Sum {
+    fn add(&mut self, footprint: &footprint::MeasuredFootprint, pose_variance: f64) {
+        let points = f64::from(footprint.points);
+        self.points += points;
+        self.sum_mm += footprint.sum_mm;
+        self.square_mm2 += footprint.square_mm2;
+        self.pose += points * points * pose_variance;
+    }
+
+    /// Variance of its points about their mean.
+    fn variance_mm2(&self) -> f64 {
+        let mean = self.sum_mm / self.points;
+        (self.square_mm2 / self.points - mean * mean).max(0.0) * self.points / (self.points - 1.0).max(1.0)
+    }
+
+    fn finish(&self, pooled_mm2: f64, options: &DeviationOptions) -> SampleDeviation {
+        if self.points < 1.0 {
+            return SampleDeviation::default();
+        }
+        let own = self.variance_mm2();
+        let freedoms = self.points - 1.0 + POOLED_FREEDOMS;
+        let variance = ((self.points - 1.0) * own + POOLED_FREEDOMS * pooled_mm2) / freedoms;
+        let effective = (self.points / options.correlated_points.max(1.0)).max(1.0);
+        let of_points = student_factor(freedoms).powi(2) * variance / effective;
+        let of_pose = 4.0 * self.pose / (self.points * self.points);
+        SampleDeviation {
+            distance_mm: (self.sum_mm / self.points) as f32,
+            sigma_mm: own.sqrt() as f32,
+            expanded_mm: (of_points + of_pose).sqrt() as f32,
+            points: self.points as u32,
+        }
+    }
+}
+
+/// Freedoms that the pooled variance counts for.
+const POOLED_FREEDOMS: f64 = 10.0;
+/// Points from which on a sample's own variance goes into the pool.
+const POOLED_POINTS: f64 = 5.0;
+
+/// Median variance of the samples with enough points, each divided by the median of χ²/ν, (1 − 2/9ν)³ (E. B. Wilson, M. M. Hilferty, "The
+/// distribution of chi-square", PNAS 17, 1931); that of the expected noise where there is none.
+fn pooled_variance(sums: &[Sum], options: &DeviationOptions) -> f64 {
+    let unbiased = |sum: &Sum| sum.variance_mm2() / (1.0 - 2.0 / (9.0 * (sum.points - 1.0))).powi(3);
+    let mut variances: Vec<f64> = sums.iter().filter(|sum| sum.points >= POOLED_POINTS).map(unbiased).collect();
+    if variances.is_empty() {
+        return options.noise_mm.powi(2);
+    }
+    let middle = variances.len() / 2;
+    *variances.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Student's 97.5 % quantile for ten freedoms and more, and at least 2: its expansion about the normal quantile z, z + (z³ + z)/4ν
+/// (M. Abramowitz, I. A. Stegun, *Handbook of Mathematical Functions*, 1964, 26.7.5), within 0.02 there.
+fn student_factor(freedoms: f64) -> f64 {
+    const Z: f64 = 1.959_964;
+    (Z + (Z.powi(3) + Z) / (4.0 * freedoms)).max(2.0)
+}
+
+/// Views of each sample, in one list.
+fn views_of(seen: &[Vec<SampleId>], samples: usize) -> (Vec<u16>, Vec<u32>) {
+    let mut begin = vec![0_u32; samples + 1];
+    for sample in seen.iter().flatten() {
+        begin[sample.index() + 1] += 1;
+    }
+    for sample in 0..samples {
+        begin[sample + 1] += begin[sample];
+    }
+    let mut place = begin.clone();
+    let mut views = vec![0_u16; begin[samples] as usize];
+    for (view, own) in seen.iter().enumerate() {
+        for sample in own {
+            views[place[sample.index()] as usize] = view as u16;
+            place[sample.index()] += 1;
+        }
+    }
+    (views, begin)
+}
+
+impl Deviation {
+    /// Views that measured a sample, as places in the list of scans.
+    #[must_use]
+    pub fn views_of(&self, sample: SampleId) -> &[u16] {
+        let place = sample.index();
+        &self.views[self.view_begin[place] as usize..self.view_begin[place + 1] as usize]
+    }
+
+    /// Extents of the part along its axes, nominal and measured.
+    #[must_use]
+    pub fn extents(&self, nominal: &Nominal<'_>) -> [Extent; 3] {
+        extents::extents(&self.samples, nominal)
+    }
+
+    /// The worst spots, at most so many, by their largest deviation.
+    #[must_use]
+    pub fn worst_spots(&self, nominal: &Nominal<'_>, options: &DeviationOptions, count: usize) -> Vec<DeviationSpot> {
+        spots::worst(self, nominal, options, count)
+    }
+}

@@ -1,0 +1,90 @@
+//! Spots of neighbouring samples that deviate alike: missing or extra material.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Deviation, DeviationOptions, MaterialKind, Nominal};
+use crate::planning::ids::SampleId;
+
+/// Cells of neighbours, in distances between samples.
+const CELL_SPACINGS: f64 = 2.0;
+
+/// A spot of samples that deviate by more than their uncertainty and the limit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviationSpot {
+    /// Missing or extra.
+    pub kind: MaterialKind,
+    /// Middle of its samples, part frame, mm.
+    pub centre_mm: Point3<f64>,
+    /// Area of its samples, mm².
+    pub area_mm2: f64,
+    /// Mean deviation, mm.
+    pub mean_mm: f64,
+    /// Deviation that is farthest from zero, mm.
+    pub worst_mm: f64,
+    /// Number of its samples.
+    pub samples: usize,
+    /// Views that measured one of its samples, as places in the list of scans.
+    pub views: Vec<u16>,
+}
+
+pub(super) fn worst(
+    deviation: &Deviation,
+    nominal: &Nominal<'_>,
+    options: &DeviationOptions,
+    count: usize,
+) -> Vec<DeviationSpot> {
+    let surface = nominal.surface;
+    let area_mm2: f64 = surface.patches.iter().map(|patch| patch.area_mm2).sum();
+    let size = CELL_SPACINGS * (area_mm2 / surface.sample_mm.len().max(1) as f64).sqrt();
+    let mut found = Vec::new();
+    for kind in MaterialKind::ALL {
+        let is_far = |sample: &SampleId| {
+            let own = deviation.samples[sample.index()];
+            let is_kind = (own.distance_mm < 0.0) == (kind == MaterialKind::Missing);
+            own.points > 0 && is_kind && f64::from(own.distance_mm.abs() - own.expanded_mm) > options.spot_mm
+        };
+        let mut cells: BTreeMap<[i64; 3], Vec<SampleId>> = BTreeMap::new();
+        for sample in surface.samples().filter(is_far) {
+            let cell = surface.sample_mm[sample.index()].coords.map(|value| (value / size).floor() as i64);
+            cells.entry(cell.into()).or_default().push(sample);
+        }
+        while let Some((first, _)) = cells.iter().next() {
+            let spot = taken(*first, &mut cells);
+            found.push(described(kind, &spot, deviation, nominal));
+        }
+    }
+    found.sort_by(|a, b| b.worst_mm.abs().total_cmp(&a.worst_mm.abs()));
+    found.truncate(count);
+    found
+}
+
+fn taken(first: [i64; 3], cells: &mut BTreeMap<[i64; 3], Vec<SampleId>>) -> Vec<SampleId> {
+    let (mut spot, mut waiting) = (Vec::new(), vec![first]);
+    while let Some([x, y, z]) = waiting.pop() {
+        let Some(samples) = cells.remove(&[x, y, z]) else { continue };
+        spot.extend(samples);
+        waiting.extend((0..27).map(|place| [x + place % 3 - 1, y + place / 3 % 3 - 1, z + place / 9 - 1]));
+    }
+    spot.sort_unstable();
+    spot
+}
+
+fn described(kind: MaterialKind, spot: &[SampleId], deviation: &Deviation, nominal: &Nominal<'_>) -> DeviationSpot {
+    let (mut area, mut place, mut sum, mut worst) = (0.0, Vector3::zeros(), 0.0, 0.0_f64);
+    let mut views: Vec<u16> = Vec::new();
+    for sample in spot {
+        let own = nominal.surface.sample_area_mm2(*sample);
+        let distance = f64::from(deviation.samples[sample.index()].distance_mm);
+        area += own;
+        place += nominal.surface.sample_mm[sample.index()].coords * own;
+        sum += own * distance;
+        worst = if distance.abs() > worst.abs() { distance } else { worst };
+        views.extend_from_slice(deviation.views_of(*sample));
+    }
+    views.sort_unstable();
+    views.dedup();
+    let centre_mm = Point3::from(place / area);
+    DeviationSpot { kind, centre_mm, area_mm2: area, mean_mm: sum / area, worst_mm: worst, samples: spot.len(), views }
+}

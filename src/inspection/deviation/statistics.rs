@@ -1,0 +1,186 @@
+//! Figures of samples together, weighted by area, and verdicts of regions.
+
+use super::{DeviationOptions, SampleDeviation};
+use crate::cell::closed_list;
+use crate::planning::ids::SampleId;
+use crate::planning::surface::Surface;
+
+closed_list! {
+    /// Verdict after ISO 14253-1.
+    pub enum Conformity {
+        /// Conformity is shown.
+        Pass = "pass",
+        /// Nonconformity is shown.
+        Fail = "fail",
+        /// Neither is: the measured values lie within their uncertainty of the limits, or too little is measured.
+        Undecided = "undecided",
+    }
+}
+
+/// Share of samples at a limit that falls beyond it by more than U with no deviation beyond: one side of k = 2.
+const TAIL: f64 = 0.025;
+
+/// Figures of the deviation of some samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeviationStatistics {
+    /// Area measured, mm².
+    pub area_mm2: f64,
+    /// Mean, mm.
+    pub mean_mm: f64,
+    /// Root mean square, mm.
+    pub rms_mm: f64,
+    /// 1st, 5th, 50th, 95th and 99th percentile by area, mm.
+    pub percentiles_mm: [f64; 5],
+    /// Deviation that is farthest from zero, mm.
+    pub max_mm: f64,
+    /// Share of the measured area within ± half of the tolerance, where there is one.
+    pub in_tolerance: Option<f64>,
+}
+
+/// Percentiles of [`DeviationStatistics::percentiles_mm`].
+pub const PERCENTILES: [f64; 5] = [0.01, 0.05, 0.5, 0.95, 0.99];
+
+/// Figures of some samples; none where none of them is measured.
+#[must_use]
+pub fn statistics(
+    samples: &[SampleDeviation],
+    surface: &Surface,
+    of: impl Iterator<Item = SampleId>,
+    tolerance_mm: Option<f64>,
+) -> Option<DeviationStatistics> {
+    let measured = of.filter(|sample| samples[sample.index()].points > 0);
+    let mut values: Vec<(f64, f64)> =
+        measured.map(|sample| (f64::from(samples[sample.index()].distance_mm), surface.sample_area_mm2(sample))).collect();
+    let area_mm2: f64 = values.iter().map(|(_, area)| area).sum();
+    if area_mm2 <= 0.0 {
+        return None;
+    }
+    let mean_of = |value: fn(f64) -> f64| values.iter().map(|(distance, area)| value(*distance) * area).sum::<f64>() / area_mm2;
+    let (mean_mm, rms_mm) = (mean_of(|distance| distance), mean_of(|distance| distance * distance).sqrt());
+    let max_mm = values.iter().fold(0.0_f64, |worst, (distance, _)| if distance.abs() > worst.abs() { *distance } else { worst });
+    let within = |limit: f64| values.iter().filter(|(distance, _)| distance.abs() <= limit).map(|(_, area)| area).sum::<f64>();
+    let in_tolerance = tolerance_mm.map(|tolerance| within(0.5 * tolerance) / area_mm2);
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let percentiles_mm = PERCENTILES.map(|share| {
+        let mut before = 0.0;
+        let place = values.iter().position(|(_, area)| {
+            before += area;
+            before >= share * area_mm2
+        });
+        values[place.unwrap_or(values.len() - 1)].0
+    });
+    Some(DeviationStatistics { area_mm2, mean_mm, rms_mm, percentiles_mm, max_mm, in_tolerance })
+}
+
+/// Area by deviation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Histogram {
+    /// Deviation at which the first class begins, mm.
+    pub begin_mm: f64,
+    /// Width of a class, mm.
+    pub width_mm: f64,
+    /// Area of each class, mm²; the first and the last hold what lies beyond.
+    pub area_mm2: Vec<f64>,
+}
+
+/// Histogram of all measured samples, in so many classes between ± `limit_mm`.
+#[must_use]
+pub fn histogram(samples: &[SampleDeviation], surface: &Surface, limit_mm: f64, classes: usize) -> Histogram {
+    let classes = classes.max(1);
+    let width_mm = 2.0 * limit_mm / classes as f64;
+    let mut area_mm2 = vec![0.0; classes];
+    for sample in surface.samples().filter(|sample| samples[sample.index()].points > 0) {
+        let class = ((f64::from(samples[sample.index()].distance_mm) + limit_mm) / width_mm).floor();
+        area_mm2[(class.max(0.0) as usize).min(classes - 1)] += surface.sample_area_mm2(sample);
+    }
+    Histogram { begin_mm: -limit_mm, width_mm, area_mm2 }
+}
+
+/// A region, or a toleranced feature, with its samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionToJudge {
+    /// Its name.
+    pub name: String,
+    /// Width of its tolerance zone, mm.
+    pub tolerance_mm: Option<f64>,
+    /// Its samples.
+    pub samples: Vec<SampleId>,
+}
+
+/// Deviation of a region.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionDeviation {
+    /// Its name.
+    pub name: String,
+    /// Width of its tolerance zone, mm.
+    pub tolerance_mm: Option<f64>,
+    /// Share of its area that is measured.
+    pub measured: f64,
+    /// Figures; none where nothing is measured.
+    pub statistics: Option<DeviationStatistics>,
+    /// Verdict of the profile (ISO 1101) against the tolerance; none without one.
+    pub verdict: Option<Conformity>,
+    /// Median of the samples' expanded uncertainty, mm.
+    pub expanded_mm: Option<f64>,
+}
+
+/// Judges a region.
+#[must_use]
+pub fn judge(
+    samples: &[SampleDeviation],
+    surface: &Surface,
+    region: &RegionToJudge,
+    options: &DeviationOptions,
+) -> RegionDeviation {
+    let own = || region.samples.iter().copied();
+    let all: f64 = own().map(|sample| surface.sample_area_mm2(sample)).sum();
+    let found = statistics(samples, surface, own(), region.tolerance_mm);
+    let measured = found.map_or(0.0, |found| found.area_mm2) / all.max(f64::MIN_POSITIVE);
+    let mut expanded: Vec<f32> =
+        own().map(|sample| samples[sample.index()]).filter(|s| s.points > 0).map(|s| s.expanded_mm).collect();
+    expanded.sort_by(f32::total_cmp);
+    let verdict = region.tolerance_mm.map(|tolerance| verdict(samples, own(), tolerance, measured >= options.min_measured));
+    RegionDeviation {
+        name: region.name.clone(),
+        tolerance_mm: region.tolerance_mm,
+        measured,
+        statistics: found,
+        verdict,
+        expanded_mm: expanded.get(expanded.len() / 2).map(|value| f64::from(*value)),
+    }
+}
+
+/// Verdict of one value with its uncertainty.
+#[must_use]
+pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
+    let (distance, expanded, limit) = (f64::from(sample.distance_mm.abs()), f64::from(sample.expanded_mm), 0.5 * tolerance_mm);
+    if sample.points > 0 && distance + expanded <= limit {
+        Conformity::Pass
+    } else if sample.points > 0 && distance - expanded > limit {
+        Conformity::Fail
+    } else {
+        Conformity::Undecided
+    }
+}
+
+/// Verdict of a region: `pass` where every measured sample passes and enough is measured; `fail` where more samples fail than noise
+/// lets fail, the tail of k = 2 and two standard deviations of its count; else undecided.
+fn verdict(samples: &[SampleDeviation], own: impl Iterator<Item = SampleId>, tolerance_mm: f64, is_enough: bool) -> Conformity {
+    let (mut measured, mut passed, mut failed) = (0.0, 0.0, 0.0);
+    for sample in own.filter(|sample| samples[sample.index()].points > 0) {
+        measured += 1.0;
+        match verdict_of(&samples[sample.index()], tolerance_mm) {
+            Conformity::Pass => passed += 1.0,
+            Conformity::Fail => failed += 1.0,
+            Conformity::Undecided => {}
+        }
+    }
+    let by_noise: f64 = TAIL * measured + 2.0 * (TAIL * (1.0 - TAIL) * measured).sqrt();
+    if measured > 0.0 && failed > by_noise {
+        Conformity::Fail
+    } else if measured > 0.0 && passed >= measured && is_enough {
+        Conformity::Pass
+    } else {
+        Conformity::Undecided
+    }
+}

@@ -1,0 +1,321 @@
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::align::{as_placed, best_fit};
+use super::statistics::{judge, statistics, verdict_of};
+use super::*;
+use crate::geometry::demo_parts::base;
+use crate::geometry::{NearestFace, ScannerFrame};
+use crate::inspection::registration::{RegistrationOptions, register};
+use crate::inspection::shots::{Shots, motion, motion_of};
+use crate::planning::params::{PartParams, RegionParams};
+use crate::planning::surface::sample;
+use crate::testing::nominal_scanner;
+
+/// A model with its samples.
+struct Model {
+    mesh: Mesh,
+    scene: RayScene,
+    surface: Surface,
+    scanner: Scanner,
+}
+
+impl Model {
+    fn of(mesh: Mesh, samples_per_mm2: f64) -> Self {
+        let params = PartParams { samples_per_mm2: Some(samples_per_mm2), ..PartParams::default() };
+        let surface = sample(&mesh, &params, &RegionParams::default(), 0).expect("samples");
+        let scene = RayScene::new([&mesh]);
+        Self { mesh, scene, surface, scanner: nominal_scanner() }
+    }
+
+    fn nominal(&self) -> Nominal<'_> {
+        Nominal { mesh: &self.mesh, scene: &self.scene, surface: &self.surface, scanner: &self.scanner }
+    }
+}
+
+/// Scans with the poses that are stated, which are known to this precision.
+fn placed(scans: &[ViewScan], sd: f64) -> Vec<PlacedScan<'_>> {
+    let covariance = Matrix6::identity() * (sd * sd);
+    scans.iter().map(|scan| PlacedScan { scan, part_from_scanner: scan.part_from_scanner, covariance }).collect()
+}
+
+/// The mesh with its vertices moved.
+fn changed(mesh: &Mesh, change: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Mesh {
+    let mut changed = mesh.clone();
+    changed.vertices_mm.iter_mut().for_each(|vertex| *vertex += change(vertex));
+    changed
+}
+
+/// Returns true if no surface turned by more than this against a sample's lies within so many mm of it.
+fn is_even(model: &Model, sample: SampleId, within_mm: f64, min_cos: f64) -> bool {
+    let (at, normal) = (model.surface.sample_mm[sample.index()], model.surface.patch_of(sample).normal);
+    let mut turned = model.surface.patches.iter().filter(|patch| patch.normal.dot(&normal) < min_cos);
+    !turned.any(|patch| patch.corners_mm.iter().any(|corner| (corner - at).norm() < within_mm + 1.0))
+}
+
+/// Cosine of the angle from which on two faces make an edge.
+const EDGE_COS: f64 = 0.866;
+
+/// A plate with a boss and a hole of twelve sides, as one height field cannot have them: open below.
+fn plate(hole_shift_mm: f64, boss_mm: f64) -> Mesh {
+    let mut faces = Vec::new();
+    let mut triangle = |corners: [[f64; 3]; 3]| faces.push(corners.map(Point3::from));
+    let (half, sides, radius) = ([50.0, 30.0], 24_u32, 8.0);
+    let turn = |index: u32| (std::f64::consts::TAU * f64::from(index) / f64::from(sides)).sin_cos();
+    for (centre, depth) in [([-25.0 + hole_shift_mm, 0.0], -6.0), ([25.0, 0.0], boss_mm)] {
+        for index in 0..sides {
+            let rim = |index: u32| [centre[0] + radius * turn(index).1, centre[1] + radius * turn(index).0];
+            let (a, b) = (rim(index), rim(index + 1));
+            // The square around the hole or boss, 50 mm wide, whose middle does not move with the hole.
+            let middle: f64 = if centre[0] < 0.0 { -25.0 } else { 25.0 };
+            let outer = |index: u32| {
+                let (s, c) = turn(index);
+                let reach = (25.0 / c.abs().max(1e-12)).min(half[1] / s.abs().max(1e-12));
+                [middle + reach * c, reach * s]
+            };
+            let (c, d) = (outer(index), outer(index + 1));
+            let flat = |p: [f64; 2], z: f64| [p[0], p[1], z];
+            triangle([flat(a, 0.0), flat(c, 0.0), flat(d, 0.0)]);
+            triangle([flat(a, 0.0), flat(d, 0.0), flat(b, 0.0)]);
+            triangle([flat(a, 0.0), flat(b, 0.0), flat(b, depth)]);
+            triangle([flat(a, 0.0), flat(b, depth), flat(a, depth)]);
+            triangle([flat(centre, depth), flat(a, depth), flat(b, depth)]);
+        }
+    }
+    let vertices_mm: Vec<Point3<f64>> = faces.iter().flatten().copied().collect();
+    let count = faces.len() as u32;
+    let faces = (0..count).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect();
+    Mesh { vertices_mm, faces, source_face: (0..count).collect(), groups: Vec::new() }
+}
+
+/// Row I9: equal offsets and a bend, whose distances are known at every sample.
+#[test]
+fn distances_are_those_that_were_planted() {
+    let model = Model::of(base(20_000).expect("a base"), 0.3);
+    let around = model.mesh.aabb();
+    for (name, lift_mm) in [("as nominal", 0.0), ("lifted", 0.15)] {
+        let built = changed(&model.mesh, |_| Vector3::new(0.0, 0.0, lift_mm));
+        let shots = Shots::of(&built, 8);
+        let found = compare(
+            &placed(&shots.scans(&shots.poses(6), 0.0, |_| Isometry3::identity()), 0.0),
+            &model.nominal(),
+            &Default::default(),
+        );
+        let (mut worst, mut count) = (0.0_f64, 0);
+        for sample in model.surface.samples() {
+            let own = found.samples[sample.index()];
+            // A lifted surface that is curved has no one distance within a footprint.
+            let min_cos = if lift_mm == 0.0 { EDGE_COS } else { 0.9999 };
+            if own.points > 0 && is_even(&model, sample, 2.0, min_cos) {
+                let truth = lift_mm * model.surface.patch_of(sample).normal.z;
+                worst = worst.max((f64::from(own.distance_mm) - truth).abs());
+                count += 1;
+            }
+        }
+        println!("{name}: {count} samples away from edges, worst error {worst:.2e} mm");
+        assert!(count > 1000, "{count}");
+        assert!(worst <= 1e-4, "{name}: {worst}");
+        let [_, _, height] = found.extents(&model.nominal());
+        assert!(height.measured_mm.is_none_or(|measured| (measured - around.extent_mm().z - lift_mm).abs() < 1e-3), "{height:?}");
+    }
+}
+
+/// Errors less the motion of the whole part that fits them best: where the part lies is another question than how it is bent.
+fn without_motion(model: &Model, errors: &[(SampleId, f64)]) -> Vec<f64> {
+    let centre = model.mesh.aabb().centre();
+    let row = |sample: SampleId| {
+        let at = model.surface.sample_mm[sample.index()] - centre.coords;
+        lever(&at, &model.surface.patch_of(sample).normal)
+    };
+    let (mut matrix, mut sum) = (Matrix6::zeros(), nalgebra::Vector6::zeros());
+    for (sample, error) in errors {
+        let row = row(*sample);
+        matrix += row * row.transpose();
+        sum += row * *error;
+    }
+    let motion = matrix.try_inverse().expect("six freedoms") * sum;
+    errors.iter().map(|(sample, error)| error - row(*sample).dot(&motion)).collect()
+}
+
+/// Row I4, second half: a bent part, poses off by 0.05° and 0.2 mm an axis.
+#[test]
+fn registration_brings_the_map_of_a_bent_part_to_hundredths() {
+    let model = Model::of(base(20_000).expect("a base"), 0.3);
+    let around = model.mesh.aabb();
+    let bend = |point: &Point3<f64>| {
+        let along = 2.0 * (point.x - around.centre().x) / around.extent_mm().x;
+        Vector3::new(0.0, 0.0, 0.2 * (along * along - 0.5))
+    };
+    let built = changed(&model.mesh, bend);
+    let shots = Shots::of(&built, 10);
+    let poses = shots.poses(10);
+    let scans = shots.scans(&poses, 0.012, |view| motion(view + 7, 0.05, 0.2));
+    let options = RegistrationOptions { moves_part: false, ..RegistrationOptions::default() };
+    let registered = register(&scans, &NearestFace::new(&model.mesh), &[], &options);
+    let views: Vec<PlacedScan<'_>> =
+        scans.iter().zip(&registered.views).map(|(scan, view)| PlacedScan::registered(scan, view)).collect();
+    let error = |views: &[PlacedScan<'_>]| {
+        let found = compare(views, &model.nominal(), &DeviationOptions::default());
+        let mut errors: Vec<(SampleId, f64)> = Vec::new();
+        for sample in model.surface.samples().filter(|sample| found.samples[sample.index()].points > 2) {
+            if is_even(&model, sample, 1.2, EDGE_COS) {
+                let truth = bend(&model.surface.sample_mm[sample.index()]).dot(&model.surface.patch_of(sample).normal);
+                errors.push((sample, f64::from(found.samples[sample.index()].distance_mm) - truth));
+            }
+        }
+        let mut left = without_motion(&model, &errors);
+        left.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+        ((left.iter().map(|error| error * error).sum::<f64>() / left.len() as f64).sqrt(), left[left.len() * 99 / 100].abs())
+    };
+    let exact: Vec<ViewScan> =
+        scans.iter().zip(&poses).map(|(scan, pose)| ViewScan { part_from_scanner: *pose, ..scan.clone() }).collect();
+    let (as_taken, as_stated, as_registered) = (error(&placed(&exact, 0.0)), error(&placed(&scans, 0.0)), error(&views));
+    println!("rms and 99 %: true poses {as_taken:.4?}, stated {as_stated:.4?}, registered {as_registered:.4?} mm");
+    assert!(as_registered.0 <= 0.025, "{as_registered:?}");
+    assert!(as_stated.0 > 2.0 * as_registered.0, "{as_stated:?}");
+}
+
+/// Row I9: a boss that is missing, and a hole that is off by 0.3 mm.
+#[test]
+fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
+    let model = Model::of(plate(0.0, 1.5), 0.5);
+    let built = plate(0.3, 0.001);
+    let shots = Shots::of(&built, 8);
+    let poses: Vec<Pose<Part, ScannerFrame>> = shots.poses(14).into_iter().take(9).collect();
+    let scans = shots.scans(&poses, 0.005, |_| Isometry3::identity());
+    let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
+    let spots = found.worst_spots(&model.nominal(), &DeviationOptions::default(), 20);
+    let boss = spots.first().expect("the boss");
+    assert_eq!(boss.kind, MaterialKind::Missing, "{spots:?}");
+    assert!((boss.mean_mm + 1.5).abs() < 0.05 && (boss.centre_mm - Point3::new(25.0, 0.0, 1.5)).norm() < 1.0, "{boss:?}");
+    assert!(boss.area_mm2 > 0.8 * 64.0 * std::f64::consts::PI && !boss.views.is_empty(), "{boss:?}");
+    // The wall towards +x stands back by 0.3 mm, the one towards −x comes forward.
+    let wall = |kind: MaterialKind, x: f64| {
+        spots.iter().any(|spot| {
+            spot.kind == kind
+                && (spot.centre_mm.x - x).abs() < 3.5
+                && spot.centre_mm.y.abs() < 4.0
+                && (0.2..0.4).contains(&spot.worst_mm.abs())
+        })
+    };
+    assert!(wall(MaterialKind::Missing, -17.0) && wall(MaterialKind::Extra, -33.0), "{spots:#?}");
+    // A tall boss lies beyond the search distance.
+    let tall = Model::of(plate(0.0, 5.0), 0.5);
+    let found = compare(&placed(&scans, 0.0), &tall.nominal(), &DeviationOptions::default());
+    let heap = found.off_surface.first().expect("a heap");
+    assert_eq!(heap.kind, MaterialKind::Missing);
+    assert!((heap.centre_mm.x - 25.0).abs() < 4.0 && (heap.mean_mm + 5.0).abs() < 2.0, "{heap:?}");
+}
+
+/// Row I10: deviations planted at the limits of a tolerance of 0.1 mm.
+#[test]
+fn hardly_any_sample_passes_wrongly_and_regions_are_judged() {
+    let nominal = Model::of(plate(0.0, 1.5), 0.5);
+    let top: Vec<SampleId> =
+        nominal.surface.samples().filter(|sample| nominal.surface.sample_mm[sample.index()].z.abs() < 1e-3).collect();
+    let judged = |lift_mm: f64, seed: u64| {
+        let built = changed(&nominal.mesh, |_| Vector3::new(0.0, 0.0, lift_mm));
+        let shots = Shots::of(&built, 12);
+        let poses: Vec<Pose<Part, ScannerFrame>> =
+            shots.poses(8).into_iter().skip(seed as usize % 2).step_by(2).take(2).collect();
+        let scans = shots.scans(&poses, 0.02, |_| Isometry3::identity());
+        let found = compare(&placed(&scans, 0.0), &nominal.nominal(), &DeviationOptions::default());
+        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.1), samples: top.clone() };
+        let verdicts: Vec<Conformity> = top.iter().map(|sample| verdict_of(&found.samples[sample.index()], 0.1)).collect();
+        (judge(&found.samples, &nominal.surface, &region, &DeviationOptions::default()), verdicts)
+    };
+    let share = |verdicts: &[Conformity], wanted| {
+        verdicts.iter().filter(|verdict| **verdict == wanted).count() as f64 / verdicts.len() as f64
+    };
+    // Just beyond the limit: nothing may pass but the tail of k = 2. Just within: nothing may fail but it.
+    let (region, verdicts) = judged(0.0502, 0);
+    println!(
+        "beyond: {:.4} pass, {:.4} fail, {:?}",
+        share(&verdicts, Conformity::Pass),
+        share(&verdicts, Conformity::Fail),
+        region.verdict
+    );
+    // 2.5 % and two standard deviations of their count.
+    let tail = 0.025 + 2.0 * (0.025 * 0.975 / verdicts.len() as f64).sqrt();
+    assert!(share(&verdicts, Conformity::Pass) <= tail && region.verdict != Some(Conformity::Pass));
+    let (region, verdicts) = judged(0.0498, 1);
+    println!(
+        "within: {:.4} pass, {:.4} fail, {:?}",
+        share(&verdicts, Conformity::Pass),
+        share(&verdicts, Conformity::Fail),
+        region.verdict
+    );
+    assert!(share(&verdicts, Conformity::Fail) <= tail && region.verdict != Some(Conformity::Fail));
+    let (region, _) = judged(0.1, 0);
+    assert_eq!(region.verdict, Some(Conformity::Fail));
+    let (region, _) = judged(0.0, 0);
+    assert_eq!(region.verdict, Some(Conformity::Pass), "{region:?}");
+    assert!(region.measured > 0.95 && region.statistics.expect("figures").in_tolerance == Some(1.0));
+}
+
+#[test]
+fn alignments_fit_the_part_or_one_region_and_leave_what_slides() {
+    let model = Model::of(base(20_000).expect("a base"), 0.3);
+    let shots = Shots::of(&model.mesh, 12);
+    let off = motion_of(3, 0.05, 0.2);
+    let scans = shots.scans(&shots.poses(7), 0.0, |_| Isometry3::identity());
+    let moved: Vec<ViewScan> = scans
+        .iter()
+        .map(|scan| ViewScan { part_from_scanner: Pose::claim(off * scan.part_from_scanner.isometry()), ..scan.clone() })
+        .collect();
+    let options = DeviationOptions::default();
+    let rms =
+        |found: &Deviation| statistics(&found.samples, &model.surface, model.surface.samples(), None).expect("figures").rms_mm;
+    let before = as_placed(&placed(&moved, 0.0), &model.nominal(), &options);
+    let fitted = best_fit(&placed(&moved, 0.0), &model.nominal(), None, &options);
+    assert_eq!((before.alignment, fitted.alignment, fitted.fixed_freedoms), (Alignment::AsPlaced, Alignment::BestFit, 6));
+    assert!(
+        rms(&before.deviation) > 0.05 && rms(&fitted.deviation) < 0.01,
+        "{} {}",
+        rms(&before.deviation),
+        rms(&fitted.deviation)
+    );
+    let left = fitted.mesh_from_placed.isometry() * off;
+    assert!(left.translation.vector.norm() < 0.02 && left.rotation.angle() < 2e-4, "{left}");
+    // A plane fixes one shift and two turns.
+    let level = |sample: SampleId| (20.0 * model.surface.sample_mm[sample.index()].z).round() as i64;
+    let level_up = |sample: &SampleId| model.surface.patch_of(*sample).normal.z > 0.99999;
+    let mut levels: Vec<i64> = model.surface.samples().filter(level_up).map(level).collect();
+    levels.sort_unstable();
+    let fullest = levels.chunk_by(|a, b| a == b).max_by_key(|run| run.len()).expect("a level")[0];
+    let flat: Vec<SampleId> = model.surface.samples().filter(level_up).filter(|sample| level(*sample) == fullest).collect();
+    assert!(flat.len() > 20, "{}", flat.len());
+    let on_top = best_fit(&placed(&moved, 0.0), &model.nominal(), Some(&flat), &options);
+    assert_eq!((on_top.alignment, on_top.fixed_freedoms), (Alignment::BestFitOn, 3));
+    let figures = statistics(&on_top.deviation.samples, &model.surface, flat.iter().copied(), None).expect("figures");
+    assert!(figures.rms_mm < 0.002, "{figures:?}");
+}
+
+#[test]
+fn uncertainty_holds_noise_and_pose() {
+    let model = Model::of(plate(0.0, 1.5), 0.3);
+    let shots = Shots::of(&model.mesh, 12);
+    let poses = [shots.poses(8)[0], shots.poses(8)[2]];
+    let scans = shots.scans(&poses, 0.01, |_| Isometry3::identity());
+    let found = compare(&placed(&scans[..1], 0.0), &model.nominal(), &DeviationOptions::default());
+    let known = found.samples.iter().filter(|sample| sample.points > 3);
+    let (inside, count) =
+        known.fold((0, 0), |sum, own| (sum.0 + usize::from(own.distance_mm.abs() <= own.expanded_mm), sum.1 + 1));
+    println!("{inside} of {count} samples within U");
+    assert!(inside as f64 > 0.9 * count as f64 && count > 500);
+    // A shift along the normal of 0.1 mm, standard deviation, that one view cannot average away and two independent ones halve.
+    let covariance = Matrix6::from_diagonal(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.01, 0.01, 0.01));
+    let with = |scans: &[ViewScan]| {
+        let placed: Vec<PlacedScan<'_>> =
+            scans.iter().map(|scan| PlacedScan { scan, part_from_scanner: scan.part_from_scanner, covariance }).collect();
+        let found = compare(&placed, &model.nominal(), &DeviationOptions::default());
+        let wanted: Vec<f32> = model
+            .surface
+            .samples()
+            .filter(|s| found.views_of(*s).len() == scans.len())
+            .map(|s| found.samples[s.index()].expanded_mm)
+            .collect();
+        f64::from(wanted.iter().sum::<f32>()) / wanted.len() as f64
+    };
+    let (one, two) = (with(&scans[..1]), with(&scans));
+    assert!((one - 0.2).abs() < 0.01 && (two - 0.2 / 2.0_f64.sqrt()).abs() < 0.01, "{one} {two}");
+}

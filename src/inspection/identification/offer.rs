@@ -1,0 +1,127 @@
+//! Changes that identified figures ask for in the scanner's specification and in the parameters of the next plan. Data alone: the
+//! sentences are those of the interfaces, and nothing is applied by itself.
+
+use super::{Identified, Learned, LimitEstimate};
+use crate::cell::{DeviceName, Scanner, closed_list};
+use crate::planning::params::NoiseParams;
+
+/// Change of a limit that is worth an offer: degrees, and mm of depth.
+const MIN_CHANGE_DEG: f64 = 1.0;
+const MIN_CHANGE_MM: f64 = 5.0;
+
+closed_list! {
+    /// Field that is offered another value.
+    pub enum OfferedField {
+        /// Parameter `limits.camera_deg`.
+        CameraLimit = "camera_limit",
+        /// Parameter `limits.projector_deg`.
+        ProjectorLimit = "projector_limit",
+        /// Parameter `materials.lobe_deg`.
+        Lobe = "lobe",
+        /// Parameter `regions.noise.best_mm`.
+        NoiseBest = "noise_best",
+        /// Parameter `regions.noise.depth_gain`.
+        NoiseDepthGain = "noise_depth_gain",
+        /// Field `depth_mm.near` of the scanner.
+        DepthNear = "depth_near",
+        /// Field `depth_mm.far` of the scanner.
+        DepthFar = "depth_far",
+    }
+}
+
+impl OfferedField {
+    /// Key of the parameter; `None` where the field is the scanner's.
+    #[must_use]
+    pub fn parameter(self) -> Option<&'static str> {
+        match self {
+            Self::CameraLimit => Some("limits.camera_deg"),
+            Self::ProjectorLimit => Some("limits.projector_deg"),
+            Self::Lobe => Some("materials.lobe_deg"),
+            Self::NoiseBest => Some("regions.noise.best_mm"),
+            Self::NoiseDepthGain => Some("regions.noise.depth_gain"),
+            Self::DepthNear | Self::DepthFar => None,
+        }
+    }
+
+    /// Pointers of the field in the scanner's specification; none where it has none.
+    #[must_use]
+    pub fn in_scanner(self) -> &'static [&'static str] {
+        match self {
+            Self::CameraLimit => &["/left/incidence_max_deg", "/right/incidence_max_deg"],
+            Self::ProjectorLimit => &["/projector/incidence_max_deg"],
+            Self::DepthNear => &["/depth_mm/near"],
+            Self::DepthFar => &["/depth_mm/far"],
+            Self::Lobe | Self::NoiseBest | Self::NoiseDepthGain => &[],
+        }
+    }
+}
+
+/// A change that is offered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OfferedChange {
+    /// The field.
+    pub field: OfferedField,
+    /// Value in force; `None` where there is none.
+    pub from: Option<f64>,
+    /// Value offered: rounded to the safe side.
+    pub to: f64,
+    /// Identified figure, from which the value follows.
+    pub identified: Identified,
+    /// Pairs or triples that it is from.
+    pub count: u64,
+}
+
+/// Changes that are offered, in the order of [`OfferedField`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Offer {
+    /// The changes.
+    pub changes: Vec<OfferedChange>,
+}
+
+/// Holds what was learned against the specification and the noise in force.
+#[must_use]
+pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offer {
+    let mut changes = Vec::new();
+    let returns = &learned.returns;
+    let of_device = |device: DeviceName| returns.by_device.iter().find(|(name, _)| *name == device).and_then(|(_, limit)| *limit);
+    let [left, right] = [DeviceName::Left, DeviceName::Right].map(of_device);
+    let cameras = match (left, right) {
+        (Some(left), Some(right)) => Some(if left.plan_with <= right.plan_with { left } else { right }),
+        (one, other) => one.or(other).or(returns.incidence),
+    };
+    let own_deg = |devices: &[DeviceName]| {
+        let limits = devices.iter().map(|device| scanner.devices[*device].incidence_max_rad.to_degrees());
+        limits.fold(f64::INFINITY, f64::min)
+    };
+    let mut tighten = |field: OfferedField, limit: Option<LimitEstimate>, own_deg: f64| {
+        let Some(limit) = limit.filter(|limit| limit.plan_with < own_deg - MIN_CHANGE_DEG) else { return };
+        let to = limit.plan_with.floor().max(1.0);
+        changes.push(OfferedChange { field, from: Some(own_deg), to, identified: limit.limit, count: limit.pairs });
+    };
+    tighten(OfferedField::CameraLimit, cameras, own_deg(&[DeviceName::Left, DeviceName::Right]));
+    tighten(OfferedField::ProjectorLimit, of_device(DeviceName::Projector), own_deg(&[DeviceName::Projector]));
+    if let Some(lobe) = returns.lobe {
+        let to = lobe.plan_with.ceil();
+        changes.push(OfferedChange { field: OfferedField::Lobe, from: None, to, identified: lobe.limit, count: lobe.pairs });
+    }
+    if let Some(known) = learned.noise {
+        let mut noise_of = |field: OfferedField, from: f64, identified: Identified| {
+            let [low, high] = identified.interval;
+            if !(low..=high).contains(&from) {
+                let to = (identified.value * 1e5).round() / 1e5;
+                changes.push(OfferedChange { field, from: Some(from), to, identified, count: known.triples as u64 });
+            }
+        };
+        noise_of(OfferedField::NoiseBest, noise.best_mm, known.best_mm);
+        noise_of(OfferedField::NoiseDepthGain, noise.depth_gain, known.depth_gain);
+    }
+    let [near, far] = returns.depth;
+    let mut depth = |field: OfferedField, limit: Option<LimitEstimate>, from: f64, is_tighter: bool, to: f64| {
+        let Some(limit) = limit.filter(|_| is_tighter) else { return };
+        changes.push(OfferedChange { field, from: Some(from), to, identified: limit.limit, count: limit.pairs });
+    };
+    let [near_mm, far_mm] = [near.map_or(0.0, |near| near.plan_with.ceil()), far.map_or(0.0, |far| far.plan_with.floor())];
+    depth(OfferedField::DepthNear, near, scanner.near_mm, near_mm > scanner.near_mm + MIN_CHANGE_MM, near_mm);
+    depth(OfferedField::DepthFar, far, scanner.far_mm, far_mm < scanner.far_mm - MIN_CHANGE_MM, far_mm);
+    Offer { changes }
+}

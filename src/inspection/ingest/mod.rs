@@ -1,0 +1,304 @@
+//! Files of clouds, made scans of the plan's views in millimetres and in the scanner's frame: unit and frame are checked or
+//! found by where the points then lie, views by the numbers in names, clouds put into the left camera's grid, and cleaned. All that is
+//! refused or removed is counted under a closed name, with what was tried.
+
+mod camera;
+mod clean;
+mod frames;
+mod holes;
+mod organise;
+#[cfg(test)]
+mod tests;
+
+use crate::cell::{Scanner, closed_list};
+use crate::geometry::cloud_io::StoredCloud;
+use crate::geometry::{LengthUnit, NearestFace, PointCloud};
+use crate::inspection::ViewScan;
+
+pub(super) use camera::LeftCamera;
+pub use clean::{CleanOptions, Removed, RemovedBecause};
+pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
+use frames::{best_of, try_all};
+
+closed_list! {
+    /// Findings about the files of a scan.
+    pub enum IngestCode {
+        /// The points lie where the view looks only in another unit than declared, or in none.
+        UnitMismatch = "unit_mismatch",
+        /// The points lie where the view looks only in another frame than declared, or in none.
+        FrameMismatch = "frame_mismatch",
+        /// The file fits another view.
+        WrongView = "wrong_view",
+        /// One cloud of several views: what is found of each view is approximate.
+        Merged = "merged",
+        /// The points lie where the view looks, but not on the part.
+        NoPart = "no_part",
+        /// Two poses of the part explain the points.
+        AmbiguousPose = "ambiguous_pose",
+        /// Long triangles that close holes were dropped.
+        FilledHoles = "filled_holes",
+        /// A view of the plan has no file.
+        ViewMissing = "view_missing",
+        /// A file's number is no view of the plan.
+        ViewUnknown = "view_unknown",
+        /// Two files have the number of one view; the first is taken.
+        ViewDouble = "view_double",
+    }
+}
+
+impl IngestCode {
+    /// True where the file is left out.
+    #[must_use]
+    pub fn is_refusal(self) -> bool {
+        match self {
+            Self::UnitMismatch | Self::FrameMismatch | Self::WrongView | Self::NoPart | Self::ViewUnknown | Self::ViewDouble => {
+                true
+            }
+            Self::Merged | Self::AmbiguousPose | Self::FilledHoles | Self::ViewMissing => false,
+        }
+    }
+}
+
+/// One cloud of a file, with what is declared of it.
+#[derive(Clone, Debug)]
+pub struct ScanFile {
+    /// Name of the file, for reports and for the number of its view.
+    pub file: String,
+    /// The cloud.
+    pub cloud: StoredCloud,
+    /// Unit, as declared by the user or stated in the file.
+    pub unit: Option<LengthUnit>,
+    /// Frame, as declared by the user.
+    pub frame: Option<ScanFrame>,
+    /// Number of its view, as declared by the user.
+    pub viewpoint: Option<u32>,
+}
+
+/// Finding about a file or a view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IngestFinding {
+    /// Kind of finding.
+    pub code: IngestCode,
+    /// File and, for E57, the name of the scan in it; none for a view without a file.
+    pub file: Option<String>,
+    /// Number of the view.
+    pub viewpoint: Option<u32>,
+    /// View that the file fits better.
+    pub fits_viewpoint: Option<u32>,
+    /// Units and frames that were tried, and the shares of the points that then lie where they should.
+    pub tried: Vec<FrameAttempt>,
+    /// Longest triangle that was dropped, mm.
+    pub longest_mm: Option<f64>,
+}
+
+impl IngestFinding {
+    fn of(code: IngestCode, file: Option<String>, viewpoint: Option<u32>) -> Self {
+        Self { code, file, viewpoint, fits_viewpoint: None, tried: Vec::new(), longest_mm: None }
+    }
+}
+
+/// A scan as taken in.
+#[derive(Clone, Debug)]
+pub struct TakenScan {
+    /// The scan.
+    pub scan: ViewScan,
+    /// File and, for E57, the name of the scan in it.
+    pub file: String,
+    /// Unit that its coordinates were taken to be in.
+    pub unit: LengthUnit,
+    /// Frame that they were taken to be in.
+    pub frame: ScanFrame,
+    /// Shares of the points in that unit and frame.
+    pub fit: FrameAttempt,
+    /// Points in the file.
+    pub points: usize,
+    /// Points that were removed, by reason.
+    pub removed: Removed,
+    /// True if the view's own points are not known: the cloud is merged of several views.
+    pub is_approximate: bool,
+}
+
+/// Everything that was taken in.
+#[derive(Clone, Debug, Default)]
+pub struct Ingested {
+    /// Scans, by viewpoint.
+    pub scans: Vec<TakenScan>,
+    /// Findings, in the order of files, then of views.
+    pub findings: Vec<IngestFinding>,
+}
+
+/// Knobs of the ingest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IngestOptions {
+    /// Cleaning of the clouds.
+    pub clean: CleanOptions,
+}
+
+/// Least share of the points that has to lie where the view looks and on the part.
+const MIN_SHARE: f64 = 0.5;
+
+/// World that the clouds are held against.
+pub struct IngestWorld<'a> {
+    /// The scanner.
+    pub scanner: &'a Scanner,
+    /// The part.
+    pub nearest: &'a NearestFace<'a>,
+    /// Captures of the plan, or of a run.
+    pub captures: &'a [PlannedCapture],
+    /// Meshes of fixtures, in the frame of the plate.
+    pub fixtures: &'a [crate::geometry::Mesh],
+}
+
+/// Takes in the clouds of one inspection.
+#[must_use]
+pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &IngestOptions) -> Ingested {
+    // The order of files must not matter.
+    files.sort_by_cached_key(|file| (label(file), file.viewpoint));
+    let mut ingested = Ingested::default();
+    let clouds = files.len();
+    for file in files {
+        let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
+        let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
+        match capture {
+            Some(capture) => take_view(file, capture, world, options, &mut ingested),
+            None if world.captures.len() == 1 && clouds == 1 => {
+                take_view(file, &world.captures[0], world, options, &mut ingested)
+            }
+            None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, world, options, &mut ingested),
+            None => ingested.findings.push(IngestFinding::of(IngestCode::ViewUnknown, Some(label(&file)), number)),
+        }
+    }
+    ingested.scans.sort_by_key(|taken| taken.scan.viewpoint);
+    for capture in world.captures {
+        if !ingested.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
+            ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
+        }
+    }
+    ingested
+}
+
+/// Name of a file with that of the scan in it.
+fn label(file: &ScanFile) -> String {
+    file.cloud.name.as_ref().map_or_else(|| file.file.clone(), |name| format!("{}:{name}", file.file))
+}
+
+/// Last whole number of a name without its ending: `view_03.ply` is 3.
+fn number_of(name: &str) -> Option<u32> {
+    let name = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    let stem = name.rsplit_once('.').map_or(name, |(stem, ending)| if ending.len() <= 4 { stem } else { name });
+    let digits = stem.rsplit(|c: char| !c.is_ascii_digit()).find(|digits| !digits.is_empty())?;
+    digits.parse().ok()
+}
+
+fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut Ingested) {
+    let name = label(&file);
+    let mut refuse = |code: IngestCode, fits_viewpoint: Option<u32>, tried: Vec<FrameAttempt>| {
+        let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));
+        into.findings.push(IngestFinding { fits_viewpoint, tried, ..finding });
+    };
+    if into.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
+        return refuse(IngestCode::ViewDouble, None, Vec::new());
+    }
+    let tried = try_all(&file.cloud, capture, world);
+    let declared = |attempt: &&FrameAttempt| {
+        file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
+    };
+    let Some(best) = best_of(tried.iter().filter(declared)).filter(|best| best.on_part >= MIN_SHARE) else {
+        let (code, other) = diagnosis(&file, capture, world, &tried);
+        return refuse(code, other, tried);
+    };
+    let (cloud, mut removed, longest_mm) = prepared(file, &best, capture);
+    if let Some(longest_mm) = longest_mm {
+        let finding = IngestFinding::of(IngestCode::FilledHoles, Some(name.clone()), Some(capture.viewpoint));
+        into.findings.push(IngestFinding { longest_mm: Some(longest_mm), ..finding });
+    }
+    let points = cloud.finite().count() + removed.total();
+    let camera = LeftCamera::of(world.scanner);
+    let cloud = if camera.fits(cloud.grid) { cloud } else { organise::project(&cloud.points_mm, &camera, &mut removed) };
+    let scanner_cloud = clean::clean(cloud, capture, world, &options.clean, &mut removed);
+    let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
+    let (unit, frame) = (best.unit, best.frame);
+    into.scans.push(TakenScan { scan, file: name, unit, frame, fit: best, points, removed, is_approximate: false });
+}
+
+/// Points in millimetres and in the scanner's frame, without those that only close holes; the longest triangle that did.
+fn prepared(file: ScanFile, best: &FrameAttempt, capture: &PlannedCapture) -> (PointCloud, Removed, Option<f64>) {
+    let ScanFile { mut cloud, .. } = file;
+    let mut removed = Removed::default();
+    let longest = holes::drop_filled(&mut cloud, &mut removed);
+    let longest_mm = longest.map(|longest| longest * best.unit.mm());
+    let mut cloud = cloud.into_millimetres(best.unit);
+    if let Some(scanner_from_frame) = capture.scanner_from(best.frame) {
+        frames::transform(&mut cloud.points_mm, &scanner_from_frame);
+    }
+    (cloud, removed, longest_mm)
+}
+
+/// Reason for which a file fits its view in no declared way.
+fn diagnosis(
+    file: &ScanFile,
+    capture: &PlannedCapture,
+    world: &IngestWorld<'_>,
+    tried: &[FrameAttempt],
+) -> (IngestCode, Option<u32>) {
+    if let Some(best) = best_of(tried.iter()).filter(|best| best.on_part >= MIN_SHARE) {
+        let other_unit = file.unit.is_some_and(|unit| unit != best.unit);
+        return (if other_unit { IngestCode::UnitMismatch } else { IngestCode::FrameMismatch }, None);
+    }
+    let others = world.captures.iter().filter(|other| other.viewpoint != capture.viewpoint);
+    let fits = others.filter_map(|other| {
+        let tried = try_all(&file.cloud, other, world);
+        best_of(tried.iter()).filter(|best| best.on_part >= MIN_SHARE).map(|best| (best.on_part, other.viewpoint))
+    });
+    if let Some((_, viewpoint)) =
+        fits.fold(None, |best: Option<(f64, u32)>, fit| best.filter(|best| best.0 >= fit.0).or(Some(fit)))
+    {
+        return (IngestCode::WrongView, Some(viewpoint));
+    }
+    if tried.iter().any(|attempt| attempt.in_frusta >= MIN_SHARE) {
+        (IngestCode::NoPart, None)
+    } else if file.unit.is_some() {
+        (IngestCode::UnitMismatch, None)
+    } else {
+        (IngestCode::FrameMismatch, None)
+    }
+}
+
+/// A cloud of all views, put into the image of each.
+fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut Ingested) {
+    let name = label(&file);
+    let Some(first) = world.captures.first() else { return };
+    let tried = frames::try_merged(&file.cloud, first, world);
+    let declared = |attempt: &&FrameAttempt| {
+        file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
+    };
+    let Some(best) = best_of(tried.iter().filter(declared)).filter(|best| best.on_part >= MIN_SHARE) else {
+        let fits = best_of(tried.iter()).filter(|best| best.on_part >= MIN_SHARE);
+        let code = match fits {
+            Some(fit) if file.unit.is_some_and(|unit| unit != fit.unit) => IngestCode::UnitMismatch,
+            Some(_) => IngestCode::FrameMismatch,
+            None => IngestCode::NoPart,
+        };
+        into.findings.push(IngestFinding { tried, ..IngestFinding::of(code, Some(name), None) });
+        return;
+    };
+    into.findings.push(IngestFinding { tried, ..IngestFinding::of(IngestCode::Merged, Some(name.clone()), None) });
+    let (cloud, removed, longest_mm) = prepared(file, &best, first);
+    if longest_mm.is_some() {
+        into.findings.push(IngestFinding { longest_mm, ..IngestFinding::of(IngestCode::FilledHoles, Some(name.clone()), None) });
+    }
+    let points = cloud.finite().count() + removed.total();
+    let camera = LeftCamera::of(world.scanner);
+    for capture in world.captures {
+        // The points are in the frame of the first view's scanner.
+        let scanner_from_first = *(capture.part_from_scanner.inverse() * first.part_from_scanner).isometry();
+        let mut own_points = cloud.points_mm.clone();
+        frames::transform(&mut own_points, &scanner_from_first);
+        let mut own = removed.clone();
+        let seen = organise::project(&own_points, &camera, &mut own);
+        let scanner_cloud = clean::clean(seen, capture, world, &options.clean, &mut own);
+        let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
+        let (unit, frame, file) = (best.unit, best.frame, name.clone());
+        into.scans.push(TakenScan { scan, file, unit, frame, fit: best, points, removed: own, is_approximate: true });
+    }
+}

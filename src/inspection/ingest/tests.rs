@@ -1,0 +1,210 @@
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::cell::{CloudFrame, CloudFrameSpec};
+use crate::geometry::cloud_io::{CloudLimits, read, write_pcd};
+use crate::geometry::demo_parts::base;
+use crate::geometry::{Mesh, Part, Plate, Pose};
+use crate::inspection::shots::Shots;
+
+/// The demo base on its plate, scanned from four sides.
+struct Cell {
+    mesh: Mesh,
+    scanner: Scanner,
+    captures: Vec<PlannedCapture>,
+    clouds: Vec<PointCloud>,
+}
+
+impl Cell {
+    fn new() -> Self {
+        let mesh = base(8_000).expect("a base");
+        let shots = Shots::of(&mesh, 16);
+        let poses: Vec<_> = shots.poses(8).into_iter().take(4).collect();
+        let clouds = poses.iter().map(|pose| shots.cloud(pose, 0.0, 1)).collect();
+        let cloud_frame = CloudFrameSpec::Named(CloudFrame::Left).scanner_from_cloud(&shots.scanner.devices);
+        let part_from_plate: Pose<Part, Plate> =
+            Pose::from_parts(Vector3::new(5.0, -8.0, -0.01), UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4));
+        let base_from_table = Isometry3::from_parts(Translation3::new(700.0, 50.0, 200.0), UnitQuaternion::identity());
+        let capture = |(view, pose): (usize, &Pose<Part, crate::geometry::ScannerFrame>)| {
+            let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7 * view as f64);
+            let table_from_plate = Isometry3::from_parts(Translation3::identity(), turn);
+            let part_from_table = part_from_plate.isometry() * table_from_plate.inverse();
+            PlannedCapture {
+                viewpoint: view as u32 + 1,
+                part_from_scanner: *pose,
+                scanner_from_cloud: Some(cloud_frame),
+                part_from_plate: Some(part_from_plate),
+                part_from_table: Some(Pose::claim(part_from_table)),
+                part_from_base: Some(Pose::claim(part_from_table * base_from_table.inverse())),
+            }
+        };
+        let captures = poses.iter().enumerate().map(capture).collect();
+        let scanner = shots.scanner.clone();
+        Self { mesh, scanner, captures, clouds }
+    }
+
+    /// The cloud of a view in a unit and a frame, named for a view.
+    fn file(&self, view: usize, unit: LengthUnit, frame: ScanFrame, file: &str) -> ScanFile {
+        let frame_from_scanner = self.captures[view].scanner_from(frame).expect("a frame").inverse();
+        let mut points = self.clouds[view].points_mm.clone();
+        frames::transform(&mut points, &frame_from_scanner);
+        points.iter_mut().for_each(|point| *point = point.map(|value| (f64::from(value) / unit.mm()) as f32));
+        let cloud = StoredCloud { points, grid: self.clouds[view].grid, ..StoredCloud::default() };
+        ScanFile { file: file.into(), cloud, unit: None, frame: None, viewpoint: None }
+    }
+
+    fn ingest(&self, files: Vec<ScanFile>) -> Ingested {
+        let nearest = NearestFace::new(&self.mesh);
+        let world = IngestWorld { scanner: &self.scanner, nearest: &nearest, captures: &self.captures, fixtures: &[] };
+        ingest(files, &world, &IngestOptions::default())
+    }
+}
+
+fn codes(ingested: &Ingested) -> Vec<IngestCode> {
+    ingested.findings.iter().map(|finding| finding.code).filter(|code| *code != IngestCode::ViewMissing).collect()
+}
+
+#[test]
+fn unit_and_frame_of_each_file_are_found() {
+    let cell = Cell::new();
+    for unit in [LengthUnit::Millimetre, LengthUnit::Metre, LengthUnit::Inch] {
+        for frame in ScanFrame::ALL {
+            let taken = cell.ingest(vec![cell.file(2, unit, frame, "scan_003.ply")]);
+            let [scan] = &taken.scans[..] else { panic!("{unit} {frame:?}: {:?}", taken.findings) };
+            assert_eq!((scan.unit, scan.frame, scan.scan.viewpoint, scan.is_approximate), (unit, frame, 3, false));
+            assert!(scan.fit.on_part > 0.99, "{:?}", scan.fit);
+            let kept = |cell_number: usize| scan.scan.scanner_cloud.points_mm[cell_number];
+            for (number, point) in cell.clouds[2].finite() {
+                let found = kept(number);
+                assert!(found[0].is_nan() || (Point3::from(found.map(f64::from)) - point).norm() < 1e-3, "{unit} {frame:?}");
+            }
+            assert_eq!(taken.findings.iter().filter(|finding| finding.code == IngestCode::ViewMissing).count(), 3);
+        }
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused_with_what_was_tried() {
+    let cell = Cell::new();
+    let plain = |view| cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, "view_3.ply");
+    let code = |file: ScanFile| {
+        let taken = cell.ingest(vec![file]);
+        assert!(taken.scans.is_empty());
+        let finding = taken.findings.into_iter().find(|finding| finding.code.is_refusal()).expect("a refusal");
+        assert!(finding.tried.len() == 18 && finding.file.as_deref() == Some("view_3.ply") && finding.viewpoint == Some(3));
+        (finding.code, finding.fits_viewpoint)
+    };
+    let metres = cell.file(2, LengthUnit::Metre, ScanFrame::Scanner, "view_3.ply");
+    assert_eq!(code(ScanFile { unit: Some(LengthUnit::Millimetre), ..metres }), (IngestCode::UnitMismatch, None));
+    let in_part = cell.file(2, LengthUnit::Millimetre, ScanFrame::Part, "view_3.ply");
+    assert_eq!(code(ScanFile { frame: Some(ScanFrame::Scanner), ..in_part }), (IngestCode::FrameMismatch, None));
+    let mut aside = plain(2);
+    aside.cloud.points.iter_mut().for_each(|point| point[2] += 60.0);
+    assert_eq!(code(aside), (IngestCode::NoPart, None));
+    let mut far = plain(2);
+    far.cloud.points.iter_mut().for_each(|point| *point = point.map(|value| value * 1e30));
+    assert_eq!(code(far).0, IngestCode::FrameMismatch);
+}
+
+#[test]
+fn swapped_double_and_unknown_views_are_named() {
+    let cell = Cell::new();
+    let plain = |view, file: &str| cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, file);
+    // In the part's frame the points of another view lie on the part, but hardly where this view looks.
+    let taken = cell.ingest(vec![plain(0, "a/view_01.ply"), plain(1, "b/view_01.ply"), plain(1, "view_77.ply")]);
+    assert_eq!(codes(&taken), [IngestCode::ViewDouble, IngestCode::ViewUnknown]);
+    let world_number =
+        taken.findings.iter().find(|finding| finding.code == IngestCode::ViewUnknown).and_then(|finding| finding.viewpoint);
+    assert_eq!((taken.scans.len(), world_number), (1, Some(77)));
+    let swapped = cell.ingest(vec![cell.file(3, LengthUnit::Millimetre, ScanFrame::Scanner, "view_01.ply")]);
+    let finding = &swapped.findings[0];
+    assert_eq!((finding.code, finding.fits_viewpoint), (IngestCode::WrongView, Some(4)), "{finding:?}");
+    for (name, number) in
+        [("view_03.ply", Some(3)), ("7", Some(7)), ("scan.12.pcd", Some(12)), ("x/9/part.xyz", None), ("2024-01 shot 5", Some(5))]
+    {
+        assert_eq!(number_of(name), number, "{name}");
+    }
+}
+
+#[test]
+fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
+    let cell = Cell::new();
+    let mut all = cell.file(0, LengthUnit::Millimetre, ScanFrame::Part, "all.ply");
+    for view in 1..4 {
+        all.cloud.points.extend(cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, "").cloud.points);
+    }
+    all.cloud.points.retain(|point| !point[0].is_nan());
+    all.cloud.grid = None;
+    let taken = cell.ingest(vec![all]);
+    assert_eq!(codes(&taken), [IngestCode::Merged]);
+    assert_eq!(taken.scans.len(), 4);
+    for (scan, own) in taken.scans.iter().zip(&cell.clouds) {
+        assert!(scan.is_approximate && scan.frame == ScanFrame::Part);
+        let (found, wanted) = (scan.scan.scanner_cloud.finite().count(), own.finite().count());
+        assert!(found as f64 > 0.9 * wanted as f64, "{found} of {wanted}: {:?} {:?}", scan.scan.scanner_cloud.grid, scan.removed);
+    }
+}
+
+#[test]
+fn order_of_files_and_grids_of_other_programs_do_not_matter() {
+    let cell = Cell::new();
+    let file = |view: usize| cell.file(view, LengthUnit::Metre, ScanFrame::Cloud, &format!("view_{}.pcd", view + 1));
+    let there = cell.ingest((0..4).map(file).collect());
+    let back = cell.ingest((0..4).rev().map(file).collect());
+    assert_eq!(format!("{:?}", there.findings), format!("{:?}", back.findings));
+    for (a, b) in there.scans.iter().zip(&back.scans) {
+        assert_eq!(format!("{:?}", a.scan), format!("{:?}", b.scan));
+    }
+    // Without its grid, and read from a file.
+    let mut bytes = Vec::new();
+    let plain = PointCloud {
+        points_mm: cell.clouds[0].finite().map(|(number, _)| cell.clouds[0].points_mm[number]).collect(),
+        grid: None,
+    };
+    write_pcd(&plain, &mut bytes).expect("memory");
+    let cloud = read(&bytes, &CloudLimits::default()).expect("a cloud").clouds.remove(0);
+    let scattered = ScanFile { file: "1.pcd".into(), cloud, unit: None, frame: None, viewpoint: None };
+    let taken = cell.ingest(vec![scattered]);
+    assert_eq!(taken.scans[0].scan.scanner_cloud.grid, cell.clouds[0].grid);
+    let (found, wanted) = (taken.scans[0].scan.scanner_cloud.finite().count(), plain.points_mm.len());
+    assert!(found as f64 > 0.97 * wanted as f64, "{found} of {wanted}, {:?}", taken.scans[0].removed);
+}
+
+#[test]
+fn plate_depth_islands_and_filled_holes_are_cut_and_counted() {
+    let cell = Cell::new();
+    let mut file = cell.file(0, LengthUnit::Millimetre, ScanFrame::Scanner, "1.ply");
+    let grid = file.cloud.grid.expect("a grid");
+    let empty: Vec<usize> = (0..file.cloud.points.len()).filter(|cell| file.cloud.points[*cell][0].is_nan()).collect();
+    // A speck, a far point, and an island of the plate.
+    let free = |number: usize| empty[number * empty.len() / 10];
+    file.cloud.points[free(1)] = [0.0, 0.0, 480.0];
+    file.cloud.points[free(2)] = [0.0, 0.0, 4800.0];
+    let scanner_from_plate = cell.captures[0].scanner_from(ScanFrame::Plate).expect("a plate");
+    for step in 0..40 {
+        let point = scanner_from_plate * Point3::new(100.0 + f64::from(step), 0.0, 0.0);
+        file.cloud.points[free(3) + step as usize % grid.columns] = [point.x as f32, point.y as f32, point.z as f32];
+    }
+    let before = file.cloud.points.iter().filter(|point| !point[0].is_nan()).count();
+    let taken = cell.ingest(vec![file]);
+    let removed = &taken.scans[0].removed.by_reason;
+    assert_eq!(removed.get(&RemovedBecause::Depth), Some(&1), "{removed:?}");
+    assert!(removed.get(&RemovedBecause::Plate).is_some_and(|count| *count >= 40), "{removed:?}");
+    assert!(removed.contains_key(&RemovedBecause::Isolated), "{removed:?}");
+    let after = taken.scans[0].scan.scanner_cloud.finite().count();
+    assert_eq!(after + taken.scans[0].removed.total(), before);
+    assert!(after as f64 > 0.95 * before as f64, "{after} of {before}: {removed:?}");
+
+    let squares = (0..9).flat_map(|row| (0..9).map(move |column| row * 10 + column));
+    let mut mesh = StoredCloud {
+        points: (0..100).map(|place| [(place % 10) as f32, (place / 10) as f32, 0.0]).collect(),
+        faces: squares.flat_map(|a: u32| [[a, a + 1, a + 10], [a + 1, a + 11, a + 10]]).collect(),
+        ..StoredCloud::default()
+    };
+    mesh.points.push([60.0, 0.0, 0.0]);
+    mesh.faces.push([9, 100, 99]);
+    let mut removed = Removed::default();
+    let longest = holes::drop_filled(&mut mesh, &mut removed).expect("a long triangle");
+    assert!(longest > 50.0 && removed.by_reason.get(&RemovedBecause::FilledHole) == Some(&1) && mesh.points[100][0].is_nan());
+    assert_eq!(mesh.points.iter().filter(|point| point[0].is_nan()).count(), 1);
+}

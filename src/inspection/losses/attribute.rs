@@ -1,0 +1,335 @@
+//! The cause of each lost sample.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::cut::FileBounds;
+use super::evidence::Zone;
+use super::foreign::Foreign;
+use super::steps::near_steps;
+use super::{LossCause, Losses};
+use crate::inspection::coverage::{
+    ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, SeenSample,
+    ViewLookup,
+};
+use crate::inspection::mirror::Reflection;
+use crate::planning::ConcaveZone;
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
+use crate::planning::visibility::{Optics, Row, SampleSet};
+
+/// Samples that a thread looks into at a time.
+const BLOCK: usize = 512;
+/// Pairs of a scan by which the evidence of a weakness is judged.
+const EVIDENCE_PAIRS: usize = 2000;
+
+/// Light that a sample returns to the cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Light {
+    /// Too little.
+    Dark,
+    /// Enough.
+    Fair,
+    /// Too much.
+    Saturated,
+}
+
+/// Plan, scans, measured coverage, and what is known of the scanner.
+#[derive(Clone, Copy)]
+pub struct LossInput<'a> {
+    /// Plan and scans.
+    pub compared: &'a ComparedViews<'a>,
+    /// Their coverage.
+    pub coverage: &'a MeasuredCoverage,
+    /// Facts of the planned pairs.
+    pub returns: &'a Returns,
+    /// The model as planned.
+    pub model: &'a NominalModel<'a>,
+    /// Samples that each scan would measure from its registered pose, by the definition of the plan
+    /// ([`crate::planning::certificate::recheck::recheck`]), in the order of the scans.
+    pub registered_rows: &'a [Row],
+    /// Limits that were identified.
+    pub limits: &'a IdentifiedLimits,
+    /// Light at a sample in a scan, by the scan's place; `None` where nothing is known of it.
+    pub light: Option<&'a (dyn Fn(usize, SampleId) -> Light + Sync)>,
+    /// Level of brightness of the scans, where it is known.
+    pub level: Option<u8>,
+    /// Cells whose points were taken out as each scan was cleaned, ascending; empty where nothing was.
+    pub filtered_cells: &'a [Vec<u32>],
+}
+
+/// Puts every planned sample that is not measured down to a cause.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn attribute(input: &LossInput<'_>, ctx: &Context<'_>) -> Result<Losses, Cancelled> {
+    let lost = input.coverage.lost();
+    let mut causes: Vec<Option<Found>> = vec![None; input.compared.surface.sample_mm.len()];
+    let scanned = |viewpoint: u32| input.compared.scanned.iter().any(|view| view.scan.viewpoint == viewpoint);
+    for view in input.compared.planned.iter().filter(|view| !scanned(view.viewpoint)) {
+        for sample in view.row.samples().filter(|sample| lost.holds(*sample)) {
+            causes[sample.index()] = Some(Found { cause: LossCause::ViewMissing, is_expected: true });
+        }
+    }
+    let optics = Optics::new(input.compared.scanner, input.compared.params, &input.compared.surface.requirements);
+    let realism = &input.compared.params.realism;
+    let corner = ConcaveZone::new(input.model.mesh(), realism.concave_dihedral_deg.to_radians(), realism.concave_zone_mm, ctx)?;
+    let scans: Vec<ScanLosses<'_>> =
+        (0..input.compared.scanned.len()).map(|place| ScanLosses::new(input, &optics, &corner, place, ctx)).collect();
+    let evidence = Evidence::of(&scans, ctx)?;
+    for scan in &scans {
+        for (sample, found) in scan.causes(&lost, &evidence, ctx)? {
+            let furthest = &mut causes[sample.index()];
+            *furthest = Some(furthest.map_or(found, |other| if found.rank() > other.rank() { found } else { other }));
+        }
+    }
+    let of_samples =
+        lost.iter().map(|sample| (sample, causes[sample.index()].map_or(LossCause::Unexplained, |found| found.cause)));
+    Ok(Losses::of(input.model.mesh(), input.compared, of_samples.collect(), input.level))
+}
+
+/// Cause in one scan.
+#[derive(Clone, Copy)]
+struct Found {
+    cause: LossCause,
+    is_expected: bool,
+}
+
+impl Found {
+    /// Progress of the scan: the place of its cause in the list. A scan of which no ray meets the sample's surface could not
+    /// measure it from where it was taken. Equal ones are told apart by the cause, so that the order of the scans does not count.
+    fn rank(self) -> [usize; 2] {
+        let is_between_rays = self.cause == LossCause::Sparse && !self.is_expected;
+        let place = if is_between_rays { LossCause::Pose as usize } else { self.cause as usize };
+        [place, self.cause as usize]
+    }
+}
+
+/// Zones in which the scans lack points.
+struct Evidence {
+    edges: Zone,
+    corners: Zone,
+}
+
+impl Evidence {
+    fn of(scans: &[ScanLosses<'_>], ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let mut evidence = Self { edges: Zone::default(), corners: Zone::default() };
+        for scan in scans {
+            ctx.check()?;
+            // What is lost beyond the limits, or for the light, is no evidence of anything else.
+            let is_fair =
+                |pair: &Return| pair.is_expected && !scan.is_beyond_limits(pair, None) && scan.light_cause(pair.sample).is_none();
+            let fair = scan.pairs.iter().filter(|(pair, _)| is_fair(pair));
+            let fair: Vec<&Return> = fair.map(|(pair, _)| pair).collect();
+            let some: Vec<&Return> = fair.iter().step_by(fair.len().div_ceil(EVIDENCE_PAIRS).max(1)).copied().collect();
+            let points: Vec<_> = some.iter().map(|pair| scan.sample(pair.sample)).collect();
+            for ((pair, point), is_near) in some.iter().zip(&points).zip(scan.near_steps(&points, ctx)) {
+                let in_corner = scan.corner.holds(&point.0, &point.1);
+                if !in_corner {
+                    evidence.edges.count(is_near, pair.is_returned);
+                }
+                if !is_near {
+                    evidence.corners.count(in_corner, pair.is_returned);
+                }
+            }
+        }
+        Ok(evidence)
+    }
+}
+
+/// One scan, ready for its lost samples.
+struct ScanLosses<'a> {
+    input: &'a LossInput<'a>,
+    place: usize,
+    lookup: ViewLookup<'a>,
+    reflection: Reflection,
+    foreign: Foreign,
+    bounds: FileBounds,
+    corner: &'a ConcaveZone,
+    /// Planned pairs, with the place of the sample's image in cells.
+    pairs: Vec<(Return, [f64; 2])>,
+}
+
+/// A lost sample in one scan, with what is known of it.
+struct LostPair {
+    pair: Return,
+    place: [f64; 2],
+    point: (Point3<f64>, Vector3<f64>),
+    model: Option<ModelPoint>,
+    is_near_step: bool,
+}
+
+impl<'a> ScanLosses<'a> {
+    fn new(input: &'a LossInput<'a>, optics: &'a Optics, corner: &'a ConcaveZone, place: usize, ctx: &Context<'_>) -> Self {
+        let compared = input.compared;
+        let scanned = &compared.scanned[place];
+        let pose = &scanned.registered.part_from_scanner;
+        let lookup = ViewLookup::new(compared, optics, scanned);
+        let outside = [f64::NEG_INFINITY; 2];
+        let place_of = |sample: SampleId| {
+            let scanner_mm = lookup.scanner_from_part * compared.surface.sample_mm[sample.index()];
+            lookup.cloud.grid().place_of(&scanner_mm).unwrap_or(outside)
+        };
+        let pairs: Vec<(Return, [f64; 2])> = input.returns.of_view(place).map(|pair| (pair, place_of(pair.sample))).collect();
+        Self {
+            input,
+            place,
+            foreign: Foreign::find(&lookup.cloud, input.model, pose, compared.compare.search_mm, ctx),
+            bounds: FileBounds::find(&pairs),
+            reflection: Reflection::new(compared.scanner).at(pose),
+            lookup,
+            corner,
+            pairs,
+        }
+    }
+
+    fn compared(&self) -> &'a ComparedViews<'a> {
+        self.input.compared
+    }
+
+    fn sample(&self, sample: SampleId) -> (Point3<f64>, Vector3<f64>) {
+        let surface = self.compared().surface;
+        (surface.sample_mm[sample.index()], surface.patch_of(sample).normal)
+    }
+
+    fn near_steps(&self, points: &[(Point3<f64>, Vector3<f64>)], ctx: &Context<'_>) -> Vec<bool> {
+        let pose = &self.compared().scanned[self.place].registered.part_from_scanner;
+        let margin = (self.compared().compare, self.lookup.cloud.grid().step_px);
+        near_steps(self.input.model, self.compared().scanner, pose, points, margin, ctx)
+    }
+
+    fn causes(&self, lost: &SampleSet, evidence: &Evidence, ctx: &Context<'_>) -> Result<Vec<(SampleId, Found)>, Cancelled> {
+        let own: Vec<&(Return, [f64; 2])> = self.pairs.iter().filter(|(pair, _)| lost.holds(pair.sample)).collect();
+        let blocks = own.par_chunks(BLOCK).map(|block| {
+            ctx.check()?;
+            let pairs = self.lost_pairs(block, ctx);
+            let found = |lost: &LostPair| Found { cause: self.cause(lost, evidence), is_expected: lost.pair.is_expected };
+            Ok(pairs.iter().map(|lost| (lost.pair.sample, found(lost))).collect::<Vec<_>>())
+        });
+        Ok(blocks.collect::<Result<Vec<_>, Cancelled>>()?.concat())
+    }
+
+    fn lost_pairs(&self, block: &[&(Return, [f64; 2])], ctx: &Context<'_>) -> Vec<LostPair> {
+        let grid = self.lookup.cloud.grid();
+        let pose = &self.compared().scanned[self.place].registered.part_from_scanner;
+        let points: Vec<_> = block.iter().map(|(pair, _)| self.sample(pair.sample)).collect();
+        let cells: Vec<Option<usize>> = block.iter().map(|(_, place)| grid.cell_at(*place)).collect();
+        let known: Vec<usize> = cells.iter().flatten().copied().collect();
+        let mut on_model = self.input.model.at_cells(pose, grid, &known, ctx).into_iter();
+        let near = self.near_steps(&points, ctx);
+        let mut pairs = Vec::with_capacity(block.len());
+        for (((entry, cell), point), is_near_step) in block.iter().zip(cells).zip(points).zip(near) {
+            let model = cell.and_then(|_| on_model.next().flatten());
+            pairs.push(LostPair { pair: entry.0, place: entry.1, point, model, is_near_step });
+        }
+        pairs
+    }
+
+    /// The first cause that holds.
+    fn cause(&self, lost: &LostPair, evidence: &Evidence) -> LossCause {
+        let sample = lost.pair.sample;
+        let grid = self.lookup.cloud.grid();
+        let is_imaged = lost.place[0].is_finite();
+        if is_imaged && (grid.cell_at(lost.place).is_none() || self.bounds.leaves_out(lost.place)) {
+            return LossCause::OutsideFile;
+        }
+        let Some(seen) = self.lookup.sample(sample) else { return LossCause::Pose };
+        if !is_imaged || !self.input.registered_rows[self.place].holds(sample) {
+            return LossCause::Pose;
+        }
+        if self.foreign.hides(&lost.point.0, self.lookup.view.centres_mm()) {
+            return LossCause::UnmodelledOccluder;
+        }
+        let footprint = self.lookup.footprint(sample, &seen);
+        if self.deviates(lost, &seen, footprint) {
+            return LossCause::PartDeviates;
+        }
+        self.limit_cause(lost)
+            .or_else(|| self.zone_cause(lost, evidence))
+            .or_else(|| self.light_cause(sample))
+            .unwrap_or_else(|| self.remaining_cause(lost, &seen, footprint))
+    }
+
+    /// Returns true if the scan shows a surface off the model: where the cell's ray meets the model, not where the sample is.
+    fn deviates(&self, lost: &LostPair, seen: &SeenSample, footprint: Footprint) -> bool {
+        let Footprint::Off(_) = footprint else { return false };
+        let Some(cell) = self.lookup.cloud.grid().cell_of(&seen.scanner_mm) else { return false };
+        let Some(model) = lost.model.filter(|model| model.normal != Vector3::zeros()) else { return false };
+        let [point_mm, normal] =
+            [(self.lookup.scanner_from_part * model.point_mm).coords, self.lookup.scanner_from_part * model.normal];
+        // The median of the neighbourhood: noise scatters to both sides of the model.
+        let around = (-1..=1).flat_map(|right| (-1..=1).map(move |down| [right, down]));
+        let mut off_mm: Vec<f64> = around
+            .filter_map(|[right, down]| self.lookup.cloud.neighbour(cell, right, down))
+            .map(|point| (point.coords - point_mm).dot(&normal))
+            .collect();
+        off_mm.sort_by(f64::total_cmp);
+        off_mm.get(off_mm.len() / 2).is_some_and(|off_mm| off_mm.abs() > seen.tolerance_mm)
+    }
+
+    /// Returns true if a pair lies beyond the identified limits of incidence or within the lobe of glare: at the sample, or where
+    /// the ray of its cell meets the model.
+    fn is_beyond_limits(&self, pair: &Return, model: Option<&ModelPoint>) -> bool {
+        self.is_grazing(pair, model) || self.is_glare(pair, model)
+    }
+
+    fn is_grazing(&self, pair: &Return, model: Option<&ModelPoint>) -> bool {
+        let limits_rad = self.input.limits.incidence_deg.map(|deg| deg.map(f64::to_radians));
+        let exceeds = |angles: crate::cell::PerDevice<f64>| {
+            limits_rad.zip(angles).into_iter().any(|(limit, angle)| limit.is_some_and(|limit| angle > limit))
+        };
+        let view = &self.lookup.view;
+        let on_model = |model: &ModelPoint| exceeds(view.incidence_rad(&model.point_mm, &model.normal));
+        exceeds(pair.incidence_rad) || model.is_some_and(|model| model.is_seen && on_model(model))
+    }
+
+    fn is_glare(&self, pair: &Return, model: Option<&ModelPoint>) -> bool {
+        let Some(lobe_deg) = self.input.limits.lobe_deg else { return false };
+        let on_model = |model: &ModelPoint| self.reflection.mirror_rad(&model.point_mm, &model.normal) < lobe_deg.to_radians();
+        pair.mirror_rad < lobe_deg.to_radians() || model.is_some_and(|model| model.is_seen && on_model(model))
+    }
+
+    fn limit_cause(&self, lost: &LostPair) -> Option<LossCause> {
+        if self.is_grazing(&lost.pair, lost.model.as_ref()) {
+            return Some(LossCause::Grazing);
+        }
+        self.is_glare(&lost.pair, lost.model.as_ref()).then_some(LossCause::Specular)
+    }
+
+    fn zone_cause(&self, lost: &LostPair, evidence: &Evidence) -> Option<LossCause> {
+        if lost.is_near_step && evidence.edges.is_weak() {
+            return Some(LossCause::Edge);
+        }
+        let (point_mm, normal) = &lost.point;
+        let on_model = |model: &ModelPoint| self.corner.holds(&model.point_mm, &model.normal);
+        let in_corner = self.corner.holds(point_mm, normal) || lost.model.as_ref().is_some_and(on_model);
+        (in_corner && evidence.corners.is_weak()).then_some(LossCause::Concave)
+    }
+
+    fn light_cause(&self, sample: SampleId) -> Option<LossCause> {
+        match self.input.light.map_or(Light::Fair, |light| light(self.place, sample)) {
+            Light::Dark => Some(LossCause::Dark),
+            Light::Saturated => Some(LossCause::Saturated),
+            Light::Fair => None,
+        }
+    }
+
+    fn remaining_cause(&self, lost: &LostPair, seen: &SeenSample, footprint: Footprint) -> LossCause {
+        let is_blurred = |[near_mm, far_mm]: [f64; 2]| !(near_mm..=far_mm).contains(&lost.pair.depth_mm);
+        if self.input.limits.depth_mm.is_some_and(is_blurred) {
+            return LossCause::DepthBlur;
+        }
+        if footprint == Footprint::Sparse || !lost.pair.is_expected {
+            return LossCause::Sparse;
+        }
+        let requirement = self.compared().surface.requirements.of(lost.pair.sample);
+        let is_noisier = requirement.noise_max_mm.is_some_and(|max_mm| seen.precision.noise_mm > max_mm);
+        if is_noisier || matches!(footprint, Footprint::Off(_) | Footprint::Turned) {
+            return LossCause::Noisy;
+        }
+        let cell = self.lookup.cloud.grid().cell_at(lost.place).map(|cell| cell as u32);
+        let filtered = self.input.filtered_cells.get(self.place);
+        let is_filtered = filtered.zip(cell).is_some_and(|(cells, cell)| cells.binary_search(&cell).is_ok());
+        if is_filtered { LossCause::Filtered } else { LossCause::Unexplained }
+    }
+}

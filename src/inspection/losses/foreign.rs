@@ -1,0 +1,73 @@
+//! Points of a scan that lie in front of the model, where it has nothing: of a body that the plan does not know. What lies
+//! behind them on the way to a device is hidden by it.
+
+use nalgebra::Point3;
+
+use crate::cell::PerDevice;
+use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::inspection::coverage::{GriddedCloud, NominalModel};
+use crate::planning::context::Context;
+
+/// Distance between the pixels that are looked at.
+const STRIDE_PX: f64 = 8.0;
+/// Largest number of points that are kept.
+const MAX_POINTS: usize = 10_000;
+/// Distance of such a point from a line of sight within which the body hides it, as a multiple of the distance between points.
+const REACH: f64 = 2.0;
+/// Smallest share of the looked-at points that makes a body: single ones are mixed pixels.
+const MIN_POINTS: usize = 8;
+
+/// A body in front of the model, as one scan shows it.
+pub(super) struct Foreign {
+    /// Part frame.
+    points_mm: Vec<Point3<f64>>,
+    reach_mm: f64,
+}
+
+impl Foreign {
+    /// Looks for points more than `search_mm` in front of the model.
+    pub(super) fn find(
+        cloud: &GriddedCloud<'_>,
+        model: &NominalModel<'_>,
+        pose: &Pose<Part, ScannerFrame>,
+        search_mm: f64,
+        ctx: &Context<'_>,
+    ) -> Self {
+        let grid = cloud.grid();
+        let stride = (STRIDE_PX / grid.step_px).round().max(1.0) as usize;
+        let rows = (0..grid.size.rows).step_by(stride);
+        let cells = rows.flat_map(|row| (0..grid.size.columns).step_by(stride).map(move |column| [column, row]));
+        let (cells, points): (Vec<usize>, Vec<Point3<f64>>) =
+            cells.filter_map(|cell| Some((grid.number(cell), pose.point(&cloud.point(cell)?)))).unzip();
+        let centre_mm = pose.point(&grid.centre_mm());
+        let on_model = model.at_cells(pose, grid, &cells, ctx);
+        let in_front = |(point, model): (Point3<f64>, Option<crate::inspection::coverage::ModelPoint>)| {
+            let is_in_front =
+                model.is_some_and(|model| (point - centre_mm).norm() < (model.point_mm - centre_mm).norm() - search_mm);
+            (is_in_front || model.is_none()).then_some(point)
+        };
+        let mut points_mm: Vec<Point3<f64>> = points.into_iter().zip(on_model).filter_map(in_front).collect();
+        if points_mm.len() < MIN_POINTS {
+            points_mm.clear();
+        }
+        let every = points_mm.len().div_ceil(MAX_POINTS).max(1);
+        let points_mm: Vec<Point3<f64>> = points_mm.into_iter().step_by(every).collect();
+        let depth_mm = points_mm.first().map_or(0.0, |point| (point - centre_mm).norm());
+        // f · spacing = stride · z; the square root of `every` makes up for what was left out.
+        let spacing_mm = stride as f64 * grid.step_px * depth_mm / cloud.grid().focal_px() * (every as f64).sqrt();
+        Self { points_mm, reach_mm: REACH * spacing_mm }
+    }
+
+    /// Returns true if the body lies between a point of the model and one of the devices.
+    pub(super) fn hides(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>) -> bool {
+        let crosses = |centre: &Point3<f64>| {
+            let (way, squared) = (centre - point_mm, (centre - point_mm).norm_squared());
+            self.points_mm.iter().any(|foreign| {
+                let from = foreign - point_mm;
+                let share = from.dot(&way) / squared;
+                share > 0.0 && (from - way * share).norm_squared() <= self.reach_mm * self.reach_mm
+            })
+        };
+        !self.points_mm.is_empty() && centres_mm.iter().any(crosses)
+    }
+}

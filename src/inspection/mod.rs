@@ -1,0 +1,50 @@
+//! The loop closed: scans as they were taken, where they lie, what they measured beside what was planned, how the surface
+//! deviates, and what that teaches.
+
+pub mod coverage;
+pub mod deviation;
+pub mod identification;
+pub mod ingest;
+pub mod losses;
+mod mirror;
+mod params;
+mod pipeline;
+mod pixel_grid;
+pub mod registration;
+#[cfg(test)]
+mod rehearsal;
+pub mod rescan;
+#[cfg(test)]
+mod shots;
+pub mod simulated_scanner;
+
+pub use params::{AlignParams, InspectionParams};
+pub use pipeline::{DeviationFigures, InspectedView, Inspection, InspectionInput, inspect};
+pub use pixel_grid::PixelGrid;
+
+use crate::geometry::{Part, PointCloud, Pose, ScannerFrame};
+
+/// One capture of the scanner.
+#[derive(Clone, Debug)]
+pub struct ViewScan {
+    /// Number of its viewpoint in the plan.
+    pub viewpoint: u32,
+    /// Pose at which it was taken, as far as the robot knows: the plan's, or that of a run's record.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Points in the scanner's frame. Cell (c, r) of an organised cloud of W/n × H/n cells is the ray of the left camera's
+    /// pixel position ((c + ½)·n − ½, (r + ½)·n − ½), in the convention of [`crate::cell::Lens`].
+    pub scanner_cloud: PointCloud,
+}
+
+/// Registered pose of a capture.
+#[derive(Clone, Debug)]
+pub struct RegisteredView {
+    /// Number of its viewpoint in the plan.
+    pub viewpoint: u32,
+    /// Pose after registration.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Covariance of the pose: order rx ry rz tx ty tz, in the scanner's frame (right perturbation), rad and mm.
+    pub covariance: nalgebra::Matrix6<f64>,
+    /// True if the correction lies within the prior that the calibration gives.
+    pub is_in_prior: bool,
+}

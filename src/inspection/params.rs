@@ -1,0 +1,59 @@
+//! Knobs of an inspection.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::coverage::CompareParams;
+use super::deviation::Alignment;
+use super::registration::RegistrationOptions;
+use crate::cell::{FieldError, Findings};
+use crate::planning::params::knob::params;
+
+params! {
+    /// The registration of the scans with the part.
+    AlignParams {
+        /// Way in which scans and part are brought together.
+        method: Alignment = Alignment::BestFit;
+        /// Region of interest or feature of the plan that `best_fit_on` aligns by.
+        region: Option<String> = None;
+        /// Standard deviation of a view's rotation about each axis, without one from a calibration. A calibrated arm has 0.05°.
+        prior_deg: f64 = 0.05, [1e-4, 10.0] "°";
+        /// Standard deviation of a view's translation along each axis. A calibrated arm has 0.2 mm.
+        prior_mm: f64 = 0.2, [1e-3, 100.0] "mm";
+    }
+}
+
+/// Parameters of an inspection.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
+pub struct InspectionParams {
+    /// ScanRegistration.
+    pub align: AlignParams,
+    /// Measured coverage and losses.
+    pub compare: CompareParams,
+}
+
+impl InspectionParams {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// Every value that is out of its range.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.align.check_ranges("/align", &mut findings);
+        let needs_region = self.align.method == Alignment::BestFitOn;
+        findings.require(self.align.region.is_some() == needs_region, "/align/region", || {
+            "is for align.method=best_fit_on, which needs it: a region of interest or a feature of the plan".to_owned()
+        });
+        if let Err(errors) = self.compare.check() {
+            errors.into_iter().for_each(|error| findings.push(error.pointer, error.detail));
+        }
+        findings.into_result()
+    }
+
+    /// Options of the registration.
+    #[must_use]
+    pub fn registration(&self) -> RegistrationOptions {
+        RegistrationOptions { prior_deg: self.align.prior_deg, prior_mm: self.align.prior_mm, ..RegistrationOptions::default() }
+    }
+}

@@ -1,0 +1,319 @@
+//! One inspection from beginning to end: where the scans lie, what they measured, why the rest is missing, how the surface deviates,
+//! and what the scanner is like.
+
+use super::coverage::{self, ComparedViews, IdentifiedLimits, MeasuredCoverage, NominalModel, PlannedRow, Returns, ScannedView};
+use super::deviation::align::{Aligned, as_placed, best_fit};
+use super::deviation::statistics::{histogram, judge, statistics};
+use super::deviation::{
+    Alignment, Deviation, DeviationOptions, DeviationSpot, DeviationStatistics, Extent, Histogram, Nominal, PlacedScan,
+    RegionDeviation, RegionToJudge,
+};
+use super::identification::{self, Learned, Offer, TripleInput, noise, offers, triples};
+use super::ingest::Ingested;
+use super::losses::{LossInput, Losses, attribute};
+use super::registration::{ScanRegistration, register};
+use super::{InspectionParams, RegisteredView, ViewScan};
+use crate::cell::{Cell, Scanner};
+use crate::geometry::{Mesh, NearestFace, Part, Pose, ScannerFrame, Table};
+use crate::planning::certificate::recheck::{Rechecked, TakenView, recheck};
+use crate::planning::context::{Context, PlanError};
+use crate::planning::ids::SampleId;
+use crate::planning::params::PlanParams;
+use crate::planning::surface::{Surface, requirements};
+use crate::planning::visibility::Row;
+use crate::planning::{PlanInput, plate};
+
+/// Spots that are listed as the worst.
+const WORST_SPOTS: usize = 20;
+/// Classes of the histogram.
+const CLASSES: usize = 41;
+
+/// A view of a plan, as it was to be taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InspectedView {
+    /// Number of its viewpoint.
+    pub viewpoint: u32,
+    /// Its setup, from 0.
+    pub setup: usize,
+    /// Its pose.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Angle of the table, by which obstacles of the cell may hide what it looks at.
+    pub table_rad: Option<f64>,
+}
+
+/// A plan and its scans.
+#[derive(Clone, Copy)]
+pub struct InspectionInput<'a> {
+    /// The part as it was to be.
+    pub part: &'a Mesh,
+    /// Fixture that holds it, in part coordinates.
+    pub fixture: Option<&'a Mesh>,
+    /// The scanner of the plan.
+    pub scanner: &'a Scanner,
+    /// The cell of the plan.
+    pub cell: Option<&'a Cell>,
+    /// Parameters as the plan states them.
+    pub plan_params: &'a PlanParams,
+    /// Pose of the part in each setup; one at least.
+    pub setups: &'a [Pose<Table, Part>],
+    /// Views of the plan that were to be taken.
+    pub views: &'a [InspectedView],
+    /// Asked area that some candidate of the plan measures, where it is known.
+    pub coverable_mm2: Option<f64>,
+    /// Scans as they were taken in.
+    pub taken: &'a Ingested,
+    /// The nearest face of the part.
+    pub nearest: &'a NearestFace<'a>,
+    /// Knobs.
+    pub params: &'a InspectionParams,
+}
+
+/// Result of an inspection.
+#[derive(Debug)]
+pub struct Inspection {
+    /// Samples of the plan.
+    pub surface: Surface,
+    /// Registered poses of the scans.
+    pub registration: ScanRegistration,
+    /// Measured coverage.
+    pub coverage: MeasuredCoverage,
+    /// Causes of what is missing.
+    pub losses: Losses,
+    /// Deviation of the surface, at the alignment that was asked for.
+    pub deviation: Aligned,
+    /// Figures of the deviation.
+    pub figures: DeviationFigures,
+    /// Figures of the scanner; `None` where too little returned to tell.
+    pub learned: Option<Learned>,
+    /// Changes of specification and parameters that are offered.
+    pub offer: Offer,
+}
+
+/// Figures of a deviation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviationFigures {
+    /// Statistics of the whole part; `None` where nothing was measured.
+    pub whole: Option<DeviationStatistics>,
+    /// Histogram of the whole part.
+    pub histogram: Histogram,
+    /// Extents along the part's axes.
+    pub extents: [Extent; 3],
+    /// Regions of interest and features.
+    pub regions: Vec<RegionDeviation>,
+    /// Spots that deviate most.
+    pub worst: Vec<DeviationSpot>,
+}
+
+impl InspectionInput<'_> {
+    fn plan_input(&self) -> PlanInput<'_> {
+        PlanInput {
+            mesh: self.part,
+            fixture: self.fixture,
+            part_sha256: "",
+            scanner: self.scanner,
+            cell: self.cell,
+            roadmaps: None,
+        }
+    }
+
+    /// Samples that views from `poses` measure: `poses` belong to the views at the same places.
+    fn measured_from(
+        &self,
+        views: &[&InspectedView],
+        poses: &[Pose<Part, ScannerFrame>],
+        ctx: &Context<'_>,
+    ) -> Result<Rechecked, PlanError> {
+        let mut rows: Vec<Option<Row>> = vec![None; views.len()];
+        let mut whole: Option<Rechecked> = None;
+        for (setup, table_from_part) in self.setups.iter().enumerate() {
+            let of_setup = |place: &usize| views[*place].setup == setup;
+            let places: Vec<usize> = (0..views.len()).filter(of_setup).collect();
+            if places.is_empty() && (setup > 0 || !views.is_empty()) {
+                continue;
+            }
+            let taken = |place: &usize| TakenView { part_from_scanner: poses[*place], table_rad: views[*place].table_rad };
+            let taken: Vec<TakenView> = places.iter().map(taken).collect();
+            let mut checked = recheck(&self.plan_input(), self.plan_params, table_from_part, &taken, ctx)?;
+            places.iter().zip(std::mem::take(&mut checked.rows)).for_each(|(place, row)| rows[*place] = Some(row));
+            whole.get_or_insert(checked);
+        }
+        let whole = match whole {
+            Some(whole) => whole,
+            None => recheck(&self.plan_input(), self.plan_params, &Pose::identity(), &[], ctx)?,
+        };
+        let none = || Row::from_samples(whole.surface.sample_mm.len(), []);
+        let rows = rows.into_iter().map(|row| row.unwrap_or_else(none)).collect();
+        Ok(Rechecked { rows, ..whole })
+    }
+}
+
+/// Inspects scans; `progress` is told the share done, 0 to 1.
+///
+/// # Errors
+/// Parameters out of range, a region that the plan does not have, more than the context allows, [`PlanError::Cancelled`].
+pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Context<'_>) -> Result<Inspection, PlanError> {
+    let scans: Vec<ViewScan> = input.taken.scans.iter().map(|taken| taken.scan.clone()).collect();
+    let registration = register(&scans, input.nearest, &vec![None; scans.len()], &input.params.registration());
+    progress(0.25);
+    let poses: Vec<_> = input.views.iter().map(|view| view.part_from_scanner).collect();
+    let views: Vec<&InspectedView> = input.views.iter().collect();
+    let planned = input.measured_from(&views, &poses, ctx)?;
+    let to_row = |(view, row): (&InspectedView, &Row)| PlannedRow { viewpoint: view.viewpoint, row: row.clone() };
+    let rows: Vec<PlannedRow> = input.views.iter().zip(&planned.rows).map(to_row).collect();
+    progress(0.4);
+    let scanned: Vec<ScannedView<'_>> =
+        scans.iter().zip(&registration.views).map(|(scan, registered)| ScannedView { scan, registered }).collect();
+    let compared = ComparedViews {
+        surface: &planned.surface,
+        asked_area_mm2: &planned.asked_area_mm2,
+        scanner: input.scanner,
+        params: input.plan_params,
+        planned: &rows,
+        scanned: &scanned,
+        coverable_mm2: input.coverable_mm2,
+        compare: &input.params.compare,
+    };
+    let mut coverage = coverage::measure(&compared, ctx)?;
+    coverage.is_approximate |= input.taken.scans.iter().any(|taken| taken.is_approximate);
+    progress(0.55);
+    let plates: Vec<Mesh> = input.cell.iter().flat_map(|cell| input.setups.iter().map(|pose| plate(cell, pose))).collect();
+    // Of several setups each has its own plate, and only one is there at a time: then none of them hides.
+    let one_plate = plates.iter().filter(|_| plates.len() == 1);
+    let surroundings: Vec<&Mesh> = input.fixture.into_iter().chain(one_plate).collect();
+    let model = NominalModel::new(input.part, &surroundings, input.scanner, ctx)?;
+    let judged = Judged { input, compared: &compared, coverage: &coverage, model: &model };
+    let returns = coverage::returns(&compared, &coverage, &model, ctx)?;
+    let learned = judged.learned(&returns, ctx)?;
+    progress(0.7);
+    let losses = judged.losses(&returns, learned.as_ref(), ctx)?;
+    progress(0.85);
+    let (deviation, figures) = judged.deviation(ctx)?;
+    progress(0.97);
+    let offer = learned.as_ref().map(|learned| offers(learned, input.scanner, &input.plan_params.regions.noise));
+    Ok(Inspection {
+        registration,
+        losses,
+        deviation,
+        figures,
+        learned,
+        offer: offer.unwrap_or_default(),
+        coverage: coverage.clone(),
+        surface: planned.surface.clone(),
+    })
+}
+
+/// Scans whose coverage is known.
+struct Judged<'a> {
+    input: &'a InspectionInput<'a>,
+    compared: &'a ComparedViews<'a>,
+    coverage: &'a MeasuredCoverage,
+    model: &'a NominalModel<'a>,
+}
+
+impl Judged<'_> {
+    /// Figures of the scanner; `None` where too little returned.
+    fn learned(&self, returns: &Returns, ctx: &Context<'_>) -> Result<Option<Learned>, PlanError> {
+        let scans: Vec<(&ViewScan, &RegisteredView)> =
+            self.compared.scanned.iter().map(|scanned| (scanned.scan, scanned.registered)).collect();
+        let part = TripleInput { mesh: self.input.part, surfaces: self.model.surfaces(), scanner: self.input.scanner };
+        let triples = triples(&part, &scans, ctx)?;
+        let returns = identification::returns(returns, self.input.scanner);
+        Ok(returns.map(|returns| Learned { noise: noise(&triples, self.input.scanner), returns }))
+    }
+
+    fn losses(&self, returns: &Returns, learned: Option<&Learned>, ctx: &Context<'_>) -> Result<Losses, PlanError> {
+        let limits = learned.map_or_else(IdentifiedLimits::default, |learned| learned.returns.limits(self.input.scanner));
+        let of = |scanned: &ScannedView<'_>| {
+            let view = self.input.views.iter().find(|view| view.viewpoint == scanned.scan.viewpoint)?;
+            Some((view, scanned.registered.part_from_scanner))
+        };
+        let (views, poses): (Vec<&InspectedView>, Vec<_>) = self.compared.scanned.iter().filter_map(of).unzip();
+        let registered_rows = self.input.measured_from(&views, &poses, ctx)?.rows;
+        let filtered_cells: Vec<Vec<u32>> = self.input.taken.scans.iter().map(|taken| taken.removed.cells.clone()).collect();
+        let losses = LossInput {
+            compared: self.compared,
+            coverage: self.coverage,
+            returns,
+            model: self.model,
+            registered_rows: &registered_rows,
+            limits: &limits,
+            light: None,
+            level: None,
+            filtered_cells: &filtered_cells,
+        };
+        Ok(attribute(&losses, ctx)?)
+    }
+
+    /// The surface's deviation at the alignment that was asked for, and its figures.
+    fn deviation(&self, ctx: &Context<'_>) -> Result<(Aligned, DeviationFigures), PlanError> {
+        let surface = self.compared.surface;
+        let nominal = Nominal { mesh: self.input.part, scene: self.model.surfaces(), surface, scanner: self.input.scanner };
+        let regions = self.regions();
+        let options = DeviationOptions { search_mm: self.input.params.compare.search_mm, ..DeviationOptions::default() };
+        let align = &self.input.params.align;
+        let placed: Vec<PlacedScan<'_>> = match align.method {
+            Alignment::AsPlaced => self.compared.scanned.iter().map(|scanned| self.as_stated(scanned)).collect(),
+            Alignment::BestFit | Alignment::BestFitOn => {
+                self.compared.scanned.iter().map(|scanned| PlacedScan::registered(scanned.scan, scanned.registered)).collect()
+            }
+        };
+        let aligned = match (align.method, align.region.as_deref()) {
+            (Alignment::AsPlaced, _) => as_placed(&placed, &nominal, &options),
+            (Alignment::BestFit, _) => best_fit(&placed, &nominal, None, &options),
+            (Alignment::BestFitOn, name) => {
+                let region = regions.iter().find(|region| Some(region.name.as_str()) == name);
+                let region = region.ok_or_else(|| no_region(name.unwrap_or_default(), &regions))?;
+                best_fit(&placed, &nominal, Some(&region.samples), &options)
+            }
+        };
+        ctx.check()?;
+        let samples = &aligned.deviation.samples;
+        let whole = statistics(samples, surface, surface.samples(), None);
+        let limit_mm = whole.map_or(1.0, |whole| whole.percentiles_mm[0].abs().max(whole.percentiles_mm[4].abs()).max(1e-3));
+        let figures = DeviationFigures {
+            whole,
+            histogram: histogram(samples, surface, limit_mm, CLASSES),
+            extents: aligned.deviation.extents(&nominal),
+            regions: regions.iter().map(|region| judge(samples, surface, region, &options)).collect(),
+            worst: aligned.deviation.worst_spots(&nominal, &options, WORST_SPOTS),
+        };
+        Ok((aligned, figures))
+    }
+
+    /// A scan as its pose is stated, with the prior as its uncertainty.
+    fn as_stated<'s>(&self, scanned: &ScannedView<'s>) -> PlacedScan<'s> {
+        let align = &self.input.params.align;
+        let (rotation, translation) = (align.prior_deg.to_radians().powi(2), align.prior_mm.powi(2));
+        let variances = nalgebra::Vector6::new(rotation, rotation, rotation, translation, translation, translation);
+        PlacedScan {
+            scan: scanned.scan,
+            part_from_scanner: scanned.scan.part_from_scanner,
+            covariance: nalgebra::Matrix6::from_diagonal(&variances),
+        }
+    }
+
+    fn regions(&self) -> Vec<RegionToJudge> {
+        let surface = self.compared.surface;
+        let to_judge = |(number, region): (usize, requirements::NamedRegion)| {
+            let holds = |sample: &SampleId| surface.requirements.of(*sample).regions.contains(&number);
+            let samples = surface.samples().filter(holds).collect();
+            RegionToJudge { name: region.name, tolerance_mm: region.tolerance_mm, samples }
+        };
+        requirements::regions(self.input.plan_params).into_iter().enumerate().map(to_judge).collect()
+    }
+}
+
+fn no_region(name: &str, regions: &[RegionToJudge]) -> PlanError {
+    let known: Vec<&str> = regions.iter().map(|region| region.name.as_str()).collect();
+    let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+    let detail = format!("is {name:?}; the plan's regions are {known}");
+    PlanError::BadParams(vec![crate::cell::FieldError { pointer: "/align/region".to_owned(), detail }])
+}
+
+impl Inspection {
+    /// Deviation of each sample.
+    #[must_use]
+    pub fn deviations(&self) -> &Deviation {
+        &self.deviation.deviation
+    }
+}

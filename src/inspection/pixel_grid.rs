@@ -1,0 +1,103 @@
+//! The grid of an organised cloud over the left camera's image: every n-th pixel ([`super::ViewScan::scanner_cloud`]).
+
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+
+use crate::cell::{Lens, Scanner};
+use crate::geometry::CloudGrid;
+
+/// Cells of n × n pixels over an image, and the rays through their middles.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelGrid {
+    /// n.
+    pub step_px: f64,
+    /// Cells a row, and rows.
+    pub size: CloudGrid,
+    lens: Lens,
+    device_from_scanner: Isometry3<f64>,
+    scanner_from_device: Isometry3<f64>,
+}
+
+impl PixelGrid {
+    /// Grid of every `step_px`-th pixel of the left camera.
+    #[must_use]
+    pub fn new(scanner: &Scanner, step_px: u32) -> Self {
+        let left = &scanner.devices.left;
+        let step_px = f64::from(step_px.max(1));
+        let cells = |size_px: f64| (size_px / step_px).floor() as usize;
+        let size = CloudGrid { columns: cells(left.lens.width_px), rows: cells(left.lens.height_px) };
+        let scanner_from_device = *left.scanner_from_device.isometry();
+        Self { step_px, size, lens: left.lens, device_from_scanner: scanner_from_device.inverse(), scanner_from_device }
+    }
+
+    /// Grid that has these columns and rows; `None` where no step gives them.
+    #[must_use]
+    pub fn of_size(scanner: &Scanner, size: CloudGrid) -> Option<Self> {
+        let width_px = scanner.devices.left.lens.width_px;
+        // Columns are ⌊width / n⌋, so that n lies in (width / (columns + 1), width / columns].
+        let largest = (width_px / size.columns.max(1) as f64).floor() as u32;
+        let smallest = (width_px / (size.columns as f64 + 1.0)).floor() as u32;
+        (smallest.max(1)..=largest.max(1)).rev().map(|step_px| Self::new(scanner, step_px)).find(|grid| grid.size == size)
+    }
+
+    /// Number of cells.
+    #[must_use]
+    pub fn cells(&self) -> usize {
+        self.size.columns * self.size.rows
+    }
+
+    /// Optical centre, scanner frame.
+    #[must_use]
+    pub fn centre_mm(&self) -> Point3<f64> {
+        Point3::from(self.scanner_from_device.translation.vector)
+    }
+
+    /// Direction of a cell's ray in the left camera's frame, at depth 1.
+    #[must_use]
+    pub fn device_ray(&self, cell: usize) -> Vector3<f64> {
+        let (column, row) = (cell % self.size.columns, cell / self.size.columns);
+        let middle = |number: usize| (number as f64 + 0.5) * self.step_px - 0.5;
+        self.lens.unproject(&Vector2::new(middle(column), middle(row)))
+    }
+
+    /// Direction of a cell's ray in the scanner's frame; as long as it is for one mm of depth in the camera.
+    #[must_use]
+    pub fn ray(&self, cell: usize) -> Vector3<f64> {
+        self.scanner_from_device.rotation * self.device_ray(cell)
+    }
+
+    /// Column and row in which a point of the scanner's frame is imaged; `None` outside of the grid.
+    #[must_use]
+    pub fn cell_of(&self, scanner_mm: &Point3<f64>) -> Option<[usize; 2]> {
+        let [column, row] = self.place_of(scanner_mm)?.map(f64::floor);
+        let is_inside = column < self.size.columns as f64 && row < self.size.rows as f64;
+        is_inside.then_some([column as usize, row as usize])
+    }
+
+    /// Number of the cell at a place, in cells; `None` outside of the grid.
+    #[must_use]
+    pub fn cell_at(&self, place: [f64; 2]) -> Option<usize> {
+        let [column, row] = place.map(f64::floor);
+        let (columns, rows) = (self.size.columns as f64, self.size.rows as f64);
+        let is_inside = 0.0 <= column && column < columns && 0.0 <= row && row < rows;
+        is_inside.then(|| self.number([column as usize, row as usize]))
+    }
+
+    /// Focal length of the left camera, px.
+    #[must_use]
+    pub fn focal_px(&self) -> f64 {
+        self.lens.focal_px()
+    }
+
+    /// Place of the image of a point in the scanner's frame, in cells; `None` outside of the image.
+    #[must_use]
+    pub fn place_of(&self, scanner_mm: &Point3<f64>) -> Option<[f64; 2]> {
+        let pixel = self.lens.project(&(self.device_from_scanner * scanner_mm))?;
+        Some([pixel.x, pixel.y].map(|position| (position + 0.5) / self.step_px))
+    }
+
+    /// Number of a cell in a cloud of this grid.
+    #[must_use]
+    pub fn number(&self, [column, row]: [usize; 2]) -> usize {
+        row * self.size.columns + column
+    }
+}

@@ -1,0 +1,302 @@
+//! Finds where the captures really lie: one transform of the part for all of them, and of each a correction as far as its points say more
+//! than its prior (maximum a posteriori), by points against planes of the nearest faces.
+//!
+//! Symbols: T_i = `part_from_scanner` as stated, Δ the part's transform, ξ_i the correction in the scanner's frame; registered is
+//! Δ · T_i · exp(ξ_i). Residual of a point q with the nearest point h on a face of normal n: r = n·(q − h) (Y. Chen, G. Medioni,
+//! "Object modelling by registration of multiple range images", Image and Vision Computing 10(3), 1992, section 3), weighted after
+//! Tukey, w = (1 − (r/c)²)² within the radius c (P. W. Holland, R. E. Welsch, "Robust regression using iteratively reweighted
+//! least-squares", Communications in Statistics A6, 1977). The prior is N(0, Σ_i) on ξ_i (right perturbation, as
+//! [`crate::cell::calibration::se3`] has it).
+//!
+//! The normal equations have the shape of an arrow: each ξ_i meets only Δ, so that they are solved view by view (Schur complement).
+//! Points near each other share the part's deviation: they count as one observation a cell of [`RegistrationOptions::correlation_mm`].
+//!
+//! The result does not depend on the number of threads: sums run in the order of views and points.
+//! Cost: some 15 rounds of a nearest-face query a point; 50 000 points at most.
+
+mod equations;
+pub mod locate;
+mod matching;
+mod points;
+mod ppf;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Isometry3, Matrix6, Vector6};
+
+use super::{RegisteredView, ViewScan};
+use crate::cell::calibration::chi_squared::quantile;
+use crate::cell::calibration::se3::{Twist, adjoint, exp, log};
+use crate::cell::closed_list;
+use crate::geometry::{NearestFace, Part, Pose};
+use equations::{NormalEquations, solve};
+use matching::{Matched, match_view};
+use points::ViewPoints;
+
+/// Freedoms of a rigid motion.
+const FREEDOMS: usize = 6;
+/// Probability with which a correction within its prior is taken for one beyond.
+const OUT_OF_PRIOR: f64 = 1e-3;
+/// Radii of correspondence while only the part is moved, mm.
+const PART_RADII_MM: [f64; 12] = [5.0, 5.0, 3.5, 2.5, 1.8, 1.3, 0.9, 0.65, 0.45, 0.35, 0.25, 0.25];
+/// Radii while part and views are moved together, mm.
+const JOINT_RADII_MM: [f64; 8] = [2.0, 1.0, 0.5, 0.35, 0.25, 0.25, 0.25, 0.25];
+/// Least noise of a point that is believed, mm: what single precision and facets leave over.
+const MIN_NOISE_MM: f64 = 0.002;
+
+closed_list! {
+    /// Reason for which a view keeps the pose that it was taken at.
+    pub enum KeptPose {
+        /// Too few of its points lie on the part.
+        FewPoints = "few_points",
+        /// Too small a share of its points lies on the part.
+        FewInliers = "few_inliers",
+        /// The correction is beyond what its prior allows: a bumped part or robot, another view, a stale calibration.
+        PoseOutOfPrior = "pose_out_of_prior",
+    }
+}
+
+/// Knobs of the registration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegistrationOptions {
+    /// Standard deviation of a pose's rotation about each axis where a view has no covariance of its own, degrees.
+    pub prior_deg: f64,
+    /// Standard deviation of its translation along each axis, mm.
+    pub prior_mm: f64,
+    /// Max points of a view; the max of all views together is 50 000.
+    pub points_of_view: usize,
+    /// A view with fewer points keeps its pose.
+    pub min_points: usize,
+    /// A view with a smaller share of its points within [`RegistrationOptions::inlier_mm`] keeps its pose.
+    pub min_inlier_share: f64,
+    /// Distance within which a point lies on the part, mm.
+    pub inlier_mm: f64,
+    /// Size of a cell whose points count as one observation, mm.
+    pub correlation_mm: f64,
+    /// True if the part may lie elsewhere than planned; else only the views are corrected.
+    pub moves_part: bool,
+}
+
+impl Default for RegistrationOptions {
+    /// Priors of a calibrated arm, 0.05° and 0.2 mm; 500 points and 60 % of inliers as measured on views that slide.
+    fn default() -> Self {
+        Self {
+            prior_deg: 0.05,
+            prior_mm: 0.2,
+            points_of_view: 3000,
+            min_points: 500,
+            min_inlier_share: 0.6,
+            inlier_mm: 0.5,
+            correlation_mm: 5.0,
+            moves_part: true,
+        }
+    }
+}
+
+/// Max points that are matched, of all views together.
+const MAX_POINTS: usize = 50_000;
+
+/// Registration of one view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewRegistration {
+    /// Number of its viewpoint.
+    pub viewpoint: u32,
+    /// Points that were matched.
+    pub points: usize,
+    /// Share of them that lies on the part.
+    pub inlier_share: f64,
+    /// Root mean square of the inliers' distances, mm.
+    pub rms_mm: f64,
+    /// Correction in the scanner's frame beyond the part's transform, as fitted: also where the pose was kept.
+    pub correction: Twist,
+    /// Its squared length in standard deviations of the prior.
+    pub chi_squared: f64,
+    /// Reason for which the pose was kept, if it was.
+    pub kept_pose: Option<KeptPose>,
+}
+
+/// Registered poses of the captures.
+#[derive(Clone, Debug)]
+pub struct ScanRegistration {
+    /// Takes the part's coordinates by the stated poses to those of the mesh: Δ.
+    pub mesh_from_stated: Pose<Part, Part>,
+    /// Standard deviations of Δ, rad and mm, in the mesh's frame.
+    pub sd: Twist,
+    /// Views, in the order in which they were given.
+    pub views: Vec<RegisteredView>,
+    /// Findings on each, in the same order.
+    pub found: Vec<ViewRegistration>,
+    /// Standard deviation of an inlier's distance, robust, mm.
+    pub noise_mm: f64,
+    /// Share of all points that lies on the part.
+    pub inlier_share: f64,
+}
+
+/// Registers views against a mesh from their stated poses. `priors` has the covariance of each pose, from the calibration, or nothing
+/// for the default.
+#[must_use]
+pub fn register(
+    scans: &[ViewScan],
+    nearest: &NearestFace<'_>,
+    priors: &[Option<Matrix6<f64>>],
+    options: &RegistrationOptions,
+) -> ScanRegistration {
+    let of_view = options.points_of_view.min(MAX_POINTS / scans.len().max(1)).max(FREEDOMS);
+    let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan, of_view)).collect();
+    let weights: Vec<Matrix6<f64>> =
+        (0..views.len()).map(|view| prior_weight(priors.get(view).copied().flatten(), options)).collect();
+    let mut state = State { part: Isometry3::identity(), corrections: vec![Twist::zeros(); views.len()] };
+    if options.moves_part {
+        for radius_mm in PART_RADII_MM {
+            state.move_part(&views, nearest, radius_mm);
+        }
+    }
+    let mut noise_mm = MIN_NOISE_MM;
+    let mut usable = vec![true; views.len()];
+    for radius_mm in JOINT_RADII_MM {
+        let matched = state.matched(&views, nearest, radius_mm);
+        noise_mm = noise_of(&matched);
+        usable = matched.iter().map(|view| view.kept_pose(options).is_none()).collect();
+        state.move_all(&views, &matched, &weights, &Weighing { noise_mm, usable: &usable, options });
+    }
+    state.finish(scans, &views, nearest, &weights, &Weighing { noise_mm, usable: &usable, options })
+}
+
+/// Inverse of a covariance; the default's where there is none, or none that can be inverted.
+fn prior_weight(covariance: Option<Matrix6<f64>>, options: &RegistrationOptions) -> Matrix6<f64> {
+    let inverse = covariance.and_then(|covariance| covariance.cholesky()).map(|root| root.inverse());
+    inverse.unwrap_or_else(|| {
+        let (turn, shift) = (options.prior_deg.to_radians().powi(-2), options.prior_mm.powi(-2));
+        Matrix6::from_diagonal(&Vector6::new(turn, turn, turn, shift, shift, shift))
+    })
+}
+
+/// Robust standard deviation of the distances: 1.4826 times their median absolute value (F. R. Hampel, "The influence curve and its
+/// role in robust estimation", J. Am. Stat. Assoc. 69, 1974, section 4).
+fn noise_of(matched: &[Matched]) -> f64 {
+    let mut distances: Vec<f64> = matched.iter().flat_map(|view| &view.pairs).map(|pair| pair.distance_mm.abs()).collect();
+    if distances.is_empty() {
+        return MIN_NOISE_MM;
+    }
+    let middle = distances.len() / 2;
+    let (_, median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+    (1.4826 * *median).max(MIN_NOISE_MM)
+}
+
+/// Weights of observations against priors.
+struct Weighing<'a> {
+    noise_mm: f64,
+    usable: &'a [bool],
+    options: &'a RegistrationOptions,
+}
+
+/// Poses on the way.
+struct State {
+    part: Isometry3<f64>,
+    corrections: Vec<Twist>,
+}
+
+impl State {
+    fn pose(&self, views: &[ViewPoints], view: usize) -> Isometry3<f64> {
+        self.part * views[view].part_from_scanner * exp(&self.corrections[view])
+    }
+
+    fn matched(&self, views: &[ViewPoints], nearest: &NearestFace<'_>, radius_mm: f64) -> Vec<Matched> {
+        (0..views.len()).map(|view| match_view(&views[view], &self.pose(views, view), nearest, radius_mm)).collect()
+    }
+
+    /// One step of the part alone.
+    fn move_part(&mut self, views: &[ViewPoints], nearest: &NearestFace<'_>, radius_mm: f64) {
+        let matched = self.matched(views, nearest, radius_mm);
+        let mut sum = NormalEquations::default();
+        for (view, pairs) in matched.iter().enumerate() {
+            let own = NormalEquations::of(&pairs.pairs, radius_mm);
+            sum.add(&own.seen_from(&adjoint(&self.pose(views, view).inverse())));
+        }
+        if let Some(step) = sum.step() {
+            self.part = exp(&step) * self.part;
+        }
+    }
+
+    /// One step of part and views.
+    fn move_all(&mut self, views: &[ViewPoints], matched: &[Matched], weights: &[Matrix6<f64>], weighing: &Weighing<'_>) {
+        let arrow = self.arrow(views, matched, weights, weighing);
+        let Some(solved) = solve(&arrow, weighing.options.moves_part) else { return };
+        for (correction, step) in self.corrections.iter_mut().zip(&solved.steps) {
+            // Both are small: log(exp(ξ)·exp(δ)) is their composition.
+            *correction = log(&(exp(correction) * exp(step)));
+        }
+        self.part = exp(&solved.part_step) * self.part;
+    }
+
+    fn arrow(
+        &self,
+        views: &[ViewPoints],
+        matched: &[Matched],
+        weights: &[Matrix6<f64>],
+        weighing: &Weighing<'_>,
+    ) -> Vec<equations::Branch> {
+        let branch = |view: usize| {
+            let pairs = &matched[view];
+            let mut normal = NormalEquations::of(&pairs.pairs, pairs.radius_mm);
+            let cells = pairs.cells(weighing.options.correlation_mm);
+            let share = (cells as f64 / pairs.pairs.len().max(1) as f64).min(1.0);
+            let scale = if weighing.usable[view] { share / weighing.noise_mm.powi(2) } else { 0.0 };
+            normal.scale(scale);
+            equations::Branch {
+                normal,
+                prior: weights[view],
+                correction: self.corrections[view],
+                view_from_part: adjoint(&self.pose(views, view).inverse()),
+            }
+        };
+        (0..views.len()).map(branch).collect()
+    }
+
+    fn finish(
+        self,
+        scans: &[ViewScan],
+        views: &[ViewPoints],
+        nearest: &NearestFace<'_>,
+        weights: &[Matrix6<f64>],
+        weighing: &Weighing<'_>,
+    ) -> ScanRegistration {
+        let options = weighing.options;
+        let last_mm = JOINT_RADII_MM[JOINT_RADII_MM.len() - 1];
+        let arrow = self.arrow(views, &self.matched(views, nearest, last_mm), weights, weighing);
+        let covariances = solve(&arrow, options.moves_part).map(|solved| solved.covariances(&arrow));
+        let limit = quantile(OUT_OF_PRIOR, FREEDOMS);
+        let judged = self.matched(views, nearest, options.inlier_mm);
+        let mut registered = Vec::with_capacity(scans.len());
+        let mut found = Vec::with_capacity(scans.len());
+        for (view, scan) in scans.iter().enumerate() {
+            let correction = self.corrections[view];
+            let chi_squared = (correction.transpose() * weights[view] * correction)[0];
+            let beyond = (chi_squared > limit).then_some(KeptPose::PoseOutOfPrior);
+            let kept_pose = judged[view].kept_pose(options).or(beyond);
+            let pose = if kept_pose.is_some() { self.part * views[view].part_from_scanner } else { self.pose(views, view) };
+            let prior = weights[view].try_inverse().unwrap_or_else(Matrix6::identity);
+            let fitted = covariances.as_ref().map_or(prior, |found| found.views[view]);
+            registered.push(RegisteredView {
+                viewpoint: scan.viewpoint,
+                part_from_scanner: Pose::claim(pose),
+                covariance: if kept_pose.is_some() { prior } else { fitted },
+                is_in_prior: beyond.is_none(),
+            });
+            let (inlier_share, rms_mm) = (judged[view].inlier_share(), judged[view].rms_mm());
+            let (viewpoint, points) = (scan.viewpoint, judged[view].points);
+            found.push(ViewRegistration { viewpoint, points, inlier_share, rms_mm, correction, chi_squared, kept_pose });
+        }
+        let all: usize = judged.iter().map(|view| view.points).sum();
+        let inliers: usize = judged.iter().map(|view| view.pairs.len()).sum();
+        let part_covariance = covariances.map_or_else(Matrix6::zeros, |found| found.part);
+        ScanRegistration {
+            mesh_from_stated: Pose::claim(self.part),
+            sd: part_covariance.diagonal().map(|variance| variance.max(0.0).sqrt()),
+            views: registered,
+            found,
+            noise_mm: weighing.noise_mm,
+            inlier_share: inliers as f64 / all.max(1) as f64,
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! An inspection as plain text.
+
+use std::fmt::Write;
+
+use crate::wire::inspection::{InspectionDocument, remedy_words, verdict_sentence};
+
+/// Renders the text.
+#[must_use]
+pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String {
+    let mut text = format!("Inspection of {part_name}\n\n{}\n", verdict_sentence(document));
+    let mut line = |words: String| {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{words}");
+    };
+    let alignment = &document.alignment;
+    line(format!(
+        "\nAlignment: the part lies {:.3} mm and {:.3}° from where it was planned; {:.1} % of the points lie on it.",
+        alignment.part_shifted_mm,
+        alignment.part_turned_deg,
+        100.0 * alignment.inlier_share
+    ));
+    for view in alignment.views.iter().filter_map(|view| Some((view, view.kept_pose?))) {
+        line(format!("  view {} keeps its stated pose: {}", view.0.viewpoint, view.1.as_str().replace('_', " ")));
+    }
+    if !document.losses.is_empty() {
+        line("\nLosses, of the asked area:".to_owned());
+    }
+    for loss in &document.losses {
+        let remedy = loss.largest.first().map_or("none", |spot| remedy_words(spot.remedy));
+        let (share, cause) = (100.0 * loss.of_asked, loss.cause.as_str().replace('_', " "));
+        line(format!("  {share:6.2} %  {cause:<20} {} spots; remedy: {remedy}", loss.spots));
+    }
+    for region in &document.deviation.regions {
+        let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
+        line(format!("\nRegion {}: {verdict}, {:.1} % measured", region.name, 100.0 * region.measured));
+    }
+    if !document.offers.is_empty() {
+        line("\nBefore the next plan:".to_owned());
+    }
+    document.offers.iter().for_each(|offer| line(format!("  {}", offer.detail)));
+    if !document.findings.is_empty() {
+        line("\nFiles:".to_owned());
+    }
+    document.findings.iter().for_each(|finding| line(format!("  {}", finding.detail)));
+    line(format!("\nplan {}", document.plan_sha256));
+    text
+}

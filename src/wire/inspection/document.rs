@@ -1,0 +1,160 @@
+//! The result of an inspection, schema `vantage.inspection/1`.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::alignment::AlignmentDocument;
+use super::coverage::{LossDocument, MeasuredCoverageDocument};
+use super::deviation::DeviationDocument;
+use super::files::{IngestFindingDocument, TakenScanDocument};
+use super::learned::OfferedChangeDocument;
+use super::order::InspectionSummary;
+use super::rescan::RescanState;
+use crate::cell::FieldError;
+use crate::geometry::Mesh;
+use crate::inspection::ingest::Ingested;
+use crate::inspection::losses::LossCause;
+use crate::inspection::{Inspection, InspectionParams};
+
+/// Schema name in the document.
+pub const INSPECTION_SCHEMA: &str = "vantage.inspection/1";
+
+/// Result of an inspection: where the scans lie, what they measured beside the plan, why the rest is missing, how the surface deviates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InspectionDocument {
+    /// Schema name, `vantage.inspection/1`.
+    pub schema: String,
+    /// SHA-256 of the bytes of `plan.json`.
+    pub plan_sha256: String,
+    /// Parameters.
+    pub params: InspectionParams,
+    /// Scans that were taken in.
+    pub scans: Vec<TakenScanDocument>,
+    /// Findings about files and views.
+    pub findings: Vec<IngestFindingDocument>,
+    /// Registered poses of the scans.
+    pub alignment: AlignmentDocument,
+    /// Measured coverage, beside the planned one.
+    pub coverage: MeasuredCoverageDocument,
+    /// Planned area that is not measured, by cause, largest first.
+    pub losses: Vec<LossDocument>,
+    /// Deviation of the surface.
+    pub deviation: DeviationDocument,
+    /// Changes of the scanner's specification or of parameters that the scans suggest; nothing is applied by itself.
+    pub offers: Vec<OfferedChangeDocument>,
+}
+
+/// Scans and findings of the files of an inspection.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InspectedFiles {
+    /// Scans that were taken in.
+    pub scans: Vec<TakenScanDocument>,
+    /// Findings about files and views.
+    pub findings: Vec<IngestFindingDocument>,
+}
+
+impl InspectedFiles {
+    /// Documents of what was taken in.
+    #[must_use]
+    pub fn new(taken: &Ingested) -> Self {
+        Self {
+            scans: taken.scans.iter().map(TakenScanDocument::from).collect(),
+            findings: taken.findings.iter().map(IngestFindingDocument::from).collect(),
+        }
+    }
+
+    /// Reasons why files were refused, each at the scans.
+    #[must_use]
+    pub fn refusals(&self) -> Vec<FieldError> {
+        let refused = self.findings.iter().filter(|finding| finding.code.is_refusal());
+        refused.map(|finding| FieldError { pointer: "/scans".to_owned(), detail: finding.detail.clone() }).collect()
+    }
+}
+
+impl InspectionDocument {
+    /// Document of an inspection of the part with this mesh, whose state afterwards is `state`; the plan's file has this SHA-256.
+    #[must_use]
+    pub fn new(
+        inspection: &Inspection,
+        files: &InspectedFiles,
+        params: &InspectionParams,
+        mesh: &Mesh,
+        (plan_sha256, state): (&str, &RescanState),
+    ) -> Self {
+        let in_all_mm2 = state.measured().map_or(inspection.coverage.measured_mm2, |measured| {
+            let counts = |sample: &crate::planning::ids::SampleId| inspection.surface.asked[sample.index()];
+            measured.iter().filter(counts).map(|sample| inspection.surface.sample_area_mm2(sample)).sum()
+        });
+        Self {
+            schema: INSPECTION_SCHEMA.to_owned(),
+            plan_sha256: plan_sha256.to_owned(),
+            params: params.clone(),
+            scans: files.scans.clone(),
+            findings: files.findings.clone(),
+            alignment: AlignmentDocument::new(params.align.method, &inspection.registration, &mesh.aabb().centre()),
+            coverage: MeasuredCoverageDocument::new(&inspection.coverage, in_all_mm2),
+            losses: LossDocument::all(&inspection.losses, inspection.coverage.asked_mm2),
+            deviation: DeviationDocument::new(inspection),
+            offers: inspection.offer.changes.iter().map(OfferedChangeDocument::from).collect(),
+        }
+    }
+
+    /// Share of the asked area that was lost for a cause.
+    #[must_use]
+    pub fn lost_of_asked(&self, cause: LossCause) -> f64 {
+        self.losses.iter().filter(|loss| loss.cause == cause).map(|loss| loss.of_asked).sum()
+    }
+
+    /// Figures for a list.
+    #[must_use]
+    pub fn summary(&self) -> InspectionSummary {
+        InspectionSummary {
+            planned_of_asked: self.coverage.planned_of_asked,
+            measured_of_asked: self.coverage.measured_of_asked,
+            measured_in_all_of_asked: self.coverage.measured_in_all_of_asked,
+            unexplained_of_asked: self.lost_of_asked(LossCause::Unexplained),
+            deviation_rms_mm: self.deviation.statistics.map(|statistics| statistics.rms_mm),
+        }
+    }
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.2} %", 100.0 * share)
+}
+
+/// Sentence on a result: what was planned, what was measured, and where the difference is lost.
+#[must_use]
+pub fn verdict_sentence(document: &InspectionDocument) -> String {
+    let coverage = &document.coverage;
+    let mut text = format!(
+        "The scans measure {} of the asked area; {} were planned.",
+        percent(coverage.measured_of_asked),
+        percent(coverage.planned_of_asked)
+    );
+    let named: Vec<String> = document
+        .losses
+        .iter()
+        .take(3)
+        .map(|loss| format!("{} {}", percent(loss.of_asked), loss.cause.as_str().replace('_', " ")))
+        .collect();
+    if !named.is_empty() {
+        text += &format!(" {} of what was planned is lost: {}", percent(coverage.lost_of_asked), named.join(", "));
+        text += if document.losses.len() > named.len() { ", and smaller losses." } else { "." };
+    }
+    if coverage.gained_of_asked > 0.0 {
+        text += &format!(" {} that were not planned are measured as well.", percent(coverage.gained_of_asked));
+    }
+    if coverage.measured_in_all_of_asked > coverage.measured_of_asked + 1e-9 {
+        text += &format!(" With the scans of earlier rounds it is {}.", percent(coverage.measured_in_all_of_asked));
+    }
+    if coverage.approximate {
+        text += " The cloud is merged of several views: these figures are known to about one point.";
+    }
+    if let Some(figures) = &document.deviation.statistics {
+        text += &format!(
+            " The surface deviates by {:.3} mm in the mean and {:.3} mm rms; 98 % of it lies between {:.3} and {:.3} mm.",
+            figures.mean_mm, figures.rms_mm, figures.p1_mm, figures.p99_mm
+        );
+    }
+    text
+}

@@ -1,0 +1,128 @@
+//! Documents of the files that were taken in, and the sentences of what is found about them.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::inspection::ingest::{FrameAttempt, IngestCode, IngestFinding, RemovedBecause, ScanFrame, TakenScan};
+
+/// A scan as it was taken in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TakenScanDocument {
+    /// Viewpoint of the plan.
+    pub viewpoint: u32,
+    /// Its file, and for E57 the name of the scan in it.
+    pub file: String,
+    /// Unit that its coordinates were taken to be in.
+    pub unit: String,
+    /// Frame that they were taken to be in.
+    pub frame: ScanFrame,
+    /// Points in the file.
+    pub points: usize,
+    /// Share of the points that lies where the view looks.
+    pub in_frusta: f64,
+    /// Share of the points that lies there and near the part.
+    pub on_part: f64,
+    /// Columns and rows of the grid; `null` of a cloud that is not organised.
+    pub grid: Option<[usize; 2]>,
+    /// Points that were removed, by reason.
+    pub removed: Vec<RemovedDocument>,
+}
+
+/// Points that were removed for a reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct RemovedDocument {
+    /// Reason.
+    pub reason: RemovedBecause,
+    /// Their number.
+    pub points: usize,
+}
+
+/// Finding about a file or a view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct IngestFindingDocument {
+    /// Kind of finding.
+    pub code: IngestCode,
+    /// Its file; `null` for a view without a file.
+    pub file: Option<String>,
+    /// Viewpoint of the plan.
+    pub viewpoint: Option<u32>,
+    /// Sentence for people.
+    pub detail: String,
+}
+
+impl From<&TakenScan> for TakenScanDocument {
+    fn from(taken: &TakenScan) -> Self {
+        let removed = |(reason, points): (&RemovedBecause, &usize)| RemovedDocument { reason: *reason, points: *points };
+        Self {
+            viewpoint: taken.scan.viewpoint,
+            file: taken.file.clone(),
+            unit: taken.unit.as_str().to_owned(),
+            frame: taken.frame,
+            points: taken.points,
+            in_frusta: taken.fit.in_frusta,
+            on_part: taken.fit.on_part,
+            grid: taken.scan.scanner_cloud.grid.map(|grid| [grid.columns, grid.rows]),
+            removed: taken.removed.by_reason.iter().map(removed).collect(),
+        }
+    }
+}
+
+impl From<&IngestFinding> for IngestFindingDocument {
+    fn from(finding: &IngestFinding) -> Self {
+        Self { code: finding.code, file: finding.file.clone(), viewpoint: finding.viewpoint, detail: ingest_sentence(finding) }
+    }
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
+fn tried(attempts: &[FrameAttempt]) -> String {
+    let mut best: Vec<&FrameAttempt> = attempts.iter().collect();
+    best.sort_by(|a, b| b.on_part.total_cmp(&a.on_part));
+    let words = |attempt: &&FrameAttempt| {
+        format!("{} as {} in the {} frame", percent(attempt.on_part), attempt.unit, attempt.frame.as_str())
+    };
+    best.iter().take(4).map(words).collect::<Vec<_>>().join(", ")
+}
+
+/// Sentence for a finding.
+fn ingest_sentence(finding: &IngestFinding) -> String {
+    let file = finding.file.as_deref().unwrap_or("the file");
+    let view = finding.viewpoint.map_or_else(|| "none".to_owned(), |view| view.to_string());
+    let shares = tried(&finding.tried);
+    match finding.code {
+        IngestCode::UnitMismatch => {
+            format!("{file} does not lie on the part in the unit that was given; points near the part: {shares}. Give that unit")
+        }
+        IngestCode::FrameMismatch => {
+            format!(
+                "{file} does not lie on the part in the frame that was given; points near the part: {shares}. Give that frame"
+            )
+        }
+        IngestCode::WrongView => {
+            let other = finding
+                .fits_viewpoint
+                .map_or_else(String::new, |other| format!(" It fits viewpoint {other}: were files swapped?"));
+            format!("{file} does not fit viewpoint {view}.{other}")
+        }
+        IngestCode::Merged => {
+            format!(
+                "{file} holds several views: coverage is known to about one point, and losses by view are not; export single shots"
+            )
+        }
+        IngestCode::NoPart => format!("{file} does not lie on the part in any unit and frame; points near the part: {shares}"),
+        IngestCode::AmbiguousPose => format!("two poses of the part explain {file} about equally well; give a better start"),
+        IngestCode::FilledHoles => {
+            let longest = finding.longest_mm.unwrap_or_default();
+            format!("triangles of {file} up to {longest:.0} mm long close holes; they are not measured and were left out")
+        }
+        IngestCode::ViewMissing => format!("there is no scan of viewpoint {view}"),
+        IngestCode::ViewUnknown => {
+            format!(
+                "{file} names no viewpoint of the plan (found: {view}); name its view, or put its number into the name of the file"
+            )
+        }
+        IngestCode::ViewDouble => format!("{file} is a second scan of viewpoint {view}; the first one is taken"),
+    }
+}

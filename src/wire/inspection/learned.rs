@@ -1,0 +1,179 @@
+//! Findings about the scanner from its scans.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::cell::DeviceName;
+use crate::inspection::identification::{
+    Identified, Learned, LearnedReturns, LimitEstimate, Offer, OfferedChange, OfferedField, RateBin, RateCurve,
+};
+
+/// Schema name of the findings.
+const LEARNED_SCHEMA: &str = "vantage.learned/1";
+
+/// A figure with its interval of 95 % confidence.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EstimateDocument {
+    /// The figure.
+    pub value: f64,
+    /// Ends of the interval.
+    #[schema(min_items = 2, max_items = 2)]
+    pub interval: [f64; 2],
+    /// Pairs of view and sample, or triples of points, that it is from.
+    pub count: u64,
+}
+
+/// Rate of return between two places.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RateBinDocument {
+    /// Lower and upper end: degrees, or mm of depth.
+    #[schema(min_items = 2, max_items = 2)]
+    pub range: [f64; 2],
+    /// Pairs that a scanner without weakness would return.
+    pub expected: u64,
+    /// Pairs that returned.
+    pub returned: u64,
+}
+
+/// A change that is offered; nothing is applied by itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OfferedChangeDocument {
+    /// The field.
+    pub field: OfferedField,
+    /// Key of the planning parameter; `null` where only the scanner's specification has the field.
+    pub parameter: Option<String>,
+    /// Pointers of the field in the scanner's specification.
+    pub in_scanner: Vec<String>,
+    /// Value in force; `null` where there is none.
+    pub from: Option<f64>,
+    /// Value offered.
+    pub to: f64,
+    /// Figure that was identified.
+    pub identified: EstimateDocument,
+    /// Sentence for people.
+    pub detail: String,
+}
+
+/// Findings about the scanner from its scans (`learned.json`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LearnedDocument {
+    /// Schema name, `vantage.learned/1`.
+    pub schema: String,
+    /// SHA-256 of the bytes of `plan.json`.
+    pub plan_sha256: String,
+    /// Standard deviation of a point across a surface at best focus, mm; `null` from too few points.
+    pub noise_best_mm: Option<EstimateDocument>,
+    /// Relative increase of the noise at the ends of the working depth; `null` from too few points.
+    pub noise_depth_gain: Option<EstimateDocument>,
+    /// Worst incidence up to which three quarters return, degrees; `null` where no limit shows.
+    pub incidence_deg: Option<EstimateDocument>,
+    /// Limit of each device by itself, where the others are far from theirs.
+    pub incidence_by_device: Vec<DeviceLimitDocument>,
+    /// Angle around the mirror direction within which glare takes half of the points, degrees; `null` where none shows.
+    pub lobe_deg: Option<EstimateDocument>,
+    /// Nearest and farthest depth at which three quarters return, mm; `null` where no limit shows.
+    #[schema(min_items = 2, max_items = 2)]
+    pub depth_mm: [Option<EstimateDocument>; 2],
+    /// Rate of return by worst incidence, degrees.
+    pub by_incidence: Vec<RateBinDocument>,
+    /// Rate of return by mirror angle, degrees.
+    pub by_mirror: Vec<RateBinDocument>,
+    /// Rate of return by depth, mm.
+    pub by_depth: Vec<RateBinDocument>,
+    /// Changes that are offered.
+    pub offers: Vec<OfferedChangeDocument>,
+}
+
+/// Limit of incidence of one device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DeviceLimitDocument {
+    /// The device.
+    pub device: String,
+    /// Its limit, degrees; `null` where none shows.
+    pub incidence_deg: Option<EstimateDocument>,
+}
+
+impl EstimateDocument {
+    fn new(estimate: &Identified, count: u64) -> Self {
+        Self { value: estimate.value, interval: estimate.interval, count }
+    }
+
+    fn of_limit(limit: &LimitEstimate) -> Self {
+        Self::new(&limit.limit, limit.pairs)
+    }
+}
+
+impl From<&RateBin> for RateBinDocument {
+    fn from(bin: &RateBin) -> Self {
+        Self { range: bin.range, expected: bin.expected, returned: bin.returned }
+    }
+}
+
+fn bins(curve: &RateCurve) -> Vec<RateBinDocument> {
+    curve.bins.iter().map(RateBinDocument::from).collect()
+}
+
+impl From<&OfferedChange> for OfferedChangeDocument {
+    fn from(change: &OfferedChange) -> Self {
+        Self {
+            field: change.field,
+            parameter: change.field.parameter().map(str::to_owned),
+            in_scanner: change.field.in_scanner().iter().map(|pointer| (*pointer).to_owned()).collect(),
+            from: change.from,
+            to: change.to,
+            identified: EstimateDocument::new(&change.identified, change.count),
+            detail: offer_sentence(change),
+        }
+    }
+}
+
+/// Sentence for an offered change.
+#[must_use]
+pub fn offer_sentence(change: &OfferedChange) -> String {
+    let (value, to) = (change.identified.value, change.to);
+    match change.field {
+        OfferedField::CameraLimit => {
+            format!("the cameras return little beyond {value:.0}°: plan with {to}° (limits.camera_deg={to})")
+        }
+        OfferedField::ProjectorLimit => {
+            format!("little returns beyond {value:.0}° to the projector: plan with {to}° (limits.projector_deg={to})")
+        }
+        OfferedField::Lobe => format!("glare takes points within {value:.1}° of the mirror direction: plan with a lobe of {to}°"),
+        OfferedField::NoiseBest => format!("points scatter by {value:.4} mm at best focus: plan with regions.noise.best_mm={to}"),
+        OfferedField::NoiseDepthGain => {
+            format!("the noise grows by {value:.2} to the ends of the depth: plan with regions.noise.depth_gain={to}")
+        }
+        OfferedField::DepthNear => format!("little returns nearer than {value:.0} mm: set depth_mm.near of the scanner to {to}"),
+        OfferedField::DepthFar => format!("little returns beyond {value:.0} mm: set depth_mm.far of the scanner to {to}"),
+    }
+}
+
+impl LearnedDocument {
+    /// Document of what was learned and is offered.
+    #[must_use]
+    pub fn new(learned: Option<&Learned>, offer: &Offer, plan_sha256: &str) -> Self {
+        let noise = learned.and_then(|learned| learned.noise.as_ref());
+        let returns = learned.map(|learned| &learned.returns);
+        let limit =
+            |of: fn(&LearnedReturns) -> Option<LimitEstimate>| returns.and_then(of).as_ref().map(EstimateDocument::of_limit);
+        let rates = |of: fn(&LearnedReturns) -> &RateCurve| returns.map(|returns| bins(of(returns))).unwrap_or_default();
+        let of_device = |(device, limit): &(DeviceName, Option<LimitEstimate>)| DeviceLimitDocument {
+            device: device.as_str().to_owned(),
+            incidence_deg: limit.as_ref().map(EstimateDocument::of_limit),
+        };
+        Self {
+            schema: LEARNED_SCHEMA.to_owned(),
+            plan_sha256: plan_sha256.to_owned(),
+            noise_best_mm: noise.map(|noise| EstimateDocument::new(&noise.best_mm, noise.triples as u64)),
+            noise_depth_gain: noise.map(|noise| EstimateDocument::new(&noise.depth_gain, noise.triples as u64)),
+            incidence_deg: limit(|returns| returns.incidence),
+            incidence_by_device: returns.iter().flat_map(|returns| &returns.by_device).map(of_device).collect(),
+            lobe_deg: limit(|returns| returns.lobe),
+            depth_mm: [limit(|returns| returns.depth[0]), limit(|returns| returns.depth[1])],
+            by_incidence: rates(|returns| &returns.model.incidence),
+            by_mirror: rates(|returns| &returns.model.mirror),
+            by_depth: rates(|returns| &returns.model.depth),
+            offers: offer.changes.iter().map(OfferedChangeDocument::from).collect(),
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Inspections over HTTP: the request, and the inspection as a resource.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::inspection::InspectionParams;
+use crate::wire::{InspectionId, JobFile, JobId, JobProblem, JobState, RunId, ScanId};
+
+/// Request for an inspection. Unknown fields are refused.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
+pub struct InspectionRequest {
+    /// Scans that are compared with the plan. Default: all of the job.
+    #[schema(max_items = 10000)]
+    pub scans: Option<Vec<ScanId>>,
+    /// Run in which they were taken, whose measured poses then count. Default: the poses of the plan.
+    pub run_id: Option<RunId>,
+    /// Parameters of the comparison.
+    pub params: InspectionParams,
+}
+
+/// Figures of an inspection for a list.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InspectionSummary {
+    /// Share of the asked area that the plan measures.
+    pub planned_of_asked: f64,
+    /// Share of the asked area that the scans measure.
+    pub measured_of_asked: f64,
+    /// Share of the asked area that the scans of all rounds so far measure.
+    pub measured_in_all_of_asked: f64,
+    /// Share of the asked area that was planned, lost, and has no cause.
+    pub unexplained_of_asked: f64,
+    /// Root mean square of the deviation, mm; `null` where nothing was measured.
+    pub deviation_rms_mm: Option<f64>,
+}
+
+/// An inspection as the server keeps it. It never changes once it has ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InspectionJob {
+    /// Id.
+    pub id: InspectionId,
+    /// Job whose plan was scanned.
+    pub job_id: JobId,
+    /// State.
+    pub state: JobState,
+    /// Scans that are compared with the plan.
+    pub scans: Vec<ScanId>,
+    /// Run in which they were taken.
+    pub run_id: Option<RunId>,
+    /// Parameters of the comparison.
+    pub params: InspectionParams,
+    /// Share of the work that is done, 0 to 1.
+    pub fraction: f64,
+    /// Name of the key that its sender presented; `null` without keys.
+    pub submitted_by: Option<String>,
+    /// Time at which it was accepted.
+    pub created_at: String,
+    /// Time at which it ended.
+    pub ended_at: Option<String>,
+    /// Figures; `null` without a result.
+    pub summary: Option<InspectionSummary>,
+    /// Result files.
+    pub files: Vec<JobFile>,
+    /// Reason for a failure.
+    pub problem: Option<JobProblem>,
+}
+
+/// A page of inspections, newest first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InspectionPage {
+    /// Inspections on this page.
+    pub items: Vec<InspectionJob>,
+    /// Token of the next page; absent on the last one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_page_token: Option<String>,
+}
+
+/// Inspections that all of the given fields fit.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct InspectionSelection {
+    /// State.
+    pub state: Option<JobState>,
+    /// Job.
+    pub job_id: Option<JobId>,
+}

@@ -1,0 +1,152 @@
+//! State of a part between two rounds of scans (`vantage.rescan_state/1`): what is measured, what no further view mends, and how often
+//! the scanner returns what it sees.
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::learned::RateBinDocument;
+use crate::cell::FieldError;
+use crate::inspection::Inspection;
+use crate::inspection::identification::{RateBin, RateCurve, ReturnModel};
+use crate::inspection::rescan::hopeless;
+use crate::planning::params::{PlanParams, RescanParams, TargetOf};
+use crate::planning::visibility::SampleSet;
+use crate::wire::plan::PlanDocument;
+
+/// Schema name in the document.
+const RESCAN_STATE_SCHEMA: &str = "vantage.rescan_state/1";
+
+/// Rate of return along an axis.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RateCurveDocument {
+    /// Counts.
+    pub bins: Vec<RateBinDocument>,
+    /// Places and rates, ascending: degrees or mm, and 0 to 1.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// State of a part between two rounds of scans.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RescanState {
+    /// Schema name, `vantage.rescan_state/1`.
+    pub schema: String,
+    /// SHA-256 of the bytes of the first round's `plan.json`.
+    pub plan_sha256: String,
+    /// Parameters of the first round's plan.
+    pub plan_params: PlanParams,
+    /// Area of which the plan's target is a share, mm².
+    pub target_of_mm2: f64,
+    /// Rescans that were made.
+    pub rounds: u32,
+    /// Samples that scans have measured: bits, 64 a word, little-endian, in Base64.
+    pub measured: String,
+    /// Samples that no further view mends, likewise.
+    pub hopeless: String,
+    /// Rate of easy pairs.
+    pub easy_rate: f64,
+    /// Rate of return by worst incidence.
+    pub by_incidence: RateCurveDocument,
+    /// Rate of return by mirror angle.
+    pub by_mirror: RateCurveDocument,
+    /// Rate of return by depth.
+    pub by_depth: RateCurveDocument,
+}
+
+/// Request for a rescan. Unknown fields are refused.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
+pub struct RescanRequest {
+    /// Rules on when further views are worth it.
+    pub params: RescanParams,
+}
+
+fn bits(samples: &SampleSet) -> String {
+    let bytes: Vec<u8> = samples.words().iter().flat_map(|word| word.to_le_bytes()).collect();
+    BASE64_STANDARD.encode(bytes)
+}
+
+fn samples(text: &str, pointer: &str) -> Result<SampleSet, FieldError> {
+    let refuse = || FieldError { pointer: pointer.to_owned(), detail: "is not Base64 of whole words of 8 bytes".to_owned() };
+    let bytes = BASE64_STANDARD.decode(text).map_err(|_| refuse())?;
+    if bytes.len() % 8 != 0 {
+        return Err(refuse());
+    }
+    let word = |bytes: &[u8]| bytes.iter().rev().fold(0, |word: u64, byte| word << 8 | u64::from(*byte));
+    Ok(SampleSet::from_words(bytes.chunks_exact(8).map(word).collect()))
+}
+
+impl From<&RateCurve> for RateCurveDocument {
+    fn from(curve: &RateCurve) -> Self {
+        Self { bins: curve.bins.iter().map(RateBinDocument::from).collect(), points: curve.points.clone() }
+    }
+}
+
+impl From<&RateCurveDocument> for RateCurve {
+    fn from(document: &RateCurveDocument) -> Self {
+        let bin = |bin: &RateBinDocument| RateBin { range: bin.range, expected: bin.expected, returned: bin.returned };
+        Self { bins: document.bins.iter().map(bin).collect(), points: document.points.clone() }
+    }
+}
+
+impl RescanState {
+    /// State after an inspection; `before` is that of the round before, whose samples stay measured.
+    #[must_use]
+    pub fn new(inspection: &Inspection, plan: &PlanDocument, plan_sha256: &str, before: Option<&Self>) -> Self {
+        let mut measured = inspection.coverage.measured.clone();
+        let known = before.and_then(|before| samples(&before.measured, "").ok());
+        if let Some(known) = known.filter(|known| known.words().len() == measured.words().len()) {
+            measured.insert_all(&known);
+        }
+        let model = inspection.learned.as_ref().map_or_else(ReturnModel::default, |learned| learned.returns.model.clone());
+        let first = |of: fn(&Self) -> &str, own: &str| before.map_or_else(|| own.to_owned(), |before| of(before).to_owned());
+        let params = &plan.params;
+        let coverage = &plan.coverage;
+        let target_of_mm2 = match params.selection.target_of {
+            TargetOf::Coverable => coverage.coverable_area_mm2,
+            TargetOf::Asked => coverage.asked_area_mm2,
+            TargetOf::Total => plan.part.area_mm2,
+        };
+        Self {
+            schema: RESCAN_STATE_SCHEMA.to_owned(),
+            plan_sha256: first(|before| &before.plan_sha256, plan_sha256),
+            plan_params: before.map_or_else(|| params.clone(), |before| before.plan_params.clone()),
+            target_of_mm2: before.map_or(target_of_mm2, |before| before.target_of_mm2),
+            rounds: before.map_or(0, |before| before.rounds + 1),
+            measured: bits(&measured),
+            hopeless: bits(&hopeless(&inspection.losses, inspection.surface.sample_mm.len())),
+            easy_rate: model.easy_rate,
+            by_incidence: RateCurveDocument::from(&model.incidence),
+            by_mirror: RateCurveDocument::from(&model.mirror),
+            by_depth: RateCurveDocument::from(&model.depth),
+        }
+    }
+
+    /// Samples that scans have measured.
+    ///
+    /// # Errors
+    /// A text that is not one of samples.
+    pub fn measured(&self) -> Result<SampleSet, FieldError> {
+        samples(&self.measured, "/measured")
+    }
+
+    /// Samples that no further view mends.
+    ///
+    /// # Errors
+    /// A text that is not one of samples.
+    pub fn hopeless(&self) -> Result<SampleSet, FieldError> {
+        samples(&self.hopeless, "/hopeless")
+    }
+
+    /// Rates of return.
+    #[must_use]
+    pub fn model(&self) -> ReturnModel {
+        ReturnModel {
+            easy_rate: self.easy_rate,
+            incidence: RateCurve::from(&self.by_incidence),
+            mirror: RateCurve::from(&self.by_mirror),
+            depth: RateCurve::from(&self.by_depth),
+        }
+    }
+}

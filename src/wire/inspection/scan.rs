@@ -1,0 +1,51 @@
+//! Uploaded scans as resources.
+
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::inspection::ingest::ScanFrame;
+use crate::wire::{JobId, ScanId};
+
+impl FromStr for ScanFrame {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|frame| frame.as_str() == text);
+        found.ok_or_else(|| format!("unknown frame {text:?}"))
+    }
+}
+
+/// A scan that was uploaded for a job: one file with the points of one view, or of all views together. It never changes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Scan {
+    /// Id.
+    pub id: ScanId,
+    /// Job whose plan was scanned.
+    pub job_id: JobId,
+    /// Viewpoint of the plan from which it was taken; `null` for a file of several views, or to read the number from the name.
+    pub view: Option<u32>,
+    /// Name of the file.
+    pub name: Option<String>,
+    /// Unit of the coordinates; `null` to find it out.
+    pub unit: Option<String>,
+    /// Frame of the coordinates; `null` to find it out.
+    pub frame: Option<ScanFrame>,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Size of the file.
+    pub size_bytes: u64,
+    /// Time at which it was uploaded.
+    pub created_at: String,
+}
+
+/// A page of scans, oldest first.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ScanPage {
+    /// Scans on this page.
+    pub items: Vec<Scan>,
+    /// Token of the next page; absent on the last one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_page_token: Option<String>,
+}
