@@ -7,6 +7,7 @@ pub mod cli;
 pub mod execution;
 pub mod geometry;
 pub mod http;
+pub mod inspection;
 pub mod planning;
 pub mod program;
 pub mod report;

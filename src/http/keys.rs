@@ -109,7 +109,10 @@ impl KeysFile {
             let version = version_of(&self.path);
             if version != state.version {
                 state.version = version;
-                match read(&self.path) {
+                let read = read(&self.path);
+                // A typing error must not lock everybody out, but a key that was to be revoked is in force as long as it stands.
+                metrics::gauge!("vantage_api_keys_file_unreadable").set(if read.is_err() { 1.0 } else { 0.0 });
+                match read {
                     Ok(keys) => {
                         tracing::info!(keys = keys.len(), "server.api_keys_file has changed; its keys are in force");
                         state.keys = keys.into();

@@ -41,6 +41,7 @@ use crate::wire::{self, parameters};
         (name = "runs", description = "Runs of programs on the controllers of a cell, or on a twin of them. Vantage is not safety-rated, and \
                                        its stop is not an emergency stop."),
         (name = "calibrations", description = "Calibrations of cells from observations of a board."),
+        (name = "inspections", description = "Scans of planned parts, and how they compare with their plan."),
         (name = "server", description = "Health, metrics, storage and sessions.")
     ),
     components(schemas(

@@ -75,6 +75,8 @@ codes! {
     SpecNotFound "spec_not_found" NOT_FOUND "No such specification" "Neither a preset nor a stored specification has this name.";
     RunNotFound "run_not_found" NOT_FOUND "No such run" "No run has this id.";
     CalibrationNotFound "calibration_not_found" NOT_FOUND "No such calibration" "No calibration has this id.";
+    ScanNotFound "scan_not_found" NOT_FOUND "No such scan" "No scan has this id.";
+    InspectionNotFound "inspection_not_found" NOT_FOUND "No such inspection" "No inspection has this id.";
     LeaseNotFound "lease_not_found" NOT_FOUND "No such lease" "No lease has this id: it was given back or not renewed in time. Take a new one.";
     ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded but has no such file; without a cell, for example, there is no program.";
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
@@ -93,8 +95,13 @@ codes! {
     OtherCell "other_cell" CONFLICT "The cell is not the one that was planned in" "The operator's cell has other dimensions than the job's; plan the part again in the cell as it is.";
     NoProgram "no_program" CONFLICT "The job has no such program" "The job was planned without a cell, or has fewer setups.";
     CalibrationNotEnded "calibration_not_ended" CONFLICT "The calibration has not ended" "Only an ended calibration can be deleted; cancel it first, or wait.";
-    CalibrationNotQueued "calibration_not_queued" CONFLICT "The calibration does not wait in the queue" "Only a queued calibration can be cancelled; one that is being computed ends by itself within seconds.";
+    CalibrationNotQueued "calibration_not_queued" CONFLICT "The calibration has ended" "Only a calibration that waits or is being computed can be cancelled; one that has ended never changes.";
     NoCalibration "no_calibration" CONFLICT "The calibration has no result" "The calibration has not succeeded, or cannot be written into a cell; `detail` says which.";
+    ScanInUse "scan_in_use" CONFLICT "The scan is in use" "An inspection of its job has not ended.";
+    NoScans "no_scans" CONFLICT "The job has no scans" "Upload the scans of its views with `POST /api/v1/jobs/{id}/scans` first.";
+    InspectionNotEnded "inspection_not_ended" CONFLICT "The inspection has not ended" "Only an ended inspection can be deleted; cancel it first, or wait.";
+    InspectionEnded "inspection_ended" CONFLICT "The inspection has ended" "An inspection that succeeded or failed cannot be cancelled.";
+    NoInspection "no_inspection" CONFLICT "The inspection has no result" "The inspection has not succeeded; `detail` states where it stands.";
     RunNotEnded "run_not_ended" CONFLICT "The run has not ended" "Only an ended run can be deleted; stop it first.";
     RunStateRefused "run_state_refused" CONFLICT "The run's state does not allow it" "`detail` states where the run stands: only a ready run can be armed, only a paused one resumed.";
     RunRefused "run_refused" CONFLICT "The run refuses" "A condition for motion is not met; `detail` says which, and what to do.";
@@ -157,6 +164,11 @@ impl ApiError {
         Self { errors: vec![field], ..Self::new(code, detail) }
     }
 
+    /// Error whose cause goes to the log.
+    fn caused(code: Code, detail: &str, cause: Error) -> Self {
+        Self { cause: Some(cause), ..Self::new(code, detail) }
+    }
+
     /// A query parameter at fault: a sentence, of which `said` is what follows the parameter's name.
     pub(super) fn query(name: &str, said: &str) -> Self {
         let field = ProblemField { pointer: name.to_owned(), detail: said.to_owned() };
@@ -192,6 +204,11 @@ impl From<Vec<ParseError>> for ApiError {
     }
 }
 
+/// Detail of a failure of the store that passes.
+const BUSY: &str = "the store is temporarily unavailable: it is locked, or the machine is short of a resource";
+/// Detail of a failure whose cause callers do not learn.
+const INTERNAL: &str = "the request failed; the server's log has the cause under this request_id";
+
 impl From<Error> for ApiError {
     fn from(error: Error) -> Self {
         let detail = error.to_string();
@@ -199,7 +216,7 @@ impl From<Error> for ApiError {
             Error::MeshNotFound(_) => Self::new(Code::MeshNotFound, detail),
             Error::JobNotFound(_) => Self::new(Code::JobNotFound, detail),
             Error::SpecNotFound { .. } => Self::new(Code::SpecNotFound, detail),
-            Error::NoSuchResult { .. } => Self::new(Code::ResultNotFound, detail),
+            Error::NoSuchResult { .. } | Error::NoInspectionFile { .. } => Self::new(Code::ResultNotFound, detail),
             Error::NoResults { .. } => Self::new(Code::NoResults, detail),
             Error::RunNotFound(_) => Self::new(Code::RunNotFound, detail),
             Error::LeaseNotFound(_) => Self::new(Code::LeaseNotFound, detail),
@@ -214,6 +231,13 @@ impl From<Error> for ApiError {
             Error::CalibrationNotEnded { .. } => Self::new(Code::CalibrationNotEnded, detail),
             Error::CalibrationNotQueued { .. } => Self::new(Code::CalibrationNotQueued, detail),
             Error::NoCalibration { .. } | Error::NotOnFlange(_) => Self::new(Code::NoCalibration, detail),
+            Error::ScanNotFound(_) => Self::new(Code::ScanNotFound, detail),
+            Error::ScanInUse(_) => Self::new(Code::ScanInUse, detail),
+            Error::NoScans(_) => Self::new(Code::NoScans, detail),
+            Error::InspectionNotFound(_) => Self::new(Code::InspectionNotFound, detail),
+            Error::InspectionNotEnded { .. } => Self::new(Code::InspectionNotEnded, detail),
+            Error::InspectionEnded { .. } => Self::new(Code::InspectionEnded, detail),
+            Error::NoInspection { .. } => Self::new(Code::NoInspection, detail),
             Error::RunNotEnded { .. } => Self::new(Code::RunNotEnded, detail),
             Error::RunStateRefused { .. } => Self::new(Code::RunStateRefused, detail),
             Error::RunRefused(_) => Self::new(Code::RunRefused, detail),
@@ -238,16 +262,10 @@ impl From<Error> for ApiError {
             Error::StorageFull | Error::StorageLow { .. } => Self::new(Code::StorageFull, detail),
             Error::JobHeld { .. } => Self::new(Code::JobHeld, detail),
             Error::TooSlow => Self::new(Code::TooSlow, detail),
-            cause @ Error::FileDamaged { .. } => Self { cause: Some(cause), ..Self::new(Code::FileDamaged, detail) },
+            cause @ Error::FileDamaged { .. } => Self::caused(Code::FileDamaged, &detail, cause),
             Error::Draining => Self::new(Code::Stopping, detail),
-            cause @ Error::StorageBusy(_) => {
-                let detail = "the store is temporarily unavailable: it is locked, or the machine is short of a resource";
-                Self { cause: Some(cause), ..Self::new(Code::Busy, detail) }
-            }
-            cause @ Error::Internal(_) => {
-                let detail = "the request failed; the server's log has the cause under this request_id";
-                Self { cause: Some(cause), ..Self::new(Code::Internal, detail) }
-            }
+            cause @ Error::StorageBusy(_) => Self::caused(Code::Busy, BUSY, cause),
+            cause @ Error::Internal(_) => Self::caused(Code::Internal, INTERNAL, cause),
         }
     }
 }

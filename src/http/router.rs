@@ -17,8 +17,8 @@ use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
 use super::routes::{
-    calibrations, cells, checks, events, jobs, leases, meshes, results, robots, run_commands, runs, scanners, session, storage,
-    system, turntables,
+    calibrations, cells, checks, events, inspections, jobs, leases, meshes, results, robots, run_commands, runs, scanners, scans,
+    session, storage, system, turntables,
 };
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
@@ -68,6 +68,7 @@ fn quick() -> OpenApiRouter<ApiState> {
         .routes(routes!(calibrations::result))
         .routes(routes!(calibrations::cell))
         .routes(routes!(calibrations::report))
+        .merge(inspection())
         .routes(routes!(session::begin, session::end))
         .routes(routes!(system::openapi))
         .merge(stored())
@@ -91,6 +92,23 @@ fn execution() -> OpenApiRouter<ApiState> {
         .routes(routes!(runs::audit))
         .routes(routes!(leases::take, leases::list))
         .routes(routes!(leases::renew, leases::give_back))
+}
+
+/// Routes of scans and of inspections.
+fn inspection() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
+        .routes(routes!(scans::list))
+        .routes(routes!(scans::get, scans::delete))
+        .routes(routes!(scans::file))
+        .routes(routes!(inspections::create))
+        .routes(routes!(inspections::list))
+        .routes(routes!(inspections::delete))
+        .routes(routes!(inspections::cancel))
+        .routes(routes!(inspections::result))
+        .routes(routes!(inspections::losses))
+        .routes(routes!(inspections::deviation))
+        .routes(routes!(inspections::learned))
+        .routes(routes!(inspections::report))
 }
 
 /// Routes of results, which are stored compressed and streamed as stored to clients that accept gzip.
@@ -130,17 +148,22 @@ fn slow() -> OpenApiRouter<ApiState> {
         .routes(routes!(jobs::delete_selected))
         .routes(routes!(checks::check))
         .routes(routes!(calibrations::create))
+        .routes(routes!(inspections::rescan))
         .routes(routes!(storage::retention, storage::apply_retention))
 }
 
 /// Routes that receive an upload.
 fn uploads() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::new().routes(routes!(meshes::upload)).layer(DefaultBodyLimit::disable())
+    OpenApiRouter::new().routes(routes!(meshes::upload)).routes(routes!(scans::upload)).layer(DefaultBodyLimit::disable())
 }
 
 /// Routes that may wait for a job or a run.
 fn waits() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::new().routes(routes!(jobs::get)).routes(routes!(runs::get)).routes(routes!(calibrations::get))
+    OpenApiRouter::new()
+        .routes(routes!(jobs::get))
+        .routes(routes!(runs::get))
+        .routes(routes!(calibrations::get))
+        .routes(routes!(inspections::get))
 }
 
 /// Routes that need no key.

@@ -12,6 +12,7 @@ use super::calibrations::Calibrations;
 use super::cells::KeptCells;
 use super::error::{Error, InternalError};
 use super::execute::{JobInput, Planner, execute};
+use super::inspections::Inspections;
 use super::jobs::{self, JobRunner};
 use super::maintenance::maintain;
 use super::options::Options;
@@ -47,6 +48,8 @@ pub(super) struct Inner {
     pub(super) runs: Runs,
     /// Turn and changes of calibrations.
     pub(super) calibrations: Calibrations,
+    /// Turn, progress and changes of inspections.
+    pub(super) inspections: Inspections,
     /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
@@ -95,7 +98,7 @@ impl App {
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
         let (drawing, probed) = (Mutex::default(), Mutex::default());
         let runs = Runs::new(store.last_fence().await?).map_err(OpenError::Carrier)?;
-        let calibrations = Calibrations::default();
+        let (calibrations, inspections) = (Calibrations::default(), Inspections::default());
         let inner = Inner {
             store,
             options,
@@ -107,6 +110,7 @@ impl App {
             drawing,
             runs,
             calibrations,
+            inspections,
             probed,
             stopping,
             tasks,
@@ -115,6 +119,7 @@ impl App {
         app.recover().await?;
         app.recover_runs().await?;
         app.recover_calibrations().await?;
+        app.recover_inspections().await?;
         app.0.tasks.spawn(jobs::dispatch(app.clone()));
         app.0.tasks.spawn(maintain(app.clone()));
         Ok(app)

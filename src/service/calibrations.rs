@@ -1,8 +1,8 @@
 //! Calibrations: accepted like jobs, computed one after another beside them, and kept as they came out. One that an earlier process
 //! left is computed anew, from the cell as it was then.
 
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use sha2::{Digest, Sha256};
@@ -16,6 +16,7 @@ use super::jobs::failure;
 use super::library::Library;
 use super::store::{CalibrationInput, Page};
 use super::submit::{Lookup, Submission};
+use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch};
 use crate::cell::{CellSpec, FieldError};
 use crate::planning::context::Context;
 use crate::report::calibration::calibration_html;
@@ -26,6 +27,8 @@ use crate::wire::calibration::{
 use crate::wire::hex;
 use crate::wire::{CalibrationId, JobProblem, ProblemField};
 
+/// Longest wait for a computation to hear of its cancellation: stages take less.
+const CANCEL_WAIT: Duration = Duration::from_secs(5);
 /// Max number of calibrations that wait.
 const MAX_QUEUED: u64 = 1000;
 
@@ -36,6 +39,53 @@ pub(super) struct Calibrations {
     turn: Mutex<()>,
     /// One of them has changed.
     changed: Notify,
+    /// The one that is computed.
+    running: std::sync::Mutex<Option<RunningCalibration>>,
+}
+
+/// A calibration that is computed.
+#[derive(Clone)]
+struct RunningCalibration {
+    id: CalibrationId,
+    watch: Arc<Watch>,
+}
+
+/// Surroundings of a computation: cancel flag and stage.
+#[derive(Default)]
+struct Watch {
+    cancel: Arc<AtomicBool>,
+    /// Place of the stage in the list of stages, from 1; 0 before the first.
+    stage: AtomicUsize,
+}
+
+impl CalibrationWatch for Watch {
+    fn begins(&self, stage: CalibrationStage) {
+        let place = CalibrationStage::ALL.iter().position(|known| *known == stage).unwrap_or_default();
+        self.stage.store(place + 1, Ordering::Relaxed);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+}
+
+impl Watch {
+    fn stage(&self) -> Option<CalibrationStage> {
+        let place = self.stage.load(Ordering::Relaxed).checked_sub(1)?;
+        CalibrationStage::ALL.get(place).copied()
+    }
+}
+
+impl Calibrations {
+    /// Watch of a calibration, if it is the one that is computed.
+    fn watch_of(&self, id: CalibrationId) -> Option<Arc<Watch>> {
+        let running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+        running.as_ref().filter(|running| running.id == id).map(|running| Arc::clone(&running.watch))
+    }
+
+    fn set_running(&self, running: Option<RunningCalibration>) {
+        *self.running.lock().unwrap_or_else(PoisonError::into_inner) = running;
+    }
 }
 
 /// Outcome of a computation.
@@ -68,6 +118,7 @@ impl App {
             point_at_best_focus_sd_mm: None,
             findings: Vec::new(),
             problem: None,
+            stage: None,
         };
         let input = CalibrationInput { cell, data: request.data };
         let app = self.clone();
@@ -84,7 +135,11 @@ impl App {
     /// # Errors
     /// [`Error::CalibrationNotFound`], [`Error::Internal`].
     pub async fn calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
-        self.0.store.calibration(id).await
+        let mut job = self.0.store.calibration(id).await?;
+        if job.state == CalibrationState::Running {
+            job.stage = self.0.calibrations.watch_of(id).and_then(|watch| watch.stage());
+        }
+        Ok(job)
     }
 
     /// Waits until a calibration has ended, at most for `wait`; returns it as it is then.
@@ -151,16 +206,24 @@ impl App {
         document.calibrated(input.cell).ok_or(Error::NotOnFlange(id))
     }
 
-    /// Cancels a calibration that waits.
+    /// Cancels a calibration that waits or is computed. One that ends before it hears of it stays as it ended.
     ///
     /// # Errors
     /// [`Error::CalibrationNotFound`], [`Error::CalibrationNotQueued`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn cancel_calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
         let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
         let job = self.change_calibration(id, &[CalibrationState::Queued], cancel, None).await?;
+        let job = match self.0.calibrations.watch_of(id).filter(|_| job.state == CalibrationState::Running) {
+            None => job,
+            Some(watch) => {
+                watch.cancel.store(true, Ordering::Relaxed);
+                self.calibration_when_ended(id, CANCEL_WAIT).await?
+            }
+        };
         match job.state {
-            CalibrationState::Cancelled => Ok(job),
-            CalibrationState::Queued | CalibrationState::Running | CalibrationState::Succeeded | CalibrationState::Failed => {
+            // It hears of it at the next stage.
+            CalibrationState::Cancelled | CalibrationState::Running => Ok(job),
+            CalibrationState::Queued | CalibrationState::Succeeded | CalibrationState::Failed => {
                 Err(Error::CalibrationNotQueued { calibration: id, state: job.state })
             }
         }
@@ -216,6 +279,15 @@ impl App {
     }
 
     async fn compute_calibration(&self, id: CalibrationId) -> Result<(), Error> {
+        // Before its state says so: whoever sees that it runs can cancel it.
+        let watch = Arc::new(Watch::default());
+        self.0.calibrations.set_running(Some(RunningCalibration { id, watch: Arc::clone(&watch) }));
+        let done = self.compute_watched(id, watch).await;
+        self.0.calibrations.set_running(None);
+        done
+    }
+
+    async fn compute_watched(&self, id: CalibrationId, watch: Arc<Watch>) -> Result<(), Error> {
         let run = |job: &mut CalibrationJob| job.state = CalibrationState::Running;
         let job = self.change_calibration(id, &[CalibrationState::Queued], run, None).await?;
         if job.state != CalibrationState::Running {
@@ -225,11 +297,16 @@ impl App {
         let spec = input.cell.clone();
         let cell = self.with_library(None, move |library| library.built(&spec).map_err(Error::Invalid)).await?;
         let (how, digest, at) = ((job.solve, usize::from(job.hold_out)), job.data_sha256.clone(), job.created_at.clone());
+        let cancel = Arc::clone(&watch.cancel);
         let compute = move |_: &Context<'_>| -> Computed {
             let BuiltCell { cell, .. } = &*cell;
-            CalibrationDocument::solved(&input.data, cell, how, [&digest, &at])
+            CalibrationDocument::solved_watched(&input.data, cell, how, [&digest, &at], &*watch)
         };
-        let computed = self.0.runner.compute(Arc::new(AtomicBool::new(false)), compute).await;
+        let computed = self.0.runner.compute(cancel, compute).await;
+        if matches!(computed, Ok(Err(CalibrationError::Cancelled))) {
+            let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
+            return self.change_calibration(id, &[CalibrationState::Running], cancel, None).await.map(drop);
+        }
         let ended = ended(computed);
         let result = ended.as_ref().ok().cloned();
         let end = move |job: &mut CalibrationJob| match ended {
@@ -276,6 +353,9 @@ fn ended(computed: Result<Computed, String>) -> Result<CalibrationDocument, (Job
             let detail = "the observations cannot be read".to_owned();
             let errors = errors.into_iter().map(|error| ProblemField::from(error.below("/data"))).collect();
             Err((failure("job_input_invalid", detail, errors), Vec::new()))
+        }
+        Ok(Err(CalibrationError::Cancelled)) => {
+            Err((failure("no_calibration_possible", "it was cancelled".to_owned(), Vec::new()), Vec::new()))
         }
         Ok(Err(CalibrationError::Findings(findings))) => {
             let findings: Vec<FindingDocument> = findings.iter().map(FindingDocument::from).collect();

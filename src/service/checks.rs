@@ -1,6 +1,6 @@
 //! Checks of documents on request: what `vantage check` does, with the stored specifications and meshes.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -10,10 +10,10 @@ use super::error::Error;
 use super::library::Library;
 use super::submit::Lookup;
 use crate::cell::{Presets, SpecKind, SpecLibrary};
-use crate::check::{self, Reference};
+use crate::check::{self, Present, Reference};
 use crate::planning::context::{Context, Silent};
 use crate::wire::hex;
-use crate::wire::{CheckReport, CheckRequest, DocumentKind, MeshId, ProblemField};
+use crate::wire::{CheckReport, CheckRequest, DocumentKind, MeshId, ProblemField, UtcTime};
 
 impl App {
     /// Checks a document, within `limit`; work on it stops when the caller goes away.
@@ -29,7 +29,7 @@ impl App {
 }
 
 fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckReport, Error> {
-    let CheckRequest { document, cell, plan, mesh_id, fixture_mesh_id } = request;
+    let CheckRequest { document, cell, plan, mesh_id, fixture_mesh_id, temperature_c } = request;
     let mut errors = Vec::new();
     let mut lookup = Lookup::new(library, &mut errors);
     let cell = cell.and_then(|cell| {
@@ -43,6 +43,9 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
     let part = mesh_id.and_then(|id| read("/mesh_id", id));
     let fixture = fixture_mesh_id.and_then(|id| read("/fixture_mesh_id", id));
     let plan = plan.and_then(|plan| lookup.built("/plan", check::read_plan(Value::Object(plan))));
+    if let Some(celsius) = temperature_c.filter(|celsius| !(-50.0..=100.0).contains(celsius)) {
+        lookup.refuse("/temperature_c", format!("is {celsius} °C; allowed is -50 to 100 °C"));
+    }
     if !errors.is_empty() {
         return Err(Error::Invalid(errors));
     }
@@ -50,7 +53,8 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
         let sha256 = hex(&Sha256::digest(plan.to_bytes()));
         (plan, sha256)
     });
-    let reference = Reference { plan, part, fixture };
+    let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c };
+    let reference = Reference { plan, part, fixture, present };
     let document = Value::Object(document);
     let kind = check::kind_of(&document);
     let ctx = Context::new(library.abandoned(), &Silent).with_allowance(app.0.runner.allowance());

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::cell::FieldError;
 use crate::wire::calibration::CalibrationState;
 use crate::wire::run::{ReportedState, RunMode};
-use crate::wire::{CalibrationId, JobId, JobState, LeaseId, MeshId, RunId, SpecCollection};
+use crate::wire::{CalibrationId, InspectionId, JobId, JobState, LeaseId, MeshId, RunId, ScanId, SpecCollection};
 
 /// Reasons why the service did not do what a client asked for.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -54,8 +54,8 @@ pub enum Error {
         /// Its state.
         state: CalibrationState,
     },
-    /// The calibration is being computed or has ended.
-    #[error("calibration {calibration} is {}; only one that is queued can be cancelled", state.as_str())]
+    /// The calibration has ended.
+    #[error("calibration {calibration} is {}; only one that is queued or running can be cancelled", state.as_str())]
     CalibrationNotQueued {
         /// The calibration.
         calibration: CalibrationId,
@@ -73,6 +73,50 @@ pub enum Error {
     /// The calibration cannot be written into a cell.
     #[error("calibration {0} has its scanner in the cell (eye_to_hand); a cell has it on the flange")]
     NotOnFlange(CalibrationId),
+    /// The scan does not exist.
+    #[error("there is no scan {0}")]
+    ScanNotFound(ScanId),
+    /// An inspection of the scan's job has not ended.
+    #[error("scan {0} belongs to a job with an inspection that has not ended; cancel that, or wait")]
+    ScanInUse(ScanId),
+    /// The job has no scans to inspect.
+    #[error("job {0} has no scans; upload them with POST /api/v1/jobs/{0}/scans")]
+    NoScans(JobId),
+    /// The inspection does not exist.
+    #[error("there is no inspection {0}")]
+    InspectionNotFound(InspectionId),
+    /// The inspection has not ended.
+    #[error("inspection {inspection} is {}; cancel it, or wait until it has ended", state.as_str())]
+    InspectionNotEnded {
+        /// The inspection.
+        inspection: InspectionId,
+        /// Its state.
+        state: JobState,
+    },
+    /// The inspection has ended: there is nothing to cancel.
+    #[error("inspection {inspection} is {}; there is nothing to cancel", state.as_str())]
+    InspectionEnded {
+        /// The inspection.
+        inspection: InspectionId,
+        /// Its state.
+        state: JobState,
+    },
+    /// The inspection has no result.
+    #[error("inspection {inspection} is {}; only one that succeeded has a result", state.as_str())]
+    NoInspection {
+        /// The inspection.
+        inspection: InspectionId,
+        /// Its state.
+        state: JobState,
+    },
+    /// The inspection succeeded without this file.
+    #[error("inspection {inspection} has no {name}")]
+    NoInspectionFile {
+        /// The inspection.
+        inspection: InspectionId,
+        /// Name of the file.
+        name: String,
+    },
     /// The lease does not exist, or has ended.
     #[error("there is no lease {0}; it was given back or not renewed in time")]
     LeaseNotFound(LeaseId),

@@ -37,11 +37,12 @@ impl App {
             self.0.store.job_state(job).await?;
         }
         let missed = match after {
-            Some(after) => self.0.store.is_pruned_after(after).await?,
+            // A number that was never given is of another database, one before a restore: its reader begins anew.
+            Some(after) => after > self.0.store.newest_event().await? || self.0.store.is_pruned_after(after).await?,
             None => false,
         };
         let last = match (after, job) {
-            (Some(after), _) => after,
+            (Some(after), _) => after.min(self.0.store.newest_event().await?),
             (None, Some(_)) => 0,
             (None, None) => self.0.store.newest_event().await?,
         };
@@ -53,7 +54,7 @@ impl App {
 }
 
 impl EventStream {
-    /// True if events after the requested one have been pruned from the store.
+    /// True if events after the requested one have been pruned from the store, or it is not of this store.
     #[must_use]
     pub fn has_gap(&self) -> bool {
         self.missed

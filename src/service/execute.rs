@@ -13,6 +13,7 @@ use super::error::is_transient_io;
 use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
 use super::plan_job::{PlanJob, Reports};
+use super::rescan_job::RescanJob;
 use crate::cell::{Cell, CellSpec, FieldError, NotFound, RobotSpec, Scanner, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
 use crate::geometry::{LengthUnit, Mesh, Poll};
@@ -58,6 +59,8 @@ pub struct JobInput {
     pub params: PlanParams,
     /// Fields of the request that the files echo.
     pub echo: Echo,
+    /// State after scans, where views are planned for what they lack.
+    pub rescan: Option<RescanJob>,
     /// Time at which the job was accepted, RFC 3339, which its report shows: every attempt gives the same files.
     pub accepted_at: Option<String>,
 }
@@ -216,6 +219,7 @@ pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result
         scanner: hardware.scanner(),
         cell: hardware.cell(),
         roadmaps: Some(&cells.roadmaps),
+        rescan: input.rescan.as_ref(),
         params: &input.params,
         echo: input.echo.clone(),
         date: input.accepted_at.clone(),

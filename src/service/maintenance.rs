@@ -23,12 +23,15 @@ pub(super) async fn maintain(app: App) {
     }
 }
 
-/// Runs the short tasks at every interval.
+/// Runs the short tasks at every interval. The first round deletes nothing by the retention policy: whoever has just set it can look
+/// for an hour at what it would delete.
 async fn rounds(app: &App) {
     let mut rounds = tokio::time::interval(ROUND_INTERVAL);
+    rounds.tick().await;
     loop {
-        rounds.tick().await;
         app.round().await;
+        rounds.tick().await;
+        log("applying the retention policy", app.apply_retention().await.map(drop));
     }
 }
 
@@ -62,7 +65,6 @@ impl App {
         log("pruning old events of runs", store.prune_run_events(options.event_retention_hours).await);
         let swept = store.sweep(hours(options.orphan_hours), hours(options.swept_hours)).await;
         log("sweeping orphaned files", swept.map(drop));
-        log("applying the retention policy", self.apply_retention().await.map(drop));
         metrics::gauge!("vantage_store_damaged").set(store.damage().len() as f64);
     }
 

@@ -41,8 +41,14 @@ enum Piece {
     End,
 }
 
-/// A complete upload on the disk, not yet stored as a mesh.
+/// A complete upload on the disk, which no row refers to yet.
 pub struct FinishedUpload(Received);
+
+impl FinishedUpload {
+    pub(super) fn into_received(self) -> Received {
+        self.0
+    }
+}
 
 /// Unit and name of an uploaded mesh.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -4,6 +4,7 @@
 //! own, parsing and hashing on threads that may block; the threads that answer requests do neither.
 
 mod app;
+pub mod calibration_poses;
 mod calibrations;
 mod cells;
 mod checks;
@@ -13,6 +14,8 @@ mod events;
 pub mod execute;
 mod failpoint;
 mod hashing_reader;
+pub mod inspect_job;
+mod inspections;
 mod jobs;
 mod kept;
 mod library;
@@ -23,8 +26,11 @@ pub mod plan_job;
 mod presets;
 pub mod progress;
 mod queries;
+pub mod rescan_job;
 pub mod runs;
+mod scans;
 mod schedule;
+pub mod simulate_scans;
 mod size;
 mod space;
 mod specs;
@@ -43,6 +49,7 @@ pub use meshes::{FinishedUpload, MeshUpload, Upload};
 pub use options::{ExecutionOptions, OperatorCell, Options, RetentionOptions};
 pub use queries::ResultBody;
 pub use runs::{RunCursor, RunMessage, RunStream};
+pub use scans::ScanUpload;
 pub use size::{JobSize, Sizer};
 pub use specs::SpecEntry;
 pub use store::{BackupError, BackupReport, JobQuery, OpenError, PartNames, Precondition, backup, restore};

@@ -5,15 +5,17 @@ use std::collections::BTreeMap;
 
 use sha2::{Digest, Sha256};
 
+use super::rescan_job::RescanJob;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
 use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
+use crate::planning::surface::empty_exclusions;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectOutput};
-use crate::program::{Expected, Program, compile};
+use crate::program::{Expected, Program, compile_views};
 use crate::report::html::{self, NoPlanInput, NoPlanReason, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
 use crate::report::text::{summarised_text, warned};
@@ -25,7 +27,7 @@ use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
-use crate::wire::warnings::FieldWarning;
+use crate::wire::warnings::{FieldWarning, of_empty_exclusion};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -178,6 +180,8 @@ pub struct PlanJob<'a> {
     pub cell: Option<&'a Cell>,
     /// Roadmaps of cells that were planned for before.
     pub roadmaps: Option<&'a Roadmaps>,
+    /// State after scans, where views are planned for what they lack.
+    pub rescan: Option<&'a RescanJob>,
     /// Parameters.
     pub params: &'a PlanParams,
     /// Fields of the request that the files echo.
@@ -218,7 +222,10 @@ impl PlanJob<'_> {
             cell: self.cell,
             roadmaps: self.roadmaps,
         };
-        plan(&input, self.params, ctx)
+        match self.rescan {
+            Some(rescan) => rescan.plan(&input, ctx),
+            None => plan(&input, self.params, ctx),
+        }
     }
 
     /// Warnings on the part's size; `at` names the part: a pointer, or an option.
@@ -226,6 +233,13 @@ impl PlanJob<'_> {
     pub fn size_warnings(&self, at: &str) -> Vec<FieldWarning> {
         let limits = SizeLimits::new(self.scanner, self.cell);
         PartSize::new(&self.mesh.aabb(), self.unit).warnings(self.params.part.table_from_part.as_ref(), &limits, at)
+    }
+
+    /// Warnings on excluded regions that hold nothing of the part; `at` is the pointer to the parameters.
+    #[must_use]
+    pub fn exclusion_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
+        let empty = empty_exclusions(self.mesh, &outcome.surface, &self.params.regions);
+        empty.into_iter().map(|place| of_empty_exclusion(place, &self.mesh.aabb(), at)).collect()
     }
 
     /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
@@ -270,6 +284,7 @@ impl PlanJob<'_> {
         let size_warnings = self.size_warnings("/part/bbox_mm");
         let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
         document.warnings.extend(size_warnings.iter().cloned());
+        document.warnings.extend(self.exclusion_warnings(outcome, "/params"));
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
@@ -350,7 +365,7 @@ impl PlanJob<'_> {
     /// Robot program of each setup, if there is a cell. Each names its plan.
     fn programs(&self, plan: &Plan, plan_sha256: &str) -> Vec<Program> {
         let Some(cell) = self.cell else { return Vec::new() };
-        let compiled = |(setup, sequence)| compile(sequence, setup, cell, plan_sha256, &plan.params);
+        let compiled = |(setup, sequence)| compile_views(sequence, setup, cell, plan_sha256, &plan.params, &plan.views);
         plan.sequences().enumerate().map(compiled).collect()
     }
 

@@ -201,7 +201,12 @@ impl App {
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
     pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
-        Ok(ResultBody { app: self.clone(), file: self.stored_result(id, name).await? })
+        Ok(self.body_of(self.stored_result(id, name).await?))
+    }
+
+    /// A result file, ready to be read.
+    pub(super) fn body_of(&self, file: ResultFile) -> ResultBody {
+        ResultBody { app: self.clone(), file }
     }
 }
 
@@ -217,7 +222,7 @@ struct CoverageOfRegions {
     regions: Vec<RegionCoverageDocument>,
 }
 
-/// A result of a job, ready to be read.
+/// A result of a job or of an inspection, ready to be read.
 #[derive(Clone)]
 pub struct ResultBody {
     app: App,

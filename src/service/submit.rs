@@ -14,11 +14,14 @@ use super::cells::{BuiltCell, mesh_names, mesh_of};
 use super::error::{Error, InternalError};
 use super::execute::{JobInput, MeshSource};
 use super::library::Library;
+use super::rescan_job::RescanJob;
 use super::store::{Attempt, Files, IdempotencyKey, JobQuery, MeshFile, NewJob, Page, blocking, read_leniently};
 use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, SpecKind, SpecLibrary, did_you_mean};
+use crate::planning::params::RescanParams;
+use crate::wire::inspection::RescanState;
 use crate::wire::part_size::SizeLimits;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, MeshId, warnings};
+use crate::wire::{Job, JobBatch, JobBatchRequest, JobId, JobPage, JobRequest, MeshId, warnings};
 
 /// Circumstances in which a request for jobs was sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -73,6 +76,16 @@ struct StoredInput {
     /// Warnings on the part's size and on the cell, found when the job was submitted.
     #[serde(default)]
     warnings: Vec<FieldWarning>,
+    /// State after scans, of a job that plans what they lack.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rescan: Option<StoredRescan>,
+}
+
+/// A rescan as stored with its job.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct StoredRescan {
+    pub(super) state: RescanState,
+    pub(super) params: RescanParams,
 }
 
 /// Guard that raises its flag when dropped: the caller no longer waits for the lookup.
@@ -98,6 +111,33 @@ impl App {
         }
         let resolve = move |library: &Library| {
             let (input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
+            Resolved::new(request, &input, meshes)
+        };
+        let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let job = app.0.store.submit(&job, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
+            app.0.runner.wake();
+            Ok(job)
+        })
+        .await
+    }
+
+    /// Accepts a job that plans further views for what the scans of another job lack. It takes part, cell and parameters of that job.
+    ///
+    /// # Errors
+    /// Those of [`App::submit`]; [`Error::JobNotFound`].
+    pub(super) async fn submit_rescan(&self, of: JobId, rescan: StoredRescan, submission: Submission) -> Result<Job, Error> {
+        let attempt = self.0.store.body(of).await?.ok_or(Error::JobNotFound(of))?;
+        let request = attempt.request;
+        let canonical = format!("POST /api/v1/inspections/rescans {of} {}", serde_json::to_string(&rescan)?);
+        let idempotency = submission.idempotency(&canonical);
+        if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
+            return Ok(answer);
+        }
+        let resolve = move |library: &Library| {
+            let (mut input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
+            input.rescan = Some(rescan);
             Resolved::new(request, &input, meshes)
         };
         let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
@@ -216,7 +256,8 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
             let part_name = library.part_name(request.mesh_id);
             let warnings = warnings_on(request, built_cell.as_deref(), &scanner, library);
-            Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes, warnings }, used.into_iter().collect()))
+            let input = StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes, warnings, rescan: None };
+            Ok((input, used.into_iter().collect()))
         }
         _ => Err(errors),
     }
@@ -349,6 +390,7 @@ pub(super) fn job_input(attempt: &Attempt, files: &Files, max_triangles: usize) 
         max_triangles,
         params: attempt.request.params.clone(),
         echo: attempt.request.echo(),
+        rescan: input.rescan.map(|StoredRescan { state, params }| RescanJob { state, params }),
         accepted_at: Some(attempt.created_at.clone()),
     })
 }

@@ -49,6 +49,10 @@ pub struct CheckRequest {
     /// Fixture, in the part's coordinates.
     #[serde(default)]
     pub fixture_mesh_id: Option<MeshId>,
+    /// Temperature in the cell now, °C, -50 to 100: for a program, a calibration that holds at another one alone is a finding.
+    #[serde(default)]
+    #[schema(minimum = -50, maximum = 100)]
+    pub temperature_c: Option<f64>,
 }
 
 /// Result of a check.

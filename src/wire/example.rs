@@ -71,3 +71,6 @@ pub fn calibration() -> Value {
         },
     })
 }
+
+/// A scan, as text: three points, an example of the form alone.
+pub const SCAN: &str = "0.0 0.0 480.0\n1.0 0.0 480.0\n0.0 1.0 480.0\n";

@@ -56,6 +56,14 @@ typed_id! {
     CalibrationId
 }
 typed_id! {
+    /// Id of an uploaded scan.
+    ScanId
+}
+typed_id! {
+    /// Id of an inspection.
+    InspectionId
+}
+typed_id! {
     /// Id of a lease of a cell.
     LeaseId
 }

@@ -44,12 +44,13 @@ impl Parameter {
     /// Range with its unit, or the closed list of values.
     #[must_use]
     pub fn range_text(&self) -> String {
-        if !self.values.is_empty() {
-            return self.values.join(", ");
+        let values = (!self.values.is_empty()).then(|| self.values.join(", "));
+        if let (Some(values), None) = (&values, self.min) {
+            return values.clone();
         }
         let range = self.min.zip(self.max).map(|(min, max)| format!("{min} to {max} {}", self.unit).trim_end().to_owned());
         let entries = self.entries.map(|[min, max]| format!("{min} to {max} entries"));
-        range.into_iter().chain(entries).collect::<Vec<_>>().join("; ")
+        range.into_iter().chain(entries).chain(values).collect::<Vec<_>>().join("; ")
     }
 }
 

@@ -3,6 +3,7 @@
 mod advice;
 mod at_risk;
 mod coverage;
+mod exposure;
 mod missed;
 mod motion;
 mod regions;
@@ -11,6 +12,7 @@ mod registration;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use utoipa::ToSchema;
 
 pub(in crate::wire) use advice::options;
@@ -20,6 +22,7 @@ pub use coverage::{
     CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument,
     VisibleSharesDocument,
 };
+pub use exposure::{ExposureLossDocument, ViewExposureDocument};
 pub use missed::{MissedDocument, RemedyDocument, RemedyViewDocument, TreatedSpotDocument};
 pub use motion::{MotionDocument, ObstructionDocument};
 pub use regions::{RegionCoverageDocument, RegionMissDocument};
@@ -28,7 +31,7 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 use super::angle::degrees;
 use super::echo::Echo;
 use super::warnings::{self, FieldWarning};
-use crate::cell::{CalibratedScannerSpec, CalibrationProvenance, OpticalDevice, PoseSpec, Scanner};
+use crate::cell::{CalibratedScannerSpec, CalibrationProvenance, FieldError, OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Bound, Cause, ChosenOn, Outcome, Plan, PlannedView, SetupId, SetupPlan};
 
@@ -120,6 +123,14 @@ pub struct BoxDocument {
     pub min: [f64; 3],
     /// Highest corner.
     pub max: [f64; 3],
+}
+
+impl BoxDocument {
+    /// Its size along x, y and z, mm.
+    #[must_use]
+    pub fn extent_mm(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.max[axis] - self.min[axis])
+    }
 }
 
 /// The scanner, with all data that an independent check of visibility needs.
@@ -270,6 +281,9 @@ pub struct ViewpointDocument {
     /// Cause for which the view is rejected and measures nothing; `null` if it is not.
     #[schema(value_type = Option<crate::planning::verdict::Cause>)]
     pub rejected: Option<String>,
+    /// Brightness of its captures; present where `params.materials` or `params.scan.brightness` asks for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ViewExposureDocument>,
 }
 
 /// Table angle and joint angles at which a view is taken.
@@ -391,6 +405,46 @@ fn part(plan: &Plan) -> PartDocument {
     }
 }
 
+/// Fields that are named at most.
+const MAX_DIFFERENCES: usize = 5;
+/// Relative tolerance of numbers that went through a file.
+const SAME: f64 = 1e-9;
+
+impl PlanDocument {
+    /// Fields in which a scanner is not the one that was planned for; pointers begin with `/scanner`. A few at most.
+    #[must_use]
+    pub fn scanner_differences(&self, scanner: &Scanner) -> Vec<FieldError> {
+        let value = |document: &ScannerDocument| serde_json::to_value(document).unwrap_or_default();
+        let mut found = Vec::new();
+        differences("/scanner", &value(&self.scanner), &value(&scanner_document(scanner, &self.params)), &mut found);
+        found.truncate(MAX_DIFFERENCES);
+        found
+    }
+}
+
+/// Records the fields of `planned` in which `present` differs.
+fn differences(at: &str, planned: &Value, present: &Value, found: &mut Vec<FieldError>) {
+    match (planned, present) {
+        (Value::Object(planned), Value::Object(present)) => {
+            let fields = planned.iter().map(|(name, value)| (name, value, present.get(name).unwrap_or(&Value::Null)));
+            fields.for_each(|(name, planned, present)| differences(&format!("{at}/{name}"), planned, present, found));
+        }
+        (Value::Array(planned), Value::Array(present)) if planned.len() == present.len() => {
+            let entries = planned.iter().zip(present).enumerate();
+            entries.for_each(|(index, (planned, present))| differences(&format!("{at}/{index}"), planned, present, found));
+        }
+        (planned, present) => {
+            let is_near = planned.as_f64().zip(present.as_f64()).is_some_and(|(a, b)| (a - b).abs() <= SAME * a.abs().max(1.0));
+            if planned != present && !is_near {
+                found.push(FieldError {
+                    pointer: at.to_owned(),
+                    detail: format!("is {present}; the plan was made with {planned}"),
+                });
+            }
+        }
+    }
+}
+
 fn scanner_document(scanner: &Scanner, params: &PlanParams) -> ScannerDocument {
     ScannerDocument {
         name: scanner.name.clone(),
@@ -438,6 +492,7 @@ impl From<&PlannedView> for ViewpointDocument {
                 clearance_mm: stance.clearance_mm,
             }),
             rejected: view.rejected.map(|cause: Cause| cause.as_str().to_owned()),
+            exposure: view.exposure.as_ref().map(ViewExposureDocument::from),
         }
     }
 }

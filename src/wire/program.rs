@@ -8,7 +8,7 @@ use super::echo::Echo;
 use super::json_file_bytes;
 use crate::cell::{Configuration, FieldError, Findings};
 use crate::planning::plan::ViewId;
-use crate::program::{Move, Program, Step};
+use crate::program::{Move, Program, ProgramCalibration, Step};
 
 /// Schema name in the document.
 pub const PROGRAM_SCHEMA: &str = "vantage.program/1";
@@ -32,6 +32,9 @@ pub struct ProgramDocument {
     /// Number of the plan's setup that the program belongs to, from 0; left out for the first.
     #[serde(default, skip_serializing_if = "is_first")]
     pub setup: usize,
+    /// Calibration of the cell that it was made for; left out where the cell's poses were typed in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<ProgramCalibrationDocument>,
     /// Name of the robot specification.
     pub robot: String,
     /// Name of the turntable specification.
@@ -42,6 +45,17 @@ pub struct ProgramDocument {
     pub steps: Vec<StepDocument>,
     /// Predicted duration of all steps.
     pub cycle_secs: f64,
+}
+
+/// Calibration that a program was made with. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ProgramCalibrationDocument {
+    /// Identifier of the calibration: the SHA-256 of its document.
+    pub calibration_id: String,
+    /// Identifier of the compensation in force: the SHA-256 of the check that gave it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub compensation_sha256: Option<String>,
 }
 
 /// A step of a program.
@@ -96,6 +110,9 @@ impl ProgramDocument {
             echo,
             plan_sha256: program.plan_sha256.clone(),
             setup: program.setup,
+            calibrated: program.calibration.clone().map(|ProgramCalibration { calibration_id, compensation_sha256 }| {
+                ProgramCalibrationDocument { calibration_id, compensation_sha256 }
+            }),
             robot: program.robot.clone(),
             turntable: program.turntable.clone(),
             home_deg: degrees(&program.home_rad),
@@ -121,6 +138,9 @@ impl ProgramDocument {
         Ok(Program {
             plan_sha256: self.plan_sha256.clone(),
             setup: self.setup,
+            calibration: self.calibrated.clone().map(|ProgramCalibrationDocument { calibration_id, compensation_sha256 }| {
+                ProgramCalibration { calibration_id, compensation_sha256 }
+            }),
             robot: self.robot.clone(),
             turntable: self.turntable.clone(),
             home_rad: radians(&self.home_deg),
@@ -135,11 +155,24 @@ impl ProgramDocument {
         });
         let is_sha256 = self.plan_sha256.len() == 64 && self.plan_sha256.bytes().all(|b| b.is_ascii_hexdigit());
         findings.require(is_sha256, "/plan_sha256", || "is not a SHA-256 digest of 64 hexadecimal digits".into());
+        for (field, digest) in self.calibrated.iter().flat_map(ProgramCalibrationDocument::digests) {
+            let is_sha256 = digest.len() == 64 && digest.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+            findings.require(is_sha256, format!("/calibrated/{field}"), || {
+                "is not a SHA-256 digest of 64 hexadecimal digits in lower case".into()
+            });
+        }
         angles("/home_deg", &self.home_deg, findings);
         for (index, step) in self.steps.iter().enumerate() {
             step.check(&format!("/steps/{index}"), findings);
         }
         findings.range("/cycle_secs", self.cycle_secs, 0.0, f64::MAX, "s");
+    }
+}
+
+impl ProgramCalibrationDocument {
+    fn digests(&self) -> impl Iterator<Item = (&'static str, &String)> {
+        let compensation = self.compensation_sha256.iter().map(|digest| ("compensation_sha256", digest));
+        std::iter::once(("calibration_id", &self.calibration_id)).chain(compensation)
     }
 }
 

@@ -2,12 +2,15 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 const MS_PER_SEC: i64 = 1000;
 const SECS_PER_DAY: i64 = 86_400;
+/// Year at whose begin clocks of operating systems start.
+const UNIX_YEAR: i64 = 1970;
 /// Last day of a year that has four digits, from the first day of year 0.
 const MAX_DAYS: i64 = days_before_year(10_000) - 1;
 
@@ -23,6 +26,20 @@ impl UtcTime {
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
+    }
+
+    /// Time that a clock shows.
+    #[must_use]
+    pub fn of(clock: SystemTime) -> Self {
+        let after = clock.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX));
+        Self::from_ms((days_before_year(UNIX_YEAR) * SECS_PER_DAY * MS_PER_SEC).saturating_add(after))
+    }
+
+    /// Hours from `earlier` to this time; negative if this is the earlier one.
+    #[must_use]
+    pub fn hours_since(&self, earlier: &Self) -> f64 {
+        let ms = |time: &Self| parse_ms(&time.0).unwrap_or_default();
+        (ms(self) - ms(earlier)) as f64 / (MS_PER_SEC * 3600) as f64
     }
 
     /// Time of so many milliseconds since the first day of year 0; times beyond four digits of a year become the nearest.
@@ -45,7 +62,8 @@ impl FromStr for UtcTime {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        parse(text)
+        parse_ms(text)
+            .map(Self::from_ms)
             .ok_or_else(|| format!("{text:?} is not a time; write it as 2026-01-31T12:00:00Z or 2026-01-31T13:00:00+01:00"))
     }
 }
@@ -58,7 +76,8 @@ impl TryFrom<String> for UtcTime {
     }
 }
 
-fn parse(text: &str) -> Option<UtcTime> {
+/// Milliseconds since the first day of year 0.
+fn parse_ms(text: &str) -> Option<i64> {
     let (date, rest) = text.split_at_checked(10)?;
     let [year, month, day] = numbers(date, '-', [4, 2, 2])?;
     let (clock, rest) = rest.strip_prefix(['T', 't'])?.split_at_checked(8)?;
@@ -72,7 +91,7 @@ fn parse(text: &str) -> Option<UtcTime> {
     }
     let days = days_before_year(year) + (1..month).map(|month| days_of_month(year, month)).sum::<i64>() + day - 1;
     let secs = days * SECS_PER_DAY + hour * 3600 + (minute - offset_minutes) * 60 + second;
-    Some(UtcTime::from_ms(secs * MS_PER_SEC + ms))
+    Some(secs * MS_PER_SEC + ms)
 }
 
 /// Three numbers of so many digits, with `separator` between them and nothing else.
@@ -160,6 +179,16 @@ mod tests {
         ] {
             assert_eq!(read(written).as_deref(), Some(time), "{written}");
         }
+    }
+
+    #[test]
+    fn hours_between_two_times_and_the_time_of_a_clock() {
+        let at = |text: &str| text.parse::<UtcTime>().expect("a time");
+        let (noon, later) = (at("2026-02-28T12:00:00Z"), at("2026-03-01T14:30:00+01:00"));
+        assert_eq!((later.hours_since(&noon), noon.hours_since(&later)), (25.5, -25.5));
+        let clock = UNIX_EPOCH + std::time::Duration::from_millis(1_767_225_600_250);
+        assert_eq!(UtcTime::of(clock).as_str(), "2026-01-01T00:00:00.250Z");
+        assert_eq!(UtcTime::of(UNIX_EPOCH - std::time::Duration::from_secs(9)).as_str(), "1970-01-01T00:00:00.000Z");
     }
 
     #[test]

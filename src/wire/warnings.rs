@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, fixed, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, closed_list};
-use crate::geometry::{Mesh, stable_poses};
+use crate::geometry::{Aabb, Mesh, stable_poses};
 use crate::planning::UpAxis;
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
@@ -36,6 +36,8 @@ closed_list! {
         HomeTooClose = "home_too_close",
         /// The plate's centre is farther away than the stretched arm and the scanner measure.
         PlateBeyondReach = "plate_beyond_reach",
+        /// An excluded region holds none of the part's surface: it may lie elsewhere, or be in another unit.
+        ExclusionEmpty = "exclusion_empty",
     }
 }
 
@@ -163,6 +165,21 @@ fn remedy_for_noise() -> String {
 pub fn of_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &str) -> Vec<FieldWarning> {
     let unmet = regions.iter().enumerate().filter(|(_, region)| region.met == Some(false));
     unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region)).collect()
+}
+
+/// Warning on an excluded region, by its place, that holds nothing of a part within this box; `at` is the pointer to the parameters.
+#[must_use]
+pub fn of_empty_exclusion(place: usize, part: &Aabb, at: &str) -> FieldWarning {
+    let spans: Vec<String> = (0..3)
+        .zip(["x", "y", "z"])
+        .map(|(axis, name)| format!("{name} {:.1} to {:.1}", part.min[axis], part.max[axis]))
+        .collect();
+    FieldWarning {
+        code: WarningCode::ExclusionEmpty,
+        pointer: format!("{at}/regions/exclude/{place}"),
+        detail: format!("holds nothing of the part, which spans {} mm", spans.join(", ")),
+        remedy: "regions are given in mm, in the coordinates of the part's file".to_owned(),
+    }
 }
 
 /// Warnings on what the coverage of a plan does not reach or tolerate; `at` is the pointer to its parameters.

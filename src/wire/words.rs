@@ -190,6 +190,16 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
     let (candidates, asked_mm2, missed_mm2) = match finding {
         NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, .. } => (candidates, asked_mm2, missed_mm2),
         NoPlan::NothingInStudy => return "no candidate measures anything; check the part's unit and size".to_owned(),
+        NoPlan::NoFurtherView { measured_of_asked, left_of_asked, hopeless_of_asked, rule } => {
+            return format!(
+                "no further view is worth it ({}): {:.2} % of the asked area is measured, further views are expected to add {:.2} %, and \
+                 {:.2} % is missing that no view mends",
+                rule.replace('_', " "),
+                100.0 * measured_of_asked,
+                100.0 * left_of_asked,
+                100.0 * hopeless_of_asked
+            );
+        }
         NoPlan::NotRegistered { stability } => {
             return format!(
                 "the setups share {} mm² of surface, which leaves {} free, so they cannot be registered to each other; set \

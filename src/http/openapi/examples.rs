@@ -76,6 +76,11 @@ fn set_body_of(path: &str, item: &mut PathItem) {
             let pose = json!({"translation_mm": [3.0, -2.0, 0.0], "rpy_deg": [0.0, 0.0, 1.5]});
             set_body(item.post.as_mut(), Some(json!({"table_from_part": pose})));
         }
+        "/api/v1/jobs/{id}/scans" => set_body(item.post.as_mut(), Some(example::SCAN.into())),
+        "/api/v1/jobs/{id}/inspections" => {
+            set_body(item.post.as_mut(), Some(json!({"params": {"align": {"method": "best_fit"}}})));
+        }
+        "/api/v1/inspections/{id}/rescans" => set_body(item.post.as_mut(), Some(json!({"params": {"max_views": 4}}))),
         "/api/v1/calibrations" => set_body(item.post.as_mut(), Some(example::calibration())),
         "/api/v1/leases" => set_body(item.post.as_mut(), Some(json!({"cell": "e05-transcan", "holder": "line 3"}))),
         "/api/v1/check" => set_body(item.post.as_mut(), Some(json!({"document": {"scan": {"brightness": 5}}}))),

@@ -112,9 +112,10 @@ pub(in crate::http) async fn get(
     }))
 }
 
-/// Cancel a calibration that waits
+/// Cancel a calibration
 ///
-/// One that is being computed ends by itself within seconds.
+/// One that waits is cancelled at once; one that is being computed at the end of its stage, within seconds. One that has ended never
+/// changes.
 #[utoipa::path(
     post,
     path = "/calibrations/{id}/cancel",

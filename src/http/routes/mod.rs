@@ -3,16 +3,19 @@
 pub(super) mod calibrations;
 pub(super) mod checks;
 pub(super) mod events;
+pub(super) mod inspections;
 pub(super) mod jobs;
 pub(super) mod leases;
 pub(super) mod meshes;
 pub(super) mod results;
 pub(super) mod run_commands;
 pub(super) mod runs;
+pub(super) mod scans;
 pub(super) mod session;
 mod specs;
 pub(super) mod storage;
 pub(super) mod system;
+mod uploads;
 
 pub(super) use specs::{cells, robots, scanners, turntables};
 

@@ -135,7 +135,7 @@ async fn name_of(state: &ApiState, id: JobId, file: &str) -> Result<String, ApiE
 }
 
 /// Responds with a result or a part of it; the whole compressed as stored if the client accepts that.
-async fn respond(
+pub(super) async fn respond(
     state: &ApiState,
     file: &ResultBody,
     headers: &HeaderMap,

@@ -37,6 +37,14 @@ const MARGIN: f64 = 4.0;
 const NOTHING_MM: f64 = 0.05;
 /// Length of the drawn axes of the file.
 const AXIS: f64 = 26.0;
+/// Height and width that a number needs.
+const ROW: f64 = 18.0;
+const COLUMN: f64 = 46.0;
+/// Share of the plate's diameter below which a part is drawn from above once more, enlarged: too small to tell which way it faces.
+const SMALL: f64 = 0.35;
+/// Size of the enlarged part, and of its drawing.
+const ENLARGED_PART: f64 = 300.0;
+const ENLARGED: f64 = 480.0;
 
 /// A part where it lies.
 pub(super) struct PlacedPart {
@@ -139,6 +147,57 @@ pub(super) fn from_above(placed: &PlacedPart, album: &mut Album) -> String {
     svg + "</svg>\n"
 }
 
+/// A part that is small on its plate, from above and as large as there is room, with the sides of 0° and of the robot; empty for
+/// others.
+pub(super) fn enlarged(placed: &PlacedPart, album: &mut Album) -> String {
+    let Some(scale) = enlarged_scale(placed) else { return String::new() };
+    let middle = 0.5 * ENLARGED;
+    let centre_mm = placed.aabb.centre();
+    let at = |x_mm: f64, y_mm: f64| [middle + scale * (x_mm - centre_mm.x), middle - scale * (y_mm - centre_mm.y)];
+    let times = placed.plate_radius_mm.map_or(1.0, |radius_mm| scale * radius_mm / REACH);
+    let mut svg = format!(
+        "<svg class=\"drawing\" viewBox=\"0 0 {ENLARGED} {ENLARGED}\" role=\"img\" aria-label=\"The part from above, enlarged\">\n"
+    );
+    svg += &placed.image(album, [Vector3::z(), Vector3::y()], scale, [middle, middle]);
+    let points: Vec<String> = placed.outline.iter().map(|[x, y]| at(*x, *y)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+    // Writing to a String cannot fail.
+    let _ = writeln!(svg, "<polygon class=\"outline\" points=\"{}\"/>", points.join(" "));
+    let sides = [("0°", Some(0.0)), ("robot", placed.robot.map(|[_, angle_rad]| angle_rad))];
+    for (name, angle_rad) in sides.into_iter().filter_map(|(name, angle_rad)| Some((name, angle_rad?))) {
+        svg += &side(name, angle_rad, middle);
+    }
+    let [x, y] = at(0.0, 0.0);
+    if [x, y].iter().all(|place| (9.0..=ENLARGED - 9.0).contains(place)) {
+        let _ = writeln!(svg, "<path class=\"axis\" d=\"M{:.1} {y:.1}h18M{x:.1} {:.1}v18\"/>", x - 9.0, y - 9.0);
+    }
+    svg += &placed.axes([52.0, ENLARGED - 62.0], |direction| [direction.x, direction.y]);
+    let title = format!("From above, enlarged {} times", number(times, usize::from(times < 10.0)));
+    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"24\">{title}</text>");
+    svg + "</svg>\n"
+}
+
+/// Units of the enlarged drawing for a millimetre of a part that is small on its plate.
+fn enlarged_scale(placed: &PlacedPart) -> Option<f64> {
+    let extent_mm = placed.aabb.extent_mm();
+    let across_mm = extent_mm.x.max(extent_mm.y).max(f64::MIN_POSITIVE);
+    let is_small = across_mm < SMALL * 2.0 * placed.plate_radius_mm?;
+    is_small.then_some(ENLARGED_PART / across_mm)
+}
+
+/// Arrow and name of a side, at an angle of the table, outside the enlarged part.
+fn side(name: &str, angle_rad: f64, middle: f64) -> String {
+    let (sin, cos) = angle_rad.sin_cos();
+    let at = |radius: f64, aside: f64| (middle + radius * cos - aside * sin, middle - radius * sin - aside * cos);
+    let from = 0.5 * ENLARGED_PART + 12.0;
+    let corners = [at(from, -6.0), at(from + 14.0, 0.0), at(from, 6.0)].map(|(x, y)| format!("{x:.1},{y:.1}"));
+    let (x, y) = at(from + 22.0 + 24.0 * cos.abs(), 0.0);
+    format!(
+        "<polygon class=\"robot\" points=\"{}\"/><text class=\"mark\" x=\"{x:.1}\" y=\"{:.1}\">{name}</text>\n",
+        corners.join(" "),
+        y + 5.0
+    )
+}
+
 /// The table's axis, its 0° and 90°, and the robot's side.
 fn table_marks(placed: &PlacedPart, scale: f64) -> String {
     let middle = 0.5 * ABOVE;
@@ -149,9 +208,10 @@ fn table_marks(placed: &PlacedPart, scale: f64) -> String {
     let _ = writeln!(svg, "<path class=\"axis\" d=\"M{low} {middle}H{high}M{middle} {low}V{high}\"/>");
     let _ = writeln!(svg, "<circle class=\"axis\" cx=\"{middle}\" cy=\"{middle}\" r=\"4\"/>");
     if placed.plate_radius_mm.is_some() {
-        let (x, label_x) = (middle + rim, middle + rim + 25.0);
+        let (x, label_x) = (middle + rim, middle + rim + 13.0);
         let _ = writeln!(svg, "<path class=\"mark\" d=\"M{x:.1} {middle}l12 -6v12z\"/>");
-        let _ = writeln!(svg, "<text class=\"mark\" x=\"{label_x:.1}\" y=\"{:.1}\">0°</text>", middle + 5.0);
+        // Above its mark: the dimensions of y are beside it.
+        let _ = writeln!(svg, "<text class=\"mark\" x=\"{label_x:.1}\" y=\"{:.1}\">0°</text>", middle - 12.0);
         let _ = writeln!(svg, "<text class=\"small\" x=\"{middle}\" y=\"{:.1}\">90°</text>", middle - rim - 6.0);
     }
     if let Some([distance_mm, angle_rad]) = placed.robot {
@@ -281,13 +341,15 @@ impl Dimension {
             let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{:.1} {:.1}l8 -8\"/>", line - 4.0, y + 4.0);
         }
         let side = if self.out > 0.0 { "start" } else { "end" };
-        for pair in ticks.windows(2) {
+        for (place, pair) in ticks.windows(2).enumerate() {
             let [a, b] = [y(pair[0]), y(pair[1])];
+            // Numbers over short lengths stand in two columns.
+            let column = if (b - a).abs() < ROW && place % 2 == 1 { 8.0 + COLUMN } else { 8.0 };
             let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{line:.1} {a:.1}V{b:.1}\"/>");
             let _ = writeln!(
                 svg,
                 "<text class=\"dimension {side}\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-                line + 8.0 * self.out,
+                line + column * self.out,
                 0.5 * (a + b) + 5.0,
                 number(pair[1] - pair[0], 1)
             );
@@ -337,6 +399,47 @@ mod tests {
             let (name, axes) = heights.split_last().expect("texts");
             assert!(axes.iter().all(|axis| axis + 12.0 <= *name), "{turned_deg}°: {name} under {axes:?}");
         }
+    }
+
+    #[test]
+    fn numbers_of_short_lengths_stand_beside_each_other() {
+        let up = super::Dimension { line: 400.0, from: 300.0, out: 1.0 };
+        let columns = |scale: f64| {
+            let svg = up.vertical([-3.4, 3.4], |y_mm| 280.0 - scale * y_mm);
+            let texts = svg.split("<text").skip(1).filter_map(|text| text.split("x=\"").nth(1)?.split('"').next()?.parse().ok());
+            texts.collect::<Vec<f64>>()
+        };
+        assert_eq!(columns(10.0), [408.0, 408.0], "there is room for one above the other");
+        assert_eq!(columns(0.6), [408.0, 408.0 + super::COLUMN]);
+    }
+
+    #[test]
+    fn a_part_that_is_small_on_its_plate_is_drawn_enlarged_too() {
+        let (mesh, scanner, echo) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner(), Echo::default());
+        let subject = ReportSubject {
+            mesh: &mesh,
+            fixture: None,
+            part_sha256: "",
+            part_name: "block",
+            scanner: &scanner,
+            cell: None,
+            echo: &echo,
+            date: None,
+            size_warnings: &[],
+        };
+        let mut placed = PlacedPart::new(&subject, &Pose::identity());
+        assert_eq!(super::enlarged_scale(&placed), None, "no plate to be small on");
+        placed.plate_radius_mm = Some(80.0);
+        assert_eq!(super::enlarged_scale(&placed), None, "60 mm of 160 mm are large enough");
+        placed.plate_radius_mm = Some(250.0);
+        assert_eq!(super::enlarged_scale(&placed), Some(5.0), "300 units for 60 mm");
+    }
+
+    #[test]
+    fn sides_are_named_outside_the_enlarged_part() {
+        let names = [("0°", 0.0), ("robot", std::f64::consts::PI)].map(|(name, rad)| super::side(name, rad, 240.0));
+        assert!(names[0].contains("points=\"402.0,246.0 416.0,240.0 402.0,234.0\""), "{names:?}");
+        assert!(names[1].contains("x=\"32.0\"") && names[1].ends_with(">robot</text>\n"), "{names:?}");
     }
 
     #[test]

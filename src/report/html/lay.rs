@@ -47,9 +47,10 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, a
     let facts: String =
         facts(subject, lay, &placed).iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{value}</dd>")).collect();
     format!(
-        "<figure class=\"lay\" data-setup=\"{setup}\">\n<figcaption><h3>{title}</h3></figcaption>\n<div class=\"panels\">{}{}</div>\n\
+        "<figure class=\"lay\" data-setup=\"{setup}\">\n<figcaption><h3>{title}</h3></figcaption>\n<div class=\"panels\">{}{}{}</div>\n\
          <figcaption><dl class=\"details\">{facts}</dl></figcaption>\n</figure>\n",
         drawing::from_above(&placed, album),
+        drawing::enlarged(&placed, album),
         drawing::from_front(&placed, &up.short, album)
     )
 }

@@ -16,6 +16,7 @@ mod depth_buffer;
 mod draft_bytes;
 mod drawing;
 mod image;
+mod inspection;
 mod lay;
 pub(super) mod markup;
 mod missed;
@@ -43,6 +44,7 @@ mod tests;
 
 pub use album::Draft;
 pub use draft_bytes::NoDraft;
+pub use inspection::{InspectionReport, inspection_html};
 pub use no_plan::{NoPlanInput, NoPlanReason, render_no_plan};
 
 use crate::cell::{Cell, Scanner};

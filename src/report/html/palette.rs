@@ -76,11 +76,25 @@ pub(in crate::report) enum Ink {
     Back,
     /// A body of the cell.
     Body(BodyRole),
+    /// Deviation of the surface, from 0 for missing material to 6 for extra; 3 is none.
+    Deviation(u8),
 }
+
+/// Colours of deviations: the diverging scheme RdBu of seven classes, which colour-blind people tell apart (C. A. Brewer,
+/// "ColorBrewer", colorbrewer2.org).
+const DEVIATIONS: [[u8; 3]; 7] = [
+    [0x21, 0x66, 0xac],
+    [0x67, 0xa9, 0xcf],
+    [0xd1, 0xe5, 0xf0],
+    [0xf7, 0xf7, 0xf7],
+    [0xfd, 0xdb, 0xc7],
+    [0xef, 0x8a, 0x62],
+    [0xb2, 0x18, 0x2b],
+];
 
 impl Ink {
     /// Every ink; its place is its code.
-    pub(super) const ALL: [Self; 20] = [
+    pub(super) const ALL: [Self; 27] = [
         Self::Measured(Grade::A),
         Self::Measured(Grade::B),
         Self::Measured(Grade::C),
@@ -101,6 +115,13 @@ impl Ink {
         Self::Body(BodyRole::Second),
         Self::Body(BodyRole::Part),
         Self::Body(BodyRole::Other),
+        Self::Deviation(0),
+        Self::Deviation(1),
+        Self::Deviation(2),
+        Self::Deviation(3),
+        Self::Deviation(4),
+        Self::Deviation(5),
+        Self::Deviation(6),
     ];
 
     /// Number of the ink in drafts of reports, which are kept: it never changes.
@@ -126,6 +147,7 @@ impl Ink {
             Self::Body(BodyRole::Second) => 17,
             Self::Body(BodyRole::Part) => 18,
             Self::Body(BodyRole::Other) => 19,
+            Self::Deviation(step) => 20 + step.min(6),
         }
     }
 
@@ -153,7 +175,7 @@ impl Ink {
         match self {
             Self::Missed(group) => group != MissGroup::Resting,
             Self::Body(role) => matches!(role, BodyRole::First | BodyRole::Second),
-            Self::Measured(_) | Self::ByOthers | Self::Unmeasured | Self::NotAsked | Self::Back => false,
+            Self::Measured(_) | Self::ByOthers | Self::Unmeasured | Self::NotAsked | Self::Back | Self::Deviation(_) => false,
         }
     }
 
@@ -176,6 +198,7 @@ impl Ink {
             Self::Missed(MissGroup::Reach) => [0x45, 0x00, 0x4d],
             Self::Missed(MissGroup::Resting) => [0x00, 0x00, 0xee],
             Self::Missed(MissGroup::NotChosen) => [0x00, 0xb2, 0xef],
+            Self::Deviation(step) => DEVIATIONS[usize::from(step.min(6))],
         }
     }
 
@@ -207,6 +230,7 @@ impl Ink {
             Self::Body(BodyRole::First | BodyRole::Second) => "In the way",
             Self::Body(BodyRole::Part) => "The part",
             Self::Body(BodyRole::Other) => "Robot, table and surroundings",
+            Self::Deviation(_) => "Deviation",
         }
     }
 }

@@ -14,7 +14,7 @@ use super::palette::Ink;
 use super::renderer::Seen;
 use super::{ReportInput, ReportSubject};
 use crate::cell::Scanner;
-use crate::geometry::{Device, Part, Pose, ScannerFrame, SimdLevel, Table};
+use crate::geometry::{Device, Mesh, Part, Pose, ScannerFrame, SimdLevel, Table};
 use crate::planning::plan::{Grade, Outcome, PlannedView, Verdict};
 use crate::planning::visibility::Row;
 
@@ -66,6 +66,19 @@ pub(super) fn plain(
     markup(subject, album, Picture { camera, inks, through: false }, &format!("{}: the part", side.name), "")
 }
 
+/// A part in pictures, and how it lies.
+#[derive(Clone, Copy)]
+pub(super) struct PicturedPart<'a> {
+    pub(super) mesh: &'a Mesh,
+    pub(super) table_from_part: Pose<Table, Part>,
+}
+
+/// Adds a part from a side in given inks.
+pub(super) fn in_inks(part: &PicturedPart<'_>, album: &mut Album, side: &OverviewSide, inks: &[u8], alt: &str) -> String {
+    let camera = side_camera(part.mesh, part.table_from_part, side);
+    overlay(part.mesh, album, Picture { camera, inks: inks.to_vec(), through: false }, &format!("{}: {alt}", side.name), "")
+}
+
 /// Parts of the surface that are seen from each side.
 pub(super) fn seen_sides<'m>(input: &ReportInput<'_>, album: &'m Album, level: SimdLevel) -> Vec<Seen<'m>> {
     let seen =
@@ -88,9 +101,13 @@ fn first_pose(outcome: &Outcome) -> Pose<Table, Part> {
 }
 
 fn overview_camera(subject: &ReportSubject<'_>, table_from_part: Pose<Table, Part>, side: &OverviewSide) -> Camera {
+    side_camera(subject.mesh, table_from_part, side)
+}
+
+fn side_camera(mesh: &Mesh, table_from_part: Pose<Table, Part>, side: &OverviewSide) -> Camera {
     let part_from_table = table_from_part.inverse();
     let towards_camera = part_from_table.direction(&Vector3::from(side.towards_camera));
-    Camera::looking_at(&subject.mesh.vertices_mm, towards_camera, part_from_table.direction(&Vector3::z()), SIZE_PX)
+    Camera::looking_at(&mesh.vertices_mm, towards_camera, part_from_table.direction(&Vector3::z()), SIZE_PX)
 }
 
 /// Picture of the part as the scanner sees it from a view.
@@ -127,8 +144,13 @@ fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<u8> {
 }
 
 fn markup(subject: &ReportSubject<'_>, album: &mut Album, picture: Picture, alt: &str, drawing: &str) -> String {
+    overlay(subject.mesh, album, picture, alt, drawing)
+}
+
+/// Adds a picture with axes, scale and a drawing over it.
+fn overlay(mesh: &Mesh, album: &mut Album, picture: Picture, alt: &str, drawing: &str) -> String {
     let axes = axes(&picture.camera);
-    let scale = scale(&picture.camera, &picture.camera.camera_from_part.point(&subject.mesh.aabb().centre()));
+    let scale = scale(&picture.camera, &picture.camera.camera_from_part.point(&mesh.aabb().centre()));
     let size_px = picture.camera.size_px;
     overlaid(size_px, &album.add(picture), alt, &format!("{drawing}{axes}{scale}"))
 }

@@ -91,12 +91,13 @@ fn group<'a>(plan: &'a Plan, id: SetupId, setup: &'a SetupPlan) -> Group<'a> {
     let mut stops = Vec::new();
     match &setup.sequence {
         Some(sequence) => {
-            let scan_secs = plan.params.scan.settle_secs + plan.params.scan.capture_secs;
+            let scan = &plan.params.scan;
+            let captures = |view: ViewId| plan.views.get(view.index()).map_or(1, |view| view.levels(scan).len());
             let mut secs = 0.0;
             for (view, leg) in &sequence.visits {
                 secs += leg.duration_secs;
                 stops.extend(planned(*view).map(|view| Stop { number: None, view, arrival: Some((leg, secs)) }));
-                secs += scan_secs;
+                secs += scan.settle_secs + scan.capture_secs * captures(*view) as f64;
             }
         }
         None => {

@@ -8,7 +8,7 @@ use super::markup::{duration, escape, number, percent};
 use super::palette::Ink;
 use super::views::swatch;
 use crate::planning::plan::{Grade, Plan, share};
-use crate::wire::summary::{PlanLevel, ProgramCycle, Summary};
+use crate::wire::summary::{MissedGroup, PlanLevel, ProgramCycle, Summary};
 
 /// Standing of a job, which gives the verdict its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,18 +57,32 @@ pub(super) struct VerdictText {
     pub(super) figures: Vec<Figure>,
 }
 
+/// Characters of a command that a sentence may hold; a pose of the part alone has more.
+const COMMAND_CHARS: usize = 120;
+/// Words in place of a longer command.
+const LEFT_OUT: &str = " (options in report.txt)";
+
+/// The sentence with `instead` in place of a command that nobody would read to its end.
+fn readable(sentence: &str, command: &str, instead: &str) -> String {
+    if command.len() <= COMMAND_CHARS { sentence.to_owned() } else { sentence.replace(&format!(": {command}"), instead) }
+}
+
 impl VerdictText {
     /// The verdict on a plan, in the sentences of its summary.
     pub(super) fn of(input: &ReportInput<'_>) -> Self {
         let (plan, summary) = (&input.outcome.plan, input.summary);
         let (next, command) = (summary.next_text(), summary.action.as_ref().and_then(|action| action.command.clone()));
         let has_place = |line: &String| *line == summary.title || next.as_ref() == Some(line);
-        let lines = summary.lines().into_iter().filter(|line| !has_place(line)).map(|line| escape(line.trim_start()));
+        let of_groups: Vec<String> = summary.missed.iter().filter_map(MissedGroup::command).collect();
+        let shortened = |line: String| of_groups.iter().fold(line, |line, command| readable(&line, command, LEFT_OUT));
+        let lines = summary.lines().into_iter().filter(|line| !has_place(line)).map(|line| escape(shortened(line).trim_start()));
+        // The options follow on a line of their own.
+        let told = next.as_ref().map(|next| command.iter().fold(next.clone(), |next, command| readable(&next, command, "")));
         Self {
             standing: Standing::from(summary.level),
             title: escape(&summary.title),
             lines: lines.collect(),
-            next: next.map_or_else(String::new, |next| escape(&next) + &command.map(code).unwrap_or_default()),
+            next: told.map_or_else(String::new, |told| escape(&told) + &command.map(code).unwrap_or_default()),
             figures: figures(plan, summary),
         }
     }
@@ -196,6 +210,16 @@ mod tests {
             !segment(0.1, Ink::Unmeasured, "missed").contains("<b>")
                 && segment(0.1, Ink::Measured(Grade::A), "A").contains("<b>A</b>")
         );
+    }
+
+    #[test]
+    fn a_sentence_leaves_out_a_command_that_is_too_long_to_read() {
+        let short = "--set setups=2";
+        let long = format!("--set 'part.resting_poses=[{}]'", "0.1234567,".repeat(20));
+        let told = |command: &str| format!("turn it over: {command}; recovers 12.3 mm²");
+        assert_eq!(readable(&told(short), short, LEFT_OUT), told(short));
+        assert_eq!(readable(&told(&long), &long, LEFT_OUT), "turn it over (options in report.txt); recovers 12.3 mm²");
+        assert_eq!(readable(&told(&long), &long, ""), "turn it over; recovers 12.3 mm²");
     }
 
     #[test]

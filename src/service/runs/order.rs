@@ -2,19 +2,20 @@
 //! block, the program checked in the cell with the part.
 
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::session::program_for;
 use crate::cell::{Cell, CellSpec, ControllersSpec};
-use crate::check::{Reference, field_errors, read_plan};
+use crate::check::{Present, Reference, field_errors, read_plan};
 use crate::execution::located::{LocateBounds, Locating, Relocate};
 use crate::execution::record::RunRecord;
 use crate::execution::session::{Hashes, RunJob};
 use crate::planning::PlanInput;
 use crate::planning::context::Context;
-use crate::program::Program;
+use crate::program::{Program, check_calibration};
 use crate::service::app::App;
 use crate::service::cells::KeptCells;
 use crate::service::error::Error;
@@ -23,7 +24,7 @@ use crate::service::plan_job::{PLAN_FILE, program_stem};
 use crate::service::submit::job_input;
 use crate::wire::hex;
 use crate::wire::run::{RunCoverage, RunMode, RunRequest};
-use crate::wire::{JobState, program::ProgramDocument};
+use crate::wire::{JobState, UtcTime, program::ProgramDocument};
 
 /// A run with everything that its request names.
 pub(super) struct RunOrder {
@@ -143,7 +144,9 @@ impl RunOrder {
         let plan = read_plan(plan).map_err(listed)?;
         let plan_sha256 = hex(&Sha256::digest(&self.plan));
         let planned_with = plan.cell.as_ref().and_then(|cell| cell.calibrated.as_ref()?.compensation_sha256.clone());
-        let reference = Reference { plan: Some((plan, plan_sha256.clone())), part: Some(mesh), fixture };
+        let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c: self.request.temperature_c };
+        let conditions = present.conditions(&cell);
+        let reference = Reference { plan: Some((plan, plan_sha256.clone())), part: Some(mesh), fixture, present };
         reference.owns(&self.program).map_err(|finding| finding.to_string())?;
         let expected = reference.expected(self.program.setup);
         let scene = reference.scene(&cell, expected.as_ref());
@@ -153,7 +156,12 @@ impl RunOrder {
         let present = Hashes { plan: plan_sha256, cell: self.cell_sha256.clone(), compensation };
         let program = program_for(self.program.clone(), (self.request.mode, self.controllers.as_ref()), (&cell, &scene))?;
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
-            .map_err(|found| listed(field_errors(&found)))?;
+            .map_err(|found| listed(field_errors(&found)))?
+            .under(conditions);
+        let stale = check_calibration(&cell, &conditions);
+        if !stale.is_empty() {
+            return Err(listed(field_errors(&stale)));
+        }
         Ok(CheckedOrder { job, cell, reference })
     }
 }
@@ -161,7 +169,7 @@ impl RunOrder {
 impl CheckedOrder {
     /// Check of the program with the part where a locating scan finds it.
     pub(super) fn locating(&self) -> Option<Arc<dyn Relocate>> {
-        let Reference { plan: Some((plan, _)), part: Some(part), fixture } = &self.reference else { return None };
+        let Reference { plan: Some((plan, _)), part: Some(part), fixture, .. } = &self.reference else { return None };
         Some(Arc::new(Locating {
             cell: Arc::clone(&self.cell),
             part: Arc::new(part.clone()),
@@ -190,7 +198,7 @@ pub fn coverage(
     record: &RunRecord,
     ctx: &Context<'_>,
 ) -> Result<Option<RunCoverage>, String> {
-    let Reference { plan: Some((plan, _)), part: Some(part), fixture } = reference else { return Ok(None) };
+    let Reference { plan: Some((plan, _)), part: Some(part), fixture, .. } = reference else { return Ok(None) };
     let Some(expected) = reference.expected(setup).filter(|_| record.scans().next().is_some()) else { return Ok(None) };
     let input = PlanInput {
         mesh: part,

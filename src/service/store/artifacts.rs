@@ -8,6 +8,7 @@ use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
+use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::pinned::FilePin;
@@ -34,7 +35,7 @@ pub(crate) enum FileEncoding {
 }
 
 impl FileEncoding {
-    fn as_str(self) -> &'static str {
+    pub(super) fn as_str(self) -> &'static str {
         match self {
             Self::Identity => "identity",
             Self::Gzip => "gzip",
@@ -127,21 +128,7 @@ impl Store {
         .await?;
         let none = || Error::NoSuchResult { job: id, name: name.to_owned() };
         let row = row.ok_or_else(|| if state == JobState::Failed { Error::NoResults { job: id, state } } else { none() })?;
-        let encoding = match row.try_get::<String, _>("encoding")?.as_str() {
-            "identity" => FileEncoding::Identity,
-            "gzip" => FileEncoding::Gzip,
-            other => return Err(InternalError::Row(format!("artifact.encoding {other:?}")).into()),
-        };
-        Ok(ResultFile {
-            result: StoredResult {
-                name: row.try_get("name")?,
-                sha256: row.try_get("sha256")?,
-                size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
-            },
-            file_sha256: row.try_get("file_sha256")?,
-            file_bytes: row.try_get::<i64, _>("file_bytes")?.unsigned_abs(),
-            encoding,
-        })
+        read_file(&row)
     }
 
     /// Replaces the draft of a job's report by the drawn report.
@@ -220,6 +207,25 @@ pub(super) fn listed(mut results: Vec<JobFile>) -> Vec<JobFile> {
     }
     results.sort_by(|a, b| a.name.cmp(&b.name));
     results
+}
+
+/// The result file in a row.
+pub(super) fn read_file(row: &SqliteRow) -> Result<ResultFile, Error> {
+    let encoding = match row.try_get::<String, _>("encoding")?.as_str() {
+        "identity" => FileEncoding::Identity,
+        "gzip" => FileEncoding::Gzip,
+        other => return Err(InternalError::Row(format!("encoding {other:?} of a result")).into()),
+    };
+    Ok(ResultFile {
+        result: StoredResult {
+            name: row.try_get("name")?,
+            sha256: row.try_get("sha256")?,
+            size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
+        },
+        file_sha256: row.try_get("file_sha256")?,
+        file_bytes: row.try_get::<i64, _>("file_bytes")?.unsigned_abs(),
+        encoding,
+    })
 }
 
 /// Inserts the rows of a job's results.

@@ -162,12 +162,20 @@ async fn id_of(database: &mut SqliteConnection) -> Result<Option<String>, sqlx::
 /// Hashes of all files that a database refers to.
 async fn referenced_files(database: &Path) -> Result<BTreeSet<String>, BackupError> {
     const MESHES: &str = "SELECT sha256 FROM mesh UNION SELECT preview FROM mesh WHERE preview IS NOT NULL";
-    const RESULTS: &str = "SELECT file_sha256 FROM artifact";
     const RESULTS_BEFORE_0002: &str = "SELECT sha256 FROM artifact";
+    const RESULTS_BEFORE_0008: &str = "SELECT file_sha256 FROM artifact";
+    const ALL: &str = "SELECT DISTINCT sha256 FROM file_reference";
     let mut connection = SqliteConnection::connect_with(&connect_options(database)).await?;
-    let results = if id_of(&mut connection).await?.is_some() { RESULTS } else { RESULTS_BEFORE_0002 };
+    let has_view = "SELECT EXISTS (SELECT 1 FROM sqlite_master WHERE name = 'file_reference')";
+    let queries: &[&str] = if sqlx::query_scalar(has_view).fetch_one(&mut connection).await? {
+        &[ALL]
+    } else if id_of(&mut connection).await?.is_some() {
+        &[MESHES, RESULTS_BEFORE_0008]
+    } else {
+        &[MESHES, RESULTS_BEFORE_0002]
+    };
     let mut referenced = BTreeSet::new();
-    for query in [MESHES, results] {
+    for query in queries.iter().copied() {
         referenced.extend(sqlx::query_scalar::<_, String>(query).fetch_all(&mut connection).await?);
     }
     connection.close().await?;

@@ -118,10 +118,13 @@ impl Store {
                 return Err(Error::JobNotEnded { job: id, state });
             }
             check_hold(&mut tx, id, hold).await?;
-            let orphans: Vec<String> = sqlx::query_scalar("SELECT file_sha256 FROM artifact WHERE job_id = ?1")
-                .bind(id.to_string())
-                .fetch_all(&mut *tx)
-                .await?;
+            let orphans: Vec<String> = sqlx::query_scalar(
+                "SELECT file_sha256 FROM artifact WHERE job_id = ?1 UNION SELECT sha256 FROM scan WHERE job_id = ?1
+                 UNION SELECT file_sha256 FROM inspection_file JOIN inspection ON inspection.id = inspection_id WHERE job_id = ?1",
+            )
+            .bind(id.to_string())
+            .fetch_all(&mut *tx)
+            .await?;
             sqlx::query("DELETE FROM job WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
             let event = events::append(&mut tx, id, EventBody { code, ..EventBody::state(EventKind::Deleted, state) }).await?;
             let _in_order = tx.commit_and_keep_lock().await?;

@@ -12,6 +12,7 @@ mod events;
 mod files;
 mod idempotency;
 mod identity;
+mod inspections;
 mod job_list;
 mod job_rows;
 mod jobs;
@@ -20,6 +21,7 @@ mod pages;
 mod pinned;
 mod retention;
 mod runs;
+mod scans;
 mod scrub;
 mod specs;
 mod stored;
@@ -37,12 +39,13 @@ use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
 use tokio::sync::broadcast;
 
 pub use artifacts::PartNames;
-pub(crate) use artifacts::{FileEncoding, ResultFile};
+pub(crate) use artifacts::{FileEncoding, ResultFile, StoredArtifacts};
 pub(crate) use attempts::{Attempt, AttemptOutcome};
 pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use calibrations::CalibrationInput;
 pub(crate) use files::{Files, Received};
 pub(crate) use idempotency::IdempotencyKey;
+pub(crate) use inspections::StoredInspection;
 pub use job_list::JobQuery;
 pub(crate) use jobs::NewJob;
 pub(crate) use meshes::{MeshFile, NewMesh};
@@ -245,6 +248,7 @@ fn migrator() -> Migrator {
         migration(5, "sender", include_str!("migrations/0005_sender.sql")),
         migration(6, "runs", include_str!("migrations/0006_runs.sql")),
         migration(7, "calibrations", include_str!("migrations/0007_calibrations.sql")),
+        migration(8, "inspections", include_str!("migrations/0008_inspections.sql")),
     ])
 }
 

@@ -91,7 +91,10 @@ impl Store {
         let rows = sqlx::query(
             "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
                 ?1 > 0 AND ended_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
-                (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id) AS size_bytes
+                (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id)
+                    + (SELECT coalesce(sum(size_bytes), 0) FROM scan WHERE job_id = job.id)
+                    + (SELECT coalesce(sum(file_bytes), 0) FROM inspection_file JOIN inspection
+                        ON inspection.id = inspection_file.inspection_id WHERE inspection.job_id = job.id) AS size_bytes
              FROM job WHERE ended_at IS NOT NULL
                 AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = job.id AND key = ?2) ORDER BY id",
         )
@@ -140,10 +143,7 @@ impl Store {
     /// Total size of all files that rows refer to; a file with several references counts once.
     pub(crate) async fn stored_bytes(&self) -> Result<u64, Error> {
         let bytes: i64 = sqlx::query_scalar(
-            "SELECT coalesce(sum(bytes), 0) FROM (
-                SELECT max(bytes) AS bytes FROM (
-                    SELECT sha256, size_bytes AS bytes FROM mesh UNION ALL SELECT file_sha256, file_bytes FROM artifact)
-                GROUP BY sha256)",
+            "SELECT coalesce(sum(bytes), 0) FROM (SELECT max(bytes) AS bytes FROM file_reference GROUP BY sha256)",
         )
         .fetch_one(&self.reader)
         .await?;

@@ -72,23 +72,17 @@ impl Store {
 
     /// Hashes of all files that rows refer to.
     pub(super) async fn referenced_files(&self) -> Result<BTreeSet<String>, Error> {
-        let referenced: Vec<String> = sqlx::query_scalar(
-            "SELECT sha256 FROM mesh UNION SELECT preview FROM mesh WHERE preview IS NOT NULL UNION SELECT file_sha256 FROM artifact",
-        )
-        .fetch_all(&self.reader)
-        .await?;
+        let referenced: Vec<String> =
+            sqlx::query_scalar("SELECT DISTINCT sha256 FROM file_reference").fetch_all(&self.reader).await?;
         Ok(referenced.into_iter().collect())
     }
 
     /// True if a row refers to the file.
     pub(super) async fn is_referenced(&self, sha256: &str) -> Result<bool, Error> {
-        let is_referenced = sqlx::query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM mesh WHERE sha256 = ?1) OR EXISTS (SELECT 1 FROM mesh WHERE preview = ?1)
-                 OR EXISTS (SELECT 1 FROM artifact WHERE file_sha256 = ?1)",
-        )
-        .bind(sha256)
-        .fetch_one(&self.reader)
-        .await?;
+        let is_referenced = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM file_reference WHERE sha256 = ?1)")
+            .bind(sha256)
+            .fetch_one(&self.reader)
+            .await?;
         Ok(is_referenced)
     }
 }

@@ -9,6 +9,7 @@ fn program() -> Program {
     Program {
         plan_sha256: "0f".repeat(32),
         setup: 0,
+        calibration: None,
         robot: "=cmd()".into(),
         turntable: "minas-a6-500".into(),
         home_rad: at(0.0),

@@ -45,6 +45,10 @@ pub struct RunRequest {
     /// Default false.
     #[serde(default)]
     pub locate: bool,
+    /// Temperature in the cell, °C, -50 to 100: a calibration that holds at another one alone is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -50, maximum = 100)]
+    pub temperature_c: Option<f64>,
 }
 
 fn default_mode() -> RunMode {
@@ -60,7 +64,17 @@ impl RunRequest {
     #[must_use]
     pub fn new(job_id: JobId) -> Self {
         let (mode, one) = (default_mode(), default_one());
-        Self { job_id, setup: 0, mode, speed_override: one, time_factor: one, single_step: false, from_step: 0, locate: false }
+        Self {
+            job_id,
+            setup: 0,
+            mode,
+            speed_override: one,
+            time_factor: one,
+            single_step: false,
+            from_step: 0,
+            locate: false,
+            temperature_c: None,
+        }
     }
 
     /// Checks the range of every field.
@@ -73,6 +87,9 @@ impl RunRequest {
         findings.range("/speed_override", self.speed_override, 0.01, 1.0, "");
         findings.range("/time_factor", self.time_factor, 1.0, 100.0, "");
         findings.range("/from_step", self.from_step as f64, 0.0, MAX_STEPS, "");
+        if let Some(temperature_c) = self.temperature_c {
+            findings.range("/temperature_c", temperature_c, -50.0, 100.0, "°C");
+        }
         let is_real = self.time_factor.total_cmp(&1.0).is_eq() || self.mode == RunMode::Simulate;
         findings.require(is_real, "/time_factor", || {
             format!("is {}; allowed is 1 in the mode {}, whose clock is real", self.time_factor, self.mode.as_str())

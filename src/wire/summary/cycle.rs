@@ -81,12 +81,16 @@ pub(super) fn text(plan: &Plan, motion: &MotionDocument) -> String {
     let [cycle, moving] = [motion.cycle_secs, motion.moving_secs].map(|secs| fixed(secs, 1));
     let visits = plan.visits().count();
     let [each, settling] = [scan.settle_secs + scan.capture_secs, scan.settle_secs].map(|secs| (secs * 100.0).round() / 100.0);
+    let again = match plan.captures() - visits {
+        0 => String::new(),
+        again => format!(" + {again} × {} s for second captures", (scan.capture_secs * 100.0).round() / 100.0),
+    };
     let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of it settling)") } else { String::new() };
     let order =
         if plan.sequences().all(Sequence::is_shortest) { "; order proven optimal among the stations considered" } else { "" };
     let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
     format!(
-        "Cycle {cycle} s = {moving} s moving ({}) + {visits} × {each} s scanning{settling}{order}{turning_over}",
+        "Cycle {cycle} s = {moving} s moving ({}) + {visits} × {each} s scanning{settling}{again}{order}{turning_over}",
         turning(motion)
     )
 }

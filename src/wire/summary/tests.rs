@@ -48,6 +48,7 @@ fn view(id: u32, rejected: Option<Cause>) -> PlannedView {
         station: None,
         stance: None,
         rejected,
+        exposure: None,
     }
 }
 

@@ -1,0 +1,162 @@
+//! Scans: upload, list, read, download, delete.
+
+use axum::extract::{Path, Request, State};
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, LOCATION};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+
+use super::uploads::{self, MAX_NAME_CHARS};
+use super::{immutable, job_id, not_modified, streamed};
+use crate::geometry::LengthUnit;
+use crate::http::download::{Disposition, content_disposition};
+use crate::http::extract::Params;
+use crate::http::prefix::Prefix;
+use crate::http::problem::{ApiError, Code};
+use crate::http::router::ApiState;
+use crate::inspection::ingest::ScanFrame;
+use crate::service::ScanUpload;
+use crate::wire::ScanId;
+use crate::wire::inspection::{Scan, ScanPage};
+
+const BYTES: &str = "application/octet-stream";
+
+/// Parses the scan id in a path. A malformed id is answered like an unknown one.
+fn scan_id(text: &str) -> Result<ScanId, ApiError> {
+    text.parse().map_err(|_| ApiError::new(Code::ScanNotFound, format!("{text:?} is not the id of a scan")))
+}
+
+/// Upload a scan
+///
+/// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`: PLY, PCD, E57, XYZ or STL, of
+/// one view, or of all views together. It is read when the job is inspected. Unit and frame that are not given are found out then.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/scans",
+    tag = "inspections",
+    operation_id = "upload_scan",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the job whose plan was scanned."),
+        ("view" = Option<u32>, Query, example = 1, description = "Viewpoint of the plan from which the scan was taken. Without it, the number in the name of the file; a file without one has all views together."),
+        ("unit" = inline(Option<crate::wire::MeshUnit>), Query, example = "mm", description = "Unit of the coordinates."),
+        ("frame" = Option<ScanFrame>, Query, example = "scanner", description = "Frame of the coordinates."),
+        ("name" = Option<String>, Query, description = "Name of the file. Without it, the name that a multipart form gives.", example = "view_01.ply", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
+        ("Content-Digest" = Option<String>, Header, pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
+    ),
+    request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
+    responses(
+        (status = 201, description = "The scan.", body = Scan, headers(("Location" = String, description = "Path of the scan."))),
+    )
+)]
+pub(in crate::http) async fn upload(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    prefix: Prefix,
+    mut params: Params,
+    request: Request,
+) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<Scan>), ApiError> {
+    let job = job_id(&id)?;
+    let view = params.value("view", "the number of a viewpoint")?;
+    let unit: Option<LengthUnit> = params.value("unit", &LengthUnit::ALL.map(LengthUnit::as_str).join(", "))?;
+    let frame = params.value("frame", &ScanFrame::ALL.map(ScanFrame::as_str).join(", "))?;
+    let name = params.name("name", MAX_NAME_CHARS)?;
+    params.deny_unknown()?;
+    state.app.check_planned(job).await?;
+    let (finished, file_name) = uploads::received(&state, request).await?;
+    let about = ScanUpload { view, name: name.or(file_name), unit: unit.map(|unit| unit.as_str().to_owned()), frame };
+    let scan = state.app.add_scan(job, finished, about).await?;
+    Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/scans/{}", scan.id)))], axum::Json(scan)))
+}
+
+/// List the scans of a job, oldest first
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/scans",
+    tag = "inspections",
+    operation_id = "list_scans",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the job."),
+        ("page_size" = Option<u32>, Query, description = "Largest number of entries on the page; 50 by default.", minimum = 1, maximum = 1000),
+        ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page."),
+    ),
+    responses((status = 200, description = "A page of scans.", body = ScanPage))
+)]
+pub(in crate::http) async fn list(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+) -> Result<axum::Json<ScanPage>, ApiError> {
+    let (page_size, page_token) = params.page()?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.scans(job_id(&id)?, page_size, page_token.as_deref()).await?))
+}
+
+/// Get a scan
+#[utoipa::path(
+    get,
+    path = "/scans/{id}",
+    tag = "inspections",
+    operation_id = "get_scan",
+    params(("id" = uuid::Uuid, Path, description = "Id of the scan.")),
+    responses((status = 200, description = "The scan.", body = Scan))
+)]
+pub(in crate::http) async fn get(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<axum::Json<Scan>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.scan(scan_id(&id)?).await?))
+}
+
+/// Download the file of a scan
+#[utoipa::path(
+    get,
+    path = "/scans/{id}/file",
+    tag = "inspections",
+    operation_id = "get_scan_file",
+    params(("id" = uuid::Uuid, Path, description = "Id of the scan.")),
+    responses(
+        (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 304, description = "The client has the current version."),
+    )
+)]
+pub(in crate::http) async fn file(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+    params: Params,
+) -> Result<Response, ApiError> {
+    params.deny_unknown()?;
+    let scan = state.app.scan(scan_id(&id)?).await?;
+    if let Some(response) = not_modified(&headers, &scan.sha256) {
+        return Ok(response);
+    }
+    let file = state.app.open_scan(&scan).await?;
+    // A browser must never show an uploaded file as a page of ours.
+    let name = scan.name.clone().unwrap_or_else(|| scan.id.to_string());
+    let attachment = content_disposition(Disposition::Attachment, &name);
+    let length = [(CONTENT_LENGTH, HeaderValue::from(scan.size_bytes))];
+    let body = streamed(Box::new(file), state.downloads.clone());
+    Ok((immutable(&scan.sha256, BYTES), [(CONTENT_DISPOSITION, attachment)], length, body).into_response())
+}
+
+/// Delete a scan
+///
+/// Refused while an inspection of its job has not ended. Results of inspections are kept.
+#[utoipa::path(
+    delete,
+    path = "/scans/{id}",
+    tag = "inspections",
+    operation_id = "delete_scan",
+    params(("id" = uuid::Uuid, Path, description = "Id of the scan.")),
+    responses((status = 204, description = "The scan was deleted."))
+)]
+pub(in crate::http) async fn delete(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<StatusCode, ApiError> {
+    params.deny_unknown()?;
+    state.app.delete_scan(scan_id(&id)?).await?;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,103 @@
+//! Bodies that are files: sent as they are or as a form, hashed and written while they are received.
+
+use axum::body::Body;
+use axum::extract::multipart::MultipartError;
+use axum::extract::{FromRequest, Multipart, Request};
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
+use axum::http::{HeaderMap, HeaderName};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use futures_util::StreamExt;
+
+use crate::http::download::upload_name;
+use crate::http::extract::{UploadRate, body_error, check_encoding, header_text, is_timeout, request_timeout};
+use crate::http::problem::{ApiError, Code};
+use crate::http::router::ApiState;
+use crate::service::{FinishedUpload, Upload};
+use crate::wire::hex;
+
+const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
+/// Largest number of characters of an uploaded file's name.
+pub(super) const MAX_NAME_CHARS: usize = 200;
+
+/// Receives the file of a request, and the name that a form gives it.
+pub(super) async fn received(state: &ApiState, request: Request) -> Result<(FinishedUpload, Option<String>), ApiError> {
+    check_encoding(request.headers())?;
+    check_length(request.headers(), state.app.options().max_upload_bytes)?;
+    let announced = announced_sha256(request.headers())?;
+    let upload = state.app.receive(announced_length(request.headers())).await?;
+    if is_multipart(request.headers()) {
+        return receive_form(upload, request, state, announced.as_deref()).await;
+    }
+    Ok((receive_body(upload, request.into_body(), state, announced.as_deref()).await?, None))
+}
+
+/// The `Content-Length` of the body; 0 if there is none.
+fn announced_length(headers: &HeaderMap) -> u64 {
+    header_text(headers, &CONTENT_LENGTH).and_then(|value| value.parse().ok()).unwrap_or_default()
+}
+
+fn check_length(headers: &HeaderMap, limit: u64) -> Result<(), ApiError> {
+    match announced_length(headers) {
+        bytes if bytes > limit => {
+            Err(ApiError::new(Code::TooLarge, format!("the file has {bytes} bytes; the maximum is {limit}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The SHA-256 in `Content-Digest`, lower-case hexadecimal. Digests of other algorithms are ignored.
+fn announced_sha256(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get(CONTENT_DIGEST) else { return Ok(None) };
+    let refuse = || ApiError::at(Code::BadDigest, "Content-Digest", "must be sha-256=:BASE64: (RFC 9530)");
+    let value = value.to_str().map_err(|_| refuse())?;
+    let entry = value.split(',').find_map(|entry| entry.trim().strip_prefix("sha-256=")).ok_or_else(refuse)?;
+    let encoded = entry.strip_prefix(':').and_then(|entry| entry.strip_suffix(':')).ok_or_else(refuse)?;
+    let digest = BASE64_STANDARD.decode(encoded).ok().filter(|digest| digest.len() == 32).ok_or_else(refuse)?;
+    Ok(Some(hex(&digest)))
+}
+
+fn is_multipart(headers: &HeaderMap) -> bool {
+    header_text(headers, &CONTENT_TYPE).is_some_and(|value| value.to_ascii_lowercase().starts_with("multipart/form-data"))
+}
+
+async fn receive_body(
+    mut upload: Upload,
+    body: Body,
+    state: &ApiState,
+    announced: Option<&str>,
+) -> Result<FinishedUpload, ApiError> {
+    let (mut chunks, mut rate) = (body.into_data_stream(), UploadRate::new(state.options.body_idle_timeout));
+    while let Some(chunk) = chunks.next().await {
+        let chunk = chunk.map_err(|error| body_error(&error))?;
+        rate.count(chunk.len())?;
+        upload.write(chunk).await?;
+    }
+    Ok(upload.finish(announced).await?)
+}
+
+/// The file of a form, and the name that the form gives it.
+async fn receive_form(
+    mut upload: Upload,
+    request: Request,
+    state: &ApiState,
+    announced: Option<&str>,
+) -> Result<(FinishedUpload, Option<String>), ApiError> {
+    let mut rate = UploadRate::new(state.options.body_idle_timeout);
+    let mut form = Multipart::from_request(request, state).await.map_err(|e| ApiError::new(Code::BadBody, e.body_text()))?;
+    while let Some(mut field) = form.next_field().await.map_err(|error| form_error(&error))? {
+        if field.name() == Some("file") {
+            let file_name = field.file_name().and_then(|name| upload_name(name, MAX_NAME_CHARS));
+            while let Some(chunk) = field.chunk().await.map_err(|error| form_error(&error))? {
+                rate.count(chunk.len())?;
+                upload.write(chunk).await?;
+            }
+            return Ok((upload.finish(announced).await?, file_name));
+        }
+    }
+    Err(ApiError::at(Code::BadBody, "file", "the form has no field of this name"))
+}
+
+fn form_error(error: &MultipartError) -> ApiError {
+    if is_timeout(error) { request_timeout() } else { ApiError::new(Code::BadBody, error.body_text()) }
+}

@@ -1,0 +1,379 @@
+//! Inspection of scans against a plan, with all result files: shared by the server and the command line.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::PathBuf;
+
+use super::cells::KeptCells;
+use super::execute::{JobError, JobInput, opened};
+use super::plan_job::{Artifact, plan_sha256};
+use super::rescan_job::RESCAN_STATE_FILE;
+use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
+use crate::check::read_plan;
+use crate::geometry::cloud_io::{self, CloudLimits};
+use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, Poll, Pose, Table, plate_from_placed, table_from_plate};
+use crate::inspection::ingest::{IngestOptions, IngestWorld, PlannedCapture, ScanFile, ScanFrame, ingest};
+use crate::inspection::{InspectedView, InspectionInput, InspectionParams, inspect};
+use crate::planning::context::{Context, PlanError};
+use crate::report::html::{InspectionReport, inspection_html};
+use crate::report::inspection_text;
+use crate::wire::inspection::{
+    InspectedFiles, InspectionDocument, InspectionSummary, LearnedDocument, LossListing, RescanState, coverage_csv,
+    deviation_csv, deviation_ply,
+};
+use crate::wire::json_file_bytes;
+use crate::wire::plan::PlanDocument;
+use crate::wire::run::RunRecordDocument;
+
+/// The result of an inspection.
+pub const INSPECTION_FILE: &str = "inspection.json";
+/// Every loss with every spot.
+pub const LOSSES_FILE: &str = "losses.json";
+/// Findings about the scanner.
+pub const LEARNED_FILE: &str = "learned.json";
+/// Planned and measured area of every face.
+pub const MEASURED_FILE: &str = "coverage.csv";
+/// Deviation of every face.
+pub const DEVIATION_FILE: &str = "deviation.csv";
+/// Measured surface in the colours of its deviation.
+pub const DEVIATION_CLOUD_FILE: &str = "deviation.ply";
+/// The report, a page.
+pub const INSPECTION_REPORT_FILE: &str = "inspection.html";
+/// The report as text.
+pub const INSPECTION_TEXT_FILE: &str = "inspection.txt";
+
+/// Files of every inspection.
+pub const INSPECTION_FILES: [&str; 9] = [
+    INSPECTION_FILE,
+    LOSSES_FILE,
+    LEARNED_FILE,
+    MEASURED_FILE,
+    DEVIATION_FILE,
+    DEVIATION_CLOUD_FILE,
+    INSPECTION_REPORT_FILE,
+    INSPECTION_TEXT_FILE,
+    RESCAN_STATE_FILE,
+];
+
+/// A file of a scan.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScanSource {
+    /// Path of the file.
+    pub path: PathBuf,
+    /// SHA-256 of the file, lower-case hexadecimal; empty where it is not known.
+    pub sha256: String,
+    /// Its name, as people know it.
+    pub name: String,
+    /// Viewpoint of the plan, if it is declared.
+    pub view: Option<u32>,
+    /// Unit of the coordinates, if it is declared.
+    pub unit: Option<String>,
+    /// Frame of the coordinates, if it is declared.
+    pub frame: Option<ScanFrame>,
+}
+
+/// Reasons why an inspection has no result.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum InspectError {
+    /// It was cancelled.
+    #[error("cancelled")]
+    Cancelled,
+    /// Files or parameters that cannot be used.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Refused(Vec<FieldError>),
+    /// A file is missing or damaged.
+    #[error("{0}")]
+    Damaged(String),
+}
+
+impl From<PlanError> for InspectError {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::Cancelled => Self::Cancelled,
+            PlanError::BadParams(errors) => Self::Refused(errors.into_iter().map(|error| error.below("/params")).collect()),
+            PlanError::NoPlan(_) => Self::Refused(vec![refusal("", "has no plan that could be inspected".to_owned())]),
+        }
+    }
+}
+
+impl From<JobError> for InspectError {
+    fn from(error: JobError) -> Self {
+        match error {
+            JobError::Cancelled => Self::Cancelled,
+            JobError::BadInput(errors) => Self::Refused(errors),
+            error @ (JobError::NoPlan { .. } | JobError::Damaged(_) | JobError::Unavailable(_)) => {
+                Self::Damaged(error.to_string())
+            }
+        }
+    }
+}
+
+fn refusal(pointer: &str, detail: String) -> FieldError {
+    FieldError { pointer: pointer.to_owned(), detail }
+}
+
+/// Scans and the plan that they are held against.
+#[derive(Clone, Debug)]
+pub struct InspectJob {
+    /// Bytes of `plan.json`.
+    pub plan: Vec<u8>,
+    /// Files of the scans.
+    pub scans: Vec<ScanSource>,
+    /// Parameters.
+    pub params: InspectionParams,
+    /// Record of the run in which they were taken, whose measured poses then count.
+    pub record: Option<RunRecordDocument>,
+    /// State after the round before, whose surface stays measured.
+    pub before: Option<RescanState>,
+}
+
+/// Part and hardware of an inspection.
+#[derive(Clone, Copy)]
+pub struct InspectedPart<'a> {
+    /// The part as it was to be.
+    pub mesh: &'a Mesh,
+    /// Fixture that holds it.
+    pub fixture: Option<&'a Mesh>,
+    /// Name of the part in reports.
+    pub name: &'a str,
+    /// The scanner of the plan.
+    pub scanner: &'a Scanner,
+    /// The cell of the plan.
+    pub cell: Option<&'a Cell>,
+}
+
+/// Result of an inspection.
+#[derive(Clone, Debug)]
+pub struct Inspected {
+    /// The result itself.
+    pub document: InspectionDocument,
+    /// Figures for a list.
+    pub summary: InspectionSummary,
+    /// All files.
+    pub files: Vec<Artifact>,
+}
+
+impl InspectJob {
+    /// Inspects the part of a job; `progress` is told the share done.
+    ///
+    /// # Errors
+    /// [`InspectError`].
+    pub fn execute(
+        &self,
+        input: &JobInput,
+        cells: &KeptCells,
+        progress: &dyn Fn(f64),
+        ctx: &Context<'_>,
+    ) -> Result<Inspected, InspectError> {
+        let (meshes, hardware) = opened(input, cells, &|| ctx.check().is_err())?;
+        let part = InspectedPart {
+            mesh: &meshes.mesh,
+            fixture: meshes.fixture.as_ref(),
+            name: &input.part_name,
+            scanner: hardware.scanner(),
+            cell: hardware.cell(),
+        };
+        self.inspect(&part, progress, ctx)
+    }
+
+    /// Reads the scans, inspects the part and renders every file; `progress` is told the share done.
+    ///
+    /// # Errors
+    /// [`InspectError`].
+    pub fn inspect(
+        &self,
+        part: &InspectedPart<'_>,
+        progress: &dyn Fn(f64),
+        ctx: &Context<'_>,
+    ) -> Result<Inspected, InspectError> {
+        let plan = serde_json::from_slice(&self.plan).map_err(|error| InspectError::Damaged(format!("plan.json: {error}")))?;
+        let plan: PlanDocument = read_plan(plan).map_err(InspectError::Refused)?;
+        part.check(&plan).map_err(InspectError::Refused)?;
+        let PlannedViews { setups, views } = PlannedViews::new(&plan, self.record.as_ref(), part.cell);
+        if views.is_empty() {
+            return Err(InspectError::Refused(vec![refusal("/viewpoints", "has none that was to be taken".to_owned())]));
+        }
+        let files = self.read(ctx)?;
+        progress(0.1);
+        let captures: Vec<PlannedCapture> = views.iter().map(|view| capture(view, part, &setups)).collect();
+        let nearest = NearestFace::new(part.mesh);
+        let fixtures = fixtures_on_plate(part, &setups);
+        let world = IngestWorld { scanner: part.scanner, nearest: &nearest, captures: &captures, fixtures: &fixtures };
+        let taken = ingest(files, &world, &IngestOptions::default());
+        if taken.scans.is_empty() {
+            return Err(InspectError::Refused(InspectedFiles::new(&taken).refusals()));
+        }
+        progress(0.2);
+        let input = InspectionInput {
+            part: part.mesh,
+            fixture: part.fixture,
+            scanner: part.scanner,
+            cell: part.cell,
+            plan_params: &plan.params,
+            setups: &setups,
+            views: &views,
+            coverable_mm2: Some(plan.coverage.coverable_area_mm2),
+            taken: &taken,
+            nearest: &nearest,
+            params: &self.params,
+        };
+        let inspection = inspect(&input, &|share| progress(0.2 + 0.7 * share), ctx)?;
+        let plan_sha256 = plan_sha256(&self.plan);
+        let state = RescanState::new(&inspection, &plan, &plan_sha256, self.before.as_ref());
+        let taken = InspectedFiles::new(&taken);
+        let document = InspectionDocument::new(&inspection, &taken, &self.params, part.mesh, (&plan_sha256, &state));
+        let learned = LearnedDocument::new(inspection.learned.as_ref(), &inspection.offer, &plan_sha256);
+        let report = InspectionReport {
+            inspection: &inspection,
+            document: &document,
+            learned: &learned,
+            mesh: part.mesh,
+            part_name: part.name,
+            table_from_part: setups[0],
+        };
+        let mut files = files_of(&report, &plan_sha256, ctx)?;
+        files.push(Artifact { name: RESCAN_STATE_FILE.into(), bytes: json_file_bytes(&state) });
+        progress(1.0);
+        Ok(Inspected { summary: document.summary(), document, files })
+    }
+
+    /// Reads the files of the scans.
+    fn read(&self, ctx: &Context<'_>) -> Result<Vec<ScanFile>, InspectError> {
+        let stop = || ctx.check().is_err();
+        let mut read = Vec::new();
+        for (index, source) in self.scans.iter().enumerate() {
+            let at = format!("/scans/{index}");
+            let unreadable = |error: &dyn std::fmt::Display| refusal(&at, format!("{}: {error}", source.name));
+            let opened = File::open(&source.path).map(BufReader::new);
+            let mut file = opened.map_err(|error| InspectError::Damaged(format!("{}: {error}", source.name)))?;
+            let clouds = cloud_io::read_from(&mut file, &CloudLimits::default(), &Poll::new(&stop));
+            ctx.check().map_err(PlanError::from)?;
+            let clouds = clouds.map_err(|error| InspectError::Refused(vec![unreadable(&error)]))?;
+            let declared = source.unit.as_deref().map(str::parse::<LengthUnit>).transpose();
+            let declared = declared.map_err(|error| InspectError::Refused(vec![unreadable(&error)]))?;
+            read.extend(clouds.clouds.into_iter().map(|cloud| ScanFile {
+                file: source.name.clone(),
+                cloud,
+                unit: declared.or(clouds.unit),
+                frame: source.frame,
+                viewpoint: source.view,
+            }));
+        }
+        Ok(read)
+    }
+}
+
+/// Views of a plan that were to be taken, and the poses of the part in its setups.
+#[derive(Clone, Debug)]
+pub struct PlannedViews {
+    /// Pose of the part in each setup; without a cell that of the mesh's own coordinates.
+    pub setups: Vec<Pose<Table, Part>>,
+    /// The views.
+    pub views: Vec<InspectedView>,
+}
+
+impl PlannedViews {
+    /// Views of a plan, at the poses of a run if there is a record of one.
+    #[must_use]
+    pub fn new(plan: &PlanDocument, record: Option<&RunRecordDocument>, cell: Option<&Cell>) -> Self {
+        let setups = setups_of(plan);
+        let setup_of = |id: u32| plan.setups.iter().position(|setup| setup.viewpoints.contains(&id)).unwrap_or_default();
+        let taken = plan.viewpoints.iter().filter(|view| view.rejected.is_none());
+        let views = taken.map(|view| {
+            let mut planned = InspectedView {
+                viewpoint: view.id,
+                setup: setup_of(view.id),
+                part_from_scanner: view.part_from_scanner.pose(),
+                table_rad: view.station.as_ref().map(|station| station.table_angle_deg.to_radians()),
+            };
+            let step = record.iter().flat_map(|record| &record.steps).find(|step| step.viewpoint == Some(view.id));
+            if let (Some(step), Some(cell)) = (step, cell) {
+                let configuration = step.measured.configuration();
+                let part_from_plate = plate_from_placed(&setups[planned.setup]).inverse();
+                planned.part_from_scanner = part_from_plate * cell.plate_from_scanner(&configuration);
+                planned.table_rad = Some(configuration.table_rad);
+            }
+            planned
+        });
+        Self { views: views.collect(), setups }
+    }
+}
+
+impl InspectedPart<'_> {
+    /// Refuses a part and hardware that the plan was not made with.
+    ///
+    /// # Errors
+    /// What differs from the plan.
+    pub fn check(&self, plan: &PlanDocument) -> Result<(), Vec<FieldError>> {
+        let mut errors = Vec::new();
+        if plan.scanner.name != self.scanner.name {
+            let detail = format!("is {:?}; the plan was made with {:?}", self.scanner.name, plan.scanner.name);
+            errors.push(refusal("/scanner", detail));
+        }
+        let other_cell = plan.cell.as_ref().zip(self.cell).filter(|(planned, cell)| planned.name != cell.name);
+        if let Some((planned, cell)) = other_cell {
+            errors.push(refusal("/cell", format!("is {:?}; the plan was made in {:?}", cell.name, planned.name)));
+        }
+        if plan.part.triangles != self.mesh.faces.len() {
+            let detail = format!("has {} triangles; the planned part has {}", self.mesh.faces.len(), plan.part.triangles);
+            errors.push(refusal("/mesh", detail));
+        }
+        if errors.is_empty() { Ok(()) } else { Err(errors) }
+    }
+}
+
+/// Pose of the part in each setup; without a cell, that of the mesh's own coordinates.
+fn setups_of(plan: &PlanDocument) -> Vec<Pose<Table, Part>> {
+    let poses = plan.setups.iter().map(|setup| &setup.table_from_part);
+    let of_cell = plan.cell.iter().map(|cell| &cell.table_from_part).filter(|_| plan.setups.is_empty());
+    let mut poses: Vec<_> = poses.chain(of_cell).map(PoseSpec::pose).collect();
+    if poses.is_empty() {
+        poses.push(Pose::identity());
+    }
+    poses
+}
+
+/// The fixture on the plate; none where the part lies on it in several ways.
+fn fixtures_on_plate(part: &InspectedPart<'_>, setups: &[Pose<Table, Part>]) -> Vec<Mesh> {
+    let placed = |fixture: &Mesh, table_from_part: &Pose<Table, Part>| {
+        let plate_from_part = plate_from_placed(table_from_part);
+        let mut fixture = fixture.clone();
+        fixture.vertices_mm.iter_mut().for_each(|vertex| *vertex = plate_from_part.point(vertex));
+        fixture
+    };
+    match (part.fixture, setups) {
+        (Some(fixture), [table_from_part]) => vec![placed(fixture, table_from_part)],
+        _ => Vec::new(),
+    }
+}
+
+/// Poses that tie frames to a view.
+fn capture(view: &InspectedView, part: &InspectedPart<'_>, setups: &[Pose<Table, Part>]) -> PlannedCapture {
+    let mut capture = PlannedCapture::at(view.viewpoint, view.part_from_scanner);
+    capture.scanner_from_cloud = part.scanner.cloud_frame.map(|frame| frame.scanner_from_cloud(&part.scanner.devices));
+    if let (Some(cell), Some(table_rad)) = (part.cell, view.table_rad) {
+        let part_from_plate = plate_from_placed(&setups[view.setup]).inverse();
+        let part_from_table = part_from_plate * table_from_plate(table_rad).inverse();
+        capture.part_from_plate = Some(part_from_plate);
+        capture.part_from_table = Some(part_from_table);
+        capture.part_from_base = Some(part_from_table * cell.base_from_table.inverse());
+    }
+    capture
+}
+
+fn files_of(report: &InspectionReport<'_>, plan_sha256: &str, ctx: &Context<'_>) -> Result<Vec<Artifact>, InspectError> {
+    let InspectionReport { inspection, document, learned, mesh, part_name, .. } = *report;
+    let losses = LossListing::new(&inspection.losses, &inspection.coverage, plan_sha256);
+    let page = inspection_html(report, ctx).map_err(PlanError::from)?;
+    let files = [
+        (INSPECTION_FILE, json_file_bytes(document)),
+        (LOSSES_FILE, json_file_bytes(&losses)),
+        (LEARNED_FILE, json_file_bytes(learned)),
+        (MEASURED_FILE, coverage_csv(inspection, mesh).into_bytes()),
+        (DEVIATION_FILE, deviation_csv(inspection, mesh).into_bytes()),
+        (DEVIATION_CLOUD_FILE, deviation_ply(inspection)),
+        (INSPECTION_REPORT_FILE, page.into_bytes()),
+        (INSPECTION_TEXT_FILE, inspection_text(document, part_name).into_bytes()),
+    ];
+    Ok(files.into_iter().map(|(name, bytes)| Artifact { name: name.into(), bytes }).collect())
+}

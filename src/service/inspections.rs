@@ -1,0 +1,379 @@
+//! Inspections: scans of a job held against its plan. Accepted like jobs, computed one after another beside them, kept as they came
+//! out. One that an earlier process left is computed anew.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex as StdMutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{Mutex, Notify};
+use tokio::time::{Instant, timeout_at};
+
+use super::app::App;
+use super::error::Error;
+use super::execute::JobInput;
+use super::inspect_job::{InspectError, InspectJob, Inspected, ScanSource};
+use super::jobs::failure;
+use super::plan_job::PLAN_FILE;
+use super::queries::ResultBody;
+use super::rescan_job::RESCAN_STATE_FILE;
+use super::store::{Page, StoredArtifacts, StoredInspection};
+use super::submit::{StoredRescan, Submission, job_input};
+use crate::cell::FieldError;
+use crate::planning::context::Context;
+use crate::wire::inspection::{InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, RescanRequest, Scan};
+use crate::wire::run::RunRecordDocument;
+use crate::wire::{InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId};
+
+/// Max number of inspections that wait.
+const MAX_QUEUED: u64 = 1000;
+
+/// State that inspections share.
+#[derive(Default)]
+pub(super) struct Inspections {
+    /// Held while one is computed.
+    turn: Mutex<()>,
+    /// One of them has changed.
+    changed: Notify,
+    /// Inspections that are computed, with their cancel flag and their share done.
+    running: StdMutex<HashMap<InspectionId, (Arc<AtomicBool>, f64)>>,
+}
+
+impl Inspections {
+    fn running(&self) -> std::sync::MutexGuard<'_, HashMap<InspectionId, (Arc<AtomicBool>, f64)>> {
+        // Entries are inserted and removed whole, so a poisoned lock is usable.
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set_fraction(&self, id: InspectionId, fraction: f64) {
+        if let Some((_, done)) = self.running().get_mut(&id) {
+            *done = fraction;
+        }
+    }
+}
+
+impl App {
+    /// Accepts an inspection of a job that has a plan and scans.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoScans`], [`Error::Invalid`], [`Error::QueueFull`],
+    /// [`Error::Draining`], [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn submit_inspection(
+        &self,
+        job_id: JobId,
+        request: InspectionRequest,
+        submitted_by: Option<String>,
+    ) -> Result<InspectionJob, Error> {
+        self.check_open()?;
+        self.check_space(0)?;
+        self.check_planned(job_id).await?;
+        let scans = self.chosen_scans(job_id, request.scans.as_deref()).await?;
+        request.params.check().map_err(|errors| Error::Invalid(below_params(errors)))?;
+        if let Some(run) = request.run_id {
+            self.check_run(job_id, run).await?;
+        }
+        let job = InspectionJob {
+            id: InspectionId::generate(),
+            job_id,
+            state: JobState::Queued,
+            scans: scans.iter().map(|scan| scan.id).collect(),
+            run_id: request.run_id,
+            params: request.params,
+            fraction: 0.0,
+            submitted_by,
+            created_at: String::new(),
+            ended_at: None,
+            summary: None,
+            files: Vec::new(),
+            problem: None,
+        };
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let job = app.0.store.insert_inspection(&job, &StoredInspection { scans }, MAX_QUEUED).await?;
+            app.0.tasks.spawn(app.clone().carry_out_inspection(job.id));
+            Ok(job)
+        })
+        .await
+    }
+
+    /// The scans that a request names, or all of the job's.
+    async fn chosen_scans(&self, job: JobId, named: Option<&[ScanId]>) -> Result<Vec<Scan>, Error> {
+        let all = self.0.store.all_scans(job).await?;
+        let Some(named) = named else {
+            return if all.is_empty() { Err(Error::NoScans(job)) } else { Ok(all) };
+        };
+        let (mut chosen, mut errors) = (Vec::new(), Vec::new());
+        for (index, id) in named.iter().enumerate() {
+            match all.iter().find(|scan| scan.id == *id) {
+                Some(scan) => chosen.push(scan.clone()),
+                None => errors.push(FieldError {
+                    pointer: format!("/scans/{index}"),
+                    detail: format!("is {id}; job {job} has no scan of this id"),
+                }),
+            }
+        }
+        match (errors.is_empty(), chosen.is_empty()) {
+            (false, _) => Err(Error::Invalid(errors)),
+            (true, true) => Err(Error::NoScans(job)),
+            (true, false) => Ok(chosen),
+        }
+    }
+
+    /// Refuses a run of another job.
+    async fn check_run(&self, job: JobId, run: RunId) -> Result<(), Error> {
+        if self.run(run).await?.job_id == Some(job) {
+            return Ok(());
+        }
+        let detail = format!("is {run}; that run is of another job than {job}");
+        Err(Error::Invalid(vec![FieldError { pointer: "/run_id".to_owned(), detail }]))
+    }
+
+    /// One inspection.
+    ///
+    /// # Errors
+    /// [`Error::InspectionNotFound`], [`Error::Internal`].
+    pub async fn inspection(&self, id: InspectionId) -> Result<InspectionJob, Error> {
+        let mut job = self.0.store.inspection(id).await?;
+        if let Some((_, fraction)) = self.0.inspections.running().get(&id) {
+            job.fraction = *fraction;
+        }
+        Ok(job)
+    }
+
+    /// Waits until an inspection has ended, at most for `wait`; returns it as it is then.
+    ///
+    /// # Errors
+    /// [`Error::InspectionNotFound`], [`Error::Internal`].
+    pub async fn inspection_when_ended(&self, id: InspectionId, wait: Duration) -> Result<InspectionJob, Error> {
+        let until = Instant::now() + wait;
+        loop {
+            // Made before the inspection is read, so that no change is missed in between.
+            let changed = self.0.inspections.changed.notified();
+            let job = self.inspection(id).await?;
+            if job.state.is_ended() {
+                return Ok(job);
+            }
+            tokio::select! {
+                () = self.0.stopping.cancelled() => return self.inspection(id).await,
+                in_time = timeout_at(until, changed) => if in_time.is_err() {
+                    return self.inspection(id).await;
+                },
+            }
+        }
+    }
+
+    /// A page of inspections, newest first.
+    ///
+    /// # Errors
+    /// [`Error::BadPageToken`], [`Error::Internal`].
+    pub async fn inspections(
+        &self,
+        selection: &InspectionSelection,
+        page_size: u32,
+        page_token: Option<&str>,
+    ) -> Result<InspectionPage, Error> {
+        let filters = format!("inspections {}", serde_json::to_string(selection)?);
+        self.0.store.inspections(selection, &Page::new(page_size, page_token, &filters)?).await
+    }
+
+    /// A file of an inspection.
+    ///
+    /// # Errors
+    /// [`Error::InspectionNotFound`], [`Error::NoInspection`], [`Error::NoInspectionFile`], [`Error::Internal`].
+    pub async fn inspection_result(&self, id: InspectionId, name: &str) -> Result<ResultBody, Error> {
+        let file = self.0.store.inspection_file(id, name).await?;
+        Ok(self.body_of(file))
+    }
+
+    /// Accepts a job that plans further views for what the scans of an inspection lack.
+    ///
+    /// # Errors
+    /// [`Error::InspectionNotFound`], [`Error::NoInspection`], those of [`App::submit`].
+    pub async fn submit_rescan_of(&self, id: InspectionId, request: RescanRequest, submission: Submission) -> Result<Job, Error> {
+        request.params.check().map_err(|errors| Error::Invalid(below_params(errors)))?;
+        let job = self.inspection(id).await?;
+        let state = serde_json::from_slice(&self.inspection_result(id, RESCAN_STATE_FILE).await?.read().await?)?;
+        self.submit_rescan(job.job_id, StoredRescan { state, params: request.params }, submission).await
+    }
+
+    /// Cancels an inspection.
+    ///
+    /// # Errors
+    /// [`Error::InspectionNotFound`], [`Error::InspectionEnded`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn cancel_inspection(&self, id: InspectionId) -> Result<InspectionJob, Error> {
+        let cancel = |job: &mut InspectionJob| {
+            job.state = if job.state == JobState::Queued { JobState::Cancelled } else { JobState::Cancelling };
+        };
+        let job = self.change_inspection(id, &[JobState::Queued, JobState::Running], cancel, None).await?;
+        if let Some((flag, _)) = self.0.inspections.running().get(&id) {
+            flag.store(true, Ordering::Relaxed);
+        }
+        match job.state {
+            JobState::Succeeded | JobState::Failed => Err(Error::InspectionEnded { inspection: id, state: job.state }),
+            JobState::Queued | JobState::Running | JobState::Cancelling | JobState::Cancelled => Ok(job),
+        }
+    }
+
+    /// Deletes an ended inspection.
+    ///
+    /// # Errors
+    /// [`Error::InspectionNotFound`], [`Error::InspectionNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn delete_inspection(&self, id: InspectionId) -> Result<(), Error> {
+        let app = self.clone();
+        self.run_to_completion(async move { app.0.store.delete_inspection(id).await }).await
+    }
+
+    /// Begins again what an earlier process left.
+    pub(super) async fn recover_inspections(&self) -> Result<(), Error> {
+        for id in self.0.store.open_inspections().await? {
+            let again = |job: &mut InspectionJob| {
+                job.state = if job.state == JobState::Cancelling { JobState::Cancelled } else { JobState::Queued };
+            };
+            self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again, None).await?;
+            self.0.tasks.spawn(self.clone().carry_out_inspection(id));
+        }
+        Ok(())
+    }
+
+    async fn change_inspection(
+        &self,
+        id: InspectionId,
+        from: &'static [JobState],
+        change: impl FnOnce(&mut InspectionJob) + Send + 'static,
+        files: Option<StoredArtifacts>,
+    ) -> Result<InspectionJob, Error> {
+        let app = self.clone();
+        let changed =
+            self.run_to_completion(async move { app.0.store.change_inspection(id, from, change, files.as_ref()).await }).await;
+        self.0.inspections.changed.notify_waiters();
+        changed
+    }
+
+    /// Computes an inspection when its turn comes. What the service's stop leaves is computed by the next process.
+    async fn carry_out_inspection(self, id: InspectionId) {
+        let _turn = tokio::select! {
+            turn = self.0.inspections.turn.lock() => turn,
+            () = self.0.stopping.cancelled() => return,
+        };
+        let flag = Arc::new(AtomicBool::new(false));
+        self.0.inspections.running().insert(id, (Arc::clone(&flag), 0.0));
+        let computed = self.compute_inspection(id, flag).await;
+        self.0.inspections.running().remove(&id);
+        if let Err(error) = computed {
+            tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "an inspection cannot be computed");
+            let problem = failure("internal", error.to_string(), Vec::new());
+            let fail = move |job: &mut InspectionJob| (job.state, job.problem) = (JobState::Failed, Some(problem));
+            if let Err(error) = self.change_inspection(id, &OPEN, fail, None).await {
+                tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "its failure cannot be stored");
+            }
+        }
+    }
+
+    async fn compute_inspection(&self, id: InspectionId, flag: Arc<AtomicBool>) -> Result<(), Error> {
+        let run = |job: &mut InspectionJob| job.state = JobState::Running;
+        let job = self.change_inspection(id, &[JobState::Queued], run, None).await?;
+        if job.state != JobState::Running {
+            return Ok(());
+        }
+        let order = self.inspection_order(&job).await?;
+        let (cells, app) = (Arc::clone(&self.0.cells), self.clone());
+        let compute = move |ctx: &Context<'_>| {
+            let progress = |fraction: f64| app.0.inspections.set_fraction(id, fraction);
+            order.job.execute(&order.input, &cells, &progress, ctx)
+        };
+        let stopping = Arc::clone(&flag);
+        let computed = self.0.runner.compute(flag, compute);
+        tokio::pin!(computed);
+        let computed = tokio::select! {
+            computed = &mut computed => computed,
+            () = self.0.stopping.cancelled() => {
+                stopping.store(true, Ordering::Relaxed);
+                (&mut computed).await
+            }
+        };
+        match computed {
+            Ok(Ok(inspected)) => self.store_inspection(id, inspected).await,
+            Ok(Err(InspectError::Cancelled)) if self.0.stopping.is_cancelled() => Ok(()),
+            Ok(Err(error)) => self.end_inspection(id, problem_of(error)).await,
+            Err(panic) => {
+                let problem = failure("job_panicked", format!("internal error: {panic}"), Vec::new());
+                self.end_inspection(id, Some(problem)).await
+            }
+        }
+    }
+
+    /// Everything that an inspection reads.
+    async fn inspection_order(&self, job: &InspectionJob) -> Result<InspectionOrder, Error> {
+        let attempt = self.0.store.body(job.job_id).await?.ok_or(Error::JobNotFound(job.job_id))?;
+        let files = self.0.store.files();
+        let input = job_input(&attempt, files, self.0.options.max_triangles)?;
+        let stored = self.0.store.inspection_input(job.id).await?;
+        let source = |scan: Scan| ScanSource {
+            path: files.path(&scan.sha256),
+            sha256: scan.sha256.clone(),
+            name: scan.name.clone().unwrap_or_else(|| scan.id.to_string()),
+            view: scan.view,
+            unit: scan.unit.clone(),
+            frame: scan.frame,
+        };
+        let scans = stored.scans.into_iter().map(source).collect();
+        let plan = self.result(job.job_id, PLAN_FILE).await?.read().await?;
+        let record: Option<RunRecordDocument> = match job.run_id {
+            Some(run) => Some(self.run_record(run).await?),
+            None => None,
+        };
+        Ok(InspectionOrder {
+            job: InspectJob {
+                plan,
+                scans,
+                params: job.params.clone(),
+                record,
+                before: input.rescan.as_ref().map(|rescan| rescan.state.clone()),
+            },
+            input,
+        })
+    }
+
+    async fn store_inspection(&self, id: InspectionId, inspected: Inspected) -> Result<(), Error> {
+        let stored = self.0.store.put_artifacts(Arc::new(inspected.files)).await?;
+        let summary = inspected.summary;
+        let end = move |job: &mut InspectionJob| {
+            (job.state, job.fraction, job.summary) = (JobState::Succeeded, 1.0, Some(summary));
+        };
+        self.change_inspection(id, &[JobState::Running, JobState::Cancelling], end, Some(stored)).await.map(drop)
+    }
+
+    /// Ends an inspection without a result: failed with a problem, or cancelled.
+    async fn end_inspection(&self, id: InspectionId, problem: Option<JobProblem>) -> Result<(), Error> {
+        let end = move |job: &mut InspectionJob| {
+            job.state = if problem.is_some() { JobState::Failed } else { JobState::Cancelled };
+            job.problem = problem;
+        };
+        self.change_inspection(id, &[JobState::Running, JobState::Cancelling], end, None).await.map(drop)
+    }
+}
+
+/// An inspection with everything that it reads.
+struct InspectionOrder {
+    job: InspectJob,
+    input: JobInput,
+}
+
+/// States before the end.
+const OPEN: [JobState; 3] = [JobState::Queued, JobState::Running, JobState::Cancelling];
+
+fn below_params(errors: Vec<FieldError>) -> Vec<FieldError> {
+    errors.into_iter().map(|error| error.below("/params")).collect()
+}
+
+/// Problem of an inspection that has no result; `None` if it was cancelled.
+fn problem_of(error: InspectError) -> Option<JobProblem> {
+    let detail = error.to_string();
+    match error {
+        InspectError::Cancelled => None,
+        InspectError::Refused(errors) => {
+            Some(failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect()))
+        }
+        InspectError::Damaged(_) => Some(failure("job_file_damaged", detail, Vec::new())),
+    }
+}
