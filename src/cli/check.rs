@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::time::SystemTime;
 
 use serde::Serialize;
 use serde_json::Value;
@@ -10,14 +11,18 @@ use serde_json::Value;
 use super::files::{self, FileLibrary};
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec};
-use crate::check::{Reference, Sound, check, kind_of};
+use crate::check::{Present, Reference, Sound, check, kind_of};
+use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
-use crate::wire::DocumentKind;
-use crate::wire::part_size::{PartSize, SizeLimits};
+use crate::wire::part_size::{PartSize, SizeLimits, size_text};
 use crate::wire::plan::PlanDocument;
 use crate::wire::warnings::FieldWarning;
+use crate::wire::{DocumentKind, UtcTime};
+
+/// Temperatures that a cell may have, °C.
+const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
 
 /// Check specifications, parameters, plans and programs.
 #[derive(Debug, clap::Args)]
@@ -61,6 +66,14 @@ pub(super) struct ReferenceArgs {
     /// Unit of the meshes: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
+    /// Temperature in the cell now, °C: a calibration that holds at another one alone is refused.
+    #[arg(long, value_name = "C", allow_negative_numbers = true, value_parser = temperature)]
+    temperature: Option<f64>,
+}
+
+fn temperature(text: &str) -> Result<f64, String> {
+    let celsius: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    if TEMPERATURES_C.contains(&celsius) { Ok(celsius) } else { Err("allowed is -50 to 100 °C".to_owned()) }
 }
 
 /// Checks every file; prints one line for each without findings.
@@ -220,13 +233,43 @@ impl ReferenceArgs {
 
     /// Reads the files.
     pub(super) fn load(&self) -> Result<Reference, CliError> {
-        let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never()).map(|(read, _)| read.mesh);
+        let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never());
+        let plan = self.plan.as_deref().map(read_plan).transpose()?;
+        let part = self.mesh.as_ref().map(read).transpose()?;
+        if let (Some((plan, _)), Some((part, sha256)), Some(path)) = (&plan, &part, &self.mesh) {
+            check_part(plan, part, sha256, path)?;
+        }
         Ok(Reference {
-            plan: self.plan.as_deref().map(read_plan).transpose()?,
-            part: self.mesh.as_ref().map(read).transpose()?,
-            fixture: self.fixture.as_ref().map(read).transpose()?,
+            plan,
+            part: part.map(|(part, _)| part.mesh),
+            fixture: self.fixture.as_ref().map(read).transpose()?.map(|(fixture, _)| fixture.mesh),
+            present: Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c: self.temperature },
         })
     }
+}
+
+/// Refuses a part that is not the plan's: another file, or the file in another unit.
+fn check_part(plan: &PlanDocument, part: &ReadMesh, sha256: &str, path: &Path) -> Result<(), CliError> {
+    /// Relative tolerance of a box that went through a file.
+    const SAME: f64 = 1e-6;
+    let shown = path.display();
+    if plan.part.sha256 != sha256 {
+        return Err(CliError::BadInput(format!(
+            "{shown}: is not the part of the plan: its SHA-256 is {sha256}, that of the planned part {}\n  → name the mesh that was \
+             planned, or plan this one",
+            plan.part.sha256
+        )));
+    }
+    let (found, planned) = (part.mesh.aabb().extent_mm(), plan.part.bbox_mm.extent_mm());
+    if (0..3).all(|axis| (found[axis] - planned[axis]).abs() <= SAME * planned[axis].max(1.0)) {
+        return Ok(());
+    }
+    Err(CliError::BadInput(format!(
+        "{shown} (--unit {}): is {} as read; the planned part is {}\n  → give the unit that it was planned in",
+        part.unit,
+        size_text(&found.into()),
+        size_text(&planned)
+    )))
 }
 
 /// Reads a plan, with the SHA-256 of its file.

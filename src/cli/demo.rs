@@ -1,5 +1,7 @@
-//! `vantage demo`: runs a server in a temporary folder, plans a sample part in it, and runs its program on simulated controllers.
+//! `vantage demo`: runs a server in a temporary folder, plans a sample part in it, runs its program on simulated controllers, scans it
+//! with a simulated scanner, and inspects the scans.
 
+mod inspection;
 mod rehearsal;
 
 use std::net::SocketAddr;
@@ -20,7 +22,7 @@ use crate::wire::{Job, JobId, JobRequest, JobState};
 /// Approximate number of triangles of the sample part.
 const TRIANGLES: usize = 20_000;
 
-/// Run a server with a sample part that is planned right away and run on simulated controllers; nothing is kept.
+/// Run a server with a sample part that is planned, run on simulated controllers, scanned and inspected; nothing is kept.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Prints the address to open in a browser. Ctrl-C stops the server and deletes its temporary folder.
 
@@ -106,7 +108,8 @@ async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
          their poses; {measured:.1} % of the asked area from the measured poses. Its record is at /api/v1/runs/{}/record, every byte \
          exchanged with the controllers at /api/v1/runs/{}/audit.",
         run.steps, run.scans, run.id, run.id
-    ))
+    ))?;
+    inspection::show(app, job, run.id).await.map_err(|error| CliError::Failed(format!("the scans of the sample: {error}")))
 }
 
 async fn plan_sample(app: &App) -> Result<Job, Box<dyn std::error::Error + Send + Sync>> {

@@ -19,6 +19,7 @@ pub mod backup;
 pub mod calibrate;
 pub mod cell;
 pub mod check;
+pub mod compare;
 mod completions;
 pub mod demo;
 mod features;
@@ -39,13 +40,16 @@ mod presets;
 pub mod program;
 pub mod progress;
 pub mod reach;
+pub mod rescan;
 pub mod robot;
 pub mod run;
+mod scanned_part;
 pub mod scanner;
 pub mod serve;
 mod set_value;
 mod signals;
 pub mod sim;
+mod sim_scanner;
 pub mod study;
 mod summary;
 mod telemetry;
@@ -90,6 +94,8 @@ enum Command {
     Robot(robot::RobotArgs),
     Scanner(Box<scanner::ScannerArgs>),
     Sim(sim::SimArgs),
+    Compare(Box<compare::CompareArgs>),
+    Rescan(Box<rescan::RescanArgs>),
     Calibrate(Box<calibrate::CalibrateArgs>),
     Cell(Box<cell::CellArgs>),
     Backup(backup::BackupArgs),
@@ -230,6 +236,8 @@ impl Cli {
             Command::Robot(args) => robot::run(&args),
             Command::Scanner(args) => scanner::run(&args),
             Command::Sim(args) => sim::run(&args),
+            Command::Compare(args) => compare::run(&args, &*raised_by_signal()?),
+            Command::Rescan(args) => rescan::run(&args, &*raised_by_signal()?),
             Command::Calibrate(args) => calibrate::run(&args),
             Command::Cell(args) => cell::run(&args),
             Command::Backup(args) => backup::run_backup(&args),

@@ -65,6 +65,10 @@ pub(super) enum OutputWriter {
     Program,
     /// `vantage study`, with the name of the study: replaces the files of the same study.
     Study(&'static str),
+    /// `vantage compare`: replaces an earlier inspection.
+    Inspection,
+    /// `vantage sim scanner`: replaces earlier scans.
+    Scans,
 }
 
 impl OutputWriter {
@@ -73,6 +77,8 @@ impl OutputWriter {
             Self::Plan => "plan".to_owned(),
             Self::Program => "program".to_owned(),
             Self::Study(name) => format!("study {name}"),
+            Self::Inspection => "compare".to_owned(),
+            Self::Scans => "sim scanner".to_owned(),
         }
     }
 
@@ -84,7 +90,7 @@ impl OutputWriter {
                 let is_stale = old.made_from == origin.made_from && old.plan_sha256 != origin.plan_sha256;
                 old.written_by == self.name() && is_stale
             }
-            Self::Study(_) => old.written_by == self.name(),
+            Self::Study(_) | Self::Inspection | Self::Scans => old.written_by == self.name(),
         }
     }
 }

@@ -89,7 +89,7 @@ fn plan_part(planner: &PartPlanner<'_>, mesh: &Path, folder: &OutputFolder) -> P
         false if artifacts.is_empty() => Ok(()),
         false => {
             let printed = output::text(format_args!("\n{}\n", mesh.display()));
-            printed.and_then(|()| print_summary(planner.args, folder.path(), artifacts))
+            printed.and_then(|()| print_summary(planner.args.json, folder.path(), artifacts))
         }
     };
     row.error = row.error.or(printed.err());

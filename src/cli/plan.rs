@@ -84,7 +84,7 @@ pub struct PlanArgs {
     #[arg(long)]
     params: Option<PathBuf>,
     /// Set one parameter, overriding the file: `selection.target=0.99`. A value that is not JSON is a string;
-    /// `KEY=@FILE` reads it from a JSON, TOML or text file. Repeatable.
+    /// `KEY=@FILE` reads it from a JSON, TOML or text file; a list in TOML is a table after another, such as `[[exclude]]`. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. Example of CSV: a header
@@ -130,7 +130,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
             let folder = planner.folder(&args.out)?;
             planner.load_fixture()?;
             let planned = planner.plan(mesh, &folder)?;
-            print_summary(args, folder.path(), &planned.artifacts)?;
+            print_summary(args.json, folder.path(), &planned.artifacts)?;
             planner.judge(&planned.outcome)
         }
         meshes => parts::run(&mut planner, meshes),
@@ -220,6 +220,7 @@ impl<'a> PartPlanner<'a> {
             scanner: &self.scanner,
             cell: self.cell.as_ref(),
             roadmaps: Some(&self.roadmaps),
+            rescan: None,
             params: &params,
             echo: self.echo.clone(),
             date: Some(now()),
@@ -257,6 +258,7 @@ impl<'a> PartPlanner<'a> {
         let (planned, mut artifacts) = result?;
         watch.switch(Some(CommandStage::Writing.as_str()));
         let outcome = planned.map_err(|error| without_plan(error, &artifacts, folder))?;
+        warn("parameters", &job.exclusion_warnings(&outcome, ""));
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
         let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
@@ -431,7 +433,7 @@ pub(super) fn now() -> String {
     }
 }
 
-fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
+pub(super) fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
     let (path, last) = key.rsplit_once('.').map_or((None, key), |(path, last)| (Some(path), last));
     let mut table = value;
     for name in path.into_iter().flat_map(|path| path.split('.')) {
@@ -479,9 +481,9 @@ fn blamed(job: &PlanJob<'_>, up: Option<UpAxis>, mesh: &Path, error: PlanError) 
 }
 
 /// Prints a summary for people, or with `--json` the plan itself for programs.
-pub(super) fn print_summary(args: &PlanArgs, out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
+pub(super) fn print_summary(json: bool, out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
     let bytes = bytes_of(artifacts, PLAN_FILE);
-    if args.json {
+    if json {
         return output::bytes(bytes);
     }
     let lines = summary::lines(artifacts)?.join("\n");

@@ -71,6 +71,7 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
         force: args.force,
         checked_with: if reference_args.mesh.is_some() { CheckedWith::Part } else { CheckedWith::CellAlone },
     };
+    job.reference.check_scanner(&job.cell).map_err(|errors| files::findings(&args.cell, &errors))?;
     let params = params(job.reference.plan.as_ref().map(|(plan, _)| plan), &args.sets)?;
     let mut rendered = Vec::new();
     let mut plan_sha256: Option<String> = None;

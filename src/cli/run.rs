@@ -23,7 +23,7 @@ use super::{CliError, output};
 use crate::cell::{Cell, ControllersSpec};
 use crate::check::{Reference, field_errors};
 use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, RunHandle, RunJob, RunState};
-use crate::program::Finding;
+use crate::program::{Finding, check_calibration};
 use crate::service::plan_job::program_stem;
 use crate::service::runs::session::{self, AuditPlace, SessionOrder};
 use crate::wire::hex;
@@ -184,6 +184,8 @@ impl PreparedRun {
         let mut reference = args.reference.clone();
         reference.plan = reference.plan.or(plan_beside(&args.program)?);
         let reference = reference.load()?;
+        reference.check_scanner(&cell).map_err(|errors| files::findings(&args.cell, &errors))?;
+        let conditions = reference.present.conditions(&cell);
         let refused = |found: &[Finding]| files::findings(&shown, &field_errors(found));
         reference.owns(&program).map_err(|finding| refused(&[finding]))?;
         let run = Run::new(&request, None, &cell.name, &program, &hex(&Sha256::digest(&bytes)));
@@ -206,7 +208,12 @@ impl PreparedRun {
         let program = session::program_for(program, (args.mode, controllers.as_ref()), (&cell, &scene))
             .map_err(|together| CliError::BadInput(format!("{shown}: {together}")))?;
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
-            .map_err(|found| refused(&found))?;
+            .map_err(|found| refused(&found))?
+            .under(conditions);
+        let stale = check_calibration(&cell, &conditions);
+        if !stale.is_empty() {
+            return Err(refused(&stale));
+        }
         Ok(Self { run, job, cell, reference, controllers, request })
     }
 

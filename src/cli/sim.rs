@@ -9,14 +9,15 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use super::signals::on_signals;
-use super::{CliError, failed, output, serve};
+use super::sim_scanner::{self, SimScannerArgs};
+use super::{CliError, failed, output, raised_by_signal, serve};
 use crate::cell::{Presets, SpecKind, SpecLibrary, did_you_mean};
 use crate::execution::protocol::modbus::ModbusFraming;
 use crate::execution::simulators::faults::{DeviceLook, Faults};
 use crate::execution::simulators::hans::HansSimulator;
 use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
 
-/// Run a simulated controller.
+/// Run a simulated controller, or scan with a simulated scanner.
 #[derive(Debug, clap::Args)]
 #[command(
     arg_required_else_help = true,
@@ -38,6 +39,7 @@ pub struct SimArgs {
 enum SimulatedDevice {
     Robot(RobotSimArgs),
     Turntable(TurntableSimArgs),
+    Scanner(Box<SimScannerArgs>),
 }
 
 /// Protocols of simulated robots.
@@ -129,12 +131,11 @@ struct SimulatorAddress {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &SimArgs) -> Result<(), CliError> {
-    serve::run_to_completion(async {
-        match &args.device {
-            SimulatedDevice::Robot(args) => run_robot(args).await,
-            SimulatedDevice::Turntable(args) => run_turntable(args).await,
-        }
-    })
+    match &args.device {
+        SimulatedDevice::Robot(args) => serve::run_to_completion(run_robot(args)),
+        SimulatedDevice::Turntable(args) => serve::run_to_completion(run_turntable(args)),
+        SimulatedDevice::Scanner(args) => sim_scanner::run(args, &*raised_by_signal()?),
+    }
 }
 
 async fn run_robot(args: &RobotSimArgs) -> Result<(), CliError> {
@@ -220,8 +221,9 @@ async fn control(
 /// Prints where it listens, and the section of a cell file.
 fn announce(address: String, control: Option<SocketAddr>, controllers: Value) -> Result<(), CliError> {
     let section = toml::to_string(&json!({ "controllers": controllers })).map_err(|error| failed("the section", &error))?;
-    let faults = control.map_or_else(String::new, |control| format!("Faults are set on {control}\n"));
-    let words = format!("Simulated controller listens on {address}\n{faults}For the cell file:\n\n{section}");
+    // Prose as comments of TOML, so that the whole output can be appended to a cell file.
+    let faults = control.map_or_else(String::new, |control| format!("# Faults are set on {control}\n"));
+    let words = format!("# Simulated controller listens on {address}\n{faults}# For the cell file:\n\n{section}");
     output::result(&SimulatorAddress { address, control, controllers }, words)
 }
 

@@ -14,7 +14,7 @@ struct Line {
 fn turntable(words: &[&str]) -> TurntableSimArgs {
     match Line::try_parse_from([&["sim", "turntable"], words].concat()).expect("arguments").device {
         SimulatedDevice::Turntable(args) => args,
-        SimulatedDevice::Robot(args) => panic!("{args:?}"),
+        other @ (SimulatedDevice::Robot(_) | SimulatedDevice::Scanner(_)) => panic!("{other:?}"),
     }
 }
 
