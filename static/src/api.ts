@@ -197,7 +197,8 @@ export interface Plan {
   };
   viewpoints: Viewpoint[]; sequence: number[]; bound: { views_lower: number; of_asked_upper?: number | null } | null;
   setups?: { table_from_part: Pose; viewpoints: number[]; turn?: { text: string } | null }[];
-  params: { score: { c: number; d: number; angle: string }; limits: { camera_deg: number | null; projector_deg: number | null } }
+  params: { score: { c: number; d: number; angle: string }; limits: { camera_deg: number | null; projector_deg: number | null };
+    motion: { clearance_mm: number } }
     & Record<string, unknown>;
   motion?: Record<string, number>; stopped_because: string;
 }
@@ -211,6 +212,7 @@ export interface Program { steps: Step[]; home_deg: number[]; cycle_secs: number
 
 export interface Shape {
   kind: "box" | "cylinder" | "capsule" | "mesh"; size_mm?: Vector; radius_mm?: number; height_mm?: number; length_mm?: number;
+  mesh?: string;
 }
 export interface Body { name: string; owner_from_body?: Pose | { rpy_deg: Vector; translation_mm: Vector }; shape: Shape; link?: number }
 export interface Axis { min_deg: number; max_deg: number; max_speed_deg_per_s: number }
@@ -228,7 +230,7 @@ export interface ScannerSpec {
 }
 export interface Cell {
   name: string; robot: string | Robot; scanner: string | ScannerSpec; turntable: string | Turntable; base_from_table: Pose;
-  flange_from_scanner: Pose; mount?: Body[]; obstacles?: Body[]; floor_mm?: number | null; home_deg: number[];
+  flange_from_scanner: Pose; mount?: Body[]; obstacles?: Body[]; cable?: Body[]; floor_mm?: number | null; home_deg: number[];
 }
 
 export interface Run {
@@ -242,4 +244,24 @@ export interface Run {
 export interface RunSample {
   sequence: number; elapsed_secs: number; step: number; state: string; deviation_deg: number;
   measured: { joints_deg: number[]; table_angle_deg: number }; base_from_scanner: Pose;
+}
+
+export interface Spread { rms_rotation_deg: number; rms_translation_mm: number; max_rotation_deg: number; max_translation_mm: number }
+export interface ResidualSummary { used: number; dropped: number; spread: Spread; variance_factor: number; chi2_p: number }
+export interface CalibrationFinding { code: string; severity: string; observations: string[]; detail: string }
+export interface CalibrationJob {
+  id: string; state: string; cell: string; solve: string; hold_out: number; observations: number; submitted_by: string | null;
+  created_at: string; ended_at: string | null; summary: ResidualSummary | null; point_at_best_focus_sd_mm: number | null;
+  findings: CalibrationFinding[]; problem: Job["problem"];
+}
+export interface Residual {
+  id: string; rotation_deg: number; translation_mm: number; shift_mm: number[]; table_angle_deg: number; used: boolean;
+  held_out: boolean; dropped_because?: string | null; predicted_translation_mm?: number | null;
+}
+export interface Calibration {
+  flange_from_scanner: Pose; base_from_table?: Pose | null; plate_from_board: Pose; residuals: Residual[]; summary: ResidualSummary;
+  observability: { spread_deg: number[]; rotation_sd_deg: number; translation_sd_mm: number;
+    weakest?: { freedom: string; axis: number[]; sd_deg?: number | null; sd_mm?: number | null } | null };
+  leave_one_out: { spread: Spread }; held_out?: Spread | null; sigma: Record<"robot_deg" | "robot_mm" | "board_deg" | "board_mm", number>;
+  sigma_estimated: boolean; table_runout: { order: number; radial_mm: number; axial_mm: number }[]; temperature_c: number | null;
 }

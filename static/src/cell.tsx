@@ -1,12 +1,14 @@
 // The cell while the program runs: playback with time line, steps, speed, joint plots with their limits.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { ask, type Job, type Plan, type Program } from "./api";
+import { ask, type Job, type Plan, type Pose, type Program } from "./api";
 import { CellScene, cellModelOf, type CellModel } from "./cellscene";
+import { FARTHEST_MM, type Clearance } from "./collide";
 import { Chart } from "./chart";
-import { coverageBytes, preview, type Preview } from "./mesh";
+import { ClearanceTracer, coverageBytes, preview, type Preview } from "./mesh";
 import { LINES } from "./palette";
-import { length, seconds } from "./settings";
+import { ReachPanel } from "./reachpanel";
+import { length, percent, seconds } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
 import { configurationAt, sampled, spanAt, timelineOf, type Timeline } from "./timeline";
@@ -62,6 +64,48 @@ function usePlayback(timeline: Timeline, start: number) {
   return { time, playing, speed };
 }
 
+/** Points in time for which the distance is drawn: ten a second, 600 at most. */
+const clearancePoints = (total: number): number => Math.max(50, Math.min(600, Math.round(10 * total)));
+
+interface Clearances { curve: { x: number[]; mm: number[]; least: number } | null; now: Clearance | null; share: number; minMm: number }
+
+/** Distance of the nearest bodies: along the whole program once, and at the present configuration as fast as it can be told. */
+function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, configuration: number[]): Clearances {
+  const minMm = loaded.plan.params.motion.clearance_mm;
+  const state = useSignal<Clearances>({ curve: null, now: null, share: 0, minMm });
+  const ask = useRef<((configuration: number[]) => void) | null>(null);
+  const wanted = useRef(configuration);
+  wanted.current = configuration;
+  useEffect(() => {
+    const { cell, robot, table, scanner, meshes } = loaded.model;
+    const tracer = new ClearanceTracer({ cell, robot, table, scanner, clearanceMm: minMm, part: loaded.mesh.positions, tableFromPart,
+      meshes: Object.fromEntries(Object.entries(meshes).map(([id, mesh]) => [id, mesh.positions])) });
+    state.value = { curve: null, now: null, share: 0, minMm };
+    let isBusy = false;
+    ask.current = (asked) => {
+      if (isBusy) return;
+      isBusy = true;
+      void tracer.at([asked]).then(([now]) => {
+        isBusy = false;
+        state.value = { ...state.value, now: now ?? null };
+        // The clock went on meanwhile.
+        if (wanted.current.join() !== asked.join()) ask.current?.(wanted.current);
+      });
+    };
+    ask.current(wanted.current);
+    const count = clearancePoints(timeline.total);
+    const x = Array.from({ length: count + 1 }, (_, i) => (timeline.total * i) / count);
+    void tracer.at(x.map((at) => configurationAt(timeline, at)), (share) => { state.value = { ...state.value, share }; }).then((found) => {
+      const mm = found.map((clearance) => clearance?.mm ?? FARTHEST_MM);
+      state.value = { ...state.value, share: 1, curve: { x, mm, least: mm.indexOf(Math.min(...mm)) } };
+    });
+    window.vantage.clearanceAt = (configurations: number[][]) => tracer.at(configurations);
+    return () => { ask.current = null; tracer.close(); };
+  }, [timeline]);
+  useEffect(() => ask.current?.(configuration), [configuration.join()]);
+  return state.value;
+}
+
 function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
   const setup = Math.min(Number(query.get("setup") ?? 0), loaded.programs.length - 1);
   const program = loaded.programs[setup]!;
@@ -74,15 +118,18 @@ function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
   const configuration = configurationAt(timeline, now);
   const span = spanAt(timeline, now);
 
+  const tableFromPart = loaded.plan.setups?.[setup]?.table_from_part ?? loaded.plan.cell!.table_from_part;
+  const clearances = useClearances(loaded, timeline, tableFromPart, configuration);
   useEffect(() => {
     if (!stage) { scene.current = null; return; }
     scene.current = new CellScene(stage, loaded.model, loaded.plan);
-    scene.current.showPart(loaded.mesh, loaded.bytes, loaded.plan.setups?.[setup]?.table_from_part ?? loaded.plan.cell!.table_from_part);
+    scene.current.showPart(loaded.mesh, loaded.bytes, tableFromPart);
     stage.look(scene.current.box(), STANDARD_VIEWS.iso!);
-    window.vantage.cell = { scene: scene.current, timeline, loaded, seek: (at: number) => { time.value = at; } };
+    window.vantage.cell = { scene: scene.current, timeline, loaded, configurationAt: (at: number) => configurationAt(timeline, at), seek: (at: number) => { time.value = at; } };
   }, [stage, setup]);
   useEffect(() => scene.current?.pose(configuration), [stage, now, setup]);
   useEffect(() => scene.current?.showBeams(beams.value), [stage, beams.value]);
+  useEffect(() => scene.current?.showGap(clearances.now, (clearances.now?.mm ?? FARTHEST_MM) < 2 * clearances.minMm), [stage, clearances.now]);
   // The address follows where playback rests; while it runs that would be sixty addresses a second.
   useEffect(() => { if (!playing.value) setQuery({ t: now > 0 ? now.toFixed(2) : undefined }); }, [playing.value, now]);
 
@@ -109,10 +156,12 @@ function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
         {loaded.programs.length > 1 && <Select label={words.setupLabel} value={String(setup)} onChange={(value) => { seek(0); setQuery({ setup: value, t: undefined }); }}
           options={loaded.programs.map((_, i) => [String(i), words.setup(i + 1)])} />}
         <NowFacts loaded={loaded} scene={scene.current} configuration={configuration} viewpoint={span?.op === "scan" ? span.viewpoint : undefined} />
+        <ClearanceFacts clearances={clearances} now={now} onSeek={seek} />
         <h3>{words.steps}</h3>
         <Steps timeline={timeline} at={span?.step ?? 0} onStep={(step) => seek(timeline.spans[step]!.from + 1e-6)} />
         <JointPlots loaded={loaded} timeline={timeline} now={now} onPick={seek} />
         <p class="soft">{words.interpolation}</p>
+        <ReachPanel stage={stage} load={() => loaded.model} />
       </aside>
     </div>
   );
@@ -129,6 +178,28 @@ function NowFacts({ loaded, scene, configuration, viewpoint }: { loaded: Loaded;
       {view?.station?.clearance_mm != null && <><dt>{words.clearance}</dt><dd>{length(view.station.clearance_mm)}</dd></>}
       {view?.station?.posture && <><dt>{words.posture}</dt><dd>{view.station.posture}</dd></>}
     </dl>
+  );
+}
+
+const CURVE = "#0072b2";
+
+function ClearanceFacts({ clearances, now, onSeek }: { clearances: Clearances; now: number; onSeek: (time: number) => void }) {
+  const { curve, now: nearest, share, minMm } = clearances;
+  const lines = useMemo(() => curve && [{ label: words.nearest, values: curve.mm, colour: CURVE },
+    { label: words.kept, values: curve.mm.map(() => minMm), isDashed: true, isFaint: true, colour: "#d55e00" }], [curve]);
+  return (
+    <section id="clearance" data-mm={nearest?.mm} aria-label={words.nearest}>
+      <h3>{words.nearest}</h3>
+      <p>{nearest ? <><strong>{length(nearest.mm)}</strong> {words.between(nearest.a, nearest.b)}</> : curve ? words.farther(length(FARTHEST_MM)) : text.loading}</p>
+      {curve ? (
+        <>
+          <p>{words.least} <button type="button" class="link" onClick={() => onSeek(curve.x[curve.least]!)}>
+            {length(curve.mm[curve.least]!)}, {curve.x[curve.least]!.toFixed(1)} s</button></p>
+          <Chart title={words.nearestOver} x={curve.x} lines={lines!} xLabel="s" yLabel="mm" height={120} cursor={now} onPick={onSeek} legend={false} />
+        </>
+      ) : <p class="soft" role="status">{words.measuring(percent(share, 0))}</p>}
+      <p class="soft">{words.nearestHint(length(minMm))}</p>
+    </section>
   );
 }
 

@@ -2,14 +2,16 @@
 import { Box3, Group, Matrix4, Vector3 } from "three";
 import { ask, type Body, type Cell, type Job, type Plan, type Pose, type Robot, type ScannerSpec, type Turntable } from "./api";
 import { colourOfByte } from "./bytes";
+import type { Clearance } from "./collide";
 import type { Preview } from "./mesh";
 import { matrixOf, turnZ } from "./poses";
-import { Arm, bodyMesh, frustums, lines, place, plateOf } from "./solids";
+import { length } from "./settings";
+import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { PartMesh, Stage } from "./stage";
 
 const RAD = Math.PI / 180;
 
-export interface CellModel { cell: Cell; robot: Robot; table: Turntable; scanner: ScannerSpec }
+export interface CellModel { cell: Cell; robot: Robot; table: Turntable; scanner: ScannerSpec; meshes: BodyMeshes }
 
 const named = <T>(room: string, given: string | T): Promise<T> | T =>
   (typeof given === "string" ? ask<T>(`/${room}/${encodeURIComponent(given)}`) : given);
@@ -19,7 +21,8 @@ export async function cellModelOf(job: Pick<Job, "cell">): Promise<CellModel> {
   const [robot, table, scanner] = await Promise.all([
     named<Robot>("robots", cell.robot), named<Turntable>("turntables", cell.turntable), named<ScannerSpec>("scanners", cell.scanner),
   ]);
-  return { cell, robot, table, scanner };
+  const bodies = [robot.surfaces, table.body, scanner.body, cell.mount, cell.obstacles, cell.cable].flatMap((given) => given ?? []);
+  return { cell, robot, table, scanner, meshes: await bodyMeshes(bodies) };
 }
 
 const GHOST = { colour: 0x00a37a, opacity: 0.25 };
@@ -28,6 +31,7 @@ export class CellScene {
   private readonly arm: Arm;
   private ghost: Arm | null = null;
   private readonly onPlate = new Group();
+  private readonly gap = new Group();
   private readonly partHolder = new Group();
   private readonly beams: Group | null;
   private readonly flangeFromScanner: Matrix4;
@@ -35,26 +39,27 @@ export class CellScene {
   readonly baseFromScanner = new Matrix4();
 
   constructor(readonly stage: Stage, private readonly model: CellModel, private readonly plan: Plan | null) {
-    const { cell, robot, table } = model;
+    const { cell, robot, table, meshes } = model;
     this.flangeFromScanner = matrixOf(cell.flange_from_scanner);
-    this.arm = new Arm(robot);
+    this.arm = new Arm(robot, undefined, meshes);
     this.beams = plan ? frustums(plan.scanner) : null;
     this.arm.flange.add(this.carried({ colour: 0x394350 }));
-    (cell.mount ?? []).forEach((body) => this.arm.flange.add(bodyMesh(body, { colour: 0x7d8793 })));
+    (cell.mount ?? []).forEach((body) => this.arm.flange.add(bodyMesh(body, { colour: 0x7d8793 }, meshes)));
     this.onPlate.add(plateOf(table), this.partHolder);
     const still = place(new Group(), matrixOf(cell.base_from_table));
-    (table.body ?? []).forEach((body) => still.add(bodyMesh(body, { colour: 0x8c96a1 })));
+    (table.body ?? []).forEach((body) => still.add(bodyMesh(body, { colour: 0x8c96a1 }, meshes)));
     const obstacles = new Group();
     obstacles.name = "obstacles";
-    (cell.obstacles ?? []).forEach((body) => obstacles.add(bodyMesh(body, { colour: 0xa08f7a })));
-    stage.scene.add(this.arm.object, this.onPlate, still, obstacles, floorLines(cell.floor_mm ?? null));
+    (cell.obstacles ?? []).forEach((body) => obstacles.add(bodyMesh(body, { colour: 0xa08f7a }, meshes)));
+    (cell.cable ?? []).forEach((body) => this.arm.carry(body.link!, bodyMesh(body, { colour: 0x2f3640 }, meshes)));
+    stage.scene.add(this.gap, this.arm.object, this.onPlate, still, obstacles, floorLines(cell.floor_mm ?? null));
     this.pose(cell.home_deg);
   }
 
   private carried(look: { colour: number; opacity?: number }): Group {
     const group = place(new Group(), this.flangeFromScanner);
     group.name = "scanner";
-    (this.model.scanner.body ?? []).forEach((body: Body) => group.add(bodyMesh(body, look)));
+    (this.model.scanner.body ?? []).forEach((body: Body) => group.add(bodyMesh(body, look, this.model.meshes)));
     if (this.beams && !look.opacity) group.add(this.beams);
     return group;
   }
@@ -77,13 +82,27 @@ export class CellScene {
 
   showGhost(configurationDeg: readonly number[] | null): void {
     if (configurationDeg && !this.ghost) {
-      this.ghost = new Arm(this.model.robot, GHOST);
+      this.ghost = new Arm(this.model.robot, GHOST, this.model.meshes);
       this.ghost.flange.add(this.carried(GHOST));
       this.stage.scene.add(this.ghost.object);
     }
     if (this.ghost) this.ghost.object.visible = configurationDeg !== null;
     if (configurationDeg) this.ghost!.pose(configurationDeg);
     this.stage.invalidate();
+  }
+
+  /** The line between the two bodies that are nearest to each other. */
+  showGap(clearance: Clearance | null, isTight: boolean): void {
+    this.stage.clear(this.gap);
+    this.gap.name = "gap";
+    if (clearance) {
+      const drawn = lines([...clearance.from, ...clearance.to], isTight ? 0xd55e00 : 0x0072b2);
+      drawn.material.depthTest = false;
+      drawn.renderOrder = 2;
+      this.gap.add(drawn);
+    }
+    const middle = clearance && new Vector3(...clearance.from).add(new Vector3(...clearance.to)).multiplyScalar(0.5);
+    this.stage.setLabels(middle ? [{ at: middle, text: length(clearance!.mm) }] : []);
   }
 
   showBeams(isShown: boolean): void {

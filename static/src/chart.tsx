@@ -4,12 +4,16 @@ import { useEffect, useRef } from "preact/hooks";
 import { isDark } from "./settings";
 import { LINES } from "./palette";
 
-export interface Line { label: string; values: (number | null)[]; colour?: string; isStepped?: boolean; isDashed?: boolean; isFaint?: boolean }
+export interface Line { label: string; values: (number | null)[]; colour?: string; isStepped?: boolean; isDashed?: boolean; isFaint?: boolean; isPoints?: boolean }
 
 interface Props {
   title: string; x: number[]; lines: Line[]; xLabel: string; yLabel: string; height?: number; percent?: boolean;
   yRange?: [number, number]; cursor?: number; onPick?: (x: number) => void; points?: boolean; legend?: boolean;
+  /** What is counted along x has no halves. */
+  isCounted?: boolean;
 }
+
+const COUNTS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
   const ink = dark ? "#a9b6c4" : "#4a5563";
@@ -22,13 +26,13 @@ function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
     cursor: { y: false, drag: { x: false, y: false } },
     scales: { x: { time: false }, y: props.yRange ? { range: props.yRange } : {} },
     axes: [
-      { ...axis, label: props.xLabel, size: 28 },
-      { ...axis, label: props.yLabel, size: 44, ...(props.percent && {
-        values: (_: uPlot, ticks: number[]) => ticks.map((tick) => `${Math.round(100 * tick)} %`) }) },
+      { ...axis, label: props.xLabel, size: 28, ...(props.isCounted && { incrs: COUNTS }) },
+      { ...axis, label: props.yLabel, size: 44, values: (_: uPlot, ticks: number[]) =>
+        ticks.map((tick) => (props.percent ? `${Math.round(100 * tick)} %` : String(Number(tick.toPrecision(6))))) },
     ],
     series: [{}, ...props.lines.map((line, i) => ({
       label: line.label, stroke: line.colour ?? LINES[i % LINES.length]!, width: line.isFaint ? 1 : 2,
-      points: { show: Boolean(props.points) }, ...(line.isStepped && { paths: stepped }), ...(line.isDashed && { dash: [5, 4] }),
+      points: { show: Boolean(props.points || line.isPoints), ...(line.isPoints && { size: 6 }) }, ...(line.isPoints && { paths: () => null }), ...(line.isStepped && { paths: stepped }), ...(line.isDashed && { dash: [5, 4] }),
     }))],
     hooks: { draw: [(plot) => mark(plot, props.cursor, dark)] },
   };

@@ -6,13 +6,14 @@ import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
 import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type ScannerSpec, type Turntable } from "./api";
 import { dropped } from "./dropped";
 import { cellName, keepJob, scannerName } from "./jobs";
-import { preview, readFile, type Preview } from "./mesh";
+import { preview, readFile, stablePoses, type Preview } from "./mesh";
 import type { Read } from "./readmesh";
 import { apiDocument, changesOf, nested, ParamForm, type Api } from "./schema";
 import { area, goTo, hrefOf, percent, sizes, length } from "./settings";
 import { lines, plateOf } from "./solids";
 import { PartMesh, STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
+import { drawTurned } from "./thumbnail";
 import { Button, guarded, Select, Slider, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
@@ -156,27 +157,64 @@ function Look({ shape, scale, bounds, place }: { shape: Preview; scale: number; 
   return <View3d label={text.create.look} name="look" box={() => box.current} onStage={(made) => { stage.current = made; if (made) ready((n) => n + 1); }} />;
 }
 
-const SIDES: [number, number][] = [[0, 0], [180, 0], [0, -90], [0, 90], [90, 0], [-90, 0]];
+/** Turns about X and Y, degrees, that bring a direction of the part to point down. */
+function turned([x, y, z]: [number, number, number]): { roll: number; pitch: number } {
+  const upright = Math.hypot(y, z) > 1e-9;
+  return { roll: upright ? Math.atan2(-y, -z) / RAD : 0, pitch: Math.asin(Math.max(-1, Math.min(1, x))) / RAD };
+}
 
-function PlacementForm({ place }: { place: Signal<Placement | null> }) {
+const SIDES: [number, number, number][] = [[0, 0, -1], [0, 0, 1], [-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]];
+
+/** Picture of the part as it would lie. */
+function Lying({ shape, down }: { shape: Preview; down: [number, number, number] }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  useEffect(() => { void drawTurned(canvas.current!, shape, turnOf({ ...turned(down), yaw: 0, x: 0, y: 0 })); }, [shape]);
+  return <canvas ref={canvas} class="thumb" width={144} height={108} aria-hidden="true" />;
+}
+
+/** The ways in which the part can stand, a picture each. */
+function StableList({ shape, place }: { shape: Preview; place: Signal<Placement | null> }) {
+  const { value } = useLoaded(() => stablePoses(shape.positions), [shape]);
+  const words = text.create;
+  const isChosen = (down: [number, number, number]): boolean => {
+    const { roll, pitch } = turned(down);
+    return place.value !== null && Math.abs(place.value.roll - roll) < 0.01 && Math.abs(place.value.pitch - pitch) < 0.01;
+  };
+  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (value.length === 0) return <p class="soft">{words.noStable}</p>;
+  return (
+    <ul class="poses" aria-label={words.stable}>
+      {value.map(({ down, share }, i) => (
+        <li key={down.join()}><button type="button" aria-pressed={isChosen(down)} onClick={() => { place.value = { yaw: 0, x: 0, y: 0, ...turned(down) }; }}>
+          <Lying shape={shape} down={down} /><span>{words.pose(i + 1, percent(share, 0))}</span></button></li>
+      ))}
+    </ul>
+  );
+}
+
+function PlacementForm({ place, shape }: { place: Signal<Placement | null>; shape: Preview }) {
   const at = place.value;
+  const [isOpen, setOpen] = useState(false);
   const set = (change: Partial<Placement>): void => { place.value = { ...at!, ...change }; };
   const words = text.create;
   const turn = (name: string, key: "roll" | "pitch" | "yaw") => (
-    <Slider label={name} min={-180} max={180} step={1} value={at![key]} show={`${at![key]}°`} onInput={(value) => set({ [key]: value })} />
+    <Slider label={name} min={-180} max={180} step={1} value={at![key]} show={`${Math.round(10 * at![key]) / 10}°`} onInput={(value) => set({ [key]: value })} />
   );
   return (
-    <details class="group">
+    <details class="group placing" onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary>{words.placing} <span class="soft">{at ? words.placeHand : words.placeAuto}</span></summary>
-      <p class="soft">{words.placingHint}</p>
       <label class="check"><input type="checkbox" checked={at === null} onChange={(event) => {
         place.value = event.currentTarget.checked ? null : { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0 };
       }} />{words.placeAuto}</label>
+      <h3>{words.stable}</h3>
+      {isOpen && <StableList shape={shape} place={place} />}
+      <h3>{words.placeHand}</h3>
+      <p class="soft">{words.placingHint}</p>
+      <p class="actions" role="group" aria-label={words.sides}>
+        {SIDES.map((down, i) => <Button key={i} onClick={() => { place.value = { yaw: 0, x: 0, y: 0, ...turned(down) }; }}>{words.faces[i]}</Button>)}
+      </p>
       {at && (
         <>
-          <p class="actions" aria-label={words.stable}>
-            {SIDES.map(([roll, pitch], i) => <Button key={i} onClick={() => set({ roll, pitch })}>{words.faces[i]}</Button>)}
-          </p>
           {turn(words.turnX, "roll")}{turn(words.turnY, "pitch")}{turn(words.turnZ, "yaw")}
           <Slider label={words.moveX} min={-250} max={250} value={at.x} show={length(at.x)} onInput={(x) => set({ x })} />
           <Slider label={words.moveY} min={-250} max={250} value={at.y} show={length(at.y)} onInput={(y) => set({ y })} />
@@ -363,7 +401,7 @@ export function Create({ from }: { from: string | null }) {
         )}
         {meshShown && <Health mesh={meshShown} />}
         {names && choice.value.cell && <HardwareForm choice={choice} names={names} />}
-        {shape && (base || unit.value) && <PlacementForm place={place} />}
+        {shape && (base || unit.value) && <PlacementForm place={place} shape={shape} />}
         {api && (
           <details class="group">
             <summary>{text.create.parameters} <span class="soft">{text.create.changed(Object.values(params.value).reduce<number>((sum, group) =>

@@ -1,6 +1,9 @@
 // The preview of a mesh: its triangles, the faces of the uploaded file that each stands for, and the worker that holds its tree.
 import { request } from "./api";
 import type { Read } from "./readmesh";
+import type { Clearance, ClearanceCell } from "./collide";
+import type { ReachMap } from "./reach";
+import type { StablePose } from "./stable";
 import type { Ask, Hit, Judgement, Scores } from "./worker";
 
 export interface Preview {
@@ -98,15 +101,14 @@ export async function coverageBytes(jobId: string): Promise<Uint8Array> {
   return new Uint8Array(await (await request(`/jobs/${jobId}/coverage.bin`)).arrayBuffer());
 }
 
-/** The worker with the tree of one mesh. */
-export class Tracer {
+/** A worker and what it has been asked. */
+class Asked {
   private readonly worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
   private readonly waiting = new Map<number, { resolve: (value: never) => void; reject: (error: Error) => void;
     onProgress?: (share: number) => void }>();
   private next = 1;
-  readonly ready: Promise<{ faces: number; secs: number }>;
 
-  constructor(positions: Float32Array) {
+  constructor() {
     this.worker.onmessage = ({ data }) => {
       const waiting = this.waiting.get(data.id);
       if ("progress" in data) { waiting?.onProgress?.(data.progress); return; }
@@ -114,17 +116,47 @@ export class Tracer {
       if ("error" in data) waiting?.reject(new Error(data.error));
       else waiting?.resolve(data.value as never);
     };
-    const copy = positions.slice();
-    this.ready = this.send({ kind: "load", positions: copy }, [copy.buffer]);
   }
 
-  private send<T>(ask: Ask, transfer: Transferable[] = [], onProgress?: (share: number) => void): Promise<T> {
+  send<T>(ask: Ask, transfer: Transferable[] = [], onProgress?: (share: number) => void): Promise<T> {
     const id = this.next;
     this.next += 1;
     return new Promise((resolve, reject) => {
       this.waiting.set(id, { resolve, reject, ...(onProgress && { onProgress }) });
       this.worker.postMessage({ id, ask }, transfer);
     });
+  }
+
+  close = (): void => this.worker.terminate();
+}
+
+/** The worker with the bodies of one cell. */
+export class ClearanceTracer extends Asked {
+  readonly ready: Promise<null>;
+
+  constructor(given: ClearanceCell) {
+    super();
+    this.ready = this.send({ kind: "cell", given });
+  }
+
+  at = (configurations: number[][], onProgress?: (share: number) => void): Promise<(Clearance | null)[]> =>
+    this.send({ kind: "clearances", configurations }, [], onProgress);
+}
+
+/** A worker that counts the reach of a cell. */
+export class ReachCounter extends Asked {
+  count = (given: ClearanceCell, edge: number, onProgress: (share: number) => void): Promise<ReachMap> =>
+    this.send({ kind: "reach", given, edge }, [], onProgress);
+}
+
+/** The worker with the tree of one mesh. */
+export class Tracer extends Asked {
+  readonly ready: Promise<{ faces: number; secs: number }>;
+
+  constructor(positions: Float32Array) {
+    super();
+    const copy = positions.slice();
+    this.ready = this.send({ kind: "load", positions: copy }, [copy.buffer]);
   }
 
   pick = (origin: number[], direction: number[], section: number[] | null): Promise<Hit | null> =>
@@ -136,14 +168,22 @@ export class Tracer {
   near = (point: number[], radius: number, normal: number[]): Promise<Int32Array> =>
     this.send({ kind: "near", point, radius, normal });
   box = (min: number[], max: number[]): Promise<Int32Array> => this.send({ kind: "box", min, max });
-  close = (): void => this.worker.terminate();
 }
 
-/** Reads a file in a worker of its own. */
-export function readFile(file: File): Promise<Read> {
-  const worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
-  return file.arrayBuffer().then((buffer) => new Promise<Read>((resolve, reject) => {
-    worker.onmessage = ({ data }) => ("error" in data ? reject(new Error(data.error)) : resolve(data.value as Read));
-    worker.postMessage({ id: 1, ask: { kind: "read", file: buffer } }, [buffer]);
-  })).finally(() => worker.terminate());
+/** Asks a worker of its own, which ends with the answer. */
+function once<T>(ask: Ask, transfer: Transferable[]): Promise<T> {
+  const worker = new Asked();
+  return worker.send<T>(ask, transfer).finally(worker.close);
 }
+
+/** Reads a file that is not sent yet. */
+export const readFile = async (file: File): Promise<Read> => {
+  const buffer = await file.arrayBuffer();
+  return once<Read>({ kind: "read", file: buffer }, [buffer]);
+};
+
+/** Ways in which a part can stand. */
+export const stablePoses = (positions: Float32Array): Promise<StablePose[]> => {
+  const copy = positions.slice();
+  return once({ kind: "rest", positions: copy }, [copy.buffer]);
+};

@@ -16,7 +16,7 @@ function Nav() {
   );
   return (
     <nav aria-label={text.nav.label}>
-      {entry("jobs", text.nav.jobs)}{entry("new", text.nav.create)}{entry("runs", text.nav.runs)}{entry("specs", text.nav.specs)}
+      {entry("jobs", text.nav.jobs)}{entry("new", text.nav.create)}{entry("runs", text.nav.runs)}{entry("specs", text.nav.specs)}{entry("calibrations", text.nav.calibrations)}
     </nav>
   );
 }
@@ -101,6 +101,8 @@ function View() {
   if (room === "compare") return <Lazy key="compare" load={async () => (await import("./compare")).Compare} props={{ first: first ?? "", second: second ?? "" }} />;
   if (room === "runs" && first) return <Lazy key={first} load={async () => (await import("./run")).RunView} props={{ id: first }} />;
   if (room === "runs") return <Lazy key="runs" load={async () => (await import("./run")).RunList} props={{}} />;
+  if (room === "calibrations" && first) return <Lazy key={first} load={async () => (await import("./calibrations")).CalibrationView} props={{ id: first }} />;
+  if (room === "calibrations") return <Lazy key="calibrations" load={async () => (await import("./calibrations")).CalibrationList} props={{}} />;
   if (room === "specs") return <Lazy key="specs" load={async () => (await import("./specs")).Specs} props={{ kind: first ?? "scanners", name: second ?? "" }} />;
   return <p>{text.notFound}</p>;
 }

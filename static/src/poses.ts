@@ -85,3 +85,26 @@ export function partFromScanner(
   const baseFromPart = product(matrixOf(cell.base_from_table), turnZ(tableDeg * RAD), matrixOf(cell.table_from_part));
   return product(baseFromPart.invert(), linkFrames(robot, jointsDeg)[6]!, matrixOf(cell.flange_from_scanner));
 }
+
+/** The board in a camera, as calibration tools print it. */
+export interface BoardPose { rotation_rows: [number, number, number][]; translation_mm: [number, number, number] }
+
+function boardMatrix({ rotation_rows: [a, b, c], translation_mm: [x, y, z] }: BoardPose): Matrix4 {
+  const printed = new Matrix4().set(...a!, x, ...b!, y, ...c!, z, 0, 0, 0, 1);
+  // Printed digits leave the rows a little off a rotation.
+  return new Matrix4().compose(new Vector3(x, y, z), new Quaternion().setFromRotationMatrix(printed).normalize(), UNIT);
+}
+
+/** Cameras and board in the scanner frame, from one board seen by both cameras: origin in the middle of the baseline, x along it, z
+ * the mean optical axis made perpendicular to x (`left_from_scanner` in `src/cell/scanner/spec.rs`). */
+export function rigOf(boards: { left: BoardPose; right: BoardPose }): { left: Matrix4; right: Matrix4; board: Matrix4 } {
+  const leftFromBoard = boardMatrix(boards.left);
+  const leftFromRight = leftFromBoard.clone().multiply(boardMatrix(boards.right).invert());
+  const baseline = new Vector3().setFromMatrixPosition(leftFromRight);
+  const x = baseline.clone().normalize();
+  const axes = new Vector3(0, 0, 1).add(new Vector3().setFromMatrixColumn(leftFromRight, 2));
+  const z = axes.addScaledVector(x, -x.dot(axes)).normalize();
+  const leftFromScanner = new Matrix4().makeBasis(x, new Vector3().crossVectors(z, x), z).setPosition(baseline.multiplyScalar(0.5));
+  const left = leftFromScanner.invert();
+  return { left, right: left.clone().multiply(leftFromRight), board: left.clone().multiply(leftFromBoard) };
+}

@@ -129,8 +129,72 @@ function Control(props: FieldProps) {
   return <JsonField value={value} onChange={onChange} label={name} />;
 }
 
+/** Alternatives of a schema. */
+const choicesOf = (api: Api, schema: Schema): Schema[] =>
+  (schema.oneOf ?? schema.anyOf ?? []).map((choice) => resolved(api, choice)).filter((choice) => typeOf(choice) !== "null");
+const kindOf = (choice: Schema): string | undefined => choice.properties?.kind?.enum?.[0]?.toString();
+
+/** The alternative that a value is written in; the first for what is not written yet. */
+function chosen(api: Api, schema: Schema, value: unknown): Schema | undefined {
+  const choices = choicesOf(api, schema);
+  if (typeof value === "string") return choices.find((choice) => typeOf(choice) === "string" || choice.enum);
+  if (typeof value !== "object" || value === null || Array.isArray(value)) return undefined;
+  const { kind } = value as { kind?: string };
+  if (kind !== undefined) return choices.find((choice) => kindOf(choice) === kind);
+  return choices.find((choice) => choice.properties && Object.keys(value).every((key) => key in choice.properties!));
+}
+
+/** Choice among shapes that a kind tells apart. */
+function Kinds({ choices, kind, name, onChange }: { choices: Schema[]; kind: string | undefined; name: string; onChange: (value: unknown) => void }) {
+  return (
+    <label class="kinds"><span>{name}.kind</span>
+      <select value={kind ?? ""} onChange={(event) => onChange({ kind: event.currentTarget.value })}>
+        {kind === undefined && <option value="">{text.none}</option>}
+        {choices.map((choice) => <option key={kindOf(choice)} value={kindOf(choice)}>{kindOf(choice)}</option>)}
+      </select>
+    </label>
+  );
+}
+
+/** A list of objects, each of which can be removed, and more added. */
+function Items({ api, schema, name, value, onChange }: FieldProps) {
+  const items = (value ?? []) as unknown[];
+  const set = (at: number, given: unknown): void => {
+    const left = given === undefined ? items.filter((_, i) => i !== at) : items.map((old, i) => (i === at ? given : old));
+    onChange(left.length > 0 ? left : undefined);
+  };
+  return (
+    <fieldset>
+      <legend>{name}</legend>
+      {schema.description && <p class="soft">{schema.description.replaceAll("\n", " ")}</p>}
+      {items.map((item, i) => (
+        <div key={i}>
+          <Field api={api} schema={schema.items!} name={`${name} ${i + 1}`} value={item} onChange={(given) => set(i, given ?? {})} />
+          <button type="button" class="link" onClick={() => set(i, undefined)}>{text.create.drop1(`${name} ${i + 1}`)}</button>
+        </div>
+      ))}
+      <button type="button" onClick={() => onChange([...items, {}])}>{text.create.add(name)}</button>
+    </fieldset>
+  );
+}
+
 export function Field(props: FieldProps & { isChanged?: boolean; onReset?: () => void }) {
-  const schema = resolved(props.api, props.schema);
+  const whole = resolved(props.api, props.schema);
+  const choices = choicesOf(props.api, whole);
+  const kinds = choices.length > 0 && choices.every((choice) => kindOf(choice) !== undefined);
+  const found = choices.length > 0 ? chosen(props.api, whole, props.value) : undefined;
+  if (kinds && typeof props.value === "object" && props.value !== null) {
+    return (
+      <div class="of-kind">
+        <Kinds choices={choices} kind={found && kindOf(found)} name={props.name} onChange={props.onChange} />
+        {found && <ObjectField {...props} schema={{ ...found, properties: Object.fromEntries(Object.entries(found.properties!).filter(([key]) => key !== "kind")) }} />}
+      </div>
+    );
+  }
+  const schema = found ? { ...found, description: whole.description ?? found.description } as Schema : whole;
+  if (found) return <Field {...props} schema={schema} />;
+  const item = typeOf(schema) === "array" && schema.items ? resolved(props.api, schema.items) : undefined;
+  if (item && (item.properties || choicesOf(props.api, item).some((choice) => choice.properties))) return <Items {...props} schema={schema} />;
   const fallback = props.fallback ?? schema.default;
   if (typeOf(schema) === "object" && schema.properties) return <ObjectField {...props} />;
   return (

@@ -5,6 +5,7 @@ import {
   Vector3,
 } from "three";
 import type { Body, Device, Pose, Robot, Scanner, Turntable } from "./api";
+import { preview, type Preview } from "./mesh";
 import { DEVICES, type Rgb } from "./palette";
 import { linkFrames, matrixOf } from "./poses";
 
@@ -23,16 +24,30 @@ export function place<T extends Object3D>(object: T, matrix: Matrix4): T {
 /** Stands a solid that three.js has along y along z. */
 const upright = <T extends BufferGeometry>(geometry: T): T => geometry.rotateX(Math.PI / 2);
 
-function solidOf({ shape }: Body): BufferGeometry | null {
+/** Previews of the meshes that bodies name, by id. */
+export type BodyMeshes = Record<string, Preview>;
+
+/** Reads the meshes that bodies name. One that the server does not keep is left out: a file on the machine that made the cell. */
+export async function bodyMeshes(bodies: (Body | null | undefined)[]): Promise<BodyMeshes> {
+  const ids = [...new Set(bodies.flatMap((body) => (body?.shape?.kind === "mesh" && body.shape.mesh ? [body.shape.mesh] : [])))];
+  const read = await Promise.all(ids.map((id) => preview(id).then((mesh): [string, Preview][] => [[id, mesh]], () => [])));
+  return Object.fromEntries(read.flat());
+}
+
+function solidOf({ shape }: Body, meshes: BodyMeshes): BufferGeometry | null {
   if (shape.kind === "box") return new BoxGeometry(...shape.size_mm!);
   if (shape.kind === "cylinder") return upright(new CylinderGeometry(shape.radius_mm, shape.radius_mm, shape.height_mm, 32));
   if (shape.kind === "capsule") return upright(new CapsuleGeometry(shape.radius_mm, shape.length_mm, 6, 24));
-  return null;
+  const mesh = meshes[shape.mesh ?? ""];
+  return mesh ? new BufferGeometry().setAttribute("position", new Float32BufferAttribute(mesh.positions, 3)) : null;
 }
 
-export function bodyMesh(body: Body, look: Look): Object3D {
-  const geometry = solidOf(body);
-  const made = geometry ? new Mesh(geometry, material(look)) : new Group();
+export function bodyMesh(body: Body, look: Look, meshes: BodyMeshes = {}): Object3D {
+  const geometry = solidOf(body, meshes);
+  const paint = material(look);
+  // A mesh has no normals of its corners, and may be open.
+  if (body.shape.kind === "mesh") { paint.flatShading = true; paint.side = DoubleSide; }
+  const made = geometry ? new Mesh(geometry, paint) : new Group();
   made.name = body.name;
   return place(made, matrixOf(body.owner_from_body));
 }
@@ -48,21 +63,29 @@ function capsule(from: Vector3, to: Vector3, radius: number, look: Look): Mesh {
 
 const LINK_COLOURS = [0x5b6673, 0xb9c2cc, 0xd98a3d];
 
-/** The arm as capsules, moved by its joints. */
+/** The arm as surfaces where they are known, else as capsules, moved by its joints. */
 export class Arm {
   readonly object = new Group();
   readonly flange = new Group();
   private readonly links: Group[];
 
-  constructor(private readonly robot: Robot, ghost?: Look) {
+  constructor(private readonly robot: Robot, ghost?: Look, meshes: BodyMeshes = {}) {
     this.object.name = ghost ? "ghost" : "arm";
     this.links = Array.from({ length: 7 }, () => new Group());
-    robot.links.forEach((link) => {
-      const look = ghost ?? { colour: LINK_COLOURS[link.link === 0 ? 0 : 1 + (link.link % 2)]! };
+    const lookOf = (link: number): Look => ghost ?? { colour: LINK_COLOURS[link === 0 ? 0 : 1 + (link % 2)]! };
+    const surfaces = (robot.surfaces ?? []).filter(({ shape }) => shape.kind !== "mesh" || shape.mesh! in meshes);
+    surfaces.forEach((body) => this.links[body.link!]?.add(bodyMesh(body, lookOf(body.link!), meshes)));
+    robot.links.filter(({ link }) => !surfaces.some((body) => body.link === link)).forEach((link) => {
+      const look = lookOf(link.link);
       this.links[link.link]?.add(capsule(new Vector3(...link.from_mm), new Vector3(...link.to_mm), link.radius_mm, look));
     });
     this.links[6]!.add(this.flange);
     this.object.add(...this.links);
+  }
+
+  /** Adds what moves with a link. */
+  carry(link: number, object: Object3D): void {
+    this.links[link]?.add(object);
   }
 
   pose(jointsDeg: readonly number[]): Matrix4 {
@@ -90,7 +113,7 @@ export function plateOf(table: Turntable): Group {
   return group;
 }
 
-export function lines(points: number[], colour: number | Rgb): LineSegments {
+export function lines(points: number[], colour: number | Rgb): LineSegments<BufferGeometry, LineBasicMaterial> {
   const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
   const shade = Array.isArray(colour) ? new Color(`rgb(${colour.join(",")})`) : new Color(colour);
   return new LineSegments(geometry, new LineBasicMaterial({ color: shade }));

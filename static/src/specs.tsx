@@ -1,12 +1,14 @@
 // Hardware: scanners, robots, turntables and cells, read and edited with the server's own check while one types, and drawn.
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { Box3, BoxGeometry, EdgesGeometry, Group, LineBasicMaterial, LineSegments } from "three";
+import { Box3, BoxGeometry, EdgesGeometry, Group, LineBasicMaterial, LineSegments, Matrix4 } from "three";
 import { ask, post, put, remove, request, type Body, type Cell, type Device, type Note, type Page, type ProblemField, type Robot, type Scanner, type ScannerSpec, type Turntable } from "./api";
 import { CellScene, cellModelOf } from "./cellscene";
+import { poseOf, rigOf, type BoardPose } from "./poses";
+import { ReachPanel } from "./reachpanel";
 import { apiDocument, ObjectField } from "./schema";
 import { goTo, hrefOf, length, sizes } from "./settings";
-import { Arm, bodyMesh, frustums, plateOf } from "./solids";
+import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
 import { Button, Tabs, useLoaded } from "./widgets";
@@ -133,10 +135,29 @@ function Source({ value, onChange }: { value: Record<string, unknown>; onChange:
   );
 }
 
-/** Devices whose poses the specification gives; those of cameras may follow from the calibration board instead. */
-function posedDevices(spec: ScannerSpec & Record<string, unknown>): Scanner {
-  const devices = ["left", "right", "projector"].map((name) => ({ ...(spec[name] as Device), name })).filter((device) => device.scanner_from_device);
+type Spec = ScannerSpec & Record<string, unknown> & { board_poses?: { left: BoardPose; right: BoardPose } | null };
+
+/** Devices with their poses, of which those of the cameras may follow from a board that both saw. */
+function posedDevices(spec: Spec, rig: ReturnType<typeof rigOf> | null): Scanner {
+  const devices = ["left", "right", "projector"].map((name): Device => {
+    const derived = rig && name !== "projector" ? { scanner_from_device: poseOf(rig[name as "left" | "right"]) } : {};
+    // A projector is in the origin if nothing else is said.
+    const given = spec[name] as Partial<Pick<Device, "scanner_from_device">> & Omit<Device, "name" | "scanner_from_device">;
+    return { ...given, scanner_from_device: given.scanner_from_device ?? poseOf(new Matrix4()), ...derived, name };
+  });
   return { name: spec.name, depth_mm: spec.depth_mm, devices };
+}
+
+const BOARD_AXIS_MM = 60;
+
+/** The board that the cameras' poses were found with: its origin and axes, x and y along it. */
+function boardLines(board: Matrix4): Group {
+  const group = new Group();
+  group.name = "board";
+  const colours = [0xd55e00, 0x009e73, 0x0072b2];
+  colours.forEach((colour, axis) => group.add(lines([0, 0, 0, ...[0, 1, 2].map((i) => (i === axis ? BOARD_AXIS_MM : 0))], colour)));
+  group.add(lines([0, 0, 0, BOARD_AXIS_MM, 0, 0, BOARD_AXIS_MM, BOARD_AXIS_MM, 0, BOARD_AXIS_MM, 0, 0, 0, BOARD_AXIS_MM, 0, BOARD_AXIS_MM, BOARD_AXIS_MM, 0, 0, 0, 0, 0, BOARD_AXIS_MM, 0], 0x8a94a0));
+  return place(group, board);
 }
 
 function boxOf(size: [number, number, number], at: number, colour: number): LineSegments {
@@ -145,28 +166,32 @@ function boxOf(size: [number, number, number], at: number, colour: number): Line
   return made;
 }
 
-function drawScanner(group: Group, spec: ScannerSpec & Record<string, unknown>): void {
+function drawScanner(group: Group, spec: Spec, meshes: BodyMeshes): void {
   const { near, best, far } = spec.depth_mm;
-  (spec.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x56616d })));
-  group.add(frustums(posedDevices(spec)));
+  const rig = spec.board_poses ? rigOf(spec.board_poses) : null;
+  const posed = posedDevices(spec, rig);
+  window.vantage.spec = { devices: posed.devices };
+  (spec.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x56616d }, meshes)));
+  group.add(frustums(posed));
+  if (rig) group.add(boardLines(rig.board));
   group.add(boxOf([spec.practical_volume_mm[0], spec.practical_volume_mm[1], Math.min(spec.practical_volume_mm[2], far - near)], best, 0xe69f00));
   if (spec.stated_volume_mm) group.add(boxOf(spec.stated_volume_mm, best, 0x009e73));
   for (const depth of [near, best, far]) group.add(boxOf([spec.practical_volume_mm[0], spec.practical_volume_mm[1], 0.1], depth, depth === best ? 0xd55e00 : 0x8a94a0));
 }
 
 async function draw(stage: Stage, group: Group, kind: string, spec: Record<string, unknown>): Promise<void> {
-  if (kind === "scanners") drawScanner(group, spec as unknown as ScannerSpec & Record<string, unknown>);
+  const meshes = kind === "cells" ? {} : await bodyMeshes([...((spec.body ?? []) as Body[]), ...((spec.surfaces ?? []) as Body[])]);
+  if (kind === "scanners") drawScanner(group, spec as unknown as Spec, meshes);
   if (kind === "robots") {
     const robot = spec as unknown as Robot;
-    const arm = new Arm(robot);
+    const arm = new Arm(robot, undefined, meshes);
     arm.pose([0, 0, 0, 0, 0, 0]);
-    (robot.surfaces ?? []).forEach((body: Body) => group.add(bodyMesh(body, { colour: 0x8c96a1 })));
     group.add(arm.object);
   }
   if (kind === "turntables") {
     const table = spec as unknown as Turntable;
     group.add(plateOf(table));
-    (table.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x8c96a1 })));
+    (table.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x8c96a1 }, meshes)));
   }
   if (kind === "cells") {
     const model = await cellModelOf({ cell: spec as unknown as Cell & string });
@@ -182,7 +207,8 @@ function captions(kind: string, spec: Record<string, unknown>): string {
   const scanner = spec as unknown as ScannerSpec;
   const { near, best, far } = scanner.depth_mm;
   return [`${words.near} ${length(near)}, ${words.best} ${length(best)}, ${words.far} ${length(far)}`,
-    `${words.practical} ${sizes(scanner.practical_volume_mm)}`, scanner.stated_volume_mm && `${words.stated} ${sizes(scanner.stated_volume_mm)}`].filter(Boolean).join(" · ");
+    `${words.practical} ${sizes(scanner.practical_volume_mm)}`, scanner.stated_volume_mm && `${words.stated} ${sizes(scanner.stated_volume_mm)}`,
+    spec.board_poses && words.board].filter(Boolean).join(" · ");
 }
 
 function Drawing({ kind, spec }: { kind: string; spec: Record<string, unknown> }) {
@@ -202,7 +228,11 @@ function Drawing({ kind, spec }: { kind: string; spec: Record<string, unknown> }
         if (old) { stage.clear(old); stage.scene.remove(old); }
         stage.scene.add(group);
         const first = box.current === null;
+        // The floor reaches far beyond what is looked at.
+        const floor = group.getObjectByName("floor");
+        floor?.removeFromParent();
         box.current = new Box3().setFromObject(group);
+        if (floor) group.add(floor);
         if (first) stage.look(box.current, STANDARD_VIEWS.iso!);
         stage.invalidate();
       }, () => {});
@@ -211,6 +241,11 @@ function Drawing({ kind, spec }: { kind: string; spec: Record<string, unknown> }
   }, [stage, kind, spec]);
   let caption = "";
   try { caption = captions(kind, spec); } catch { /* An unfinished document has none. */ }
-  return <View3d label={words.drawing} name="spec" box={() => box.current} onStage={setStage}><p class="soft">{caption}</p></View3d>;
+  return (
+    <View3d label={words.drawing} name="spec" box={() => box.current} onStage={setStage}>
+      <p class="soft">{caption}</p>
+      {kind === "cells" && <ReachPanel stage={stage} load={() => cellModelOf({ cell: spec as unknown as Cell & string })} />}
+    </View3d>
+  );
 }
 

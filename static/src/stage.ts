@@ -20,15 +20,20 @@ export interface PointerPick { origin: number[]; direction: number[]; isExtended
 export const stages = new Set<Stage>();
 window.vantage.stages = stages;
 
+const SOFTWARE_GL = "vantage-software-gl";
 let software: boolean | undefined;
 
 /** True where the browser draws 3D without a graphics card: smooth edges would cost four times the pixels there. */
 function isSoftwareGl(): boolean {
+  // Asked once for each tab: making a context only to ask takes a tenth of a second.
+  const known = sessionStorage.getItem(SOFTWARE_GL);
+  if (known) software = known === "yes";
   if (software === undefined) {
     const gl = document.createElement("canvas").getContext("webgl2");
     const info = gl?.getExtension("WEBGL_debug_renderer_info");
     software = /swiftshader|llvmpipe|software/i.test(String(gl && info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : ""));
     gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    sessionStorage.setItem(SOFTWARE_GL, software ? "yes" : "no");
   }
   return software;
 }
@@ -57,6 +62,8 @@ export class Stage {
   constructor(private readonly container: HTMLElement, label: string) {
     this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: !isSoftwareGl(), powerPreference: "low-power" });
     this.renderer.localClippingEnabled = true;
+    // The shaders are those of three.js; asking how their compilation went waits for it.
+    this.renderer.debug.checkShaderErrors = false;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);

@@ -1,6 +1,6 @@
 // Small pictures of parts, all by one renderer, one after the other while the page has nothing else to do.
-import { AmbientLight, Box3, Color, DirectionalLight, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer } from "three";
-import { coverageBytes, preview } from "./mesh";
+import { AmbientLight, Color, DirectionalLight, Matrix4, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer } from "three";
+import { coverageBytes, preview, type Preview } from "./mesh";
 import { PartMesh, STANDARD_VIEWS } from "./stage";
 import { colourOfByte } from "./bytes";
 
@@ -33,26 +33,46 @@ async function draw(canvas: HTMLCanvasElement, meshId: string, jobId: string | n
   if (!context || !canvas.isConnected) return;
   const known = kept.get(key);
   if (known) { context.putImageData(known, 0, 0); return; }
-  const drawer = rendererOnce();
-  if (!drawer) return;
+  if (!rendererOnce()) return;
   const [mesh, bytes] = await Promise.all([preview(meshId), jobId ? coverageBytes(jobId).catch(() => null) : null]);
   const part = new PartMesh(mesh);
   if (bytes) part.paint((face) => colourOfByte(bytes[face]!));
+  render(context, part, new Matrix4());
+  kept.set(key, context.getImageData(0, 0, WIDTH, HEIGHT));
+  if (kept.size > KEPT) kept.delete(kept.keys().next().value!);
+}
+
+/** Draws a part as it is turned, the plate below it. */
+export function drawTurned(canvas: HTMLCanvasElement, mesh: Preview, turn: Matrix4): Promise<void> {
+  queue = queue.then(() => {
+    const context = canvas.getContext("2d");
+    if (!context || !rendererOnce()) return;
+    const part = new PartMesh(mesh);
+    part.paint(() => [176, 186, 198]);
+    render(context, part, turn);
+  }).catch(() => {});
+  return queue;
+}
+
+function render(context: CanvasRenderingContext2D, part: PartMesh, turn: Matrix4): void {
   const scene = new Scene();
   const light = new DirectionalLight(new Color(0xffffff), 2.2);
   const camera = new PerspectiveCamera(30, WIDTH / HEIGHT, 1, 1e5);
-  const ball = new Box3(new Vector3(...mesh.min), new Vector3(...mesh.max)).getBoundingSphere(new Sphere());
+  const ball = part.box.getBoundingSphere(new Sphere()).applyMatrix4(turn);
+  const distance = ball.radius * 4;
+  [camera.near, camera.far] = [distance / 100, distance * 10];
+  camera.updateProjectionMatrix();
   camera.up.set(0, 0, 1);
-  camera.position.copy(ball.center).addScaledVector(new Vector3(...STANDARD_VIEWS.iso!).normalize(), ball.radius * 4);
+  camera.position.copy(ball.center).addScaledVector(new Vector3(...STANDARD_VIEWS.iso!).normalize(), distance);
   camera.lookAt(ball.center);
   light.position.copy(camera.position);
   light.target.position.copy(ball.center);
+  part.mesh.matrixAutoUpdate = false;
+  part.mesh.matrix.copy(turn);
   scene.add(part.mesh, light, light.target, new AmbientLight(0xffffff, 1.3));
-  drawer.render(scene, camera);
+  renderer!.render(scene, camera);
   context.clearRect(0, 0, WIDTH, HEIGHT);
-  context.drawImage(drawer.domElement, 0, 0);
-  kept.set(key, context.getImageData(0, 0, WIDTH, HEIGHT));
-  if (kept.size > KEPT) kept.delete(kept.keys().next().value!);
+  context.drawImage(renderer!.domElement, 0, 0);
   part.mesh.geometry.dispose();
   part.mesh.material.dispose();
 }

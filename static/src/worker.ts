@@ -3,8 +3,11 @@
 import { BufferAttribute, BufferGeometry, DoubleSide, Ray, Vector3 } from "three";
 import { MeshBVH } from "three-mesh-bvh";
 import type { Pose } from "./api";
+import { ClearanceScene, type Clearance, type ClearanceCell } from "./collide";
 import { apply, evaluate, rigid, viewOf, type Optics, type Rigid, type View } from "./optics";
+import { AZIMUTHS, ELEVATIONS, mapOf, reach, type ReachMap } from "./reach";
 import { readMesh } from "./readmesh";
+import { stablePoses } from "./stable";
 
 export interface Plate { tableFromPart: Pose; radius: number }
 
@@ -16,7 +19,11 @@ export type Ask =
   | { kind: "score"; optics: Optics; views: Pose[]; plates: (Plate | null)[] }
   | { kind: "flood"; face: number; maxDeg: number }
   | { kind: "near"; point: number[]; radius: number; normal: number[] }
-  | { kind: "box"; min: number[]; max: number[] };
+  | { kind: "box"; min: number[]; max: number[] }
+  | { kind: "rest"; positions: Float32Array }
+  | { kind: "cell"; given: ClearanceCell }
+  | { kind: "reach"; given: ClearanceCell; edge: number }
+  | { kind: "clearances"; configurations: number[][] };
 
 export interface Judgement { cause: string | null; incidenceDeg: number; depthMm: number; quality: number }
 export interface Hit { face: number; point: [number, number, number]; normal: [number, number, number] }
@@ -253,6 +260,32 @@ function near(point: number[], radius: number, normal: number[]): Int32Array {
   return Int32Array.from(found);
 }
 
+let cellScene: ClearanceScene | null = null;
+/** Configurations that are asked in one go, before a shorter question may come in between. */
+const AT_ONCE = 10;
+
+async function clearances(id: number, configurations: number[][]): Promise<(Clearance | null)[]> {
+  const found: (Clearance | null)[] = [];
+  for (const [i, configuration] of configurations.entries()) {
+    found.push(cellScene!.nearest(configuration));
+    if (i % AT_ONCE !== AT_ONCE - 1) continue;
+    postMessage({ id, progress: (i + 1) / configurations.length });
+    await new Promise((resolve) => setTimeout(resolve));
+  }
+  return found;
+}
+
+async function reachOf(id: number, given: ClearanceCell, edge: number): Promise<ReachMap> {
+  const fates = new Uint8Array(ELEVATIONS * AZIMUTHS);
+  let at = 0;
+  for (const fate of reach(given.cell, given.robot, given.scanner, new ClearanceScene(given), edge)) {
+    fates[at] = fate;
+    at += 1;
+    if (at % AZIMUTHS === 0) postMessage({ id, progress: at / fates.length });
+  }
+  return mapOf(fates);
+}
+
 async function answer(id: number, ask: Ask): Promise<unknown> {
   switch (ask.kind) {
     case "read": return readMesh(ask.file);
@@ -262,6 +295,10 @@ async function answer(id: number, ask: Ask): Promise<unknown> {
     case "score": return score(id, ask.optics, ask.views, ask.plates);
     case "flood": return flood(ask.face, ask.maxDeg);
     case "near": return near(ask.point, ask.radius, ask.normal);
+    case "rest": return stablePoses(ask.positions);
+    case "cell": cellScene = new ClearanceScene(ask.given); return null;
+    case "reach": return reachOf(id, ask.given, ask.edge);
+    case "clearances": return clearances(id, ask.configurations);
     case "box": return facesWhere((face) => centreOf(face).every((x, i) => ask.min[i]! <= x && x <= ask.max[i]!));
   }
 }

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-6C5TEN2D.js";import"./chunk-VFGBREVX.js";import"./chunk-ZJKR54OT.js";import"./chunk-H432HJDH.js";import"./chunk-RHO2CJCG.js";import"./chunk-XHYPX73U.js";import"./chunk-DY3OOK26.js";import"./chunk-ZYQKDCWS.js";import"./chunk-YSZMC7RV.js";import"./chunk-RM4ZP2MN.js";import"./chunk-4K6TUS7W.js";export{b as CellView,a as programsOf};

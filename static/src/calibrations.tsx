@@ -1,0 +1,252 @@
+// Calibrations: those that the server keeps, a new one from a file of observations, and one with its verdict, residuals and poses.
+import { useSignal } from "@preact/signals";
+import { useEffect, useMemo, useState } from "preact/hooks";
+import { apiPath, ask, post, put, remove, request, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
+import { Chart, type Line } from "./chart";
+import { LINES } from "./palette";
+import { goTo, hrefOf, place, setQuery, when } from "./settings";
+import { text } from "./text";
+import { Button, Select, useLoaded } from "./widgets";
+
+const words = text.calibrations;
+const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
+/** Residuals are small and are compared with data sheets, which give them in millimetres and degrees. */
+const small = (value: number): string => (value === 0 ? "0" : Math.abs(value) < 1e-3 ? value.toExponential(1) : value.toFixed(3));
+const mm = (value: number): string => `${small(value)} mm`;
+const deg = (value: number): string => `${small(value)}°`;
+
+interface Names { cells: string[] }
+const namesOf = async (): Promise<Names> => ({ cells: (await ask<Page<{ name: string }>>("/cells")).items.map(({ name }) => name) });
+
+export function CalibrationList() {
+  const { value, error, reload } = useLoaded(() => ask<Page<CalibrationJob>>("/calibrations?page_size=200"), []);
+  useEffect(() => {
+    if (!value?.items.some(isOpen)) return undefined;
+    const timer = setTimeout(reload, 1000);
+    return () => clearTimeout(timer);
+  }, [value]);
+  if (error) return <p class="problem" role="alert">{error}</p>;
+  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  return (
+    <section class="runs calibrations" aria-labelledby="calibrations-title">
+      <h1 id="calibrations-title">{words.title}</h1>
+      <p class="soft">{words.hint}</p>
+      <NewCalibration />
+      {value.items.length === 0 ? <p class="empty">{words.empty}</p> : (
+        <div class="scroll" tabIndex={0} role="group" aria-label={words.title}>
+          <table>
+            <thead><tr>{[words.started, words.cell, words.state, words.used, words.rmsShift, words.rmsTurn, words.point].map((name) => <th key={name} scope="col">{name}</th>)}<th scope="col"><span class="hidden">{words.remove}</span></th></tr></thead>
+            <tbody>{value.items.map((job) => (
+              <tr key={job.id}>
+                <th scope="row"><a href={hrefOf(["calibrations", job.id])}>{when(job.created_at)}</a></th>
+                <td>{job.cell}</td><td><span class={`state ${job.state}`}>{words.states[job.state]}</span></td>
+                <td>{job.summary ? words.of(job.summary.used, job.observations) : job.observations}</td>
+                <td>{job.summary ? mm(job.summary.spread.rms_translation_mm) : text.none}</td>
+                <td>{job.summary ? deg(job.summary.spread.rms_rotation_deg) : text.none}</td>
+                <td>{job.point_at_best_focus_sd_mm == null ? text.none : mm(job.point_at_best_focus_sd_mm)}</td>
+                <td>{isOpen(job) ? <Button onClick={() => post(`/calibrations/${job.id}/cancel`).then(reload)}>{words.cancel}</Button>
+                  : <Button aria-label={`${words.remove} ${when(job.created_at)}`} onClick={() => remove(`/calibrations/${job.id}`).then(reload)}>{words.remove}</Button>}</td>
+              </tr>
+            ))}</tbody>
+          </table>
+        </div>
+      )}
+    </section>
+  );
+}
+
+function NewCalibration() {
+  const { value: names } = useLoaded(namesOf, []);
+  const file = useSignal<File | null>(null);
+  const [cell, setCell] = useState("");
+  const [solve, setSolve] = useState("joint");
+  const [holdOut, setHoldOut] = useState(0);
+  const start = async (): Promise<void> => {
+    let data: unknown;
+    try {
+      data = JSON.parse(await file.value!.text());
+    } catch (error) {
+      throw new Error(`${words.notJson} ${(error as Error).message}`);
+    }
+    const made = await post<CalibrationJob>("/calibrations", { data, cell: cell || names!.cells[0], solve, hold_out: holdOut });
+    goTo(hrefOf(["calibrations", made.id]));
+  };
+  if (!names) return null;
+  return (
+    <details class="group">
+      <summary>{words.create}</summary>
+      <p class="soft">{words.createHint}</p>
+      <div class="grid">
+        <label><span>{words.file}</span><input type="file" name="observations" accept=".json" onChange={(event) => { file.value = event.currentTarget.files?.[0] ?? null; }} /></label>
+        <Select label={words.cell} value={cell || names.cells[0] || ""} onChange={setCell} options={names.cells.map((name) => [name, name])} />
+        <Select label={words.solve} value={solve} onChange={setSolve} options={Object.entries(words.solves)} />
+        <label><span>{words.holdOut}</span><input type="number" min={0} max={1000} value={holdOut} onInput={(event) => setHoldOut(event.currentTarget.valueAsNumber || 0)} /></label>
+      </div>
+      <p class="actions"><Button kind="primary" disabled={!file.value} onClick={start}>{words.start}</Button></p>
+    </details>
+  );
+}
+
+export function CalibrationView({ id }: { id: string }) {
+  const { value: job, error, reload } = useLoaded(() => ask<CalibrationJob>(`/calibrations/${id}`), [id]);
+  const isDone = job?.state === "succeeded";
+  const { value: result, error: problem } = useLoaded(() => (isDone ? ask<Calibration>(`/calibrations/${id}/result`) : Promise.resolve(null)), [id, isDone]);
+  useEffect(() => {
+    if (!job || !isOpen(job)) return undefined;
+    let isCurrent = true;
+    void request(`/calibrations/${id}?wait=30s`).then(() => isCurrent && reload(), () => {});
+    return () => { isCurrent = false; };
+  }, [job]);
+  if (error || problem) return <p class="problem" role="alert">{error || problem}</p>;
+  if (!job) return <p class="soft" role="status">{text.loading}</p>;
+  return (
+    <section class="runs calibration" aria-labelledby="calibration-title" data-state={job.state}>
+      <div class="title">
+        <h1 id="calibration-title">{words.one(job.cell)}</h1>
+        <span class={`state ${job.state}`}>{words.states[job.state]}</span>
+        <span class="soft">{when(job.created_at)} · {words.solves[job.solve]}{job.submitted_by && ` · ${text.jobs.by(job.submitted_by)}`}</span>
+        {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/report`} target="_blank" rel="noopener">{text.job.report}</a>}
+        {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/result`} download={`calibration-${id}.json`}>{words.download}</a>}
+      </div>
+      {isOpen(job) && <p class="soft" role="status">{words.states[job.state]} …</p>}
+      {job.problem && <p class="problem">{[job.problem.title, job.problem.detail, ...job.problem.errors.map(({ pointer, detail }) => `${pointer}: ${detail}`)].filter(Boolean).join("\n")}</p>}
+      <Verdict job={job} />
+      {result && <Result job={job} result={result} />}
+    </section>
+  );
+}
+
+function Verdict({ job }: { job: CalibrationJob }) {
+  const { summary, findings, point_at_best_focus_sd_mm: point } = job;
+  return (
+    <div id="verdict">
+      {summary && point != null && <p><strong>{words.verdict(mm(point))}</strong> {words.verdictOf(words.of(summary.used, job.observations), mm(summary.spread.rms_translation_mm), deg(summary.spread.rms_rotation_deg))}</p>}
+      {summary && findings.length === 0 && <p class="good">{words.noFindings}</p>}
+      {findings.map((finding) => <Finding key={finding.code + finding.observations.join()} finding={finding} />)}
+    </div>
+  );
+}
+
+const Finding = ({ finding }: { finding: CalibrationFinding }) => (
+  <p class={finding.severity === "error" ? "problem" : finding.severity === "warning" ? "warning" : ""}>{finding.detail}
+    {finding.observations.length > 0 && <span class="soft"> {words.about(finding.observations.join(", "))}</span>}</p>
+);
+
+function Result({ job, result }: { job: CalibrationJob; result: Calibration }) {
+  return (
+    <>
+      <Adopt job={job} />
+      <div class="columns results">
+        <section><h2>{words.residuals}</h2><ResidualPlots residuals={result.residuals} /></section>
+        <section>
+          <h2>{words.poses}</h2><PoseTable result={result} />
+          <h2>{words.knowledge}</h2><Knowledge result={result} />
+        </section>
+      </div>
+      <h2>{words.observations}</h2>
+      <Observations residuals={result.residuals} />
+    </>
+  );
+}
+
+/** Stores the calibrated cell under a name. */
+function Adopt({ job }: { job: CalibrationJob }) {
+  const [name, setName] = useState(`${job.cell}-calibrated`.slice(0, 128));
+  const [said, setSaid] = useState("");
+  const save = async (): Promise<void> => {
+    const cell = await ask<Record<string, unknown>>(`/calibrations/${job.id}/cell`);
+    const path = `/cells/${encodeURIComponent(name)}`;
+    const known = await request(path).catch(() => null);
+    const etag = known?.headers.get("etag");
+    await put(path, { ...cell, name }, etag ? { "If-Match": etag } : {});
+    setSaid(words.adopted);
+  };
+  return (
+    <p class="actions">
+      <label><span>{words.adoptAs}</span><input type="text" maxLength={128} value={name} onInput={(event) => { setName(event.currentTarget.value); setSaid(""); }} /></label>
+      <Button kind="primary" disabled={!name} onClick={save}>{words.adopt}</Button>
+      {said && <a href={hrefOf(["specs", "cells", name])}>{said}</a>}
+    </p>
+  );
+}
+
+const statusOf = (residual: Residual): string =>
+  (residual.held_out ? words.heldOut : residual.used ? words.wasUsed : words.dropped(residual.dropped_because ?? ""));
+
+/** One line of points for each fate of an observation, so that colour and legend tell them apart. */
+function fates(residuals: Residual[], of: (residual: Residual) => number): Line[] {
+  const groups: [string, (residual: Residual) => boolean, string][] = [
+    [words.wasUsed, ({ used, held_out: held }) => used && !held, LINES[0]!], [words.heldOut, ({ held_out: held }) => held, LINES[1]!],
+    [words.wasDropped, ({ used, held_out: held }) => !used && !held, "#d55e00"]];
+  return groups.filter(([, isIn]) => residuals.some(isIn)).map(([label, isIn, colour]) =>
+    ({ label, colour, isPoints: true, values: residuals.map((residual) => (isIn(residual) ? of(residual) : null)) }));
+}
+
+function ResidualPlots({ residuals }: { residuals: Residual[] }) {
+  const plots = useMemo(() => {
+    const order = residuals.map((_, i) => i + 1);
+    const around = [...residuals].sort((a, b) => a.table_angle_deg - b.table_angle_deg);
+    const axes = ["x", "y", "z"].map((axis, i): Line => ({ label: axis, isPoints: true, colour: LINES[i]!, values: residuals.map(({ shift_mm: shift }) => shift[i]!) }));
+    return [
+      { title: words.shiftPlot, x: order, lines: fates(residuals, ({ translation_mm: shift }) => shift), xLabel: words.number, isCounted: true, yLabel: "mm" },
+      { title: words.turnPlot, x: order, lines: fates(residuals, ({ rotation_deg: turn }) => turn), xLabel: words.number, isCounted: true, yLabel: "°" },
+      { title: words.axesPlot, x: order, lines: axes, xLabel: words.number, isCounted: true, yLabel: "mm" },
+      { title: words.tablePlot, x: around.map(({ table_angle_deg: angle }) => angle), lines: fates(around, ({ translation_mm: shift }) => shift), xLabel: words.tableAngle, yLabel: "mm" },
+    ];
+  }, [residuals]);
+  return <>{plots.map((plot) => <Chart key={plot.title} {...plot} height={170} legend />)}</>;
+}
+
+function PoseTable({ result }: { result: Calibration }) {
+  const rows: [string, Pose | null | undefined][] = [[words.scannerPose, result.flange_from_scanner], [words.tablePose, result.base_from_table], [words.boardPose, result.plate_from_board]];
+  return (
+    <div class="scroll" tabIndex={0} role="group" aria-label={words.poses}>
+      <table>
+        <thead><tr><th scope="col">{words.pose}</th><th scope="col">{words.translation}</th><th scope="col">{words.quaternion}</th></tr></thead>
+        <tbody>{rows.map(([name, pose]) => pose && (
+          <tr key={name}><th scope="row">{name}</th><td class="number">{pose.translation_mm.map((value) => value.toFixed(3)).join(", ")}</td>
+            <td class="number">{pose.quaternion_xyzw.map((value) => value.toFixed(5)).join(", ")}</td></tr>
+        ))}</tbody>
+      </table>
+    </div>
+  );
+}
+
+function Knowledge({ result }: { result: Calibration }) {
+  const { observability, leave_one_out: left, held_out: held, summary, table_runout: runout } = result;
+  const weakest = observability.weakest;
+  const facts: [string, string][] = [
+    [words.sdShift, mm(observability.translation_sd_mm)], [words.sdTurn, deg(observability.rotation_sd_deg)],
+    [words.spread, observability.spread_deg.map((value) => `${value.toFixed(0)}°`).join(", ")],
+    ...(weakest ? [[words.weakest, words.along(weakest.freedom, weakest.axis.map((value) => value.toFixed(2)).join(", "), weakest.sd_mm != null ? mm(weakest.sd_mm) : deg(weakest.sd_deg ?? 0))] as [string, string]] : []),
+    [words.predicted, `${mm(left.spread.rms_translation_mm)}, ${deg(left.spread.rms_rotation_deg)}`],
+    ...(held ? [[words.heldOutError, `${mm(held.rms_translation_mm)}, ${deg(held.rms_rotation_deg)}`] as [string, string]] : []),
+    [words.chi2, summary.chi2_p < 1e-4 ? "< 0.0001" : summary.chi2_p.toFixed(4)],
+    [result.sigma_estimated ? words.sigmaEstimated : words.sigma, words.sigmas(mm(result.sigma.robot_mm), deg(result.sigma.robot_deg), mm(result.sigma.board_mm), deg(result.sigma.board_deg))],
+    ...runout.map(({ order, radial_mm: radial, axial_mm: axial }) => [words.runout(order), `${mm(radial)}, ${mm(axial)}`] as [string, string]),
+    ...(result.temperature_c == null ? [] : [[words.temperature, `${result.temperature_c} °C`] as [string, string]]),
+  ];
+  return <dl class="facts-list">{facts.map(([name, value]) => <><dt>{name}</dt><dd>{value}</dd></>)}</dl>;
+}
+
+function Observations({ residuals }: { residuals: Residual[] }) {
+  const only = place.value.query.get("only") ?? "all";
+  const shown = residuals.filter(({ used, held_out: held }) => only === "all" || (only === "dropped" ? !used && !held : held));
+  return (
+    <>
+      <Select label={words.show} value={only} onChange={(value) => setQuery({ only: value === "all" ? undefined : value })} options={Object.entries(words.shows)} />
+      <div class="scroll" tabIndex={0} role="group" aria-label={words.observations}>
+        <table class="observations">
+          <thead><tr>{[words.name, words.status, words.shift, "x, mm", "y, mm", "z, mm", words.turn, words.prediction, words.tableAngle].map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead>
+          <tbody>{shown.map((residual) => (
+            <tr key={residual.id}>
+              <th scope="row">{residual.id}</th><td class={residual.used || residual.held_out ? "" : "bad"}>{statusOf(residual)}</td><td>{mm(residual.translation_mm)}</td>
+              {residual.shift_mm.map((value, i) => <td key={i}>{small(value)}</td>)}
+              <td>{deg(residual.rotation_deg)}</td><td>{residual.predicted_translation_mm == null ? text.none : mm(residual.predicted_translation_mm)}</td><td>{residual.table_angle_deg.toFixed(1)}°</td>
+            </tr>
+          ))}</tbody>
+        </table>
+      </div>
+    </>
+  );
+}
