@@ -56,6 +56,7 @@ fn job(cell: &Arc<Cell>) -> RunJob {
     let program = Program {
         plan_sha256: hashes().plan,
         setup: 0,
+        calibration: None,
         robot: cell.robot.name.clone(),
         turntable: cell.turntable.name.clone(),
         home_rad,
@@ -169,9 +170,12 @@ async fn watchdog(setting: Duration) {
     server.abort();
 }
 
-fn jitter(period: Duration, over: Duration) {
+/// Jitter of the period while threads as those that plan keep every core busy; with `busy` false, that of the machine itself, below
+/// which no thread can be.
+fn jitter(period: Duration, over: Duration, busy: bool) {
     let is_over = Arc::new(AtomicBool::new(false));
-    let busy = (0..available_parallelism().map_or(1, NonZero::get)).map(|_| {
+    let cores = if busy { available_parallelism().map_or(1, NonZero::get) } else { 0 };
+    let threads = (0..cores).map(|_| {
         let is_over = Arc::clone(&is_over);
         spawn(move || {
             // As the server's planning threads.
@@ -179,16 +183,17 @@ fn jitter(period: Duration, over: Duration) {
             while !is_over.load(Ordering::Relaxed) {}
         })
     });
-    let busy: Vec<_> = busy.collect();
+    let threads: Vec<_> = threads.collect();
     let streamer = Streamer::start("bench", period, |_| ControlFlow::Continue(())).expect("starts");
     sleep(over);
     let jitter = streamer.jitter();
     is_over.store(true, Ordering::Relaxed);
-    busy.into_iter().for_each(|thread| thread.join().expect("ends"));
+    threads.into_iter().for_each(|thread| thread.join().expect("ends"));
     let [half, most, nearly_all] = [0.5, 0.99, 0.999].map(|share| jitter.quantile(share));
     println!(
-        "jitter at {period:?}, all cores busy: p50 {half:?}, p99 {most:?}, p99.9 {nearly_all:?} ({:.1} % of the period), largest \
+        "jitter at {period:?}, {}: p50 {half:?}, p99 {most:?}, p99.9 {nearly_all:?} ({:.1} % of the period), largest \
          {:.2?}, {} of {} left out",
+        if busy { "all cores busy" } else { "nothing else to do" },
         100.0 * nearly_all.as_secs_f64() / period.as_secs_f64(),
         jitter.max,
         jitter.missed,
@@ -204,6 +209,8 @@ fn main() {
         runtime.block_on(watchdog(Duration::from_millis(setting)));
     }
     let over = Duration::from_secs(if is_brief { 6 } else { 60 });
-    jitter(Duration::from_millis(4), over);
-    jitter(Duration::from_millis(20), over);
+    for busy in [false, true] {
+        jitter(Duration::from_millis(4), over, busy);
+        jitter(Duration::from_millis(20), over, busy);
+    }
 }

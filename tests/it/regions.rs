@@ -59,6 +59,7 @@ fn files(params: &PlanParams) -> impl Fn(&str) -> Option<String> + use<> {
         scanner: &scanner,
         cell: None,
         roadmaps: None,
+        rescan: None,
         params,
         echo: Echo::default(),
         date: None,

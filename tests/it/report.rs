@@ -112,7 +112,9 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
         regions: Vec::new(),
         independent: Independent::default(),
         robust: None,
+        exposure: None,
         pixel_set_area_mm2: None,
+        is_of_open: false,
     }
 }
 
@@ -221,6 +223,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         station: Some(station(view as f64)),
         stance: Some(Stance { posture, singularity_margin: 0.2, clearance_mm: Some(31.5) }),
         rejected: None,
+        exposure: None,
     });
     let table_from_part = Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity());
     let setup = SetupPlan {

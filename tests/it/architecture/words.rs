@@ -14,6 +14,7 @@ const ROOMS: &[&str] = &[
     "planning/",
     "program/",
     "execution/",
+    "inspection/",
     "wire/",
     "check/",
     "report/",

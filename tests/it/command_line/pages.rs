@@ -5,10 +5,12 @@ use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 19] = [
+const COMMANDS: [&str; 21] = [
     "serve",
     "demo",
     "calibrate",
+    "compare",
+    "rescan",
     "plan",
     "study",
     "inspect",

@@ -83,6 +83,7 @@ impl Job {
         let program = Program {
             plan_sha256: "0123456789abcdef".repeat(4),
             setup: 0,
+            calibration: None,
             robot: cell.robot.name.clone(),
             turntable: cell.turntable.name.clone(),
             home_rad: home,

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use vantage::service::{App, Submission};
 use vantage::wire::example;
 
-use super::api::{Api, service_options};
+use super::api::{Api, http_options, service_options};
 
 async fn ended(api: &Api, request: &Value) -> Value {
     let accepted = api.post_json("/api/v1/calibrations", request).await;
@@ -124,4 +124,41 @@ async fn calibrations_outlive_the_service() {
     assert_eq!(app.calibration(job.id).await.expect("it"), job);
     assert_eq!(app.calibration_result(job.id).await.expect("a result"), result);
     app.stop().await;
+}
+
+#[tokio::test]
+async fn a_calibration_under_way_is_cancelled_and_one_that_ended_never_changes() {
+    let mut options = http_options();
+    options.max_json_bytes = 16 << 20;
+    let api = Api::start_with(service_options(), options).await;
+    let ended_path = {
+        let job = ended(&api, &example::calibration()).await;
+        format!("/api/v1/calibrations/{}", job["id"].as_str().expect("an id"))
+    };
+    let before = (api.get(&ended_path).await.text(), api.get(&format!("{ended_path}/result")).await.text());
+    // Many observations, so that the computation can be met under way: comparing each with each takes seconds.
+    let mut request = example::calibration();
+    let observations = request["data"]["observations"].as_array().expect("a list").clone();
+    let many: Vec<Value> = (0..1500)
+        .map(|index| {
+            let mut observation = observations[index % observations.len()].clone();
+            observation["id"] = json!(format!("o{index}"));
+            let place = observation["cloud_from_board"]["translation_mm"][0].as_f64().expect("a number");
+            observation["cloud_from_board"]["translation_mm"][0] = json!(place + 0.02 * (index / observations.len()) as f64);
+            observation
+        })
+        .collect();
+    request["data"]["observations"] = json!(many);
+    let id = api.post_json("/api/v1/calibrations", &request).await.ok(202)["id"].as_str().expect("an id").to_owned();
+    let path = format!("/api/v1/calibrations/{id}");
+    api.send("POST", &format!("{path}/cancel"), &[], "").await.ok(200);
+    let job = api.get(&format!("{path}?wait=60s")).await.ok(200);
+    assert_eq!((&job["state"], &job["summary"]), (&json!("cancelled"), &Value::Null), "{job}");
+    api.get(&format!("{path}/result")).await.problem("no_calibration");
+    api.send("POST", &format!("{path}/cancel"), &[], "").await.ok(200);
+    for method in ["PUT", "PATCH", "POST"] {
+        api.send(method, &ended_path, &[("content-type", "application/json")], "{}").await.problem("method_not_allowed");
+    }
+    api.send("POST", &format!("{ended_path}/cancel"), &[], "").await.problem("calibration_not_queued");
+    assert_eq!(before, (api.get(&ended_path).await.text(), api.get(&format!("{ended_path}/result")).await.text()));
 }

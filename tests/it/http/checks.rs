@@ -126,6 +126,7 @@ fn planned() -> (Value, Value) {
         scanner: &cell.scanner,
         cell: Some(&cell),
         roadmaps: None,
+        rescan: None,
         params: &params,
         echo: Echo::default(),
         date: None,

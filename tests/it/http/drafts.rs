@@ -37,6 +37,7 @@ pub(super) fn drafted() -> &'static Drafted {
             scanner: &scanner,
             cell: None,
             roadmaps: None,
+            rescan: None,
             params: &params,
             echo: Echo::default(),
             date: None,

@@ -150,6 +150,25 @@ const CALIBRATIONS: [&str; 8] = [
     "cancel_calibration",
     "delete_calibration",
 ];
+/// Operations on scans, and on inspections of jobs that have none.
+const INSPECTIONS: [&str; 16] = [
+    "upload_scan",
+    "list_scans",
+    "get_scan",
+    "get_scan_file",
+    "create_inspection",
+    "get_inspection",
+    "list_inspections",
+    "get_inspection_result",
+    "get_inspection_losses",
+    "get_inspection_deviation",
+    "get_inspection_learned",
+    "get_inspection_report",
+    "cancel_inspection",
+    "create_rescan",
+    "delete_inspection",
+    "delete_scan",
+];
 /// Operations on leases, in an order in which all are accepted.
 const LEASES: [&str; 4] = ["take_lease", "list_leases", "renew_lease", "give_lease_back"];
 
@@ -194,6 +213,32 @@ async fn send_examples_of_calibrations(api: &Api, document: &Value) {
     }
 }
 
+/// The scan of the example is no scan of the job: its inspection is accepted, fails, and has no result.
+async fn send_examples_of_inspections(api: &Api, document: &Value, job: &str) {
+    let scan = send(api, document, "upload_scan", job).await;
+    let scan = scan["id"].as_str().expect("an id");
+    send(api, document, "list_scans", job).await;
+    for id in ["get_scan", "get_scan_file"] {
+        send(api, document, id, scan).await;
+    }
+    let inspection = send(api, document, "create_inspection", job).await;
+    let id = inspection["id"].as_str().expect("an id");
+    let ended = api.get(&format!("/api/v1/inspections/{id}?wait=60s")).await.ok(200);
+    assert_eq!(ended["state"], "failed", "{ended}");
+    send(api, document, "get_inspection", id).await;
+    send(api, document, "list_inspections", id).await;
+    let refused =
+        INSPECTIONS.iter().filter(|operation| operation.starts_with("get_inspection_") || **operation == "create_rescan");
+    for operation in refused {
+        let Example { method, path, content_type, body, .. } = example(document, operation, id);
+        api.send(&method, &path, &[("content-type", &content_type)], body).await.problem("no_inspection");
+    }
+    let Example { method, path, .. } = example(document, "cancel_inspection", id);
+    api.send(&method, &path, &[], "").await.problem("inspection_ended");
+    send(api, document, "delete_inspection", id).await;
+    send(api, document, "delete_scan", scan).await;
+}
+
 #[tokio::test]
 async fn every_example_is_accepted_as_it_is() {
     let api = Api::start().await;
@@ -212,7 +257,9 @@ async fn every_example_is_accepted_as_it_is() {
     assert_eq!(api.ended(&job).await["state"], "succeeded");
     send_examples_of_runs(&api, &document).await;
     send_examples_of_calibrations(&api, &document).await;
-    let of_runs: Vec<&str> = RUNS.iter().chain(&LEASES).chain(&REFUSED).chain(&CALIBRATIONS).copied().collect();
+    send_examples_of_inspections(&api, &document, &job).await;
+    let of_runs = RUNS.iter().chain(&LEASES).chain(&REFUSED).chain(&CALIBRATIONS).chain(&INSPECTIONS);
+    let of_runs: Vec<&str> = of_runs.copied().collect();
     for id in ids.iter().filter(|id| !FIRST.contains(id) && !LAST.contains(id) && !of_runs.contains(id) && **id != "update_job") {
         let answer = send(&api, &document, id, &job).await;
         if *id == "list_jobs" {

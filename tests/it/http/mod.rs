@@ -13,6 +13,7 @@ mod drafts;
 mod events;
 mod examples;
 mod hosts;
+mod inspections;
 mod jobs;
 mod lists;
 mod meshes;

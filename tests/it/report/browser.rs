@@ -77,8 +77,8 @@ fn nothing_runs_over_at_two_widths_and_every_drawing_is_there() {
         assert!(found["width"].as_u64() <= found["client"].as_u64(), "{width_px} px: {found}");
         assert_eq!(found["over"], serde_json::json!([]), "{width_px} px");
         let drawings = found["drawings"].as_array().expect("drawings");
-        assert_eq!(drawings.len(), 4, "from above and from the front, a setup");
-        assert!(drawings.iter().all(|width| width.as_u64() >= Some(250)), "{width_px} px: {found}");
+        assert_eq!(drawings.len(), 6, "from above, from the front, and enlarged, a setup");
+        assert!(drawings.iter().all(|width| width.as_u64() >= Some(200)), "{width_px} px: {found}");
     }
 }
 

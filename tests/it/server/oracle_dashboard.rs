@@ -18,7 +18,7 @@ fn sources(folder: &str) -> PathBuf {
 /// The line of JSON that a script prints at its end; it must end well.
 fn figures(script: &str, modules: &Path, browser: &Path, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().expect("a folder");
-    for file in ["browser.mjs", "walk.mjs", "events.mjs", "signin.mjs"] {
+    for file in ["browser.mjs", "walk.mjs", "events.mjs", "signin.mjs", "pace.mjs"] {
         std::fs::copy(sources("tests/oracles/dashboard").join(file), folder.path().join(file)).expect("copied");
     }
     std::os::unix::fs::symlink(modules, folder.path().join("node_modules")).expect("linked");
@@ -59,7 +59,14 @@ fn walk(prefix: &str, parts: &[(&str, &str)]) {
     for part in reached["parts"].as_array().into_iter().flatten() {
         assert!(part["agreement"].as_f64().is_some_and(|share| share > 0.97), "{part}");
         assert!(part["off_mm"].as_f64().is_some_and(|mm| mm < 0.1), "{part}");
+        // The planner halves to 0.05 mm; the page draws a preview.
+        assert!(part["clearance_off_mm"].as_f64().is_some_and(|mm| mm < 0.2), "{part}");
+        assert!(part["poses"].as_u64() >= Some(2), "{part}");
     }
+    // 19 of 19 elevations and 351 directions (config/cells/REACH.md, foot 400 mm, table -200 mm, part 300 mm).
+    let directions = reached["reach"]["directions"].as_i64().unwrap_or_default();
+    assert!(reached["reach"]["elevations"] == 19 && (directions - 351).abs() <= 4, "{reached}");
+    assert!(reached["rig_off_mm"].as_f64().is_some_and(|mm| mm < 0.001), "{reached}");
     assert!(reached["axe"].as_u64().is_some_and(|pages| pages > 6) && reached["requests"].as_u64() > Some(20), "{reached}");
 }
 
@@ -72,6 +79,17 @@ fn no_event_is_lost_or_doubled_while_connections_drop() {
     let reached = figures("events.mjs", &modules, &browser, &[&server.url("/"), &DROPS.to_string()]);
     println!("{reached}");
     assert!(reached["drops"].as_u64() >= Some(DROPS) && reached["events"].as_u64() > Some(DROPS / 2), "{reached}");
+}
+
+/// Time to the first view, and of a frame; printed, not held, since other tests run beside it.
+#[test]
+fn three_hundred_thousand_triangles_are_seen() {
+    let (Some(browser), Some(modules)) = (chromium(), dashboard_node()) else { return };
+    let data = tempfile::tempdir().expect("a folder");
+    let server = Server::start(data.path(), &[]);
+    let reached = figures("pace.mjs", &modules, &browser, &[&server.url("/")]);
+    println!("{reached}");
+    assert!(reached["triangles"].as_u64() > Some(290_000), "{reached}");
 }
 
 #[test]

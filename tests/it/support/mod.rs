@@ -74,6 +74,12 @@ pub(crate) fn plan_viewpoints(mesh: &Mesh, scanner: &Scanner, params: &PlanParam
     plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
 }
 
+/// Runs a stage that asks for a context: nothing cancels it, and nobody observes.
+pub(crate) fn context<T>(stage: impl FnOnce(&Context<'_>) -> T) -> T {
+    let cancel = AtomicBool::new(false);
+    stage(&Context::new(&cancel, &Silent))
+}
+
 /// A closed box of twelve triangles between two corners.
 pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
     let corner = |i: usize| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { max_mm[axis] } else { min_mm[axis] }));

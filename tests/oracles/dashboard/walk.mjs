@@ -56,6 +56,7 @@ async function start({ file, unit }) {
   await tabTo("select[name=unit]");
   for (let i = -1; i < UNITS.indexOf(unit); i += 1) await page.keyboard.press("ArrowDown");
   assert.equal(await chosen.inputValue(), unit);
+  const poses = await stand();
   // A part with an exact number of views is planned in seconds.
   await tabTo(".group:last-of-type > summary");
   await page.keyboard.press("Enter");
@@ -68,7 +69,31 @@ async function start({ file, unit }) {
   await tabTo(".sticky button");
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => /#\/jobs\/[0-9a-f-]{36}/.test(location.hash));
-  return (await page.evaluate(() => location.hash)).split("/")[2].split("?")[0];
+  return { id: (await page.evaluate(() => location.hash)).split("/")[2].split("?")[0], poses };
+}
+
+/** The ways in which the part can stand are offered; the first is tried, and the part left as its file has it. */
+async function stand() {
+  await tabTo(".placing > summary");
+  await page.keyboard.press("Enter");
+  await page.locator(".poses li").first().waitFor();
+  await tabTo(".poses button");
+  await page.keyboard.press("Enter");
+  await page.locator('.poses button[aria-pressed="true"]').first().waitFor();
+  const onPlate = await page.waitForFunction(() => {
+    const stage = [...window.vantage.stages].find((stage) => stage.scene.getObjectByName("look"));
+    const { elements: m } = stage.scene.getObjectByName("part").matrix;
+    const { array } = stage.scene.getObjectByName("part").geometry.attributes.position;
+    const heights = Array.from({ length: array.length / 3 }, (_, i) => m[2] * array[3 * i] + m[6] * array[3 * i + 1] + m[10] * array[3 * i + 2] + m[14]);
+    const size = Math.max(...heights.slice(0, 1e5));
+    return heights.filter((z) => z < 2e-3 * size).length;
+  });
+  assert.ok((await onPlate.jsonValue()) >= 3, "it stands on three corners or more");
+  const count = await page.locator(".poses li").count();
+  await page.locator(".placing .check input").focus();
+  await page.keyboard.press("Space");
+  await page.waitForFunction(() => document.querySelectorAll('.poses button[aria-pressed="true"]').length === 0);
+  return count;
 }
 
 const sceneOf = () => page.evaluate(() => {
@@ -134,6 +159,8 @@ async function views() {
   await page.locator('.side [data-tab="views"]').click();
   await page.locator(".views button").first().click();
   await page.waitForFunction(() => window.vantage.plan.scene.stage.scene.getObjectByName("frustum").children.length === 1);
+  await page.reload();
+  await page.waitForFunction(() => window.vantage?.plan?.scene.stage.scene.getObjectByName("frustum")?.children.length === 1);
   await page.locator(".views input").first().click();
   const share = page.locator("#edited-share");
   await page.waitForFunction(() => /%/.test(document.querySelector("#edited-share")?.textContent ?? ""));
@@ -145,6 +172,45 @@ async function views() {
   assert.ok(after < before - 0.01, `${before} to ${after}`);
   assert.match(await share.innerText(), /%/);
   return { dropped: before - after };
+}
+
+/** Every way to colour the part has a legend whose shares are those of the whole. */
+async function colours(id) {
+  for (const mode of ["grade", "count", "incidence", "cause"]) {
+    await page.goto(`${base}#/jobs/${id}/plan?colour=${mode}`);
+    await page.waitForFunction(() => window.vantage.plan?.state.computing.value === null && document.querySelectorAll(".legend tr").length > 1);
+    const shares = await page.locator(".legend td:last-child").allInnerTexts();
+    assert.ok(Math.abs(shares.reduce((sum, text) => sum + parseFloat(text), 0) - 100) < 0.6, `${mode}: ${shares}`);
+  }
+}
+
+/** A region is drawn with each tool, and a plan asked for that leaves it out; which is not waited for. */
+async function regions(id) {
+  await page.goto(`${base}#/jobs/${id}/plan?panel=regions`);
+  // The view that was chosen before is further away.
+  await page.reload();
+  await page.waitForFunction(() => window.vantage?.plan?.scene.stage.frames > 0);
+  const canvas = page.locator(".stage canvas").first();
+  await page.waitForFunction(() => window.vantage.plan.state.computing.value === null);
+  const marked = () => page.evaluate(() => window.vantage.plan.state.marked.value.size);
+  for (const tool of ["brush", "box", "faces"]) {
+    await page.locator(".drawing select").first().selectOption(tool);
+    const { x, y, width, height } = await canvas.boundingBox();
+    // The middle may be a hole of the part.
+    for (let place = 0; place < 40 && (await marked()) === 0; place += 1) {
+      await page.mouse.click(x + width * (0.4 + 0.05 * (place % 5)), y + height * (0.35 + 0.05 * Math.floor(place / 5)));
+      await page.waitForTimeout(400);
+    }
+    assert.ok((await marked()) > 0, `${tool} marks faces`);
+    assert.doesNotMatch(await page.locator("#marked-area").innerText(), /^0\.0 /);
+  }
+  await picture("region");
+  await page.locator(".drawing .primary").click();
+  await page.waitForFunction((id) => /#\/jobs\/[0-9a-f-]{36}/.test(location.hash) && !location.hash.includes(id), id);
+  const next = (await page.evaluate(() => location.hash)).split("/")[2].split("?")[0];
+  const { params } = await api(`/jobs/${next}`);
+  assert.equal(params.regions.exclude.length, 1, JSON.stringify(params.regions));
+  await fetch(`${base}api/v1/jobs/${next}/cancel`, { method: "POST" });
 }
 
 async function play(id) {
@@ -159,6 +225,7 @@ async function play(id) {
     });
   });
   assert.ok(off.length > 0 && Math.max(...off) < 0.1, `the scanner is where it was planned: ${off}`);
+  const gaps = await clearances(await api(`/jobs/${id}/plan`));
   const clock = () => page.locator('.player input[type="range"]').inputValue().then(Number);
   await tabTo(".player .primary");
   await page.keyboard.press("Enter");
@@ -171,7 +238,97 @@ async function play(id) {
   await page.reload();
   await page.waitForFunction(() => document.querySelector('.player input[type="range"]'));
   assert.ok(Math.abs((await clock()) - stopped) < 0.05, "a reload keeps the time");
-  return Math.max(...off);
+  return { off: Math.max(...off), gaps };
+}
+
+/** Largest difference between the page's distance of the nearest bodies and the plan's, of the views; mm. */
+async function clearances(plan) {
+  await page.locator("#clearance .chart").waitFor();
+  const found = await page.evaluate(async () => {
+    const scans = window.vantage.cell.timeline.spans.filter(({ op }) => op === "scan");
+    const gaps = await window.vantage.clearanceAt(scans.map(({ path }) => path.at(-1)));
+    return scans.map(({ viewpoint }, i) => [viewpoint, gaps[i]?.mm ?? null]);
+  });
+  const planned = (viewpoint) => plan.viewpoints.find(({ id }) => id === viewpoint).station.clearance_mm ?? null;
+  assert.ok(found.every(([viewpoint, mm]) => (mm === null) === (planned(viewpoint) === null)), JSON.stringify(found));
+  return Math.max(0, ...found.filter(([, mm]) => mm !== null).map(([viewpoint, mm]) => Math.abs(mm - planned(viewpoint))));
+}
+
+/** A calibration from a file of observations, by the keyboard but for the system's own dialog of files. */
+async function calibrate() {
+  const request = (await api("/openapi.json")).paths["/api/v1/calibrations"].post.requestBody.content["application/json"].example;
+  await page.goto(`${base}#/calibrations`);
+  await tabTo(".calibrations summary");
+  await page.keyboard.press("Enter");
+  await page.locator("input[name=observations]").setInputFiles({ name: "observations.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify(request.data)) });
+  await tabTo(".calibrations .group .primary");
+  await check("calibrations");
+  await page.keyboard.press("Enter");
+  const done = page.locator(".calibration[data-state=succeeded] .observations tbody tr");
+  await done.first().waitFor();
+  assert.equal(await done.count(), request.data.observations.length);
+  assert.match(await page.locator("#verdict").innerText(), /A scanned point is known to [0-9.e-]+ mm/);
+  assert.equal(await page.locator(".calibration .chart canvas").count(), 4);
+  const kept = await page.evaluate(() => location.hash);
+  await page.reload();
+  await done.first().waitFor();
+  assert.equal(await page.evaluate(() => location.hash), kept, "a reload keeps the calibration");
+  await check("calibration");
+  const report = await fetch(`${base}api/v1/calibrations/${kept.split("/")[2]}/report`);
+  assert.ok(report.ok && /^<!doctype html>/i.test(await report.text()));
+  return kept;
+}
+
+/** Cameras whose poses follow from a board are drawn where the plan has them. */
+async function rig(plan) {
+  await page.goto(`${base}#/specs/scanners/transcan-c`);
+  await page.waitForFunction(() => window.vantage.spec?.devices.length === 3);
+  const devices = await page.evaluate(() => window.vantage.spec.devices);
+  return Math.max(...plan.scanner.devices.map(({ name, scanner_from_device: planned }) => {
+    const { scanner_from_device: drawn } = devices.find((device) => device.name === name);
+    return Math.hypot(...planned.translation_mm.map((value, i) => value - drawn.translation_mm[i]));
+  }));
+}
+
+/** Directions from which the page finds a cube of 300 mm reached; the study's figure stands in config/cells/REACH.md. */
+async function reach() {
+  await page.goto(`${base}#/specs/cells/e05-transcan`);
+  await tabTo(".reach > summary", 400);
+  await page.keyboard.press("Enter");
+  await page.locator('.reach input[type="range"]').fill("300");
+  await tabTo(".reach .primary");
+  await page.keyboard.press("Enter");
+  await page.locator(".reach[data-directions]").waitFor();
+  await check("reach");
+  const [elevations, directions, colours] = await page.evaluate(() => {
+    const { dataset } = document.querySelector(".reach");
+    const dome = [...window.vantage.stages][0].scene.getObjectByName("reach");
+    return [Number(dataset.elevations), Number(dataset.directions), new Set(dome.geometry.attributes.color.array).size];
+  });
+  assert.ok(colours > 2, "the dome is coloured");
+  return { elevations, directions };
+}
+
+/** Nothing is cut off at the sides, on a small screen and on a tablet held either way. */
+async function fits(rooms) {
+  for (const [width, height] of [[1280, 720], [1024, 768], [768, 1024]]) {
+    await page.setViewportSize({ width, height });
+    for (const [name, hash] of Object.entries(rooms)) {
+      await page.goto(base + hash);
+      await page.waitForTimeout(700);
+      const cut = await page.evaluate(() => {
+        const [page, main] = [document.documentElement, document.getElementById("main")];
+        const beyond = [...document.querySelectorAll("button, a, input, select, h1, h2, td, th, p")].filter((element) => {
+          const { width, left, right } = element.getBoundingClientRect();
+          return width > 0 && left < page.clientWidth && right > page.clientWidth + 1 && !element.closest(".scroll, .hidden, .skip");
+        });
+        return [page.scrollWidth > page.clientWidth, main.scrollWidth > main.clientWidth, ...beyond.map(({ outerHTML }) => outerHTML.slice(0, 120))].filter(Boolean);
+      });
+      assert.deepEqual(cut, [], `${name} at ${width} × ${height}`);
+      await picture(`${name}-${width}`);
+    }
+  }
+  await page.setViewportSize({ width: 1280, height: 720 });
 }
 
 async function run() {
@@ -186,23 +343,34 @@ async function run() {
   const [{ coverage, steps, step }, samples] = [await api(`/runs/${id}?wait=60s`), await page.evaluate(() => window.vantage.run.samples.value.length)];
   assert.equal(step, steps);
   assert.ok(Math.abs(coverage.measured_of_asked - coverage.planned_of_asked) < 0.01);
+  await page.reload();
+  await page.locator("#run-state.done").waitFor();
   return samples;
 }
 
+let last = "";
 for (const part of parts) {
   const file = basename(part.file);
-  const id = await start(part);
+  const { id, poses } = await start(part);
   await page.locator(".jobhead .state:not(.queued):not(.running)").waitFor();
   const job = await api(`/jobs/${id}`);
   assert.equal(job.state, "succeeded", JSON.stringify(job.problem));
   const { agreement, dropped } = await inspect(id, file);
   assert.ok(agreement > 0.97, `visibility in the browser and in the plan: ${agreement}`);
-  const off = await play(id);
+  await colours(id);
+  await regions(id);
+  const { off, gaps } = await play(id);
   const samples = await run();
-  const report = await fetch(`${base}api/v1/jobs/${id}/report`);
+  await page.goto(`${base}#/jobs/${id}/plan`);
+  await tabTo('.jobhead a[target="_blank"]');
+  const report = await fetch(await page.evaluate(() => document.activeElement.href));
   assert.ok(report.ok && /^<!doctype html>/i.test(await report.text()));
-  figures.parts.push({ file, views: job.summary.views, agreement, dropped, off_mm: off, samples });
+  figures.parts.push({ file, views: job.summary.views, agreement, dropped, off_mm: off, clearance_off_mm: gaps, poses, samples });
+  last = id;
 }
+figures.rig_off_mm = await rig(await api(`/jobs/${last}/plan`));
+figures.reach = await reach();
+const calibration = await calibrate();
 for (const [name, hash] of Object.entries({ jobs: "#/jobs", runs: "#/runs", specs: "#/specs/scanners/transcan-c", robot: "#/specs/robots/ur5e" })) {
   await page.goto(base + hash);
   await page.waitForTimeout(1500);
@@ -214,6 +382,8 @@ if (two.length === 2) {
   await page.waitForFunction(() => [...window.vantage.stages].filter((stage) => stage.frames > 0).length === 2);
   await check("compare");
 }
+await fits({ jobs: "#/jobs", plan: `#/jobs/${last}/plan`, cell: `#/jobs/${last}/cell`, results: `#/jobs/${last}/results`, new: "#/new",
+  hardware: "#/specs/scanners/transcan-c", runs: "#/runs", calibrations: "#/calibrations", calibration });
 await page.emulateMedia({ colorScheme: "dark" });
 await page.goto(`${base}#/jobs`);
 await check("jobs-dark");

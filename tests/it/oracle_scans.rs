@@ -1,0 +1,158 @@
+//! Scans beside Open3D and small_gicp (`tests/oracles/scans_oracle.py`): distances to a mesh, registration, and a part found in a
+//! real scene.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, UnitQuaternion};
+use tempfile::TempDir;
+use vantage::geometry::demo_parts::DemoPart;
+use vantage::geometry::{Mesh, NearestFace, Part, PointCloud, Pose, ScannerFrame, cloud_io, mesh_io};
+use vantage::inspection::ViewScan;
+use vantage::inspection::registration::{RegistrationOptions, register};
+use vantage::inspection::simulated_scanner::{ScannedScene, SimulatedScanner, SimulatedView, SimulationParams};
+use vantage::planning::params::PlanParams;
+
+use crate::support::{context, lines_of, nominal_scanner, oracle_python, plan_viewpoints, shared, shared_mesh_scaled};
+
+/// Views of a plan that are scanned, at every 16th pixel.
+fn scanned(mesh: &Mesh, sim: &SimulationParams) -> Vec<SimulatedView> {
+    let (scanner, mut params) = (nominal_scanner(), PlanParams::default());
+    (params.robust.pose_error, params.missed.remedies, params.missed.advice) = (None, 0, false);
+    let views = plan_viewpoints(mesh, &scanner, &params).plan.views;
+    let poses: Vec<(u32, Pose<Part, ScannerFrame>)> =
+        (1..).zip(&views).map(|(number, view)| (number, view.part_from_scanner)).collect();
+    let scene = ScannedScene { as_built: mesh, fixture: None, plate: None, unknown: None, face_albedo: None };
+    let sim = SimulationParams { step_px: 16, ..sim.clone() };
+    context(|ctx| SimulatedScanner::new(&scanner, &params, &sim, scene, ctx)?.scan(&poses, ctx)).expect("scans")
+}
+
+/// Every point of some scans at the stated poses, part frame.
+fn merged(scans: &[ViewScan]) -> PointCloud {
+    let placed = |scan: &ViewScan| {
+        let points: Vec<[f32; 3]> = scan.scanner_cloud.finite().map(|(_, point)| scan.part_from_scanner.point(&point)).map(single).collect();
+        points
+    };
+    PointCloud { points_mm: scans.iter().flat_map(placed).collect(), grid: None }
+}
+
+fn single(point: Point3<f64>) -> [f32; 3] {
+    point.coords.map(|value| value as f32).into()
+}
+
+/// Writes mesh and cloud where the oracle reads them: their paths.
+fn written(folder: &TempDir, mesh: &Mesh, cloud: &PointCloud) -> [String; 2] {
+    let [stl, ply] = ["mesh.stl", "cloud.ply"].map(|name| folder.path().join(name));
+    std::fs::write(&stl, mesh_io::write_stl(mesh)).expect("written");
+    cloud_io::write_ply(cloud, &mut BufWriter::new(File::create(&ply).expect("a file"))).expect("written");
+    [stl, ply].map(|path| path.display().to_string())
+}
+
+/// Largest distance by which two poses part the corners of the mesh's box.
+fn corner_mm(mesh: &Mesh, a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    let around = mesh.aabb();
+    let ends = [around.min, around.max];
+    let corner = |index: usize| Point3::new(ends[index & 1].x, ends[index >> 1 & 1].y, ends[index >> 2].z);
+    (0..8).map(|index| (a * corner(index) - b * corner(index)).norm()).fold(0.0, f64::max)
+}
+
+fn pose_of(numbers: &[&str]) -> Isometry3<f64> {
+    let rows: Vec<f64> = numbers.iter().map(|number| number.parse().expect("a number")).collect();
+    let matrix = Matrix4::from_row_slice(&rows);
+    let rotation = Rotation3::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
+    Isometry3::from_parts(matrix.fixed_view::<3, 1>(0, 3).into_owned().into(), UnitQuaternion::from_rotation_matrix(&rotation))
+}
+
+fn parts() -> Vec<(&'static str, Mesh)> {
+    let base = DemoPart::Base.mesh().expect("a base");
+    let shared = ["gearbox_output_housing_16k.stl", "rocker-arm_20k.stl"]
+        .into_iter()
+        .filter_map(|name| Some((name, shared_mesh_scaled(&format!("meshes/{name}"), 120.0)?)));
+    [("base", base)].into_iter().chain(shared).collect()
+}
+
+#[test]
+fn a_part_is_registered_at_least_as_well_as_by_open3d_and_small_gicp() {
+    let Some(python) = oracle_python() else { return };
+    for (name, mesh) in parts() {
+        let sim = SimulationParams { part_error_deg: 1.0, part_error_mm: 1.0, ..SimulationParams::default() };
+        let views = scanned(&mesh, &sim);
+        let scans: Vec<ViewScan> = views.iter().map(|view| view.scan.clone()).collect();
+        let truth = views[0].true_part_from_scanner.isometry() * scans[0].part_from_scanner.isometry().inverse();
+        let found = register(&scans, &NearestFace::new(&mesh), &[], &RegistrationOptions::default());
+        // Corners of the part where it lies.
+        let lying = Mesh { vertices_mm: mesh.vertices_mm.iter().map(|vertex| truth.inverse() * vertex).collect(), ..mesh.clone() };
+        let own_mm = corner_mm(&lying, found.mesh_from_stated.isometry(), &truth);
+        let folder = tempfile::tempdir().expect("a folder");
+        let cloud = merged(&scans);
+        let [stl, ply] = written(&folder, &mesh, &cloud);
+        let mut told = format!("{name}, {} points of {} views: {own_mm:.5} mm", cloud.points_mm.len(), scans.len());
+        let mut peers_mm = Vec::new();
+        for line in lines_of(&python, "scans_oracle.py", &["register", &stl, &ply], String::new()) {
+            let words: Vec<&str> = line.split(' ').collect();
+            peers_mm.push(corner_mm(&lying, &pose_of(&words[1..]), &truth));
+            told += &format!(", {} {:.5}", words[0], peers_mm[peers_mm.len() - 1]);
+        }
+        println!("{told}");
+        assert_eq!(peers_mm.len(), 2, "{told}");
+        assert!(own_mm <= 0.005 && peers_mm.iter().all(|peer_mm| own_mm <= peer_mm + 0.001), "{told}");
+        assert!(peers_mm.iter().all(|peer_mm| *peer_mm < 0.2), "the peers confirm the pose: {told}");
+    }
+}
+
+#[test]
+fn distances_to_a_mesh_are_those_of_open3d() {
+    let Some(python) = oracle_python() else { return };
+    for (name, mesh) in parts() {
+        let sim = SimulationParams { part_error_deg: 0.3, part_error_mm: 0.5, ..SimulationParams::default() };
+        let scans: Vec<ViewScan> = scanned(&mesh, &sim).into_iter().map(|view| view.scan).collect();
+        let cloud = merged(&scans[..scans.len().min(3)]);
+        let folder = tempfile::tempdir().expect("a folder");
+        let [stl, ply] = written(&folder, &mesh, &cloud);
+        let lines = lines_of(&python, "scans_oracle.py", &["distance", &stl, &ply], String::new());
+        assert_eq!(lines.len(), cloud.points_mm.len(), "{name}");
+        let nearest = NearestFace::new(&mesh);
+        let (mut worst_mm, mut largest_mm) = (0.0_f64, 0.0_f64);
+        for (line, point) in lines.iter().zip(&cloud.points_mm) {
+            let point = Point3::from(point.map(f64::from));
+            let own_mm = (nearest.nearest(&point, 1e3).expect("a face").point_mm - point).norm();
+            worst_mm = worst_mm.max((own_mm - line.parse::<f64>().expect("a number")).abs());
+            largest_mm = largest_mm.max(own_mm);
+        }
+        println!("{name}: {} points up to {largest_mm:.2} mm off, worst difference {worst_mm:.1e} mm", lines.len());
+        assert!(worst_mm < 1e-4, "{name}: {worst_mm}");
+    }
+}
+
+/// Row I3: the toy in the scan of a scene, where Open3D finds it now, on this machine.
+#[test]
+fn the_dinosaur_lies_where_open3d_finds_it() {
+    let (Some(python), Some(model), Some(packed)) = (
+        oracle_python(),
+        shared("scans/parasaurolophus_model.ply"),
+        shared("scans/parasaurolophus_scan_scene1.ply.gz"),
+    ) else {
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = folder.path().join("scene.ply");
+    unpack(&packed, &scene);
+    let own = crate::scanned_parts::scene_from_model().expect("the data set is there");
+    let mesh = crate::scanned_parts::model().expect("the data set is there");
+    let centre = mesh.aabb().centre();
+    let arguments = ["find", &model.display().to_string(), &scene.display().to_string()];
+    let lines = lines_of(&python, "scans_oracle.py", &arguments, String::new());
+    assert!(!lines.is_empty());
+    for line in &lines {
+        let theirs = pose_of(&line.split(' ').collect::<Vec<_>>());
+        let (apart_mm, apart_deg) = ((own * centre - theirs * centre).norm(), own.rotation.angle_to(&theirs.rotation).to_degrees());
+        println!("{apart_mm:.3} mm, {apart_deg:.3}° from Open3D");
+        assert!(apart_mm < 0.5 && apart_deg < 0.3, "{apart_mm} mm, {apart_deg}°");
+    }
+}
+
+fn unpack(packed: &Path, into: &Path) {
+    let mut reader = flate2::read::GzDecoder::new(File::open(packed).expect("readable"));
+    std::io::copy(&mut reader, &mut File::create(into).expect("a file")).expect("gzip");
+}
