@@ -71,6 +71,7 @@ pub(crate) fn plan_of_block(params: &PlanParams) -> Vec<u8> {
         scanner: &scanner,
         cell: None,
         roadmaps: None,
+        rescan: None,
         params,
         echo: Echo::default(),
         date: None,
