@@ -31,6 +31,7 @@ mod oracle_controllers;
 mod oracle_coverage;
 mod oracle_dialects;
 mod oracle_lens;
+mod oracle_scans;
 mod oracle_selection;
 mod oracle_time_law;
 mod own_hardware;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, UnitQuaternion};
 use tempfile::TempDir;
-use vantage::geometry::demo_parts::DemoPart;
+use vantage::geometry::demo_parts::base;
 use vantage::geometry::{Mesh, NearestFace, Part, PointCloud, Pose, ScannerFrame, cloud_io, mesh_io};
 use vantage::inspection::ViewScan;
 use vantage::inspection::registration::{RegistrationOptions, register};
@@ -31,7 +31,8 @@ fn scanned(mesh: &Mesh, sim: &SimulationParams) -> Vec<SimulatedView> {
 /// Every point of some scans at the stated poses, part frame.
 fn merged(scans: &[ViewScan]) -> PointCloud {
     let placed = |scan: &ViewScan| {
-        let points: Vec<[f32; 3]> = scan.scanner_cloud.finite().map(|(_, point)| scan.part_from_scanner.point(&point)).map(single).collect();
+        let points: Vec<[f32; 3]> =
+            scan.scanner_cloud.finite().map(|(_, point)| scan.part_from_scanner.point(&point)).map(single).collect();
         points
     };
     PointCloud { points_mm: scans.iter().flat_map(placed).collect(), grid: None }
@@ -65,8 +66,8 @@ fn pose_of(numbers: &[&str]) -> Isometry3<f64> {
 }
 
 fn parts() -> Vec<(&'static str, Mesh)> {
-    let base = DemoPart::Base.mesh().expect("a base");
-    let shared = ["gearbox_output_housing_16k.stl", "rocker-arm_20k.stl"]
+    let base = base(20_000).expect("a base");
+    let shared = ["gearbox_output_housing_16k.stl", "rocker-arm_20k.obj"]
         .into_iter()
         .filter_map(|name| Some((name, shared_mesh_scaled(&format!("meshes/{name}"), 120.0)?)));
     [("base", base)].into_iter().chain(shared).collect()
@@ -82,7 +83,8 @@ fn a_part_is_registered_at_least_as_well_as_by_open3d_and_small_gicp() {
         let truth = views[0].true_part_from_scanner.isometry() * scans[0].part_from_scanner.isometry().inverse();
         let found = register(&scans, &NearestFace::new(&mesh), &[], &RegistrationOptions::default());
         // Corners of the part where it lies.
-        let lying = Mesh { vertices_mm: mesh.vertices_mm.iter().map(|vertex| truth.inverse() * vertex).collect(), ..mesh.clone() };
+        let lying =
+            Mesh { vertices_mm: mesh.vertices_mm.iter().map(|vertex| truth.inverse() * vertex).collect(), ..mesh.clone() };
         let own_mm = corner_mm(&lying, found.mesh_from_stated.isometry(), &truth);
         let folder = tempfile::tempdir().expect("a folder");
         let cloud = merged(&scans);
@@ -128,11 +130,9 @@ fn distances_to_a_mesh_are_those_of_open3d() {
 /// Row I3: the toy in the scan of a scene, where Open3D finds it now, on this machine.
 #[test]
 fn the_dinosaur_lies_where_open3d_finds_it() {
-    let (Some(python), Some(model), Some(packed)) = (
-        oracle_python(),
-        shared("scans/parasaurolophus_model.ply"),
-        shared("scans/parasaurolophus_scan_scene1.ply.gz"),
-    ) else {
+    let (Some(python), Some(model), Some(packed)) =
+        (oracle_python(), shared("scans/parasaurolophus_model.ply"), shared("scans/parasaurolophus_scan_scene1.ply.gz"))
+    else {
         return;
     };
     let folder = tempfile::tempdir().expect("a folder");
@@ -146,7 +146,8 @@ fn the_dinosaur_lies_where_open3d_finds_it() {
     assert!(!lines.is_empty());
     for line in &lines {
         let theirs = pose_of(&line.split(' ').collect::<Vec<_>>());
-        let (apart_mm, apart_deg) = ((own * centre - theirs * centre).norm(), own.rotation.angle_to(&theirs.rotation).to_degrees());
+        let (apart_mm, apart_deg) =
+            ((own * centre - theirs * centre).norm(), own.rotation.angle_to(&theirs.rotation).to_degrees());
         println!("{apart_mm:.3} mm, {apart_deg:.3}° from Open3D");
         assert!(apart_mm < 0.5 && apart_deg < 0.3, "{apart_mm} mm, {apart_deg}°");
     }

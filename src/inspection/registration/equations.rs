@@ -1,7 +1,9 @@
 //! Normal equations of points against planes, of one view and of the arrow that views and part make.
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::linalg::Cholesky;
+use nalgebra::{DMatrix, DVector, Dyn, Matrix6, Vector6};
 
+use super::FREEDOMS;
 use super::matching::MatchedPoint;
 use crate::cell::calibration::se3::Twist;
 
@@ -22,24 +24,16 @@ impl Default for NormalEquations {
 }
 
 impl NormalEquations {
-    /// Equations of pairs, weighted after Tukey within `radius_mm`. A step δ = (ω, v) moves a point s by ω × s + v, so that
-    /// ∂r/∂δ = (s × n, n).
+    /// Equations of pairs, weighted after Tukey within `radius_mm`.
     pub(super) fn of(pairs: &[MatchedPoint], radius_mm: f64) -> Self {
         let mut sum = Self::default();
         for pair in pairs {
-            let share = pair.distance_mm / radius_mm;
-            let weight = (1.0 - share * share).max(0.0).powi(2);
-            let turn = pair.point_mm.coords.cross(&pair.normal);
-            let row = Twist::new(turn.x, turn.y, turn.z, pair.normal.x, pair.normal.y, pair.normal.z);
+            let weight = pair.weight(radius_mm);
+            let row = pair.row();
             sum.matrix += row * row.transpose() * weight;
             sum.gradient += row * (weight * pair.distance_mm);
         }
         sum
-    }
-
-    pub(super) fn scale(&mut self, factor: f64) {
-        self.matrix *= factor;
-        self.gradient *= factor;
     }
 
     pub(super) fn add(&mut self, other: &Self) {
@@ -58,16 +52,78 @@ impl NormalEquations {
     }
 }
 
-/// A view in the arrow.
-pub(super) struct Branch {
-    /// Its observations, weighted.
-    pub(super) normal: NormalEquations,
-    /// Inverse covariance of its pose.
-    pub(super) prior: Matrix6<f64>,
-    /// Correction so far, which the prior pulls to zero.
-    pub(super) correction: Twist,
-    /// Takes a step of the part to the step of this view that moves its points alike.
-    pub(super) view_from_part: Matrix6<f64>,
+/// Mean observation of a cell by one view.
+pub(super) struct CellMean {
+    /// Index of the view.
+    pub(super) view: usize,
+    /// ∂r/∂δ in the view's right perturbation.
+    pub(super) row: Twist,
+    /// Signed distance, mm.
+    pub(super) distance_mm: f64,
+    /// 1/τ², τ the standard deviation of this mean among those of other views, mm⁻².
+    pub(super) weight: f64,
+}
+
+/// Views, the part below them, and what they observed together.
+pub(super) struct Arrow {
+    /// Normal equations of all views, six rows a view, in their right perturbations.
+    matrix: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// The same with the priors of the poses: A = H + Λ.
+    posterior: Cholesky<f64, Dyn>,
+    posterior_gradient: DVector<f64>,
+    /// Takes a step of the part to the steps of the views that move their points alike, six rows a view.
+    views_from_part: DMatrix<f64>,
+}
+
+/// Normal equations under way.
+pub(super) struct Observations {
+    matrix: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Observations {
+    pub(super) fn of(views: usize) -> Self {
+        let size = FREEDOMS * views;
+        Self { matrix: DMatrix::zeros(size, size), gradient: DVector::zeros(size) }
+    }
+
+    /// Adds a cell whose surface deviates by an unknown d ~ N(0, σ²) that all views see alike. With d eliminated, the weight matrix of
+    /// the means is W = diag(w) − w·wᵀ/(Σw + 1/σ²): one view alone counts 1/(τ² + σ²), the difference of two 1/(2τ²).
+    pub(super) fn add(&mut self, means: &[CellMean], deviation_sd_mm: f64) {
+        let all: f64 = means.iter().map(|mean| mean.weight).sum::<f64>() + deviation_sd_mm.powi(-2);
+        // wᵀr / (Σw + 1/σ²): the deviation that fits best.
+        let deviation_mm = means.iter().map(|mean| mean.weight * mean.distance_mm).sum::<f64>() / all;
+        for (index, mean) in means.iter().enumerate() {
+            let at = FREEDOMS * mean.view;
+            let mut gradient = self.gradient.fixed_rows_mut::<FREEDOMS>(at);
+            gradient += mean.row * (mean.weight * (mean.distance_mm - deviation_mm));
+            for other in &means[..=index] {
+                let own = if mean.view == other.view { mean.weight } else { 0.0 };
+                let block = mean.row * other.row.transpose() * (own - mean.weight * other.weight / all);
+                let mut place = self.matrix.fixed_view_mut::<FREEDOMS, FREEDOMS>(at, FREEDOMS * other.view);
+                place += block;
+            }
+        }
+    }
+
+    /// Arrow of these observations with priors, corrections so far, which the priors pull to zero, and the part's steps as each view
+    /// sees them. `None` where a prior is none.
+    pub(super) fn with(mut self, priors: &[Matrix6<f64>], corrections: &[Twist], from_part: &[Matrix6<f64>]) -> Option<Arrow> {
+        self.matrix.fill_upper_triangle_with_lower_triangle();
+        let (mut posterior, mut posterior_gradient) = (self.matrix.clone(), self.gradient.clone());
+        let mut views_from_part = DMatrix::zeros(self.matrix.nrows(), FREEDOMS);
+        for (view, (prior, correction)) in priors.iter().zip(corrections).enumerate() {
+            let at = FREEDOMS * view;
+            let mut block = posterior.fixed_view_mut::<FREEDOMS, FREEDOMS>(at, at);
+            block += prior;
+            let mut gradient = posterior_gradient.fixed_rows_mut::<FREEDOMS>(at);
+            gradient += prior * correction;
+            views_from_part.fixed_view_mut::<FREEDOMS, FREEDOMS>(at, 0).copy_from(&from_part[view]);
+        }
+        let (matrix, gradient, posterior) = (self.matrix, self.gradient, posterior.cholesky()?);
+        Some(Arrow { matrix, gradient, posterior, posterior_gradient, views_from_part })
+    }
 }
 
 /// Steps of part and views.
@@ -83,42 +139,33 @@ pub(super) struct Covariances {
     pub(super) views: Vec<Matrix6<f64>>,
 }
 
-/// Solves the arrow: with A = H + Λ and B = H·M of each view, the part sees Σ Mᵀ(H − H A⁻¹ H)M. `None` where no observation is.
-pub(super) fn solve(arrow: &[Branch], moves_part: bool) -> Option<Solved> {
-    let mut part = NormalEquations::default();
-    for branch in arrow {
-        let (inverse, gradient) = own(branch)?;
-        let (h, m) = (branch.normal.matrix, branch.view_from_part);
-        part.matrix += m.transpose() * (h - h * inverse * h) * m;
-        part.gradient += m.transpose() * (branch.normal.gradient - h * inverse * gradient);
+impl Arrow {
+    /// Solves it: with B = H·M, the part sees Mᵀ(H − H A⁻¹ H)M. `None` where no observation is.
+    pub(super) fn solve(&self, moves_part: bool) -> Option<Solved> {
+        let seen = &self.matrix * &self.views_from_part;
+        let follows = self.posterior.solve(&seen);
+        let settled = self.posterior.solve(&self.posterior_gradient);
+        let part = self.views_from_part.tr_mul(&seen) - seen.tr_mul(&follows);
+        let gradient = self.views_from_part.tr_mul(&self.gradient) - seen.tr_mul(&settled);
+        let part = Matrix6::from_fn(|row, column| 0.5 * (part[(row, column)] + part[(column, row)]));
+        let part_covariance = if moves_part { pseudo_inverse(&part)? } else { Matrix6::zeros() };
+        let part_step = -(part_covariance * Twist::from_fn(|row, _| gradient[row]));
+        let steps = -(settled + follows * part_step);
+        let of_view = |view: usize| steps.fixed_rows::<FREEDOMS>(FREEDOMS * view).into_owned();
+        Some(Solved { part_step, steps: (0..steps.len() / FREEDOMS).map(of_view).collect(), part_covariance })
     }
-    let part_covariance = if moves_part { pseudo_inverse(&part.matrix)? } else { Matrix6::zeros() };
-    let part_step = -(part_covariance * part.gradient);
-    let step = |branch: &Branch| {
-        let (inverse, gradient) = own(branch)?;
-        Some(-(inverse * (gradient + branch.normal.matrix * branch.view_from_part * part_step)))
-    };
-    Some(Solved { part_step, steps: arrow.iter().map(step).collect::<Option<_>>()?, part_covariance })
-}
 
-/// A⁻¹ of a view, and the gradient with that of its prior.
-fn own(branch: &Branch) -> Option<(Matrix6<f64>, Vector6<f64>)> {
-    let inverse = (branch.normal.matrix + branch.prior).cholesky()?.inverse();
-    Some((inverse, branch.normal.gradient + branch.prior * branch.correction))
-}
-
-impl Solved {
     /// Covariance of each view's pose: that of ξ + M·η, of a view's own step and the part's.
-    pub(super) fn covariances(&self, arrow: &[Branch]) -> Covariances {
-        let part = self.part_covariance;
-        let view = |branch: &Branch| {
-            let Some((inverse, _)) = own(branch) else { return Matrix6::zeros() };
-            let m = branch.view_from_part;
-            // ξ = −A⁻¹(g + H M η): its noise beyond η's is A⁻¹, and it follows η by −A⁻¹ H M.
-            let follows = m - inverse * branch.normal.matrix * m;
-            inverse + follows * part * follows.transpose()
+    pub(super) fn covariances(&self, solved: &Solved) -> Covariances {
+        let part = solved.part_covariance;
+        let inverse = self.posterior.inverse();
+        // ξ = −A⁻¹(g + H M η): its noise beyond η's is A⁻¹, and it follows η by −A⁻¹ H M.
+        let follows = &self.views_from_part - self.posterior.solve(&(&self.matrix * &self.views_from_part));
+        let view = |at: usize| {
+            let own = follows.fixed_view::<FREEDOMS, FREEDOMS>(at, 0);
+            inverse.fixed_view::<FREEDOMS, FREEDOMS>(at, at) + own * part * own.transpose()
         };
-        Covariances { part, views: arrow.iter().map(view).collect() }
+        Covariances { part, views: (0..inverse.nrows()).step_by(FREEDOMS).map(view).collect() }
     }
 }
 

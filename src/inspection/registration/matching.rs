@@ -1,12 +1,13 @@
 //! Pairs of points and faces.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::points::ViewPoints;
 use super::{FREEDOMS, KeptPose, RegistrationOptions};
+use crate::cell::calibration::se3::Twist;
 use crate::geometry::NearestFace;
 
 /// A point and the plane of its nearest face.
@@ -17,6 +18,35 @@ pub(super) struct MatchedPoint {
     /// Normal of the face, scanner frame.
     pub(super) normal: Vector3<f64>,
     /// Signed distance to the plane, mm.
+    pub(super) distance_mm: f64,
+    /// Nearest point of the face, part frame, mm.
+    nominal_mm: Point3<f64>,
+    /// Side that the face looks to: its axis, 0 to 2, or 3 more where it looks against that axis; part frame.
+    side: u8,
+}
+
+impl MatchedPoint {
+    /// ∂r/∂δ in the view's right perturbation: a step δ = (ω, v) moves a point s by ω × s + v, so that it is (s × n, n).
+    pub(super) fn row(&self) -> Twist {
+        let turn = self.point_mm.coords.cross(&self.normal);
+        Twist::new(turn.x, turn.y, turn.z, self.normal.x, self.normal.y, self.normal.z)
+    }
+
+    /// Weight after Tukey within a radius.
+    pub(super) fn weight(&self, radius_mm: f64) -> f64 {
+        let share = self.distance_mm / radius_mm;
+        (1.0 - share * share).max(0.0).powi(2)
+    }
+}
+
+/// Cell of the surface, part frame: its place in cells, and the side that it looks to.
+pub(super) type SurfaceCell = ([i64; 3], u8);
+
+/// Weighted sums over the pairs of a view in a cell.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CellSum {
+    pub(super) weight: f64,
+    pub(super) row: Twist,
     pub(super) distance_mm: f64,
 }
 
@@ -43,18 +73,31 @@ pub(super) fn match_view(
         if in_scanner.dot(&point_mm.coords) >= 0.0 {
             return None;
         }
-        Some(MatchedPoint { point_mm: *point_mm, normal: in_scanner, distance_mm: normal.dot(&(in_part - found.point_mm)) })
+        let distance_mm = normal.dot(&(in_part - found.point_mm));
+        let axis = normal.iamax();
+        let side = axis as u8 + if normal[axis] < 0.0 { 3 } else { 0 };
+        Some(MatchedPoint { point_mm: *point_mm, normal: in_scanner, distance_mm, nominal_mm: found.point_mm, side })
     };
     let pairs = view.points_mm.par_iter().with_min_len(256).map(pair).collect::<Vec<_>>().into_iter().flatten().collect();
     Matched { points: view.points_mm.len(), radius_mm, pairs }
 }
 
 impl Matched {
-    /// Cells of this size that hold a pair.
-    pub(super) fn cells(&self, size_mm: f64) -> usize {
-        let cell = |pair: &MatchedPoint| pair.point_mm.coords.map(|value| (value / size_mm).floor() as i64);
-        let cells: BTreeSet<[i64; 3]> = self.pairs.iter().map(|pair| cell(pair).into()).collect();
-        cells.len()
+    /// Sums by cell of this size, ascending; pairs that weigh nothing are left out.
+    pub(super) fn cells(&self, size_mm: f64) -> BTreeMap<SurfaceCell, CellSum> {
+        let mut cells = BTreeMap::new();
+        for pair in &self.pairs {
+            let weight = pair.weight(self.radius_mm);
+            if weight > 0.0 {
+                let place: [i64; 3] = pair.nominal_mm.coords.map(|value| (value / size_mm).floor() as i64).into();
+                let empty = CellSum { weight: 0.0, row: Twist::zeros(), distance_mm: 0.0 };
+                let sum: &mut CellSum = cells.entry((place, pair.side)).or_insert(empty);
+                sum.weight += weight;
+                sum.row += pair.row() * weight;
+                sum.distance_mm += weight * pair.distance_mm;
+            }
+        }
+        cells
     }
 
     /// Share of the points that have a pair.

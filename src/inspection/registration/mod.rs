@@ -8,11 +8,13 @@
 //! least-squares", Communications in Statistics A6, 1977). The prior is N(0, Σ_i) on ξ_i (right perturbation, as
 //! [`crate::cell::calibration::se3`] has it).
 //!
-//! The normal equations have the shape of an arrow: each ξ_i meets only Δ, so that they are solved view by view (Schur complement).
-//! Points near each other share the part's deviation: they count as one observation a cell of [`RegistrationOptions::correlation_mm`].
+//! A part deviates from its mesh, and views that see the same place see the same deviation. The part's surface is cut into cells of
+//! [`RegistrationOptions::correlation_mm`], each with an unknown deviation d ~ N(0, σ²); the mean residual of view i in a cell is
+//! aᵢ·(ξᵢ + Mᵢη) + d + noise, η the part's step and Mᵢ its adjoint in the view's frame. With each d eliminated, views that share
+//! cells hold each other to their noise, and the mesh holds all of them to σ. Both deviations are estimated from the residuals, robustly.
 //!
-//! The result does not depend on the number of threads: sums run in the order of views and points.
-//! Cost: some 15 rounds of a nearest-face query a point; 50 000 points at most.
+//! The result does not depend on the number of threads: sums run in the order of views, cells and points.
+//! Cost: some 20 rounds of a nearest-face query a point, 50 000 points at most, and one dense factorisation of six rows a view a round.
 
 mod equations;
 pub mod locate;
@@ -22,6 +24,8 @@ mod ppf;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Matrix6, Vector6};
 
 use super::{RegisteredView, ViewScan};
@@ -29,8 +33,8 @@ use crate::cell::calibration::chi_squared::quantile;
 use crate::cell::calibration::se3::{Twist, adjoint, exp, log};
 use crate::cell::closed_list;
 use crate::geometry::{NearestFace, Part, Pose};
-use equations::{NormalEquations, solve};
-use matching::{Matched, match_view};
+use equations::{Arrow, CellMean, NormalEquations, Observations};
+use matching::{CellSum, Matched, SurfaceCell, match_view};
 use points::ViewPoints;
 
 /// Freedoms of a rigid motion.
@@ -41,6 +45,8 @@ const OUT_OF_PRIOR: f64 = 1e-3;
 const PART_RADII_MM: [f64; 12] = [5.0, 5.0, 3.5, 2.5, 1.8, 1.3, 0.9, 0.65, 0.45, 0.35, 0.25, 0.25];
 /// Radii while part and views are moved together, mm.
 const JOINT_RADII_MM: [f64; 8] = [2.0, 1.0, 0.5, 0.35, 0.25, 0.25, 0.25, 0.25];
+/// Max views that are tied to each other; more are held to the mesh alone.
+const MAX_TIED_VIEWS: usize = 256;
 /// Least noise of a point that is believed, mm: what single precision and facets leave over.
 const MIN_NOISE_MM: f64 = 0.002;
 
@@ -71,7 +77,7 @@ pub struct RegistrationOptions {
     pub min_inlier_share: f64,
     /// Distance within which a point lies on the part, mm.
     pub inlier_mm: f64,
-    /// Size of a cell whose points count as one observation, mm.
+    /// Size of a cell of the surface that deviates as one, mm.
     pub correlation_mm: f64,
     /// True if the part may lie elsewhere than planned; else only the views are corrected.
     pub moves_part: bool,
@@ -143,7 +149,7 @@ pub fn register(
 ) -> ScanRegistration {
     let of_view = options.points_of_view.min(MAX_POINTS / scans.len().max(1)).max(FREEDOMS);
     let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan, of_view)).collect();
-    let weights: Vec<Matrix6<f64>> =
+    let priors: Vec<Matrix6<f64>> =
         (0..views.len()).map(|view| prior_weight(priors.get(view).copied().flatten(), options)).collect();
     let mut state = State { part: Isometry3::identity(), corrections: vec![Twist::zeros(); views.len()] };
     if options.moves_part {
@@ -151,15 +157,13 @@ pub fn register(
             state.move_part(&views, nearest, radius_mm);
         }
     }
-    let mut noise_mm = MIN_NOISE_MM;
     let mut usable = vec![true; views.len()];
     for radius_mm in JOINT_RADII_MM {
         let matched = state.matched(&views, nearest, radius_mm);
-        noise_mm = noise_of(&matched);
         usable = matched.iter().map(|view| view.kept_pose(options).is_none()).collect();
-        state.move_all(&views, &matched, &weights, &Weighing { noise_mm, usable: &usable, options });
+        state.move_all(&views, &matched, &Weighing { priors: &priors, usable: &usable, options });
     }
-    state.finish(scans, &views, nearest, &weights, &Weighing { noise_mm, usable: &usable, options })
+    state.finish(scans, &views, nearest, &Weighing { priors: &priors, usable: &usable, options })
 }
 
 /// Inverse of a covariance; the default's where there is none, or none that can be inverted.
@@ -171,21 +175,44 @@ fn prior_weight(covariance: Option<Matrix6<f64>>, options: &RegistrationOptions)
     })
 }
 
-/// Robust standard deviation of the distances: 1.4826 times their median absolute value (F. R. Hampel, "The influence curve and its
-/// role in robust estimation", J. Am. Stat. Assoc. 69, 1974, section 4).
-fn noise_of(matched: &[Matched]) -> f64 {
-    let mut distances: Vec<f64> = matched.iter().flat_map(|view| &view.pairs).map(|pair| pair.distance_mm.abs()).collect();
-    if distances.is_empty() {
+/// Robust standard deviation of numbers about zero: 1.4826 times their median absolute value (F. R. Hampel, "The influence curve and
+/// its role in robust estimation", J. Am. Stat. Assoc. 69, 1974, section 4); at least [`MIN_NOISE_MM`].
+fn robust_sd_mm(mut distances_mm: Vec<f64>) -> f64 {
+    if distances_mm.is_empty() {
         return MIN_NOISE_MM;
     }
-    let middle = distances.len() / 2;
-    let (_, median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+    distances_mm.iter_mut().for_each(|distance| *distance = distance.abs());
+    let middle = distances_mm.len() / 2;
+    let (_, median, _) = distances_mm.select_nth_unstable_by(middle, f64::total_cmp);
     (1.4826 * *median).max(MIN_NOISE_MM)
 }
 
-/// Weights of observations against priors.
+/// What the views say of one cell: index of the view, and its sums.
+type SeenCell = Vec<(usize, CellSum)>;
+
+/// Weight of all views in a cell, and their mean distance, mm.
+fn mean_of(cell: &SeenCell) -> (f64, f64) {
+    let weight: f64 = cell.iter().map(|(_, sum)| sum.weight).sum();
+    (weight, cell.iter().map(|(_, sum)| sum.distance_mm).sum::<f64>() / weight)
+}
+
+/// Standard deviation of a point's distance about the mean of the views that share its cell, mm: the mean of n points of N parts from
+/// the cell's by √(1/n − 1/N) of it.
+fn point_sd_mm(cells: &[SeenCell]) -> f64 {
+    let of_cell = |cell: &SeenCell| {
+        let (all, mean_mm) = mean_of(cell);
+        let own =
+            move |(_, sum): &(usize, CellSum)| (sum.distance_mm / sum.weight - mean_mm) / (1.0 / sum.weight - 1.0 / all).sqrt();
+        cell.iter().map(own).collect::<Vec<_>>()
+    };
+    robust_sd_mm(cells.iter().filter(|cell| cell.len() > 1).flat_map(of_cell).collect())
+}
+
+/// What the observations are weighed with.
 struct Weighing<'a> {
-    noise_mm: f64,
+    /// Inverse covariances of the stated poses.
+    priors: &'a [Matrix6<f64>],
+    /// True for each view whose points say something.
     usable: &'a [bool],
     options: &'a RegistrationOptions,
 }
@@ -219,9 +246,9 @@ impl State {
     }
 
     /// One step of part and views.
-    fn move_all(&mut self, views: &[ViewPoints], matched: &[Matched], weights: &[Matrix6<f64>], weighing: &Weighing<'_>) {
-        let arrow = self.arrow(views, matched, weights, weighing);
-        let Some(solved) = solve(&arrow, weighing.options.moves_part) else { return };
+    fn move_all(&mut self, views: &[ViewPoints], matched: &[Matched], weighing: &Weighing<'_>) {
+        let arrow = self.arrow(views, matched, weighing);
+        let Some(solved) = arrow.and_then(|arrow| arrow.solve(weighing.options.moves_part)) else { return };
         for (correction, step) in self.corrections.iter_mut().zip(&solved.steps) {
             // Both are small: log(exp(ξ)·exp(δ)) is their composition.
             *correction = log(&(exp(correction) * exp(step)));
@@ -229,28 +256,30 @@ impl State {
         self.part = exp(&solved.part_step) * self.part;
     }
 
-    fn arrow(
-        &self,
-        views: &[ViewPoints],
-        matched: &[Matched],
-        weights: &[Matrix6<f64>],
-        weighing: &Weighing<'_>,
-    ) -> Vec<equations::Branch> {
-        let branch = |view: usize| {
-            let pairs = &matched[view];
-            let mut normal = NormalEquations::of(&pairs.pairs, pairs.radius_mm);
-            let cells = pairs.cells(weighing.options.correlation_mm);
-            let share = (cells as f64 / pairs.pairs.len().max(1) as f64).min(1.0);
-            let scale = if weighing.usable[view] { share / weighing.noise_mm.powi(2) } else { 0.0 };
-            normal.scale(scale);
-            equations::Branch {
-                normal,
-                prior: weights[view],
-                correction: self.corrections[view],
-                view_from_part: adjoint(&self.pose(views, view).inverse()),
+    fn arrow(&self, views: &[ViewPoints], matched: &[Matched], weighing: &Weighing<'_>) -> Option<Arrow> {
+        let mut seen: BTreeMap<(SurfaceCell, usize), SeenCell> = BTreeMap::new();
+        for (view, pairs) in matched.iter().enumerate().filter(|(view, _)| weighing.usable[*view]) {
+            // A cell of its own for each view where they are too many.
+            let owner = if views.len() > MAX_TIED_VIEWS { view } else { 0 };
+            for (cell, sum) in pairs.cells(weighing.options.correlation_mm) {
+                seen.entry((cell, owner)).or_default().push((view, sum));
             }
-        };
-        (0..views.len()).map(branch).collect()
+        }
+        let cells: Vec<SeenCell> = seen.into_values().collect();
+        let deviation_sd_mm = robust_sd_mm(cells.iter().map(|cell| mean_of(cell).1).collect());
+        let point_weight = point_sd_mm(&cells).powi(-2);
+        let mut observations = Observations::of(views.len());
+        for cell in &cells {
+            let mean = |(view, sum): &(usize, CellSum)| CellMean {
+                view: *view,
+                row: sum.row / sum.weight,
+                distance_mm: sum.distance_mm / sum.weight,
+                weight: sum.weight * point_weight,
+            };
+            observations.add(&cell.iter().map(mean).collect::<Vec<_>>(), deviation_sd_mm);
+        }
+        let from_part: Vec<Matrix6<f64>> = (0..views.len()).map(|view| adjoint(&self.pose(views, view).inverse())).collect();
+        observations.with(weighing.priors, &self.corrections, &from_part)
     }
 
     fn finish(
@@ -258,24 +287,25 @@ impl State {
         scans: &[ViewScan],
         views: &[ViewPoints],
         nearest: &NearestFace<'_>,
-        weights: &[Matrix6<f64>],
         weighing: &Weighing<'_>,
     ) -> ScanRegistration {
-        let options = weighing.options;
+        let (options, priors) = (weighing.options, weighing.priors);
         let last_mm = JOINT_RADII_MM[JOINT_RADII_MM.len() - 1];
-        let arrow = self.arrow(views, &self.matched(views, nearest, last_mm), weights, weighing);
-        let covariances = solve(&arrow, options.moves_part).map(|solved| solved.covariances(&arrow));
+        let last = self.matched(views, nearest, last_mm);
+        let noise_mm = robust_sd_mm(last.iter().flat_map(|view| &view.pairs).map(|pair| pair.distance_mm).collect());
+        let arrow = self.arrow(views, &last, weighing);
+        let covariances = arrow.and_then(|arrow| Some(arrow.covariances(&arrow.solve(options.moves_part)?)));
         let limit = quantile(OUT_OF_PRIOR, FREEDOMS);
         let judged = self.matched(views, nearest, options.inlier_mm);
         let mut registered = Vec::with_capacity(scans.len());
         let mut found = Vec::with_capacity(scans.len());
         for (view, scan) in scans.iter().enumerate() {
             let correction = self.corrections[view];
-            let chi_squared = (correction.transpose() * weights[view] * correction)[0];
+            let chi_squared = (correction.transpose() * priors[view] * correction)[0];
             let beyond = (chi_squared > limit).then_some(KeptPose::PoseOutOfPrior);
             let kept_pose = judged[view].kept_pose(options).or(beyond);
             let pose = if kept_pose.is_some() { self.part * views[view].part_from_scanner } else { self.pose(views, view) };
-            let prior = weights[view].try_inverse().unwrap_or_else(Matrix6::identity);
+            let prior = priors[view].try_inverse().unwrap_or_else(Matrix6::identity);
             let fitted = covariances.as_ref().map_or(prior, |found| found.views[view]);
             registered.push(RegisteredView {
                 viewpoint: scan.viewpoint,
@@ -295,7 +325,7 @@ impl State {
             sd: part_covariance.diagonal().map(|variance| variance.max(0.0).sqrt()),
             views: registered,
             found,
-            noise_mm: weighing.noise_mm,
+            noise_mm,
             inlier_share: inliers as f64 / all.max(1) as f64,
         }
     }
