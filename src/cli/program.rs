@@ -71,7 +71,6 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
         force: args.force,
         checked_with: if reference_args.mesh.is_some() { CheckedWith::Part } else { CheckedWith::CellAlone },
     };
-    job.reference.check_scanner(&job.cell).map_err(|errors| files::findings(&args.cell, &errors))?;
     let params = params(job.reference.plan.as_ref().map(|(plan, _)| plan), &args.sets)?;
     let mut rendered = Vec::new();
     let mut plan_sha256: Option<String> = None;
@@ -85,6 +84,8 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
             return Err(CliError::BadInput(format!("{shown}: is made from another plan than program.json; plan again")));
         }
     }
+    // Last: a program that is not the plan's is told as such, whatever the cell.
+    job.reference.check_scanner(&job.cell).map_err(|errors| files::findings(&args.cell, &errors))?;
     let made_from = std::fs::canonicalize(&args.from).unwrap_or_else(|_| args.from.clone());
     let origin = FileOrigin { plan_sha256, made_from: Some(made_from.display().to_string()) };
     write(&args.out, rendered, &origin)

@@ -74,3 +74,6 @@ pub fn calibration() -> Value {
 
 /// A scan, as text: three points, an example of the form alone.
 pub const SCAN: &str = "0.0 0.0 480.0\n1.0 0.0 480.0\n0.0 1.0 480.0\n";
+
+/// SHA-256 of [`SCAN`] as the value of a `Content-Digest` header (RFC 9530).
+pub const SCAN_DIGEST: &str = "sha-256=:gGRA36Q8yYk4dZe9BwmH5o5I6yBJfEnesTmgGVq58dc=:";

@@ -73,38 +73,74 @@ fn parts() -> Vec<(&'static str, Mesh)> {
     [("base", base)].into_iter().chain(shared).collect()
 }
 
+/// Errors of the registered pose, mm at the worst corner: by `options`, and by Open3D and small_gicp, which take all scans for one.
+fn registered_mm(python: &Path, name: &str, mesh: &Mesh, sim: &SimulationParams, options: &RegistrationOptions) -> [f64; 3] {
+    let views = scanned(mesh, sim);
+    let scans: Vec<ViewScan> = views.iter().map(|view| view.scan.clone()).collect();
+    let found = register(&scans, &NearestFace::new(mesh), &[], options);
+    // Where the part lies by a view: its true pose against the stated one; that of the first stands for all where views have errors.
+    let truths: Vec<Isometry3<f64>> = views
+        .iter()
+        .map(|view| view.true_part_from_scanner.isometry() * view.scan.part_from_scanner.isometry().inverse())
+        .collect();
+    let lying = |truth: &Isometry3<f64>| {
+        let vertices_mm = mesh.vertices_mm.iter().map(|vertex| truth.inverse() * vertex).collect();
+        Mesh { vertices_mm, ..mesh.clone() }
+    };
+    let worst_mm = |poses: &[Isometry3<f64>]| {
+        truths.iter().zip(poses).map(|(truth, pose)| corner_mm(&lying(truth), pose, truth)).fold(0.0, f64::max)
+    };
+    let of_views: Vec<Isometry3<f64>> = scans
+        .iter()
+        .zip(&found.views)
+        .map(|(scan, view)| view.part_from_scanner.isometry() * scan.part_from_scanner.isometry().inverse())
+        .collect();
+    let own_mm = worst_mm(&of_views);
+    let folder = tempfile::tempdir().expect("a folder");
+    let cloud = merged(&scans);
+    let [stl, ply] = written(&folder, mesh, &cloud);
+    let lines = lines_of(python, "scans_oracle.py", &["register", &stl, &ply], String::new());
+    let peers: Vec<(String, f64)> = lines
+        .iter()
+        .map(|line| {
+            let words: Vec<&str> = line.split(' ').collect();
+            (words[0].to_owned(), worst_mm(&vec![pose_of(&words[1..]); truths.len()]))
+        })
+        .collect();
+    println!("{name}, {} points of {} views: {own_mm:.5} mm, {peers:.5?}", cloud.points_mm.len(), scans.len());
+    [own_mm, peers[0].1, peers[1].1]
+}
+
+/// Row I1 beside peers: views that stand right among each other, which the priors say, of a part that lies elsewhere.
 #[test]
-fn a_part_is_registered_at_least_as_well_as_by_open3d_and_small_gicp() {
+fn a_part_is_registered_as_well_as_by_open3d_and_small_gicp() {
     let Some(python) = oracle_python() else { return };
     for (name, mesh) in parts() {
         let sim = SimulationParams { part_error_deg: 1.0, part_error_mm: 1.0, ..SimulationParams::default() };
-        let views = scanned(&mesh, &sim);
-        let scans: Vec<ViewScan> = views.iter().map(|view| view.scan.clone()).collect();
-        let truth = views[0].true_part_from_scanner.isometry() * scans[0].part_from_scanner.isometry().inverse();
-        let found = register(&scans, &NearestFace::new(&mesh), &[], &RegistrationOptions::default());
-        // Corners of the part where it lies.
-        let lying =
-            Mesh { vertices_mm: mesh.vertices_mm.iter().map(|vertex| truth.inverse() * vertex).collect(), ..mesh.clone() };
-        let own_mm = corner_mm(&lying, found.mesh_from_stated.isometry(), &truth);
-        let folder = tempfile::tempdir().expect("a folder");
-        let cloud = merged(&scans);
-        let [stl, ply] = written(&folder, &mesh, &cloud);
-        let mut told = format!("{name}, {} points of {} views: {own_mm:.5} mm", cloud.points_mm.len(), scans.len());
-        let mut peers_mm = Vec::new();
-        for line in lines_of(&python, "scans_oracle.py", &["register", &stl, &ply], String::new()) {
-            let words: Vec<&str> = line.split(' ').collect();
-            peers_mm.push(corner_mm(&lying, &pose_of(&words[1..]), &truth));
-            told += &format!(", {} {:.5}", words[0], peers_mm[peers_mm.len() - 1]);
-        }
-        println!("{told}");
-        assert_eq!(peers_mm.len(), 2, "{told}");
-        assert!(own_mm <= 0.005 && peers_mm.iter().all(|peer_mm| own_mm <= peer_mm + 0.001), "{told}");
-        assert!(peers_mm.iter().all(|peer_mm| *peer_mm < 0.2), "the peers confirm the pose: {told}");
+        let options = RegistrationOptions { prior_deg: 1e-5, prior_mm: 1e-4, ..RegistrationOptions::default() };
+        let [own_mm, open3d_mm, small_gicp_mm] = registered_mm(&python, name, &mesh, &sim, &options);
+        assert!(open3d_mm < 0.05 && small_gicp_mm < 0.05, "the peers confirm the pose: {open3d_mm} {small_gicp_mm}");
+        assert!(
+            own_mm <= 0.005 && own_mm <= open3d_mm.max(small_gicp_mm) + 0.001,
+            "{name}: {own_mm} {open3d_mm} {small_gicp_mm}"
+        );
+    }
+}
+
+/// Row I4 beside peers: each view is off by 0.05° and 0.2 mm, which a rigid fit of all scans cannot mend.
+#[test]
+fn views_that_are_off_are_registered_better_than_by_a_rigid_fit() {
+    let Some(python) = oracle_python() else { return };
+    for (name, mesh) in parts() {
+        let sim = SimulationParams { view_error_deg: 0.05, view_error_mm: 0.2, ..SimulationParams::default() };
+        let options = RegistrationOptions { moves_part: false, ..RegistrationOptions::default() };
+        let [own_mm, open3d_mm, small_gicp_mm] = registered_mm(&python, name, &mesh, &sim, &options);
+        assert!(own_mm < 0.5 * open3d_mm.min(small_gicp_mm), "{name}: {own_mm} {open3d_mm} {small_gicp_mm}");
     }
 }
 
 #[test]
-fn distances_to_a_mesh_are_those_of_open3d() {
+fn distances_to_a_mesh_are_those_of_open3d_and_trimesh() {
     let Some(python) = oracle_python() else { return };
     for (name, mesh) in parts() {
         let sim = SimulationParams { part_error_deg: 0.3, part_error_mm: 0.5, ..SimulationParams::default() };
@@ -115,15 +151,21 @@ fn distances_to_a_mesh_are_those_of_open3d() {
         let lines = lines_of(&python, "scans_oracle.py", &["distance", &stl, &ply], String::new());
         assert_eq!(lines.len(), cloud.points_mm.len(), "{name}");
         let nearest = NearestFace::new(&mesh);
-        let (mut worst_mm, mut largest_mm) = (0.0_f64, 0.0_f64);
+        let (mut double_mm, mut single_mm, mut largest_mm) = (0.0_f64, 0.0_f64, 0.0_f64);
         for (line, point) in lines.iter().zip(&cloud.points_mm) {
             let point = Point3::from(point.map(f64::from));
             let own_mm = (nearest.nearest(&point, 1e3).expect("a face").point_mm - point).norm();
-            worst_mm = worst_mm.max((own_mm - line.parse::<f64>().expect("a number")).abs());
+            let (double, single) = line.split_once(' ').expect("two numbers");
+            double_mm = double_mm.max((own_mm - double.parse::<f64>().expect("a number")).abs());
+            single_mm = single_mm.max((own_mm - single.parse::<f64>().expect("a number")).abs());
             largest_mm = largest_mm.max(own_mm);
         }
-        println!("{name}: {} points up to {largest_mm:.2} mm off, worst difference {worst_mm:.1e} mm", lines.len());
-        assert!(worst_mm < 1e-4, "{name}: {worst_mm}");
+        println!(
+            "{name}: {} points up to {largest_mm:.2} mm off, worst difference {double_mm:.1e} mm from trimesh, {single_mm:.1e} from Open3D",
+            lines.len()
+        );
+        // The mesh is written in single precision, 1e-5 mm at 100 mm; Open3D computes in it too, which slivers magnify.
+        assert!(double_mm < 3e-5 && single_mm < 3e-3, "{name}: {double_mm} {single_mm}");
     }
 }
 

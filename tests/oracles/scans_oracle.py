@@ -1,6 +1,7 @@
-"""Scans by Open3D and small_gicp: distances to a mesh, registration, and finding a part in a scene.
+"""Scans by Open3D, trimesh and small_gicp: distances to a mesh, registration, and finding a part in a scene.
 
-scans_oracle.py distance MESH CLOUD   stdout: a line a point, its distance to the mesh in mm (open3d.t RaycastingScene)
+scans_oracle.py distance MESH CLOUD   stdout: a line a point, its distance to the mesh in mm by trimesh in double precision and by
+                                      open3d.t RaycastingScene in single
 scans_oracle.py register MESH CLOUD   stdout: a line an engine, its name and the 16 numbers of mesh_from_cloud, row by row; the cloud
                                       lies within a few degrees and millimetres of the mesh (point to plane, Tukey's weights)
 scans_oracle.py find MODEL SCENE      stdout: a line a seed, the 16 numbers of scene_from_model (FPFH, RANSAC, point to plane)
@@ -13,6 +14,7 @@ import sys
 import numpy as np
 import open3d as o3d
 import small_gicp
+import trimesh
 
 SAMPLES = 400_000
 SEEDS = (1, 2, 3)
@@ -26,8 +28,10 @@ def finite(path):
 def distance(mesh_path, cloud_path):
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(o3d.io.read_triangle_mesh(mesh_path)))
-    points = o3d.core.Tensor(np.asarray(finite(cloud_path).points, dtype=np.float32))
-    sys.stdout.writelines(f"{value:.9g}\n" for value in scene.compute_distance(points).numpy())
+    points = np.asarray(finite(cloud_path).points)
+    single = scene.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
+    _, double, _ = trimesh.proximity.closest_point(trimesh.load_mesh(mesh_path, process=False), points)
+    sys.stdout.writelines(f"{one:.17g} {other:.9g}\n" for one, other in zip(double, single))
 
 
 def show(name, pose):
@@ -86,11 +90,13 @@ def find(model_path, scene_path):
             icp.TransformationEstimationPointToPoint(False), 4,
             [icp.CorrespondenceCheckerBasedOnEdgeLength(0.9), icp.CorrespondenceCheckerBasedOnDistance(1.5 * voxel_mm)],
             icp.RANSACConvergenceCriteria(1_000_000, 0.9999))
-        pose = found.transformation
-        for reach_mm in (10.0, 4.0):
-            pose = icp.registration_icp(model, scene, reach_mm, pose,
-                                        icp.TransformationEstimationPointToPlane(icp.TukeyLoss(k=reach_mm)),
-                                        icp.ICPConvergenceCriteria(1e-10, 1e-10, 200)).transformation
+        # Points of the scene against planes of the model: a scan shows a part of it.
+        inverse = np.linalg.inv(found.transformation)
+        for reach_mm in (10.0, 4.0, 2.0):
+            inverse = icp.registration_icp(scene, model, reach_mm, inverse,
+                                           icp.TransformationEstimationPointToPlane(icp.TukeyLoss(k=reach_mm)),
+                                           icp.ICPConvergenceCriteria(1e-10, 1e-10, 200)).transformation
+        pose = np.linalg.inv(inverse)
         print(*(f"{value:.17g}" for value in np.asarray(pose).ravel()))
 
 

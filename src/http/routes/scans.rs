@@ -40,7 +40,7 @@ fn scan_id(text: &str) -> Result<ScanId, ApiError> {
         ("unit" = inline(Option<crate::wire::MeshUnit>), Query, example = "mm", description = "Unit of the coordinates."),
         ("frame" = Option<ScanFrame>, Query, example = "scanner", description = "Frame of the coordinates."),
         ("name" = Option<String>, Query, description = "Name of the file. Without it, the name that a multipart form gives.", example = "view_01.ply", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
+        ("Content-Digest" = Option<String>, Header, example = json!(crate::wire::example::SCAN_DIGEST), pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
     ),
     request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(

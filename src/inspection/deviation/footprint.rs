@@ -39,7 +39,18 @@ pub(super) struct MeasuredFootprint {
 enum Found {
     Nothing,
     On(u32, f32),
-    Off(f64),
+    Off(u32, f64),
+}
+
+impl Found {
+    /// Face, and distance from it, mm.
+    fn face(self) -> Option<(u32, f64)> {
+        match self {
+            Self::Nothing => None,
+            Self::On(face, distance_mm) => Some((face, f64::from(distance_mm))),
+            Self::Off(face, distance_mm) => Some((face, distance_mm)),
+        }
+    }
 }
 
 impl ViewDistances {
@@ -60,14 +71,18 @@ impl ViewDistances {
             .collect();
         let mut distances =
             Self { grid, face: vec![NO_FACE; cells], distance_mm: vec![0.0; cells], off_surface: Vec::new(), compared: 0 };
-        for (cell, found) in pieces.into_iter().flatten().enumerate() {
+        let found: Vec<Found> = pieces.into_iter().flatten().collect();
+        let ring = view.ring(camera);
+        let is_beyond: Vec<bool> =
+            (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
+        for (cell, found) in found.into_iter().enumerate().filter(|(cell, _)| !is_beyond[*cell]) {
             match found {
                 Found::Nothing => {}
                 Found::On(face, distance_mm) => {
                     (distances.face[cell], distances.distance_mm[cell]) = (face, distance_mm);
                     distances.compared += 1;
                 }
-                Found::Off(distance_mm) => {
+                Found::Off(_, distance_mm) => {
                     let is_kept =
                         (cell % grid.columns).is_multiple_of(OFF_STEP) && (cell / grid.columns).is_multiple_of(OFF_STEP);
                     if let Some(point) = view.point(cell).filter(|_| is_kept) {
@@ -126,13 +141,51 @@ impl View<'_> {
         }
         let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.corners(face as usize)[0]));
         if distance_mm.abs() > self.options.search_mm {
-            return if distance_mm.abs() <= MAX_OFF_MM { Found::Off(distance_mm) } else { Found::Nothing };
+            return if distance_mm.abs() <= MAX_OFF_MM { Found::Off(face, distance_mm) } else { Found::Nothing };
         }
         let is_turned = self.normal(cell).is_some_and(|measured| {
             let nominal = self.placed.part_from_scanner.inverse().direction(&normal);
             measured.dot(&nominal) < self.options.max_turn_deg.to_radians().cos()
         });
         if is_turned { Found::Nothing } else { Found::On(face, distance_mm as f32) }
+    }
+
+    /// Offsets, in columns and rows, to the cells that are asked for another face: eight directions, at half and at whole distance.
+    fn ring(&self, camera: &LeftCamera<'_>) -> Vec<[isize; 2]> {
+        let scanner = self.nominal.scanner;
+        let cell_mm = camera.pixels_of(self.grid) * scanner.best_mm / scanner.devices.left.lens.focal_px();
+        let whole = ((self.options.rim_mm / cell_mm).ceil() as isize).clamp(1, MAX_RING);
+        let mut distances = vec![(whole + 1) / 2, whole];
+        distances.dedup();
+        let around = (-1..=1).flat_map(|column| (-1..=1).map(move |row| [column, row])).filter(|offset| *offset != [0, 0]);
+        around.flat_map(|offset| distances.iter().map(move |distance| offset.map(|one| one * distance))).collect()
+    }
+
+    /// Returns true if a face of the same side that a pixel nearby met explains the point of a cell better than its own: by more than
+    /// ten times the noise, and twice as well.
+    fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
+        let Some((face, distance_mm)) =
+            found[cell].face().filter(|(_, distance)| distance.abs() > STEP_NOISES * self.options.noise_mm)
+        else {
+            return false;
+        };
+        let mesh = self.nominal.mesh;
+        let normal = mesh.scaled_normal(face as usize).normalize();
+        let Some(point) = self.point(cell).map(|point| self.placed.part_from_scanner.point(&point)) else { return false };
+        let (column, row) = ((cell % self.grid.columns) as isize, (cell / self.grid.columns) as isize);
+        ring.iter().any(|[right, down]| {
+            let (column, row) = (column + right, row + down);
+            let is_in = (0..self.grid.columns as isize).contains(&column) && (0..self.grid.rows as isize).contains(&row);
+            let other = is_in.then(|| found[row as usize * self.grid.columns + column as usize].face()).flatten();
+            other.filter(|(other, _)| *other != face).is_some_and(|(other, _)| {
+                let other_normal = mesh.scaled_normal(other as usize).normalize();
+                let other_mm = other_normal.dot(&(point - mesh.corners(other as usize)[0]));
+                let gain_mm = distance_mm.abs() - other_mm.abs();
+                other_normal.dot(&normal) >= SAME_SIDE_COS
+                    && gain_mm > STEP_NOISES * self.options.noise_mm
+                    && gain_mm > 0.5 * distance_mm.abs()
+            })
+        })
     }
 
     /// Normal of the surface around a cell, towards the scanner, scanner frame: cross product of the differences of neighbours on both
@@ -160,6 +213,10 @@ pub(super) struct Footprints<'a> {
     pub(super) footprint_mm: f64,
 }
 
+/// Largest distance at which another face is looked for, cells.
+const MAX_RING: isize = 8;
+/// Multiple of a point's noise by which another face has to explain it better.
+const STEP_NOISES: f64 = 10.0;
 /// Largest half width of a footprint, cells.
 const MAX_HALF_WIDTH: usize = 12;
 /// Faces turned by less than this against a sample's own may be averaged with it: cos 30°, as for the measured normals.

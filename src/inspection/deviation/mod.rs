@@ -4,6 +4,8 @@
 //! Each point belongs to the face that the left camera's ray through it meets first, at h; its distance is d = n·(q − h), n the
 //! face's outward normal, exact where the surface found is parallel to the face. A sample takes the points whose h is no farther than
 //! [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none is ever averaged across an edge.
+//! At a step in depth, where the part lies off its model sideways, a ray to the level on the other side meets the wrong face: a point
+//! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out.
 //!
 //! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U = 2·sqrt(σ²/n_eff + σ_reg² + σ_pose²), σ the points' own spread and σ_reg,
 //! σ_pose the standard deviation along n of where the views lie, after registration or as stated. Points of one view share its
@@ -49,23 +51,27 @@ pub struct DeviationOptions {
     pub search_mm: f64,
     /// Largest angle between the measured and the nominal normal, degrees.
     pub max_turn_deg: f64,
+    /// Distance of a point from a step in depth within which the faces on both sides are tried, mm: what the part may lie off sideways.
+    pub rim_mm: f64,
     /// Points that share an error, pixels squared: n_eff = n over it.
     pub correlated_points: f64,
     /// Standard deviation of a point where too few samples show their own, mm.
     pub noise_mm: f64,
     /// Deviation from which spots are listed where a region has no tolerance, mm.
     pub spot_mm: f64,
-    /// Least share of a region that has to be measured for its verdict to be `pass`.
+    /// Least share of a region's area whose samples have to pass for its verdict to be `pass`.
     pub min_measured: f64,
 }
 
 impl Default for DeviationOptions {
-    /// 2 mm: beyond it a point seldom belongs to the face that its ray meets; 30° as coverage is counted.
+    /// 2 mm: beyond it a point seldom belongs to the face that its ray meets; 30° as coverage is counted; 0.5 mm, twice the usual error
+    /// of a pose.
     fn default() -> Self {
         Self {
             footprint_mm: None,
             search_mm: 2.0,
             max_turn_deg: 30.0,
+            rim_mm: 0.5,
             correlated_points: 1.0,
             noise_mm: 0.035 / 3.0,
             spot_mm: 0.1,

@@ -139,7 +139,7 @@ pub fn judge(
     let mut expanded: Vec<f32> =
         own().map(|sample| samples[sample.index()]).filter(|s| s.points > 0).map(|s| s.expanded_mm).collect();
     expanded.sort_by(f32::total_cmp);
-    let verdict = region.tolerance_mm.map(|tolerance| verdict(samples, own(), tolerance, measured >= options.min_measured));
+    let verdict = region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, options.min_measured * all));
     RegionDeviation {
         name: region.name.clone(),
         tolerance_mm: region.tolerance_mm,
@@ -163,22 +163,29 @@ pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
     }
 }
 
-/// Verdict of a region: `pass` where every measured sample passes and enough is measured; `fail` where more samples fail than noise
-/// lets fail, the tail of k = 2 and two standard deviations of its count; else undecided.
-fn verdict(samples: &[SampleDeviation], own: impl Iterator<Item = SampleId>, tolerance_mm: f64, is_enough: bool) -> Conformity {
-    let (mut measured, mut passed, mut failed) = (0.0, 0.0, 0.0);
-    for sample in own.filter(|sample| samples[sample.index()].points > 0) {
+/// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
+/// `pass` where samples of at least `min_area_mm2` pass and no other one could have passed, save for those whose U is above T/4, which
+/// say little either way; else undecided.
+fn verdict(
+    samples: &[SampleDeviation],
+    surface: &Surface,
+    region: &RegionToJudge,
+    tolerance: f64,
+    min_area_mm2: f64,
+) -> Conformity {
+    let (mut measured, mut failed, mut open, mut passed_mm2) = (0.0, 0.0, 0_usize, 0.0);
+    for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])).filter(|(_, sample)| sample.points > 0) {
         measured += 1.0;
-        match verdict_of(&samples[sample.index()], tolerance_mm) {
-            Conformity::Pass => passed += 1.0,
+        match verdict_of(sample, tolerance) {
+            Conformity::Pass => passed_mm2 += surface.sample_area_mm2(*id),
             Conformity::Fail => failed += 1.0,
-            Conformity::Undecided => {}
+            Conformity::Undecided => open += usize::from(f64::from(sample.expanded_mm) <= 0.25 * tolerance),
         }
     }
     let by_noise: f64 = TAIL * measured + 2.0 * (TAIL * (1.0 - TAIL) * measured).sqrt();
     if measured > 0.0 && failed > by_noise {
         Conformity::Fail
-    } else if measured > 0.0 && passed >= measured && is_enough {
+    } else if measured > 0.0 && failed == 0.0 && open == 0 && passed_mm2 >= min_area_mm2 {
         Conformity::Pass
     } else {
         Conformity::Undecided

@@ -28,7 +28,7 @@ impl Simulator {
         assert!(lines.next().expect("a line").contains("listens on"));
         let (mut section, mut control) = (String::new(), None);
         for line in lines.by_ref() {
-            if let Some(address) = line.strip_prefix("Faults are set on ") {
+            if let Some(address) = line.strip_prefix("# Faults are set on ") {
                 control = Some(address.parse().expect("an address"));
             }
             if section.is_empty() && !line.starts_with('[') {
