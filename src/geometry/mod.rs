@@ -31,7 +31,7 @@ pub use frames::{
 };
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, each_inner_edge, is_closed, outward_faces};
-pub use nearest_face::{NearestFace, NearestPoint};
+pub use nearest_face::{NearestFace, NearestPoint, nearest_of_triangle};
 pub use point_cloud::{CloudGrid, PointCloud};
 pub use poll::{Interrupted, Poll};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};

@@ -87,7 +87,8 @@ fn single(offset: &Vector3<f64>) -> Vec3 {
 }
 
 /// Nearest point of a triangle; true where it lies inside.
-fn nearest_of_triangle([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> (Point3<f64>, bool) {
+#[must_use]
+pub fn nearest_of_triangle([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> (Point3<f64>, bool) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {

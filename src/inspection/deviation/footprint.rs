@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{DeviationOptions, LeftCamera, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{CloudGrid, Hit};
+use crate::geometry::{CloudGrid, Hit, nearest_of_triangle};
 use crate::planning::ids::SampleId;
 
 /// Rays that are cast together.
@@ -161,14 +161,15 @@ impl View<'_> {
         around.flat_map(|offset| distances.iter().map(move |distance| offset.map(|one| one * distance))).collect()
     }
 
-    /// Returns true if a face of the same side that a pixel nearby met explains the point of a cell better than its own: by more than
-    /// ten times the noise, and twice as well.
+    /// Returns true if a face that a pixel nearby met explains the point of a cell better than its own: by more than ten times the noise,
+    /// and twice as well. One of the same side, the other level of a step, is taken for its plane, and one of another side, a wall, for
+    /// itself.
     fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
-        let Some((face, distance_mm)) =
-            found[cell].face().filter(|(_, distance)| distance.abs() > STEP_NOISES * self.options.noise_mm)
-        else {
+        let Some((face, distance_mm)) = found[cell].face() else { return false };
+        let least_gain_mm = (STEP_NOISES * self.options.noise_mm).max(0.5 * distance_mm.abs());
+        if distance_mm.abs() <= least_gain_mm {
             return false;
-        };
+        }
         let mesh = self.nominal.mesh;
         let normal = mesh.scaled_normal(face as usize).normalize();
         let Some(point) = self.point(cell).map(|point| self.placed.part_from_scanner.point(&point)) else { return false };
@@ -178,12 +179,14 @@ impl View<'_> {
             let is_in = (0..self.grid.columns as isize).contains(&column) && (0..self.grid.rows as isize).contains(&row);
             let other = is_in.then(|| found[row as usize * self.grid.columns + column as usize].face()).flatten();
             other.filter(|(other, _)| *other != face).is_some_and(|(other, _)| {
+                let corners = mesh.corners(other as usize);
                 let other_normal = mesh.scaled_normal(other as usize).normalize();
-                let other_mm = other_normal.dot(&(point - mesh.corners(other as usize)[0]));
-                let gain_mm = distance_mm.abs() - other_mm.abs();
-                other_normal.dot(&normal) >= SAME_SIDE_COS
-                    && gain_mm > STEP_NOISES * self.options.noise_mm
-                    && gain_mm > 0.5 * distance_mm.abs()
+                let other_mm = if other_normal.dot(&normal) >= SAME_SIDE_COS {
+                    other_normal.dot(&(point - corners[0])).abs()
+                } else {
+                    (nearest_of_triangle(&corners, &point).0 - point).norm()
+                };
+                distance_mm.abs() - other_mm > least_gain_mm
             })
         })
     }
