@@ -97,22 +97,31 @@ export async function signOut(): Promise<void> {
 export const idempotencyKey = (): Record<string, string> =>
   ({ "Idempotency-Key": crypto.getRandomValues(new Uint32Array(4)).join("-") });
 
-/** Uploads a file with its progress, which fetch cannot tell. */
-export async function uploadMesh(file: File, unit: string, onProgress: (share: number) => void): Promise<Mesh> {
-  // Asks for the key, if there is one, before megabytes leave.
-  await ask("/meshes?page_size=1");
-  const query = new URLSearchParams({ unit, name: file.name.slice(0, 200) });
+/** Uploads a file with its progress, which fetch cannot tell; `known` is a path whose answer asks for the key, if there is one, first. */
+async function upload<T>(path: string, known: string, file: File, onProgress: (share: number) => void): Promise<T> {
+  // Before megabytes leave.
+  await ask(known);
   return new Promise((resolve, reject) => {
     const sender = new XMLHttpRequest();
-    sender.open("POST", `${apiPath}/meshes?${query}`);
+    sender.open("POST", `${apiPath}${path}`);
     for (const [name, value] of Object.entries(asPage)) sender.setRequestHeader(name, value);
     sender.responseType = "json";
     sender.upload.onprogress = (event) => onProgress(event.total ? event.loaded / event.total : 0);
-    sender.onload = () => (sender.status < 300 ? resolve(sender.response as Mesh)
+    sender.onload = () => (sender.status < 300 ? resolve(sender.response as T)
       : reject(new Refused(sender.response ?? { title: sender.statusText }, sender.status)));
     sender.onerror = () => reject(new TypeError("network"));
     sender.send(file);
   });
+}
+
+export const uploadMesh = (file: File, unit: string, onProgress: (share: number) => void): Promise<Mesh> =>
+  upload(`/meshes?${new URLSearchParams({ unit, name: file.name.slice(0, 200) })}`, "/meshes?page_size=1", file, onProgress);
+
+/** Uploads a scan of a job; what is empty is found out by the server. */
+export function uploadScan(job: string, file: File, given: { view: string; unit: string; frame: string }, onProgress: (share: number) => void): Promise<Scan> {
+  const query = new URLSearchParams({ name: file.name.slice(0, 200) });
+  Object.entries(given).forEach(([name, value]) => { if (value) query.set(name, value); });
+  return upload(`/jobs/${job}/scans?${query}`, `/jobs/${job}/scans?page_size=1`, file, onProgress);
 }
 
 export type Vector = [number, number, number];
@@ -264,4 +273,69 @@ export interface Calibration {
     weakest?: { freedom: string; axis: number[]; sd_deg?: number | null; sd_mm?: number | null } | null };
   leave_one_out: { spread: Spread }; held_out?: Spread | null; sigma: Record<"robot_deg" | "robot_mm" | "board_deg" | "board_mm", number>;
   sigma_estimated: boolean; table_runout: { order: number; radial_mm: number; axial_mm: number }[]; temperature_c: number | null;
+}
+
+export interface Scan {
+  id: string; job_id: string; view: number | null; name: string | null; unit: string | null; frame: string | null; size_bytes: number;
+  created_at: string;
+}
+
+export interface InspectionParams {
+  align: { method: string; region: string | null; prior_deg: number; prior_mm: number };
+  compare: { tolerance_mm: number } & Record<string, number>;
+}
+export interface InspectionJob {
+  id: string; job_id: string; state: string; scans: string[]; run_id: string | null; params: InspectionParams; fraction: number;
+  submitted_by: string | null; created_at: string; ended_at: string | null; files: { name: string; size_bytes: number | null }[];
+  problem: Job["problem"];
+  summary: { planned_of_asked: number; measured_of_asked: number; measured_in_all_of_asked: number; unexplained_of_asked: number;
+    deviation_rms_mm: number | null } | null;
+}
+
+export interface LostSpot { area_mm2: number; centre_mm: Vector; extent_mm: Vector; remedy: string }
+export interface Loss { cause: string; detail: string; area_mm2: number; of_asked: number; spots: number; largest: LostSpot[] }
+export interface Statistics {
+  area_mm2: number; mean_mm: number; rms_mm: number; p1_mm: number; p5_mm: number; p50_mm: number; p95_mm: number; p99_mm: number;
+  max_mm: number; in_tolerance: number | null;
+}
+export interface RegionDeviation {
+  name: string; tolerance_mm: number | null; measured: number; verdict: string | null; expanded_uncertainty_mm: number | null;
+  statistics: Statistics | null;
+}
+export interface Estimate { value: number; interval: [number, number]; count: number }
+export interface Offer {
+  field: string; parameter: string | null; in_scanner: string[]; from: number | null; to: number; identified: Estimate; detail: string;
+}
+export interface RateBin { range: [number, number]; expected: number; returned: number }
+export interface Learned {
+  noise_best_mm: Estimate | null; noise_depth_gain: Estimate | null; incidence_deg: Estimate | null; lobe_deg: Estimate | null;
+  incidence_by_device: { device: string; incidence_deg: Estimate | null }[]; depth_mm: [Estimate | null, Estimate | null];
+  by_incidence: RateBin[]; by_mirror: RateBin[]; by_depth: RateBin[]; offers: Offer[];
+}
+export interface Inspection {
+  params: InspectionParams;
+  scans: { viewpoint: number; file: string; unit: string; frame: string; points: number; in_frusta: number; on_part: number;
+    removed: { reason: string; points: number }[] }[];
+  findings: { code: string; file: string | null; viewpoint: number | null; detail: string }[];
+  alignment: {
+    method: string; mesh_from_stated: Pose; part_turned_deg: number; part_shifted_mm: number; noise_mm: number; inlier_share: number;
+    part_sd: { rotation_deg: number; translation_mm: number };
+    views: { viewpoint: number; points: number; inlier_share: number; rms_mm: number; turned_deg: number; shifted_mm: number;
+      kept_pose: string | null }[];
+  };
+  coverage: {
+    asked_area_mm2: number; planned_of_asked: number; measured_of_asked: number; measured_in_all_of_asked: number; both_of_asked: number;
+    lost_of_asked: number; gained_of_asked: number; neither_of_asked: number; lost_near_limit_of_asked: number;
+    gained_near_limit_of_asked: number; approximate: boolean;
+    by_view: { viewpoint: number; scans: number; planned_area_mm2: number; measured_area_mm2: number; planned_and_measured_area_mm2: number }[];
+  };
+  losses: Loss[];
+  deviation: {
+    alignment: string; fixed_freedoms: number; compared_points: number; statistics: Statistics | null;
+    histogram: { begin_mm: number; width_mm: number; area_mm2: number[] };
+    extents: { nominal_mm: number; measured_mm: number | null }[]; regions: RegionDeviation[];
+    worst: { kind: string; centre_mm: Vector; area_mm2: number; mean_mm: number; max_mm: number }[];
+    off_surface: { kind: string; centre_mm: Vector; points: number; mean_mm: number }[];
+  };
+  offers: Offer[];
 }

@@ -5,6 +5,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
 import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type ScannerSpec, type Turntable } from "./api";
 import { dropped } from "./dropped";
+import { copied, withSet } from "./joblist";
 import { cellName, keepJob, scannerName } from "./jobs";
 import { preview, readFile, stablePoses, type Preview } from "./mesh";
 import type { Read } from "./readmesh";
@@ -298,13 +299,23 @@ async function namesOf(): Promise<{ cells: string[]; scanners: string[] }> {
 
 const prefer = (names: string[], wanted: string): string => (names.includes(wanted) ? wanted : names[0] ?? "none");
 
-export function Create({ from }: { from: string | null }) {
+/** Parameters that a link offers, by path; nothing where the link has none that can be read. */
+function offeredBy(set: string | null): [string, unknown][] {
+  try {
+    return Object.entries(JSON.parse(set ?? "{}") as Record<string, unknown>);
+  } catch {
+    return [];
+  }
+}
+
+export function Create({ from, set }: { from: string | null; set: string | null }) {
   const entries = useSignal<Entry[]>([]);
   const unit = useSignal("");
   const params = useSignal<Record<string, unknown>>({});
   const place = useSignal<Placement | null>(null);
   const choice = useSignal<Choice>({ cell: "", scanner: "", partNumber: "", serial: "", labels: "", priority: 0 });
   const [base, setBase] = useState<Base | null>(null);
+  const offered = offeredBy(set);
   const [bounds, setBounds] = useState<Bounds>({ field: null, plate: null });
   const { value: api } = useLoaded(apiDocument, []);
   const { value: names } = useLoaded(namesOf, []);
@@ -348,10 +359,10 @@ export function Create({ from }: { from: string | null }) {
     void guarded(async () => {
       const made = await baseOf(from, api);
       setBase(made);
-      params.value = made.changes;
+      params.value = withSet(made.changes, Object.fromEntries(offered));
       const { job } = made;
       choice.value = { cell: cellName(job), scanner: scannerName(job), partNumber: job.part_number ?? "", serial: job.serial ?? "",
-        labels: Object.entries(job.labels).map(([name, value]) => `${name}=${value}`).join(", "), priority: job.priority };
+        labels: Object.entries(copied(job.labels)).map(([name, value]) => `${name}=${value}`).join(", "), priority: job.priority };
     });
   }, [from, api]);
   useEffect(() => {
@@ -385,6 +396,7 @@ export function Create({ from }: { from: string | null }) {
     <section class="create" aria-labelledby="create-title">
       <div class="form">
         <h1 id="create-title">{base ? text.create.cloneTitle : text.create.title}</h1>
+        {base && offered.length > 0 && <p class="warning" role="status">{text.create.offered} {offered.map(([name, value]) => <code key={name}>{name} = {JSON.stringify(value)} </code>)}</p>}
         {base && <p>{text.create.from} <a href={hrefOf(["jobs", base.job.id])}>{base.mesh.name ?? base.job.id}</a></p>}
         {!base && !from && (
           <>

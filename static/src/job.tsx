@@ -120,6 +120,7 @@ export function JobView({ id, tab }: { id: string; tab: string }) {
         {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty">{text.job.pending}</p>}
         {isReady && tab === "plan" && <Lazy key={`plan${id}`} load={async () => (await import("./plan")).PlanView} props={props} />}
         {isReady && tab === "cell" && <Lazy key={`cell${id}`} load={async () => (await import("./cell")).CellView} props={props} />}
+        {isReady && tab === "inspection" && <Lazy key={`inspection${id}`} load={async () => (await import("./scans")).ScansView} props={props} />}
         {tab === "results" && <Lazy key={`results${id}`} load={async () => (await import("./results")).Results} props={props} />}
       </div>
     </div>

@@ -10,6 +10,9 @@ import { text } from "./text";
 import { Button, Dialog, guarded, Select } from "./widgets";
 import { dropped } from "./dropped";
 
+/** Label under which a job of further views names the inspection that it follows. */
+export const RESCAN_OF = "rescan_of";
+
 /** Facts of a job beside its name. */
 export function facts(job: Job): string {
   const cell = cellName(job);
@@ -89,17 +92,26 @@ export function JobProblem({ job }: { job: Job }) {
   );
 }
 
-/** Starts the same job once more, from what the server has of it, with some parameters changed. */
-export async function planAgain(id: string, set: Record<string, unknown> = {}): Promise<Job> {
-  const job = await ask<Job>(`/jobs/${id}`);
-  const params = structuredClone(job.params ?? {}) as Record<string, unknown>;
+/** Parameters with some of them, by path, set. */
+export function withSet(given: Record<string, unknown>, set: Record<string, unknown>): Record<string, unknown> {
+  const params = structuredClone(given);
   for (const [path, value] of Object.entries(set)) {
     const names = path.split(".");
     const last = names.pop()!;
     const owner = names.reduce((at, name) => (at[name] ??= {}) as Record<string, unknown>, params);
     owner[last] = value;
   }
-  const request: Record<string, unknown> = { mesh_id: job.mesh_id, cell: job.cell, params, labels: job.labels, priority: job.priority };
+  return params;
+}
+
+/** Labels that a copy of a job takes over: it is planned anew, and follows no inspection. */
+export const copied = ({ [RESCAN_OF]: _, ...labels }: Record<string, string>): Record<string, string> => labels;
+
+/** Starts the same job once more, from what the server has of it, with some parameters changed. */
+export async function planAgain(id: string, set: Record<string, unknown> = {}): Promise<Job> {
+  const job = await ask<Job>(`/jobs/${id}`);
+  const params = withSet((job.params ?? {}) as Record<string, unknown>, set);
+  const request: Record<string, unknown> = { mesh_id: job.mesh_id, cell: job.cell, params, labels: copied(job.labels), priority: job.priority };
   if (cellName(job) === "none") request.scanner = job.scanner;
   if (job.part_number) request.part_number = job.part_number;
   if (job.serial) request.serial = job.serial;

@@ -16,7 +16,7 @@ function Nav() {
   );
   return (
     <nav aria-label={text.nav.label}>
-      {entry("jobs", text.nav.jobs)}{entry("new", text.nav.create)}{entry("runs", text.nav.runs)}{entry("specs", text.nav.specs)}{entry("calibrations", text.nav.calibrations)}
+      {entry("jobs", text.nav.jobs)}{entry("new", text.nav.create)}{entry("runs", text.nav.runs)}{entry("inspections", text.nav.inspections)}{entry("specs", text.nav.specs)}{entry("calibrations", text.nav.calibrations)}
     </nav>
   );
 }
@@ -97,10 +97,12 @@ function View() {
   const [room = "jobs", first, second] = path;
   if (room === "jobs" && first) return <JobView key={first} id={first} tab={second ?? "plan"} />;
   if (room === "jobs") return <JobList />;
-  if (room === "new") return <Lazy key={`new${first ?? ""}`} load={async () => (await import("./create")).Create} props={{ from: query.get("from") }} />;
+  if (room === "new") return <Lazy key={`new${first ?? ""}`} load={async () => (await import("./create")).Create} props={{ from: query.get("from"), set: query.get("set") }} />;
   if (room === "compare") return <Lazy key="compare" load={async () => (await import("./compare")).Compare} props={{ first: first ?? "", second: second ?? "" }} />;
   if (room === "runs" && first) return <Lazy key={first} load={async () => (await import("./run")).RunView} props={{ id: first }} />;
   if (room === "runs") return <Lazy key="runs" load={async () => (await import("./run")).RunList} props={{}} />;
+  if (room === "inspections" && first) return <Lazy key={first} load={async () => (await import("./inspections")).InspectionView} props={{ id: first }} />;
+  if (room === "inspections") return <Lazy key="inspections" load={async () => (await import("./inspections")).InspectionList} props={{}} />;
   if (room === "calibrations" && first) return <Lazy key={first} load={async () => (await import("./calibrations")).CalibrationView} props={{ id: first }} />;
   if (room === "calibrations") return <Lazy key="calibrations" load={async () => (await import("./calibrations")).CalibrationList} props={{}} />;
   if (room === "specs") return <Lazy key="specs" load={async () => (await import("./specs")).Specs} props={{ kind: first ?? "scanners", name: second ?? "" }} />;

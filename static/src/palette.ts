@@ -33,3 +33,25 @@ export function onScale(share: number): Rgb {
 export const DEVICES: Record<string, Rgb> = { left: rgb("#0072b2"), right: rgb("#009e73"), projector: rgb("#e69f00") };
 /** Lines of plots. */
 export const LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8f98"];
+
+/** Causes of losses, after Okabe and Ito; two that share a hue differ in lightness. */
+const LOSSES: Record<string, Rgb> = {
+  view_missing: rgb("#0072b2"), outside_file: rgb("#7db8e0"), pose: rgb("#e69f00"), unmodelled_occluder: rgb("#d55e00"), part_deviates: rgb("#cc4b97"),
+  grazing: rgb("#f0e442"), specular: rgb("#56b4e9"), edge: rgb("#009e73"), concave: rgb("#005f45"), dark: rgb("#3b3230"), saturated: rgb("#f3b0a5"),
+  depth_blur: rgb("#8f6a1f"), sparse: rgb("#9a63c9"), noisy: rgb("#5b3587"), filtered: rgb("#77797d"), unexplained: rgb("#a01818"),
+};
+export const lossColour = (cause: string): Rgb => LOSSES[cause] ?? MISSED;
+/** Where the plan and the scans agree and where not. */
+export const MATCH: Record<string, Rgb> = { both: rgb("#2f78c4"), lost: MISSED, gained: rgb("#00a37a"), neither: rgb("#5b6068"), not_asked: NOT_ASKED };
+export const PLAIN: Rgb = [168, 186, 204];
+/** Below a threshold, or not planned. */
+export const BELOW: Rgb = [214, 205, 196];
+export const UNMEASURED: Rgb = [128, 132, 138];
+
+const DIVERGING = ["#2166ac", "#f7f7f7", "#b2182b"].map(rgb);
+/** Deviation in units of the limit: blue for missing material, red for extra, as in the report (ends and middle of ColorBrewer's RdBu). */
+export function diverging(place: number): Rgb {
+  const at = Math.max(-1, Math.min(1, place)) + 1;
+  const low = Math.min(1, Math.floor(at));
+  return DIVERGING[low]!.map((value, i) => Math.round(value + (DIVERGING[low + 1]![i]! - value) * (at - low))) as Rgb;
+}

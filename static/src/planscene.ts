@@ -1,7 +1,7 @@
 // What the plan view draws: part by colour mode, viewpoints, frustums, marked faces, chosen spot, section and measure.
 import { Color, Group, type InstancedMesh, Mesh, MeshBasicMaterial, Plane, SphereGeometry, Vector3 } from "three";
 import { colourOf, isGrade, meaningOf } from "./bytes";
-import { causeColour, MARKED, MISSED, NOT_ASKED, onScale, type Rgb } from "./palette";
+import { causeColour, MARKED, MISSED, NOT_ASKED, BELOW, onScale, PLAIN, type Rgb } from "./palette";
 import type { EditedView, Model } from "./planmodel";
 import { matrixOf } from "./poses";
 import { frustums, lines, place, viewGlyphs } from "./solids";
@@ -12,8 +12,6 @@ export type Colouring = "grade" | "count" | "incidence" | "cause";
 export interface Threshold { grade: number; count: number; incidence: number }
 export const OPEN: Threshold = { grade: 4, count: 1, incidence: 90 };
 
-const BELOW: Rgb = [214, 205, 196];
-const PLAIN: Rgb = [168, 186, 204];
 const LETTERS = "ABCD";
 
 export function scaleOf(scores: Scores): number {

@@ -312,6 +312,7 @@ const LINEAR = Uint8Array.from({ length: 256 }, (_, value) => {
   const x = value / 255;
   return Math.round(255 * (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4));
 });
+export const linear = (value: number): number => LINEAR[value]!;
 
 /** The part, a colour a face. */
 export class PartMesh {
