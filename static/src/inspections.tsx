@@ -10,13 +10,18 @@ import { RESCAN_OF, StateMark } from "./joblist";
 import { jobIds, jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
 import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
-import { area, degrees, fine, hrefOf, length, percent, place, setQuery, when } from "./settings";
+import { area, degrees, fine, fixed, hrefOf, length, percent, place, setQuery, when } from "./settings";
 import { text } from "./text";
 import { Button, Swatch, useLoaded } from "./widgets";
 
 const words = text.inspections;
 export const isOpen = ({ state }: { state: string }): boolean => ["queued", "running", "cancelling"].includes(state);
 const share = (value: number): string => percent(value, 2);
+/** Difference of shares, percentage points. */
+function points(difference: number): string {
+  const shown = fixed(100 * difference, 2);
+  return Number(shown) > 0 ? `+${shown}` : shown;
+}
 const millimetres = (at: Vector): string => at.map((value) => value.toFixed(1)).join(", ");
 
 const rowsOf = (pairs: [string, string][]) => pairs.map(([name, value]) => <tr key={name}><th scope="row">{name}</th><td class="number">{value}</td></tr>);
@@ -164,8 +169,9 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
         <section>
           <h2>{words.extents}</h2><Extents result={result} />
           <h2>{words.regions}</h2><Regions result={result} />
+          <h2>{words.comparison}</h2><Comparison result={result} />
         </section>
-        <section><h2>{words.comparison}</h2><Comparison result={result} /><ByView result={result} /></section>
+        <section><h2>{words.byView}</h2><ByView result={result} /></section>
         <section><h2>{words.alignment}</h2><Alignment result={result} /></section>
         <section><h2>{words.teach}</h2><Teach job={job} planned={planned} /></section>
         <section><h2>{words.taken}</h2><Taken result={result} /><h2>{words.downloads}</h2><Downloads job={job} /></section>
@@ -183,7 +189,7 @@ function Verdict({ result: { coverage, losses, deviation } }: { result: Inspecti
     <div id="verdict" class="verdicts">
       <div class="figures">
         {figure("planned", share(coverage.planned_of_asked), words.plannedOf)}{figure("measured", share(coverage.measured_of_asked), words.measuredOf)}
-        {figure("difference", `${difference > 0 ? "+" : ""}${(100 * difference).toFixed(2)}`, words.points)}
+        {figure("difference", points(difference), words.points)}
         {figure("lost", share(coverage.lost_of_asked), words.lostOf)}{figure("gained", share(coverage.gained_of_asked), words.gainedOf)}
         {isLater && figure("all", share(coverage.measured_in_all_of_asked), words.inAllOf)}
         {statistics && figure("rms", fine(statistics.rms_mm), words.rmsOf)}
@@ -244,7 +250,7 @@ function Losses({ result: { losses }, onShow }: { result: Inspection; onShow: (a
       {losses.map((loss) => (
         <details key={loss.cause} data-cause={loss.cause}>
           <summary><Swatch colour={css(lossColour(loss.cause))} /> {words.losses[loss.cause] ?? loss.cause}<span class="number">{share(loss.of_asked)}</span>
-            <meter min={0} max={most} value={loss.of_asked} aria-label={words.losses[loss.cause] ?? loss.cause} /></summary>
+            <span class="bar-of"><span style={{ width: `${(100 * loss.of_asked) / most}%` }} /></span></summary>
           <p>{loss.detail}</p>
           <p class="soft">{area(loss.area_mm2)}, {text.plan.missCount(loss.spots)}{loss.spots > MAX_SPOTS && `; ${words.largest}`}</p>
           <Spots loss={loss} onShow={onShow} />
@@ -330,7 +336,7 @@ function Comparison({ result: { coverage } }: { result: Inspection }) {
   return (
     <>
       <table aria-label={words.comparison} class="match">
-        <thead><tr><td /><th scope="col" class="number">{words.measured}</th><th scope="col" class="number">{words.unmeasured}</th><th scope="col" class="number">{words.sum}</th></tr></thead>
+        <thead><tr><td /><th scope="col" class="number">{words.measured}</th><th scope="col" class="number">{words.unmeasuredHead}</th><th scope="col" class="number">{words.sum}</th></tr></thead>
         <tbody>
           <tr><th scope="row">{words.planned}</th>{cell(both)}{cell(lost)}{cell(coverage.planned_of_asked)}</tr>
           <tr><th scope="row">{words.unplanned}</th>{cell(gained)}{cell(neither)}{cell(gained + neither)}</tr>
@@ -366,7 +372,7 @@ function Alignment({ result: { alignment: found } }: { result: Inspection }) {
       <Table label={words.viewPoses} heads={[words.view, words.shifted, words.turned, words.rms, words.onPart, words.pose]}>
         {found.views.map((view) => (
           <tr key={view.viewpoint}><th scope="row">{view.viewpoint}</th><td>{fine(view.shifted_mm)}</td><td>{view.turned_deg.toFixed(3)}°</td><td>{fine(view.rms_mm)}</td><td>{share(view.inlier_share)}</td>
-            <td class={view.kept_pose ? "warning" : ""}>{view.kept_pose ? words.kept[view.kept_pose] ?? view.kept_pose : words.corrected}</td></tr>
+            <td class={`wide ${view.kept_pose ? "warning" : ""}`}>{view.kept_pose ? words.kept[view.kept_pose] ?? view.kept_pose : words.corrected}</td></tr>
         ))}
       </Table>
     </>
@@ -377,7 +383,7 @@ const Taken = ({ result }: { result: Inspection }) => (
   <Table label={words.taken} heads={[words.view, words.file, words.unit, words.frame, words.count, words.near, words.removed]}>
     {result.scans.map((scan, i) => (
       <tr key={i}><th scope="row">{scan.viewpoint}</th><td class="name">{scan.file}</td><td>{scan.unit}</td><td>{words.frames[scan.frame] ?? scan.frame}</td><td>{scan.points.toLocaleString("en")}</td><td>{percent(scan.on_part)}</td>
-        <td>{scan.removed.map(({ reason, points }) => `${points.toLocaleString("en")} ${words.reasons[reason] ?? reason}`).join(", ") || text.none}</td></tr>
+        <td class="wide">{scan.removed.map(({ reason, points }) => `${words.reasons[reason] ?? reason}: ${points.toLocaleString("en")}`).join(", ") || text.none}</td></tr>
     ))}
   </Table>
 );
@@ -479,7 +485,7 @@ function Before({ job, planned, result }: { job: InspectionJob; planned: Job; re
   const lost = (of: Inspection, cause: string): number => of.losses.find((loss) => loss.cause === cause)?.of_asked ?? 0;
   const line = (name: string, before: number, after: number, isStrong = false) => (
     <tr key={name} class={isStrong ? "strong" : ""}><th scope="row">{name}</th><td class="number">{share(before)}</td><td class="number">{share(after)}</td>
-      <td class="number">{after > before ? "+" : ""}{(100 * (after - before)).toFixed(2)}</td></tr>
+      <td class="number">{points(after - before)}</td></tr>
   );
   return (
     <section class="compare rounds" aria-labelledby="rounds-title">

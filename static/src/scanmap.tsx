@@ -110,13 +110,13 @@ function legendOf(map: FaceMap, kind: MapKind, result: Inspection, limit: number
   const row = (key: string, colour: Rgb, name: string, mm2: number): LegendRow => ({ key, colour, name, area: mm2 });
   if (kind === "coverage") return (["both", "lost", "gained", "neither"] as const).map((key) => row(key, MATCH[key]!, words.match[key]!, asked * coverage[`${key}_of_asked`]));
   if (kind === "losses") {
-    return [row("measured", PLAIN, words.measured, asked * coverage.measured_of_asked), row("neither", BELOW, words.match.neither!, asked * coverage.neither_of_asked),
+    return [row("measured", PLAIN, text.plan.measured, asked * coverage.measured_of_asked), row("neither", BELOW, words.match.neither!, asked * coverage.neither_of_asked),
       ...losses.map((loss) => row(loss.cause, lossColour(loss.cause), words.losses[loss.cause] ?? loss.cause, loss.area_mm2))];
   }
   const areas = new Float64Array(STEPS + 1);
   map.compared.forEach((compared, face) => {
     if (compared > 0) areas[Math.max(0, Math.min(STEPS - 1, Math.floor((map.deviation[face]! / limit + 1) * STEPS / 2)))]! += compared;
-    else areas[STEPS]! += map.asked[face]!;
+    areas[STEPS]! += Math.max(0, map.asked[face]! - compared);
   });
   const edge = (step: number): number => limit * ((2 * step) / STEPS - 1);
   const steps = Array.from({ length: STEPS }, (_, i) => STEPS - 1 - i).map((step) => row(`step${step}`, diverging((2 * (step + 0.5)) / STEPS - 1),

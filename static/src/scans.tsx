@@ -127,8 +127,8 @@ function ScanTable({ scans, left, reload }: { scans: Scan[]; left: Signal<Set<st
           <tr key={scan.id}>
             <td><input type="checkbox" aria-label={words.useOf(name(scan))} checked={!left.value.has(scan.id)} onChange={(event) => use(scan.id, event.currentTarget.checked)} /></td>
             <th scope="row" class="name"><a href={`${apiPath}/scans/${scan.id}/file`} download>{name(scan)}</a></th>
-            <td>{scan.view ?? words.byName}</td><td>{scan.unit ?? words.findOut}</td><td>{scan.frame ? words.frames[scan.frame] ?? scan.frame : words.findOut}</td>
-            <td>{sizeOf(scan.size_bytes)}</td><td>{when(scan.created_at)}</td>
+            <td>{scan.view ?? words.byName}</td><td>{scan.unit ?? words.auto}</td><td>{scan.frame ? words.frames[scan.frame] ?? scan.frame : words.auto}</td>
+            <td>{sizeOf(scan.size_bytes)}</td><td class="time">{when(scan.created_at)}</td>
             <td><Button aria-label={`${text.jobs.remove} ${name(scan)}`} onClick={() => remove(`/scans/${scan.id}`).then(reload)}>{text.jobs.remove}</Button></td>
           </tr>
         ))}</tbody>

@@ -58,8 +58,13 @@ function digits(value: number, decimals: number): string {
 export const lengthIn = (mm: number): number => (unit.value === "mm" ? mm : mm / MM_PER_INCH);
 export const lengthUnit = (): string => (unit.value === "mm" ? "mm" : "in");
 export const length = (mm: number): string => `${digits(lengthIn(mm), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}`;
+/** Decimals of a number, of which 0 has no sign. */
+export function fixed(value: number, decimals: number): string {
+  const shown = value.toFixed(decimals);
+  return Number(shown) === 0 ? shown.replace("-", "") : shown;
+}
 /** A length that is compared with a tolerance. */
-export const fine = (mm: number): string => `${lengthIn(mm).toFixed(unit.value === "mm" ? 3 : 4)} ${lengthUnit()}`;
+export const fine = (mm: number): string => `${fixed(lengthIn(mm), unit.value === "mm" ? 3 : 4)} ${lengthUnit()}`;
 export const area = (mm2: number): string =>
   (unit.value === "mm" ? `${digits(mm2, 1)} mm²` : `${digits(mm2 / MM_PER_INCH ** 2, 3)} in²`);
 export const sizes = (mm: readonly number[]): string =>

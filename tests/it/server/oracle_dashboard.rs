@@ -51,8 +51,9 @@ fn walk(prefix: &str, parts: &[(&str, &str)]) {
     let address = if prefix.is_empty() { server.address } else { prefix_proxy::start(server.address) };
     let pictures = sources("target/dashboard");
     std::fs::create_dir_all(&pictures).expect("a folder");
+    let program = env!("CARGO_BIN_EXE_vantage").to_owned();
     let arguments =
-        [format!("http://{address}{prefix}/"), pictures.display().to_string(), Value::from(parts.clone()).to_string()];
+        [format!("http://{address}{prefix}/"), pictures.display().to_string(), Value::from(parts.clone()).to_string(), program];
     let reached = figures("walk.mjs", &modules, &browser, &arguments.each_ref().map(String::as_str));
     println!("{reached}");
     assert_eq!(reached["parts"].as_array().map(Vec::len), Some(parts.len()), "{reached}");
@@ -66,6 +67,9 @@ fn walk(prefix: &str, parts: &[(&str, &str)]) {
     // 19 of 19 elevations and 351 directions (config/cells/REACH.md, foot 400 mm, table -200 mm, part 300 mm).
     let directions = reached["reach"]["directions"].as_i64().unwrap_or_default();
     assert!(reached["reach"]["elevations"] == 19 && (directions - 351).abs() <= 4, "{reached}");
+    // Further views measure what the first scans lack.
+    let [before, after] = ["before", "after"].map(|round| reached["inspection"][round].as_f64().unwrap_or_default());
+    assert!(before > 0.3 && after > before + 0.01, "{reached}");
     assert!(reached["rig_off_mm"].as_f64().is_some_and(|mm| mm < 0.001), "{reached}");
     assert!(reached["axe"].as_u64().is_some_and(|pages| pages > 6) && reached["requests"].as_u64() > Some(20), "{reached}");
 }

@@ -1,13 +1,16 @@
 // Walks through the dashboard in a real browser as an operator does: upload, plan, inspect a missed spot, play, run in
-// simulation, report; and holds what is drawn against what the API answers. Arguments: base address, folder for pictures, JSON of
-// the parts `[{file, unit}]`. Prints one line of JSON with the figures reached; throws on the first thing that is wrong.
+// simulation, report, inspection of simulated scans; and holds what is drawn against what the API answers. Arguments: base address,
+// folder for pictures, JSON of the parts `[{file, unit}]`, the program that scans in simulation. Prints one line of JSON with the
+// figures reached; throws on the first thing that is wrong.
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
 import { open } from "./browser.mjs";
 
-const [base, pictures, parts] = [process.argv[2], process.argv[3], JSON.parse(process.argv[4])];
+const [base, pictures, parts, program] = [process.argv[2], process.argv[3], JSON.parse(process.argv[4]), process.argv[5]];
 const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const figures = { parts: [], requests: 0, axe: 0 };
 const { browser, page, seen } = await open(base, { colorScheme: "light" });
@@ -254,6 +257,140 @@ async function clearances(plan) {
   return Math.max(0, ...found.filter(([, mm]) => mm !== null).map(([viewpoint, mm]) => Math.abs(mm - planned(viewpoint))));
 }
 
+/** Files of a simulated scanner with limits that the plan does not know; nobody keeps them after `use`. */
+async function scanned(id, { file, unit }, use) {
+  const folder = mkdtempSync(join(tmpdir(), "scans-"));
+  try {
+    writeFileSync(join(folder, "plan.json"), JSON.stringify(await api(`/jobs/${id}/plan`)));
+    const faults = ["step_px=8", "grazing_deg=[55,70]", "lobe_deg=4", "view_error_mm=0.1", "part_error_mm=0.3"].flatMap((fault) => ["--set", fault]);
+    execFileSync(program, ["sim", "scanner", "plan.json", "--mesh", file, "--unit", unit, ...faults, "--out", "scans", "--quiet"], { cwd: folder });
+    const scans = join(folder, "scans");
+    return await use(readdirSync(scans).filter((name) => name.endsWith(".ply")).sort().map((name) => join(scans, name)));
+  } finally {
+    rmSync(folder, { recursive: true, force: true });
+  }
+}
+
+/** Uploads through the page; the first file's view is chosen by hand, the others' are in their names. */
+async function uploadScans(id, files) {
+  await page.goto(`${base}#/jobs/${id}/inspection`);
+  await page.locator("input[name=scans]").setInputFiles(files);
+  const chosen = page.locator(".entry select").first();
+  await chosen.selectOption({ index: 1 });
+  const view = Number(await chosen.inputValue());
+  await tabTo(".send", 200);
+  await page.keyboard.press("Enter");
+  await page.locator("#scans tbody tr").nth(files.length - 1).waitFor();
+  const { items } = await api(`/jobs/${id}/scans`);
+  assert.deepEqual(items.map(({ name, view }) => [name, view]), files.map((file, i) => [basename(file), i === 0 ? view : null]));
+}
+
+async function startInspection() {
+  await tabTo(".inspect", 200);
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => /#\/inspections\/[0-9a-f-]{36}/.test(location.hash));
+  await page.locator(".inspection[data-state=succeeded] #verdict").waitFor();
+  return (await page.evaluate(() => location.hash)).split("/")[2].split("?")[0];
+}
+
+const percent = (share) => `${(100 * share).toFixed(2)} %`;
+const inspectionMap = () => page.waitForFunction(() => window.vantage.inspection?.scene?.stage.frames > 0);
+
+/** Figures and maps of an inspection are those of the server; a face, a spot and the scale answer; everything is kept by the address. */
+async function inspection(id) {
+  const { coverage, losses } = await api(`/inspections/${id}/result`);
+  const shown = Object.fromEntries(await page.locator("#verdict [data-figure]").evaluateAll((all) => all.map((one) => [one.dataset.figure, one.querySelector("strong").textContent])));
+  assert.deepEqual([shown.planned, shown.measured, shown.lost, shown.gained], [coverage.planned_of_asked, coverage.measured_of_asked, coverage.lost_of_asked, coverage.gained_of_asked].map(percent));
+  assert.equal(shown.difference, (100 * (coverage.measured_of_asked - coverage.planned_of_asked)).toFixed(2).replace(/^-0.00$/, "0.00").replace(/^(?=[1-9]|0\.(?!00))/, "+"));
+  assert.deepEqual(await page.locator(".losses [data-cause]").evaluateAll((all) => all.map((one) => [one.dataset.cause, one.querySelector(".number").textContent])),
+    losses.map(({ cause, of_asked: share }) => [cause, percent(share)]));
+  await inspectionMap();
+  await check("inspection");
+  const colours = {};
+  for (const map of ["coverage", "deviation", "losses"]) {
+    await page.locator("select[name=map]").selectOption(map);
+    await page.locator(map === "coverage" ? ".legend [data-key=both]" : map === "deviation" ? ".legend [data-key=step3]" : `.legend [data-key=${losses[0].cause}]`).waitFor();
+    await page.waitForTimeout(300);
+    const shares = await page.locator(".mapped .legend td:last-child").allInnerTexts();
+    // The losses overlap with nothing; what is measured and not planned counts as measured.
+    assert.ok(Math.abs(shares.reduce((sum, text) => sum + parseFloat(text), 0) - 100) < 0.6, `${map}: ${shares}`);
+    const pixels = await page.evaluate(() => window.vantage.inspection.scene.stage.pixels());
+    assert.ok(pixels.drawn > 0.03 && pixels.colours > 4, `${map}: ${JSON.stringify(pixels)}`);
+    colours[map] = pixels.colours;
+    await picture(`inspection-${map}`);
+  }
+  // The faces have the areas of the server's figures, but for the corners of what a preview leaves out.
+  const off = await page.evaluate(() => {
+    const { map } = window.vantage.inspection;
+    const sum = (values) => values.reduce((total, value) => total + value, 0);
+    return [sum(map.measured) / sum(map.asked), sum(map.planned) / sum(map.asked), sum(map.lost) / sum(map.asked)];
+  });
+  [coverage.measured_of_asked, coverage.planned_of_asked, coverage.lost_of_asked].forEach((share, i) => assert.ok(Math.abs(share - off[i]) < 0.01, `${share} and ${off[i]} of the faces`));
+  await tabTo(".mapped .stage canvas", 300);
+  // The middle may be a hole of the part.
+  for (const way of ["", "ArrowLeft", "ArrowUp", "ArrowUp", "ArrowUp", "ArrowLeft", "ArrowLeft"]) {
+    if (way) await page.keyboard.press(way);
+    await page.keyboard.press("Enter");
+    if (await page.locator("#face").waitFor({ timeout: 2000 }).then(() => true, () => false)) break;
+  }
+  assert.ok(await page.locator("#face").getAttribute("data-match"));
+  await page.locator(".losses summary").first().click();
+  await page.locator(".losses details[open] .spots button").first().click();
+  await page.waitForFunction(() => window.vantage.inspection.scene.stage.scene.getObjectByName("pins").children.length > 0);
+  await page.locator("select[name=map]").selectOption("deviation");
+  const kept = await page.evaluate(() => location.hash);
+  await page.reload();
+  await inspectionMap();
+  assert.equal(await page.evaluate(() => location.hash), kept);
+  assert.equal(await page.locator("select[name=map]").inputValue(), "deviation", "a reload keeps the map");
+  for (const href of await page.locator('.inspection a[href*="/api/v1/inspections/"]').evaluateAll((all) => all.map((link) => link.href))) {
+    assert.ok((await fetch(href, { method: "HEAD" })).ok, href);
+  }
+  return { coverage, losses, colours };
+}
+
+/** Simulated scans are uploaded and inspected, further views planned, scanned and inspected; one scan is missing at first. */
+async function inspectScans(id, part) {
+  const first = await scanned(id, part, async (files) => {
+    await uploadScans(id, files);
+    await check("scans");
+    await page.locator("#scans tbody tr").last().locator("button").click();
+    await page.waitForFunction((count) => document.querySelectorAll("#scans tbody tr").length === count, files.length - 1);
+    return startInspection();
+  });
+  const { coverage, losses, colours } = await inspection(first);
+  assert.ok(losses.some(({ cause }) => cause === "view_missing"), JSON.stringify(losses.map(({ cause }) => cause)));
+  const offered = page.locator('.offers a[href*="#/new"], a[href*="set="]');
+  if ((await offered.count()) > 0) {
+    const { parameter, to } = (await api(`/inspections/${first}/learned`)).offers.find(({ parameter }) => parameter);
+    await offered.first().click();
+    await page.locator(".create [role=status] code").first().waitFor();
+    assert.equal((await page.locator(".create [role=status] code").first().innerText()).trim(), `${parameter} = ${to}`);
+    await page.goto(`${base}#/inspections/${first}`);
+  }
+  await page.locator("input[name=max_views]").fill("2");
+  await tabTo(".rescan .primary", 200);
+  await page.keyboard.press("Enter");
+  const made = page.locator(".rescan .made a").first();
+  await made.waitFor();
+  const further = (await made.getAttribute("href")).split("/")[2];
+  const job = await api(`/jobs/${further}?wait=60s`);
+  assert.deepEqual([job.state, job.labels.rescan_of], ["succeeded", first], JSON.stringify(job.problem));
+  const second = await scanned(further, part, async (files) => {
+    assert.ok(files.length <= 2);
+    await uploadScans(further, files);
+    return startInspection();
+  });
+  await page.locator("#rounds").waitFor();
+  const after = (await api(`/inspections/${second}/result`)).coverage;
+  const cells = await page.locator("#rounds tbody tr").first().locator("td").allInnerTexts();
+  assert.deepEqual(cells.slice(0, 2), [coverage.measured_in_all_of_asked, after.measured_in_all_of_asked].map(percent));
+  assert.ok(after.measured_in_all_of_asked > coverage.measured_in_all_of_asked + 0.01, "further views measure more");
+  await page.waitForFunction(() => [...window.vantage.stages].filter((stage) => stage.frames > 0).length === 3);
+  await check("rounds");
+  return { first, second, before: coverage.measured_in_all_of_asked, after: after.measured_in_all_of_asked, colours };
+}
+
 /** A calibration from a file of observations, by the keyboard but for the system's own dialog of files. */
 async function calibrate() {
   const request = (await api("/openapi.json")).paths["/api/v1/calibrations"].post.requestBody.content["application/json"].example;
@@ -367,7 +504,10 @@ for (const part of parts) {
   assert.ok(report.ok && /^<!doctype html>/i.test(await report.text()));
   figures.parts.push({ file, views: job.summary.views, agreement, dropped, off_mm: off, clearance_off_mm: gaps, poses, samples });
   last = id;
+  figures.first ??= id;
 }
+const inspected = await inspectScans(figures.first, parts[0]);
+figures.inspection = inspected;
 figures.rig_off_mm = await rig(await api(`/jobs/${last}/plan`));
 figures.reach = await reach();
 const calibration = await calibrate();
@@ -383,7 +523,8 @@ if (two.length === 2) {
   await check("compare");
 }
 await fits({ jobs: "#/jobs", plan: `#/jobs/${last}/plan`, cell: `#/jobs/${last}/cell`, results: `#/jobs/${last}/results`, new: "#/new",
-  hardware: "#/specs/scanners/transcan-c", runs: "#/runs", calibrations: "#/calibrations", calibration });
+  hardware: "#/specs/scanners/transcan-c", runs: "#/runs", calibrations: "#/calibrations", calibration, inspections: "#/inspections", scans: `#/jobs/${figures.first}/inspection`,
+  inspection: `#/inspections/${inspected.second}` });
 await page.emulateMedia({ colorScheme: "dark" });
 await page.goto(`${base}#/jobs`);
 await check("jobs-dark");

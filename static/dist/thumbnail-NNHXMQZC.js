@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-ERZCRFEF.js";import"./chunk-VV6N3YYE.js";import"./chunk-WGCAEXWN.js";import"./chunk-MTY4C575.js";import"./chunk-DE5BDU7J.js";import"./chunk-KFDC26EK.js";export{a as drawThumbnail,b as drawTurned};
