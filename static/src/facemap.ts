@@ -81,7 +81,7 @@ export function painterOf(map: FaceMap, kind: MapKind, limit: number): (face: nu
 }
 
 /** Samples of the surface, part frame, mm. */
-export interface Cloud { positions: Float32Array; deviations: Float32Array; count: number }
+export interface Cloud { positions: Float32Array; normals: Float32Array; deviations: Float32Array; count: number }
 
 const BYTES_OF_SAMPLE = 35;
 
@@ -92,12 +92,15 @@ export function parseCloud(buffer: ArrayBuffer): Cloud {
   const at = head.indexOf(end) + end.length;
   const count = Number(/element vertex (\d+)/.exec(head)?.[1] ?? 0);
   const view = new DataView(buffer, at);
-  const [positions, deviations] = [new Float32Array(3 * count), new Float32Array(count)];
+  const [positions, normals, deviations] = [new Float32Array(3 * count), new Float32Array(3 * count), new Float32Array(count)];
   for (let i = 0; i < count; i += 1) {
-    for (let axis = 0; axis < 3; axis += 1) positions[3 * i + axis] = view.getFloat32(BYTES_OF_SAMPLE * i + 4 * axis, true);
+    for (let axis = 0; axis < 3; axis += 1) {
+      positions[3 * i + axis] = view.getFloat32(BYTES_OF_SAMPLE * i + 4 * axis, true);
+      normals[3 * i + axis] = view.getFloat32(BYTES_OF_SAMPLE * i + 12 + 4 * axis, true);
+    }
     deviations[i] = view.getFloat32(BYTES_OF_SAMPLE * i + 24, true);
   }
-  return { positions, deviations, count };
+  return { positions, normals, deviations, count };
 }
 
 /** True where the samples are so much finer than the faces that these would hide how the surface deviates. */

@@ -29,7 +29,7 @@ const rowsOf = (pairs: [string, string][]) => pairs.map(([name, value]) => <tr k
 function Table({ label, heads, children, ...rest }: { label: string; heads: string[]; children: unknown; class?: string }) {
   return (
     <div class="scroll" tabIndex={0} role="group" aria-label={label}>
-      <table {...rest}><thead><tr>{heads.map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead><tbody>{children as never}</tbody></table>
+      <table {...rest}><thead><tr>{heads.map((name) => <th key={name} scope="col">{name === words.actions ? <span class="hidden">{name}</span> : name}</th>)}</tr></thead><tbody>{children as never}</tbody></table>
     </div>
   );
 }
@@ -59,7 +59,7 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
       {items.map((job) => (
         <tr key={job.id} data-state={job.state}>
           <th scope="row"><a href={hrefOf(["inspections", job.id])}>{when(job.created_at)}</a></th>
-          {withJob && <td><JobLink id={job.job_id} /></td>}
+          {withJob && <td class="name"><JobLink id={job.job_id} /></td>}
           <td><span class={`state ${job.state}`}>{text.states[job.state]}</span> <InspectionProgress job={job} /></td>
           <td>{job.summary ? share(job.summary.planned_of_asked) : text.none}</td><td>{job.summary ? share(job.summary.measured_of_asked) : text.none}</td>
           <td>{job.summary ? share(job.summary.measured_in_all_of_asked) : text.none}</td>
@@ -133,8 +133,9 @@ function Head({ job, planned, onChange }: { job: InspectionJob; planned: Job; on
       <InspectionProgress job={job} />
       {job.problem && (
         <div role="alert">
-          <p class="problem">{[`${job.problem.title}: ${job.problem.detail}`, ...job.problem.errors.map(({ pointer, detail }) => `${pointer}: ${detail}`)].join("\n")}</p>
-          <p>→ {words.whatToDo} <a href={hrefOf(["jobs", job.job_id, "inspection"])}>{words.toScans}</a> · <a href={`problems/${job.problem.code}`}>{text.jobs.whatToDo}</a></p>
+          <p class="problem">{[`${job.problem.title}: ${job.problem.detail}`, ...job.problem.errors.filter(({ detail }) => !job.problem!.detail.includes(detail)).map(({ pointer, detail }) => `${pointer}: ${detail}`)].join("\n")}</p>
+          <p>{job.problem.code === "job_input_invalid" && <>→ {words.whatToDo} <a href={hrefOf(["jobs", job.job_id, "inspection"])}>{words.toScans}</a> · </>}
+            <a href={`problems/${job.problem.code}`}>{text.jobs.whatToDo}</a></p>
         </div>
       )}
       {job.state === "cancelled" && <p class="soft">{words.wasCancelled} <a href={hrefOf(["jobs", job.job_id, "inspection"])}>{words.toScans}</a></p>}
@@ -168,9 +169,9 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
         <section><h2>{words.deviation}</h2><Deviation result={result} onShow={(at, size) => point("deviation", at, size)} /></section>
         <section>
           <h2>{words.extents}</h2><Extents result={result} />
-          <h2>{words.regions}</h2><Regions result={result} />
           <h2>{words.comparison}</h2><Comparison result={result} />
         </section>
+        <section class="whole"><h2>{words.regions}</h2><Regions result={result} /></section>
         <section><h2>{words.byView}</h2><ByView result={result} /></section>
         <section><h2>{words.alignment}</h2><Alignment result={result} /></section>
         <section><h2>{words.teach}</h2><Teach job={job} planned={planned} /></section>

@@ -18,6 +18,8 @@ export interface LegendRow { key: string; colour: Rgb; name: string; area: numbe
 /** A place that a list beside the map names. */
 export interface Pin { at: Vector; size: number }
 
+const LAMP = [0.3, -0.45, 0.84];
+
 class MapScene {
   readonly part: PartMesh;
   private readonly cloud = new Group();
@@ -43,11 +45,17 @@ class MapScene {
     this.stage.clear(this.cloud);
     if (cloud) {
       const colours = new Uint8Array(3 * cloud.count);
-      cloud.deviations.forEach((value, i) => diverging(value / limit).forEach((channel, at) => { colours[3 * i + at] = linear(channel); }));
+      cloud.deviations.forEach((value, i) => {
+        // Points take no light; a lamp from above keeps the shape readable.
+        const lit = 0.8 + 0.2 * LAMP.reduce((sum, part, axis) => sum + part * cloud.normals[3 * i + axis]!, 0);
+        diverging(value / limit).forEach((channel, at) => { colours[3 * i + at] = lit * linear(channel); });
+      });
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(cloud.positions, 3));
       geometry.setAttribute("color", new BufferAttribute(colours, 3, true));
-      this.cloud.add(new Points(geometry, new PointsMaterial({ vertexColors: true, size: 1.4 * Math.sqrt(areaOfSample) })));
+      // The size of points is that at an opening of 90°.
+      const size = (1.8 * Math.sqrt(areaOfSample)) / Math.tan((this.stage.camera.fov * Math.PI) / 360);
+      this.cloud.add(new Points(geometry, new PointsMaterial({ vertexColors: true, size })));
     }
     this.stage.invalidate();
   }

@@ -164,7 +164,7 @@ export const text = {
     rescan: "Plan the missing views", rescanHint: "Plan the fewest further views for what is missing. What no view can improve is left out.", maxViews: "Views at most",
     rescanJob: (time: string) => `Further views, ${time}`, rescanScans: "upload their scans",
     map: "Inspected part", maps: { losses: "Loss by cause", coverage: "Planned × measured", deviation: "Deviation" } as Record<string, string>, scale: "Colour scale", mapHint: "Click the part for the figures of a face.",
-    facesNote: "Areas are the inspection's; each face has the colour of what most of it is.", deviationNote: "Above 0: more material than nominal. Areas by the mean of each face.",
+    facesNote: "Areas are those of the inspection; a face has the colour of its largest part.", deviationNote: "Above 0: more material than nominal. Areas by the mean of each face.",
     above: (to: string) => `above ${to}`, below: (to: string) => `below ${to}`, between: (from: string, to: string) => `${from} to ${to}`, unmeasured: "not measured", unplanned: "Not planned",
     uncertainty: (value: string) => `± ${value} (k = 2)`,
     match: { both: "planned and measured", lost: "planned, not measured", gained: "measured, not planned", neither: "neither planned nor measured", not_asked: "not asked for" } as Record<string, string>,
