@@ -463,7 +463,7 @@ async function earlierOf(planned: Job): Promise<InspectionJob[]> {
   const found: InspectionJob[] = [];
   let id = planned.labels[RESCAN_OF];
   while (id && found.length < MAX_ROUNDS) {
-    const before: InspectionJob = await ask<InspectionJob>(`/inspections/${id}`);
+    const before: InspectionJob = await ask<InspectionJob>(`/inspections/${encodeURIComponent(id)}`);
     found.unshift(before);
     id = (await ask<Job>(`/jobs/${before.job_id}`)).labels[RESCAN_OF];
   }

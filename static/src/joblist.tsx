@@ -98,7 +98,11 @@ export function withSet(given: Record<string, unknown>, set: Record<string, unkn
   for (const [path, value] of Object.entries(set)) {
     const names = path.split(".");
     const last = names.pop()!;
-    const owner = names.reduce((at, name) => (at[name] ??= {}) as Record<string, unknown>, params);
+    // Only what the parameters themselves hold: a path of a link must not lead to what all objects share.
+    const owner = names.reduce((at, name) => {
+      const own = Object.hasOwn(at, name) ? at[name] : null;
+      return (at[name] = own ?? {}) as Record<string, unknown>;
+    }, params);
     owner[last] = value;
   }
   return params;

@@ -52,7 +52,7 @@ export const text = {
     changed: (n: number) => `${n} changed`, reset: "Back to the default", default: "default", upload: "Read the file",
     another: "Another file", add: (name: string) => `Add to ${name}`, drop1: (name: string) => `Remove ${name}`, triangles: "Triangles", bodies: "Bodies", surface: "Surface", volume: "Volume", closed: "Watertight",
     yes: "yes", no: "no", checkFirst: "Check the parameters below:", search: "Find a parameter", invalid: "Not valid JSON",
-    sizeNow: "Size in the unit chosen", from: "Based on", offered: "Taken over from the inspection; nothing is planned before you start:", readFirst: "Choose the unit first.",
+    sizeNow: "Size in the unit chosen", from: "Based on", offered: "Set by the link that you followed; nothing is planned before you start:", readFirst: "Choose the unit first.",
   },
   job: { tabs: { plan: "Plan", cell: "Cell", results: "Results", inspection: "Inspection" }, label: "Parts of the job", run: "Run in simulation",
     report: "Report", next: "Next", apply: "Apply and plan again", applied: "Planning again with:", pending: "The plan is not ready yet.",
