@@ -2,12 +2,12 @@
 
 use std::fmt::Write;
 
-use crate::wire::inspection::{InspectionDocument, remedy_words, verdict_sentence};
+use crate::wire::inspection::{InspectionDocument, remedy_words};
 
 /// Renders the text.
 #[must_use]
 pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String {
-    let mut text = format!("Inspection of {part_name}\n\n{}\n", verdict_sentence(document));
+    let mut text = format!("Inspection of {part_name}\n\n{}\n", document.verdict);
     let mut line = |words: String| {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "{words}");

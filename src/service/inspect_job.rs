@@ -212,7 +212,8 @@ impl InspectJob {
             plan_params: &plan.params,
             setups: &setups,
             views: &views,
-            coverable_mm2: Some(plan.coverage.coverable_area_mm2),
+            // The plan of a rescan knows what is coverable of the rest alone.
+            coverable_mm2: self.before.is_none().then_some(plan.coverage.coverable_area_mm2),
             taken: &taken,
             nearest: &nearest,
             params: &self.params,

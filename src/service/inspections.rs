@@ -193,7 +193,7 @@ impl App {
         request.params.check().map_err(|errors| Error::Invalid(below_params(errors)))?;
         let job = self.inspection(id).await?;
         let state = serde_json::from_slice(&self.inspection_result(id, RESCAN_STATE_FILE).await?.read().await?)?;
-        self.submit_rescan(job.job_id, StoredRescan { state, params: request.params }, submission).await
+        self.submit_rescan(&job, StoredRescan { state, params: request.params }, submission).await
     }
 
     /// Cancels an inspection.

@@ -18,7 +18,7 @@ use super::rescan_job::RescanJob;
 use super::store::{Attempt, Files, IdempotencyKey, JobQuery, MeshFile, NewJob, Page, blocking, read_leniently};
 use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, SpecKind, SpecLibrary, did_you_mean};
 use crate::planning::params::RescanParams;
-use crate::wire::inspection::RescanState;
+use crate::wire::inspection::{InspectionJob, RescanState};
 use crate::wire::part_size::SizeLimits;
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{Job, JobBatch, JobBatchRequest, JobId, JobPage, JobRequest, MeshId, warnings};
@@ -81,6 +81,9 @@ struct StoredInput {
     rescan: Option<StoredRescan>,
 }
 
+/// Label of a job of further views: the id of the inspection whose scans lack them.
+const RESCAN_LABEL: &str = "rescan_of";
+
 /// A rescan as stored with its job.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct StoredRescan {
@@ -123,13 +126,21 @@ impl App {
         .await
     }
 
-    /// Accepts a job that plans further views for what the scans of another job lack. It takes part, cell and parameters of that job.
+    /// Accepts a job that plans further views for what the scans of another job lack. It takes part, cell, parameters and labels of that
+    /// job, and names the inspection in the label [`RESCAN_LABEL`].
     ///
     /// # Errors
     /// Those of [`App::submit`]; [`Error::JobNotFound`].
-    pub(super) async fn submit_rescan(&self, of: JobId, rescan: StoredRescan, submission: Submission) -> Result<Job, Error> {
+    pub(super) async fn submit_rescan(
+        &self,
+        from: &InspectionJob,
+        rescan: StoredRescan,
+        submission: Submission,
+    ) -> Result<Job, Error> {
+        let of = from.job_id;
         let attempt = self.0.store.body(of).await?.ok_or(Error::JobNotFound(of))?;
-        let request = attempt.request;
+        let mut request = attempt.request;
+        request.labels.insert(RESCAN_LABEL.to_owned(), from.id.to_string());
         let canonical = format!("POST /api/v1/inspections/rescans {of} {}", serde_json::to_string(&rescan)?);
         let idempotency = submission.idempotency(&canonical);
         if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {

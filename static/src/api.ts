@@ -317,6 +317,7 @@ export interface Inspection {
   scans: { viewpoint: number; file: string; unit: string; frame: string; points: number; in_frusta: number; on_part: number;
     removed: { reason: string; points: number }[] }[];
   findings: { code: string; file: string | null; viewpoint: number | null; detail: string }[];
+  verdict: string;
   alignment: {
     method: string; mesh_from_stated: Pose; part_turned_deg: number; part_shifted_mm: number; noise_mm: number; inlier_share: number;
     part_sd: { rotation_deg: number; translation_mm: number };

@@ -2,7 +2,7 @@
 // scans teach, the views that are missing, and what further views brought.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { apiPath, ask, post, put, remove, type Estimate, type Inspection, type InspectionJob, type Job, type Learned, type Loss, type Offer, type Page, type RateBin,
+import { apiPath, ask, post, remove, type Estimate, type Inspection, type InspectionJob, type Job, type Learned, type Loss, type Offer, type Page, type RateBin,
   type Statistics, type Vector } from "./api";
 import { Chart } from "./chart";
 import { faceMapOf, type MapKind } from "./facemap";
@@ -157,7 +157,7 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
     <>
       <Verdict result={result} />
       <Findings result={result} />
-      <Rescan job={job} planned={planned} />
+      <Rescan job={job} />
       <div class="mapped">
         {error && <p class="problem" role="alert">{error}</p>}
         {map ? <ScanMap job={job} result={result} map={map} kind={kind} onKind={show} pin={pin.value} onPin={(next) => { pin.value = next; }} />
@@ -181,7 +181,7 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
   );
 }
 
-function Verdict({ result: { coverage, losses, deviation } }: { result: Inspection }) {
+function Verdict({ result: { verdict, coverage, deviation } }: { result: Inspection }) {
   const figure = (id: string, value: string, name: string) => <div class="figure" data-figure={id}><strong>{value}</strong><span>{name}</span></div>;
   const isLater = coverage.measured_in_all_of_asked > coverage.measured_of_asked + 1e-9;
   const difference = coverage.measured_of_asked - coverage.planned_of_asked;
@@ -195,7 +195,7 @@ function Verdict({ result: { coverage, losses, deviation } }: { result: Inspecti
         {isLater && figure("all", share(coverage.measured_in_all_of_asked), words.inAllOf)}
         {statistics && figure("rms", fine(statistics.rms_mm), words.rmsOf)}
       </div>
-      <p>{losses.length === 0 ? words.noLosses : words.mostly(losses.slice(0, 3).map((loss) => `${words.losses[loss.cause] ?? loss.cause} ${share(loss.of_asked)}`).join(", "), losses.length > 3)}</p>
+      <p>{verdict}</p>
       {coverage.approximate && <p class="warning">{words.approximate}</p>}
     </div>
   );
@@ -208,15 +208,13 @@ const Findings = ({ result }: { result: Inspection }) => (result.findings.length
 const MAX_VIEWS = 1000;
 
 /** Asks for a plan of what is missing, and shows what was asked for before. */
-function Rescan({ job, planned }: { job: InspectionJob; planned: Job }) {
+function Rescan({ job }: { job: InspectionJob }) {
   const [views, setViews] = useState(4);
   const { value, reload } = useLoaded(() => ask<Page<Job>>(`/jobs?label=${encodeURIComponent(`${RESCAN_OF}=${job.id}`)}&page_size=20`), [job.id]);
   useEffect(() => value?.items.forEach((item) => { if (!jobSignal(item.id)) keepJob(item); }), [value]);
   const start = async (): Promise<void> => {
     const made = await post<Job>(`/inspections/${job.id}/rescans`, { params: { max_views: views } });
     keepJob(made);
-    // The label is how the job's own inspection finds what it follows.
-    await put(`/jobs/${made.id}/labels`, { labels: { ...planned.labels, [RESCAN_OF]: job.id } });
     reload();
   };
   const made = (value?.items ?? []).map((item) => jobSignal(item.id)?.value ?? item);

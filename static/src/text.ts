@@ -159,7 +159,6 @@ export const text = {
     methods: { best_fit: "best fit to the part", as_placed: "as placed: no fit", best_fit_on: "best fit on a region" } as Record<string, string>,
     planned: "Planned", measured: "Measured", unmeasuredHead: "Not measured", inAll: "All rounds", rms: "RMS", plannedOf: "planned", measuredOf: "measured", points: "points, measured − planned", lostOf: "planned, not measured", gainedOf: "measured, not planned",
     inAllOf: "measured in all rounds", rmsOf: "RMS deviation", pointsShort: "Points", noLosses: "Everything that was planned is measured.",
-    mostly: (causes: string, isMore: boolean) => `Shares are of the area asked for. Lost: ${causes}${isMore ? ", and smaller losses." : "."}`,
     approximate: "The file holds several views: coverage is known to about one point, and losses by view are not. Export single shots for exact figures.", findings: "Findings about the files",
     rescan: "Plan the missing views", rescanHint: "Plan the fewest further views for what is missing. What no view can improve is left out.", maxViews: "Views at most",
     rescanJob: (time: string) => `Further views, ${time}`, rescanScans: "upload their scans",

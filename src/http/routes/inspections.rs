@@ -78,7 +78,8 @@ pub(in crate::http) async fn create(
 
 /// Plan further views
 ///
-/// Plans the fewest views for what the scans lack, as a job of its own: the part, cell and parameters are those of the inspected job.
+/// Plans the fewest views for what the scans lack, as a job of its own: the part, cell, parameters and labels are those of the
+/// inspected job, and the label `rescan_of` names the inspection.
 /// What no view mends is left out; the job fails with `no_plan` where no further view is worth it.
 #[utoipa::path(
     post,

@@ -125,7 +125,8 @@ impl View<'_> {
         self.nominal.scene.first_hits_from(SimdLevel::widest(), &self.eye_mm, &directions, &mut hits);
         let mut found = vec![Found::Nothing; cells.len()];
         for ((cell, direction), hit) in numbers.iter().zip(&directions).zip(&hits) {
-            if let Some(hit) = hit {
+            // What is no face of the part, plate or fixture, hides what lies behind it.
+            if let Some(hit) = hit.as_ref().filter(|hit| (hit.triangle as usize) < self.nominal.mesh.faces.len()) {
                 found[cell - cells.start] = self.judge(*cell, direction, hit.triangle);
             }
         }

@@ -134,7 +134,7 @@ impl<'a> PlacedScan<'a> {
 pub struct Nominal<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
-    /// Its triangles, to be met by rays.
+    /// Its triangles, to be met by rays, and after them those of what may hide it.
     pub scene: &'a RayScene,
     /// Its samples.
     pub surface: &'a Surface,

@@ -9,7 +9,7 @@ use crate::inspection::registration::{RegistrationOptions, register};
 use crate::inspection::shots::{Shots, motion, motion_of};
 use crate::planning::params::{PartParams, RegionParams};
 use crate::planning::surface::sample;
-use crate::testing::nominal_scanner;
+use crate::testing::{box_mesh, nominal_scanner};
 
 /// A model with its samples.
 struct Model {
@@ -204,6 +204,32 @@ fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
     let heap = found.off_surface.first().expect("a heap");
     assert_eq!(heap.kind, MaterialKind::Missing);
     assert!((heap.centre_mm.x - 25.0).abs() < 4.0 && (heap.mean_mm + 5.0).abs() < 2.0, "{heap:?}");
+}
+
+/// A plate in front of the part was once taken for a face of it.
+#[test]
+fn bodies_beside_the_part_are_no_faces_of_it_and_hide_what_lies_behind() {
+    let mut model = Model::of(plate(0.0, 1.5), 0.5);
+    let shots = Shots::of(&model.mesh, 12);
+    let scans = shots.scans(&shots.poses(5), 0.0, |_| Isometry3::identity());
+    let measured = |model: &Model| {
+        let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
+        found.samples.iter().map(|sample| sample.points > 0).collect::<Vec<bool>>()
+    };
+    let before = measured(&model);
+    // A sheet 5 mm above the half at x > 0.
+    model.scene = RayScene::new([&model.mesh, &box_mesh([0.5, -40.0, 5.0], [60.0, 40.0, 6.0])]);
+    let after = measured(&model);
+    for sample in model.surface.samples() {
+        let x = model.surface.sample_mm[sample.index()].x;
+        assert!(!after[sample.index()] || before[sample.index()]);
+        if x < -20.0 {
+            assert_eq!(after[sample.index()], before[sample.index()], "{x}");
+        } else if x > 20.0 && x < 40.0 {
+            assert!(!after[sample.index()], "{x}");
+        }
+    }
+    assert!(after.iter().any(|is_measured| *is_measured));
 }
 
 /// Row I10: deviations planted at the limits of a tolerance of 0.1 mm.

@@ -69,7 +69,7 @@ pub(super) struct Arrow {
     /// Normal equations of all views, six rows a view, in their right perturbations.
     matrix: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// The same with the priors of the poses: A = H + Λ.
+    /// Normal equations with the priors of the poses: A = H + Λ.
     posterior: Cholesky<f64, Dyn>,
     posterior_gradient: DVector<f64>,
     /// Takes a step of the part to the steps of the views that move their points alike, six rows a view.

@@ -187,7 +187,7 @@ fn robust_sd_mm(mut distances_mm: Vec<f64>) -> f64 {
     (1.4826 * *median).max(MIN_NOISE_MM)
 }
 
-/// What the views say of one cell: index of the view, and its sums.
+/// Sums of the views that see one cell, each with the index of its view.
 type SeenCell = Vec<(usize, CellSum)>;
 
 /// Weight of all views in a cell, and their mean distance, mm.
@@ -208,7 +208,7 @@ fn point_sd_mm(cells: &[SeenCell]) -> f64 {
     robust_sd_mm(cells.iter().filter(|cell| cell.len() > 1).flat_map(of_cell).collect())
 }
 
-/// What the observations are weighed with.
+/// Priors and options that observations are weighed with.
 struct Weighing<'a> {
     /// Inverse covariances of the stated poses.
     priors: &'a [Matrix6<f64>],

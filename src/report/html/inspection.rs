@@ -17,7 +17,7 @@ use crate::planning::context::{Cancelled, Context};
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     InspectionDocument, LearnedDocument, LossDocument, RateBinDocument, RegionDeviationDocument, StatisticsDocument,
-    colour_limit_mm, deviation_step, remedy_words, verdict_sentence,
+    colour_limit_mm, deviation_step, remedy_words,
 };
 
 /// Plot: width, height and margins, px.
@@ -98,7 +98,7 @@ fn header(report: &InspectionReport<'_>) -> String {
 fn verdict(report: &InspectionReport<'_>) -> String {
     let offers: String = report.document.offers.iter().map(|offer| format!("<li>{}</li>\n", escape(&offer.detail))).collect();
     let offers = if offers.is_empty() { offers } else { format!("<h3>Before the next plan</h3>\n<ul>\n{offers}</ul>\n") };
-    format!("<section>\n<h2>Result</h2>\n<p>{}</p>\n{offers}</section>\n", escape(&verdict_sentence(report.document)))
+    format!("<section>\n<h2>Result</h2>\n<p>{}</p>\n{offers}</section>\n", escape(&report.document.verdict))
 }
 
 fn alignment(report: &InspectionReport<'_>) -> String {

@@ -9,11 +9,11 @@ use crate::wire::{JobProblem, ProblemField, problem_type};
 
 /// Problem codes of failed jobs, with their titles.
 pub const FAILURE_CODES: [(&str, &str); 9] = [
-    ("job_input_invalid", "This input cannot be planned"),
-    ("job_too_long", "Planning took too long"),
+    ("job_input_invalid", "This input cannot be used"),
+    ("job_too_long", "The job took too long"),
     ("no_plan", "No plan is possible"),
     ("no_calibration_possible", "The observations do not give a calibration"),
-    ("job_panicked", "Planning crashed"),
+    ("job_panicked", "The job crashed"),
     ("job_attempts_exhausted", "The server crashed in every attempt at this job"),
     ("job_unreadable", "The stored job cannot be read by this version"),
     ("file_damaged", "A stored file is damaged"),

@@ -26,6 +26,8 @@ pub struct InspectionDocument {
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,
+    /// Sentences for people: planned and measured coverage, the largest losses, the deviation.
+    pub verdict: String,
     /// Parameters.
     pub params: InspectionParams,
     /// Scans that were taken in.
@@ -85,9 +87,10 @@ impl InspectionDocument {
             let counts = |sample: &crate::planning::ids::SampleId| inspection.surface.asked[sample.index()];
             measured.iter().filter(counts).map(|sample| inspection.surface.sample_area_mm2(sample)).sum()
         });
-        Self {
+        let mut document = Self {
             schema: INSPECTION_SCHEMA.to_owned(),
             plan_sha256: plan_sha256.to_owned(),
+            verdict: String::new(),
             params: params.clone(),
             scans: files.scans.clone(),
             findings: files.findings.clone(),
@@ -96,7 +99,9 @@ impl InspectionDocument {
             losses: LossDocument::all(&inspection.losses, inspection.coverage.asked_mm2),
             deviation: DeviationDocument::new(inspection),
             offers: inspection.offer.changes.iter().map(OfferedChangeDocument::from).collect(),
-        }
+        };
+        document.verdict = verdict_sentence(&document);
+        document
     }
 
     /// Share of the asked area that was lost for a cause.
@@ -122,9 +127,8 @@ fn percent(share: f64) -> String {
     format!("{:.2} %", 100.0 * share)
 }
 
-/// Sentence on a result: what was planned, what was measured, and where the difference is lost.
-#[must_use]
-pub fn verdict_sentence(document: &InspectionDocument) -> String {
+/// Sentences on a result: what was planned, what was measured, and where the difference is lost.
+fn verdict_sentence(document: &InspectionDocument) -> String {
     let coverage = &document.coverage;
     let mut text = format!(
         "The scans measure {} of the asked area; {} were planned.",

@@ -20,7 +20,7 @@ pub use deviation::{
     DeviationDocument, DeviationSpotDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument, RegionDeviationDocument,
     StatisticsDocument,
 };
-pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument, verdict_sentence};
+pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
 pub use files::{IngestFindingDocument, RemovedDocument, TakenScanDocument};
 pub use learned::{
     DeviceLimitDocument, EstimateDocument, LearnedDocument, OfferedChangeDocument, RateBinDocument, offer_sentence,
