@@ -224,12 +224,15 @@ impl InspectJob {
         let taken = InspectedFiles::new(&taken);
         let document = InspectionDocument::new(&inspection, &taken, &self.params, part.mesh, (&plan_sha256, &state));
         let learned = LearnedDocument::new(inspection.learned.as_ref(), &inspection.offer, &plan_sha256);
+        let words = inspection.coverage.measured.words().len();
+        let before = self.before.as_ref().and_then(|before| before.measured().ok()).filter(|set| set.words().len() == words);
         let report = InspectionReport {
             inspection: &inspection,
             document: &document,
             learned: &learned,
             mesh: part.mesh,
             part_name: part.name,
+            before: before.as_ref(),
             table_from_part: setups[0],
         };
         let mut files = files_of(&report, &plan_sha256, ctx)?;

@@ -21,7 +21,7 @@ use crate::planning::params::RescanParams;
 use crate::wire::inspection::{InspectionJob, RescanState};
 use crate::wire::part_size::SizeLimits;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobBatch, JobBatchRequest, JobId, JobPage, JobRequest, MeshId, warnings};
+use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, MeshId, warnings};
 
 /// Circumstances in which a request for jobs was sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -1,5 +1,6 @@
 //! The commands of README, as they stand there, and its figures.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
@@ -65,27 +66,84 @@ fn the_walk_through_runs_as_written() {
     assert!(csv.lines().count() > 2, "{csv}");
 }
 
-/// The picture of README is the head of the report that its first commands make, drawn by a browser.
-#[test]
-fn the_picture_is_the_head_of_a_report() {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/report.png");
+/// Draws a page with a browser into a picture of README, where pictures are renewed; what is there has the size that is asked for.
+fn picture(name: &str, page: &Path, [width, height]: [u32; 2]) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name);
     if std::env::var_os("UPDATE_GOLDEN").is_some() {
         let Some(browser) = chromium() else { return };
-        let folder = tempfile::tempdir().expect("a folder");
-        bash(block_after("## Plan from the command line"), folder.path());
+        let profile = tempfile::tempdir().expect("a folder");
         let drawn = Command::new(browser)
-            .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1280,1400"])
-            .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
-            .arg(format!("--screenshot={file}"))
-            .arg(format!("file://{}", folder.path().join("plan/report.html").display()))
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-background-networking"])
+            .arg(format!("--window-size={width},{height}"))
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg(format!("--screenshot={}", file.display()))
+            .arg(format!("file://{}", page.display()))
             .output()
             .expect("the browser runs");
         assert!(drawn.status.success(), "{}", String::from_utf8_lossy(&drawn.stderr));
     }
-    assert!(README.contains("](tests/golden/report.png)"));
-    let bytes = std::fs::read(file).expect("tests/golden/report.png");
+    assert!(README.contains(&format!("](tests/golden/{name})")));
+    let bytes = std::fs::read(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let image = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG file");
-    assert_eq!((image.info().width, image.info().height), (1280, 1400));
+    assert_eq!([image.info().width, image.info().height], [width, height]);
+}
+
+/// The picture of README is the head of the report that its first commands make, drawn by a browser.
+#[test]
+fn the_picture_is_the_head_of_a_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        bash(block_after("## Plan from the command line"), folder.path());
+    }
+    picture("report.png", &folder.path().join("plan/report.html"), [1280, 1400]);
+}
+
+/// The thesis's story, told again with the figures that README has.
+#[test]
+fn the_loop_runs_as_written_and_reaches_what_readme_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    bash("vantage part base --out base.stl && vantage plan base.stl --unit mm --out plan --report none", folder.path());
+    bash(block_after("## Compare what was scanned"), folder.path());
+    let read = |name: &str| -> serde_json::Value {
+        let text = std::fs::read_to_string(folder.path().join(name)).expect("a result");
+        serde_json::from_str(&text).expect("JSON")
+    };
+    let percent = |value: &serde_json::Value| format!("{:.2} %", 100.0 * value.as_f64().expect("a share"));
+    let lost = |document: &serde_json::Value, cause: &str| {
+        let losses = document["losses"].as_array().expect("losses");
+        percent(&losses.iter().find(|loss| loss["cause"] == cause).expect("the cause")["of_asked"])
+    };
+    let views = |name: &str| read(name)["viewpoints"].as_array().map_or(0, Vec::len);
+    let (first, second) = (read("inspection/inspection.json"), read("inspection2/inspection.json"));
+    let rows = [
+        (format!("1 | {}", views("plan/plan.json")), &first, percent(&first["coverage"]["measured_of_asked"])),
+        (
+            format!("2 | {} more", views("plan2/plan.json")),
+            &second,
+            format!("{} in all", percent(&second["coverage"]["measured_in_all_of_asked"])),
+        ),
+    ];
+    for (head, document, scanned) in rows {
+        let planned = percent(&document["coverage"]["planned_of_asked"]);
+        let row = format!("| {head} | {planned} | {scanned} | {} | {} |", lost(document, "grazing"), lost(document, "concave"));
+        assert!(README.contains(&row), "README lacks: {row}");
+    }
+    picture("inspection.png", &pictured(&folder.path().join("inspection2/inspection.html")), [1280, 900]);
+}
+
+/// The part of an inspection's page that README shows: losses, and what came before.
+fn pictured(page: &Path) -> PathBuf {
+    let text = std::fs::read_to_string(page).expect("the page");
+    let (head, main) = text.split_once("<main>").expect("a page");
+    let section = |name: &str| {
+        let begin = main.find(&format!("<section>\n<h2>{name}</h2>")).expect("a section");
+        let end = begin + main[begin..].find("</section>").expect("its end");
+        format!("{}</section>\n", &main[begin..end])
+    };
+    let tail = &main[main.find("</main>").expect("its end")..];
+    let file = page.with_file_name("pictured.html");
+    std::fs::write(&file, format!("{head}<main>\n{}{}{tail}", section("Losses"), section("Before and after"))).expect("written");
+    file
 }
 
 #[test]

@@ -259,6 +259,55 @@ fn an_incomplete_file_of_each_kind_is_told_all_that_it_lacks_at_once() {
     }
 }
 
+/// Pointers of all numbers in a document.
+fn numbers(value: &Value, at: &str, into: &mut Vec<String>) {
+    match value {
+        Value::Number(_) => into.push(at.to_owned()),
+        Value::Array(items) => items.iter().enumerate().for_each(|(index, item)| numbers(item, &format!("{at}/{index}"), into)),
+        Value::Object(fields) => fields.iter().for_each(|(name, item)| numbers(item, &format!("{at}/{name}"), into)),
+        Value::Null | Value::Bool(_) | Value::String(_) => {}
+    }
+}
+
+/// Each number of a preset, replaced by one that no hardware has, is refused at its field or at one that it makes impossible.
+#[test]
+fn no_number_of_a_specification_may_be_absurd() {
+    let presets = [
+        ("scanner", as_json(Presets.scanner("transcan-c-nominal"))),
+        ("robot", as_json(Presets.robot("hans-e05"))),
+        ("turntable", as_json(Presets.turntable("minas-a6-500"))),
+        ("cell", as_json(Presets.cell("e05-transcan"))),
+    ];
+    let never = AtomicBool::new(false);
+    let (mut tried, mut taken) = (0, Vec::new());
+    for (kind, preset) in presets {
+        let mut pointers = Vec::new();
+        numbers(&preset, "", &mut pointers);
+        for pointer in pointers {
+            for absurd in [1e300, -1e300] {
+                let mut document = preset.clone();
+                *document.pointer_mut(&pointer).expect("it is there") = json!(absurd);
+                tried += 1;
+                let ctx = Context::new(&never, &Silent);
+                match check(document, &Presets, None, &Reference::default(), &ctx) {
+                    Ok(_) => taken.push(format!("{kind} {pointer} = {absurd:e}")),
+                    Err(errors) => {
+                        // The field itself, one that holds it, or its neighbour, where a range turns around.
+                        let parent = pointer.rsplit_once('/').map_or("", |(parent, _)| parent);
+                        let is_blamed = errors.iter().any(|error| {
+                            error.pointer.starts_with(parent) || pointer.starts_with(&error.pointer) && !error.pointer.is_empty()
+                        });
+                        assert!(is_blamed, "{kind} {pointer} = {absurd:e}: {errors:#?}");
+                        assert!(errors.iter().all(|error| !error.detail.is_empty()), "{errors:#?}");
+                    }
+                }
+            }
+        }
+    }
+    println!("{tried} absurd numbers, {} taken", taken.len());
+    assert!(tried > 200 && taken.is_empty(), "{taken:#?}");
+}
+
 #[test]
 fn units_that_are_none_are_refused_with_those_that_are() {
     for unit in ["furlong", "", "µm", "feet", "millimeter s", "1"] {

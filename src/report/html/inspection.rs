@@ -14,6 +14,9 @@ use crate::geometry::{Mesh, Part, Pose, Table};
 use crate::inspection::Inspection;
 use crate::inspection::losses::LossCause;
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
+use crate::planning::plan::Grade;
+use crate::planning::visibility::SampleSet;
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     InspectionDocument, LearnedDocument, LossDocument, RateBinDocument, RegionDeviationDocument, StatisticsDocument,
@@ -40,6 +43,8 @@ pub struct InspectionReport<'a> {
     pub mesh: &'a Mesh,
     /// Name of the part.
     pub part_name: &'a str,
+    /// Samples that scans of earlier rounds measured; none in the first round.
+    pub before: Option<&'a SampleSet>,
     /// Pose of the part on the plate, for the sides of the pictures.
     pub table_from_part: Pose<Table, Part>,
 }
@@ -57,6 +62,7 @@ pub fn inspection_html(report: &InspectionReport<'_>, ctx: &Context<'_>) -> Resu
         alignment(report),
         deviation(report, &mut album),
         losses(report, &mut album),
+        rounds(report, &mut album),
         regions(report),
         learned(report),
         views(report),
@@ -259,7 +265,7 @@ fn losses(report: &InspectionReport<'_>, album: &mut Album) -> String {
         return section("Losses", "<p>Everything that was planned is measured.</p>\n");
     }
     let inspection = report.inspection;
-    let ink = |sample: crate::planning::ids::SampleId| match inspection.losses.cause_of(sample) {
+    let ink = |sample: SampleId| match inspection.losses.cause_of(sample) {
         Some(cause) => Ink::Missed(group_of(cause).0),
         None if inspection.coverage.measured.holds(sample) => Ink::ByOthers,
         None => Ink::NotAsked,
@@ -288,6 +294,41 @@ fn losses(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let rows: String = losses.iter().map(of_cause).collect();
     let head = ["Cause", "Of asked", "Area", "Spots", "", "Remedy"];
     section("Losses", &(pictures(report, album, &codes, "the part, lost surface by cause", &legend) + &table(&head, &rows)))
+}
+
+/// Surface that earlier rounds measured, and what these scans add.
+fn rounds(report: &InspectionReport<'_>, album: &mut Album) -> String {
+    let Some(before) = report.before else { return String::new() };
+    let (surface, now) = (&report.inspection.surface, &report.inspection.coverage.measured);
+    let ink = |sample: SampleId| match (before.holds(sample), now.holds(sample)) {
+        (true, _) => Ink::ByOthers,
+        (false, true) => Ink::Measured(Grade::A),
+        (false, false) if surface.asked[sample.index()] => Ink::Unmeasured,
+        (false, false) => Ink::NotAsked,
+    };
+    let codes: Vec<u8> = surface.samples().map(|sample| ink(sample).code()).collect();
+    let legend: String = [
+        (Ink::ByOthers, "Measured before"),
+        (Ink::Measured(Grade::A), "Added by these scans"),
+        (Ink::Unmeasured, "Not measured"),
+        (Ink::NotAsked, "Not asked for"),
+    ]
+    .map(|(ink, name)| format!("<li>{}{name}</li>", swatch(ink)))
+    .concat();
+    let of_asked = |counts: &dyn Fn(SampleId) -> bool| {
+        let area_mm2: f64 = surface
+            .samples()
+            .filter(|sample| surface.asked[sample.index()] && counts(*sample))
+            .map(|sample| surface.sample_area_mm2(sample))
+            .sum();
+        area_mm2 / report.document.coverage.asked_area_mm2.max(f64::MIN_POSITIVE)
+    };
+    let earlier = of_asked(&|sample| before.holds(sample));
+    let added = of_asked(&|sample| now.holds(sample) && !before.holds(sample));
+    let rows = [("Before", earlier), ("Added by these scans", added), ("After", earlier + added)];
+    let rows: String = rows.map(|(name, share)| row(&[name.to_owned(), percent(share)])).concat();
+    let pictures = pictures(report, album, &codes, "the part, surface measured before and added", &legend);
+    section("Before and after", &(pictures + &table(&["Measured", "Of asked"], &rows)))
 }
 
 fn regions(report: &InspectionReport<'_>) -> String {
