@@ -223,7 +223,9 @@ function SectionTool({ section, at }: { section: Signal<{ axis: SectionAxis; sha
 async function mark(state: Plan3d, hit: Hit, isErased: boolean): Promise<void> {
   const { tracer, tool } = state;
   if (tool.peek() === "box") return drawBox(state, hit);
-  const faces = tool.peek() === "faces" ? await tracer.flood(hit.face, state.sharp.peek()) : await tracer.near(hit.point, state.radius.peek(), hit.normal);
+  const isFlood = tool.peek() === "faces";
+  // The middle of a large face may lie beyond the brush that touches it.
+  const faces = isFlood ? await tracer.flood(hit.face, state.sharp.peek()) : [hit.face, ...await tracer.near(hit.point, state.radius.peek(), hit.normal)];
   const next = new Set(state.marked.peek());
   faces.forEach((face) => { if (isErased) next.delete(face); else next.add(face); });
   state.marked.value = next;

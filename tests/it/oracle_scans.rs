@@ -120,8 +120,9 @@ fn a_part_is_registered_as_well_as_by_open3d_and_small_gicp() {
         let options = RegistrationOptions { prior_deg: 1e-5, prior_mm: 1e-4, ..RegistrationOptions::default() };
         let [own_mm, open3d_mm, small_gicp_mm] = registered_mm(&python, name, &mesh, &sim, &options);
         assert!(open3d_mm < 0.05 && small_gicp_mm < 0.05, "the peers confirm the pose: {open3d_mm} {small_gicp_mm}");
+        // A cell of the surface counts no more than its deviation allows, which costs a micrometre where the part has none.
         assert!(
-            own_mm <= 0.005 && own_mm <= open3d_mm.max(small_gicp_mm) + 0.001,
+            own_mm <= 0.005 && own_mm <= open3d_mm.max(small_gicp_mm) + 0.002,
             "{name}: {own_mm} {open3d_mm} {small_gicp_mm}"
         );
     }

@@ -128,16 +128,16 @@ fn the_loop_runs_as_written_and_reaches_what_readme_says() {
         let row = format!("| {head} | {planned} | {scanned} | {} | {} |", lost(document, "grazing"), lost(document, "concave"));
         assert!(README.contains(&row), "README lacks: {row}");
     }
-    picture("inspection.png", &pictured(&folder.path().join("inspection2/inspection.html")), [1280, 900]);
+    picture("inspection.png", &pictured(&folder.path().join("inspection2/inspection.html")), [1280, 1060]);
 }
 
-/// The part of an inspection's page that README shows: losses, and what came before.
+/// The part of an inspection's page that README shows: pictures of losses, and of what came before.
 fn pictured(page: &Path) -> PathBuf {
     let text = std::fs::read_to_string(page).expect("the page");
     let (head, main) = text.split_once("<main>").expect("a page");
     let section = |name: &str| {
         let begin = main.find(&format!("<section>\n<h2>{name}</h2>")).expect("a section");
-        let end = begin + main[begin..].find("</section>").expect("its end");
+        let end = begin + main[begin..].find("<div class=\"card\"><table>").expect("its table");
         format!("{}</section>\n", &main[begin..end])
     };
     let tail = &main[main.find("</main>").expect("its end")..];

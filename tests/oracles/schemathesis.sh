@@ -17,7 +17,8 @@ work=$(mktemp -d)
 : > "$work/out"
 # A key is set, so that the checks of authorisation have something to look at.
 key=schemathesis-0123456789
-VANTAGE_SERVER__API_KEY=$key VANTAGE_LIMITS__QUEUED_JOBS=1000000 \
+# Neither jobs nor runs that nobody ends may use up what is allowed of them.
+VANTAGE_SERVER__API_KEY=$key VANTAGE_LIMITS__QUEUED_JOBS=1000000 VANTAGE_EXECUTION__MAX_RUNS=256 \
     "$binary" serve --listen 127.0.0.1:0 --data "$work/data" > "$work/out" 2> "$work/log" &
 server=$!
 trap 'kill "$server" 2> /dev/null; wait "$server" 2> /dev/null; rm -rf "$work"' EXIT
