@@ -217,16 +217,14 @@ fn bodies_beside_the_part_are_no_faces_of_it_and_hide_what_lies_behind() {
         found.samples.iter().map(|sample| sample.points > 0).collect::<Vec<bool>>()
     };
     let before = measured(&model);
-    // A sheet 5 mm above the half at x > 0.
+    // A sheet 5 mm above the half at x > 0: nobody looks more than 19 mm below it at 75°.
     model.scene = RayScene::new([&model.mesh, &box_mesh([0.5, -40.0, 5.0], [60.0, 40.0, 6.0])]);
     let after = measured(&model);
     for sample in model.surface.samples() {
-        let x = model.surface.sample_mm[sample.index()].x;
+        let Point3 { coords: at, .. } = model.surface.sample_mm[sample.index()];
         assert!(!after[sample.index()] || before[sample.index()]);
-        if x < -20.0 {
-            assert_eq!(after[sample.index()], before[sample.index()], "{x}");
-        } else if x > 20.0 && x < 40.0 {
-            assert!(!after[sample.index()], "{x}");
+        if (20.0..40.0).contains(&at.x) && at.y.abs() < 20.0 {
+            assert!(!after[sample.index()], "{at}");
         }
     }
     assert!(after.iter().any(|is_measured| *is_measured));
