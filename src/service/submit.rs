@@ -21,7 +21,7 @@ use crate::planning::params::RescanParams;
 use crate::wire::inspection::{InspectionJob, RescanState};
 use crate::wire::part_size::SizeLimits;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, MeshId, warnings};
+use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, MAX_LABELS, MeshId, warnings};
 
 /// Circumstances in which a request for jobs was sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -127,7 +127,7 @@ impl App {
     }
 
     /// Accepts a job that plans further views for what the scans of another job lack. It takes part, cell, parameters and labels of that
-    /// job, and names the inspection in the label [`RESCAN_LABEL`].
+    /// job, and names the inspection in the label [`RESCAN_LABEL`] unless the job has as many labels as it may have.
     ///
     /// # Errors
     /// Those of [`App::submit`]; [`Error::JobNotFound`].
@@ -140,7 +140,9 @@ impl App {
         let of = from.job_id;
         let attempt = self.0.store.body(of).await?.ok_or(Error::JobNotFound(of))?;
         let mut request = attempt.request;
-        request.labels.insert(RESCAN_LABEL.to_owned(), from.id.to_string());
+        if request.labels.len() < MAX_LABELS || request.labels.contains_key(RESCAN_LABEL) {
+            request.labels.insert(RESCAN_LABEL.to_owned(), from.id.to_string());
+        }
         let canonical = format!("POST /api/v1/inspections/rescans {of} {}", serde_json::to_string(&rescan)?);
         let idempotency = submission.idempotency(&canonical);
         if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {

@@ -100,8 +100,13 @@ impl JobRequest {
     }
 }
 
+/// Max labels of a job.
+pub const MAX_LABELS: usize = 32;
+
 fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
-    findings.require(labels.len() <= 32, "/labels", || format!("has {} entries; at most 32 are allowed", labels.len()));
+    findings.require(labels.len() <= MAX_LABELS, "/labels", || {
+        format!("has {} entries; at most {MAX_LABELS} are allowed", labels.len())
+    });
     for (key, value) in labels {
         text(findings, "/labels", key, 1, 64);
         text(findings, &format!("/labels/{}", key.replace('~', "~0").replace('/', "~1")), value, 0, 256);
