@@ -1,6 +1,7 @@
 //! Strict extractors: JSON bodies, with JSON pointers to what is wrong; query parameters; preconditions; idempotency keys.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
@@ -157,6 +158,18 @@ impl Params {
     /// Takes and parses a parameter that must be given.
     pub(super) fn required<T: FromStr>(&mut self, name: &'static str, allowed: &str) -> Result<T, ApiError> {
         self.value(name, allowed)?.ok_or_else(|| ApiError::query(name, &format!("is missing; give {allowed}")))
+    }
+
+    /// Takes a whole number from 0 to `max`.
+    pub(super) fn whole_number<T: FromStr + PartialOrd + Display>(
+        &mut self,
+        name: &'static str,
+        max: T,
+    ) -> Result<Option<T>, ApiError> {
+        let Some(text) = self.text(name) else { return Ok(None) };
+        let number = text.parse().ok().filter(|number| *number <= max);
+        let refused = || ApiError::query(name, &format!("is {text:?}; allowed is a whole number from 0 to {max}"));
+        number.ok_or_else(refused).map(Some)
     }
 
     /// Takes a text of 1 to `max_chars` characters, none of them a control character.

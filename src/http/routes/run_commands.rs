@@ -23,7 +23,7 @@ use crate::wire::run::{ArmRequest, LocatedRequest, OverrideRequest, Run};
     operation_id = "arm_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease."),
     ),
     request_body = ArmRequest,
     responses((status = 200, description = "The run.", body = Run))
@@ -73,7 +73,7 @@ pub(in crate::http) async fn pause(
     operation_id = "resume_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
     ),
     responses((status = 200, description = "The run.", body = Run))
 )]
@@ -128,7 +128,7 @@ pub(in crate::http) async fn stop(
     operation_id = "step_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
     ),
     responses((status = 200, description = "The run.", body = Run))
 )]
@@ -152,7 +152,7 @@ pub(in crate::http) async fn step(
     operation_id = "override_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
     ),
     request_body = OverrideRequest,
     responses((status = 200, description = "The run.", body = Run))
@@ -180,7 +180,7 @@ pub(in crate::http) async fn set_override(
     operation_id = "locate_part",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
     ),
     request_body = LocatedRequest,
     responses((status = 200, description = "The run.", body = Run))

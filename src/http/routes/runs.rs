@@ -21,6 +21,8 @@ use crate::wire::run::{ReportedState, Run, RunMode, RunPage, RunRecordDocument, 
 
 /// Polling interval that responses suggest, seconds.
 const POLL_AFTER_SECS: &str = "1";
+/// Largest fencing token, 2⁵³ − 1: what every JSON client holds exactly (RFC 8259, section 6).
+const MAX_TOKEN: u64 = 9_007_199_254_740_991;
 /// Media type of a record as a table.
 const CSV: &str = "text/csv; charset=utf-8";
 /// Media type of an audit log: JSON, an object a line.
@@ -33,7 +35,7 @@ pub(super) fn run_id(text: &str) -> Result<RunId, ApiError> {
 
 /// Takes the fencing token of the lease.
 pub(super) fn token(params: &mut Params) -> Result<Option<u64>, ApiError> {
-    params.value("token", "the fencing token of the cell's lease, a whole number")
+    params.whole_number("token", MAX_TOKEN)
 }
 
 /// The answer to a request that was accepted.
@@ -57,7 +59,7 @@ pub(super) fn accepted(run: Run, prefix: &Prefix) -> Accepted {
     path = "/runs",
     tag = "runs",
     operation_id = "create_run",
-    params(("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`.")),
+    params(("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`.")),
     request_body = RunRequest,
     responses(
         (status = 202, description = "The run was accepted.", body = Run,

@@ -19,6 +19,8 @@ use crate::wire::ScanId;
 use crate::wire::inspection::{Scan, ScanPage};
 
 const BYTES: &str = "application/octet-stream";
+/// Largest number of a viewpoint that an upload may state.
+const MAX_VIEW: u32 = 99_999;
 
 /// Parses the scan id in a path. A malformed id is answered like an unknown one.
 fn scan_id(text: &str) -> Result<ScanId, ApiError> {
@@ -36,7 +38,7 @@ fn scan_id(text: &str) -> Result<ScanId, ApiError> {
     operation_id = "upload_scan",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job whose plan was scanned."),
-        ("view" = Option<u32>, Query, example = 1, description = "Viewpoint of the plan from which the scan was taken. Without it, the number in the name of the file; a file without one has all views together."),
+        ("view" = Option<u32>, Query, minimum = 0, maximum = 99_999, example = 1, description = "Viewpoint of the plan from which the scan was taken. Without it, the number in the name of the file; a file without one has all views together."),
         ("unit" = inline(Option<crate::wire::MeshUnit>), Query, example = "mm", description = "Unit of the coordinates."),
         ("frame" = Option<ScanFrame>, Query, example = "scanner", description = "Frame of the coordinates."),
         ("name" = Option<String>, Query, description = "Name of the file. Without it, the name that a multipart form gives.", example = "view_01.ply", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
@@ -55,7 +57,7 @@ pub(in crate::http) async fn upload(
     request: Request,
 ) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<Scan>), ApiError> {
     let job = job_id(&id)?;
-    let view = params.value("view", "the number of a viewpoint")?;
+    let view = params.whole_number("view", MAX_VIEW)?;
     let unit: Option<LengthUnit> = params.value("unit", &LengthUnit::ALL.map(LengthUnit::as_str).join(", "))?;
     let frame = params.value("frame", &ScanFrame::ALL.map(ScanFrame::as_str).join(", "))?;
     let name = params.name("name", MAX_NAME_CHARS)?;

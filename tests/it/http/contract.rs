@@ -105,6 +105,22 @@ fn parameter(document: &serde_json::Value, path: &str, method: &str, name: &str)
     found.unwrap_or_else(|| panic!("{method} {path} has no {name}"))["schema"].clone()
 }
 
+#[test]
+fn every_number_in_a_query_has_its_range() {
+    let document = document();
+    let operations =
+        document["paths"].as_object().expect("paths").values().flat_map(|item| item.as_object().expect("methods").values());
+    let mut numbers = 0;
+    for parameter in operations.filter_map(|operation| operation["parameters"].as_array()).flatten() {
+        if parameter["in"] == "query" && parameter["schema"].to_string().contains("integer") {
+            let schema = &parameter["schema"];
+            assert!(schema["minimum"].is_number() && schema["maximum"].is_number(), "{parameter}");
+            numbers += 1;
+        }
+    }
+    assert!(numbers > 10, "{numbers}");
+}
+
 #[tokio::test]
 async fn every_result_has_a_route_with_one_media_type() {
     let api = Api::start().await;

@@ -36,7 +36,9 @@ async fn planned(api: &Api) -> String {
         "candidates": {"strategies": ["ellipsoid"], "rolls_deg": [0], "step_small_deg": 60, "step_large_deg": 60},
         "part": {"patch_edge_mm": 10, "samples_per_mm2": 0.05}, "missed": {"remedies": 0}, "selection": {"max_views": 3},
     });
-    let request = json!({"mesh_id": mesh["id"], "cell": "e05-transcan", "params": params});
+    // As many labels as there may be: a rescan then has no room for its own.
+    let labels: serde_json::Map<String, Value> = (0..32).map(|i| (format!("l{i}"), json!(""))).collect();
+    let request = json!({"mesh_id": mesh["id"], "cell": "e05-transcan", "params": params, "labels": labels});
     let job = api.post_json("/api/v1/jobs", &request).await.ok(202)["id"].as_str().expect("an id").to_owned();
     let ended = api.get(&format!("/api/v1/jobs/{job}?wait=60s")).await.ok(200);
     assert_eq!(ended["state"], "succeeded", "{ended}");
