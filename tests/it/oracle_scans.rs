@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, UnitQuaternion};
+use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, UnitQuaternion, Vector3};
 use tempfile::TempDir;
 use vantage::geometry::demo_parts::base;
 use vantage::geometry::{Mesh, NearestFace, Part, PointCloud, Pose, ScannerFrame, cloud_io, mesh_io};
@@ -193,6 +193,29 @@ fn the_dinosaur_lies_where_open3d_finds_it() {
             ((own * centre - theirs * centre).norm(), own.rotation.angle_to(&theirs.rotation).to_degrees());
         println!("{apart_mm:.3} mm, {apart_deg:.3}° from Open3D");
         assert!(apart_mm < 0.5 && apart_deg < 0.3, "{apart_mm} mm, {apart_deg}°");
+    }
+}
+
+/// Pairs of files of one scanned object: where Open3D registers the points of one to the mesh of the other, from a start that is off
+/// by two degrees and two millimetres.
+#[test]
+fn bunny_and_dragon_lie_where_open3d_registers_them() {
+    let (Some(python), Some(pairs)) = (oracle_python(), crate::scanned_parts::scanned_pairs()) else { return };
+    for pair in pairs {
+        let own = crate::scanned_parts::mesh_from_scanned(&pair);
+        let off = Isometry3::new(Vector3::new(1.0, -1.4, 1.0), Vector3::new(0.6, -0.5, 0.62) * 2_f64.to_radians());
+        let start = off * own;
+        let points_mm = pair.scanned.vertices_mm.iter().map(|point| single(start * point)).collect();
+        let cloud = PointCloud { points_mm, grid: None };
+        let folder = tempfile::tempdir().expect("a folder");
+        let [stl, ply] = written(&folder, &pair.mesh, &cloud);
+        let lines = lines_of(&python, "scans_oracle.py", &["register", &stl, &ply], String::new());
+        for line in &lines {
+            let words: Vec<&str> = line.split(' ').collect();
+            let apart_mm = corner_mm(&pair.scanned, &(pose_of(&words[1..]) * start), &own);
+            println!("{}: {apart_mm:.4} mm from {}", pair.name, words[0]);
+            assert!(apart_mm < 0.1, "{}: {apart_mm} mm from {}", pair.name, words[0]);
+        }
     }
 }
 
