@@ -16,7 +16,7 @@ rmSync(out, { recursive: true, force: true });
 mkdirSync(out, { recursive: true });
 const { metafile } = await build({
   absWorkingDir: root,
-  entryPoints: ["src/page.tsx", "src/worker.ts", "src/style.css"],
+  entryPoints: ["src/page.tsx", "src/worker.ts", "src/beat.ts", "src/style.css"],
   outdir: out,
   bundle: true,
   splitting: true,

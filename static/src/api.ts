@@ -1,5 +1,6 @@
 // Requests to the server, and its session: relative to the page, so that everything works below any path.
 import { signal } from "@preact/signals";
+import { text } from "./text";
 
 export const apiPath = new URL("api/v1", document.baseURI).pathname;
 
@@ -22,7 +23,7 @@ export interface ProblemField { pointer: string; detail: string }
 
 // The key is exchanged for a session: its cookie, which no script can read, goes with every request and stream. The header
 // says that this page asks; no other site's page can send it.
-const asPage = { "X-Vantage-Session": "1" };
+export const asPage = { "X-Vantage-Session": "1" };
 const SIGNED_IN = "vantage-signed-in";
 const KEY_CODES = ["key_missing", "key_wrong", "session_ended"];
 
@@ -36,7 +37,9 @@ async function refusal(response: Response): Promise<Refused> {
 }
 
 async function send(path: string, options: RequestInit): Promise<Response> {
-  const response = await fetch(apiPath + path, { ...options, headers: { ...asPage, ...options.headers } });
+  const response = await fetch(apiPath + path, { ...options, headers: { ...asPage, ...options.headers } }).catch((error: Error) => {
+    throw error.name === "AbortError" ? error : new Error(text.noAnswer);
+  });
   if (!response.ok) throw await refusal(response);
   return response;
 }
@@ -109,7 +112,7 @@ async function upload<T>(path: string, known: string, file: File, onProgress: (s
     sender.upload.onprogress = (event) => onProgress(event.total ? event.loaded / event.total : 0);
     sender.onload = () => (sender.status < 300 ? resolve(sender.response as T)
       : reject(new Refused(sender.response ?? { title: sender.statusText }, sender.status)));
-    sender.onerror = () => reject(new TypeError("network"));
+    sender.onerror = () => reject(new Error(text.noAnswer));
     sender.send(file);
   });
 }
@@ -184,7 +187,8 @@ export interface Viewpoint {
 
 export interface Remedy {
   kind: string; text: string; views: { part_from_scanner: Pose; area_mm2: number; tilt_deg: number; standoff_mm: number }[];
-  of_spot: number; area_mm2: number; tried: number; turn: { text: string } | null;
+  of_spot: number; area_mm2: number; tried: number; turn?: { text: string } | null; table_from_part?: Pose | null;
+  camera_deg?: number | null; projector_deg?: number | null;
 }
 
 export interface Spot {
@@ -206,8 +210,9 @@ export interface Plan {
   };
   viewpoints: Viewpoint[]; sequence: number[]; bound: { views_lower: number; of_asked_upper?: number | null } | null;
   setups?: { table_from_part: Pose; viewpoints: number[]; turn?: { text: string } | null }[];
+  advice?: { kind: string; set: Record<string, unknown>; turn?: { text: string } | null }[];
   params: { score: { c: number; d: number; angle: string }; limits: { camera_deg: number | null; projector_deg: number | null };
-    motion: { clearance_mm: number } }
+    motion: { clearance_mm: number }; part: { fixture_mesh?: unknown }; selection: { max_views?: number | null } }
     & Record<string, unknown>;
   motion?: Record<string, number>; stopped_because: string;
 }
@@ -255,6 +260,9 @@ export interface RunSample {
   measured: { joints_deg: number[]; table_angle_deg: number }; base_from_scanner: Pose;
 }
 
+/** A step that a run completed. */
+export interface StepRecord { step: number; actual_secs: number; axis_deviation_deg: number; measured: RunSample["measured"] }
+
 export interface Spread { rms_rotation_deg: number; rms_translation_mm: number; max_rotation_deg: number; max_translation_mm: number }
 export interface ResidualSummary { used: number; dropped: number; spread: Spread; variance_factor: number; chi2_p: number }
 export interface CalibrationFinding { code: string; severity: string; observations: string[]; detail: string }
@@ -281,7 +289,7 @@ export interface Scan {
 }
 
 export interface InspectionParams {
-  align: { method: string; region: string | null; prior_deg: number; prior_mm: number };
+  align: { method: string; region: string | null; prior_deg: number | null; prior_mm: number | null };
   compare: { tolerance_mm: number } & Record<string, number>;
 }
 export interface InspectionJob {

@@ -6,7 +6,7 @@ import { Chart, type Line } from "./chart";
 import { LINES } from "./palette";
 import { goTo, hrefOf, place, setQuery, when } from "./settings";
 import { text } from "./text";
-import { Button, Select, useLoaded } from "./widgets";
+import { Button, known, Select, useLoaded } from "./widgets";
 
 const words = text.calibrations;
 const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
@@ -230,7 +230,7 @@ function Knowledge({ result }: { result: Calibration }) {
 }
 
 function Observations({ residuals }: { residuals: Residual[] }) {
-  const only = place.value.query.get("only") ?? "all";
+  const only = known(words.shows, place.value.query.get("only"));
   const shown = residuals.filter(({ used, held_out: held }) => only === "all" || (only === "dropped" ? !used && !held : held));
   return (
     <>

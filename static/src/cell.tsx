@@ -107,10 +107,11 @@ function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, 
 }
 
 function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
-  const setup = Math.min(Number(query.get("setup") ?? 0), loaded.programs.length - 1);
+  const named = Number(query.get("setup"));
+  const setup = loaded.programs[named] ? named : 0;
   const program = loaded.programs[setup]!;
   const timeline = useMemo(() => timelineOf(program), [program]);
-  const { time, playing, speed } = usePlayback(timeline, Math.min(timeline.total, Number(query.get("t") ?? 0)));
+  const { time, playing, speed } = usePlayback(timeline, Math.min(timeline.total, Number(query.get("t")) || 0));
   const scene = useRef<CellScene | null>(null);
   const [stage, setStage] = useState<Stage | null>(null);
   const beams = useSignal(true);

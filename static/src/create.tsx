@@ -1,13 +1,14 @@
 // A new plan: a mesh is dropped and looked at before anything is sent, its unit asked for, its size held against the scanner's
 // field and the plate; then cell, parameters and placement; or all of that taken from a job and changed.
 import { useSignal, type Signal } from "@preact/signals";
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
-import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type ScannerSpec, type Turntable } from "./api";
+import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type Pose, type ScannerSpec, type Turntable } from "./api";
 import { dropped } from "./dropped";
 import { copied, withSet } from "./joblist";
 import { cellName, keepJob, scannerName } from "./jobs";
 import { preview, readFile, stablePoses, type Preview } from "./mesh";
+import { matrixOf } from "./poses";
 import type { Read } from "./readmesh";
 import { apiDocument, changesOf, nested, ParamForm, type Api } from "./schema";
 import { area, goTo, hrefOf, percent, sizes, length } from "./settings";
@@ -23,8 +24,10 @@ const RAD = Math.PI / 180;
 /** Parts may be at most 150 block cubes long (`src/ARCHITECTURE.md`, memory); smaller than a hundredth of the field is no part. */
 const SMALLEST_OF_FIELD = 0.02;
 
-interface Entry { file: File; read: Read | null; mesh: Mesh | null; share: number; problem: string }
-interface Placement { roll: number; pitch: number; yaw: number; x: number; y: number }
+interface Entry { file: File; reading: Promise<Read | null>; read: Read | null; mesh: Mesh | null; share: number; problem: string; isStarted?: boolean }
+/** Turns, degrees; where the middle of the part's box comes to lie, and how far its lowest point is above the plate, mm. */
+interface Placement { roll: number; pitch: number; yaw: number; x: number; y: number; z: number }
+const AS_IN_FILE: Placement = { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0, z: 0 };
 interface Choice { cell: string; scanner: string; partNumber: string; serial: string; labels: string; priority: number }
 
 /** The hardware that sizes are held against. */
@@ -97,16 +100,35 @@ export function Health({ mesh }: { mesh: Mesh }) {
 const turnOf = (place: Placement): Matrix4 =>
   new Matrix4().makeRotationFromEuler(new Euler(place.roll * RAD, place.pitch * RAD, place.yaw * RAD, "ZYX"));
 
-/** Lowest point of the turned part, which comes to lie on the plate, and its middle. */
+/** The part as it lies, and its box. */
 function lying(positions: Float32Array, scale: number, place: Placement): { matrix: Matrix4; box: Box3 } {
   const turn = turnOf(place).multiply(new Matrix4().makeScale(scale, scale, scale));
   const box = new Box3();
   const point = new Vector3();
   for (let i = 0; i < positions.length; i += 3) box.expandByPoint(point.fromArray(positions, i).applyMatrix4(turn));
   const middle = box.getCenter(new Vector3());
-  const shift = new Vector3(place.x - middle.x, place.y - middle.y, -box.min.z);
+  const shift = new Vector3(place.x - middle.x, place.y - middle.y, place.z - box.min.z);
   box.translate(shift);
   return { matrix: new Matrix4().makeTranslation(shift.x, shift.y, shift.z).multiply(turn), box };
+}
+
+/** Placement that a pose of the parameters says; null for what is no whole pose. */
+function placementOf(positions: Float32Array, scale: number, given: unknown): Placement | null {
+  const { translation_mm: at, quaternion_xyzw: quaternion, rpy_deg: angles } = (given ?? {}) as Record<string, unknown>;
+  const hasNumbers = (list: unknown, count: number): boolean => Array.isArray(list) && list.length === count && list.every(Number.isFinite);
+  if (!hasNumbers(at, 3) || !(hasNumbers(quaternion, 4) || hasNumbers(angles, 3))) return null;
+  const { x, y, z } = new Euler().setFromRotationMatrix(matrixOf(given as Pose), "ZYX");
+  const turn = { ...AS_IN_FILE, roll: x / RAD, pitch: y / RAD, yaw: z / RAD };
+  // Where the middle and the lowest point would be is how far they are from where the pose has them.
+  const shift = new Vector3().setFromMatrixPosition(lying(positions, scale, turn).matrix).negate().add(new Vector3().fromArray(at as number[]));
+  return { ...turn, x: shift.x, y: shift.y, z: shift.z };
+}
+
+/** Pose of a part that is placed, for the parameters. */
+function poseOfPlaced(positions: Float32Array, scale: number, place: Placement): Record<string, number[]> {
+  // The pose is one of the part in millimetres, whatever the scale of what is drawn.
+  const at = new Vector3().setFromMatrixPosition(lying(positions, scale, place).matrix).toArray();
+  return { translation_mm: at, rpy_deg: [place.roll, place.pitch, place.yaw] };
 }
 
 function asPreview(read: Read): Preview {
@@ -169,61 +191,67 @@ const SIDES: [number, number, number][] = [[0, 0, -1], [0, 0, 1], [-1, 0, 0], [1
 /** Picture of the part as it would lie. */
 function Lying({ shape, down }: { shape: Preview; down: [number, number, number] }) {
   const canvas = useRef<HTMLCanvasElement>(null);
-  useEffect(() => { void drawTurned(canvas.current!, shape, turnOf({ ...turned(down), yaw: 0, x: 0, y: 0 })); }, [shape]);
+  useEffect(() => { void drawTurned(canvas.current!, shape, turnOf({ ...AS_IN_FILE, ...turned(down) })); }, [shape]);
   return <canvas ref={canvas} class="thumb" width={144} height={108} aria-hidden="true" />;
 }
 
 /** The ways in which the part can stand, a picture each. */
-function StableList({ shape, place }: { shape: Preview; place: Signal<Placement | null> }) {
+function StableList({ shape, at, onPlace }: { shape: Preview; at: Placement | null; onPlace: (place: Placement) => void }) {
   const { value } = useLoaded(() => stablePoses(shape.positions), [shape]);
   const words = text.create;
   const isChosen = (down: [number, number, number]): boolean => {
     const { roll, pitch } = turned(down);
-    return place.value !== null && Math.abs(place.value.roll - roll) < 0.01 && Math.abs(place.value.pitch - pitch) < 0.01;
+    return at !== null && Math.abs(at.roll - roll) < 0.01 && Math.abs(at.pitch - pitch) < 0.01;
   };
   if (!value) return <p class="soft" role="status">{text.loading}</p>;
   if (value.length === 0) return <p class="soft">{words.noStable}</p>;
   return (
     <ul class="poses" aria-label={words.stable}>
       {value.map(({ down, share }, i) => (
-        <li key={down.join()}><button type="button" aria-pressed={isChosen(down)} onClick={() => { place.value = { yaw: 0, x: 0, y: 0, ...turned(down) }; }}>
+        <li key={down.join()}><button type="button" aria-pressed={isChosen(down)} onClick={() => onPlace({ ...AS_IN_FILE, ...turned(down) })}>
           <Lying shape={shape} down={down} /><span>{words.pose(i + 1, percent(share, 0))}</span></button></li>
       ))}
     </ul>
   );
 }
 
-function PlacementForm({ place, shape }: { place: Signal<Placement | null>; shape: Preview }) {
-  const at = place.value;
+function PlacementForm({ at, isStated, onPlace, shape, note }: {
+  at: Placement | null; isStated: boolean; onPlace: (place: Placement | null) => void; shape: Preview; note: string;
+}) {
   const [isOpen, setOpen] = useState(false);
-  const set = (change: Partial<Placement>): void => { place.value = { ...at!, ...change }; };
+  const set = (change: Partial<Placement>): void => onPlace({ ...at!, ...change });
   const words = text.create;
   const turn = (name: string, key: "roll" | "pitch" | "yaw") => (
     <Slider label={name} min={-180} max={180} step={1} value={at![key]} show={`${Math.round(10 * at![key]) / 10}°`} onInput={(value) => set({ [key]: value })} />
   );
+  const move = (name: string, key: "x" | "y" | "z") => (
+    <Slider label={name} min={-250} max={250} value={at![key]} show={length(at![key])} onInput={(value) => set({ [key]: value })} />
+  );
   return (
     <details class="group placing" onToggle={(event) => setOpen(event.currentTarget.open)}>
-      <summary>{words.placing} <span class="soft">{at ? words.placeHand : words.placeAuto}</span></summary>
-      <label class="check"><input type="checkbox" checked={at === null} onChange={(event) => {
-        place.value = event.currentTarget.checked ? null : { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0 };
-      }} />{words.placeAuto}</label>
+      <summary>{words.placing} <span class="soft">{isStated ? words.placeStated : at ? words.placeHand : words.placeAuto}</span></summary>
+      {note && <p class="warning">{note}</p>}
+      <label class="check"><input type="checkbox" checked={at === null} onChange={(event) => onPlace(event.currentTarget.checked ? null : AS_IN_FILE)} />{words.placeAuto}</label>
       <h3>{words.stable}</h3>
-      {isOpen && <StableList shape={shape} place={place} />}
+      {isOpen && <StableList shape={shape} at={at} onPlace={onPlace} />}
       <h3>{words.placeHand}</h3>
       <p class="soft">{words.placingHint}</p>
       <p class="actions" role="group" aria-label={words.sides}>
-        {SIDES.map((down, i) => <Button key={i} onClick={() => { place.value = { yaw: 0, x: 0, y: 0, ...turned(down) }; }}>{words.faces[i]}</Button>)}
+        {SIDES.map((down, i) => <Button key={i} onClick={() => onPlace({ ...AS_IN_FILE, ...turned(down) })}>{words.faces[i]}</Button>)}
       </p>
       {at && (
         <>
           {turn(words.turnX, "roll")}{turn(words.turnY, "pitch")}{turn(words.turnZ, "yaw")}
-          <Slider label={words.moveX} min={-250} max={250} value={at.x} show={length(at.x)} onInput={(x) => set({ x })} />
-          <Slider label={words.moveY} min={-250} max={250} value={at.y} show={length(at.y)} onInput={(y) => set({ y })} />
+          {move(words.moveX, "x")}{move(words.moveY, "y")}
+          {Math.abs(at.z) > 0.01 && move(words.moveZ, "z")}
         </>
       )}
     </details>
   );
 }
+
+/** Names with that of a cell or scanner of the job's own, which the server has under no name. */
+const withOwn = (names: string[], name: string): string[] => (names.includes(name) || name === "none" ? names : [name, ...names]);
 
 function HardwareForm({ choice, names }: { choice: Signal<Choice>; names: { cells: string[]; scanners: string[] } }) {
   const set = (change: Partial<Choice>): void => { choice.value = { ...choice.value, ...change }; };
@@ -234,10 +262,10 @@ function HardwareForm({ choice, names }: { choice: Signal<Choice>; names: { cell
   return (
     <div class="grid">
       <Select label={text.create.cell} name="cell" value={choice.value.cell} onChange={(cell) => set({ cell })}
-        options={[...names.cells.map((name): [string, string] => [name, name]), ["none", text.create.cellNone]]} />
+        options={[...withOwn(names.cells, choice.value.cell).map((name): [string, string] => [name, name]), ["none", text.create.cellNone]]} />
       {choice.value.cell === "none" && (
         <Select label={text.create.scanner} name="scanner" value={choice.value.scanner} onChange={(scanner) => set({ scanner })}
-          options={names.scanners.map((name) => [name, name])} />
+          options={withOwn(names.scanners, choice.value.scanner).map((name) => [name, name])} />
       )}
       {field(text.create.partNumber, "partNumber", text.create.optional)}{field(text.create.serial, "serial", text.create.optional)}
       {field(text.create.labels, "labels", "key=value, key=value")}
@@ -247,9 +275,10 @@ function HardwareForm({ choice, names }: { choice: Signal<Choice>; names: { cell
   );
 }
 
-function requestOf(mesh: Mesh, choice: Choice, params: Record<string, unknown>): Record<string, unknown> {
-  const request: Record<string, unknown> = { mesh_id: mesh.id, cell: choice.cell, params };
-  if (choice.cell === "none") request.scanner = choice.scanner;
+/** Request for a plan; cell and scanner are those of the job that it is based on, as long as no others are chosen. */
+function requestOf(mesh: Mesh, choice: Choice, params: Record<string, unknown>, from: Job | undefined): Record<string, unknown> {
+  const request: Record<string, unknown> = { mesh_id: mesh.id, cell: from && cellName(from) === choice.cell ? from.cell : choice.cell, params };
+  if (choice.cell === "none") request.scanner = from && scannerName(from) === choice.scanner ? from.scanner : choice.scanner;
   if (choice.partNumber) request.part_number = choice.partNumber;
   if (choice.serial) request.serial = choice.serial;
   if (choice.priority) request.priority = choice.priority;
@@ -258,15 +287,19 @@ function requestOf(mesh: Mesh, choice: Choice, params: Record<string, unknown>):
   return request;
 }
 
-function Files({ entries, unit, onFiles, onUpload }: {
-  entries: Signal<Entry[]>; unit: string; onFiles: (files: File[]) => void; onUpload: (entry: Entry) => Promise<unknown>;
+function Files({ entries, unit, onFiles, onUpload, onDrop }: {
+  entries: Signal<Entry[]>; unit: string; onFiles: (files: File[]) => void; onUpload: (entry: Entry) => Promise<unknown>; onDrop: (entry: Entry) => void;
 }) {
   const [isOver, setOver] = useState(false);
   return (
     <div class={`drop ${isOver ? "over" : ""}`} onDragOver={(event) => { event.preventDefault(); setOver(true); }} onDragLeave={() => setOver(false)}
       onDrop={(event) => { event.preventDefault(); event.stopPropagation(); setOver(false); onFiles([...(event.dataTransfer?.files ?? [])]); }}>
       <label class="file"><span>{text.create.drop}</span>
-        <input type="file" name="file" multiple accept=".stl,.obj,.ply" onChange={(event) => onFiles([...(event.currentTarget.files ?? [])])} />
+        <input type="file" name="file" multiple accept=".stl,.obj,.ply" onChange={(event) => {
+          onFiles([...(event.currentTarget.files ?? [])]);
+          // A file that is removed can be chosen again.
+          event.currentTarget.value = "";
+        }} />
       </label>
       <p class="soft">{text.create.dropHint}</p>
       <ul>
@@ -276,6 +309,7 @@ function Files({ entries, unit, onFiles, onUpload }: {
             {entry.share > 0 && !entry.mesh && <progress max={1} value={entry.share} aria-label={text.create.uploading(entry.file.name)} />}
             {entry.mesh && <span class="good"> ✓ {percent(1, 0)}</span>}
             {!entry.mesh && unit && entry.share === 0 && <Button onClick={() => onUpload(entry)}>{text.create.upload}</Button>}
+            {" "}<Button onClick={() => onDrop(entry)} aria-label={text.create.drop1(entry.file.name)}>×</Button>
             {entry.problem && <p class="problem">{entry.problem}</p>}
           </li>
         ))}
@@ -325,9 +359,10 @@ export function Create({ from, set }: { from: string | null; set: string | null 
   };
   const take = (files: File[]): void => {
     setBase(null);
-    const fresh = files.map((file): Entry => ({ file, read: null, mesh: null, share: 0, problem: "" }));
-    entries.value = [...entries.value, ...fresh.filter((entry) => !entries.value.some((other) => other.file.name === entry.file.name))];
-    fresh.forEach((entry) => { readFile(entry.file).then((read) => replace(entry, { read }), () => {}); });
+    const fresh = files.filter((file) => !entries.value.some((entry) => entry.file.name === file.name))
+      .map((file): Entry => ({ file, reading: readFile(file).catch(() => null), read: null, mesh: null, share: 0, problem: "" }));
+    entries.value = [...entries.value, ...fresh];
+    fresh.forEach((entry) => void entry.reading.then((read) => replace(entry, read ? { read } : { problem: text.create.notDrawn })));
   };
   const upload = async (entry: Entry): Promise<Mesh> => {
     const known = entries.value.find((other) => other.file === entry.file)?.mesh;
@@ -369,24 +404,45 @@ export function Create({ from, set }: { from: string | null; set: string | null 
     if (choice.value.cell) boundsOf(choice.value).then(setBounds, () => setBounds({ field: null, plate: null }));
   }, [choice.value.cell, choice.value.scanner]);
 
-  const first = entries.value[0];
+  const first = entries.value.find((entry) => entry.read) ?? entries.value[0];
   const shape = base?.shape ?? (first?.read ? cachedPreview(first.read) : null);
   const scale = base ? 1 : MM[unit.value] ?? 1;
-  const start = async (): Promise<void> => {
+  const part = (params.value.part ?? {}) as { table_from_part?: unknown };
+  const stated = useMemo(() => shape && placementOf(shape.positions, scale, part.table_from_part), [shape, scale, part.table_from_part]);
+  const at = place.value ?? stated;
+  const setPlace = (chosen: Placement | null): void => {
+    place.value = chosen;
+    const { table_from_part: _, ...rest } = part;
+    params.value = { ...params.value, part: rest };
+  };
+  /** Starts the plan of one mesh; a placement by hand is that of its own box. */
+  const startOne = async (positions: Float32Array | undefined, send: () => Promise<Mesh>): Promise<Job> => {
     let all = params.value;
-    if (place.value && shape) {
-      const { matrix } = lying(shape.positions, scale, place.value);
-      // The pose is one of the part in millimetres, whatever the scale of what is drawn.
-      const at = new Vector3().setFromMatrixPosition(matrix).toArray();
-      const { roll, pitch, yaw } = place.value;
-      all = { ...all, part: { ...(all.part as object), table_from_part: { translation_mm: at, rpy_deg: [roll, pitch, yaw] } } };
+    if (place.value) {
+      if (!positions) throw new Error(text.create.notPlaced);
+      all = { ...all, part: { ...part, table_from_part: poseOfPlaced(positions, scale, place.value) } };
     }
-    const meshes: Mesh[] = base ? [base.mesh] : [];
-    for (const entry of entries.value) meshes.push(await upload(entry));
-    const requests = meshes.map((mesh) => requestOf(mesh, choice.value, all));
-    const jobs = requests.length === 1 ? [await post<Job>("/jobs", requests[0], idempotencyKey())]
-      : (await post<{ jobs: Job[] }>("/jobs/batch", { jobs: requests }, idempotencyKey())).jobs;
-    jobs.forEach(keepJob);
+    const job = await post<Job>("/jobs", requestOf(await send(), choice.value, all, base?.job), idempotencyKey());
+    keepJob(job);
+    return job;
+  };
+  const start = async (): Promise<void> => {
+    const jobs: Job[] = base ? [await startOne(base.shape.positions, async () => base.mesh)] : [];
+    const problems: string[] = [];
+    for (const entry of entries.value) {
+      try {
+        jobs.push(await startOne((await entry.reading)?.positions, () => upload(entry)));
+        replace(entry, { isStarted: true });
+      } catch (error) {
+        const problem = (error as Error).message;
+        replace(entry, { problem });
+        problems.push(`${entry.file.name}: ${problem}`);
+      }
+    }
+    if (problems.length > 0) {
+      entries.value = entries.value.filter((entry) => !entry.isStarted);
+      throw new Error([...problems, ...(jobs.length > 0 ? [text.create.othersStarted(jobs.length)] : [])].join("\n"));
+    }
     goTo(jobs.length === 1 ? hrefOf(["jobs", jobs[0]!.id]) : hrefOf(["jobs"]));
   };
   const canStart = Boolean(base ?? (first && unit.value)) && Boolean(choice.value.cell);
@@ -400,7 +456,8 @@ export function Create({ from, set }: { from: string | null; set: string | null 
         {base && <p>{text.create.from} <a href={hrefOf(["jobs", base.job.id])}>{base.mesh.name ?? base.job.id}</a></p>}
         {!base && !from && (
           <>
-            <Files entries={entries} unit={unit.value} onFiles={take} onUpload={upload} />
+            <Files entries={entries} unit={unit.value} onFiles={take} onUpload={upload}
+              onDrop={(entry) => { entries.value = entries.value.filter((other) => other.file !== entry.file); }} />
             {entries.value.length > 0 && (
               <>
                 <Select label={text.create.unit} name="unit" required value={unit.value} onChange={chooseUnit}
@@ -413,7 +470,8 @@ export function Create({ from, set }: { from: string | null; set: string | null 
         )}
         {meshShown && <Health mesh={meshShown} />}
         {names && choice.value.cell && <HardwareForm choice={choice} names={names} />}
-        {shape && (base || unit.value) && <PlacementForm place={place} shape={shape} />}
+        {shape && (base || unit.value) && <PlacementForm at={at} isStated={place.value === null && at !== null} onPlace={setPlace} shape={shape}
+          note={entries.value.length > 1 ? text.create.placeMany(first!.file.name) : ""} />}
         {api && (
           <details class="group">
             <summary>{text.create.parameters} <span class="soft">{text.create.changed(Object.values(params.value).reduce<number>((sum, group) =>
@@ -427,7 +485,7 @@ export function Create({ from, set }: { from: string | null; set: string | null 
           {first && !unit.value && <span class="soft">{text.create.readFirst}</span>}
         </p>
       </div>
-      {shape && <div class="look"><Look shape={shape} scale={scale} bounds={bounds} place={place.value ?? { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0 }} /></div>}
+      {shape && <div class="look"><Look shape={shape} scale={scale} bounds={bounds} place={at ?? AS_IN_FILE} /></div>}
     </section>
   );
 }

@@ -12,7 +12,7 @@ import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
 import { area, degrees, fine, fixed, hrefOf, length, percent, place, setQuery, when } from "./settings";
 import { text } from "./text";
-import { Button, Swatch, useLoaded } from "./widgets";
+import { Button, known, Swatch, useLoaded } from "./widgets";
 
 const words = text.inspections;
 export const isOpen = ({ state }: { state: string }): boolean => ["queued", "running", "cancelling"].includes(state);
@@ -146,7 +146,7 @@ function Head({ job, planned, onChange }: { job: InspectionJob; planned: Job; on
 function Result({ job, planned, result }: { job: InspectionJob; planned: Job; result: Inspection }) {
   const { value: map, error } = useLoaded(() => faceMapOf(job), [job.id]);
   const pin = useSignal<Pin | null>(null);
-  const kind = (place.value.query.get("map") ?? "losses") as MapKind;
+  const kind = known(words.maps, place.value.query.get("map")) as MapKind;
   const show = (next: MapKind): void => setQuery({ map: next === "losses" ? undefined : next });
   const point = (kindOf: MapKind, at: Vector, size: number): void => {
     show(kindOf);

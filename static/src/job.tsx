@@ -1,12 +1,13 @@
 // One job: its head with verdict and actions, and its parts: plan, cell, results.
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { apiPath, post, type Job, type Region, type Run } from "./api";
-import { jobSignal, partName, readJob } from "./jobs";
+import { apiPath, type Job, type Region } from "./api";
+import { jobSignal, partName, readJob, stream } from "./jobs";
 import { facts, JobActions, JobProblem, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
 import { area, goTo, hrefOf, percent, place, setQuery, withoutOptions } from "./settings";
+import { StartRun } from "./startrun";
 import { text } from "./text";
-import { Button, Lazy, Tabs } from "./widgets";
+import { Button, known, Lazy, Tabs } from "./widgets";
 
 export function Remedy({ job, label, set }: { job: Job; label: string; set: Record<string, unknown> }) {
   const values = Object.entries(set).map(([name, value]) => `${name} = ${JSON.stringify(value)}`);
@@ -17,11 +18,6 @@ export function Remedy({ job, label, set }: { job: Job; label: string; set: Reco
       goTo(hrefOf(["jobs", made.id]));
     }}>{label}</Button>
   );
-}
-
-async function startRun(job: Job): Promise<void> {
-  const run = await post<Run>("/runs", { job_id: job.id, mode: "simulate", time_factor: 5 });
-  goTo(hrefOf(["runs", run.id]));
 }
 
 export function Sentences({ job }: { job: Job }) {
@@ -71,6 +67,7 @@ export function RegionTable({ regions }: { regions: Region[] }) {
 function Head({ job, tab }: { job: Job; tab: string }) {
   const [labels, copied] = [useSignal(false), useSignal(false)];
   const action = job.summary?.action;
+  const programs = job.results.filter((file) => /^program(-\d)?\.json$/.test(file.name)).length;
   const share = async (): Promise<void> => {
     await navigator.clipboard.writeText(location.href);
     copied.value = true;
@@ -82,7 +79,7 @@ function Head({ job, tab }: { job: Job; tab: string }) {
         <h1>{partName(job)}</h1><StateMark job={job} />
         <span class="soft facts">{facts(job)}</span>
         <span class="actions">
-          {job.results.some((file) => file.name === "program.json") && <Button kind="primary" onClick={() => startRun(job)}>{text.job.run}</Button>}
+          {programs > 0 && <StartRun kind="primary" job={job.id} setups={programs} />}
           {job.results.some((file) => file.name === "report.html") && (
             <a class="button" href={`${apiPath}/jobs/${job.id}/report`} target="_blank" rel="noopener">{text.job.report}</a>
           )}
@@ -101,16 +98,19 @@ function Head({ job, tab }: { job: Job; tab: string }) {
   );
 }
 
-export function JobView({ id, tab }: { id: string; tab: string }) {
+export function JobView({ id, tab: named }: { id: string; tab: string }) {
+  const tab = known(text.job.tabs, named);
   const problem = useSignal("");
-  const known = useSignal(jobSignal(id)?.peek());
+  const read = useSignal(jobSignal(id)?.peek());
+  const isLost = stream.connection.value === "lost";
   useEffect(() => {
-    readJob(id).then((job) => { known.value = job; }, (error) => { problem.value = error.message; });
-  }, [id]);
+    if (isLost) return;
+    readJob(id).then((job) => { [read.value, problem.value] = [job, ""]; }, (error) => { problem.value = error.message; });
+  }, [id, isLost]);
   if (problem.value) return <p class="problem" role="alert">{problem.value}</p>;
-  // `known` only says that the job is there; its state comes from the live signal.
-  const job = known.value && jobSignal(id)?.value;
-  if (!job) return <p class="soft" role="status">{known.value ? text.notFound : text.loading}</p>;
+  // `read` only says that the job is there; its state comes from the live signal.
+  const job = read.value && jobSignal(id)?.value;
+  if (!job) return <p class="soft" role="status">{read.value ? text.notFound : text.loading}</p>;
   const isReady = job.state === "succeeded" && job.params !== undefined;
   const props = { job, query: place.value.query, setQuery };
   return (

@@ -3,7 +3,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { ask, idempotencyKey, post, put, remove, type Job } from "./api";
 import {
-  cellName, ENDED, isListed, jobIds, jobSignal, keepJob, listJobs, listToken, partName, readJob, scannerName, secondsLeft, forgetJob,
+  cellName, ENDED, filterJobs, findJobs, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, scannerName, secondsLeft, forgetJob,
 } from "./jobs";
 import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
 import { text } from "./text";
@@ -46,7 +46,7 @@ function Thumbnail({ job }: { job: Job }) {
       if (!entries.at(-1)!.isIntersecting) return;
       waiting = setTimeout(() => {
         watching.disconnect();
-        void import("./thumbnail").then((room) => room.drawThumbnail(element, job.mesh_id, job.state === "succeeded" ? job.id : null));
+        void import("./thumbnail").then((room) => room.drawThumbnail(element, job.mesh_id, job.state === "succeeded" ? job.id : null), () => {});
       }, REST_MS);
     });
     watching.observe(element);
@@ -176,7 +176,7 @@ function Figures({ job }: { job: Job }) {
   const figure = (value: string, name: string) => <div class="figure"><strong>{value}</strong><span>{name}</span></div>;
   return (
     <div class="figures">
-      {figure(String(summary.views), summary.views === 1 ? "view" : text.plan.views)}
+      {figure(String(summary.views), summary.views === 1 ? text.jobs.view : text.plan.views)}
       {figure(percent(summary.coverage.of_visible), text.jobs.coverage)}
       {figure(percent(summary.coverage.of_asked), text.jobs.asked)}
       {summary.cycle_secs !== null && figure(seconds(summary.cycle_secs), text.jobs.cycle)}
@@ -219,6 +219,23 @@ function hasWords(job: Job, words: string): boolean {
   const labels = Object.entries(job.labels).map(([name, value]) => `${name}=${value}`);
   const all = [partName(job), job.part_number, job.serial, job.id, cellName(job), job.submitted_by, ...labels].join("\n").toLowerCase();
   return words.toLowerCase().split(/\s+/).every((word) => all.includes(word));
+}
+
+const LABEL = /^[^=\s]+=[^=]+$/;
+/** Time without a key pressed after which the server is asked for the words. */
+const TYPED_MS = 300;
+
+/** Asks the server for what fits: it filters by state and label, and finds a number; names are those of the jobs that are read. */
+function useServerFilter(state: string, words: string): void {
+  const label = LABEL.test(words) ? words : "";
+  const number = label ? "" : words.trim();
+  useEffect(() => {
+    const timer = setTimeout(() => void guarded(async () => {
+      await filterJobs({ ...(state && { state }), ...(label && { label }) });
+      if (number) await Promise.all(["part_number", "serial"].map((name) => findJobs(`${name}=${encodeURIComponent(number)}`)));
+    }), words ? TYPED_MS : 0);
+    return () => clearTimeout(timer);
+  }, [state, words]);
 }
 
 async function deleteJobs(ids: string[]): Promise<void> {
@@ -265,8 +282,14 @@ export function JobList() {
   const choose = useMemo(() => (id: string, isChosen: boolean): void => {
     chosen.value = isChosen ? [...chosen.peek(), id] : chosen.peek().filter((other) => other !== id);
   }, []);
+  useServerFilter(state, words);
   const ids = jobIds.value;
-  const shown = ids.filter((id) => { const job = jobSignal(id)?.value; return job && fits(job); });
+  const reached = listed.value;
+  // Below what is listed, jobs may be missing; what was searched for is shown wherever it stands.
+  const shown = ids.filter((id) => {
+    const job = jobSignal(id)?.value;
+    return job && fits(job) && (words !== "" || !reached?.token || id >= reached.last);
+  });
   return (
     <section class="jobs" aria-labelledby="jobs-title" onDragOver={(event) => event.preventDefault()} onDrop={takeDrop}>
       <div class="title">
@@ -279,7 +302,7 @@ export function JobList() {
         <a class="button primary" href={hrefOf(["new"])}>{text.nav.create}</a>
       </div>
       <Chosen ids={chosen.value} onDone={() => { chosen.value = []; }} />
-      {isListed.value && ids.length === 0 && <p id="empty" class="empty">{text.jobs.empty}</p>}
+      {reached && ids.length === 0 && <p id="empty" class="empty">{text.jobs.empty}</p>}
       {ids.length > 0 && shown.length === 0 && <p class="empty">{text.jobs.noneFit}</p>}
       <ul id="jobs">
         {shown.map((id) => (
@@ -287,7 +310,7 @@ export function JobList() {
         ))}
       </ul>
       <p class="soft" role="status">{text.jobs.listed(shown.length, ids.length)}</p>
-      {listToken.value && <button id="more" type="button" onClick={() => void guarded(() => listJobs(listToken.value!))}>{text.jobs.older}</button>}
+      {reached?.token && <button id="more" type="button" onClick={() => void guarded(listMore)}>{text.jobs.older}</button>}
     </section>
   );
 }

@@ -1,21 +1,18 @@
 // The jobs that the page knows, each a signal of its own so that one event draws one row; and the live events that change them.
-import { computed, signal, type Signal } from "@preact/signals";
+import { signal, type Signal } from "@preact/signals";
 import { ask, type Job, type Mesh, type Page, type Region, type Note } from "./api";
 import { Stream, type LiveEvent } from "./live";
 
 const jobs = new Map<string, Signal<Job>>();
-/** Ids, the newest first. */
+/** Ids, which rise with time: the newest first. */
 export const jobIds = signal<string[]>([]);
-export const listToken = signal<string | null>(null);
-export const isListed = signal(false);
-/** Ids rise with time; a new one therefore stands first. */
-export const jobCount = computed(() => jobIds.value.length);
+/** How far the list was read with the filter that is set: a token where the server has older jobs, and the oldest one read. */
+export const listed = signal<{ token: string | null; last: string } | null>(null);
 const meshes = new Map<string, Signal<Mesh | null>>();
 
 /** Kinds of events of jobs; the server's own list is `EventKind`. */
 const PROGRESS = "progress";
 const DELETED = "deleted";
-export const CHANGES = ["queued", "started", "cancelling", "succeeded", "failed", "cancelled"];
 export const ENDED = ["succeeded", "failed", "cancelled"];
 
 export const jobSignal = (id: string): Signal<Job> | undefined => jobs.get(id);
@@ -55,12 +52,15 @@ export const scannerName = (job: Job): string => (typeof job.scanner === "string
 
 const PAGE_SIZE = 100;
 
-/** Reads the newest page, or the one after `token`. */
-export async function listJobs(token?: string): Promise<void> {
-  const page = await ask<Page<Job>>(`/jobs?page_size=${PAGE_SIZE}${token ? `&page_token=${encodeURIComponent(token)}` : ""}`);
+/** Filter of the list, as the query of the server has it; `&state=failed` for one. */
+let filter = "";
+
+/** Reads the newest page that fits a filter, or the one after `token`. */
+async function listJobs(asked: string, token?: string): Promise<void> {
+  const page = await ask<Page<Job>>(`/jobs?page_size=${PAGE_SIZE}${asked}${token ? `&page_token=${encodeURIComponent(token)}` : ""}`);
   const items = page.items;
   const oldest = items.at(-1)?.id;
-  if (!token) {
+  if (!token && !asked) {
     // What the list no longer has was deleted while nobody listened.
     const listed = new Set(items.map((job) => job.id));
     jobIds.peek().filter((id) => !listed.has(id) && (!oldest || id > oldest)).forEach(forgetJob);
@@ -73,8 +73,24 @@ export async function listJobs(token?: string): Promise<void> {
     ids.add(job.id);
   });
   jobIds.value = [...ids].sort().reverse();
-  listToken.value = page.next_page_token ?? null;
-  isListed.value = true;
+  if (asked === filter) listed.value = { token: page.next_page_token ?? null, last: oldest ?? "" };
+}
+
+export const listMore = (): Promise<void> => listJobs(filter, listed.peek()?.token ?? undefined);
+
+/** Sets the filter: of jobs that are not read yet, the server finds those that fit. */
+export function filterJobs(query: Record<string, string>): Promise<void> {
+  const wanted = Object.entries(query).map(([name, value]) => `&${name}=${encodeURIComponent(value)}`).join("");
+  // The whole list is read when the stream begins.
+  if (wanted === filter) return Promise.resolve();
+  filter = wanted;
+  listed.value = null;
+  return listJobs(wanted);
+}
+
+/** Reads jobs that fit a query besides those of the list. */
+export async function findJobs(query: string): Promise<void> {
+  (await ask<Page<Job>>(`/jobs?page_size=${PAGE_SIZE}&${query}`)).items.forEach(keepJob);
 }
 
 /** Reads a job with everything, regions and warnings too. */
@@ -121,9 +137,9 @@ export function applyEvent({ kind, data }: LiveEvent): void {
   const about = data as JobEvent;
   const job = jobs.get(about.job_id);
   if (kind === DELETED) forgetJob(about.job_id);
-  else if (kind === PROGRESS && job) {
-    // A progress that was sent before the end may come after the end was read.
-    if (ENDED.includes(job.peek().state)) return;
+  else if (kind === PROGRESS) {
+    // A progress that was sent before the end may come after the end was read; of a job that is not read, nothing is shown.
+    if (!job || ENDED.includes(job.peek().state)) return;
     job.value = { ...job.peek(), stage: about.stage, fraction: about.fraction, state: about.state };
   } else {
     if (job) job.value = { ...job.peek(), state: about.state, stage: about.stage, fraction: about.fraction };
@@ -139,7 +155,10 @@ const REMEMBERED = 20_000;
 export const stream = new Stream({
   path: "/events",
   numbered: true,
-  onReset: () => { seen.resets += 1; void listJobs().catch(() => {}); },
+  onReset: () => {
+    seen.resets += 1;
+    [...new Set(["", filter])].forEach((asked) => void listJobs(asked).catch(() => {}));
+  },
   onEvent: (event) => {
     if (seen.events.length < REMEMBERED) seen.events.push(event.id);
     applyEvent(event);

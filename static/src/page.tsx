@@ -2,7 +2,7 @@
 import { render } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { isSignedIn, keyRequest, signOut } from "./api";
-import { applyEvent, seen, stream } from "./jobs";
+import { applyEvent, keepJob, seen, stream } from "./jobs";
 import { JobList } from "./joblist";
 import { JobView } from "./job";
 import { hrefOf, place, theme, unit, type Theme, type Unit } from "./settings";
@@ -97,7 +97,7 @@ function View() {
   const [room = "jobs", first, second] = path;
   if (room === "jobs" && first) return <JobView key={first} id={first} tab={second ?? "plan"} />;
   if (room === "jobs") return <JobList />;
-  if (room === "new") return <Lazy key={`new${first ?? ""}`} load={async () => (await import("./create")).Create} props={{ from: query.get("from"), set: query.get("set") }} />;
+  if (room === "new") return <Lazy key={`new${query.get("from") ?? ""}`} load={async () => (await import("./create")).Create} props={{ from: query.get("from"), set: query.get("set") }} />;
   if (room === "compare") return <Lazy key="compare" load={async () => (await import("./compare")).Compare} props={{ first: first ?? "", second: second ?? "" }} />;
   if (room === "runs" && first) return <Lazy key={first} load={async () => (await import("./run")).RunView} props={{ id: first }} />;
   if (room === "runs") return <Lazy key="runs" load={async () => (await import("./run")).RunList} props={{}} />;
@@ -138,5 +138,5 @@ function App() {
 
 // What tests hold the page against: events handled, and through the views what is drawn.
 declare global { interface Window { vantage: Record<string, unknown> } }
-window.vantage = { seen, stream, applyEvent };
+window.vantage = { seen, stream, applyEvent, keepJob };
 render(<App />, document.getElementById("root")!);

@@ -12,7 +12,7 @@ import { ChartsPanel, Legend, MissesPanel, RegionsPanel, SpotPanel, SummaryPanel
 import { OPEN, painter, PlanScene, type Colouring, type SectionAxis, type Threshold } from "./planscene";
 import { Stage, type PointerPick } from "./stage";
 import { text } from "./text";
-import { Button, Select, Slider, Tabs, useLoaded } from "./widgets";
+import { Button, known, Select, Slider, Tabs, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 import type { Hit, Judgement, Scores } from "./worker";
 
@@ -111,8 +111,8 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
   const state = usePlan3d(model, { query, setQuery });
   const scene = useRef<PlanScene | null>(null);
   const [stage, setStage] = useState<Stage | null>(null);
-  const mode = (query.get("colour") ?? "grade") as Colouring;
-  const panel = query.get("panel") ?? "summary";
+  const mode = known(text.plan.colours, query.get("colour")) as Colouring;
+  const panel = known(text.plan.panels, query.get("panel"));
   const threshold = useSignal<Threshold>(OPEN);
   const section = useSignal<{ axis: SectionAxis; share: number }>({ axis: "off", share: 0.5 });
   const measuring = useSignal<number[][] | null>(null);

@@ -85,11 +85,26 @@ export const gradeOf = (quality: number): string => GRADE_ABOVE.find(([, above])
 
 interface Interest { region: unknown; target?: number; name?: string }
 
+const MAX_SETUPS = 4;
+
+/** Parameters for one more setup: all that the advice on the plan carries where it turns the part so, else the poses themselves. */
+function furtherSetup({ advice, setups, cell, params, viewpoints }: Plan, { turn, table_from_part: pose, views }: Remedy): Record<string, unknown> {
+  const same = advice?.find((one) => one.kind === "turn_over" && one.turn?.text === turn?.text);
+  if (same) return same.set;
+  const standing = setups?.map((setup) => setup.table_from_part) ?? (cell ? [cell.table_from_part] : []);
+  // A fixture holds one setup.
+  if (params.part.fixture_mesh || standing.length >= MAX_SETUPS) return {};
+  const [needed, limit] = [viewpoints.length + views.length, params.selection.max_views];
+  return {
+    setups: Math.max(2, standing.length + 1), ...(pose && standing.length > 0 && { "part.resting_poses": [...standing, pose] }),
+    ...(limit && limit < needed && { "selection.max_views": needed }),
+  };
+}
+
 /** Parameters that apply the remedy of one spot: its viewpoints as candidates, and the spot as a region that is to be measured. */
-export function remedySet({ job, plan }: Model, spot: Spot, remedy: Remedy & { camera_deg?: number | null; projector_deg?: number | null }):
-Record<string, unknown> {
+export function remedySet({ job, plan }: Model, spot: Spot, remedy: Remedy): Record<string, unknown> {
   if (remedy.kind === "none") return {};
-  if (remedy.kind === "setup") return { setups: Math.max(2, (plan.setups?.length ?? 1) + 1) };
+  if (remedy.kind === "setup") return furtherSetup(plan, remedy);
   const params = (job.params ?? {}) as { candidates?: { poses?: Pose[] }; regions?: { interest?: Interest[] } };
   const poses = [...(params.candidates?.poses ?? []), ...remedy.views.map((view) => view.part_from_scanner)];
   const target = Math.floor(98 * Math.min(1, remedy.of_spot)) / 100;

@@ -1,16 +1,18 @@
 // Runs: what moves, by whose leave, where it is against where it should be; and what to do when it stops.
-import { signal, useSignal, type Signal } from "@preact/signals";
+import { useSignal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { apiPath, ask, post, put, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample } from "./api";
+import { apiPath, ask, post, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
 import { CellScene, cellModelOf, type CellModel } from "./cellscene";
 import { programsOf } from "./cell";
 import { Chart } from "./chart";
 import { keepJob, partName } from "./jobs";
+import { giveBack, lease, takeLease, withToken } from "./lease";
 import { Stream, type LiveEvent } from "./live";
 import { coverageBytes, preview, type Preview } from "./mesh";
 import { LINES } from "./palette";
-import { goTo, hrefOf, percent, seconds, when } from "./settings";
+import { hrefOf, percent, seconds, when } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
+import { StartRun } from "./startrun";
 import { text } from "./text";
 import { Button, guarded, Slider, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
@@ -48,41 +50,18 @@ export function RunList(_: object) {
   );
 }
 
-interface Lease { id: string; token: number; heartbeat_ms: number; cell: string; holder: string }
-/** Lease that this page holds; it lives as long as the page renews it. */
-const lease = signal<Lease | null>(null);
-let renewing: ReturnType<typeof setInterval> | null = null;
-
-async function takeLease(cell: string, holder: string): Promise<void> {
-  const taken = await post<Lease>("/leases", { cell, holder });
-  lease.value = taken;
-  if (renewing) clearInterval(renewing);
-  renewing = setInterval(() => {
-    put<Lease>(`/leases/${taken.id}`, undefined).catch(() => { lease.value = null; if (renewing) clearInterval(renewing); });
-  }, taken.heartbeat_ms);
-}
-
-async function giveBack(): Promise<void> {
-  if (renewing) clearInterval(renewing);
-  const held = lease.peek();
-  lease.value = null;
-  if (held) await remove(`/leases/${held.id}`);
-}
-
-const withToken = (path: string): string => (lease.peek() ? `${path}?token=${lease.peek()!.token}` : path);
-
-interface Loaded { run: Run; job: Job | null; plan: Plan | null; programs: Program[]; model: CellModel | null; mesh: Preview | null; bytes: Uint8Array | null }
+interface Loaded { run: Run; job: Job | null; plan: Plan | null; programs: Program[]; model: CellModel | null; mesh: Preview | null; bytes: Uint8Array | null; record: StepRecord[] }
 
 async function load(id: string): Promise<Loaded> {
   const run = await ask<Run>(`/runs/${id}`);
-  if (!run.job_id) return { run, job: null, plan: null, programs: [], model: null, mesh: null, bytes: null };
-  const job = await ask<Job>(`/jobs/${run.job_id}`).catch(() => null);
-  if (!job) return { run, job: null, plan: null, programs: [], model: null, mesh: null, bytes: null };
+  const record = await ask<{ steps: StepRecord[] }>(`/runs/${id}/record`).then(({ steps }) => steps, () => []);
+  const job = run.job_id ? await ask<Job>(`/jobs/${run.job_id}`).catch(() => null) : null;
+  if (!job) return { run, job, plan: null, programs: [], model: null, mesh: null, bytes: null, record };
   keepJob(job);
   const [plan, programs, model, mesh, bytes] = await Promise.all([
     ask<Plan>(`/jobs/${job.id}/plan`), programsOf(job), cellModelOf(job), preview(job.mesh_id).catch(() => null), coverageBytes(job.id),
   ]);
-  return { run, job, plan, programs, model, mesh, bytes };
+  return { run, job, plan, programs, model, mesh, bytes, record };
 }
 
 export function RunView({ id }: { id: string }) {
@@ -94,12 +73,22 @@ export function RunView({ id }: { id: string }) {
 
 interface LogEntry { at: string; kind: string; state: string; reason: string; step: number; detail?: string | null }
 const MAX_SAMPLES = 3000;
+
+/** What was measured at a time of the steps' clock, which pauses stop; s. */
+interface Point { secs: number; step: number; deviation_deg: number; measured: RunSample["measured"] }
+
+/** The ends of the steps that are recorded. */
+function pointsOf(record: StepRecord[]): Point[] {
+  let secs = 0;
+  return record.map(({ step, actual_secs: spent, axis_deviation_deg, measured }) => ({ secs: (secs += spent), step, deviation_deg: axis_deviation_deg, measured }));
+}
 const MAX_LOG = 300;
 
 /** Live state of a run: its document, samples and events. */
 function useRun(loaded: Loaded) {
   const run = useSignal(loaded.run);
-  const samples = useSignal<RunSample[]>([]);
+  const samples = useSignal<Point[]>(useMemo(() => pointsOf(loaded.record), [loaded]));
+  const heard = useRef<{ sequence: number; secs: number } | null>(null);
   const log = useSignal<LogEntry[]>([]);
   // The end is told before the record with the coverage is stored; the server answers when it is.
   const read = (isEnd = false): Promise<void> => ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).then((fresh) => { run.value = fresh; }, () => {});
@@ -107,12 +96,17 @@ function useRun(loaded: Loaded) {
     path: `/runs/${loaded.run.id}/events`, numbered: false, onReset: () => void read(),
     onEvent: ({ kind, data }: LiveEvent) => {
       if (kind === "live") {
-        const sample = data as RunSample;
-        if (sample.sequence <= (samples.peek().at(-1)?.sequence ?? -1)) return;
-        // Half of the samples goes when there are too many, so that an hour takes no more memory than a minute.
-        const kept = samples.peek().length >= MAX_SAMPLES ? samples.peek().filter((_, i) => i % 2 === 0) : samples.peek();
-        samples.value = [...kept, sample];
-        run.value = { ...run.peek(), step: sample.step, state: sample.state, elapsed_secs: sample.elapsed_secs * run.peek().time_factor };
+        const { sequence, elapsed_secs: real, step, state, deviation_deg, measured } = data as RunSample;
+        const [before, known, last] = [heard.current, samples.peek(), samples.peek().at(-1)];
+        if (sequence <= (before?.sequence ?? -1)) return;
+        heard.current = { sequence, secs: real };
+        // The record has it.
+        if (step <= (loaded.record.at(-1)?.step ?? -1)) return;
+        const spent = before && state === "running" ? (real - before.secs) * run.peek().time_factor : 0;
+        // Half of the samples goes when there are too many, so that an hour takes no more memory than a minute; a pause takes one.
+        const kept = known.length >= MAX_SAMPLES ? known.filter((_, i) => i % 2 === 0) : spent > 0 ? known : known.slice(0, -1);
+        samples.value = [...kept, { secs: (last?.secs ?? 0) + spent, step, deviation_deg, measured }];
+        run.value = { ...run.peek(), step, state };
         return;
       }
       log.value = [...log.peek().slice(-MAX_LOG), { ...(data as LogEntry), kind }];
@@ -153,9 +147,9 @@ function Live({ loaded }: { loaded: Loaded }) {
         <h1>{loaded.job ? <a href={hrefOf(["jobs", loaded.job.id])}>{partName(loaded.job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
         <p class="safety">{words.safety}</p>
         {stream.connection.value === "lost" && !OVER.includes(run.value.state) && <p class="problem" role="alert">{text.connection.lostLong}</p>}
-        <Controls run={run} onDone={() => read()} />
-        <RunFacts run={run.value} />
-        <Plots samples={samples} factor={run.value.time_factor} />
+        <Controls run={run} setups={loaded.programs.length} onDone={() => read()} />
+        <RunFacts run={run.value} program={program} elapsed={last?.secs ?? run.value.elapsed_secs} />
+        <Plots samples={samples} />
         <h3>{words.log}</h3>
         <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (
           <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
@@ -195,22 +189,21 @@ function LeaseBox({ run }: { run: Run }) {
   );
 }
 
-function Controls({ run, onDone }: { run: Signal<Run>; onDone: () => Promise<void> }) {
-  const { id, state, mode, single_step: isStepped, speed_override: speed } = run.value;
+function Controls({ run, setups, onDone }: { run: Signal<Run>; setups: number; onDone: () => Promise<void> }) {
+  const { id, state, mode, job_id: job, single_step: isStepped, speed_override: speed } = run.value;
+  // Told where the part lies, the run goes on by itself.
+  const isWaiting = state === "paused" && run.value.reason !== "locating";
   const command = (name: string, token: boolean) => () => post(token ? withToken(`/runs/${id}/${name}`) : `/runs/${id}/${name}`).then(onDone);
   const isActive = !OVER.includes(state);
   return (
     <>
       <div class="controls" role="group" aria-label={words.title}>
         <Button disabled={state !== "running"} onClick={command("pause", false)}>{words.pause}</Button>
-        <Button kind="primary" disabled={state !== "paused"} onClick={command("resume", true)}>{words.resume}</Button>
+        <Button kind="primary" disabled={!isWaiting} onClick={command("resume", true)}>{words.resume}</Button>
         <Button kind="danger" disabled={!isActive} onClick={command("stop", false)}>{words.stop}</Button>
-        {isStepped && <Button disabled={state !== "paused"} onClick={command("step", true)}>{words.step}</Button>}
-        {!isActive && run.value.job_id && (
-          <Button onClick={async () => {
-            const again = await post<Run>("/runs", { job_id: run.value.job_id, mode: "simulate", time_factor: run.value.mode === "simulate" ? run.value.time_factor : 1, setup: run.value.setup });
-            goTo(hrefOf(["runs", again.id]));
-          }}>{text.job.run}</Button>
+        {isStepped && <Button disabled={!isWaiting} onClick={command("step", true)}>{words.step}</Button>}
+        {!isActive && job && setups > 0 && (
+          <StartRun job={job} setups={setups} setup={run.value.setup} timeFactor={run.value.time_factor} fromStep={state === "done" ? 0 : run.value.step} />
         )}
       </div>
       {isActive && <Slider label={words.override} min={0.01} max={1} step={0.01} value={speed} show={percent(speed, 0)}
@@ -230,14 +223,17 @@ function Reason({ run }: { run: Run }) {
   );
 }
 
-function RunFacts({ run }: { run: Run }) {
+function RunFacts({ run, program, elapsed }: { run: Run; program: Program | undefined; elapsed: number }) {
+  // The server counts the scans at the end.
+  const scans = OVER.includes(run.state) || !program ? run.scans : program.steps.slice(run.from_step, run.step).filter(({ op }) => op === "scan").length;
   return (
     <>
       <progress max={run.steps} value={run.step} aria-label={words.progress} />
       <dl class="facts-list">
         <dt>{words.mode}</dt><dd>{words.modes[run.mode]}{run.mode === "simulate" && run.time_factor !== 1 ? `, ${run.time_factor}×` : ""}</dd>
-        <dt>{words.progress}</dt><dd>{run.step} {words.of} {run.steps}, {run.scans} {words.scans}</dd>
-        <dt>{words.elapsed}</dt><dd>{seconds(run.elapsed_secs)} {words.of} {seconds(run.planned_secs)}</dd>
+        <dt>{text.cell.setupLabel}</dt><dd id="run-setup">{run.setup + 1}</dd>
+        <dt>{words.progress}</dt><dd id="run-progress">{run.step} {words.of} {run.steps}, {words.scans(scans)}</dd>
+        <dt>{words.elapsed}</dt><dd>{seconds(elapsed)} {words.of} {seconds(run.planned_secs)}</dd>
         {run.coverage && <><dt>{words.coverage}</dt><dd>{percent(run.coverage.measured_of_asked, 2)} ({words.planned} {percent(run.coverage.planned_of_asked, 2)})</dd></>}
         {run.jitter && <><dt>{words.jitter}</dt><dd>{run.jitter.p99_ms?.toFixed(2)} ms</dd></>}
         {run.armed_by && <><dt>{words.arm}</dt><dd>{run.armed_by}</dd></>}
@@ -249,13 +245,13 @@ function RunFacts({ run }: { run: Run }) {
 
 const PLOTTED = 600;
 
-function Plots({ samples, factor }: { samples: Signal<RunSample[]>; factor: number }) {
+function Plots({ samples }: { samples: Signal<Point[]> }) {
   const all = samples.value;
   const { x, deviation, joints } = useMemo(() => {
     const every = Math.max(1, Math.ceil(all.length / PLOTTED));
     const some = all.filter((_, i) => i % every === 0 || i === all.length - 1);
     return {
-      x: some.map((sample) => sample.elapsed_secs * factor),
+      x: some.map(({ secs }) => secs),
       deviation: [{ label: words.deviation, values: some.map((sample) => sample.deviation_deg) }],
       joints: [0, 1, 2, 3, 4, 5, 6].map((i) => ({ label: i < 6 ? `J${i + 1}` : text.cell.table, colour: LINES[i]!,
         values: some.map((sample) => (i < 6 ? sample.measured.joints_deg[i]! : sample.measured.table_angle_deg)) })),

@@ -187,7 +187,7 @@ export function Field(props: FieldProps & { isChanged?: boolean; onReset?: () =>
     return (
       <div class="of-kind">
         <Kinds choices={choices} kind={found && kindOf(found)} name={props.name} onChange={props.onChange} />
-        {found && <ObjectField {...props} schema={{ ...found, properties: Object.fromEntries(Object.entries(found.properties!).filter(([key]) => key !== "kind")) }} />}
+        {found && <ObjectField {...props} fallback={undefined} schema={{ ...found, properties: Object.fromEntries(Object.entries(found.properties!).filter(([key]) => key !== "kind")) }} />}
       </div>
     );
   }
@@ -208,19 +208,20 @@ export function Field(props: FieldProps & { isChanged?: boolean; onReset?: () =>
   );
 }
 
-/** Fields of an object, each of which may be left out. */
-export function ObjectField({ api, schema, name, value, onChange }: FieldProps) {
+/** Fields of an object, each of which may be left out; where the object has a default, what is left out is of that. */
+export function ObjectField({ api, schema, name, value, onChange, fallback }: FieldProps) {
   const whole = resolved(api, schema);
-  const object = (value ?? {}) as Record<string, unknown>;
+  const [object, standard] = [(value ?? {}) as Record<string, unknown>, (fallback ?? {}) as Record<string, unknown>];
   const set = (key: string, given: unknown): void => {
     const { [key]: _old, ...rest } = object;
-    onChange(given === undefined ? rest : { ...rest, [key]: given });
+    const made = { ...standard, ...rest, ...(given !== undefined && { [key]: given }) };
+    onChange(fallback && isSame(made, fallback) ? undefined : made);
   };
   return (
     <fieldset>
       <legend>{name}</legend>
       {Object.entries(whole.properties ?? {}).map(([key, inner]) => (
-        <Field key={key} api={api} schema={inner} name={key} value={object[key]} onChange={(given) => set(key, given)} />
+        <Field key={key} api={api} schema={inner} name={key} value={object[key]} fallback={standard[key]} onChange={(given) => set(key, given)} />
       ))}
     </fieldset>
   );
@@ -277,12 +278,19 @@ export function ParamForm({ api, value, onChange }: {
   );
 }
 
-/** What of `params` is not at its default, as `group.key` and value. */
+/** Returns true if two values of JSON say the same, in whichever order their keys stand. */
+function isSame(a: unknown, b: unknown): boolean {
+  if (typeof a !== "object" || typeof b !== "object" || !a || !b) return (a ?? null) === (b ?? null);
+  const [one, two] = [a, b] as Record<string, unknown>[];
+  return [...new Set([...Object.keys(one!), ...Object.keys(two!)])].every((key) => isSame(one![key], two![key]));
+}
+
+/** What of `params` is not at its default, as `group.key` and value; an object within a group is one value. */
 export function changesOf(api: Api, params: Record<string, unknown>): Record<string, unknown> {
   const changes: Record<string, unknown> = {};
   const root = resolved(api, { $ref: "PlanParams" }).properties ?? {};
   const differs = (value: unknown, standard: unknown): boolean =>
-    JSON.stringify(value ?? null) !== JSON.stringify(standard ?? null) && !(Array.isArray(value) && value.length === 0 && standard == null);
+    !isSame(value, standard) && !(Array.isArray(value) && value.length === 0 && standard == null);
   for (const [group, schema] of Object.entries(root)) {
     if (!(group in params)) continue;
     if (!isNested(api, schema)) {
@@ -292,7 +300,7 @@ export function changesOf(api: Api, params: Record<string, unknown>): Record<str
     for (const [key, field] of Object.entries(resolved(api, schema).properties!)) {
       const value = (params[group] as Record<string, unknown> | null)?.[key];
       const standard = field.default ?? (schema.default as Record<string, unknown> | undefined)?.[key];
-      if (value !== undefined && !isNested(api, field) && differs(value, standard)) changes[`${group}.${key}`] = value;
+      if (value !== undefined && differs(value, standard)) changes[`${group}.${key}`] = value;
     }
   }
   return changes;

@@ -11,7 +11,7 @@ import { goTo, hrefOf, length, sizes } from "./settings";
 import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
-import { Button, Tabs, useLoaded } from "./widgets";
+import { Button, known, Tabs, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.specs;
@@ -24,7 +24,8 @@ interface Report { sound: boolean; findings: ProblemField[]; warnings?: Note[]; 
 const listAll = async (): Promise<Record<string, Item[]>> => Object.fromEntries(await Promise.all(
   KINDS.map(async (kind) => [kind, (await ask<Page<Item>>(`/${kind}`)).items] as const)));
 
-export function Specs({ kind, name }: { kind: string; name: string }) {
+export function Specs({ kind: named, name }: { kind: string; name: string }) {
+  const kind = known(words.kinds, named);
   const { value, error, reload } = useLoaded(listAll, []);
   if (error) return <p class="problem" role="alert">{error}</p>;
   if (!value) return <p class="soft" role="status">{text.loading}</p>;

@@ -2,6 +2,7 @@
 import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { stream } from "./jobs";
 import { text } from "./text";
 
 /** What went wrong last, said once at the top. */
@@ -30,6 +31,9 @@ export function Button({ onClick, children, kind = "", ...rest }: {
   };
   return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} disabled={rest.disabled || busy} onClick={click}>{children}</button>;
 }
+
+/** A name of an address, or the first where it is none of the names. */
+export const known = (names: object, name: string | null): string => (name !== null && Object.hasOwn(names, name) ? name : Object.keys(names)[0]!);
 
 /** Tabs with arrow keys (WAI-ARIA authoring practices, tabs pattern). */
 export function Tabs({ names, chosen, onChoose, label }: {
@@ -92,10 +96,12 @@ export function Dialog({ title, onClose, children }: { title: string; onClose?: 
   );
 }
 
-/** Value of a promise, read anew when a key changes. */
+/** Value of a promise, read anew when a key changes, and what failed while the server was away when it is back. */
 export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: T | null; error: string; reload: () => void } {
   const [state, setState] = useState<{ value: T | null; error: string }>({ value: null, error: "" });
   const [turn, setTurn] = useState(0);
+  const isLost = stream.connection.value === "lost";
+  useEffect(() => { if (!isLost && state.error) setTurn((value) => value + 1); }, [isLost]);
   useEffect(() => {
     let isCurrent = true;
     load().then(
@@ -107,12 +113,42 @@ export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: 
   return { ...state, reload: () => setTurn((value) => value + 1) };
 }
 
-/** A view that is loaded when it is first needed. */
+const RETRY_MS = 2000;
+const RELOADED = "vantage-reloaded";
+const RELOAD_APART_MS = 60_000;
+
+/** Reads the page anew where its parts have other names since an upgrade; not again and again. */
+function reloadOnce(): boolean {
+  const last = Number(sessionStorage.getItem(RELOADED) ?? 0);
+  if (Date.now() - last < RELOAD_APART_MS) return false;
+  sessionStorage.setItem(RELOADED, String(Date.now()));
+  location.reload();
+  return true;
+}
+
+/** True once the server answers; false if `isWanted` ends before. */
+async function answers(isWanted: () => boolean): Promise<boolean> {
+  while (isWanted()) {
+    await new Promise((wait) => { setTimeout(wait, RETRY_MS); });
+    if (await fetch(document.baseURI, { cache: "no-store" }).then((page) => page.ok, () => false)) return isWanted();
+  }
+  return false;
+}
+
+/** A view that is loaded when it is first needed, and again when the server is back. */
 export function Lazy<P>({ load, props }: { load: () => Promise<(props: P) => unknown>; props: P }) {
   const [View, setView] = useState<{ view: (props: P) => never } | null>(null);
   const [error, setError] = useState("");
-  useEffect(() => { load().then((view) => setView({ view: view as never }), (problem: Error) => setError(problem.message)); }, []);
-  if (error) return <p class="problem" role="alert">{error}</p>;
+  useEffect(() => {
+    let isWanted = true;
+    const attempt = (again: () => void): Promise<void> => load().then((view) => { if (isWanted) { setError(""); setView({ view: view as never }); } }, again);
+    void attempt(() => {
+      setError(text.viewWaits);
+      void answers(() => isWanted).then(async (isUp) => { if (isUp) await attempt(() => { if (!reloadOnce()) setError(text.viewGone); }); });
+    });
+    return () => { isWanted = false; };
+  }, []);
+  if (error) return <p class="problem" role="alert">{error} {error === text.viewGone && <Button onClick={() => location.reload()}>{text.reload}</Button>}</p>;
   if (!View) return <p class="soft" role="status">{text.loading}</p>;
   const Loaded = View.view as unknown as (props: P) => never;
   return <Loaded {...(props as P & object)} />;

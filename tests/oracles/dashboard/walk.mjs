@@ -471,10 +471,73 @@ async function fits(rooms) {
   await page.setViewportSize({ width: 1280, height: 720 });
 }
 
-async function run() {
+/** A clone has every parameter of its original, those that are objects within a group too; neither is waited for. */
+async function clone(id) {
+  const { mesh_id, cell, params } = await api(`/jobs/${id}`);
+  const robust = { ...params.robust, pose_error: { angle_deg: 0.5, translation_mm: 0.25 } };
+  const body = JSON.stringify({ mesh_id, cell, params: { ...params, robust } });
+  const original = await (await fetch(`${base}api/v1/jobs`, { method: "POST", headers: { "content-type": "application/json" }, body })).json();
+  await page.goto(`${base}#/new?from=${original.id}`);
+  await page.locator(".create .placing").waitFor();
+  await page.locator(".sticky button").click();
+  await page.waitForFunction(() => /#\/jobs\/[0-9a-f-]{36}/.test(location.hash));
+  const made = (await page.evaluate(() => location.hash)).split("/")[2].split("?")[0];
+  const [first, second] = [await api(`/jobs/${original.id}`), await api(`/jobs/${made}`)];
+  assert.deepEqual(second.params, first.params);
+  assert.deepEqual(second.params.robust.pose_error, robust.pose_error);
+  for (const job of [original.id, made]) await fetch(`${base}api/v1/jobs/${job}/cancel`, { method: "POST" });
+}
+
+/** Of several files, each is let down by its own box, and one that is no mesh is named and holds up none; none is waited for. */
+async function batch() {
+  const corners = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+  const file = (name, text) => ({ name, mimeType: "model/stl", buffer: Buffer.from(text) });
+  const solid = (height) => `solid\n${corners.map((face) => `facet normal 0 0 0\nouter loop\n${face
+    .map((at) => `vertex ${["0 0 0", "40 0 0", "0 40 0", `0 0 ${height}`][at]}`).join("\n")}\nendloop\nendfacet`).join("\n")}\nendsolid\n`;
+  await page.goto(`${base}#/new`);
+  await page.locator("input[name=file]").setInputFiles([file("low.stl", solid(30)), file("none.stl", "solid none\n"), file("high.stl", solid(50))]);
+  await page.locator("select[name=unit]").selectOption("mm");
+  await page.locator(".drop .problem").waitFor();
+  await page.locator('.create input[placeholder^="key=value"]').fill("walk=batch");
+  await page.locator(".placing > summary").click();
+  await page.locator(".placing .actions button", { hasText: "−Z up" }).click();
+  await page.locator(".sticky button").click();
+  await page.locator("#message", { hasText: "none.stl" }).waitFor();
+  const { items } = await api("/jobs?label=walk=batch");
+  const heights = await Promise.all(items.map(async ({ id }) => (await api(`/jobs/${id}`)).params.part.table_from_part.translation_mm[2]));
+  assert.deepEqual(heights.map(Math.round).sort(), [30, 50]);
+  await page.getByRole("button", { name: "Remove none.stl" }).click();
+  assert.equal(await page.locator(".drop li").count(), 0);
+  for (const { id } of items) await fetch(`${base}api/v1/jobs/${id}/cancel`, { method: "POST" });
+}
+
+/** Starts a run of the job that is open. */
+async function begin(fields) {
   await tabTo(".jobhead .primary");
   await page.keyboard.press("Enter");
+  for (const [name, value] of Object.entries(fields)) await page.locator(`dialog input[name=${name}]`).fill(value);
+  await tabTo("dialog .primary");
+  await page.keyboard.press("Enter");
   await page.locator("#run-state").waitFor();
+}
+
+/** A run is paused, resumed and stopped by its buttons; the next one would begin where it stopped. */
+async function control() {
+  await begin({ time_factor: "2", from_step: "1" });
+  for (const [name, state] of [["Pause", "paused"], ["Resume", "running"], ["Stop", "stopped"]]) {
+    await page.getByRole("button", { name, exact: true }).click();
+    await page.locator(`#run-state.${state}`).waitFor();
+  }
+  const { step, from_step: from } = await api(`/runs/${(await page.evaluate(() => location.hash)).split("/")[2]}`);
+  assert.equal(from, 1);
+  await page.locator(".controls button", { hasText: "Run in simulation" }).click();
+  assert.equal(Number(await page.locator("dialog input[name=from_step]").inputValue()), step);
+  assert.equal(Number(await page.locator("dialog input[name=time_factor]").inputValue()), 2);
+  await page.keyboard.press("Escape");
+}
+
+async function run() {
+  await begin({});
   assert.match(await page.locator(".safety").innerText(), /not safety-rated/);
   await page.waitForFunction(() => (window.vantage.run?.samples.value.length ?? 0) > 3);
   await check("run");
@@ -485,6 +548,7 @@ async function run() {
   assert.ok(Math.abs(coverage.measured_of_asked - coverage.planned_of_asked) < 0.01);
   await page.reload();
   await page.locator("#run-state.done").waitFor();
+  assert.equal(await page.locator(".runview .chart canvas").count(), 2, "the curves of a run that is over are drawn from its record");
   return samples;
 }
 
@@ -500,6 +564,13 @@ for (const part of parts) {
   await colours(id);
   await regions(id);
   const { off, gaps } = await play(id);
+  if (!last) {
+    await control();
+    await clone(id);
+    await batch();
+    await page.goto(`${base}#/jobs/${id}/cell`);
+    await page.locator(".player .primary").waitFor();
+  }
   const samples = await run();
   await page.goto(`${base}#/jobs/${id}/plan`);
   await tabTo('.jobhead a[target="_blank"]');

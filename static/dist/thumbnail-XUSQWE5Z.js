@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-WWMTX6GE.js";import"./chunk-VV6N3YYE.js";import"./chunk-WEB3BXFX.js";import"./chunk-MTY4C575.js";import"./chunk-UJ3IW6JA.js";import"./chunk-KFDC26EK.js";export{a as drawThumbnail,b as drawTurned};
