@@ -99,6 +99,11 @@ impl<To, From> Clone for Pose<To, From> {
     }
 }
 impl<To, From> Copy for Pose<To, From> {}
+impl<To, From> Default for Pose<To, From> {
+    fn default() -> Self {
+        Self::identity()
+    }
+}
 impl<To, From> PartialEq for Pose<To, From> {
     fn eq(&self, other: &Self) -> bool {
         self.isometry == other.isometry

@@ -5,7 +5,6 @@ use utoipa::ToSchema;
 
 use super::coverage::CompareParams;
 use super::deviation::Alignment;
-use super::registration::RegistrationOptions;
 use crate::cell::{FieldError, Findings};
 use crate::planning::params::knob::params;
 
@@ -16,10 +15,10 @@ params! {
         method: Alignment = Alignment::BestFit;
         /// Region of interest or feature of the plan that `best_fit_on` aligns by.
         region: Option<String> = None;
-        /// Standard deviation of a view's rotation about each axis, without one from a calibration. A calibrated arm has 0.05°.
-        prior_deg: f64 = 0.05, [1e-4, 10.0] "°";
-        /// Standard deviation of a view's translation along each axis. A calibrated arm has 0.2 mm.
-        prior_mm: f64 = 0.2, [1e-3, 100.0] "mm";
+        /// Standard deviation of a view's rotation about each axis. Without it that of the cell's calibration counts, else 0.05°.
+        prior_deg: Option<f64> = None, [1e-4, 10.0] "°";
+        /// Standard deviation of a view's translation along each axis. Without it that of the cell's calibration counts, else 0.2 mm.
+        prior_mm: Option<f64> = None, [1e-3, 100.0] "mm";
     }
 }
 
@@ -49,11 +48,5 @@ impl InspectionParams {
             errors.into_iter().for_each(|error| findings.push(error.pointer, error.detail));
         }
         findings.into_result()
-    }
-
-    /// Options of the registration.
-    #[must_use]
-    pub fn registration(&self) -> RegistrationOptions {
-        RegistrationOptions { prior_deg: self.align.prior_deg, prior_mm: self.align.prior_mm, ..RegistrationOptions::default() }
     }
 }

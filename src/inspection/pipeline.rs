@@ -11,7 +11,7 @@ use super::deviation::{
 use super::identification::{self, Learned, Offer, TripleInput, noise, offers, triples};
 use super::ingest::Ingested;
 use super::losses::{LossInput, Losses, attribute};
-use super::registration::{ScanRegistration, register};
+use super::registration::{RegistrationOptions, ScanRegistration, register};
 use super::{InspectionParams, RegisteredView, ViewScan};
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, NearestFace, Part, Pose, ScannerFrame, Table};
@@ -25,6 +25,9 @@ use crate::planning::{PlanInput, plate};
 
 /// Spots that are listed as the worst.
 const WORST_SPOTS: usize = 20;
+/// Least standard deviations of a view's pose that a calibration is believed, the repeatability of an arm: degrees and mm.
+const MIN_PRIOR_DEG: f64 = 0.002;
+const MIN_PRIOR_MM: f64 = 0.02;
 /// Classes of the histogram.
 const CLASSES: usize = 41;
 
@@ -75,6 +78,8 @@ pub struct Inspection {
     pub surface: Surface,
     /// Registered poses of the scans.
     pub registration: ScanRegistration,
+    /// Pose of the part on the table by its scans; `None` without a cell, and with several setups, which have a place of it each.
+    pub table_from_part: Option<Pose<Table, Part>>,
     /// Measured coverage.
     pub coverage: MeasuredCoverage,
     /// Causes of what is missing.
@@ -105,6 +110,22 @@ pub struct DeviationFigures {
 }
 
 impl InspectionInput<'_> {
+    /// Options of the registration: the priors of `params`, else those of the cell's calibration, else the default's.
+    fn registration_options(&self) -> RegistrationOptions {
+        let default = RegistrationOptions::default();
+        // A view is off by what its calibration leaves open and by what each of its poses was off.
+        let calibrated = self.cell.and_then(|cell| cell.calibrated.as_ref());
+        let of_rotation = calibrated.map(|known| known.rotation_sd_deg.hypot(known.rms_rotation_deg).max(MIN_PRIOR_DEG));
+        let of_translation = calibrated.map(|known| known.translation_sd_mm.hypot(known.rms_translation_mm).max(MIN_PRIOR_MM));
+        let align = &self.params.align;
+        RegistrationOptions {
+            prior_deg: align.prior_deg.or(of_rotation).unwrap_or(default.prior_deg),
+            prior_mm: align.prior_mm.or(of_translation).unwrap_or(default.prior_mm),
+            start: self.taken.mesh_from_stated,
+            ..default
+        }
+    }
+
     fn plan_input(&self) -> PlanInput<'_> {
         PlanInput {
             mesh: self.part,
@@ -152,8 +173,8 @@ impl InspectionInput<'_> {
 /// # Errors
 /// Parameters out of range, a region that the plan does not have, more than the context allows, [`PlanError::Cancelled`].
 pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Context<'_>) -> Result<Inspection, PlanError> {
-    let scans: Vec<ViewScan> = input.taken.scans.iter().map(|taken| taken.scan.clone()).collect();
-    let registration = register(&scans, input.nearest, &vec![None; scans.len()], &input.params.registration());
+    let scans: Vec<&ViewScan> = input.taken.scans.iter().map(|taken| &taken.scan).collect();
+    let registration = register(&scans, input.nearest, &[], &input.registration_options());
     progress(0.25);
     let poses: Vec<_> = input.views.iter().map(|view| view.part_from_scanner).collect();
     let views: Vec<&InspectedView> = input.views.iter().collect();
@@ -190,8 +211,13 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
     let (deviation, figures) = judged.deviation(ctx)?;
     progress(0.97);
     let offer = learned.as_ref().map(|learned| offers(learned, input.scanner, &input.plan_params.regions.noise));
+    let table_from_part = match input.setups {
+        [planned] if input.cell.is_some() => Some(*planned * registration.mesh_from_stated.inverse()),
+        _ => None,
+    };
     Ok(Inspection {
         registration,
+        table_from_part,
         losses,
         deviation,
         figures,
@@ -282,8 +308,8 @@ impl Judged<'_> {
 
     /// A scan as its pose is stated, with the prior as its uncertainty.
     fn as_stated<'s>(&self, scanned: &ScannedView<'s>) -> PlacedScan<'s> {
-        let align = &self.input.params.align;
-        let (rotation, translation) = (align.prior_deg.to_radians().powi(2), align.prior_mm.powi(2));
+        let options = self.input.registration_options();
+        let (rotation, translation) = (options.prior_deg.to_radians().powi(2), options.prior_mm.powi(2));
         let variances = nalgebra::Vector6::new(rotation, rotation, rotation, translation, translation, translation);
         PlacedScan {
             scan: scanned.scan,

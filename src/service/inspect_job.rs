@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 
+use rayon::prelude::*;
+
 use super::cells::KeptCells;
 use super::execute::{JobError, JobInput, opened};
 use super::plan_job::{Artifact, plan_sha256};
@@ -72,6 +74,24 @@ pub struct ScanSource {
     pub frame: Option<ScanFrame>,
 }
 
+impl ScanSource {
+    /// Reads the clouds of the file, which stands at `pointer` in the list of scans.
+    fn read(&self, pointer: &str, ctx: &Context<'_>) -> Result<Vec<ScanFile>, InspectError> {
+        let stop = || ctx.check().is_err();
+        let refused =
+            |error: &dyn std::fmt::Display| InspectError::Refused(vec![refusal(pointer, format!("{}: {error}", self.name))]);
+        let opened = File::open(&self.path).map(BufReader::new);
+        let mut file = opened.map_err(|error| InspectError::Damaged(format!("{}: {error}", self.name)))?;
+        let clouds = cloud_io::read_from(&mut file, &CloudLimits::default(), &Poll::new(&stop));
+        ctx.check().map_err(PlanError::from)?;
+        let clouds = clouds.map_err(|error| refused(&error))?;
+        let declared = self.unit.as_deref().map(str::parse::<LengthUnit>).transpose();
+        let unit = declared.map_err(|error| refused(&error))?.or(clouds.unit);
+        let of_cloud = |cloud| ScanFile { file: self.name.clone(), cloud, unit, frame: self.frame, viewpoint: self.view };
+        Ok(clouds.clouds.into_iter().map(of_cloud).collect())
+    }
+}
+
 /// Reasons why an inspection has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum InspectError {
@@ -100,7 +120,7 @@ impl From<JobError> for InspectError {
     fn from(error: JobError) -> Self {
         match error {
             JobError::Cancelled => Self::Cancelled,
-            JobError::BadInput(errors) => Self::Refused(errors),
+            JobError::BadInput(errors) | JobError::PartRefused { errors, .. } => Self::Refused(errors),
             error @ (JobError::NoPlan { .. } | JobError::Damaged(_) | JobError::Unavailable(_)) => {
                 Self::Damaged(error.to_string())
             }
@@ -243,27 +263,9 @@ impl InspectJob {
 
     /// Reads the files of the scans.
     fn read(&self, ctx: &Context<'_>) -> Result<Vec<ScanFile>, InspectError> {
-        let stop = || ctx.check().is_err();
-        let mut read = Vec::new();
-        for (index, source) in self.scans.iter().enumerate() {
-            let at = format!("/scans/{index}");
-            let unreadable = |error: &dyn std::fmt::Display| refusal(&at, format!("{}: {error}", source.name));
-            let opened = File::open(&source.path).map(BufReader::new);
-            let mut file = opened.map_err(|error| InspectError::Damaged(format!("{}: {error}", source.name)))?;
-            let clouds = cloud_io::read_from(&mut file, &CloudLimits::default(), &Poll::new(&stop));
-            ctx.check().map_err(PlanError::from)?;
-            let clouds = clouds.map_err(|error| InspectError::Refused(vec![unreadable(&error)]))?;
-            let declared = source.unit.as_deref().map(str::parse::<LengthUnit>).transpose();
-            let declared = declared.map_err(|error| InspectError::Refused(vec![unreadable(&error)]))?;
-            read.extend(clouds.clouds.into_iter().map(|cloud| ScanFile {
-                file: source.name.clone(),
-                cloud,
-                unit: declared.or(clouds.unit),
-                frame: source.frame,
-                viewpoint: source.view,
-            }));
-        }
-        Ok(read)
+        let read: Vec<Result<Vec<ScanFile>, InspectError>> =
+            self.scans.par_iter().enumerate().map(|(index, source)| source.read(&format!("/scans/{index}"), ctx)).collect();
+        Ok(read.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 }
 

@@ -1,6 +1,7 @@
 //! The command line as a whole, as a process: where output goes and what happens when it cannot, the flags that every command
 //! has, help, manual pages, completions, and the questions after names that are misspelled.
 
+mod elsewhere;
 mod json;
 mod names;
 mod pages;

@@ -19,8 +19,7 @@ const OFF_STEP: usize = 2;
 /// Distance of each cell of a view.
 pub(super) struct ViewDistances {
     grid: CloudGrid,
-    face: Vec<u32>,
-    distance_mm: Vec<f32>,
+    found: Vec<Found>,
     /// Points off the surface: position in the part's frame, and distance.
     pub(super) off_surface: Vec<(Point3<f64>, f64)>,
     pub(super) compared: u64,
@@ -34,23 +33,15 @@ pub(super) struct MeasuredFootprint {
     pub(super) square_mm2: f64,
 }
 
-/// A point's face and distance, or its place off the surface.
+/// Face that the ray of a cell meets, and the distance of its point from it.
 #[derive(Clone, Copy)]
-enum Found {
-    Nothing,
-    On(u32, f32),
-    Off(u32, f64),
+struct Found {
+    face: u32,
+    distance_mm: f32,
 }
 
 impl Found {
-    /// Face, and distance from it, mm.
-    fn face(self) -> Option<(u32, f64)> {
-        match self {
-            Self::Nothing => None,
-            Self::On(face, distance_mm) => Some((face, f64::from(distance_mm))),
-            Self::Off(face, distance_mm) => Some((face, distance_mm)),
-        }
-    }
+    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0 };
 }
 
 impl ViewDistances {
@@ -65,33 +56,26 @@ impl ViewDistances {
         let grid = cloud.grid.unwrap_or(CloudGrid { columns: 0, rows: 0 });
         let view = View { placed, nominal, options, eye_mm: placed.part_from_scanner.point(&camera.centre_mm), grid };
         let cells = grid.columns * grid.rows;
-        let pieces: Vec<Vec<Found>> = (0..cells.div_ceil(RAYS))
-            .into_par_iter()
-            .map(|piece| view.piece(piece * RAYS..cells.min((piece + 1) * RAYS)))
-            .collect();
-        let mut distances =
-            Self { grid, face: vec![NO_FACE; cells], distance_mm: vec![0.0; cells], off_surface: Vec::new(), compared: 0 };
-        let found: Vec<Found> = pieces.into_iter().flatten().collect();
+        let mut found = vec![Found::NOTHING; cells];
+        found.par_chunks_mut(RAYS).enumerate().for_each(|(piece, found)| view.meet(piece * RAYS, found));
         let ring = view.ring(camera);
+        // None is judged by what another one has been taken for.
         let is_beyond: Vec<bool> =
             (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
-        for (cell, found) in found.into_iter().enumerate().filter(|(cell, _)| !is_beyond[*cell]) {
-            match found {
-                Found::Nothing => {}
-                Found::On(face, distance_mm) => {
-                    (distances.face[cell], distances.distance_mm[cell]) = (face, distance_mm);
-                    distances.compared += 1;
-                }
-                Found::Off(_, distance_mm) => {
-                    let is_kept =
-                        (cell % grid.columns).is_multiple_of(OFF_STEP) && (cell / grid.columns).is_multiple_of(OFF_STEP);
-                    if let Some(point) = view.point(cell).filter(|_| is_kept) {
-                        distances.off_surface.push((placed.part_from_scanner.point(&point), distance_mm));
-                    }
-                }
+        let (mut off_surface, mut compared) = (Vec::new(), 0);
+        for (cell, found) in found.iter_mut().enumerate().filter(|(_, found)| found.face != NO_FACE) {
+            let distance_mm = f64::from(found.distance_mm);
+            if !is_beyond[cell] && distance_mm.abs() <= options.search_mm {
+                compared += 1;
+                continue;
+            }
+            *found = Found::NOTHING;
+            let is_kept = (cell % grid.columns).is_multiple_of(OFF_STEP) && (cell / grid.columns).is_multiple_of(OFF_STEP);
+            if let Some(point) = view.point(cell).filter(|_| is_kept && !is_beyond[cell]) {
+                off_surface.push((placed.part_from_scanner.point(&point), distance_mm));
             }
         }
-        distances
+        Self { grid, found, off_surface, compared }
     }
 }
 
@@ -112,25 +96,24 @@ impl View<'_> {
         (!point[0].is_nan()).then(|| Point3::from(point.map(f64::from)))
     }
 
-    fn piece(&self, cells: std::ops::Range<usize>) -> Vec<Found> {
-        let mut numbers = Vec::with_capacity(cells.len());
-        let mut directions = Vec::with_capacity(cells.len());
-        for cell in cells.clone() {
-            if let Some(point) = self.point(cell) {
-                numbers.push(cell);
+    /// Finds the faces that the rays of the cells from `first` on meet, and the distances of their points.
+    fn meet(&self, first: usize, found: &mut [Found]) {
+        let mut cells = Vec::with_capacity(found.len());
+        let mut directions = Vec::with_capacity(found.len());
+        for cell in 0..found.len() {
+            if let Some(point) = self.point(first + cell) {
+                cells.push(cell);
                 directions.push(self.placed.part_from_scanner.point(&point) - self.eye_mm);
             }
         }
         let mut hits: Vec<Option<Hit>> = Vec::new();
         self.nominal.scene.first_hits_from(SimdLevel::widest(), &self.eye_mm, &directions, &mut hits);
-        let mut found = vec![Found::Nothing; cells.len()];
-        for ((cell, direction), hit) in numbers.iter().zip(&directions).zip(&hits) {
+        for ((cell, direction), hit) in cells.iter().zip(&directions).zip(&hits) {
             // What is no face of the part, plate or fixture, hides what lies behind it.
             if let Some(hit) = hit.as_ref().filter(|hit| (hit.triangle as usize) < self.nominal.mesh.faces.len()) {
-                found[cell - cells.start] = self.judge(*cell, direction, hit.triangle);
+                found[*cell] = self.judge(first + cell, direction, hit.triangle);
             }
         }
-        found
     }
 
     fn judge(&self, cell: usize, direction: &Vector3<f64>, face: u32) -> Found {
@@ -138,17 +121,20 @@ impl View<'_> {
         let normal = mesh.scaled_normal(face as usize).normalize();
         // The back of a face is met where the registered pose and the scan disagree at a rim.
         if normal.dot(direction) >= 0.0 {
-            return Found::Nothing;
+            return Found::NOTHING;
         }
-        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.corners(face as usize)[0]));
-        if distance_mm.abs() > self.options.search_mm {
-            return if distance_mm.abs() <= MAX_OFF_MM { Found::Off(face, distance_mm) } else { Found::Nothing };
+        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.corners(face as usize)[0])) as f32;
+        let is_off = f64::from(distance_mm.abs()) > self.options.search_mm;
+        if f64::from(distance_mm.abs()) > MAX_OFF_MM || !is_off && self.is_turned(cell, &normal) {
+            return Found::NOTHING;
         }
-        let is_turned = self.normal(cell).is_some_and(|measured| {
-            let nominal = self.placed.part_from_scanner.inverse().direction(&normal);
-            measured.dot(&nominal) < self.options.max_turn_deg.to_radians().cos()
-        });
-        if is_turned { Found::Nothing } else { Found::On(face, distance_mm as f32) }
+        Found { face, distance_mm }
+    }
+
+    /// Returns true if the surface around a cell is turned too far against a face of this normal.
+    fn is_turned(&self, cell: usize, normal: &Vector3<f64>) -> bool {
+        let nominal = self.placed.part_from_scanner.inverse().direction(normal);
+        self.normal(cell).is_some_and(|measured| measured.dot(&nominal) < self.options.max_turn_deg.to_radians().cos())
     }
 
     /// Offsets, in columns and rows, to the cells that are asked for another face: eight directions, at half and at whole distance.
@@ -166,9 +152,10 @@ impl View<'_> {
     /// and twice as well. One of the same side, the other level of a step, is taken for its plane, and one of another side, a wall, for
     /// itself.
     fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
-        let Some((face, distance_mm)) = found[cell].face() else { return false };
+        let Found { face, distance_mm } = found[cell];
+        let distance_mm = f64::from(distance_mm);
         let least_gain_mm = (STEP_NOISES * self.options.noise_mm).max(0.5 * distance_mm.abs());
-        if distance_mm.abs() <= least_gain_mm {
+        if face == NO_FACE || distance_mm.abs() <= least_gain_mm {
             return false;
         }
         let mesh = self.nominal.mesh;
@@ -178,8 +165,8 @@ impl View<'_> {
         ring.iter().any(|[right, down]| {
             let (column, row) = (column + right, row + down);
             let is_in = (0..self.grid.columns as isize).contains(&column) && (0..self.grid.rows as isize).contains(&row);
-            let other = is_in.then(|| found[row as usize * self.grid.columns + column as usize].face()).flatten();
-            other.filter(|(other, _)| *other != face).is_some_and(|(other, _)| {
+            let other = if is_in { found[row as usize * self.grid.columns + column as usize].face } else { NO_FACE };
+            other != NO_FACE && other != face && {
                 let corners = mesh.corners(other as usize);
                 let other_normal = mesh.scaled_normal(other as usize).normalize();
                 let other_mm = if other_normal.dot(&normal) >= SAME_SIDE_COS {
@@ -188,7 +175,7 @@ impl View<'_> {
                     (nearest_of_triangle(&corners, &point).0 - point).norm()
                 };
                 distance_mm.abs() - other_mm > least_gain_mm
-            })
+            }
         })
     }
 
@@ -233,7 +220,7 @@ impl Footprints<'_> {
         let (at, patch) = (surface.sample_mm[sample.index()], surface.patch_of(sample));
         let in_scanner = self.placed.part_from_scanner.inverse().point(&at);
         let towards = self.placed.part_from_scanner.point(&self.camera.centre_mm) - at;
-        if towards.dot(&patch.normal) <= 0.0 || self.distances.face.is_empty() {
+        if towards.dot(&patch.normal) <= 0.0 || self.distances.found.is_empty() {
             return None;
         }
         let (pixel, depth) = self.camera.pixel(&in_scanner)?;
@@ -252,11 +239,11 @@ impl Footprints<'_> {
     }
 
     fn take(&self, cell: usize, at: &Point3<f64>, own_face: u32, normal: &Vector3<f64>, into: &mut MeasuredFootprint) {
-        let face = self.distances.face[cell];
+        let Found { face, distance_mm } = self.distances.found[cell];
         if face == NO_FACE {
             return;
         }
-        let distance = f64::from(self.distances.distance_mm[cell]);
+        let distance = f64::from(distance_mm);
         let Some(point) = self.placed.scan.scanner_cloud.points_mm.get(cell) else { return };
         let point = self.placed.part_from_scanner.point(&Point3::from(point.map(f64::from)));
         let face_normal = if face == own_face { *normal } else { self.nominal.mesh.scaled_normal(face as usize).normalize() };

@@ -10,10 +10,13 @@ mod organise;
 #[cfg(test)]
 mod tests;
 
+use rayon::prelude::*;
+
 use crate::cell::{Scanner, closed_list};
 use crate::geometry::cloud_io::StoredCloud;
-use crate::geometry::{LengthUnit, NearestFace, PointCloud};
+use crate::geometry::{LengthUnit, NearestFace, Part, PointCloud, Pose};
 use crate::inspection::ViewScan;
+use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, place};
 
 pub(super) use camera::LeftCamera;
 pub use clean::{CleanOptions, Removed, RemovedBecause};
@@ -33,8 +36,12 @@ closed_list! {
         Merged = "merged",
         /// The points lie where the view looks, but not on the part.
         NoPart = "no_part",
-        /// Two poses of the part explain the points.
+        /// The part lies elsewhere than planned, where it was searched for and found.
+        PartElsewhere = "part_elsewhere",
+        /// The part lies elsewhere than planned, and several poses of it explain the points.
         AmbiguousPose = "ambiguous_pose",
+        /// The part lies elsewhere than planned, and looks the same in several poses.
+        SymmetricPart = "symmetric_part",
         /// Long triangles that close holes were dropped.
         FilledHoles = "filled_holes",
         /// A view of the plan has no file.
@@ -51,10 +58,15 @@ impl IngestCode {
     #[must_use]
     pub fn is_refusal(self) -> bool {
         match self {
-            Self::UnitMismatch | Self::FrameMismatch | Self::WrongView | Self::NoPart | Self::ViewUnknown | Self::ViewDouble => {
-                true
-            }
-            Self::Merged | Self::AmbiguousPose | Self::FilledHoles | Self::ViewMissing => false,
+            Self::UnitMismatch
+            | Self::FrameMismatch
+            | Self::WrongView
+            | Self::NoPart
+            | Self::AmbiguousPose
+            | Self::SymmetricPart
+            | Self::ViewUnknown
+            | Self::ViewDouble => true,
+            Self::Merged | Self::PartElsewhere | Self::FilledHoles | Self::ViewMissing => false,
         }
     }
 }
@@ -123,6 +135,8 @@ pub struct TakenScan {
 pub struct Ingested {
     /// Scans, by viewpoint.
     pub scans: Vec<TakenScan>,
+    /// Takes the part's coordinates by the planned poses to those of the mesh: other than the identity where the part lies elsewhere.
+    pub mesh_from_stated: Pose<Part, Part>,
     /// Findings, in the order of files, then of views.
     pub findings: Vec<IngestFinding>,
 }
@@ -154,27 +168,96 @@ pub struct IngestWorld<'a> {
 pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &IngestOptions) -> Ingested {
     // The order of files must not matter.
     files.sort_by_cached_key(|file| (label(file), file.viewpoint));
-    let mut ingested = Ingested::default();
     let clouds = files.len();
-    for file in files {
-        let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
-        let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
-        match capture {
-            Some(capture) => take_view(file, capture, world, options, &mut ingested),
-            None if world.captures.len() == 1 && clouds == 1 => {
-                take_view(file, &world.captures[0], world, options, &mut ingested)
-            }
-            None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, world, options, &mut ingested),
-            None => ingested.findings.push(IngestFinding::of(IngestCode::ViewUnknown, Some(label(&file)), number)),
+    let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, world, options)).collect();
+    let mut ingested = Ingested::default();
+    let mut astray = Vec::new();
+    for file in read {
+        let others: &[&[TakenScan]] = if file.is_astray { &[&ingested.scans, &astray] } else { &[&ingested.scans] };
+        let is_of = |viewpoint: u32| others.iter().copied().flatten().any(|other| other.scan.viewpoint == viewpoint);
+        if file.viewpoint.is_some_and(is_of) {
+            ingested.findings.push(IngestFinding::of(IngestCode::ViewDouble, Some(file.name), file.viewpoint));
+            continue;
         }
+        ingested.findings.extend(file.findings);
+        if file.is_astray { astray.extend(file.scans) } else { ingested.scans.extend(file.scans) }
     }
     ingested.scans.sort_by_key(|taken| taken.scan.viewpoint);
+    astray.sort_by_key(|taken| taken.scan.viewpoint);
+    ingested.place_part(astray, world);
     for capture in world.captures {
         if !ingested.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
             ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
         }
     }
     ingested
+}
+
+impl Ingested {
+    /// Finds the part where it lies elsewhere than planned: by all scans together, and where that comes to nothing, by those that lie
+    /// on it as planned. `astray` are the others. Several setups have a place of the part each, and none is searched for.
+    fn place_part(&mut self, astray: Vec<TakenScan>, world: &IngestWorld<'_>) {
+        let is_one_setup = world.captures.iter().all(|capture| capture.part_from_plate == world.captures[0].part_from_plate);
+        let is_merged = self.scans.iter().any(|taken| taken.is_approximate);
+        if !is_one_setup || is_merged || (self.scans.is_empty() && astray.is_empty()) {
+            return;
+        }
+        let place = |scans: &[&TakenScan]| {
+            let scans: Vec<&ViewScan> = scans.iter().map(|taken| &taken.scan).collect();
+            place(&scans, world.nearest, &LocateOptions::default())
+        };
+        let all: Vec<&TakenScan> = self.scans.iter().chain(&astray).collect();
+        let mut placement = place(&all);
+        let takes_all = matches!(placement, PartPlace::Elsewhere(_)) || self.scans.is_empty();
+        if !takes_all && !astray.is_empty() {
+            placement = place(&self.scans.iter().collect::<Vec<_>>());
+        }
+        match placement {
+            PartPlace::Elsewhere(found) => {
+                if takes_all {
+                    self.findings.retain(|finding| finding.code != IngestCode::NoPart);
+                    self.scans.extend(astray);
+                    self.scans.sort_by_key(|taken| taken.scan.viewpoint);
+                }
+                self.mesh_from_stated = found.mesh_from_stated;
+                self.findings.push(IngestFinding::of(IngestCode::PartElsewhere, None, None));
+            }
+            PartPlace::Unknown(found) if found.refused == Some(NotLocated::AmbiguousPose) => {
+                let code = if found.is_symmetric { IngestCode::SymmetricPart } else { IngestCode::AmbiguousPose };
+                self.findings.retain(|finding| finding.code != IngestCode::NoPart);
+                for taken in self.scans.drain(..).chain(astray) {
+                    self.findings.push(IngestFinding::of(code, Some(taken.file), Some(taken.scan.viewpoint)));
+                }
+            }
+            PartPlace::AsStated | PartPlace::Unknown(_) => {}
+        }
+    }
+}
+
+/// A file as it was read: its scans, and what was found about it.
+struct ReadFile {
+    name: String,
+    /// Its view, where it is of one.
+    viewpoint: Option<u32>,
+    scans: Vec<TakenScan>,
+    findings: Vec<IngestFinding>,
+    /// True where the points lie where the view looks, and not on the part.
+    is_astray: bool,
+}
+
+fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &IngestOptions) -> ReadFile {
+    let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
+    let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
+    // The only file is of the only view, whatever its name.
+    let capture = capture.or_else(|| world.captures.first().filter(|_| world.captures.len() == 1 && clouds == 1));
+    let viewpoint = capture.map(|capture| capture.viewpoint);
+    let mut read = ReadFile { name: label(&file), viewpoint, scans: Vec::new(), findings: Vec::new(), is_astray: false };
+    match capture {
+        Some(capture) => take_view(file, capture, world, options, &mut read),
+        None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, world, options, &mut read),
+        None => read.findings.push(IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), number)),
+    }
+    read
 }
 
 /// Name of a file with that of the scan in it.
@@ -190,22 +273,27 @@ fn number_of(name: &str) -> Option<u32> {
     digits.parse().ok()
 }
 
-fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut Ingested) {
+fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
     let name = label(&file);
-    let mut refuse = |code: IngestCode, fits_viewpoint: Option<u32>, tried: Vec<FrameAttempt>| {
-        let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));
-        into.findings.push(IngestFinding { fits_viewpoint, tried, ..finding });
-    };
-    if into.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
-        return refuse(IngestCode::ViewDouble, None, Vec::new());
-    }
     let tried = try_all(&file.cloud, capture, world);
     let declared = |attempt: &&FrameAttempt| {
         file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
     };
-    let Some(best) = best_of(tried.iter().filter(declared)).filter(|best| best.on_part >= MIN_SHARE) else {
-        let (code, other) = diagnosis(&file, capture, world, &tried);
-        return refuse(code, other, tried);
+    let on_part = best_of(tried.iter().filter(declared)).filter(|best| best.on_part >= MIN_SHARE);
+    // In the part's own frame nothing lies elsewhere.
+    let seen = tried.iter().filter(declared).filter(|attempt| attempt.frame != ScanFrame::Part);
+    let seen = seen.fold(None, |best: Option<FrameAttempt>, attempt| {
+        best.filter(|best| best.in_frusta >= attempt.in_frusta).or(Some(*attempt))
+    });
+    let (best, is_astray) = match (on_part, seen.filter(|seen| seen.in_frusta >= MIN_SHARE)) {
+        (Some(best), _) => (best, false),
+        (None, seen) => {
+            let (code, fits_viewpoint) = diagnosis(&file, capture, world, &tried);
+            let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));
+            into.findings.push(IngestFinding { fits_viewpoint, tried, ..finding });
+            let Some(seen) = seen.filter(|_| code == IngestCode::NoPart) else { return };
+            (seen, true)
+        }
     };
     let (cloud, mut removed, longest_mm) = prepared(file, &best, capture);
     if let Some(longest_mm) = longest_mm {
@@ -219,6 +307,7 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, 
     let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
     let (unit, frame) = (best.unit, best.frame);
     into.scans.push(TakenScan { scan, file: name, unit, frame, fit: best, points, removed, is_approximate: false });
+    into.is_astray = is_astray;
 }
 
 /// Points in millimetres and in the scanner's frame, without those that only close holes; the longest triangle that did.
@@ -265,7 +354,7 @@ fn diagnosis(
 }
 
 /// A cloud of all views, put into the image of each.
-fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut Ingested) {
+fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
     let name = label(&file);
     let Some(first) = world.captures.first() else { return };
     let tried = frames::try_merged(&file.cloud, first, world);

@@ -3,9 +3,10 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::cell::{CloudFrame, CloudFrameSpec};
 use crate::geometry::cloud_io::{CloudLimits, read, write_pcd};
-use crate::geometry::demo_parts::base;
+use crate::geometry::demo_parts::{base, figurine};
 use crate::geometry::{Mesh, Part, Plate, Pose};
 use crate::inspection::shots::Shots;
+use crate::testing::box_mesh;
 
 /// The demo base on its plate, scanned from four sides.
 struct Cell {
@@ -17,10 +18,15 @@ struct Cell {
 
 impl Cell {
     fn new() -> Self {
-        let mesh = base(8_000).expect("a base");
+        Self::holding(base(8_000).expect("a base"), &Isometry3::identity())
+    }
+
+    /// A part that lies elsewhere than planned: `mesh_from_stated` takes what the planned poses say to where it is.
+    fn holding(mesh: Mesh, mesh_from_stated: &Isometry3<f64>) -> Self {
         let shots = Shots::of(&mesh, 16);
         let poses: Vec<_> = shots.poses(8).into_iter().take(4).collect();
-        let clouds = poses.iter().map(|pose| shots.cloud(pose, 0.0, 1)).collect();
+        let truly = |pose: &Pose<Part, crate::geometry::ScannerFrame>| Pose::claim(mesh_from_stated * pose.isometry());
+        let clouds = poses.iter().map(|pose| shots.cloud(&truly(pose), 0.0, 1)).collect();
         let cloud_frame = CloudFrameSpec::Named(CloudFrame::Left).scanner_from_cloud(&shots.scanner.devices);
         let part_from_plate: Pose<Part, Plate> =
             Pose::from_parts(Vector3::new(5.0, -8.0, -0.01), UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4));
@@ -98,12 +104,48 @@ fn what_does_not_fit_is_refused_with_what_was_tried() {
     assert_eq!(code(ScanFile { unit: Some(LengthUnit::Millimetre), ..metres }), (IngestCode::UnitMismatch, None));
     let in_part = cell.file(2, LengthUnit::Millimetre, ScanFrame::Part, "view_3.ply");
     assert_eq!(code(ScanFile { frame: Some(ScanFrame::Scanner), ..in_part }), (IngestCode::FrameMismatch, None));
-    let mut aside = plain(2);
-    aside.cloud.points.iter_mut().for_each(|point| point[2] += 60.0);
-    assert_eq!(code(aside), (IngestCode::NoPart, None));
+    let other = Cell::holding(figurine(8_000).expect("a figurine"), &Isometry3::translation(0.0, 0.0, -60.0));
+    let another_part = other.file(2, LengthUnit::Millimetre, ScanFrame::Scanner, "view_3.ply");
+    assert_eq!(code(another_part), (IngestCode::NoPart, None));
     let mut far = plain(2);
     far.cloud.points.iter_mut().for_each(|point| *point = point.map(|value| value * 1e30));
     assert_eq!(code(far).0, IngestCode::FrameMismatch);
+}
+
+#[test]
+fn a_part_that_lies_elsewhere_is_found() {
+    let motion = |deg: f64, mm: f64| Isometry3::new(Vector3::new(0.8 * mm, -0.6 * mm, 0.0), Vector3::z() * deg.to_radians());
+    // Six millimetres are within what the ingest takes for near, and beyond what registration finds by itself.
+    for (deg, mm, is_elsewhere) in [(25.0, 30.0, true), (4.0, 6.0, true), (0.3, 0.8, false)] {
+        let wanted = motion(deg, mm);
+        let cell = Cell::holding(base(8_000).expect("a base"), &wanted);
+        // Points that miss the part tell the vendor's frame and the scanner's hardly apart: the frame is declared.
+        let file = |view: usize| {
+            let plain = cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("view_{}.ply", view + 1));
+            ScanFile { frame: Some(ScanFrame::Scanner), ..plain }
+        };
+        let taken = cell.ingest((0..4).map(file).collect());
+        assert_eq!(taken.scans.len(), 4, "{:?}", taken.findings);
+        let found = taken.mesh_from_stated.isometry();
+        if is_elsewhere {
+            assert_eq!(codes(&taken), [IngestCode::PartElsewhere], "{:?}", taken.findings);
+            let centre = cell.mesh.aabb().centre();
+            let apart_mm = (found * centre - wanted * centre).norm();
+            assert!(apart_mm < 0.1 && found.rotation.angle_to(&wanted.rotation) < 2e-3, "{deg}°, {mm} mm: {apart_mm} {found}");
+        } else {
+            assert_eq!((codes(&taken), *found), (vec![], Isometry3::identity()));
+        }
+    }
+}
+
+#[test]
+fn a_symmetric_part_that_lies_elsewhere_is_refused() {
+    let block = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 15.0]);
+    let cell = Cell::holding(block, &Isometry3::new(Vector3::new(20.0, 10.0, 0.0), Vector3::z() * 0.6));
+    let files = (0..4).map(|view| cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("view_{}.ply", view + 1)));
+    let taken = cell.ingest(files.collect());
+    assert!(taken.scans.is_empty() && taken.mesh_from_stated == Pose::identity());
+    assert_eq!(codes(&taken), [IngestCode::SymmetricPart; 4], "{:?}", taken.findings);
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Finds a part that lies elsewhere than stated: poses from votes of point pairs ([`super::ppf`]) and from the part's own symmetries,
 //! each refined, and the best one taken only where no other explains nearly as many points. Two poses that do are both given.
 
+use std::borrow::Borrow;
+
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::matching::match_view;
@@ -20,6 +22,10 @@ const VOTED: usize = 10;
 const STEPS: i32 = 16;
 /// Cells of thinned points along the diameter; the votes' paper has 20.
 const CELLS: f64 = 22.0;
+/// Share of the points from which on the stated place of the part is not doubted.
+const SURE_SHARE: f64 = 0.9;
+/// Distance of a corner from its stated place up to which registration finds the part by itself, mm.
+const STATED_REACH_MM: f64 = 2.5;
 /// Samples of the mesh with which a symmetry is tested.
 const SYMMETRY_SAMPLES: usize = 600;
 
@@ -75,17 +81,14 @@ pub struct Location {
 
 /// Finds the part in scans whose stated poses are right among each other.
 #[must_use]
-pub fn locate(scans: &[ViewScan], nearest: &NearestFace<'_>, options: &LocateOptions) -> Location {
-    let of_view = (COMPARED_POINTS / scans.len().max(1)).max(50);
-    let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan, of_view)).collect();
-    let around = nearest.mesh().aabb();
-    let search = Search { views: &views, nearest, around, options };
+pub fn locate<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, options: &LocateOptions) -> Location {
+    let search = Search::new(scans, nearest, options);
     let mut starts = vec![Isometry3::identity()];
-    starts.extend(voted(scans, nearest.mesh(), &around));
+    starts.extend(voted(scans, nearest.mesh(), &search.around));
     let mut found: Vec<Scored> = starts.iter().map(|start| search.refined(start)).collect();
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     let best = found[0].pose;
-    found.extend(flips(&around).iter().map(|flip| search.refined(&(flip * best))));
+    found.extend(flips(&search.around).iter().map(|flip| search.refined(&(flip * best))));
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     let best = found[0];
     let second = found.iter().find(|other| search.differ(&best.pose, &other.pose)).copied();
@@ -94,6 +97,35 @@ pub fn locate(scans: &[ViewScan], nearest: &NearestFace<'_>, options: &LocateOpt
         if best.share < options.min_inlier_share { Some(NotLocated::NoPart) } else { rival.map(|_| NotLocated::AmbiguousPose) };
     let is_symmetric = rival.is_some_and(|rival| is_symmetry(&(rival.pose * best.pose.inverse()), nearest, options.inlier_mm));
     Location { best: best.into(), second: second.map(Into::into), is_symmetric, refused }
+}
+
+/// Place of the part in scans, beside where their poses say.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PartPlace {
+    /// Near the stated one, from where registration finds it.
+    AsStated,
+    /// Another one, which alone explains the points.
+    Elsewhere(PartPose),
+    /// Not known: no pose explains the points, or several do.
+    Unknown(Location),
+}
+
+/// Checks that the part lies where the poses of scans say, and searches for it where it does not.
+///
+/// The stated place is kept where a refinement from it explains nine tenths of the points, or nearly as many as the best pose that
+/// the search finds: a part that deviates from its mesh lies where it was put.
+#[must_use]
+pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, options: &LocateOptions) -> PartPlace {
+    let search = Search::new(scans, nearest, options);
+    let stated = search.refined(&Isometry3::identity());
+    if stated.share < SURE_SHARE {
+        let found = locate(scans, nearest, options);
+        if stated.share < options.min_inlier_share || stated.share < options.second_share * found.best.inlier_share {
+            return if found.refused.is_none() { PartPlace::Elsewhere(found.best) } else { PartPlace::Unknown(found) };
+        }
+    }
+    let is_near = search.apart_mm(&stated.pose, &Isometry3::identity()) <= STATED_REACH_MM;
+    if is_near { PartPlace::AsStated } else { PartPlace::Elsewhere(stated.into()) }
 }
 
 /// A pose with the share of the points that it explains.
@@ -110,23 +142,29 @@ impl From<Scored> for PartPose {
 }
 
 struct Search<'a> {
-    views: &'a [ViewPoints],
+    views: Vec<ViewPoints>,
     nearest: &'a NearestFace<'a>,
     around: Aabb,
     options: &'a LocateOptions,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new<S: Borrow<ViewScan>>(scans: &[S], nearest: &'a NearestFace<'a>, options: &'a LocateOptions) -> Self {
+        let of_view = (COMPARED_POINTS / scans.len().max(1)).max(50);
+        let views = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
+        Self { views, nearest, around: nearest.mesh().aabb(), options }
+    }
+
     /// Refines a pose with radii that shrink from a twelfth of the diameter to half of what counts as an inlier.
     fn refined(&self, start: &Isometry3<f64>) -> Scored {
         let mut state = State { part: *start, corrections: vec![Twist::zeros(); self.views.len()] };
         let (first, last) = ((self.around.extent_mm().norm() / 12.0).max(self.options.inlier_mm), 0.5 * self.options.inlier_mm);
         for step in 0..STEPS {
             let radius_mm = first * (last / first).powf(f64::from(step) / f64::from(STEPS - 1));
-            state.move_part(self.views, self.nearest, radius_mm);
+            state.move_part(&self.views, self.nearest, radius_mm);
         }
         for _ in 0..3 {
-            state.move_part(self.views, self.nearest, self.options.inlier_mm);
+            state.move_part(&self.views, self.nearest, self.options.inlier_mm);
         }
         Scored { pose: state.part, share: self.share(&state.part) }
     }
@@ -142,12 +180,17 @@ impl Search<'_> {
 
     /// Returns true if two poses move a corner of the part apart by more than a hundredth of its size, and 1 mm.
     fn differ(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+        self.apart_mm(a, b) > (0.01 * self.around.extent_mm().norm()).max(1.0)
+    }
+
+    /// Largest distance between the corners of the part at two poses, mm.
+    fn apart_mm(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
         let (low, high) = (self.around.min, self.around.max);
         let corner =
             |index: usize| Point3::from([0, 1, 2].map(|axis| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }));
         // Corners of the mesh, taken back to where the scans say they are.
         let apart = |index: usize| (a.inverse() * corner(index) - b.inverse() * corner(index)).norm();
-        (0..8).map(apart).fold(0.0, f64::max) > (0.01 * self.around.extent_mm().norm()).max(1.0)
+        (0..8).map(apart).fold(0.0, f64::max)
     }
 }
 
@@ -162,12 +205,12 @@ fn flips(around: &Aabb) -> Vec<Isometry3<f64>> {
 }
 
 /// Poses by votes.
-fn voted(scans: &[ViewScan], mesh: &Mesh, around: &Aabb) -> Vec<Isometry3<f64>> {
+fn voted<S: Borrow<ViewScan>>(scans: &[S], mesh: &Mesh, around: &Aabb) -> Vec<Isometry3<f64>> {
     let size_mm = around.extent_mm().norm() / CELLS;
     let model = thinned(&samples(mesh, 20_000), size_mm);
     let of_view = MAX_POINTS / 2 / scans.len().max(1);
     let seen = scans.iter().flat_map(|scan| {
-        let view = ViewPoints::of(scan, of_view);
+        let view = ViewPoints::of(scan.borrow(), of_view);
         let from = Point3::from(view.part_from_scanner.translation.vector);
         view.points_mm.into_iter().map(move |point| (view.part_from_scanner * point, from))
     });

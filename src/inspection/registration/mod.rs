@@ -24,6 +24,7 @@ mod ppf;
 #[cfg(test)]
 mod tests;
 
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Matrix6, Vector6};
@@ -81,6 +82,8 @@ pub struct RegistrationOptions {
     pub correlation_mm: f64,
     /// True if the part may lie elsewhere than planned; else only the views are corrected.
     pub moves_part: bool,
+    /// Pose that is taken first: the part's coordinates by the stated poses to those of the mesh, as [`locate::place`] finds it.
+    pub start: Pose<Part, Part>,
 }
 
 impl Default for RegistrationOptions {
@@ -95,6 +98,7 @@ impl Default for RegistrationOptions {
             inlier_mm: 0.5,
             correlation_mm: 5.0,
             moves_part: true,
+            start: Pose::identity(),
         }
     }
 }
@@ -141,17 +145,17 @@ pub struct ScanRegistration {
 /// Registers views against a mesh from their stated poses. `priors` has the covariance of each pose, from the calibration, or nothing
 /// for the default.
 #[must_use]
-pub fn register(
-    scans: &[ViewScan],
+pub fn register<S: Borrow<ViewScan>>(
+    scans: &[S],
     nearest: &NearestFace<'_>,
     priors: &[Option<Matrix6<f64>>],
     options: &RegistrationOptions,
 ) -> ScanRegistration {
     let of_view = options.points_of_view.min(MAX_POINTS / scans.len().max(1)).max(FREEDOMS);
-    let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan, of_view)).collect();
+    let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
     let priors: Vec<Matrix6<f64>> =
         (0..views.len()).map(|view| prior_weight(priors.get(view).copied().flatten(), options)).collect();
-    let mut state = State { part: Isometry3::identity(), corrections: vec![Twist::zeros(); views.len()] };
+    let mut state = State { part: *options.start.isometry(), corrections: vec![Twist::zeros(); views.len()] };
     if options.moves_part {
         for radius_mm in PART_RADII_MM {
             state.move_part(&views, nearest, radius_mm);
@@ -282,9 +286,9 @@ impl State {
         observations.with(weighing.priors, &self.corrections, &from_part)
     }
 
-    fn finish(
+    fn finish<S: Borrow<ViewScan>>(
         self,
-        scans: &[ViewScan],
+        scans: &[S],
         views: &[ViewPoints],
         nearest: &NearestFace<'_>,
         weighing: &Weighing<'_>,
@@ -299,7 +303,7 @@ impl State {
         let judged = self.matched(views, nearest, options.inlier_mm);
         let mut registered = Vec::with_capacity(scans.len());
         let mut found = Vec::with_capacity(scans.len());
-        for (view, scan) in scans.iter().enumerate() {
+        for (view, scan) in scans.iter().map(Borrow::borrow).enumerate() {
             let correction = self.corrections[view];
             let chi_squared = (correction.transpose() * priors[view] * correction)[0];
             let beyond = (chi_squared > limit).then_some(KeptPose::PoseOutOfPrior);

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
+use crate::inspection::Inspection;
 use crate::inspection::deviation::Alignment;
-use crate::inspection::registration::{KeptPose, ScanRegistration, ViewRegistration};
+use crate::inspection::registration::{KeptPose, ViewRegistration};
 
 /// Registered poses of the scans, and how well they are known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -14,7 +15,11 @@ pub struct AlignmentDocument {
     pub method: Alignment,
     /// Takes the part's coordinates by the stated poses to those of the mesh: where the part lies other than planned.
     pub mesh_from_stated: PoseSpec,
-    /// Angle of that pose, degrees.
+    /// Pose of the part on the table as its scans show it, for `POST /runs/{id}/located` and for a plan of its own; `null` without a
+    /// cell, and with several setups.
+    #[serde(default)]
+    pub table_from_part: Option<PoseSpec>,
+    /// Angle by which the part is turned, degrees.
     pub part_turned_deg: f64,
     /// Distance by which the middle of the part is off, mm.
     pub part_shifted_mm: f64,
@@ -72,14 +77,16 @@ impl ViewAlignmentDocument {
 }
 
 impl AlignmentDocument {
-    /// Document of a registration; `centre_mm` is the middle of the part.
+    /// Document of where the scans of an inspection lie; `centre_mm` is the middle of the part.
     #[must_use]
-    pub fn new(method: Alignment, registration: &ScanRegistration, centre_mm: &nalgebra::Point3<f64>) -> Self {
+    pub fn new(method: Alignment, inspection: &Inspection, centre_mm: &nalgebra::Point3<f64>) -> Self {
+        let registration = &inspection.registration;
         let pose = registration.mesh_from_stated;
         let sd = registration.sd;
         Self {
             method,
             mesh_from_stated: PoseSpec::from(&pose),
+            table_from_part: inspection.table_from_part.as_ref().map(PoseSpec::from),
             part_turned_deg: pose.isometry().rotation.angle().to_degrees(),
             part_shifted_mm: (pose.point(centre_mm) - centre_mm).norm(),
             part_sd: RigidSdDocument {

@@ -94,7 +94,7 @@ impl InspectionDocument {
             params: params.clone(),
             scans: files.scans.clone(),
             findings: files.findings.clone(),
-            alignment: AlignmentDocument::new(params.align.method, &inspection.registration, &mesh.aabb().centre()),
+            alignment: AlignmentDocument::new(params.align.method, inspection, &mesh.aabb().centre()),
             coverage: MeasuredCoverageDocument::new(&inspection.coverage, in_all_mm2),
             losses: LossDocument::all(&inspection.losses, inspection.coverage.asked_mm2),
             deviation: DeviationDocument::new(inspection),

@@ -112,7 +112,19 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
             )
         }
         IngestCode::NoPart => format!("{file} does not lie on the part in any unit and frame; points near the part: {shares}"),
-        IngestCode::AmbiguousPose => format!("two poses of the part explain {file} about equally well; give a better start"),
+        IngestCode::PartElsewhere => {
+            "the part lies elsewhere than planned; it was searched for, and all is compared where it was found".to_owned()
+        }
+        IngestCode::AmbiguousPose => {
+            format!(
+                "the part lies elsewhere than planned, and several poses of it explain {file} about equally well; add scans from other sides, or put the part where it was planned"
+            )
+        }
+        IngestCode::SymmetricPart => {
+            format!(
+                "the part of {file} lies elsewhere than planned, and looks the same in several poses; put it where it was planned"
+            )
+        }
         IngestCode::FilledHoles => {
             let longest = finding.longest_mm.unwrap_or_default();
             format!("triangles of {file} up to {longest:.0} mm long close holes; they are not measured and were left out")
