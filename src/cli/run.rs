@@ -158,6 +158,27 @@ fn operator(armed_by: Option<&str>, cell: &str) -> Result<String, CliError> {
     Err(CliError::BadInput(format!("{:?} is not the name of the cell, {cell:?}; nothing was moved", line.trim())))
 }
 
+/// Says what a program cannot be checked against, and refuses to move an arm with it.
+fn check_known(mode: RunMode, shown: &str, reference: &Reference) -> Result<(), CliError> {
+    // A twin hurts nothing, and its part lies where the plan says.
+    let missing = match (&reference.plan, &reference.part) {
+        (Some(_), None) if mode == RunMode::Simulate => return Ok(()),
+        (None, _) => (
+            "its plan: whether cell and part are those that it was planned for is not known",
+            "keep plan.json beside it, or give --plan",
+        ),
+        (_, None) => {
+            ("the part: that the arm stays clear of it is not checked", "give --mesh and --unit, and the fixture if there is one")
+        }
+        (Some(_), Some(_)) => return Ok(()),
+    };
+    if mode == RunMode::Live {
+        return Err(CliError::BadInput(format!("{shown}: a live run needs {}; {}", missing.0, missing.1)));
+    }
+    output::warning(shown, "", &format!("is run without {}", missing.0), missing.1);
+    Ok(())
+}
+
 impl PreparedRun {
     /// Reads every file and checks the program.
     fn load(args: &RunArgs) -> Result<Self, CliError> {
@@ -184,6 +205,7 @@ impl PreparedRun {
         let mut reference = args.reference.clone();
         reference.plan = reference.plan.or(plan_beside(&args.program)?);
         let reference = reference.load()?;
+        check_known(args.mode, &shown, &reference)?;
         reference.check_scanner(&cell).map_err(|errors| files::findings(&args.cell, &errors))?;
         let conditions = reference.present.conditions(&cell);
         let refused = |found: &[Finding]| files::findings(&shown, &field_errors(found));
@@ -207,6 +229,7 @@ impl PreparedRun {
         }
         let program = session::program_for(program, (args.mode, controllers.as_ref()), (&cell, &scene))
             .map_err(|together| CliError::BadInput(format!("{shown}: {together}")))?;
+        let run = Run { planned_secs: program.cycle_secs, ..run };
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
             .map_err(|found| refused(&found))?
             .under(conditions);

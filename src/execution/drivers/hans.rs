@@ -164,12 +164,6 @@ impl HansArm {
         ActualPosition::read(&values).ok_or_else(|| malformed("ReadActPos", &values))
     }
 
-    /// Histogram of the period of servo streaming, while it streams.
-    #[must_use]
-    pub fn streaming_jitter(&self) -> Option<Jitter> {
-        self.servo.as_ref().map(ServoStream::jitter)
-    }
-
     /// Sends a stop over the link that there is.
     async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
         let link = self.link.as_mut().ok_or_else(not_connected)?;
@@ -279,6 +273,10 @@ impl MotionDevice<6> for HansArm {
             link.close().await;
         }
         disabled
+    }
+
+    fn jitter(&self) -> Option<Jitter> {
+        self.servo.as_ref().map(ServoStream::jitter)
     }
 
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {

@@ -44,8 +44,8 @@ pub(super) async fn read<M: Watch>(job: RunJob, machine: M, control: Control, li
             let here = state.configuration();
             let (_, nearest) = way::nearest(&way::points(&job.program, options.from_step), &here);
             objections.extend(gate::to_start(&here, &nearest, &options.safeguards));
-            // Judged as if it were to move now.
-            let unfit = unfit(&state, RunState::Armed, state.arm.at.max(state.table.at), options.safeguards.state_max_age);
+            // Judged as before it is armed, which switches the power on.
+            let unfit = unfit(&state, RunState::Ready, state.arm.at.max(state.table.at), options.safeguards.state_max_age);
             (RunEvent::Read, unfit.into_iter().collect())
         }
         Err(Halt::Stop(request)) => (RunEvent::Stopped(request.cause), Vec::new()),

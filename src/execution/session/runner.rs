@@ -86,9 +86,11 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             Ok(Err(Halt::Pause(_))) => Some(stop_now("a pause outside of a step")),
             Err(()) => Some(stop_now("a panic")),
         };
+        // Devices that are released stream no more.
+        let jitter = self.watcher.machine.jitter();
         let report = self.shut_down(request).await;
         let event = report.as_ref().map_or(RunEvent::Finished, |report| RunEvent::Stopped(report.cause.clone()));
-        let record = self.record(&event, report);
+        let record = RunRecord { jitter, ..self.record(&event, report) };
         self.watcher.happen(event);
         self.watcher.control.end(record);
     }
@@ -308,7 +310,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             objections: Vec::new(),
             last_measured: self.last_measured.or_else(|| self.watcher.last.map(|state| state.configuration())),
             located: self.located,
-            jitter: self.watcher.machine.jitter(),
+            jitter: None,
         }
     }
 }

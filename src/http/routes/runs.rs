@@ -25,8 +25,8 @@ const POLL_AFTER_SECS: &str = "1";
 const MAX_TOKEN: u64 = 9_007_199_254_740_991;
 /// Media type of a record as a table.
 const CSV: &str = "text/csv; charset=utf-8";
-/// Media type of an audit log: JSON, an object a line.
-const JSON_LINES: &str = "text/plain; charset=utf-8";
+/// Media type of an audit log: text, an entry a line.
+const AUDIT_TEXT: &str = "text/plain; charset=utf-8";
 
 /// Parses the run id in a path. A malformed id is answered like an unknown one.
 pub(super) fn run_id(text: &str) -> Result<RunId, ApiError> {
@@ -227,8 +227,9 @@ fn csv(record: &RunRecordDocument) -> Response {
 
 /// Get the audit log of a run
 ///
-/// Every byte that was exchanged with the controllers, with monotonic time, as JSON with one object a line, hash-chained. Its size is
-/// bounded: the oldest part of a long log is missing. A simulated run exchanges none.
+/// Every byte that was exchanged with the controllers, as text with one entry a line: its number, nanoseconds of a monotonic clock since
+/// the log was opened, the device, `sent` or `received`, the bytes in hexadecimal, and the SHA-256 that chains the line to the one
+/// before. Its size is bounded: the oldest part of a long log is missing. A simulated run exchanges none.
 #[utoipa::path(
     get,
     path = "/runs/{id}/audit",
@@ -245,9 +246,9 @@ pub(in crate::http) async fn audit(
     params.deny_unknown()?;
     let id = run_id(&id)?;
     let log = state.app.run_audit(id).await?;
-    let name = format!("attachment; filename=\"run-{id}.jsonl\"");
+    let name = format!("attachment; filename=\"run-{id}.log\"");
     let body: Body = streamed(log, state.downloads.clone());
-    Ok(([(CONTENT_TYPE, JSON_LINES.to_owned()), (CONTENT_DISPOSITION, name)], body).into_response())
+    Ok(([(CONTENT_TYPE, AUDIT_TEXT.to_owned()), (CONTENT_DISPOSITION, name)], body).into_response())
 }
 
 /// Delete an ended run with its record and its audit log

@@ -14,6 +14,7 @@ use crate::execution::drivers::modbus_plc::PlcTable;
 use crate::execution::drivers::stream::Wiring;
 use crate::execution::drivers::trigger::ScannerTrigger;
 use crate::execution::drivers::ur::{UniversalRobots, UrArm};
+use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{self, Authority, Joined, ObservedJoined, ObservedPair, Pair, RunHandle, RunJob, RunOptions};
 
 /// Begins a run that reads the devices.
@@ -133,6 +134,10 @@ macro_rules! one_of {
 
             async fn release(&mut self) -> Result<(), DeviceError> {
                 match self { $(Self::$variant(device) => device.release().await),+ }
+            }
+
+            fn jitter(&self) -> Option<Jitter> {
+                match self { $(Self::$variant(device) => device.jitter()),+ }
             }
 
             fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {

@@ -63,6 +63,8 @@ impl Supervisor {
             Ok(checked) => Arc::new(checked),
             Err(ended) => return self.end_early(ended).await,
         };
+        // Where arm and table move in turn, they take longer than planned.
+        self.run.planned_secs = checked.job.program().cycle_secs;
         let handle = match self.begin(&order, &checked).await {
             Ok(handle) => handle,
             Err(reason) => return self.end_early((ReportedState::Failed, ReportedReason::NotAllowed, Some(reason))).await,

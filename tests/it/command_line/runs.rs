@@ -144,7 +144,13 @@ fn controllers_are_asked_for_and_checked() {
     refused(&["--cell", "e05-transcan", "--from-step", "1000"], "--from-step");
     refused(&["--cell", "e05-transcan", "--record", "/nowhere/run.json"], "--record");
     let cell = cell_file(folder.path());
-    refused(&["--cell", &cell, "--mode", "live"], "--armed-by");
+    let with_part = ["--cell", &cell, "--mesh", &part, "--unit", "mm", "--mode", "live"];
+    refused(&with_part, "--armed-by");
+    refused(&["--cell", &cell, "--mode", "live", "--armed-by", "me"], "--mesh");
+    let alone = folder.path().join("alone.json").display().to_string();
+    std::fs::copy(Path::new(&plan).join("program.json"), &alone).expect("a copy");
+    let ended = run(&[&["run", &alone][..], &with_part, &["--armed-by", "me"]].concat());
+    assert!(ended.code == Some(2) && ended.err.contains("needs its plan"), "{}", ended.err);
     // A file with controllers is a cell for everything else too.
     assert_eq!(run(&["run", &plan, "--cell", &cell, "--speed", "100"]).code, Some(0));
     let checked = run(&["check", &cell]);

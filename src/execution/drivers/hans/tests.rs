@@ -232,7 +232,7 @@ async fn joints_are_streamed_there_and_back_and_stand_after_a_stop() {
             assert!((real.to_degrees() - wanted).abs() < 1e-4, "{real} {wanted}");
         }
     }
-    let jitter = bench.arm.streaming_jitter().expect("a histogram");
+    let jitter = bench.arm.jitter().expect("a histogram");
     assert!(jitter.periods > 100, "{}", jitter.periods);
     bench.arm.start(&target(3, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 45.0)).await.expect("accepted");
     sleep(Duration::from_millis(400)).await;
