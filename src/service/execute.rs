@@ -74,6 +74,14 @@ pub enum JobError {
     /// Fields of the request that contradict each other or do not suit the part.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     BadInput(Vec<FieldError>),
+    /// The part does not suit plate or scanner.
+    #[error("{}", .errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    PartRefused {
+        /// The reasons, at the mesh.
+        errors: Vec<FieldError>,
+        /// Report on them.
+        report: Vec<Artifact>,
+    },
     /// No plan is possible.
     #[error("{reasons}")]
     NoPlan {
@@ -229,18 +237,29 @@ pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },
-        error @ (PlanError::Cancelled | PlanError::BadParams(_)) => blamed(&job, error),
+        PlanError::BadParams(errors) => blamed(&job, errors, ctx),
+        PlanError::Cancelled => JobError::Cancelled,
     })
 }
 
-/// Error of a job for an error of its plan: at what the request gave.
-fn blamed(job: &PlanJob<'_>, error: PlanError) -> JobError {
-    let PlanError::BadParams(errors) = error else { return error.into() };
-    let blame = |error: FieldError| match job.error_of_part(&error, job.params.part.table_from_part.is_some()) {
+/// Error of a job for errors of its plan: at what the request gave, with a report where that is the part alone.
+fn blamed(job: &PlanJob<'_>, errors: Vec<FieldError>, ctx: &Context<'_>) -> JobError {
+    let is_pose_given = job.params.part.table_from_part.is_some();
+    let of_part: Vec<Option<String>> = errors.iter().map(|error| job.error_of_part(error, is_pose_given)).collect();
+    let faults: Vec<String> = of_part.iter().flatten().cloned().collect();
+    let is_part = faults.len() == errors.len();
+    let blame = |(error, of_part): (FieldError, Option<String>)| match of_part {
         Some(detail) => FieldError { pointer: "/mesh_id".to_owned(), detail },
         None => error.below("/params"),
     };
-    JobError::BadInput(errors.into_iter().map(blame).collect())
+    let errors = errors.into_iter().zip(of_part).map(blame).collect();
+    if !is_part {
+        return JobError::BadInput(errors);
+    }
+    match job.render_no_plan(NoPlanReason::PartRefused(&faults), Reports::Html, ctx) {
+        Ok(report) => JobError::PartRefused { errors, report },
+        Err(cancelled) => PlanError::from(cancelled).into(),
+    }
 }
 
 /// Library of the meshes that a job brings along. Its specifications are inlined, so that a preset that changes in a later

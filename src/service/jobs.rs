@@ -17,7 +17,7 @@ use tokio::sync::mpsc;
 
 pub use self::failure::FAILURE_CODES;
 pub(super) use self::failure::failure;
-use self::failure::{AttemptError, internal, job_problem};
+use self::failure::{AttemptError, input_invalid, internal, job_problem};
 pub(super) use self::runner::JobRunner;
 use self::tracker::{Tracker, persist_progress};
 use super::app::App;
@@ -243,6 +243,9 @@ impl App {
             Err(AttemptError::Job(JobError::Unavailable(reason))) => {
                 tracing::warn!(reason, "the attempt is postponed");
                 Attempted::Ended(AttemptOutcome::Interrupted)
+            }
+            Err(AttemptError::Job(JobError::PartRefused { errors, report })) if !report.is_empty() => {
+                Attempted::Files(report, Some(input_invalid(errors)))
             }
             Err(AttemptError::Job(JobError::NoPlan { reasons, report })) if !report.is_empty() => {
                 Attempted::Files(report, Some(failure("no_plan", reasons, Vec::new())))

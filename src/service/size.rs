@@ -31,7 +31,9 @@ pub(super) fn size_of(input: &JobInput, cells: &KeptCells, threads: usize, stop:
     let (part, hardware) = match opened(input, cells, stop) {
         Ok(opened) => opened,
         Err(JobError::Cancelled | JobError::Unavailable(_)) => return JobSize::UNKNOWN,
-        Err(JobError::BadInput(_) | JobError::NoPlan { .. } | JobError::Damaged(_)) => return JobSize::NOTHING,
+        Err(JobError::BadInput(_) | JobError::PartRefused { .. } | JobError::NoPlan { .. } | JobError::Damaged(_)) => {
+            return JobSize::NOTHING;
+        }
     };
     let params = input.params.preset.apply(&input.params);
     let plan = PlanInput {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::super::error::Error;
 use super::super::execute::JobError;
+use crate::cell::FieldError;
 use crate::wire::{JobProblem, ProblemField, problem_type};
 
 /// Problem codes of failed jobs, with their titles.
@@ -37,17 +38,19 @@ pub(super) fn job_problem(error: AttemptError) -> JobProblem {
     match error {
         AttemptError::Panicked(text) => failure("job_panicked", format!("internal error: {text}"), Vec::new()),
         AttemptError::TimedOut(limit) => failure("job_too_long", too_long(limit), Vec::new()),
-        AttemptError::Job(error @ JobError::BadInput(_)) => {
-            let detail = error.to_string();
-            let JobError::BadInput(errors) = error else { return failure("job_input_invalid", detail, Vec::new()) };
-            failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
-        }
+        AttemptError::Job(JobError::BadInput(errors) | JobError::PartRefused { errors, .. }) => input_invalid(errors),
         AttemptError::Job(JobError::NoPlan { reasons, .. }) => failure("no_plan", reasons, Vec::new()),
         AttemptError::Job(JobError::Damaged(reason)) => failure("file_damaged", reason, Vec::new()),
         AttemptError::Job(error @ (JobError::Unavailable(_) | JobError::Cancelled)) => {
             failure("internal", error.to_string(), Vec::new())
         }
     }
+}
+
+/// Problem of a job whose input cannot be used.
+pub(super) fn input_invalid(errors: Vec<FieldError>) -> JobProblem {
+    let detail = errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
 }
 
 fn too_long(limit: Duration) -> String {

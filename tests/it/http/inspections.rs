@@ -21,7 +21,7 @@ use super::api::{Api, cube, http_options, service_options};
 const EDGE_MM: f64 = 60.0;
 
 /// A service that really plans.
-async fn planning() -> Api {
+pub(super) async fn planning() -> Api {
     let mut options = service_options();
     options.max_upload_bytes = 64 << 20;
     let cells = KeptCells::default();

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::api::{Api, FILES};
+use super::api::{Api, FILES, cube};
 
 #[tokio::test]
 async fn each_result_comes_in_its_forms() {
@@ -223,4 +223,17 @@ async fn large_answers_are_compressed_and_their_tag_says_so() {
     let page = api.send("GET", "/assets/page.js", &[("accept-encoding", "gzip")], "").await;
     assert_eq!(page.header("content-encoding"), "gzip");
     assert!(page.header("etag").starts_with("W/\""), "{}", page.header("etag"));
+}
+
+#[tokio::test]
+async fn a_part_that_is_refused_has_a_report_as_well() {
+    let api = super::inspections::planning().await;
+    let mesh = api.send("POST", "/api/v1/meshes?unit=mm", &[], cube(900.0)).await.ok(201);
+    let job = api.post_json("/api/v1/jobs", &json!({"mesh_id": mesh["id"], "cell": "e05-transcan"})).await.ok(202);
+    let job = job["id"].as_str().expect("an id").to_owned();
+    let ended = api.get(&format!("/api/v1/jobs/{job}?wait=60s")).await.ok(200);
+    assert_eq!(ended["problem"]["code"], "job_input_invalid", "{ended}");
+    assert_eq!(ended["problem"]["errors"][0]["pointer"], "/mesh_id", "{ended}");
+    let report = api.get(&format!("/api/v1/jobs/{job}/report?format=html")).await;
+    assert!(report.status == 200 && report.text().contains("plate"), "{}", report.status);
 }
