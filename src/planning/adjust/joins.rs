@@ -19,6 +19,8 @@ use crate::planning::visibility::SampleSet;
 
 /// Views that are added at most.
 const MAX_ADDED: usize = 12;
+/// Factor by which a view has to make the weakest freedom stiffer to be taken before one that measures more of what both could share.
+const STIFFER: f64 = 1.5;
 
 /// Returns true if the views of different setups have to share surface.
 pub(super) fn must_join(problem: &ViewPlanningProblem<'_>) -> bool {
@@ -44,23 +46,39 @@ pub(in crate::planning) fn join_setups(
         return Ok(chosen);
     }
     let usable = problem.choosable(excluded);
-    let mut views = chosen.candidates.clone();
-    let max_views = problem.params.selection.max_views.map_or(usize::MAX, |views| views as usize);
-    for _ in 0..MAX_ADDED.min(max_views.saturating_sub(views.len())) {
-        let measured = measured_by_setup(problem, &views);
-        let Some(gap) = weakest_gap(problem, &measured) else { break };
-        let added = gap.closing_view(problem, &measured, &usable, &views, ctx)?;
-        views.push(added.ok_or(PlanError::NoPlan(NoPlan::NotRegistered { stability: gap.stability }))?);
-    }
-    if let Some(gap) = weakest_gap(problem, &measured_by_setup(problem, &views)) {
-        return Err(PlanError::NoPlan(NoPlan::NotRegistered { stability: gap.stability }));
-    }
+    let views = match joined(problem, &chosen.candidates, &usable, STIFFER, ctx) {
+        // Little by little, where views that measure most of what both could share come to nothing.
+        Err(PlanError::NoPlan(_)) => joined(problem, &chosen.candidates, &usable, 1.0, ctx)?,
+        joined => joined?,
+    };
     if views.len() == chosen.candidates.len() {
         return Ok(chosen);
     }
     let place = |candidate| usable.binary_search(candidate).ok().map(RowIndex::at);
     let rows: Vec<RowIndex> = views.iter().filter_map(place).collect();
     problem.chosen_of(&problem.cover_problem(&usable), &usable, &rows, &chosen, ctx)
+}
+
+/// Views with as many more as join their setups; one that makes a gap stiffer by less than the factor `stiffer` is not taken for that.
+fn joined(
+    problem: &ViewPlanningProblem<'_>,
+    chosen: &[CandidateIndex],
+    usable: &[CandidateIndex],
+    stiffer: f64,
+    ctx: &Context<'_>,
+) -> Result<Vec<CandidateIndex>, PlanError> {
+    let mut views = chosen.to_vec();
+    let max_views = problem.params.selection.max_views.map_or(usize::MAX, |views| views as usize);
+    for _ in 0..MAX_ADDED.min(max_views.saturating_sub(views.len())) {
+        let measured = measured_by_setup(problem, &views);
+        let Some(gap) = weakest_gap(problem, &measured) else { break };
+        let added = gap.closing_view(problem, (&measured, stiffer), usable, &views, ctx)?;
+        views.push(added.ok_or(PlanError::NoPlan(NoPlan::NotRegistered { stability: gap.stability }))?);
+    }
+    match weakest_gap(problem, &measured_by_setup(problem, &views)) {
+        Some(gap) => Err(PlanError::NoPlan(NoPlan::NotRegistered { stability: gap.stability })),
+        None => Ok(views),
+    }
 }
 
 /// Samples that the views of each setup measure; of setups that have any.
@@ -102,7 +120,7 @@ impl Gap {
     fn closing_view(
         &self,
         problem: &ViewPlanningProblem<'_>,
-        measured: &[(SetupIndex, SampleSet)],
+        (measured, stiffer): (&[(SetupIndex, SampleSet)], f64),
         usable: &[CandidateIndex],
         views: &[CandidateIndex],
         ctx: &Context<'_>,
@@ -131,7 +149,7 @@ impl Gap {
         let stiffest = worths.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
         let widest = worths.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
         let is_stiffer = |(_, resistance, _): &(CandidateIndex, f64, f64)| {
-            *resistance >= MIN_RESISTANCE || *resistance > 1.5 * self.stability.resistance + 1e-6
+            *resistance >= MIN_RESISTANCE || *resistance > stiffer * self.stability.resistance + 1e-6
         };
         let adds = |(_, _, new_mm2): &(CandidateIndex, f64, f64)| *new_mm2 > 0.0;
         Ok(stiffest.filter(is_stiffer).or(widest.filter(adds)).map(|(candidate, ..)| candidate))
