@@ -93,14 +93,27 @@ pub struct Screening<'a> {
 
 impl Screening<'_> {
     /// Finds the observations that agree, and refines from them. None where no set of observations determines the unknowns.
+    ///
+    /// A set of four may leave the unknowns so open that all others agree with it, and nothing comes of it: then all begin together.
     #[must_use]
     pub fn screen(&self) -> Option<Screened> {
-        let (first, median) = self.consensus()?;
+        let chosen = self.consensus().and_then(|(set, median)| self.screened_from(&set, median));
+        chosen.or_else(|| {
+            let all: Vec<usize> = (0..self.sightings.len()).collect();
+            let refined = self.refined_by(self.sightings, &self.weighting)?;
+            let mut squares: Vec<f64> = self.sightings.iter().map(|each| self.own_square(&refined, each)).collect();
+            squares.sort_by(f64::total_cmp);
+            self.screened_from(&all, squares[all.len() / 2])
+        })
+    }
+
+    /// Gates, from observations that agree; `median` is that of all whitened squares beside them.
+    fn screened_from(&self, first: &[usize], median: f64) -> Option<Screened> {
         let expected = quantile(0.5, 6);
         let scale = (median / expected).sqrt();
         let sigma_scale = if self.estimate_sigma || scale > MAX_SCALE { scale.max(1e-9) } else { 1.0 };
         let weighting = Weighting { sigma: self.weighting.sigma.scaled(sigma_scale), ..self.weighting };
-        let mut refined = self.refined_by(&self.chosen(&first), &weighting)?;
+        let mut refined = self.refined_by(&self.chosen(first), &weighting)?;
         let mut is_used = vec![false; self.sightings.len()];
         first.iter().for_each(|index| is_used[*index] = true);
         for round in 0..GATES {

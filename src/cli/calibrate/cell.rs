@@ -11,7 +11,7 @@ use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
 use crate::report::calibration::calibration_html;
-use crate::wire::calibration::{CalibrationDocument, CalibrationError};
+use crate::wire::calibration::{CalibrationDocument, CalibrationError, FindingDocument};
 use crate::wire::json_file_bytes;
 
 /// Solve for scanner and table, screen the observations, and say how well the result is known.
@@ -68,14 +68,15 @@ pub(super) fn run(args: &CalibrateCellArgs) -> Result<(), CliError> {
         write_cell(path, spec, &document)?;
     }
     for finding in &document.findings {
-        output::warning(&shown, "", &format!("{}: {}", finding.code.as_str(), finding.detail), remedy(finding.severity));
+        output::warning(&shown, "", &format!("{}: {}", finding.code.as_str(), finding.detail), remedy(finding));
     }
     output::result(&document, text(&document, &cell))
 }
 
-fn remedy(severity: Severity) -> &'static str {
-    match severity {
+fn remedy(finding: &FindingDocument) -> &'static str {
+    match finding.severity {
         Severity::Error => "the calibration cannot be used",
+        Severity::Warning if finding.observations.is_empty() => "take more observations",
         Severity::Warning => "look at the observations named, and take them again",
         Severity::Note => "for your information",
     }

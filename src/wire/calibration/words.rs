@@ -119,7 +119,9 @@ fn of_table(code: FindingCode, figures: &Figures) -> String {
         FindingCode::TableScale => {
             format!("the table turns {:.5} of the angle that it reports: check its gear ratio", figures.ratio.unwrap_or(f64::NAN))
         }
-        _ => format!("the table turned by {asked:.1}° in all; its axis needs 10°, better a full turn"),
+        _ => format!(
+            "the table turned by {asked:.1}° in all; its axis needs 10°, better a full turn; a board that stands beside it gives the scanner alone (solve = hand_eye)"
+        ),
     }
 }
 
