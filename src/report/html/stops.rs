@@ -68,7 +68,11 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, ctx: &Context<
          coloured by what this view measures; grey is measured by other views. The dashed line is the field that both cameras and \
          the projector share at best focus. {}A stop opens to its picture, its pose and its joints.{}</p>\n{}{body}</section>\n",
         if ordered { "Stops in the robot’s order" } else { "The chosen views" },
-        if ordered { "Times count from the start of the setup’s program. " } else { "" },
+        if ordered {
+            "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn it takes longer. "
+        } else {
+            ""
+        },
         if count > MAX_PICTURES { format!(" The first {MAX_PICTURES} have pictures.") } else { String::new() },
         legend(album, inks)
     ))
