@@ -161,12 +161,16 @@ async fn a_client_that_goes_on_sending_is_not_listened_to_for_long() {
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
 }
 
+/// The page knows two kinds by name, and reads the job anew at any other.
 #[test]
 fn the_page_handles_every_kind_of_event() {
     let page = include_str!("../../static/src/jobs.ts");
-    for kind in EventKind::ALL {
-        assert!(page.contains(&format!("\"{}\"", kind.as_str())), "{}", kind.as_str());
+    for (name, kind) in [("PROGRESS", EventKind::Progress), ("DELETED", EventKind::Deleted)] {
+        assert!(page.contains(&format!("const {name} = \"{}\";", kind.as_str())), "{name}");
+        assert!(page.contains(&format!("kind === {name}")), "{name}");
     }
+    let function = page.split("function applyEvent(").nth(1).and_then(|rest| rest.split("\n}\n").next()).unwrap_or_default();
+    assert!(function.contains("} else {") && function.contains("refresh(about.job_id)"), "{function}");
 }
 
 /// The page once asked for each job that it listed, and for each that waited whenever anything happened.
