@@ -97,7 +97,7 @@ pub(super) fn misses(input: &ReportInput<'_>, album: &mut Album, side: &Overview
 
 /// Pose of the part in the first setup.
 fn first_pose(outcome: &Outcome) -> Pose<Table, Part> {
-    outcome.plan.table_from_part.unwrap_or(Pose::identity())
+    outcome.plan.table_from_part.unwrap_or_default()
 }
 
 fn overview_camera(subject: &ReportSubject<'_>, table_from_part: Pose<Table, Part>, side: &OverviewSide) -> Camera {
