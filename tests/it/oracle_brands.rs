@@ -22,6 +22,8 @@ use vantage::execution::simulators::ur::UrController;
 use crate::support::oracle_python;
 
 const WATCHDOG: Duration = Duration::from_millis(500);
+/// How long a peer or a device may take, so that one that stands still fails its test and not the whole suite.
+const PATIENCE: Duration = Duration::from_secs(60);
 /// Largest distance between what two sides hold for an angle: six decimals on the wire.
 const SAME_DEG: f64 = 1e-4;
 /// The same beside RSIPI, which writes hundredths of a degree.
@@ -57,7 +59,7 @@ async fn numbers(mut lines: BufReader<ChildStdout>) -> (Vec<f64>, BufReader<Chil
         lines.read_line(&mut line).expect("a line");
         (line, lines)
     });
-    let (line, lines) = read.await.expect("read");
+    let (line, lines) = tokio::time::timeout(PATIENCE, read).await.expect("a line in time").expect("read");
     assert!(!line.is_empty(), "the peer ended; see its words above");
     (line.split_whitespace().map(|word| word.parse().expect(&line)).collect(), lines)
 }
@@ -72,15 +74,17 @@ async fn go<const N: usize>(device: &mut impl MotionDevice<N>, sequence: u64, po
     let duration = Duration::from_millis(400);
     let target = Target { sequence, positions_rad, max_speed_rad_s, max_acceleration_rad_s2, duration };
     device.start(&target).await.expect("accepted");
-    loop {
-        device.keep_alive().await.expect("alive");
-        let state = device.state().await.expect("a state");
-        if state.condition.in_position {
-            // What is measured lags behind the last set point, by cycles.
-            tokio::time::sleep(Duration::from_millis(100)).await;
-            return device.state().await.expect("a state").positions_rad;
+    let arrived = async {
+        loop {
+            device.keep_alive().await.expect("alive");
+            if device.state().await.expect("a state").condition.in_position {
+                // What is measured lags behind the last set point, by cycles.
+                tokio::time::sleep(Duration::from_millis(100)).await;
+                return device.state().await.expect("a state").positions_rad;
+            }
         }
-    }
+    };
+    tokio::time::timeout(PATIENCE, arrived).await.expect("in position")
 }
 
 fn near(found: &[f64], expected: &[f64], tolerance: f64) {

@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use super::process::Server;
+use super::process::{RaisedAtEnd, Server};
 use crate::http::api::cube;
 
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
@@ -172,15 +172,23 @@ fn drip(server: &Server, count: usize, first: u8, stop: &std::sync::atomic::Atom
     }
 }
 
-/// The times that the slowest of a hundred requests takes, of so many, and the slowest of all.
-fn slowest(server: &Server, last: u8, requests: usize) -> [Duration; 2] {
+/// The times that the slowest of a hundred requests takes, of so many, and the slowest of all. Where `may_repeat`, a
+/// request that is refused or cut off is sent again, within the same time: slow clients at one's own address are ahead of it
+/// where the machine is busy.
+fn slowest(server: &Server, last: u8, requests: usize, may_repeat: bool) -> [Duration; 2] {
     let mut times: Vec<Duration> = (0..requests)
         .map(|_| {
             let began = Instant::now();
-            let answer = server.asked_from(last, "GET", "/api/v1/jobs", "");
-            assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
-            std::thread::sleep(Duration::from_millis(5));
-            began.elapsed() - Duration::from_millis(5)
+            loop {
+                let answer = server.asked_from(last, "GET", "/api/v1/jobs", "");
+                let took = began.elapsed();
+                std::thread::sleep(Duration::from_millis(5));
+                if answer.starts_with("HTTP/1.1 200") {
+                    return took;
+                }
+                let is_cut_off = answer.is_empty() || answer.starts_with("HTTP/1.1 429");
+                assert!(may_repeat && is_cut_off && took < AT_ONCE, "{answer}");
+            }
         })
         .collect();
     times.sort();
@@ -194,11 +202,12 @@ fn thousands_of_half_sent_requests_do_not_keep_others_waiting() {
     let count = connections_here();
     let stop = std::sync::atomic::AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let raised = RaisedAtEnd(&stop);
         scope.spawn(|| drip(&server, count, 1, &stop));
         std::thread::sleep(Duration::from_secs(2));
         // One that shares an address with slow ones, and one of its own.
-        let [at_theirs, apart] = [1, 9].map(|last| slowest(&server, last, 200));
-        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        let [at_theirs, apart] = [(1, true), (9, false)].map(|(last, may_repeat)| slowest(&server, last, 200, may_repeat));
+        drop(raised);
         eprintln!(
             "{count} slow clients; p99 and longest of a healthy one {apart:?}, of one at an address of theirs {at_theirs:?}"
         );

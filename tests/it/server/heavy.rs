@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use sha2::{Digest, Sha256};
 
 use super::database;
-use super::process::{QUICK, Server};
+use super::process::{QUICK, RaisedAtEnd, Server};
 
 fn hex(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
@@ -66,6 +66,7 @@ fn sixteen_clients_with_the_largest_result_keep_nobody_waiting() {
 
     let done = AtomicBool::new(false);
     let slowest = std::thread::scope(|scope| {
+        let raised = RaisedAtEnd(&done);
         let clients: Vec<_> = (0..16)
             .map(|_| {
                 let path = format!("GET /api/v1/jobs/{job}/coverage HTTP/1.1\r\nhost: localhost\r\naccept-encoding: gzip\r\nconnection: close\r\n\r\n");
@@ -90,7 +91,7 @@ fn sixteen_clients_with_the_largest_result_keep_nobody_waiting() {
         for client in clients {
             assert!(client.join().expect("a client") > 10_000_000);
         }
-        done.store(true, Ordering::Relaxed);
+        drop(raised);
         probe.join().expect("the probe")
     });
     // Compressing that for each would take every thread that answers tens of seconds.

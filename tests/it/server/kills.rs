@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::process::{QUICK, Server};
+use super::process::{QUICK, RaisedAtEnd, Server};
 use crate::http::api::cube;
 use crate::support::{all_asked, long_asked};
 
@@ -187,6 +187,7 @@ fn kills_at_random_moments_lose_nothing_that_was_acknowledged() {
         }
         let stop = AtomicBool::new(false);
         std::thread::scope(|scope| {
+            let _raised = RaisedAtEnd(&stop);
             for _ in 0..3 {
                 scope.spawn(|| work(&server, &ledger, &random, &stop));
             }
@@ -195,7 +196,6 @@ fn kills_at_random_moments_lose_nothing_that_was_acknowledged() {
             }
             std::thread::sleep(Duration::from_millis(20 + random.below(500)));
             server.signal("KILL");
-            stop.store(true, Ordering::Relaxed);
         });
     }
     let (server, ready) = start(data.path());

@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -33,6 +34,15 @@ pub(crate) struct Server {
     child: Child,
     log: NamedTempFile,
     pub(crate) address: SocketAddr,
+}
+
+/// Raises a flag at the end of its scope, also where that is a panic: threads that run until the flag is raised end.
+pub(super) struct RaisedAtEnd<'a>(pub(super) &'a AtomicBool);
+
+impl Drop for RaisedAtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 impl Server {
