@@ -2,7 +2,7 @@
 // `--out DIR` builds elsewhere, for the check that what is committed is what the sources give. Writes `BYTES.md`, a table of
 // what is bundled, and fails if everything together exceeds the limit that a plant's slow link can bear.
 import { cpSync, mkdirSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
-import { dirname, join } from "node:path";
+import { basename, dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 import { build } from "esbuild";
@@ -11,6 +11,28 @@ const root = dirname(fileURLToPath(import.meta.url));
 const at = process.argv.indexOf("--out");
 const out = at > 0 ? process.argv[at + 1] : join(root, "dist");
 const LIMIT_KB = 300;
+
+// Shaders of materials that the page does not use: physical, Phong, toon, matcap and normal ones, shadows, environment maps.
+const UNUSED_CHUNKS = ["lights_physical_pars_fragment", "lights_physical_fragment", "lights_phong_pars_fragment", "lights_toon_pars_fragment",
+  "transmission_pars_fragment", "transmission_fragment", "iridescence_fragment", "envmap_physical_pars_fragment", "shadowmap_pars_fragment",
+  "shadowmap_vertex", "shadowmap_pars_vertex", "shadowmask_pars_fragment"];
+const UNUSED_SHADERS = ["DISTANCE", "MATCAP", "NORMAL", "PHONG", "STANDARD", "TOON"];
+
+/** three.js with empty texts in place of the shaders that are not used; each must be there to be left out. */
+function withoutUnusedShaders(source) {
+  const empty = (text, pattern, name) => {
+    if (!pattern.test(text)) throw new Error(`three.js has no shader ${name}`);
+    return text.replace(pattern, '$1"";');
+  };
+  const rest = UNUSED_CHUNKS.reduce((text, name) => empty(text, new RegExp(`^((?:const|var) ${name} = )".*";$`, "m"), name), source);
+  return UNUSED_SHADERS.reduce((text, name) => empty(text, new RegExp(`^(const (?:vertex|fragment)\\$\\w+ = )"#define ${name}\\\\n.*";$`, "gm"), name), rest);
+}
+
+const shaders = {
+  name: "shaders",
+  setup: ({ onLoad }) => onLoad({ filter: /three[\\/]build[\\/]three\.module\.js$/ },
+    ({ path }) => ({ contents: withoutUnusedShaders(readFileSync(path, "utf8")), loader: "js" })),
+};
 
 rmSync(out, { recursive: true, force: true });
 mkdirSync(out, { recursive: true });
@@ -31,9 +53,16 @@ const { metafile } = await build({
   jsxImportSource: "preact",
   chunkNames: "[name]-[hash]",
   legalComments: "none",
+  plugins: [shaders],
   logLevel: "warning",
 });
-for (const file of ["index.html", "icon.svg"]) cpSync(join(root, "src", file), join(out, file));
+cpSync(join(root, "src/icon.svg"), join(out, "icon.svg"));
+
+// What the page begins with is asked for together with it, not only once the page was read.
+const page = Object.values(metafile.outputs).find((output) => output.entryPoint === "src/page.tsx");
+const parts = page.imports.filter(({ kind }) => kind === "import-statement").map(({ path }) => basename(path)).sort();
+const links = parts.map((name) => `  <link rel="modulepreload" href="assets/${name}">\n`).join("");
+writeFileSync(join(out, "index.html"), readFileSync(join(root, "src/index.html"), "utf8").replace("</head>", `${links}</head>`));
 
 /** Package of an input path, `vantage` for our own sources. */
 function owner(path) {

@@ -63,8 +63,22 @@ async function exchangeKey(problem: string): Promise<void> {
   isSignedIn.value = true;
 }
 
+// What a view will ask for, while its code is still on the way.
+const ahead = new Map<string, Promise<Response>>();
+const AHEAD_MS = 10_000;
+
+/** Begins a request; whoever asks for the same soon gets its answer. */
+export function askAhead(path: string): void {
+  const asked = request(path);
+  asked.catch(() => ahead.delete(path));
+  ahead.set(path, asked);
+  setTimeout(() => ahead.delete(path), AHEAD_MS);
+}
+
 /** Response of a request; asks for the key first where the server wants one. */
 export async function request(path: string, options: RequestInit = {}): Promise<Response> {
+  const asked = options.method ? undefined : ahead.get(path);
+  if (asked) { ahead.delete(path); return asked; }
   try {
     return await send(path, options);
   } catch (error) {

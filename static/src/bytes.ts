@@ -1,5 +1,5 @@
 // Meaning of the bytes of `coverage.bin`, as `GET /jobs/{id}/coverage` lists it.
-import { causeColour, GRADES, NOT_ASKED, type Rgb } from "./palette";
+import { causeColour, GRADES, MISSED, NOT_ASKED, type Rgb } from "./palette";
 
 const CAUSES = [
   "excluded_resting", "enclosed", "faces_table", "facing", "depth", "frame_left", "frame_right", "frame_projector", "incidence_left",
@@ -20,5 +20,9 @@ export const isGrade = (meaning: string): boolean => meaning.length === 1;
 export function colourOf(meaning: string): Rgb {
   return GRADES[meaning] ?? (meaning === "not_asked" ? NOT_ASKED : causeColour(meaning));
 }
-const colours = Array.from({ length: 256 }, (_, byte) => colourOf(meaningOf(byte)));
+const colours = Array.from({ length: 256 }, (_, byte) => {
+  const meaning = meaningOf(byte);
+  return isGrade(meaning) || meaning === "not_asked" ? colourOf(meaning) : MISSED;
+});
+/** Colour in a picture of grades, which has one for all that is missed. */
 export const colourOfByte = (byte: number): Rgb => colours[byte]!;

@@ -8,7 +8,7 @@ import { Chart } from "./chart";
 import { ClearanceTracer, coverageBytes, preview, type Preview } from "./mesh";
 import { LINES } from "./palette";
 import { ReachPanel } from "./reachpanel";
-import { length, percent, seconds } from "./settings";
+import { fine, length, lengthIn, lengthUnit, percent, seconds, unit } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
 import { configurationAt, sampled, spanAt, timelineOf, type Timeline } from "./timeline";
@@ -175,7 +175,7 @@ function NowFacts({ loaded, scene, configuration, viewpoint }: { loaded: Loaded;
     <dl class="facts-list" id="now">
       <dt>{words.table}</dt><dd>{(configuration[6] ?? 0).toFixed(1)}°</dd>
       <dt>{words.atScan}</dt><dd>{view ? `${text.plan.view(view.id)} (${view.label})` : text.none}</dd>
-      {off && <><dt>{words.error}</dt><dd data-off={off.mm}>{off.mm.toFixed(3)} mm, {off.deg.toFixed(3)}°</dd></>}
+      {off && <><dt>{words.error}</dt><dd data-off={off.mm}>{fine(off.mm)}, {off.deg.toFixed(3)}°</dd></>}
       {view?.station?.clearance_mm != null && <><dt>{words.clearance}</dt><dd>{length(view.station.clearance_mm)}</dd></>}
       {view?.station?.posture && <><dt>{words.posture}</dt><dd>{view.station.posture}</dd></>}
     </dl>
@@ -186,8 +186,8 @@ const CURVE = "#0072b2";
 
 function ClearanceFacts({ clearances, now, onSeek }: { clearances: Clearances; now: number; onSeek: (time: number) => void }) {
   const { curve, now: nearest, share, minMm } = clearances;
-  const lines = useMemo(() => curve && [{ label: words.nearest, values: curve.mm, colour: CURVE },
-    { label: words.kept, values: curve.mm.map(() => minMm), isDashed: true, isFaint: true, colour: "#d55e00" }], [curve]);
+  const lines = useMemo(() => curve && [{ label: words.nearest, values: curve.mm.map(lengthIn), colour: CURVE },
+    { label: words.kept, values: curve.mm.map(() => lengthIn(minMm)), isDashed: true, isFaint: true, colour: "#d55e00" }], [curve, unit.value]);
   return (
     <section id="clearance" data-mm={nearest?.mm} aria-label={words.nearest}>
       <h3>{words.nearest}</h3>
@@ -196,7 +196,7 @@ function ClearanceFacts({ clearances, now, onSeek }: { clearances: Clearances; n
         <>
           <p>{words.least} <button type="button" class="link" onClick={() => onSeek(curve.x[curve.least]!)}>
             {length(curve.mm[curve.least]!)}, {curve.x[curve.least]!.toFixed(1)} s</button></p>
-          <Chart title={words.nearestOver} x={curve.x} lines={lines!} xLabel="s" yLabel="mm" height={120} cursor={now} onPick={onSeek} legend={false} />
+          <Chart title={words.nearestOver} x={curve.x} lines={lines!} xLabel="s" yLabel={lengthUnit()} height={120} cursor={now} onPick={onSeek} legend={false} />
         </>
       ) : <p class="soft" role="status">{words.measuring(percent(share, 0))}</p>}
       <p class="soft">{words.nearestHint(length(minMm))}</p>

@@ -32,7 +32,7 @@ function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
     ],
     series: [{}, ...props.lines.map((line, i) => ({
       label: line.label, stroke: line.colour ?? LINES[i % LINES.length]!, width: line.isFaint ? 1 : 2,
-      points: { show: Boolean(props.points || line.isPoints), ...(line.isPoints && { size: 6 }) }, ...(line.isPoints && { paths: () => null }), ...(line.isStepped && { paths: stepped }), ...(line.isDashed && { dash: [5, 4] }),
+      points: { show: Boolean((props.points && !line.isFaint) || line.isPoints), ...(line.isPoints && { size: 6 }) }, ...(line.isPoints && { paths: () => null }), ...(line.isStepped && { paths: stepped }), ...(line.isDashed && { dash: [5, 4] }),
     }))],
     hooks: { draw: [(plot) => mark(plot, props.cursor, dark)] },
   };

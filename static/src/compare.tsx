@@ -1,17 +1,19 @@
 // Two plans side by side: the parts turn together, figures and settings with their differences.
+import type { ComponentChildren } from "preact";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Box3 } from "three";
 import { ask, type Job, type Plan, type Summary } from "./api";
-import { colourOfByte } from "./bytes";
+import { colourOfByte, isGrade, meaningOf } from "./bytes";
 import { Chart } from "./chart";
 import { facts, StateMark } from "./joblist";
 import { jobIds, jobSignal, keepJob, partName } from "./jobs";
-import { coverageBytes, preview } from "./mesh";
+import { coverageBytes, preview, type Preview } from "./mesh";
+import { css, DIFFERENCES, type Rgb } from "./palette";
 import { apiDocument, changesOf } from "./schema";
-import { goTo, hrefOf, percent } from "./settings";
+import { area, goTo, hrefOf, percent } from "./settings";
 import { PartMesh, Stage, STANDARD_VIEWS } from "./stage";
 import { text } from "./text";
-import { Button, Select, useLoaded } from "./widgets";
+import { Button, Select, Swatch, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.compare;
@@ -23,20 +25,53 @@ async function sideOf(id: string): Promise<Side> {
   return { job, plan: await ask<Plan>(`/jobs/${id}/plan`) };
 }
 
-function PartView({ side, name, onStage }: { side: Side; name: string; onStage: (stage: Stage | null) => void }) {
+/** What is drawn of the plans: the part and the coverage of its faces by each. */
+interface Drawn { mesh: Preview; bytes: Uint8Array[] }
+
+function PartView({ drawn, paint, label, name, onStage, children }: {
+  drawn: Promise<Drawn>; paint: (drawn: Drawn, face: number) => Rgb; label: string; name: string; onStage: (stage: Stage | null) => void;
+  children?: ComponentChildren;
+}) {
   const [stage, setStage] = useState<Stage | null>(null);
   const box = useRef<Box3 | null>(null);
   useEffect(() => {
     if (!stage) return;
-    void Promise.all([preview(side.job.mesh_id), coverageBytes(side.job.id)]).then(([mesh, bytes]) => {
-      const part = new PartMesh(mesh);
-      part.paint((face) => colourOfByte(bytes[face]!));
+    void drawn.then((given) => {
+      const part = new PartMesh(given.mesh);
+      part.paint((face) => paint(given, face));
       stage.scene.add(part.mesh);
       box.current = part.box;
       stage.look(part.box, STANDARD_VIEWS.iso!);
     });
   }, [stage]);
-  return <View3d label={partName(side.job)} name={name} box={() => box.current} onStage={(made) => { setStage(made); onStage(made); }} />;
+  return <View3d label={label} name={name} box={() => box.current} onStage={(made) => { setStage(made); onStage(made); }}>{children}</View3d>;
+}
+
+/** Which of two plans measure a face, by its bytes; a face is not asked for where neither asks for it. */
+export function measuredBy(one: number, two: number): keyof typeof DIFFERENCES {
+  if (one === 255 && two === 255) return "not_asked";
+  const [byOne, byTwo] = [one, two].map((byte) => isGrade(meaningOf(byte)));
+  return byOne ? (byTwo ? "both" : "first") : byTwo ? "second" : "neither";
+}
+
+/** Areas by which plan measures them. */
+function DifferenceLegend({ drawn }: { drawn: Promise<Drawn> }) {
+  const { value } = useLoaded(() => drawn, [drawn]);
+  const areas = useMemo(() => {
+    const sums = Object.fromEntries(Object.keys(DIFFERENCES).map((key) => [key, 0]));
+    value?.mesh.areas.forEach((size, face) => { sums[measuredBy(value.bytes[0]![face]!, value.bytes[1]![face]!)]! += size; });
+    return sums;
+  }, [value]);
+  const total = Object.values(areas).reduce((sum, size) => sum + size, 0);
+  if (!value) return null;
+  return (
+    <div class="legend" tabIndex={0} role="group" aria-label={text.plan.legend}>
+      <table aria-label={text.plan.legend}><tbody>{Object.entries(DIFFERENCES).filter(([key]) => areas[key]! > 0).map(([key, colour]) => (
+        <tr key={key} data-key={key} data-mm2={areas[key]}><th scope="row"><Swatch colour={css(colour)} /> {words.measuredBy[key]}</th>
+          <td class="number">{area(areas[key]!)}</td><td class="number">{percent(areas[key]! / total)}</td></tr>
+      ))}</tbody></table>
+    </div>
+  );
 }
 
 /** Figures of a summary by name; shares are in 0 to 1. */
@@ -82,11 +117,20 @@ function SettingsTable({ sides }: { sides: [Side, Side] }) {
 }
 
 function Pair({ sides }: { sides: [Side, Side] }) {
-  const stages = useRef<(Stage | null)[]>([null, null]);
+  const isSamePart = sides[0].job.mesh_id === sides[1].job.mesh_id;
+  const count = isSamePart ? 3 : 2;
+  const stages = useRef<(Stage | null)[]>([]);
   const couple = (at: number) => (stage: Stage | null): void => {
     stages.current[at] = stage;
-    if (stages.current[0] && stages.current[1]) Stage.couple(stages.current[0], stages.current[1]);
+    const made = stages.current.filter((other) => other !== null);
+    if (made.length === count) Stage.couple(...made);
   };
+  const [one, two, both] = useMemo(() => {
+    const bytes = sides.map(({ job }) => coverageBytes(job.id));
+    const drawn = (mesh: string, of: Promise<Uint8Array>[]): Promise<Drawn> =>
+      Promise.all([preview(mesh), Promise.all(of)]).then(([mesh, bytes]) => ({ mesh, bytes }));
+    return [...sides.map(({ job }, i) => drawn(job.mesh_id, [bytes[i]!])), drawn(sides[0].job.mesh_id, bytes)] as [Promise<Drawn>, Promise<Drawn>, Promise<Drawn>];
+  }, [sides]);
   const { x, lines } = useMemo(() => {
     const longest = Math.max(...sides.map(({ plan }) => plan.coverage.curve.length));
     const at = Array.from({ length: longest + 1 }, (_, i) => i);
@@ -94,13 +138,22 @@ function Pair({ sides }: { sides: [Side, Side] }) {
   }, [sides]);
   return (
     <>
-      <div class="pair">{sides.map((side, i) => (
+      <div class={isSamePart ? "pair three" : "pair"}>{sides.map((side, i) => (
         <div key={side.job.id} class="view3d">
           <p><a href={hrefOf(["jobs", side.job.id])}>{i ? words.second : words.first}: {partName(side.job)}</a> <StateMark job={side.job} /> <span class="soft">{facts(side.job)}</span></p>
-          <PartView side={side} name={`compare-${i + 1}`} onStage={couple(i)} />
+          <PartView drawn={i ? two : one} paint={({ bytes }, face) => colourOfByte(bytes[0]![face]!)} label={partName(side.job)} name={`compare-${i + 1}`} onStage={couple(i)} />
         </div>
-      ))}</div>
-      <p class="soft">{words.coupled}</p>
+      ))}
+        {isSamePart && (
+          <div class="view3d">
+            <p>{words.map}</p>
+            <PartView drawn={both} paint={({ bytes }, face) => DIFFERENCES[measuredBy(bytes[0]![face]!, bytes[1]![face]!)]} label={words.map} name="compare-difference" onStage={couple(2)}>
+              <DifferenceLegend drawn={both} />
+            </PartView>
+          </div>
+        )}
+      </div>
+      <p class="soft">{words.coupled} {!isSamePart && words.otherPart}</p>
       <div class="pair">
         <section><FigureTable sides={sides} /></section>
         <section>

@@ -5,7 +5,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
 import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type Pose, type ScannerSpec, type Turntable } from "./api";
 import { dropped } from "./dropped";
-import { copied, withSet } from "./joblist";
+import { copied, JobProblem, withSet } from "./joblist";
 import { cellName, keepJob, scannerName } from "./jobs";
 import { preview, readFile, stablePoses, type Preview } from "./mesh";
 import { matrixOf } from "./poses";
@@ -261,11 +261,11 @@ function HardwareForm({ choice, names }: { choice: Signal<Choice>; names: { cell
   );
   return (
     <div class="grid">
-      <Select label={text.create.cell} name="cell" value={choice.value.cell} onChange={(cell) => set({ cell })}
-        options={[...withOwn(names.cells, choice.value.cell).map((name): [string, string] => [name, name]), ["none", text.create.cellNone]]} />
+      <div data-field="cell"><Select label={text.create.cell} name="cell" value={choice.value.cell} onChange={(cell) => set({ cell })}
+        options={[...withOwn(names.cells, choice.value.cell).map((name): [string, string] => [name, name]), ["none", text.create.cellNone]]} /></div>
       {choice.value.cell === "none" && (
-        <Select label={text.create.scanner} name="scanner" value={choice.value.scanner} onChange={(scanner) => set({ scanner })}
-          options={withOwn(names.scanners, choice.value.scanner).map((name) => [name, name])} />
+        <div data-field="scanner"><Select label={text.create.scanner} name="scanner" value={choice.value.scanner} onChange={(scanner) => set({ scanner })}
+          options={withOwn(names.scanners, choice.value.scanner).map((name) => [name, name])} /></div>
       )}
       {field(text.create.partNumber, "partNumber", text.create.optional)}{field(text.create.serial, "serial", text.create.optional)}
       {field(text.create.labels, "labels", "key=value, key=value")}
@@ -342,7 +342,14 @@ function offeredBy(set: string | null): [string, unknown][] {
   }
 }
 
-export function Create({ from, set }: { from: string | null; set: string | null }) {
+/** Moves the reader to a field of the form. */
+function showField(name: string): void {
+  const field = document.querySelector<HTMLElement>(`[data-field="${CSS.escape(name)}"]`);
+  field?.scrollIntoView({ block: "center" });
+  field?.querySelector<HTMLElement>("input, select, textarea, button")?.focus({ preventScroll: true });
+}
+
+export function Create({ from, set, at: field }: { from: string | null; set: string | null; at: string | null }) {
   const entries = useSignal<Entry[]>([]);
   const unit = useSignal("");
   const params = useSignal<Record<string, unknown>>({});
@@ -404,6 +411,9 @@ export function Create({ from, set }: { from: string | null; set: string | null 
     if (choice.value.cell) boundsOf(choice.value).then(setBounds, () => setBounds({ field: null, plate: null }));
   }, [choice.value.cell, choice.value.scanner]);
 
+  const isOpened = base !== null && api !== null && names !== null;
+  useEffect(() => { if (isOpened && field) requestAnimationFrame(() => showField(field)); }, [isOpened, field]);
+
   const first = entries.value.find((entry) => entry.read) ?? entries.value[0];
   const shape = base?.shape ?? (first?.read ? cachedPreview(first.read) : null);
   const scale = base ? 1 : MM[unit.value] ?? 1;
@@ -453,6 +463,7 @@ export function Create({ from, set }: { from: string | null; set: string | null 
       <div class="form">
         <h1 id="create-title">{base ? text.create.cloneTitle : text.create.title}</h1>
         {base && offered.length > 0 && <p class="warning" role="status">{text.create.offered} {offered.map(([name, value]) => <code key={name}>{name} = {JSON.stringify(value)} </code>)}</p>}
+        {base && <JobProblem job={base.job} />}
         {base && <p>{text.create.from} <a href={hrefOf(["jobs", base.job.id])}>{base.mesh.name ?? base.job.id}</a></p>}
         {!base && !from && (
           <>
@@ -473,11 +484,11 @@ export function Create({ from, set }: { from: string | null; set: string | null 
         {shape && (base || unit.value) && <PlacementForm at={at} isStated={place.value === null && at !== null} onPlace={setPlace} shape={shape}
           note={entries.value.length > 1 ? text.create.placeMany(first!.file.name) : ""} />}
         {api && (
-          <details class="group">
+          <details class="group" open={base !== null && field !== null && field !== "cell" && field !== "scanner"}>
             <summary>{text.create.parameters} <span class="soft">{text.create.changed(Object.values(params.value).reduce<number>((sum, group) =>
               sum + (group && typeof group === "object" && !Array.isArray(group) ? Object.keys(group).length : 1), 0))}</span></summary>
             <p class="soft">{text.create.parametersHint}</p>
-            <ParamForm key={base?.job.id ?? "new"} api={api} value={params.value} onChange={(value) => { params.value = value; }} />
+            <ParamForm key={base?.job.id ?? "new"} api={api} at={base && field} value={params.value} onChange={(value) => { params.value = value; }} />
           </details>
         )}
         <p class="actions sticky">

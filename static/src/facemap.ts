@@ -1,7 +1,7 @@
 // What an inspection knows of each face of the preview, from its tables by face of the uploaded file; and the samples of its point cloud.
 import { ask, request, type InspectionJob, type Job } from "./api";
 import { preview, type Preview } from "./mesh";
-import { BELOW, diverging, lossColour, MATCH, NOT_ASKED, PLAIN, UNMEASURED, type Rgb } from "./palette";
+import { BELOW, diverging, lossColour, MATCH, UNASKED, WHOLE, UNMEASURED, type Rgb } from "./palette";
 
 export type MapKind = "losses" | "coverage" | "deviation";
 export type Match = "both" | "lost" | "gained" | "neither" | "not_asked";
@@ -76,7 +76,7 @@ export function painterOf(map: FaceMap, kind: MapKind, limit: number): (face: nu
   return (face) => {
     const match = matchOf(map, face);
     if (match === "lost") return lossColour(map.causes[map.cause[face]!] ?? "");
-    return match === "not_asked" ? NOT_ASKED : match === "neither" ? BELOW : PLAIN;
+    return match === "not_asked" ? UNASKED : match === "neither" ? BELOW : WHOLE;
   };
 }
 

@@ -7,10 +7,11 @@ import { apiPath, ask, post, remove, type Estimate, type Inspection, type Inspec
 import { Chart } from "./chart";
 import { faceMapOf, type MapKind } from "./facemap";
 import { RESCAN_OF, StateMark } from "./joblist";
+import { UnitNote } from "./job";
 import { jobIds, jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
 import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
-import { area, degrees, fine, fixed, hrefOf, length, percent, place, setQuery, when } from "./settings";
+import { area, areaIn, degrees, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, setQuery, unit, when } from "./settings";
 import { text } from "./text";
 import { Button, known, Swatch, useLoaded } from "./widgets";
 
@@ -22,7 +23,6 @@ function points(difference: number): string {
   const shown = fixed(100 * difference, 2);
   return Number(shown) > 0 ? `+${shown}` : shown;
 }
-const millimetres = (at: Vector): string => at.map((value) => value.toFixed(1)).join(", ");
 
 const rowsOf = (pairs: [string, string][]) => pairs.map(([name, value]) => <tr key={name}><th scope="row">{name}</th><td class="number">{value}</td></tr>);
 
@@ -196,6 +196,7 @@ function Verdict({ result: { verdict, coverage, deviation } }: { result: Inspect
         {statistics && figure("rms", fine(statistics.rms_mm), words.rmsOf)}
       </div>
       <p>{verdict}</p>
+      <UnitNote of={[verdict]} />
       {coverage.approximate && <p class="warning">{words.approximate}</p>}
     </div>
   );
@@ -262,30 +263,30 @@ function Losses({ result: { losses }, onShow }: { result: Inspection; onShow: (a
 const Spots = ({ loss, onShow }: { loss: Loss; onShow: (at: Vector, size: number) => void }) => (
   <ul class="spots">{loss.largest.slice(0, MAX_SPOTS).map((spot, i) => (
     <li key={i}><button type="button" class="row" onClick={() => onShow(spot.centre_mm, Math.max(...spot.extent_mm))}>
-      <span>{area(spot.area_mm2)}</span><span class="number">{words.remedies[spot.remedy] ?? spot.remedy}</span><span class="soft">({millimetres(spot.centre_mm)}) mm</span></button></li>
+      <span>{area(spot.area_mm2)}</span><span class="number">{words.remedies[spot.remedy] ?? spot.remedy}</span><span class="soft">({point(spot.centre_mm)}) {lengthUnit()}</span></button></li>
   ))}</ul>
 );
 
 function Deviation({ result: { deviation }, onShow }: { result: Inspection; onShow: (at: Vector, size: number) => void }) {
   const { histogram, statistics } = deviation;
   const plot = useMemo(() => ({
-    x: [...histogram.area_mm2.map((_, i) => histogram.begin_mm + i * histogram.width_mm), histogram.begin_mm + histogram.area_mm2.length * histogram.width_mm],
-    lines: [{ label: words.areaOf, values: [...histogram.area_mm2, histogram.area_mm2.at(-1) ?? 0], isStepped: true }],
-  }), [histogram]);
+    x: [...histogram.area_mm2, 0].map((_, i) => lengthIn(histogram.begin_mm + i * histogram.width_mm)),
+    lines: [{ label: words.areaOf, values: [...histogram.area_mm2, histogram.area_mm2.at(-1) ?? 0].map(areaIn), isStepped: true }],
+  }), [histogram, unit.value]);
   if (!statistics) return <p class="soft">{words.nothing}</p>;
   return (
     <>
-      <Chart title={words.histogram} {...plot} xLabel={words.deviationMm} yLabel="mm²" />
+      <Chart title={words.histogram} {...plot} xLabel={`${words.deviation}, ${lengthUnit()}`} yLabel={`${lengthUnit()}²`} />
       <p class="soft">{words.histogramNote}</p>
       <StatisticsTable statistics={statistics} />
       <p class="soft">{words.comparedAt(words.methods[deviation.alignment] ?? deviation.alignment, deviation.fixed_freedoms, deviation.compared_points.toLocaleString("en"))}</p>
       {deviation.worst.length > 0 && <><h3>{words.worst}</h3><ul class="spots">{deviation.worst.map((spot, i) => (
         <li key={i}><button type="button" class="row" onClick={() => onShow(spot.centre_mm, Math.sqrt(spot.area_mm2))}>
-          <span>{words.kinds[spot.kind]}</span><span class="number">{fine(spot.max_mm)}</span><span class="soft">{words.spot(fine(spot.mean_mm), area(spot.area_mm2), millimetres(spot.centre_mm))}</span></button></li>
+          <span>{words.kinds[spot.kind]}</span><span class="number">{fine(spot.max_mm)}</span><span class="soft">{words.spot(fine(spot.mean_mm), area(spot.area_mm2), placed(spot.centre_mm))}</span></button></li>
       ))}</ul></>}
       {deviation.off_surface.length > 0 && <><h3>{words.off}</h3><ul class="spots">{deviation.off_surface.map((heap, i) => (
         <li key={i}><button type="button" class="row" onClick={() => onShow(heap.centre_mm, 10)}>
-          <span>{words.kinds[heap.kind]}</span><span class="number">{fine(heap.mean_mm)}</span><span class="soft">{words.heap(heap.points.toLocaleString("en"), millimetres(heap.centre_mm))}</span></button></li>
+          <span>{words.kinds[heap.kind]}</span><span class="number">{fine(heap.mean_mm)}</span><span class="soft">{words.heap(heap.points.toLocaleString("en"), placed(heap.centre_mm))}</span></button></li>
       ))}</ul></>}
     </>
   );
@@ -360,7 +361,7 @@ function Alignment({ result: { alignment: found } }: { result: Inspection }) {
   const facts: [string, string][] = [
     [words.partShifted, `${fine(found.part_shifted_mm)} ± ${fine(2 * found.part_sd.translation_mm)}`],
     [words.partTurned, `${found.part_turned_deg.toFixed(3)}° ± ${(2 * found.part_sd.rotation_deg).toFixed(3)}°`],
-    [words.translation, `${found.mesh_from_stated.translation_mm.map((value) => value.toFixed(3)).join(", ")} mm`],
+    [words.translation, `${found.mesh_from_stated.translation_mm.map((value) => fixed(lengthIn(value), unit.value === "mm" ? 3 : 4)).join(", ")} ${lengthUnit()}`],
     [words.onPart, share(found.inlier_share)], [words.noise, fine(found.noise_mm)], [words.method, words.methods[found.method] ?? found.method],
   ];
   const kept = found.views.filter((view) => view.kept_pose);
@@ -419,17 +420,20 @@ function Teach({ job, planned }: { job: InspectionJob; planned: Job }) {
           {row(words.lobe, learned.lobe_deg, degrees)}{row(words.near1, learned.depth_mm[0], length)}{row(words.far, learned.depth_mm[1], length)}
         </tbody>
       </table>
-      <Rates title={words.byIncidence} bins={learned.by_incidence} unit="°" /><Rates title={words.byMirror} bins={learned.by_mirror} unit="°" /><Rates title={words.byDepth} bins={learned.by_depth} unit="mm" />
+      <Rates title={words.byIncidence} bins={learned.by_incidence} unit="°" /><Rates title={words.byMirror} bins={learned.by_mirror} unit="°" /><Rates title={words.byDepth} bins={learned.by_depth} unit={lengthUnit()} of={lengthIn} />
     </>
   );
 }
 
-function Rates({ title, bins, unit }: { title: string; bins: RateBin[]; unit: string }) {
+/** A point with its unit. */
+const placed = (at: Vector): string => `(${point(at)}) ${lengthUnit()}`;
+
+function Rates({ title, bins, unit: shown, of = (value) => value }: { title: string; bins: RateBin[]; unit: string; of?: (value: number) => number }) {
   const plot = useMemo(() => {
     const full = bins.filter(({ expected }) => expected > 0);
-    return { x: full.map(({ range }) => (range[0] + range[1]) / 2), lines: [{ label: words.rate, values: full.map(({ expected, returned }) => returned / expected) }] };
-  }, [bins]);
-  return plot.x.length < 2 ? null : <Chart title={title} {...plot} xLabel={unit} yLabel={words.rate} percent yRange={[0, 1]} height={140} />;
+    return { x: full.map(({ range }) => of((range[0] + range[1]) / 2)), lines: [{ label: words.rate, values: full.map(({ expected, returned }) => returned / expected) }] };
+  }, [bins, shown]);
+  return plot.x.length < 2 ? null : <Chart title={title} {...plot} xLabel={shown} yLabel={words.rate} percent yRange={[0, 1]} height={140} />;
 }
 
 /** Changes that are offered; each is taken over only by a new plan that the reader starts. */

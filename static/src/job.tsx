@@ -1,10 +1,10 @@
 // One job: its head with verdict and actions, and its parts: plan, cell, results.
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { apiPath, type Job, type Region } from "./api";
+import { apiPath, askAhead, type Job, type Region } from "./api";
 import { jobSignal, partName, readJob, stream } from "./jobs";
-import { facts, JobActions, JobProblem, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
-import { area, goTo, hrefOf, percent, place, setQuery, withoutOptions } from "./settings";
+import { facts, JobActions, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
+import { area, fine, goTo, hrefOf, percent, place, setQuery, unit, withoutOptions } from "./settings";
 import { StartRun } from "./startrun";
 import { text } from "./text";
 import { Button, known, Lazy, Tabs } from "./widgets";
@@ -23,12 +23,19 @@ export function Remedy({ job, label, set }: { job: Job; label: string; set: Reco
 export function Sentences({ job }: { job: Job }) {
   const summary = job.summary;
   if (!summary) return null;
+  const sentences = [summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text].filter((sentence) => sentence !== null);
   return (
-    <ul class="summary" aria-label={text.job.summary}>
-      {[summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text].filter(Boolean)
-        .map((sentence) => <li key={sentence}>{sentence}</li>)}
-    </ul>
+    <>
+      <ul class="summary" aria-label={text.job.summary}>{sentences.map((sentence) => <li key={sentence}>{sentence}</li>)}</ul>
+      <UnitNote of={sentences} />
+    </>
   );
+}
+
+/** Says in which unit sentences of the server are, where the page shows another and they name one. */
+export function UnitNote({ of }: { of: (string | null | undefined)[] }) {
+  const isNeeded = unit.value !== "mm" && of.some((sentence) => /\bmm/.test(sentence ?? ""));
+  return isNeeded ? <p class="soft unit-note">{text.job.unitNote}</p> : null;
 }
 
 export function Warnings({ job }: { job: Job }) {
@@ -38,6 +45,7 @@ export function Warnings({ job }: { job: Job }) {
       {job.warnings.map((warning) => (
         <p key={`${warning.pointer}${warning.code}`}><code>{warning.pointer}</code> {warning.detail}<br />→ {warning.remedy}</p>
       ))}
+      <UnitNote of={job.warnings.flatMap(({ detail, remedy }) => [detail, remedy])} />
     </section>
   );
 }
@@ -52,7 +60,7 @@ export function RegionTable({ regions }: { regions: Region[] }) {
         {regions.map((region) => (
           <tr key={region.name} class={region.met === false ? "unmet" : ""}>
             <td>{region.name}</td>
-            <td>{region.tolerance_mm === undefined || region.tolerance_mm === null ? region.kind : `${region.kind}, ${region.tolerance_mm} mm`}</td>
+            <td>{region.tolerance_mm === undefined || region.tolerance_mm === null ? region.kind : `${region.kind}, ${fine(region.tolerance_mm)}`}</td>
             <td class="number">{area(region.asked_area_mm2)}</td><td class="number">{region.samples}</td>
             <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
             <td class="number">{percent(region.of_asked, 2)}</td>
@@ -88,10 +96,10 @@ function Head({ job, tab }: { job: Job; tab: string }) {
         </span>
       </div>
       {action && <p class="next"><span>{text.job.next}: {withoutOptions(action.text)}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
-      <Progress job={job} /><JobProblem job={job} />
+      <Progress job={job} />
       {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
       <div class="headrow">
-        <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name]))} />
+        <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name], Object.fromEntries(place.value.query)))} />
         {job.summary && <p class="verdict" title={job.summary.title}>{job.summary.title}</p>}
       </div>
     </div>
@@ -105,7 +113,12 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
   const isLost = stream.connection.value === "lost";
   useEffect(() => {
     if (isLost) return;
-    readJob(id).then((job) => { [read.value, problem.value] = [job, ""]; }, (error) => { problem.value = error.message; });
+    const isPlan = tab === "plan";
+    if (isPlan) void import("./plan").catch(() => {});
+    readJob(id).then((job) => {
+      if (isPlan && job.state === "succeeded" && !read.peek()) [`/jobs/${id}/plan`, `/meshes/${job.mesh_id}/preview.glb`, `/jobs/${id}/coverage.bin`, `/jobs/${id}/missed`].forEach(askAhead);
+      [read.value, problem.value] = [job, ""];
+    }, (error) => { problem.value = error.message; });
   }, [id, isLost]);
   if (problem.value) return <p class="problem" role="alert">{problem.value}</p>;
   // `read` only says that the job is there; its state comes from the live signal.
@@ -117,7 +130,8 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
     <div class="jobview">
       <Head job={job} tab={tab} />
       <div role="tabpanel" aria-label={text.job.tabs[tab as "plan"]} class="panel">
-        {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty">{text.job.pending}</p>}
+        {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty">{job.state === "cancelled" ? text.job.wasCancelled : text.job.pending}</p>}
+        {job.state === "failed" && tab !== "results" && <Lazy key={`failure${id}`} load={async () => (await import("./failure")).Failure} props={{ job }} />}
         {isReady && tab === "plan" && <Lazy key={`plan${id}`} load={async () => (await import("./plan")).PlanView} props={props} />}
         {isReady && tab === "cell" && <Lazy key={`cell${id}`} load={async () => (await import("./cell")).CellView} props={props} />}
         {isReady && tab === "inspection" && <Lazy key={`inspection${id}`} load={async () => (await import("./scans")).ScansView} props={props} />}

@@ -85,7 +85,8 @@ export function JobProblem({ job }: { job: Job }) {
   if (!problem) return null;
   return (
     <p class="problem">
-      {`${problem.title}: ${problem.detail}`}
+      {/* Where fields are at fault, the detail is what is said of them. */}
+      {problem.errors.length > 0 ? problem.title : `${problem.title}: ${problem.detail}`}
       {problem.errors.map((field) => <span key={field.pointer}><br /><code>{field.pointer}</code> {field.detail}</span>)}
       {" "}<a href={`problems/${problem.code}`}>{text.jobs.whatToDo}</a>
     </p>

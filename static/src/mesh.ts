@@ -38,23 +38,27 @@ export function parsePreview(buffer: ArrayBuffer): Preview {
   };
   const primitive = gltf.meshes[0]!.primitives[0]!;
   const [at, count] = view(primitive.attributes.POSITION);
-  const vertices = new Float32Array(buffer.slice(at, at + 12 * count));
+  const vertices = new Float32Array(buffer, at, 3 * count);
   const [indexAt, indexCount] = view(primitive.indices);
-  const indices = new Uint32Array(buffer.slice(indexAt, indexAt + 4 * indexCount));
+  const indices = new Uint32Array(buffer, indexAt, indexCount);
   const bounds = gltf.accessors[primitive.attributes.POSITION]! as unknown as { min: Preview["min"]; max: Preview["max"] };
   return { ...expanded(vertices, indices), min: bounds.min, max: bounds.max, ...sources(buffer, view, primitive) };
 }
 
 function expanded(vertices: Float32Array, indices: Uint32Array): Pick<Preview, "positions" | "areas" | "faces"> {
   const positions = new Float32Array(3 * indices.length);
-  indices.forEach((vertex, corner) => positions.set(vertices.subarray(3 * vertex, 3 * vertex + 3), 3 * corner));
+  for (let corner = 0; corner < indices.length; corner += 1) {
+    const [from, to] = [3 * indices[corner]!, 3 * corner];
+    positions[to] = vertices[from]!; positions[to + 1] = vertices[from + 1]!; positions[to + 2] = vertices[from + 2]!;
+  }
   const faces = indices.length / 3;
   const areas = new Float64Array(faces);
-  for (let face = 0; face < faces; face += 1) {
-    const p = positions.subarray(9 * face, 9 * face + 9) as unknown as number[];
-    const [ax, ay, az] = [p[3]! - p[0]!, p[4]! - p[1]!, p[5]! - p[2]!];
-    const [bx, by, bz] = [p[6]! - p[0]!, p[7]! - p[1]!, p[8]! - p[2]!];
-    areas[face] = Math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx) / 2;
+  const p = positions;
+  for (let face = 0, i = 0; face < faces; face += 1, i += 9) {
+    const ax = p[i + 3]! - p[i]!, ay = p[i + 4]! - p[i + 1]!, az = p[i + 5]! - p[i + 2]!;
+    const bx = p[i + 6]! - p[i]!, by = p[i + 7]! - p[i + 1]!, bz = p[i + 8]! - p[i + 2]!;
+    const x = ay * bz - az * by, y = az * bx - ax * bz, z = ax * by - ay * bx;
+    areas[face] = Math.sqrt(x * x + y * y + z * z) / 2;
   }
   return { positions, areas, faces };
 }
@@ -66,7 +70,7 @@ function sources(
   if (!given) return { sourceFaces: (face) => [face], faceOf: (face) => face };
   const words = (accessor: number): Uint32Array => {
     const [at, count] = view(accessor);
-    return new Uint32Array(buffer.slice(at, at + 4 * count));
+    return new Uint32Array(buffer, at, count);
   };
   const [offsets, faces] = [words(given.offsets), words(given.faces)];
   let inverse: Map<number, number> | null = null;
@@ -149,21 +153,35 @@ export class ReachCounter extends Asked {
     this.send({ kind: "reach", given, edge }, [], onProgress);
 }
 
-/** The worker with the tree of one mesh. */
-export class Tracer extends Asked {
+/** The worker with the tree of one mesh; it begins when it is told to, so that what is drawn first need not wait for it. */
+export class Tracer {
   readonly ready: Promise<{ faces: number; secs: number }>;
+  private worker: Asked | null = null;
+  private begin!: (worker: Asked) => void;
 
-  constructor(positions: Float32Array) {
-    super();
-    const copy = positions.slice();
-    this.ready = this.send({ kind: "load", positions: copy }, [copy.buffer]);
+  constructor(private readonly positions: Float32Array) {
+    this.ready = new Promise<Asked>((begin) => { this.begin = begin; }).then((worker) => {
+      const copy = this.positions.slice();
+      return worker.send({ kind: "load", positions: copy }, [copy.buffer]);
+    });
   }
+
+  start = (): void => { if (!this.worker) this.begin(this.worker = new Asked()); };
+  close = (): void => {
+    this.worker?.close();
+    this.start = () => {};
+  };
+
+  private send = <T>(ask: Ask, onProgress?: (share: number) => void): Promise<T> => {
+    this.start();
+    return this.ready.then(() => this.worker!.send<T>(ask, [], onProgress));
+  };
 
   pick = (origin: number[], direction: number[], section: number[] | null): Promise<Hit | null> =>
     this.send({ kind: "pick", origin, direction, section });
   judge = (ask: Omit<Extract<Ask, { kind: "judge" }>, "kind">): Promise<Judgement[]> => this.send({ kind: "judge", ...ask });
   score = (ask: Omit<Extract<Ask, { kind: "score" }>, "kind">, onProgress: (share: number) => void): Promise<Scores | null> =>
-    this.send({ kind: "score", ...ask }, [], onProgress);
+    this.send({ kind: "score", ...ask }, onProgress);
   flood = (face: number, maxDeg: number): Promise<Int32Array> => this.send({ kind: "flood", face, maxDeg });
   near = (point: number[], radius: number, normal: number[]): Promise<Int32Array> =>
     this.send({ kind: "near", point, radius, normal });

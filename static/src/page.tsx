@@ -97,7 +97,7 @@ function View() {
   const [room = "jobs", first, second] = path;
   if (room === "jobs" && first) return <JobView key={first} id={first} tab={second ?? "plan"} />;
   if (room === "jobs") return <JobList />;
-  if (room === "new") return <Lazy key={`new${query.get("from") ?? ""}`} load={async () => (await import("./create")).Create} props={{ from: query.get("from"), set: query.get("set") }} />;
+  if (room === "new") return <Lazy key={`new${query.get("from") ?? ""}`} load={async () => (await import("./create")).Create} props={{ from: query.get("from"), set: query.get("set"), at: query.get("at") }} />;
   if (room === "compare") return <Lazy key="compare" load={async () => (await import("./compare")).Compare} props={{ first: first ?? "", second: second ?? "" }} />;
   if (room === "runs" && first) return <Lazy key={first} load={async () => (await import("./run")).RunView} props={{ id: first }} />;
   if (room === "runs") return <Lazy key="runs" load={async () => (await import("./run")).RunList} props={{}} />;

@@ -4,12 +4,15 @@ import { useSignal, useComputed, batch, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import type { Job, Spot } from "./api";
 import { meaningOf } from "./bytes";
-import { goTo, hrefOf, length, percent } from "./settings";
+import { goTo, hrefOf, length, percent, visits } from "./settings";
 import { planAgain } from "./joblist";
 import { Tracer } from "./mesh";
-import { areasBy, isEdited, lookingAt, modelOf, moved, plannedViews, plateOf, STILL, type EditedView, type Model } from "./planmodel";
+import {
+  areasBy, editedViews, editsOf, isEdited, lookingAt, modelOf, moved, plannedViews, plateOf, shownSetup, STILL, tableFromPart, type EditedView, type Model,
+} from "./planmodel";
 import { ChartsPanel, Legend, MissesPanel, RegionsPanel, SpotPanel, SummaryPanel, ViewsPanel } from "./planpanels";
 import { OPEN, painter, PlanScene, type Colouring, type SectionAxis, type Threshold } from "./planscene";
+import { matrixOf } from "./poses";
 import { Stage, type PointerPick } from "./stage";
 import { text } from "./text";
 import { Button, known, Select, Slider, Tabs, useLoaded } from "./widgets";
@@ -24,8 +27,8 @@ export interface Plan3d {
   model: Model; tracer: Tracer; views: Signal<EditedView[]>; chosen: Signal<number | null>; scores: Signal<Scores | null>;
   plannedScores: Signal<Scores | null>; computing: Signal<number | null>; spot: Signal<SpotState | null>; marked: Signal<Set<number>>;
   tool: Signal<RegionTool>; sharp: Signal<number>; radius: Signal<number>; box: Signal<{ min: number[]; max: number[] } | null>;
-  chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot, reason: string) => void;
-  score: () => Promise<void>; apply: (set: Record<string, unknown>) => Promise<void>;
+  hovered: Signal<number | null>; chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot, reason: string) => void;
+  score: (scored?: EditedView[]) => Promise<void>; apply: (set: Record<string, unknown>) => Promise<void>;
 }
 
 type Query = { query: URLSearchParams; setQuery: (changes: Record<string, string | undefined>) => void };
@@ -40,26 +43,37 @@ export function PlanView({ job, query, setQuery }: { job: Job } & Query) {
 function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
   const tracer = useMemo(() => new Tracer(model.mesh.positions), [model]);
   useEffect(() => () => tracer.close(), [tracer]);
-  const initial = query.get("view");
   const state = {
-    views: useSignal(plannedViews(model.plan)), chosen: useSignal<number | null>(initial === null ? null : Number(initial)), scores: useSignal<Scores | null>(null),
+    views: useSignal<EditedView[]>([]), chosen: useSignal<number | null>(null), hovered: useSignal<number | null>(null), scores: useSignal<Scores | null>(null),
     plannedScores: useSignal<Scores | null>(null), computing: useSignal<number | null>(null), spot: useSignal<SpotState | null>(null),
     marked: useSignal(new Set<number>()), tool: useSignal<RegionTool>("faces"), sharp: useSignal(20), radius: useSignal(5),
     box: useSignal<{ min: number[]; max: number[] } | null>(null),
   };
-  const used = (): EditedView[] => state.views.peek().filter((view) => view.isUsed);
-  const chooseView = (id: number | null): void => { state.chosen.value = id; setQuery({ view: id === null ? undefined : String(id) }); };
-  const score = async (): Promise<void> => {
-    await tracer.ready;
-    const views = used();
+  // The address says which views are changed and chosen, when the page is opened and whenever another address is entered.
+  useMemo(() => batch(() => {
+    const view = query.get("view");
+    state.views.value = editedViews(model.plan, model.optics.best, query.get("edit"));
+    state.chosen.value = view === null ? null : Number(view);
+  }), [visits.value]);
+  useEffect(() => setQuery({ edit: editsOf(state.views.value) }), [state.views.value]);
+  const chooseView = (id: number | null): void => {
+    state.chosen.value = id;
+    const setup = state.views.peek().find((view) => view.id === id)?.setup;
+    // A view is shown with the part as it lies while the view is taken.
+    const isHidden = setup !== undefined && query.get("setup") !== "file" && setup !== shownSetup(model.plan, query.get("setup"));
+    setQuery({ view: id === null ? undefined : String(id), ...(isHidden && model.plan.cell && { setup: String(setup) }) });
+  };
+  const score = async (scored?: EditedView[]): Promise<void> => {
+    const all = scored ?? state.views.peek();
+    const views = all.filter((view) => view.isUsed);
     state.computing.value = 0;
     const made = await tracer.score({ optics: model.optics, views: views.map((view) => view.pose), plates: views.map((view) => plateOf(model, view)) },
       (share) => { state.computing.value = share; });
     if (!made) return;
     batch(() => {
       state.computing.value = null;
-      state.scores.value = made;
-      if (!isEdited(state.views.peek())) state.plannedScores.value = made;
+      if (!scored) state.scores.value = made;
+      if (!isEdited(all)) state.plannedScores.value = made;
     });
   };
   const askAt = async (hit: Hit | null): Promise<void> => {
@@ -85,7 +99,7 @@ function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
     const views = state.views.peek();
     const id = Math.max(-1, ...views.map((view) => view.id)) + 1;
     const pose = lookingAt(hit.point, hit.normal, model.optics.best);
-    state.views.value = [...views, { id, pose, origin: pose, isAdded: true, isUsed: true, wasUsed: false, setup: 0, move: STILL }];
+    state.views.value = [...views, { id, pose, origin: pose, isAdded: true, isUsed: true, wasUsed: false, setup: shownSetup(model.plan, query.get("setup")) ?? 0, move: STILL }];
     chooseView(id);
     void score().then(() => askAt(hit));
   };
@@ -113,70 +127,93 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
   const [stage, setStage] = useState<Stage | null>(null);
   const mode = known(text.plan.colours, query.get("colour")) as Colouring;
   const panel = known(text.plan.panels, query.get("panel"));
-  const threshold = useSignal<Threshold>(OPEN);
-  const section = useSignal<{ axis: SectionAxis; share: number }>({ axis: "off", share: 0.5 });
+  const level = query.get("level");
+  const threshold: Threshold = { ...OPEN, ...(Number(level) > 0 && { [mode]: Number(level) }) };
+  const section = sectionOf(query.get("section"));
+  const setup = shownSetup(model.plan, query.get("setup"));
   const measuring = useSignal<number[][] | null>(null);
   const [withViews, setWithViews] = useState(true);
   const areas = useMemo(() => areasBy(model), [model]);
   const chosen = useComputed(() => state.views.value.find((view) => view.id === state.chosen.value) ?? null);
 
   useEffect(() => {
+    const pose = setup === null ? null : tableFromPart(model.plan, setup);
     if (!stage) { scene.current = null; return; }
-    scene.current = new PlanScene(stage, model);
+    if (scene.current?.stage === stage) { scene.current.lay(pose && matrixOf(pose)); return; }
+    void stage.drawn.then(state.tracer.start);
+    scene.current = new PlanScene(stage, model, pose && matrixOf(pose));
     window.vantage.plan = { model, scene: scene.current, state };
-    const face = query.get("spot");
-    if (face !== null && Number(face) < model.mesh.faces) void state.tracer.ready.then(() => state.askAt(hitOf(model, Number(face))));
-  }, [stage]);
+  }, [stage, setup]);
   useEffect(() => {
-    if ((mode === "count" || mode === "incidence") && !state.scores.peek()) void state.score();
+    const face = query.get("spot");
+    if (face === null || !(Number(face) < model.mesh.faces)) state.spot.value = null;
+    else if (String(state.spot.peek()?.hit.face) !== face) void state.askAt(hitOf(model, Number(face)));
+  }, [visits.value]);
+  useEffect(() => {
+    if ((mode === "count" || mode === "incidence" || isEdited(state.views.peek())) && !state.scores.peek()) void scoreBoth(state);
   }, [mode]);
   useEffect(() => {
     if (!scene.current) return;
     scene.current.marked = state.marked.value;
-    scene.current.paint(painter(model, mode, state.scores.value, threshold.value));
-  }, [stage, mode, state.scores.value, threshold.value, state.marked.value]);
-  useEffect(() => scene.current?.showViews(state.views.value, state.chosen.value, withViews, state.chooseView), [stage, state.views.value, state.chosen.value, withViews]);
-  useEffect(() => scene.current?.showFrustum(chosen.value), [stage, chosen.value]);
-  useEffect(() => { scene.current?.cut(section.value.axis, section.value.share); }, [stage, section.value]);
+    scene.current.paint(painter(model, mode, state.scores.value, threshold));
+  }, [stage, mode, state.scores.value, level, state.marked.value]);
+  useEffect(() => {
+    const views = withViews ? state.views.value.filter((view) => setup === null || view.setup === setup) : [];
+    scene.current?.showViews(views, state.chosen.value, (view) => labelOf(model, view), state.chooseView);
+  }, [stage, state.views.value, state.chosen.value, withViews, setup]);
+  useEffect(() => stage?.hover(state.hovered.value), [stage, state.hovered.value, state.views.value, state.chosen.value]);
+  useEffect(() => scene.current?.showFrustum(chosen.value), [stage, chosen.value, setup]);
+  useEffect(() => { scene.current?.cut(section.axis, section.share); }, [stage, section.axis, section.share, setup]);
   const measured = measuring.value ?? [];
   const distance = measured.length === 2 ? Math.hypot(...measured[0]!.map((value, i) => value - measured[1]![i]!)) : 0;
   useEffect(() => scene.current?.showPins(state.spot.value?.hit ?? null, measured, text.plan.distance(length(distance)), state.box.value),
     [stage, state.spot.value, measuring.value, state.box.value]);
 
+  const lay = (value: string): void => {
+    // A view of another setup is not one of the part as it lies now.
+    if (value !== "file" && chosen.value && String(chosen.value.setup) !== value) state.chooseView(null);
+    setQuery({ setup: value === "0" ? undefined : value });
+  };
+  const picked = (pick: PointerPick): Promise<Hit | null> => {
+    const { origin, direction } = scene.current?.inPart(pick) ?? pick;
+    return state.tracer.pick(origin, direction, scene.current?.plane() ?? null);
+  };
   const clicked = async (pick: PointerPick): Promise<void> => {
-    await state.tracer.ready;
-    const hit = await state.tracer.pick(pick.origin, pick.direction, scene.current?.plane() ?? null);
+    const hit = await picked(pick);
     if (measuring.peek()) {
       if (hit) measuring.value = measuring.peek()!.length === 2 ? [hit.point] : [...measuring.peek()!, hit.point];
       return;
     }
     if (panel === "regions") { if (hit) await mark(state, hit, pick.isExtended); return; }
-    const away = hit ? Math.hypot(...hit.point.map((value, i) => value - pick.origin[i]!)) : Infinity;
+    const from = scene.current?.inPart(pick).origin ?? pick.origin;
+    const away = hit ? Math.hypot(...hit.point.map((value, i) => value - from[i]!)) : Infinity;
     const view = scene.current?.viewAt(pick, away) ?? null;
     if (view !== null) state.chooseView(view);
     else await state.askAt(hit);
   };
   const brushed = async (pick: PointerPick): Promise<void> => {
-    const hit = await state.tracer.pick(pick.origin, pick.direction, scene.current?.plane() ?? null);
+    const hit = await picked(pick);
     if (hit) await mark(state, hit, pick.isExtended);
   };
   if (stage) {
     stage.onClick = (pick) => void clicked(pick);
+    stage.onHover = (pick) => { state.hovered.value = pick && (scene.current?.viewAt(pick, Infinity) ?? null); };
     stage.onBrush = panel === "regions" && state.tool.value === "brush" ? (pick) => void brushed(pick) : null;
   }
 
   return (
     <div class="plan">
       <div class="left">
-        <View3d label={text.plan.part} name="plan" onStage={setStage} box={() => scene.current?.wholeBox(withViews) ?? null}
+        <View3d label={text.plan.part} name="plan" onStage={setStage} box={() => scene.current?.wholeBox() ?? null}
           tools={<>
             <Button aria-pressed={measuring.value !== null} onClick={() => { measuring.value = measuring.value ? null : []; }}>{text.plan.measure}</Button>
             <Button aria-pressed={withViews} onClick={() => setWithViews(!withViews)}>{text.plan.allViews}</Button>
           </>}>
           <div class="overlaybar">
-            <Select label={text.plan.colour} value={mode} onChange={(value) => setQuery({ colour: value === "grade" ? undefined : value })} options={Object.entries(text.plan.colours)} />
-            <ThresholdSlider mode={mode} threshold={threshold} scores={state.scores.value} />
-            <SectionTool section={section} at={() => scene.current?.sectionAt() ?? 0} />
+            <Select label={text.plan.colour} value={mode} onChange={(value) => setQuery({ colour: value === "grade" ? undefined : value, level: undefined })} options={Object.entries(text.plan.colours)} />
+            <ThresholdSlider mode={mode} at={threshold} scores={state.scores.value} onLevel={(value) => setQuery({ level: String(value) })} />
+            {model.plan.cell && <Select label={text.plan.lying} name="setup" value={setup === null ? "file" : String(setup)} onChange={lay} options={standings(model)} />}
+            <SectionTool section={section} at={() => scene.current?.sectionAt() ?? 0} onSection={(axis, share) => setQuery({ section: axis === "off" ? undefined : `${axis}${share}` })} />
             {measuring.value && <span class="soft">{measured.length === 2 ? text.plan.distance(length(distance)) : text.plan.measureHint}</span>}
             {state.computing.value !== null && <span role="status">{text.plan.computing(percent(state.computing.value, 0))}</span>}
           </div>
@@ -196,25 +233,45 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
   );
 }
 
-function ThresholdSlider({ mode, threshold, scores }: { mode: Colouring; threshold: Signal<Threshold>; scores: Scores | null }) {
-  const at = threshold.value;
-  const set = (change: Partial<Threshold>): void => { threshold.value = { ...at, ...change }; };
-  if (mode === "grade") return <Slider label={text.plan.threshold} min={1} max={4} value={at.grade} show={"ABCD"[at.grade - 1]!} onInput={(grade) => set({ grade })} />;
+/** The part as it lies in each setup, and as in its file. */
+const standings = ({ plan: { setups = [] } }: Model): [string, string][] => [
+  ...(setups.length > 1 ? setups.map((_, i): [string, string] => [String(i), text.cell.setup(i + 1)]) : [["0", text.plan.onPlate] as [string, string]]),
+  ["file", text.plan.asFile],
+];
+
+const labelOf = ({ plan }: Model, { id }: EditedView): string => plan.viewpoints.find((view) => view.id === id)?.label ?? text.plan.added(id);
+
+/** Scores of the views as planned, against which a change is held, and as changed. */
+async function scoreBoth(state: Plan3d): Promise<void> {
+  const { plan } = state.model;
+  if (isEdited(state.views.peek())) await state.score(plannedViews(plan));
+  await state.score();
+}
+
+function ThresholdSlider({ mode, at, scores, onLevel }: { mode: Colouring; at: Threshold; scores: Scores | null; onLevel: (level: number) => void }) {
+  if (mode === "grade") return <Slider label={text.plan.threshold} min={1} max={4} value={at.grade} show={"ABCD"[at.grade - 1]!} onInput={onLevel} />;
   if (mode === "count") {
     const most = scores ? Math.max(2, scores.counts.reduce((max, n) => Math.max(max, n), 1)) : 10;
-    return <Slider label={text.plan.threshold} min={1} max={most} value={at.count} show={text.plan.atLeast(at.count)} onInput={(count) => set({ count })} />;
+    return <Slider label={text.plan.threshold} min={1} max={most} value={at.count} show={text.plan.atLeast(at.count)} onInput={onLevel} />;
   }
-  if (mode === "incidence") return <Slider label={text.plan.threshold} min={5} max={90} value={at.incidence} show={text.plan.upTo(at.incidence)} onInput={(incidence) => set({ incidence })} />;
+  if (mode === "incidence") return <Slider label={text.plan.threshold} min={5} max={90} value={at.incidence} show={text.plan.upTo(at.incidence)} onInput={onLevel} />;
   return null;
 }
 
-function SectionTool({ section, at }: { section: Signal<{ axis: SectionAxis; share: number }>; at: () => number }) {
-  const { axis, share } = section.value;
+interface Section { axis: SectionAxis; share: number }
+
+/** Section plane of an address: `x0.25` is a quarter along x. */
+function sectionOf(given: string | null): Section {
+  const [, axis = "off", share = "0.5"] = /^([xyz])(0(?:\.\d+)?|1)$/.exec(given ?? "") ?? [];
+  return { axis: axis as SectionAxis, share: Number(share) };
+}
+
+function SectionTool({ section: { axis, share }, at, onSection }: { section: Section; at: () => number; onSection: (axis: SectionAxis, share: number) => void }) {
   return (
     <>
-      <Select label={text.plan.section} value={axis} onChange={(value) => { section.value = { ...section.value, axis: value as SectionAxis }; }}
+      <Select label={text.plan.section} value={axis} onChange={(value) => onSection(value as SectionAxis, share)}
         options={[["off", text.plan.sectionOff], ["x", "X"], ["y", "Y"], ["z", "Z"]]} />
-      {axis !== "off" && <Slider label={text.plan.position} min={0} max={1} step={0.005} value={share} show={length(at())} onInput={(value) => { section.value = { axis, share: value }; }} />}
+      {axis !== "off" && <Slider label={text.plan.position} min={0} max={1} step={0.005} value={share} show={length(at())} onInput={(value) => onSection(axis, value)} />}
     </>
   );
 }

@@ -2,6 +2,7 @@
 import { Matrix4, Vector3 } from "three";
 import { ask, type Cell, type Job, type MissedListing, type Plan, type Pose, type Remedy, type Spot, type Turntable } from "./api";
 import { meaningOf } from "./bytes";
+import { cellName } from "./jobs";
 import { coverageBytes, preview, type Preview } from "./mesh";
 import { opticsOf, type Optics } from "./optics";
 import { matrixOf, poseOf, product, shift, turnX, turnY, turnZ } from "./poses";
@@ -22,10 +23,10 @@ async function plateRadiusOf(job: Job): Promise<number> {
 }
 
 export async function modelOf(job: Job): Promise<Model> {
-  const [plan, mesh, bytes, missed] = await Promise.all([
+  const [plan, mesh, bytes, missed, plateRadius] = await Promise.all([
     ask<Plan>(`/jobs/${job.id}/plan`), preview(job.mesh_id), coverageBytes(job.id), ask<MissedListing>(`/jobs/${job.id}/missed`),
+    cellName(job) === "none" ? 0 : plateRadiusOf(job).catch(() => 250),
   ]);
-  const plateRadius = plan.cell ? await plateRadiusOf(job).catch(() => 250) : 0;
   let bySource: Map<number, MissedAt> | null = null;
   const missedAt = (face: number): MissedAt | null => {
     bySource ??= new Map(missed.missed.flatMap(({ reason, listing }) =>
@@ -54,10 +55,52 @@ export const plannedViews = (plan: Plan): EditedView[] => plan.viewpoints.map((v
   setup: setupOf(plan, view.id), move: STILL,
 }));
 
+/** How the part lies on the plate in a setup; null without a cell. */
+export const tableFromPart = ({ cell, setups }: Plan, setup: number): Pose | null =>
+  (cell ? setups?.[setup]?.table_from_part ?? cell.table_from_part : null);
+
 /** The plate beneath the part while a view is taken: what hides surface from below. */
 export function plateOf({ plan, plateRadius }: Model, view: EditedView): Plate | null {
-  if (!plan.cell) return null;
-  return { tableFromPart: plan.setups?.[view.setup]?.table_from_part ?? plan.cell.table_from_part, radius: plateRadius };
+  const pose = tableFromPart(plan, view.setup);
+  return pose && { tableFromPart: pose, radius: plateRadius };
+}
+
+/** Index of the setup that an address names, the first where it names none; null for the part as it is in its file. */
+export function shownSetup(plan: Plan, named: string | null): number | null {
+  if (!plan.cell || named === "file") return null;
+  const setup = Number(named);
+  return setup > 0 && plan.setups?.[setup] ? setup : 0;
+}
+
+const rounded = (value: number, digits: number): number => Number(value.toFixed(digits));
+
+/** What was changed of the views by hand, for the address: number, whether it is used, its move, and of an added one its setup and pose. */
+export function editsOf(views: EditedView[]): string | undefined {
+  const edits = views.filter((view) => isEdited([view])).map(({ id, isUsed, isAdded, move, setup, origin }) => [
+    id, Number(isUsed), move.tiltX, move.tiltY, move.roll, move.standoff,
+    ...(isAdded ? [setup, ...origin.translation_mm.map((value) => rounded(value, 3)), ...origin.quaternion_xyzw.map((value) => rounded(value, 6))] : []),
+  ].join("_"));
+  return edits.length > 0 ? edits.join("*") : undefined;
+}
+
+/** The planned views with the changes that an address has; what cannot be read changes nothing. */
+export function editedViews(plan: Plan, best: number, edits: string | null): EditedView[] {
+  const views = plannedViews(plan);
+  for (const edit of edits?.split("*") ?? []) {
+    const [id = -1, used, tiltX = 0, tiltY = 0, roll = 0, standoff = 0, setup = 0, ...pose] = edit.split("_").map(Number);
+    if (![id, tiltX, tiltY, roll, standoff, setup, ...pose].every(Number.isFinite)) continue;
+    if (pose.length === 7) {
+      const [x, y, z, ...quaternion] = pose as [number, number, number, ...number[]];
+      const origin: Pose = { translation_mm: [x, y, z], quaternion_xyzw: quaternion as Pose["quaternion_xyzw"] };
+      if (!views.some((view) => view.id === id)) views.push({ id, pose: origin, origin, isAdded: true, isUsed: true, wasUsed: false, setup, move: STILL });
+    }
+    const view = views.find((view) => view.id === id);
+    if (!view) continue;
+    const move = { tiltX, tiltY, roll, standoff };
+    view.isUsed = used === 1;
+    if (Object.values(move).some((value) => value !== 0)) Object.assign(view, { move, pose: moved(view.origin, best, move) });
+  }
+  return views;
 }
 
 const RAD = Math.PI / 180;
@@ -117,10 +160,9 @@ export function remedySet({ job, plan }: Model, spot: Spot, remedy: Remedy): Rec
 
 /** Areas of the preview by meaning of its faces. */
 export function areasBy({ mesh, bytes }: Model): Map<string, number> {
+  const byByte = new Float64Array(256);
+  for (let face = 0; face < bytes.length; face += 1) byByte[bytes[face]!]! += mesh.areas[face]!;
   const areas = new Map<string, number>();
-  bytes.forEach((byte, face) => {
-    const meaning = meaningOf(byte);
-    areas.set(meaning, (areas.get(meaning) ?? 0) + mesh.areas[face]!);
-  });
+  byByte.forEach((area, byte) => { if (area > 0) areas.set(meaningOf(byte), (areas.get(meaningOf(byte)) ?? 0) + area); });
   return areas;
 }

@@ -4,12 +4,12 @@ import { useEffect, useMemo, useRef } from "preact/hooks";
 import type { Spot } from "./api";
 import { isGrade } from "./bytes";
 import { Chart } from "./chart";
-import { RegionTable, Remedy, Sentences, Warnings } from "./job";
-import { causeColour, css, GRADES } from "./palette";
+import { RegionTable, Remedy, Sentences, UnitNote, Warnings } from "./job";
+import { causeColour, css, GRADES, viewColour } from "./palette";
 import { moveView, setBox, type Plan3d, type RegionTool, type SpotState } from "./plan";
 import { gradeOf, isEdited, remedySet, STILL, type EditedView } from "./planmodel";
 import { legendOf, type Colouring } from "./planscene";
-import { area, degrees, length, lengthIn, lengthUnit, percent, seconds } from "./settings";
+import { area, degrees, fromShown, length, lengthIn, lengthUnit, percent, point, seconds, unit } from "./settings";
 import { text } from "./text";
 import { Button, Select, Slider, Swatch } from "./widgets";
 
@@ -75,7 +75,7 @@ export function SpotPanel({ state, spot }: { state: Plan3d; spot: SpotState }) {
   return (
     <section class="spot" aria-label={words.spot} ref={panel}>
       <div class="head"><h3>{seen.length ? words.seenBy(seen.length) : words.unseen}</h3><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></div>
-      <p>{words.planCause}: <strong data-spot={spot.meaning}>{verdict}</strong> <span class="soft">({spot.hit.point.map((value) => lengthIn(value).toFixed(1)).join(", ")}) {lengthUnit()}</span></p>
+      <p>{words.planCause}: <strong data-spot={spot.meaning}>{verdict}</strong> <span class="soft">({point(spot.hit.point)}) {lengthUnit()} {words.fileAxes}</span></p>
       {seen.length > 0 && (
         <table>
           <thead><tr><th scope="col">{words.panels.views}</th><th scope="col">{words.colours.grade}</th><th scope="col">{words.incidence}</th><th scope="col">{words.depth}</th></tr></thead>
@@ -108,6 +108,7 @@ function SpotRemedy({ state, spot }: { state: Plan3d; spot: Spot }) {
     <div class="remedy">
       <strong>{words.remedy}</strong> <span class="soft">{area(spot.area_mm2)}</span>
       <p>{remedy ? remedy.text : words.noRemedy}</p>
+      <UnitNote of={[remedy?.text]} />
       {remedy && <Remedy job={state.model.job} label={text.job.apply} set={remedySet(state.model, spot, remedy)} />}
     </div>
   );
@@ -158,6 +159,7 @@ function Edited({ state }: { state: Plan3d }) {
 export function ViewsPanel({ state }: { state: Plan3d }) {
   const { plan } = state.model;
   const chosen = state.views.value.find((view) => view.id === state.chosen.value);
+  const hasSetups = (plan.setups?.length ?? 0) > 1;
   const order = new Map(plan.sequence.map((id, at) => [id, at + 1]));
   // The share as planned, against which a change is held, is computed first.
   const use = async (id: number, isUsed: boolean): Promise<void> => {
@@ -175,13 +177,15 @@ export function ViewsPanel({ state }: { state: Plan3d }) {
           const planned = plan.viewpoints.find((other) => other.id === view.id);
           const station = planned?.station;
           return (
-            <li key={view.id} class={view.id === state.chosen.value ? "chosen" : ""}>
+            <li key={view.id} class={view.id === state.chosen.value ? "chosen" : view.id === state.hovered.value ? "hovered" : ""}
+              onPointerEnter={() => { state.hovered.value = view.id; }} onPointerLeave={() => { state.hovered.value = null; }}
+              onFocusIn={() => { state.hovered.value = view.id; }} onFocusOut={() => { state.hovered.value = null; }}>
               <input type="checkbox" aria-label={words.use(view.id)} checked={view.isUsed} onChange={(event) => void use(view.id, event.currentTarget.checked)} />
               <button type="button" class="row" aria-pressed={view.id === state.chosen.value} onClick={() => state.chooseView(view.id === state.chosen.value ? null : view.id)}>
-                <strong>{words.view(view.id)}</strong>
+                <strong><Swatch colour={css(viewColour(view, view.id === state.chosen.value))} /> {words.view(view.id)}</strong>
                 <span>{planned ? planned.label : words.added(view.id)}</span>
                 <span class="number">{planned && words.adds(percent(planned.gain_of_asked))}</span>
-                <span class="soft">{planned?.rejected ? words.rejected : [order.has(view.id) && `#${order.get(view.id)}`,
+                <span class="soft">{planned?.rejected ? words.rejected : [hasSetups && text.cell.setup(view.setup + 1), order.has(view.id) && `#${order.get(view.id)}`,
                   station?.clearance_mm !== undefined && station.clearance_mm !== null && words.clearance(length(station.clearance_mm))].filter(Boolean).join(" · ")}</span>
               </button>
             </li>
@@ -210,6 +214,7 @@ export function MissesPanel({ state }: { state: Plan3d }) {
         ))}
       </ul>
       <h3>{words.misses}</h3>
+      <UnitNote of={spots.map(({ spot }) => spot.remedy?.text)} />
       <ul class="spots">
         {spots.map(({ reason, spot }, i) => (
           <li key={i}><button type="button" class="row" onClick={() => state.showSpot(spot, reason)}>
@@ -235,13 +240,13 @@ async function planWithRegion(state: Plan3d, { use, name, target }: RegionDraft)
 
 function BoxFields({ state, box }: { state: Plan3d; box: { min: number[]; max: number[] } }) {
   const field = (end: "min" | "max", i: number) => (
-    <input type="number" step="any" aria-label={`${end} ${"XYZ"[i]}`} value={box[end][i]!.toFixed(2)} onChange={(event) => {
+    <input type="number" step="any" aria-label={`${end} ${"XYZ"[i]}`} value={lengthIn(box[end][i]!).toFixed(unit.value === "mm" ? 2 : 4)} onChange={(event) => {
       const next = { min: [...box.min], max: [...box.max] };
-      next[end][i] = event.currentTarget.valueAsNumber;
+      next[end][i] = fromShown(event.currentTarget.valueAsNumber);
       void setBox(state, next.min, next.max);
     }} />
   );
-  return <p class="numbers">{[0, 1, 2].map((i) => field("min", i))}<br />{[0, 1, 2].map((i) => field("max", i))} mm</p>;
+  return <p class="numbers">{[0, 1, 2].map((i) => field("min", i))}<br />{[0, 1, 2].map((i) => field("max", i))} {lengthUnit()} {words.fileAxes}</p>;
 }
 
 export function RegionsPanel({ state }: { state: Plan3d }) {
@@ -307,7 +312,7 @@ export function ChartsPanel({ state }: { state: Plan3d }) {
   const parts = job.summary?.cycle_parts;
   return (
     <div>
-      <Chart title={`${words.curve}${plan.bound ? ` (${words.lower(plan.bound.views_lower)})` : ""}`} x={x} lines={lines} xLabel={words.views} yLabel={text.jobs.asked} percent points yRange={[0, 1]}
+      <Chart title={[words.curve, plan.bound && words.lower(plan.bound.views_lower), typeof upper === "number" && words.upper(percent(upper, 2))].filter(Boolean).join("; ")} x={x} lines={lines} xLabel={words.views} yLabel={text.jobs.asked} percent points yRange={[0, 1]}
         onPick={(at) => { const view = plan.viewpoints[Math.max(0, Math.round(at) - 1)]; if (view) state.chooseView(view.id); }} />
       <Bars title={words.grades} rows={Object.entries(plan.coverage.grades).map(([grade, share]) => ({ name: words.gradeNames[grade] ?? grade, value: share, show: percent(share), colour: css(GRADES[grade]!) }))} />
       {parts && <Bars title={words.cycle} rows={[

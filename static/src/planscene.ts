@@ -1,11 +1,14 @@
 // What the plan view draws: part by colour mode, viewpoints, frustums, marked faces, chosen spot, section and measure.
-import { Color, Group, type InstancedMesh, Mesh, MeshBasicMaterial, Plane, SphereGeometry, Vector3 } from "three";
+import {
+  type Box3, CircleGeometry, Color, Group, type InstancedMesh, Matrix4, Mesh, MeshBasicMaterial, type Object3D, Plane,
+  SphereGeometry, Vector3,
+} from "three";
 import { colourOf, isGrade, meaningOf } from "./bytes";
-import { causeColour, MARKED, MISSED, NOT_ASKED, BELOW, onScale, PLAIN, type Rgb } from "./palette";
+import { causeColour, MARKED, MISSED, NOT_ASKED, BELOW, onScale, PLAIN, viewColour, type Rgb } from "./palette";
 import type { EditedView, Model } from "./planmodel";
 import { matrixOf } from "./poses";
 import { frustums, lines, place, viewGlyphs } from "./solids";
-import { PartMesh, Stage, STANDARD_VIEWS, type Label } from "./stage";
+import { PartMesh, Stage, STANDARD_VIEWS, type Label, type PointerPick } from "./stage";
 import type { Scores } from "./worker";
 
 export type Colouring = "grade" | "count" | "incidence" | "cause";
@@ -21,13 +24,16 @@ export function scaleOf(scores: Scores): number {
 /** Colour of a face in a mode; scores are there for the modes that need them. */
 export function painter(model: Model, mode: Colouring, scores: Scores | null, threshold: Threshold): (face: number) => Rgb {
   const { bytes } = model;
-  if (mode === "cause") return (face) => (isGrade(meaningOf(bytes[face]!)) ? PLAIN : colourOf(meaningOf(bytes[face]!)));
+  const byByte = (colour: (meaning: string) => Rgb): ((face: number) => Rgb) => {
+    const colours = Array.from({ length: 256 }, (_, byte) => colour(meaningOf(byte)));
+    return (face) => colours[bytes[face]!]!;
+  };
+  if (mode === "cause") return byByte((meaning) => (isGrade(meaning) ? PLAIN : colourOf(meaning)));
   if (mode === "grade" || !scores) {
-    return (face) => {
-      const meaning = meaningOf(bytes[face]!);
+    return byByte((meaning) => {
       if (!isGrade(meaning)) return meaning === "not_asked" ? NOT_ASKED : MISSED;
       return LETTERS.indexOf(meaning) < threshold.grade ? colourOf(meaning) : BELOW;
-    };
+    });
   }
   const isAsked = (face: number): boolean => meaningOf(bytes[face]!) !== "not_asked";
   if (mode === "count") {
@@ -50,74 +56,100 @@ const AXES: Record<string, [number, number, number]> = { x: [-1, 0, 0], y: [0, -
 
 export class PlanScene {
   readonly part: PartMesh;
+  /** What is given in the part's own coordinates, as the part lies. */
+  private readonly root = new Group();
   private readonly overlay = new Group();
   private readonly frustum = new Group();
   private readonly pins = new Group();
+  private readonly plate = new Group();
   private glyphs: InstancedMesh | null = null;
   private shownViews: EditedView[] = [];
   private framed: number | null = null;
   private readonly size: number;
+  /** Box of the part as it lies. */
+  private box: Box3;
   marked = new Set<number>();
   section: { axis: SectionAxis; at: number } = { axis: "off", at: 0 };
 
-  constructor(readonly stage: Stage, private readonly model: Model) {
+  constructor(readonly stage: Stage, private readonly model: Model, shownFromPart: Matrix4 | null) {
     this.part = new PartMesh(model.mesh);
+    this.box = this.part.box;
     this.size = this.part.box.getSize(new Vector3()).length();
+    this.root.name = "lying";
     this.overlay.name = "overlay";
     this.frustum.name = "frustum";
     this.pins.name = "pins";
-    stage.scene.add(this.part.mesh, this.overlay, this.frustum, this.pins);
-    stage.look(this.part.box, STANDARD_VIEWS.iso!);
+    this.plate.name = "plate";
+    this.root.add(this.part.mesh, this.overlay, this.frustum, this.pins);
+    stage.scene.add(this.root, this.plate);
+    this.lay(shownFromPart);
+  }
+
+  /** Lays the part on the plate, or, with no pose, shows it as its file has it. */
+  lay(shownFromPart: Matrix4 | null): void {
+    place(this.root, shownFromPart ?? new Matrix4()).updateMatrixWorld(true);
+    this.box = this.part.box.clone().applyMatrix4(this.root.matrix);
+    this.stage.clear(this.plate);
+    if (shownFromPart) this.plate.add(...plateDisc(this.model.plateRadius));
+    this.cut(this.section.axis, this.section.at);
+    this.label();
+    this.stage.look(this.box, STANDARD_VIEWS.iso!);
+  }
+
+  /** A ray in the part's coordinates. */
+  inPart(pick: PointerPick): PointerPick {
+    const partFromShown = this.root.matrix.clone().invert();
+    return { ...pick, origin: new Vector3(...pick.origin).applyMatrix4(partFromShown).toArray(),
+      direction: new Vector3(...pick.direction).transformDirection(partFromShown).toArray() };
   }
 
   paint(colour: (face: number) => Rgb): void {
-    this.part.paint((face) => (this.marked.has(face) ? MARKED : colour(face)));
+    this.part.paint(this.marked.size > 0 ? (face) => (this.marked.has(face) ? MARKED : colour(face)) : colour);
     this.stage.invalidate();
   }
 
-  /** Viewpoints of one setup, with their numbers. */
-  showViews(views: EditedView[], chosen: number | null, isShown: boolean, onChoose: (id: number) => void): void {
+  /** Viewpoints, with their numbers. */
+  showViews(views: EditedView[], chosen: number | null, nameOf: (view: EditedView) => string, onChoose: (id: number) => void): void {
     this.stage.clear(this.overlay);
-    this.shownViews = isShown ? views : [];
-    const labels: Label[] = [];
+    this.shownViews = views;
     this.glyphs = null;
-    if (isShown && views.length > 0) {
-      this.glyphs = viewGlyphs(views.map((view) => view.pose), Math.max(14, this.size / 9));
-      views.forEach((view, i) => {
-        const shade = view.id === chosen ? 0xe69f00 : !view.isUsed ? 0x9aa2ac : view.isAdded ? 0x00a37a : 0x2f78c4;
-        this.glyphs!.setColorAt(i, new Color(shade));
-        labels.push({ at: new Vector3(...view.pose.translation_mm), text: String(view.id),
-          className: view.id === chosen ? "chosen" : view.isUsed ? "" : "unused", onClick: () => onChoose(view.id) });
-      });
+    this.labels = views.map((view) => ({ at: new Vector3(...view.pose.translation_mm), text: String(view.id), more: nameOf(view), key: view.id,
+      className: view.id === chosen ? "chosen" : view.isUsed ? "" : "unused", onClick: () => onChoose(view.id) }));
+    if (views.length > 0) {
+      this.glyphs = viewGlyphs(views.map((view) => view.pose), Math.max(24, this.size / 9));
+      views.forEach((view, i) => this.glyphs!.setColorAt(i, new Color(`rgb(${viewColour(view, view.id === chosen).join()})`)));
       this.overlay.add(this.glyphs);
     }
-    this.labels = labels;
     this.label();
   }
 
   private labels: Label[] = [];
   private pinLabels: Label[] = [];
-  private label(): void { this.stage.setLabels([...this.labels, ...this.pinLabels]); }
+  private label(): void {
+    this.stage.setLabels([...this.labels, ...this.pinLabels].map((label) => ({ ...label, at: label.at.clone().applyMatrix4(this.root.matrix) })));
+  }
 
-  /** View that a click meets before the part. */
-  viewAt(pick: Parameters<typeof Stage.hit>[0], before: number): number | null {
+  /** View that a ray meets before the part. */
+  viewAt(pick: PointerPick, before: number): number | null {
     const hit = this.glyphs && Stage.hit(pick, [this.glyphs]);
     return hit && hit.distance < before ? this.shownViews[hit.instance]?.id ?? null : null;
   }
+
+  private shownAt = ({ pose }: EditedView): Vector3 => new Vector3(...pose.translation_mm).applyMatrix4(this.root.matrix);
 
   showFrustum(view: EditedView | null): void {
     this.stage.clear(this.frustum);
     if (view) this.frustum.add(place(frustums(this.model.plan.scanner), matrixOf(view.pose)));
     // The camera goes back far enough to show from where the chosen view looks; while that is moved by hand it stays.
-    if (view && view.id !== this.framed) this.stage.fit(this.part.box.clone().expandByPoint(new Vector3(...view.pose.translation_mm)));
+    if (view && view.id !== this.framed) this.stage.fit(this.box.clone().expandByPoint(this.shownAt(view)));
     this.framed = view?.id ?? null;
     this.stage.invalidate();
   }
 
   /** Box that holds part and viewpoints. */
-  wholeBox(withViews: boolean): PartMesh["box"] {
-    const box = this.part.box.clone();
-    if (withViews) this.shownViews.forEach((view) => box.expandByPoint(new Vector3(...view.pose.translation_mm)));
+  wholeBox(): Box3 {
+    const box = this.box.clone();
+    this.shownViews.forEach((view) => box.expandByPoint(this.shownAt(view)));
     return box;
   }
 
@@ -152,23 +184,38 @@ export class PlanScene {
 
   cut(axis: SectionAxis, share: number): void {
     this.section = { axis, at: share };
-    const plane = this.plane();
-    this.part.cut(plane && new Plane(new Vector3(...plane.slice(0, 3)), plane[3]));
+    this.part.cut(this.sectionPlane());
     this.stage.invalidate();
   }
 
   /** Where the section plane is along its axis, mm. */
   sectionAt(): number {
     const i = "xyz".indexOf(this.section.axis);
-    const { min, max } = this.model.mesh;
-    return i < 0 ? 0 : min[i]! + (max[i]! - min[i]!) * this.section.at;
+    if (i < 0) return 0;
+    const [min, max] = [this.box.min.getComponent(i), this.box.max.getComponent(i)];
+    return min + (max - min) * this.section.at;
   }
 
-  /** Normal and constant of the section plane; what lies behind it is shown. */
-  plane(): number[] | null {
+  /** Section plane as it is drawn; what lies behind it is shown. */
+  private sectionPlane(): Plane | null {
     const normal = AXES[this.section.axis];
-    return normal ? [...normal, this.sectionAt()] : null;
+    return normal ? new Plane(new Vector3(...normal), this.sectionAt()) : null;
   }
+
+  /** Normal and constant of the section plane in the part's coordinates. */
+  plane(): number[] | null {
+    const plane = this.sectionPlane()?.applyMatrix4(this.root.matrix.clone().invert());
+    return plane ? [...plane.normal.toArray(), plane.constant] : null;
+  }
+}
+
+/** Surface and rim of the plate. From below the part is seen through it. */
+function plateDisc(radius: number): Object3D[] {
+  const disc = new Mesh(new CircleGeometry(radius, 72), new MeshBasicMaterial({ color: 0x8c96a1, transparent: true, opacity: 0.4, depthWrite: false }));
+  // Beneath the face on which the part lies.
+  disc.position.z = -0.2;
+  const at = (i: number): number[] => [radius * Math.cos((i * Math.PI) / 36), radius * Math.sin((i * Math.PI) / 36), -0.2];
+  return [disc, lines(Array.from({ length: 72 }, (_, i) => [...at(i), ...at(i + 1)]).flat(), 0x5b6673)];
 }
 
 function boxLines(min: number[], max: number[]): number[] {

@@ -5,8 +5,8 @@ import { BufferAttribute, BufferGeometry, Group, Mesh, MeshBasicMaterial, Points
 import type { Inspection, InspectionJob, Vector } from "./api";
 import { cloudOf, matchOf, needsCloud, painterOf, type Cloud, type FaceMap, type MapKind } from "./facemap";
 import { Tracer } from "./mesh";
-import { BELOW, css, diverging, lossColour, MATCH, MISSED, NOT_ASKED, PLAIN, UNMEASURED, type Rgb } from "./palette";
-import { area, fine, percent, unit } from "./settings";
+import { BELOW, css, diverging, lossColour, MATCH, LOST, UNASKED, WHOLE, UNMEASURED, type Rgb } from "./palette";
+import { area, fine, lengthUnit, percent, point as shownPoint, unit } from "./settings";
 import { linear, PartMesh, Stage, STANDARD_VIEWS } from "./stage";
 import { text } from "./text";
 import { Select, Slider, Swatch, useLoaded } from "./widgets";
@@ -118,7 +118,7 @@ function legendOf(map: FaceMap, kind: MapKind, result: Inspection, limit: number
   const row = (key: string, colour: Rgb, name: string, mm2: number): LegendRow => ({ key, colour, name, area: mm2 });
   if (kind === "coverage") return (["both", "lost", "gained", "neither"] as const).map((key) => row(key, MATCH[key]!, words.match[key]!, asked * coverage[`${key}_of_asked`]));
   if (kind === "losses") {
-    return [row("measured", PLAIN, text.plan.measured, asked * coverage.measured_of_asked), row("neither", BELOW, words.match.neither!, asked * coverage.neither_of_asked),
+    return [row("measured", WHOLE, text.plan.measured, asked * coverage.measured_of_asked), row("neither", BELOW, words.match.neither!, asked * coverage.neither_of_asked),
       ...losses.map((loss) => row(loss.cause, lossColour(loss.cause), words.losses[loss.cause] ?? loss.cause, loss.area_mm2))];
   }
   const areas = new Float64Array(STEPS + 1);
@@ -161,7 +161,7 @@ export function ScanMap({ job, result, map, kind, onKind, pin, onPin }: {
   useEffect(() => { if (pin) chosen.value = null; }, [pin]);
   useEffect(() => scene.current?.showPin(pin?.at ?? chosen.value?.point ?? null, pin?.size ?? null), [stage, pin, chosen.value]);
   if (stage) {
-    stage.onClick = (pick) => void tracer.ready.then(() => tracer.pick(pick.origin, pick.direction, null)).then((hit) => {
+    stage.onClick = (pick) => void tracer.pick(pick.origin, pick.direction, null).then((hit) => {
       onPin(null);
       chosen.value = hit && { face: hit.face, point: hit.point as Vector };
     });
@@ -184,7 +184,7 @@ function FaceFigures({ map, at: { face, point }, result }: { map: FaceMap; at: F
   const loss = match === "lost" ? result.losses.find(({ cause }) => cause === map.causes[map.cause[face]!]) : undefined;
   return (
     <div id="face" role="status" data-match={match}>
-      <strong>{words.match[match]}</strong> <span class="soft">({point.map((value) => value.toFixed(1)).join(", ")}) mm</span>
+      <strong>{words.match[match]}</strong> <span class="soft">({shownPoint(point)}) {lengthUnit()}</span>
       {loss && <p>{words.losses[loss.cause] ?? loss.cause}: {loss.detail}</p>}
       {map.compared[face]! > 0 && <p>{words.deviation}: {fine(map.deviation[face]!)} <span class="soft">{words.uncertainty(fine(map.uncertainty[face]!))}</span></p>}
     </div>
@@ -192,7 +192,7 @@ function FaceFigures({ map, at: { face, point }, result }: { map: FaceMap; at: F
 }
 
 type Round = "measured" | "new" | "missing" | "not_asked";
-const ROUND: Record<Round, Rgb> = { measured: MATCH.both!, new: MATCH.gained!, missing: MISSED, not_asked: NOT_ASKED };
+const ROUND: Record<Round, Rgb> = { measured: MATCH.both!, new: MATCH.gained!, missing: LOST, not_asked: UNASKED };
 
 /** What most of a face is after earlier rounds and the last one; what is measured once stays measured. */
 function roundOf(earlier: FaceMap[], last: FaceMap | null, face: number): Round {

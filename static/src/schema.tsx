@@ -180,6 +180,7 @@ function Items({ api, schema, name, value, onChange }: FieldProps) {
 
 export function Field(props: FieldProps & { isChanged?: boolean; onReset?: () => void }) {
   const whole = resolved(props.api, props.schema);
+  if (isPose(props.api, whole)) return <PoseField {...props} />;
   const choices = choicesOf(props.api, whole);
   const kinds = choices.length > 0 && choices.every((choice) => kindOf(choice) !== undefined);
   const found = choices.length > 0 ? chosen(props.api, whole, props.value) : undefined;
@@ -208,6 +209,71 @@ export function Field(props: FieldProps & { isChanged?: boolean; onReset?: () =>
   );
 }
 
+const ROTATIONS = { quaternion_xyzw: [0, 0, 0, 1], rpy_deg: [0, 0, 0] };
+type Rotation = keyof typeof ROTATIONS;
+const isRotation = (key: string): key is Rotation => key in ROTATIONS;
+
+/** Poses whose rotation can be given as a quaternion or as angles. */
+const isPose = (api: Api, schema: Schema): boolean => {
+  const choices = choicesOf(api, schema);
+  return choices.length === 2 && choices.every(({ properties }) => properties?.translation_mm) && choices.some(({ properties }) => properties?.rpy_deg);
+};
+
+interface GivenPose { translation_mm: number[]; quaternion_xyzw?: number[]; rpy_deg?: number[] }
+
+const RAD = Math.PI / 180;
+
+/** The other way to state a rotation: turns about the fixed axes X, Y, Z in this order, R = Rz · Ry · Rx. */
+function restated({ quaternion_xyzw: quaternion, rpy_deg: angles }: GivenPose): number[] {
+  const tidy = (value: number): number => Number(value.toFixed(9)) + 0;
+  if (quaternion) {
+    const norm = Math.hypot(...quaternion) || 1;
+    const [x, y, z, w] = quaternion.map((value) => value / norm) as [number, number, number, number];
+    const up = Math.max(-1, Math.min(1, 2 * (w * y - z * x)));
+    // With the nose straight up or down, roll and yaw turn about one axis: all of it is yaw.
+    const turns = Math.abs(up) > 1 - 1e-12 ? [0, Math.asin(up), Math.atan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z))]
+      : [Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), Math.asin(up), Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))];
+    return turns.map((rad) => tidy(rad / RAD));
+  }
+  const [[sr, cr], [sp, cp], [sy, cy]] = (angles ?? [0, 0, 0]).map((deg) => [Math.sin((deg * RAD) / 2), Math.cos((deg * RAD) / 2)]) as [number, number][] as
+    [[number, number], [number, number], [number, number]];
+  return [sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy].map(tidy);
+}
+
+function PoseField({ api, schema, name, value, onChange, isChanged, onReset }: FieldProps & { isChanged?: boolean; onReset?: () => void }) {
+  const whole = resolved(api, schema);
+  const pose = (value ?? null) as GivenPose | null;
+  const kind: Rotation = pose && "rpy_deg" in pose ? "rpy_deg" : "quaternion_xyzw";
+  const inner = pose && choicesOf(api, whole).find(({ properties }) => properties?.[kind])?.properties;
+  return (
+    <fieldset class="pose" data-pose={name}>
+      <legend>{name}</legend>
+      <p class="help soft">{whole.description?.replaceAll("\n", " ")} {isChanged && onReset && <button type="button" class="link" onClick={onReset}>{text.create.reset}</button>}</p>
+      {!pose && <button type="button" onClick={() => onChange({ translation_mm: [0, 0, 0], quaternion_xyzw: ROTATIONS.quaternion_xyzw })}>{text.create.state(name)}</button>}
+      {pose && (
+        <>
+          <Field api={api} schema={inner!.translation_mm!} name="translation_mm" value={pose.translation_mm} onChange={(given) => onChange({ ...pose, translation_mm: given })} />
+          <label class="kinds"><span>{text.create.rotation}</span>
+            <select value={kind} onChange={(event) => {
+              const next = event.currentTarget.value;
+              if (isRotation(next) && next !== kind) onChange({ translation_mm: pose.translation_mm, [next]: restated(pose) });
+            }}>{Object.entries(text.create.rotations).map(([key, shown]) => <option key={key} value={key}>{shown}</option>)}</select>
+          </label>
+          <Field key={kind} api={api} schema={inner![kind]!} name={kind} value={pose[kind] ?? ROTATIONS[kind]} onChange={(given) => onChange({ ...pose, [kind]: given })} />
+          {schema.oneOf?.some((choice) => choice.type === "null") && <button type="button" class="link" onClick={() => onChange(undefined)}>{text.create.drop1(name)}</button>}
+        </>
+      )}
+    </fieldset>
+  );
+}
+
+/** The name first, then poses, what is required, and the rest; the document itself has them by the alphabet. */
+function ordered(api: Api, { properties = {}, required = [] }: Schema): [string, Schema][] {
+  const rank = ([key, schema]: [string, Schema]): number =>
+    key === "name" ? 0 : isPose(api, resolved(api, schema)) ? 1 : required.includes(key) ? 2 : 3;
+  return Object.entries(properties).sort((a, b) => rank(a) - rank(b));
+}
+
 /** Fields of an object, each of which may be left out; where the object has a default, what is left out is of that. */
 export function ObjectField({ api, schema, name, value, onChange, fallback }: FieldProps) {
   const whole = resolved(api, schema);
@@ -220,7 +286,7 @@ export function ObjectField({ api, schema, name, value, onChange, fallback }: Fi
   return (
     <fieldset>
       <legend>{name}</legend>
-      {Object.entries(whole.properties ?? {}).map(([key, inner]) => (
+      {ordered(api, whole).map(([key, inner]) => (
         <Field key={key} api={api} schema={inner} name={key} value={object[key]} fallback={standard[key]} onChange={(given) => set(key, given)} />
       ))}
     </fieldset>
@@ -230,7 +296,9 @@ export function ObjectField({ api, schema, name, value, onChange, fallback }: Fi
 const isNested = (api: Api, schema: Schema): boolean => Boolean(resolved(api, schema).properties);
 
 /** Parameters by group; holds only what is changed. */
-export function ParamForm({ api, value, onChange }: {
+export function ParamForm({ api, value, onChange, at = null }: {
+  /** Field that is shown from the beginning. */
+  at?: string | null;
   api: Api; value: Record<string, Record<string, unknown> | unknown>; onChange: (value: Record<string, unknown>) => void;
 }) {
   const [words, setWords] = useState("");
@@ -253,9 +321,11 @@ export function ParamForm({ api, value, onChange }: {
   const knob = (group: string, key: string, schema: Schema, fallback: unknown) => {
     const given = group ? ((value[group] ?? {}) as Record<string, unknown>)[key] : value[key];
     const change = (now: unknown): void => (group ? set(group, key, now) : set(key, null, now));
+    const name = group ? `${group}.${key}` : key;
     return has(group, key, schema) && (
-      <Field key={`${key}${given === undefined}`} api={api} schema={schema} name={group ? `${group}.${key}` : key} value={given} fallback={fallback}
-        isChanged={given !== undefined} onReset={() => change(undefined)} onChange={change} />
+      <div key={`${key}${given === undefined}`} data-field={name} class={name === at ? "fault" : ""}>
+        <Field api={api} schema={schema} name={name} value={given} fallback={fallback} isChanged={given !== undefined} onReset={() => change(undefined)} onChange={change} />
+      </div>
     );
   };
   return (
@@ -268,7 +338,7 @@ export function ParamForm({ api, value, onChange }: {
           knob(group, key, field, (schema.default as Record<string, unknown> | undefined)?.[key] ?? field.default)).filter(Boolean);
         const changed = Object.keys((value[group] ?? {}) as object).length;
         return fields.length > 0 && (
-          <details key={`${group}${words !== ""}`} open={words !== "" || changed > 0}>
+          <details key={`${group}${words !== ""}`} open={words !== "" || changed > 0 || at?.split(".")[0] === group}>
             <summary>{group} <span class="soft">{inner.description?.split("\n")[0]}{changed > 0 && ` · ${text.create.changed(changed)}`}</span></summary>
             {fields}
           </details>

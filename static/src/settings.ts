@@ -1,5 +1,5 @@
 // What the reader chose for this browser: unit of length, colours; and the place in the page, which its address holds.
-import { computed, effect, signal } from "@preact/signals";
+import { batch, computed, effect, signal } from "@preact/signals";
 
 export type Theme = "auto" | "light" | "dark";
 export type Unit = "mm" | "inch";
@@ -26,7 +26,9 @@ function placeOf(hash: string): Place {
 }
 
 export const place = signal<Place>(placeOf(location.hash));
-addEventListener("hashchange", () => { place.value = placeOf(location.hash); });
+/** Counts the addresses that were entered, opened or gone back to: what is shown follows them. */
+export const visits = signal(0);
+addEventListener("hashchange", () => batch(() => { place.value = placeOf(location.hash); visits.value += 1; }));
 
 export function hrefOf(path: string[], query: Record<string, string | undefined> = {}): string {
   const given = Object.entries(query).filter((entry): entry is [string, string] => Boolean(entry[1]));
@@ -34,12 +36,28 @@ export function hrefOf(path: string[], query: Record<string, string | undefined>
   return `#/${path.map(encodeURIComponent).join("/")}${text ? `?${text}` : ""}`;
 }
 
+// Browsers ignore an address that is changed more than some 20 times a second, as a slider would.
+const WRITE_MS = 150;
+let written = 0;
+let waiting: ReturnType<typeof setTimeout> | undefined;
+
 /** Changes parts of the query of the present address: a selection has an address, but is no step back of the browser. */
 export function setQuery(changes: Record<string, string | undefined>): void {
-  const { path, query } = place.value;
+  const { path, query } = place.peek();
   const hash = hrefOf(path, { ...Object.fromEntries(query), ...changes });
-  history.replaceState(null, "", hash);
+  if (hash === hrefOf(path, Object.fromEntries(query))) return;
   place.value = placeOf(hash);
+  clearTimeout(waiting);
+  const before = location.hash;
+  const write = (): void => {
+    // The reader may have gone elsewhere meanwhile.
+    if (location.hash !== before) return;
+    written = Date.now();
+    history.replaceState(null, "", hash);
+  };
+  const wait = written + WRITE_MS - Date.now();
+  if (wait <= 0) write();
+  else waiting = setTimeout(write, wait);
 }
 
 export function goTo(hash: string): void {
@@ -57,6 +75,10 @@ function digits(value: number, decimals: number): string {
 
 export const lengthIn = (mm: number): number => (unit.value === "mm" ? mm : mm / MM_PER_INCH);
 export const lengthUnit = (): string => (unit.value === "mm" ? "mm" : "in");
+export const fromShown = (value: number): number => (unit.value === "mm" ? value : value * MM_PER_INCH);
+export const areaIn = (mm2: number): number => (unit.value === "mm" ? mm2 : mm2 / MM_PER_INCH ** 2);
+/** A point, without its unit. */
+export const point = (mm: readonly number[]): string => mm.map((value) => lengthIn(value).toFixed(unit.value === "mm" ? 1 : 3)).join(", ");
 export const length = (mm: number): string => `${digits(lengthIn(mm), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}`;
 /** Decimals of a number, of which 0 has no sign. */
 export function fixed(value: number, decimals: number): string {
@@ -66,7 +88,7 @@ export function fixed(value: number, decimals: number): string {
 /** A length that is compared with a tolerance. */
 export const fine = (mm: number): string => `${fixed(lengthIn(mm), unit.value === "mm" ? 3 : 4)} ${lengthUnit()}`;
 export const area = (mm2: number): string =>
-  (unit.value === "mm" ? `${digits(mm2, 1)} mm²` : `${digits(mm2 / MM_PER_INCH ** 2, 3)} in²`);
+  `${digits(areaIn(mm2), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}²`;
 export const sizes = (mm: readonly number[]): string =>
   `${mm.map((value) => digits(lengthIn(value), unit.value === "mm" ? 1 : 3)).join(" × ")} ${lengthUnit()}`;
 export const percent = (share: number, decimals = 1): string => `${(100 * share).toFixed(decimals)} %`;

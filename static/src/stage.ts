@@ -1,7 +1,7 @@
 // A view in three dimensions: camera, light, picks, labels and pictures. It draws when something changed and not otherwise.
 import {
   AmbientLight, Box3, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, type Material, Mesh, MeshLambertMaterial,
-  Object3D, PerspectiveCamera, Plane, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
+  Object3D, PerspectiveCamera, Plane, Raycaster, Scene, Sphere, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { effect } from "@preact/signals";
@@ -13,29 +13,32 @@ export const STANDARD_VIEWS: Record<string, [number, number, number]> = {
   right: [1, 0, 0],
 };
 
-export interface Label { at: Vector3; text: string; className?: string; onClick?: () => void }
+/** `more` is shown while the label or what it belongs to is under the pointer, or chosen. */
+export interface Label { at: Vector3; text: string; more?: string; key?: number; className?: string; onClick?: () => void }
 export interface PointerPick { origin: number[]; direction: number[]; isExtended: boolean }
 
 /** Stages that are drawn, for the tests. */
 export const stages = new Set<Stage>();
 window.vantage.stages = stages;
 
-const SOFTWARE_GL = "vantage-software-gl";
-let software: boolean | undefined;
-
 /** True where the browser draws 3D without a graphics card: smooth edges would cost four times the pixels there. */
-function isSoftwareGl(): boolean {
-  // Asked once for each tab: making a context only to ask takes a tenth of a second.
-  const known = sessionStorage.getItem(SOFTWARE_GL);
-  if (known) software = known === "yes";
-  if (software === undefined) {
-    const gl = document.createElement("canvas").getContext("webgl2");
-    const info = gl?.getExtension("WEBGL_debug_renderer_info");
-    software = /swiftshader|llvmpipe|software/i.test(String(gl && info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : ""));
-    gl?.getExtension("WEBGL_lose_context")?.loseContext();
-    sessionStorage.setItem(SOFTWARE_GL, software ? "yes" : "no");
-  }
-  return software;
+function isSoftware(renderer: WebGLRenderer): boolean {
+  const gl = renderer.getContext();
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  return /swiftshader|llvmpipe|software/i.test(String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : ""));
+}
+
+let hasCard: boolean | undefined;
+
+/** A renderer, with smooth edges where there is a graphics card: which only a context tells. */
+function rendererOf(): WebGLRenderer {
+  const made = new WebGLRenderer({ antialias: hasCard ?? false, powerPreference: "low-power" });
+  if (hasCard !== undefined) return made;
+  hasCard = !isSoftware(made);
+  if (!hasCard) return made;
+  made.dispose();
+  made.forceContextLoss();
+  return new WebGLRenderer({ antialias: true, powerPreference: "low-power" });
 }
 
 const CLICK_PX = 5;
@@ -44,9 +47,9 @@ const KEY_STEP_RAD = Math.PI / 24;
 export class Stage {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(35, 1, 1, 20_000);
-  readonly canvas = document.createElement("canvas");
   private readonly overlay = document.createElement("div");
-  private readonly renderer: WebGLRenderer;
+  private readonly renderer = rendererOf();
+  readonly canvas = this.renderer.domElement;
   private readonly controls: OrbitControls;
   private readonly resizing: ResizeObserver;
   private readonly light = new DirectionalLight(0xffffff, 2.2);
@@ -57,10 +60,15 @@ export class Stage {
   /** Called with the ray of a click on the canvas; and, while `isBrushing`, of a drag. */
   onClick: ((pick: PointerPick) => void) | null = null;
   onBrush: ((pick: PointerPick) => void) | null = null;
+  /** Called with the ray of the pointer that moves over the canvas, once a frame; null when it leaves. */
+  onHover: ((pick: PointerPick | null) => void) | null = null;
   frames = 0;
+  private hasSize = false;
+  private hasDrawn!: () => void;
+  /** Fulfilled with the first picture. */
+  readonly drawn = new Promise<void>((done) => { this.hasDrawn = done; });
 
   constructor(private readonly container: HTMLElement, label: string) {
-    this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: !isSoftwareGl(), powerPreference: "low-power" });
     this.renderer.localClippingEnabled = true;
     // The shaders are those of three.js; asking how their compilation went waits for it.
     this.renderer.debug.checkShaderErrors = false;
@@ -109,7 +117,8 @@ export class Stage {
   }
 
   invalidate(): void {
-    this.frame ||= requestAnimationFrame(() => { this.frame = 0; this.draw(); });
+    // What is drawn before the size is known would be drawn twice.
+    this.frame ||= requestAnimationFrame(() => { this.frame = 0; if (this.hasSize) this.draw(); });
   }
 
   private draw(): void {
@@ -117,6 +126,7 @@ export class Stage {
     this.light.target.position.copy(this.controls.target);
     this.renderer.render(this.scene, this.camera);
     this.frames += 1;
+    if (this.frames === 1) setTimeout(this.hasDrawn);
     const { clientWidth: width, clientHeight: height } = this.container;
     const at = new Vector3();
     for (const { label, element } of this.labels) {
@@ -134,6 +144,9 @@ export class Stage {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    this.hasSize = true;
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
     this.draw();
   }
 
@@ -143,6 +156,7 @@ export class Stage {
       const element = document.createElement(label.onClick ? "button" : "span");
       element.className = `label ${label.className ?? ""}`;
       element.textContent = label.text;
+      if (label.more) element.append(Object.assign(document.createElement("span"), { className: "more", textContent: ` · ${label.more}` }));
       if (label.onClick) {
         (element as HTMLButtonElement).type = "button";
         // The list beside the view has the same; the keyboard goes there.
@@ -154,6 +168,11 @@ export class Stage {
       return { label, element };
     });
     this.invalidate();
+  }
+
+  /** Shows the whole label of one thing. */
+  hover(key: number | null): void {
+    this.labels.forEach(({ label, element }) => element.classList.toggle("hovered", key !== null && label.key === key));
   }
 
   private rayAt(event: PointerEvent): PointerPick {
@@ -172,13 +191,19 @@ export class Stage {
 
   private listen(): void {
     let down: PointerEvent | null = null;
+    let latest: PointerEvent | null = null;
+    let moved: number | undefined;
     this.canvas.addEventListener("pointerdown", (event) => {
       down = event;
       if (this.onBrush && event.button === 0) { this.controls.enabled = false; this.onBrush(this.rayAt(event)); }
     });
     this.canvas.addEventListener("pointermove", (event) => {
       if (down && this.onBrush && event.buttons & 1) this.onBrush(this.rayAt(event));
+      if (event.buttons !== 0 || !this.onHover) return;
+      moved ??= requestAnimationFrame(() => { moved = undefined; this.onHover?.(this.rayAt(latest!)); });
+      latest = event;
     });
+    this.canvas.addEventListener("pointerleave", () => this.onHover?.(null));
     this.canvas.addEventListener("pointerup", (event) => {
       this.controls.enabled = true;
       const isClick = down && Math.hypot(event.clientX - down.clientX, event.clientY - down.clientY) < CLICK_PX;
@@ -244,23 +269,24 @@ export class Stage {
     this.look(box, direction.lengthSq() > 0 ? direction.toArray() : STANDARD_VIEWS.iso!);
   }
 
-  /** Moves with another stage, and it with this one. */
-  static couple(one: Stage, two: Stage): void {
+  /** Lets stages move together. */
+  static couple(...stages: Stage[]): void {
     let isBusy = false;
-    const follow = (follower: Stage) => (leader: Stage): void => {
+    const lead = (leader: Stage): void => {
       if (isBusy) return;
       isBusy = true;
-      follower.camera.position.copy(leader.camera.position);
-      follower.controls.target.copy(leader.controls.target);
-      follower.camera.near = leader.camera.near;
-      follower.camera.far = leader.camera.far;
-      follower.camera.updateProjectionMatrix();
-      follower.controls.update();
-      follower.invalidate();
+      stages.filter((stage) => stage !== leader).forEach((follower) => {
+        follower.camera.position.copy(leader.camera.position);
+        follower.controls.target.copy(leader.controls.target);
+        follower.camera.near = leader.camera.near;
+        follower.camera.far = leader.camera.far;
+        follower.camera.updateProjectionMatrix();
+        follower.controls.update();
+        follower.invalidate();
+      });
       isBusy = false;
     };
-    one.followers.push(follow(two));
-    two.followers.push(follow(one));
+    stages.forEach((stage) => stage.followers.push(lead));
   }
 
   /** Object that a ray meets first, of some. */
@@ -329,6 +355,7 @@ export class PartMesh {
     this.mesh = new Mesh(geometry, new MeshLambertMaterial({ vertexColors: true, flatShading: true, side: DoubleSide }));
     this.mesh.name = "part";
     this.box = new Box3(new Vector3(...preview.min), new Vector3(...preview.max));
+    geometry.boundingSphere = this.box.getBoundingSphere(new Sphere());
   }
 
   paint(colourOf: (face: number) => readonly [number, number, number]): void {

@@ -1,1 +1,0 @@
-import{a,b,c,d,e}from"./chunk-VN557673.js";import"./chunk-NXPWIXNZ.js";import"./chunk-UDPT22OZ.js";import"./chunk-ECSOLRIX.js";import"./chunk-DJFIGK7R.js";import"./chunk-R2KXQJ3O.js";import"./chunk-MTY4C575.js";import"./chunk-QZS3HDIG.js";import"./chunk-KFDC26EK.js";export{d as InspectionList,b as InspectionProgress,c as InspectionTable,e as InspectionView,a as isOpen};

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-3OJMQUA3.js";import"./chunk-VV6N3YYE.js";import"./chunk-R2KXQJ3O.js";import"./chunk-MTY4C575.js";import"./chunk-QZS3HDIG.js";import"./chunk-KFDC26EK.js";export{a as drawThumbnail,b as drawTurned};
