@@ -1,7 +1,7 @@
 // Walks through the dashboard in a real browser as an operator does: upload, plan, inspect a missed spot, play, run in
-// simulation, report, inspection of simulated scans; and holds what is drawn against what the API answers. Arguments: base address,
-// folder for pictures, JSON of the parts `[{file, unit}]`, the program that scans in simulation. Prints one line of JSON with the
-// figures reached; throws on the first thing that is wrong.
+// simulation, report, inspection of simulated scans, a failed job, setups, comparison; and holds what is drawn against what the API
+// answers. Arguments: base address, folder for pictures, JSON of the parts `[{file, unit}]`, the program that scans in simulation.
+// Prints one line of JSON with the figures reached; throws on the first thing that is wrong.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -174,16 +174,65 @@ async function views() {
   });
   assert.ok(after < before - 0.01, `${before} to ${after}`);
   assert.match(await share.innerText(), /%/);
+  await editsKept();
   return { dropped: before - after };
+}
+
+/** Views changed by hand and the section plane are in the address, and there again after a reload. */
+async function editsKept() {
+  await page.locator(".move input").first().fill("7");
+  await page.locator(".overlaybar select").last().selectOption("z");
+  await page.locator(".overlaybar input[type=range]").last().fill("0.4");
+  const edited = () => page.evaluate(() => {
+    const { state, scene } = window.vantage.plan;
+    return { plane: scene.plane(), views: state.views.value.map(({ id, isUsed, move, pose }) => ({ id, isUsed, move, pose })) };
+  });
+  const isCut = () => window.vantage?.plan?.scene.section.at === 0.4 && /edit=.*section=z0\.4/.test(location.hash);
+  await page.waitForFunction(isCut);
+  const before = await edited();
+  await page.reload();
+  await page.waitForFunction(isCut);
+  await page.waitForFunction(() => /%.*%/s.test(document.querySelector(".edited p")?.textContent ?? ""));
+  assert.deepEqual(await edited(), before, "a reload keeps edited views and the section");
+  await page.locator(".edited button", { hasText: "Undo" }).click();
+  await page.waitForFunction(() => !location.hash.includes("edit="));
+}
+
+/** Causes of a group of the report's legend. */
+const GROUPS = { "in shadow": /^shadow_/, "too oblique": /^(incidence_|below_grade$)/, "faces away": /^facing$/, "outside the image": /^frame_/,
+  "outside the working depth": /^depth$/, "out of the cell’s reach": /^(unreachable|collision|hidden_by_cell|no_path)$/,
+  "rests on or faces the table, or enclosed": /^(excluded_resting|faces_table|enclosed)$/, "measurable, no view chosen for it": /^(not_chosen|at_risk)$/ };
+
+/** Colours of the legends of a job's report, by what a legend of the page calls the same. */
+async function reportColours(id) {
+  const report = await (await fetch(`${base}api/v1/jobs/${id}/report`, { headers: { accept: "text/html" } })).text();
+  const found = [...report.matchAll(/class="swatch" style="background:(#[0-9a-f]{6})"><\/span>([^<]+)/g)];
+  const colours = new Map(found.map(([, colour, label]) => [label.replace(/\s[\d.]+ %.*/, ""), colour]));
+  return (key) => {
+    const group = Object.entries(GROUPS).find(([, causes]) => causes.test(key))?.[0];
+    return colours.get({ missed: "Missed", measured: "Measured", not_asked: "Not asked for" }[key] ?? (group ? `Missed: ${group}` : `Grade ${key}`));
+  };
+}
+
+/** Grades and causes have the same colours here and in the report. */
+async function coloursAgree(of) {
+  const rows = await page.locator(".legend tr").evaluateAll((rows) => rows.map((row) =>
+    [row.dataset.key, getComputedStyle(row.querySelector(".swatch")).backgroundColor.match(/\d+/g).map(Number)]));
+  const hex = (rgb) => `#${rgb.map((value) => value.toString(16).padStart(2, "0")).join("")}`;
+  const both = rows.filter(([key]) => of(key));
+  assert.deepEqual(both.map(([key, rgb]) => [key, hex(rgb)]), both.map(([key]) => [key, of(key)]));
+  assert.ok(both.length > 2, JSON.stringify(rows));
 }
 
 /** Every way to colour the part has a legend whose shares are those of the whole. */
 async function colours(id) {
+  const of = await reportColours(id);
   for (const mode of ["grade", "count", "incidence", "cause"]) {
     await page.goto(`${base}#/jobs/${id}/plan?colour=${mode}`);
     await page.waitForFunction(() => window.vantage.plan?.state.computing.value === null && document.querySelectorAll(".legend tr").length > 1);
     const shares = await page.locator(".legend td:last-child").allInnerTexts();
     assert.ok(Math.abs(shares.reduce((sum, text) => sum + parseFloat(text), 0) - 100) < 0.6, `${mode}: ${shares}`);
+    if (mode === "grade" || mode === "cause") await coloursAgree(of);
   }
 }
 
@@ -552,6 +601,101 @@ async function run() {
   return samples;
 }
 
+const send = async (path, body, type = "application/json") => {
+  const answer = await fetch(`${base}api/v1${path}`, { method: "POST", headers: { "content-type": type }, body: type.includes("json") ? JSON.stringify(body) : body });
+  assert.ok(answer.ok, `${path}: ${answer.status}`);
+  return answer.json();
+};
+
+/** A job that has ended. */
+async function ended(request) {
+  let job = await send("/jobs", request);
+  while (["queued", "running"].includes(job.state)) job = await api(`/jobs/${job.id}?wait=60s`);
+  return job;
+}
+
+/** A wedge in two plans: with one view, and turned over. */
+async function wedges() {
+  const facets = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]].map((face) => face.map((at) => `vertex ${["0 0 0", "40 0 0", "0 40 0", "0 0 30"][at]}`).join("\n"));
+  const solid = `solid\n${facets.map((corners) => `facet normal 0 0 0\nouter loop\n${corners}\nendloop\nendfacet`).join("\n")}\nendsolid\n`;
+  const mesh = await send("/meshes?unit=mm&name=wedge.stl", solid, "model/stl");
+  const request = { mesh_id: mesh.id, cell: "e05-transcan" };
+  const one = await ended({ ...request, params: { selection: { max_views: 1 }, missed: { remedies: 0 } } });
+  const two = await ended({ ...request, params: { setups: 2, registration: "none", selection: { max_views: 4 }, missed: { remedies: 0 } } });
+  assert.deepEqual([one.state, two.state, two.summary.setups], ["succeeded", "succeeded", 2]);
+  return { mesh, one, two };
+}
+
+/** A failed job says what is wrong at which field, and leads to that field of a copy. */
+async function failed({ mesh }) {
+  const request = { mesh_id: mesh.id, cell: "e05-transcan" };
+  const high = { table_from_part: { translation_mm: [0, 0, 10], rpy_deg: [0, 0, 0] } };
+  const job = await ended({ ...request, params: { part: high } });
+  assert.equal(job.state, "failed");
+  const [{ pointer, detail }] = job.problem.errors;
+  await page.goto(`${base}#/jobs/${job.id}`);
+  const fix = page.locator(".faults a");
+  await fix.waitFor();
+  const shown = await page.locator(".failure").innerText();
+  for (const part of [job.problem.title, pointer, detail, "What to do next"]) assert.ok(shown.includes(part), part);
+  await check("failed");
+  await tabTo(".faults a");
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.activeElement?.closest('[data-field="part.table_from_part"]'));
+  assert.match(await page.locator(".create .problem").first().innerText(), /above the plate/);
+  // Where there is a report on it, the page leads there, and to each parameter that the reasons name.
+  const strict = await ended({ ...request, params: { limits: { camera_deg: 1, projector_deg: 1 } } });
+  assert.equal(strict.problem?.code, "no_plan", JSON.stringify(strict.problem));
+  await page.goto(`${base}#/jobs/${strict.id}`);
+  await page.locator('.failure a[href*="at=limits.camera_deg"]').waitFor();
+  const report = await fetch(await page.locator(".failure .actions a[target=_blank]").evaluate((link) => link.href));
+  assert.ok(report.ok && /^<!doctype html>/i.test(await report.text()));
+  return job.id;
+}
+
+/** The part stands as in the setup that is chosen, with the views of that setup; a view of the other one brings its setup along. */
+async function setups({ two }) {
+  const { setups, viewpoints } = await api(`/jobs/${two.id}/plan`);
+  await page.goto(`${base}#/jobs/${two.id}/plan?panel=views`);
+  const lies = (setup) => page.waitForFunction(({ pose, views }) => {
+    const scene = window.vantage.plan?.scene.stage.scene;
+    const lying = scene?.getObjectByName("lying");
+    const off = lying && Math.hypot(...pose.translation_mm.map((value, i) => value - lying.matrix.elements[12 + i]));
+    return off < 1e-6 && (scene.getObjectByName("viewpoints")?.count ?? 0) === views;
+  }, { pose: setups[setup].table_from_part, views: setups[setup].viewpoints.length });
+  await lies(0);
+  const lowest = await page.evaluate(() => {
+    const part = window.vantage.plan.scene.stage.scene.getObjectByName("part");
+    const { array } = part.geometry.attributes.position;
+    const m = part.matrixWorld.elements;
+    return Math.min(...Array.from({ length: array.length / 3 }, (_, i) => m[2] * array[3 * i] + m[6] * array[3 * i + 1] + m[10] * array[3 * i + 2] + m[14]));
+  });
+  assert.ok(Math.abs(lowest) < 0.01, `it stands on the plate: ${lowest}`);
+  await page.locator("select[name=setup]").selectOption("1");
+  await lies(1);
+  assert.match(await page.evaluate(() => location.hash), /setup=1/);
+  await page.reload();
+  await lies(1);
+  const first = viewpoints.find(({ id }) => setups[0].viewpoints.includes(id));
+  await page.locator(".views .row").nth(viewpoints.indexOf(first)).click();
+  await lies(0);
+  assert.equal(await page.locator(".label.chosen").innerText(), `${first.id} · ${first.label}`);
+}
+
+/** The map of what only one of two plans measures: its areas are the part's. */
+async function compare({ mesh, one, two }) {
+  await page.goto(`${base}#/compare/${one.id}/${two.id}`);
+  await page.waitForFunction(() => [...window.vantage.stages].filter((stage) => stage.frames > 0).length === 3);
+  const rows = page.locator(".compare .legend tr");
+  await rows.first().waitFor();
+  const areas = Object.fromEntries(await rows.evaluateAll((rows) => rows.map(({ dataset }) => [dataset.key, Number(dataset.mm2)])));
+  const total = Object.values(areas).reduce((sum, area) => sum + area, 0);
+  assert.ok(Math.abs(total / mesh.health.area_mm2 - 1) < 1e-4, `${total} of ${mesh.health.area_mm2}`);
+  assert.ok(areas.both > 0 && areas.second > areas.both, JSON.stringify(areas));
+  await check("compare");
+  return areas;
+}
+
 let last = "";
 for (const part of parts) {
   const file = basename(part.file);
@@ -590,15 +734,13 @@ for (const [name, hash] of Object.entries({ jobs: "#/jobs", runs: "#/runs", spec
   await page.waitForTimeout(1500);
   await check(name);
 }
-const two = (await api("/jobs?state=succeeded&page_size=2")).items.map(({ id }) => id);
-if (two.length === 2) {
-  await page.goto(`${base}#/compare/${two.join("/")}`);
-  await page.waitForFunction(() => [...window.vantage.stages].filter((stage) => stage.frames > 0).length === 2);
-  await check("compare");
-}
+const wedge = await wedges();
+const failure = await failed(wedge);
+await setups(wedge);
+figures.compared = await compare(wedge);
 await fits({ jobs: "#/jobs", plan: `#/jobs/${last}/plan`, cell: `#/jobs/${last}/cell`, results: `#/jobs/${last}/results`, new: "#/new",
   hardware: "#/specs/scanners/transcan-c", runs: "#/runs", calibrations: "#/calibrations", calibration, inspections: "#/inspections", scans: `#/jobs/${figures.first}/inspection`,
-  inspection: `#/inspections/${inspected.second}` });
+  inspection: `#/inspections/${inspected.second}`, failed: `#/jobs/${failure}`, compare: `#/compare/${wedge.one.id}/${wedge.two.id}` });
 await page.emulateMedia({ colorScheme: "dark" });
 await page.goto(`${base}#/jobs`);
 await check("jobs-dark");
