@@ -342,9 +342,15 @@ impl Refined {
     /// Whitened square of an observation that was not used: its covariance has that of the unknowns added.
     #[must_use]
     pub fn chi2_of_other(&self, sighting: &Sighting) -> f64 {
+        self.prediction(sighting).map_or(f64::INFINITY, |(square, _)| square)
+    }
+
+    /// Whitened square of an observation that was not used, and the logarithm of the determinant of its covariance.
+    pub(super) fn prediction(&self, sighting: &Sighting) -> Option<(f64, f64)> {
         let (residual, rows) = linearised(&self.estimate, sighting);
         let covariance = self.weighting.covariance(&self.estimate, sighting) + rows * self.covariance * rows.transpose();
-        covariance.cholesky().map_or(f64::INFINITY, |cholesky| residual.dot(&cholesky.solve(&residual)))
+        let cholesky = covariance.cholesky()?;
+        Some((residual.dot(&cholesky.solve(&residual)), cholesky.ln_determinant()))
     }
 
     /// The terms that the observations add to the normal equations.

@@ -21,6 +21,10 @@ const MAX_READMITTED: f64 = 4.0;
 /// Ratio of the residuals' median to the one expected beyond which the given deviations are taken for too small.
 const MAX_SCALE: f64 = 2.5;
 
+/// Factor by which deviations that are estimated from more observations may be larger than those from fewer: wrong observations
+/// make them many times as large.
+const MAX_WIDENED: f64 = 3.0;
+
 /// Outcome of the screening.
 #[derive(Clone, Debug)]
 pub struct Screened {
@@ -33,6 +37,11 @@ pub struct Screened {
 }
 
 impl Screened {
+    /// Number of observations used.
+    fn used(&self) -> usize {
+        self.is_used.iter().filter(|used| **used).count()
+    }
+
     /// Deviations and covariance as large as the residuals of whole poses ask for, where those that were given do not explain them.
     /// Points of one cloud share errors that their own scatter does not show: poses are the clusters of the covariance (K.-Y. Liang,
     /// S. L. Zeger, *Longitudinal data analysis using generalized linear models*, Biometrika 73(1), 1986, section 3), and each is one
@@ -95,16 +104,36 @@ impl Screening<'_> {
     /// Finds the observations that agree, and refines from them. None where no set of observations determines the unknowns.
     ///
     /// A set of four may leave the unknowns so open that all others agree with it, and nothing comes of it: then all begin together.
+    /// So they do where deviations are estimated and some were dropped: which few agree by chance, and so which deviations come out,
+    /// would else depend on the order of the observations.
     #[must_use]
     pub fn screen(&self) -> Option<Screened> {
-        let chosen = self.consensus().and_then(|(set, median)| self.screened_from(&set, median));
-        chosen.or_else(|| {
-            let all: Vec<usize> = (0..self.sightings.len()).collect();
-            let refined = self.refined_by(self.sightings, &self.weighting)?;
-            let mut squares: Vec<f64> = self.sightings.iter().map(|each| self.own_square(&refined, each)).collect();
-            squares.sort_by(f64::total_cmp);
-            self.screened_from(&all, squares[all.len() / 2])
-        })
+        let Some(chosen) = self.consensus().and_then(|(set, median)| self.screened_from(&set, median)) else {
+            return self.screened_together();
+        };
+        if !self.estimate_sigma || chosen.used() == self.sightings.len() {
+            return Some(chosen);
+        }
+        let widened = |together: &Screened| self.mean_deviation(together) / self.mean_deviation(&chosen);
+        let is_better = |together: &Screened| together.used() > chosen.used() && widened(together) <= MAX_WIDENED;
+        Some(self.screened_together().filter(is_better).unwrap_or(chosen))
+    }
+
+    /// Gates, from all observations.
+    fn screened_together(&self) -> Option<Screened> {
+        let all: Vec<usize> = (0..self.sightings.len()).collect();
+        let refined = self.refined_by(self.sightings, &self.weighting)?;
+        let mut squares: Vec<f64> = self.sightings.iter().map(|each| self.own_square(&refined, each)).collect();
+        squares.sort_by(f64::total_cmp);
+        self.screened_from(&all, squares[all.len() / 2])
+    }
+
+    /// Geometric mean of the six deviations of an observation, over all observations; only its ratio to another has a meaning.
+    fn mean_deviation(&self, screened: &Screened) -> f64 {
+        let Refined { estimate, weighting, .. } = &screened.refined;
+        let ln_det = |each: &Sighting| weighting.covariance(estimate, each).determinant().max(f64::MIN_POSITIVE).ln();
+        let mean = self.sightings.iter().map(ln_det).sum::<f64>() / self.sightings.len().max(1) as f64;
+        (mean / 12.0).exp()
     }
 
     /// Gates, from observations that agree; `median` is that of all whitened squares beside them.
@@ -193,10 +222,18 @@ impl Screening<'_> {
         let draws = (0..DRAWS).filter_map(|_| {
             let set = numbers.set(count);
             let refined = self.refined_by(&self.chosen(&set), &self.weighting)?;
-            let mut squares: Vec<f64> = self.sightings.iter().map(|each| refined.chi2_of_other(each)).collect();
+            let predictions: Option<Vec<_>> = self.sightings.iter().map(|each| refined.prediction(each)).collect();
+            let (mut squares, mut widths): (Vec<f64>, Vec<f64>) = predictions?.into_iter().unzip();
             squares.sort_by(f64::total_cmp);
+            widths.sort_by(f64::total_cmp);
             let median = squares[count / 2];
-            let cost = if self.estimate_sigma { median } else { squares.iter().map(|square| square.min(bound)).sum::<f64>() };
+            let cost = if self.estimate_sigma {
+                // −2 ln of the likelihood of an observation in the middle, at the scale of the deviations that makes it largest. The
+                // square alone would choose a set that leaves the unknowns open, with which everything agrees.
+                6.0 * median.max(f64::MIN_POSITIVE).ln() + widths[count / 2]
+            } else {
+                squares.iter().map(|square| square.min(bound)).sum()
+            };
             // Of sets that all fail the bound the median decides.
             let spread = refined.covariance.fixed_view::<6, 6>(0, 0).trace() + refined.covariance.trace();
             spread.is_finite().then_some((cost, median, set))
