@@ -1,9 +1,10 @@
 //! A part that a locating scan found elsewhere than planned: the program for it, with every view at its place on the part, or in
 //! words how to put the part right.
 //!
-//! Within bounds, each view's station is derived anew: the table takes the turn about its own axis where its limits let it, the
-//! arm the rest, in the posture and the winding of before. Ways keep their points, moved along with their ends where that is free,
-//! or unmoved. What comes out has passed the linter with the part where it lies, and the reference engine says what it measures.
+//! Within bounds, each view's station is derived anew: the table takes the turn about its own axis where its limits and the bodies
+//! of the cell let it, else another angle near it, the arm the rest, in the posture and the winding of before. Ways keep their
+//! points, moved along with their ends where that is free, or unmoved; where neither is, a free way is searched for. What comes out
+//! has passed the linter with the part where it lies, and the reference engine says what it measures.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -15,11 +16,14 @@ use crate::geometry::{Mesh, Part, Plate, Pose, ScannerFrame, Table, plate_from_p
 use crate::planning::PlanInput;
 use crate::planning::certificate::recheck::{self, TakenView};
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::PlanParams;
+use crate::planning::params::{MotionParams, PlanParams, TableMotion};
+use crate::planning::sequence::join;
 use crate::program::{Expected, Finding, Move, Program, Step, check, interlock, scan_configurations, scan_poses};
 
 /// Largest turn of a joint from the planned station to that of the part as it lies; beyond it the arm would stand differently.
 const MAX_TURN_RAD: f64 = std::f64::consts::FRAC_PI_4;
+/// Table angles that are tried beside the derived one, nearest first, degrees.
+const TABLE_OFFSETS_DEG: [f64; 6] = [10.0, -10.0, 20.0, -20.0, 30.0, -30.0];
 /// Largest difference of coverage, share of the asked area.
 const MAX_COVERAGE_LOSS: f64 = 0.005;
 
@@ -150,12 +154,12 @@ impl Relocate for Locating {
         if !(off.mm <= max_mm && off.deg <= max_deg) {
             return Err(Misplaced::TooFar { mm: off.mm, deg: off.deg, max_mm, max_deg, how: off.how });
         }
-        let stations = self.stations(program, table_from_part).map_err(|view| {
+        let fixture = self.fixture.as_deref();
+        let scene = CollisionScene::new(&self.cell, &self.part, fixture, table_from_part, self.clearance_mm);
+        let stations = self.stations(program, &scene, table_from_part).map_err(|view| {
             let Off { mm, deg, how } = self.off(table_from_part);
             Misplaced::Unreachable { view, mm, deg, how }
         })?;
-        let fixture = self.fixture.as_deref();
-        let scene = CollisionScene::new(&self.cell, &self.part, fixture, table_from_part, self.clearance_mm);
         let program = self.sound(program, &stations, &scene, table_from_part).map_err(|finding| Misplaced::Unsound {
             finding,
             mm: off.mm,
@@ -194,8 +198,13 @@ impl Locating {
         Off { mm: moved.norm(), deg: turned.angle().to_degrees(), how }
     }
 
-    /// Station of each scan, or the view that has none.
-    fn stations(&self, program: &Program, located: &Pose<Table, Part>) -> Result<Vec<Configuration>, u32> {
+    /// Station of each scan, free where one is, or the view that has none.
+    fn stations(
+        &self,
+        program: &Program,
+        scene: &CollisionScene,
+        located: &Pose<Table, Part>,
+    ) -> Result<Vec<Configuration>, u32> {
         let poses = scan_poses(program, &self.cell, &self.planned.table_from_part);
         let views = program.steps.iter().filter_map(|step| match step {
             Step::Scan { view, .. } => Some(*view),
@@ -205,20 +214,23 @@ impl Locating {
         let scans = scan_configurations(program).into_iter().zip(poses).zip(views);
         let station = |((planned, part_from_scanner), view): ((Configuration, Pose<Part, ScannerFrame>), _)| {
             let plate_from_scanner = plate_from_placed(located) * part_from_scanner;
-            let angles = [planned.table_rad - turn_rad, planned.table_rad];
-            let mut stations = angles.into_iter().filter_map(|table_rad| self.station(&planned, table_rad, &plate_from_scanner));
-            stations.next().ok_or(view)
+            let derived_rad = planned.table_rad - turn_rad;
+            let beside = TABLE_OFFSETS_DEG.map(|offset_deg| derived_rad + offset_deg.to_radians());
+            let angles = [derived_rad, planned.table_rad].into_iter().chain(beside);
+            let mut stations = angles.flat_map(|table_rad| self.stations_at(&planned, table_rad, &plate_from_scanner)).peekable();
+            let first = stations.peek().copied();
+            stations.find(|station| scene.check(station).is_none()).or(first).ok_or(view)
         };
         scans.map(station).collect::<Result<_, _>>().map_err(|view: crate::planning::plan::ViewId| view.0)
     }
 
-    /// The station nearest to the planned one at a table angle.
-    fn station(
+    /// Stations at a table angle that stand as the planned one does, nearest first.
+    fn stations_at(
         &self,
         planned: &Configuration,
         table_rad: f64,
         plate_from_scanner: &Pose<Plate, ScannerFrame>,
-    ) -> Option<Configuration> {
+    ) -> Vec<Configuration> {
         let base_from_scanner = self.cell.base_from_plate(table_rad) * *plate_from_scanner;
         let base_from_flange = base_from_scanner * self.cell.flange_from_scanner.inverse();
         let wound = |joints: [f64; 6]| {
@@ -235,7 +247,9 @@ impl Locating {
             joints.map(|(planned, joint)| (planned - joint).abs()).fold(0.0, f64::max)
         };
         let fits = |station: &Configuration| axes.allow(station) && turn(station) <= MAX_TURN_RAD;
-        solutions.filter(fits).min_by(|a, b| turn(a).total_cmp(&turn(b)))
+        let mut stations: Vec<_> = solutions.filter(fits).collect();
+        stations.sort_by(|a, b| turn(a).total_cmp(&turn(b)));
+        stations
     }
 
     /// The first of the programs over these stations that the linter finds nothing in, or the finding in the first.
@@ -248,9 +262,10 @@ impl Locating {
     ) -> Result<Program, String> {
         let expected = Expected { table_from_part: *located, ..self.planned.clone() };
         let is_interlocked = expected.table_alone || moves_alone(program);
+        let search = Search::new(&self.cell, scene, is_interlocked);
         let mut first = None;
-        for points in [Points::Moved, Points::Kept, Points::PlannedStations] {
-            let derived = over(program, stations, points, &self.cell);
+        for points in [Points::Moved, Points::Kept, Points::PlannedStations, Points::Searched] {
+            let derived = over(program, stations, points, &search);
             let derived = if is_interlocked { interlock(&derived, &self.cell, scene) } else { Ok(derived) };
             let found = match derived {
                 Err(together) => together.to_string(),
@@ -298,7 +313,7 @@ impl Locating {
 }
 
 /// Treatment of the points between stations.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 enum Points {
     /// Moved along with the ends.
     Moved,
@@ -306,11 +321,43 @@ enum Points {
     Kept,
     /// Left as planned, with the planned stations at both ends.
     PlannedStations,
+    /// Moved along with the ends where that is free, else searched for.
+    Searched,
+}
+
+/// Search for free ways with the part where it lies.
+struct Search<'a> {
+    cell: &'a Cell,
+    scene: &'a CollisionScene,
+    motion: MotionParams,
+}
+
+impl<'a> Search<'a> {
+    fn new(cell: &'a Cell, scene: &'a CollisionScene, is_interlocked: bool) -> Self {
+        let table = if is_interlocked { TableMotion::Alone } else { TableMotion::WithArm };
+        Self { cell, scene, motion: MotionParams { table, ..MotionParams::default() } }
+    }
+
+    /// These points, or others where the way through them is not free; these too where no other way is found, for the linter to
+    /// say what is in the way.
+    fn free(&self, from: &Configuration, via_rad: Vec<Configuration>, to: &Configuration) -> Vec<Configuration> {
+        let points: Vec<_> = std::iter::once(from).chain(&via_rad).chain([to]).collect();
+        let is_free = |ends: &[&Configuration]| match self.motion.table {
+            TableMotion::Alone => self.scene.corner_between(ends[0], ends[1]).is_ok(),
+            TableMotion::WithArm => self.scene.check_segment(ends[0], ends[1]).is_none(),
+        };
+        if points.windows(2).all(is_free) {
+            return via_rad;
+        }
+        let never = AtomicBool::new(false);
+        let found = join(self.cell, self.scene, &self.motion, [from, to], &Context::new(&never, &Silent));
+        found.ok().flatten().unwrap_or(via_rad)
+    }
 }
 
 /// The program with other stations for its scans.
-fn over(program: &Program, stations: &[Configuration], points: Points, cell: &Cell) -> Program {
-    let (axes, mut scans) = (cell.axes(), 0);
+fn over(program: &Program, stations: &[Configuration], points: Points, search: &Search<'_>) -> Program {
+    let (axes, mut scans) = (search.cell.axes(), 0);
     let (mut planned_here, mut here) = (program.home_rad, program.home_rad);
     let mut steps = Vec::with_capacity(program.steps.len());
     for (index, step) in program.steps.iter().enumerate() {
@@ -324,7 +371,10 @@ fn over(program: &Program, stations: &[Configuration], points: Points, cell: &Ce
         } else {
             step.target_rad
         };
-        let via_rad = between(step, [&planned_here, &here, &target_rad], points);
+        let mut via_rad = between(step, [&planned_here, &here, &target_rad], points);
+        if points == Points::Searched {
+            via_rad = search.free(&here, via_rad, &target_rad);
+        }
         let mut derived = Move { via_rad, target_rad, ..step.clone() };
         derived.duration_secs = derived.derived_secs(&here, &axes);
         (planned_here, here) = (step.target_rad, target_rad);
@@ -346,7 +396,7 @@ fn between(step: &Move, [planned_from, from, to]: [&Configuration; 3], points: P
         via.along(&at_start, 1.0 - share).along(&at_end, share)
     };
     match points {
-        Points::Moved => step.via_rad.iter().enumerate().map(moved).collect(),
+        Points::Moved | Points::Searched => step.via_rad.iter().enumerate().map(moved).collect(),
         Points::Kept => step.via_rad.clone(),
         Points::PlannedStations => {
             let mut all = vec![*planned_from];

@@ -22,6 +22,7 @@ mod goldens;
 mod http;
 mod inspect_scanner;
 mod kinematics;
+mod locating;
 mod meshes;
 mod miss_report;
 mod oracle_brands;

@@ -35,7 +35,7 @@ use self::routes::{Route, Routes};
 use self::station_graph::StationGraph;
 use super::context::{Cancelled, Context};
 use super::ids::ViewId;
-use super::params::PlanParams;
+use super::params::{MotionParams, PlanParams};
 use super::stations::Station;
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
@@ -134,6 +134,21 @@ pub fn order(
 ) -> Result<Ordered, Cancelled> {
     let options = OrderOptions { roadmaps, require_all, in_sight: &|_, _| true };
     order_in_sight(stations, cell, scene, params, &options, ctx)
+}
+
+/// Finds a free path between any two configurations, and returns the points between them; `None` where none is found. Takes up to
+/// some seconds, on one thread.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn join(
+    cell: &Cell,
+    scene: &CollisionScene,
+    motion: &MotionParams,
+    ends: [&Configuration; 2],
+    ctx: &Context<'_>,
+) -> Result<Option<Vec<Configuration>>, Cancelled> {
+    Routes::new(cell, scene, motion).join(ends[0], ends[1], ctx)
 }
 
 /// Options of [`order_in_sight`].

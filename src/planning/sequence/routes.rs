@@ -148,6 +148,24 @@ impl<'a> Routes<'a> {
         self.shortcut(from, quickest, to, ctx)
     }
 
+    /// Points of a free route between any two configurations: a simple one, else one that is searched for; `None` where neither is
+    /// found. Takes up to some seconds.
+    pub(super) fn join(
+        &self,
+        from: &Configuration,
+        to: &Configuration,
+        ctx: &Context<'_>,
+    ) -> Result<Option<Vec<Configuration>>, Cancelled> {
+        if self.moves.is_free(from, to) {
+            return Ok(Some(Vec::new()));
+        }
+        let [a, b] = [from, to].map(|end| StationNode::new(0, *end, Route::default()));
+        match self.quickest_free(from, self.detours(&a, &b), to, f64::INFINITY) {
+            Some(route) => Ok(Some(self.shortcut(from, route, to, ctx)?.via_rad)),
+            None => Ok(connect(from, &[*to], &self.moves, ctx)?.map(|(_, via_rad)| via_rad)),
+        }
+    }
+
     /// Cuts the corners of a route.
     fn shortcut(&self, from: &Configuration, route: Route, to: &Configuration, ctx: &Context<'_>) -> Result<Route, Cancelled> {
         let path = std::iter::once(*from).chain(route.via_rad).chain([*to]).collect();
