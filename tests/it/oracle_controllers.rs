@@ -1,6 +1,7 @@
 //! Drivers against devices that others wrote, and simulators against clients that others wrote: Modbus by pymodbus, Han's text
-//! commands by the maker's own SDK.
+//! commands by libhans and by the maker's own SDK.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -16,7 +17,7 @@ use vantage::execution::protocol::modbus::ModbusFraming;
 use vantage::execution::simulators::hans::HansSimulator;
 use vantage::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
 
-use crate::support::{lines_of, oracle_python};
+use crate::support::{lines_of, oracle_hans, oracle_python};
 
 /// A Python device that ends with the test.
 struct Device {
@@ -134,6 +135,39 @@ fn pymodbus_moves_the_simulated_drive_there_and_back() {
         });
         assert_eq!(found, expected, "{framing}");
     }
+}
+
+/// What the program of `tests/oracles/hans` prints: words and numbers after each name.
+fn told_by_libhans(program: &Path, host: &str) -> BTreeMap<String, Vec<String>> {
+    let ended = Command::new(program).arg(host).output().expect("the client starts");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    let text = String::from_utf8(ended.stdout).expect("text");
+    let lines = text.lines().map(|line| line.split(' ').map(str::to_owned));
+    lines.map(|mut words| (words.next().unwrap_or_default(), words.collect())).collect()
+}
+
+#[test]
+fn libhans_moves_the_simulated_arm_there_and_back() {
+    let Some(program) = oracle_hans() else { return };
+    let told = block_on(async {
+        let robot = Presets.robot("hans-e05").expect("a preset").build().expect("a valid preset");
+        let home = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0_f64].map(f64::to_radians);
+        // libhans knows one port, so the controller has an address of its own.
+        let simulator = HansSimulator::listen("127.0.0.77:10003", robot, home, 1.0).await.expect("a socket");
+        let server = tokio::spawn(simulator.serve());
+        let ask = move || told_by_libhans(&program, "127.0.0.77");
+        let told = tokio::task::spawn_blocking(ask).await.expect("the client ends");
+        server.abort();
+        told
+    });
+    let joints = |name: &str| told[name].iter().map(|word| word.parse().expect("a number")).collect::<Vec<f64>>();
+    let home = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0];
+    for (name, expected) in [("home", home), ("way_point", [20.0, -40.0, 65.0, 15.0, 20.0, 30.0]), ("path", home)] {
+        assert!(joints(name).iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-5), "{name}: {told:?}");
+    }
+    assert_eq!([&told["moving"][0], &told["still"][0]], ["true", "true"], "{told:?}");
+    let stopped = joints("stopped");
+    assert!(stopped[0] > 0.01 && stopped[0] < 19.99, "stopped on its way: {stopped:?}");
 }
 
 /// The SDK is the maker's and lies where the variable says; it is not shipped here, so this is the one test that `tests/all` may skip.

@@ -20,7 +20,8 @@ use vantage::planning::{PlanInput, plan};
 
 pub(crate) use child::lines_of;
 pub(crate) use needs::{
-    all_asked, chromium, dashboard_node, dashboard_packages, failpoints, long_asked, oracle_node, oracle_python, program, shared,
+    all_asked, chromium, dashboard_node, dashboard_packages, failpoints, long_asked, oracle_hans, oracle_node, oracle_python,
+    program, shared,
 };
 
 /// The public parts of the tables of views and coverage: name, mesh, longest extent in mm.

@@ -41,6 +41,11 @@ pub(crate) fn dashboard_packages() -> Option<PathBuf> {
     program("node").then_some(modules)
 }
 
+/// The program of `tests/oracles/hans`.
+pub(crate) fn oracle_hans() -> Option<PathBuf> {
+    installed("VANTAGE_ORACLE_HANS", "a client of Han's controllers")
+}
+
 /// The browser for the pages.
 pub(crate) fn chromium() -> Option<PathBuf> {
     installed("VANTAGE_CHROMIUM", "a Chromium")
