@@ -53,7 +53,8 @@ impl Findings {
     pub fn range(&mut self, pointer: impl fmt::Display, value: f64, low: f64, high: f64, unit: &str) {
         if !(value.is_finite() && low <= value && value <= high) {
             let space = if unit.is_empty() { "" } else { " " };
-            self.push(pointer, format!("is {value}{space}{unit}; allowed is {low} to {high}{space}{unit}"));
+            let percent = if unit.is_empty() && high == 1.0 { as_percent(value) } else { String::new() };
+            self.push(pointer, format!("is {value}{space}{unit}; allowed is {low} to {high}{space}{unit}{percent}"));
         }
     }
 
@@ -75,5 +76,38 @@ impl Findings {
     /// Every finding, in the order in which it was recorded.
     pub fn into_result(self) -> Result<(), Vec<FieldError>> {
         if self.errors.is_empty() { Ok(()) } else { Err(self.errors) }
+    }
+}
+
+/// Hint for a share that was given in percent; empty for a number that hardly was.
+fn as_percent(value: f64) -> String {
+    if !(5.0..=100.0).contains(&value) {
+        return String::new();
+    }
+    // Rounded, so that 97.3 becomes 0.973 and no neighbour of it.
+    format!("; {value} % is {}", (value * 100.0).round() / 1e4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_in_percent_is_told_as_a_share() {
+        let told = |value: f64, high: f64, unit: &str| {
+            let mut findings = Findings::default();
+            findings.range("/target", value, 0.0, high, unit);
+            findings.into_result().expect_err("out of range")[0].detail.clone()
+        };
+        assert_eq!(told(97.3, 1.0, ""), "is 97.3; allowed is 0 to 1; 97.3 % is 0.973");
+        assert_eq!(told(90.0, 1.0, ""), "is 90; allowed is 0 to 1; 90 % is 0.9");
+        for (value, high, unit, expected) in [
+            (2.0, 1.0, "", "is 2; allowed is 0 to 1"),
+            (500.0, 1.0, "", "is 500; allowed is 0 to 1"),
+            (90.0, 1.0, "mm", "is 90 mm; allowed is 0 to 1 mm"),
+            (90.0, 4.0, "", "is 90; allowed is 0 to 4"),
+        ] {
+            assert_eq!(told(value, high, unit), expected);
+        }
     }
 }

@@ -84,7 +84,9 @@ pub fn check(
 ) -> Result<Sound, Vec<FieldError>> {
     let Some(kind) = kind_of(&value) else {
         return Err(whole(format!(
-            "is neither a scanner, robot, turntable or cell, nor parameters, a plan ({PLAN_SCHEMA}) or a program ({PROGRAM_SCHEMA})"
+            "{} is neither a scanner, robot, turntable or cell, nor parameters, a plan ({PLAN_SCHEMA}) or a program \
+             ({PROGRAM_SCHEMA})",
+            described(&value)
         )));
     };
     let (mut measured_of_asked, mut warnings) = (None, Vec::new());
@@ -138,6 +140,24 @@ pub fn read_plan(value: Value) -> Result<PlanDocument, Vec<FieldError>> {
 /// Every finding.
 pub fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
     plan::check(document, cell)
+}
+
+/// Max number of fields that a document of an unknown kind is described by.
+const MAX_FIELDS_TOLD: usize = 6;
+
+/// What can be said of a document of an unknown kind: its schema or its first fields.
+fn described(value: &Value) -> String {
+    let Some(fields) = value.as_object() else { return "a document that is not an object".to_owned() };
+    if let Some(schema) = fields.get("schema") {
+        return format!("a document of schema {schema}");
+    }
+    let names: Vec<&str> = fields.keys().take(MAX_FIELDS_TOLD).map(String::as_str).collect();
+    match names.len() {
+        0 => "an empty document".to_owned(),
+        told if told < fields.len() => format!("a document with the fields {}, …", names.join(", ")),
+        1 => format!("a document with the field {}", names[0]),
+        _ => format!("a document with the fields {}", names.join(", ")),
+    }
 }
 
 /// Recognises the kind of a document: by the schema's name, else by a field that only this kind has, else by sections of parameters.

@@ -90,6 +90,9 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     for path in &args.files {
         let shown = path.display().to_string();
         let sound = files::value(path).and_then(|mut value| {
+            if kind_of(&value).is_none() && files::is_server_configuration(&value) {
+                return Err(CliError::BadInput(format!("{shown}: {}", files::SERVER_CONFIGURATION)));
+            }
             let controllers =
                 if kind_of(&value) == Some(DocumentKind::Cell) { files::take_controllers(&mut value, &shown) } else { Ok(None) };
             if args.reference.plan.is_none() {

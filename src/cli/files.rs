@@ -14,11 +14,13 @@ use crate::cell::{
     CellSpec, ControllersSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
     did_you_mean,
 };
+use crate::check::kind_of;
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::service::runs::cell_sha256;
 use crate::service::{HashingReader, OperatorCell};
-use crate::wire;
+use crate::settings::Settings;
+use crate::wire::{self, DocumentKind};
 
 /// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -152,6 +154,9 @@ pub fn cell_sha256_of(spec: &CellSpec) -> Result<String, CliError> {
 pub fn value(path: &Path) -> Result<Value, CliError> {
     let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
     let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+    if is_mesh_name(path) {
+        return Err(refuse("is a mesh, not a TOML or JSON file; `vantage inspect` examines it".to_owned()));
+    }
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
     let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
     let read = if text.trim_start().starts_with('{') {
@@ -160,6 +165,36 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
         toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
     };
     read.map_err(refuse)
+}
+
+/// Returns true for the name of a mesh file.
+fn is_mesh_name(path: &Path) -> bool {
+    let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+    ["stl", "obj", "ply"].iter().any(|mesh| extension.as_deref().is_some_and(|found| found == *mesh))
+}
+
+/// Tells what a document is that holds no parameters, and where it belongs; `None` if it may be meant for parameters.
+pub(super) fn instead_of_parameters(document: &Value) -> Option<String> {
+    let kind = kind_of(document);
+    let place = match kind {
+        None if is_server_configuration(document) => return Some(SERVER_CONFIGURATION.to_owned()),
+        None | Some(DocumentKind::Params) => return None,
+        Some(DocumentKind::Scanner) => "--scanner takes it, with --cell none",
+        Some(DocumentKind::Cell) => "--cell takes it",
+        Some(DocumentKind::Robot | DocumentKind::Turntable) => "a cell names it",
+        Some(DocumentKind::Plan) => "its field `params` has the parameters",
+        Some(DocumentKind::Program) => "`vantage run` takes it",
+    };
+    Some(format!("is a {}, not parameters; {place}", kind.map_or("document", DocumentKind::as_str)))
+}
+
+/// What a file of the server's settings is, for a command that does not take it.
+pub(super) const SERVER_CONFIGURATION: &str = "is a configuration file of the server; `vantage serve --config` takes it";
+
+/// Returns true for a document that has sections of the server's settings and nothing else.
+pub(super) fn is_server_configuration(document: &Value) -> bool {
+    let sections = document.as_object().filter(|sections| !sections.is_empty());
+    sections.is_some_and(|sections| sections.keys().all(|section| Settings::SECTIONS.contains(&section.as_str())))
 }
 
 /// Describes the error in a TOML file, on one line.

@@ -158,11 +158,19 @@ struct ErrorLine<'a> {
 /// Prints the error that ends the command to standard error.
 pub(super) fn error(error: &CliError) {
     if !is_json() {
-        return to_stderr(&format!("error: {error}"));
+        return to_stderr(&format!("error: {}", without_numbers(&error.to_string())));
     }
     let errors = if let CliError::Findings(findings) = error { findings.as_slice() } else { &[] };
     let (code, title) = error.code();
-    json_to_stderr(&ErrorLine { level: "error", code, title, detail: error.to_string(), exit_code: error.exit_code(), errors });
+    let detail = without_numbers(&error.to_string());
+    json_to_stderr(&ErrorLine { level: "error", code, title, detail, exit_code: error.exit_code(), errors });
+}
+
+/// The message without the numbers that the standard library adds to the system's own words, ` (os error 2)`.
+fn without_numbers(message: &str) -> String {
+    let mut parts = message.split(" (os error ");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |told, part| told + part.split_once(')').map_or("", |(_, rest)| rest))
 }
 
 fn json_to_stderr(document: &impl Serialize) {
@@ -178,6 +186,14 @@ fn to_stderr(line: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_of_the_system_is_told_in_its_words_alone() {
+        let missing = std::io::Error::from_raw_os_error(2);
+        let told = without_numbers(&format!("a: {missing}\nb: {missing}; and more"));
+        assert!(!told.contains("os error") && told.starts_with("a: ") && told.ends_with("; and more"), "{told}");
+        assert_eq!(without_numbers("is 3 (at most 2)"), "is 3 (at most 2)");
+    }
 
     #[test]
     fn a_reader_that_is_gone_is_no_error_and_a_full_disk_is_one() {

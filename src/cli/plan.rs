@@ -169,7 +169,7 @@ impl<'a> PartPlanner<'a> {
         let cell = load_cell(&args.cell, args.scanner.as_deref())?;
         let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
         cell.iter().for_each(|cell| warn(&args.cell, &warnings::of_cell(cell, "")));
-        params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
+        params.check_limits(&scanner).map_err(|errors| named_by_sets(files::findings("parameters", &errors), &args.sets))?;
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
         Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, watch, cancel })
@@ -395,10 +395,19 @@ pub(super) fn load_scanner(cell: Option<&Cell>, name: Option<&str>) -> Result<Sc
 /// Loads the parameter file and applies every `--set` to it.
 pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
     let value = match file {
-        Some(path) => files::value(path)?,
+        Some(path) => parameter_file(path)?,
         None => Value::Object(serde_json::Map::new()),
     };
     set_params(value, sets)
+}
+
+/// Reads a file of parameters, and refuses a document of another kind by its kind.
+fn parameter_file(path: &Path) -> Result<Value, CliError> {
+    let value = files::value(path)?;
+    match files::instead_of_parameters(&value) {
+        Some(instead) => Err(CliError::BadInput(format!("--params {}: {instead}", path.display()))),
+        None => Ok(value),
+    }
 }
 
 /// Applies every `--set` to `value`.
@@ -413,9 +422,30 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
-    let params: PlanParams = files::from_value(value, "parameters")?;
-    params.check().map_err(|errors| files::findings("parameters", &errors))?;
-    Ok(params)
+    let read: Result<PlanParams, CliError> = files::from_value(value, "parameters");
+    let checked = read.and_then(|params| match params.check() {
+        Ok(()) => Ok(params),
+        Err(errors) => Err(files::findings("parameters", &errors)),
+    });
+    checked.map_err(|error| named_by_sets(error, sets))
+}
+
+/// The error with each finding in a parameter that a `--set` gives at that option, which its user typed; the pointer is then the
+/// place within the option's value.
+fn named_by_sets(error: CliError, sets: &[String]) -> CliError {
+    let CliError::Findings(mut findings) = error else { return error };
+    for finding in findings.iter_mut().filter(|finding| finding.file == "parameters") {
+        // A later option overrides an earlier one.
+        let place = sets.iter().rev().find_map(|set| {
+            let (key, _) = set.split_once('=')?;
+            let rest = finding.pointer.strip_prefix(&format!("/{}", key.replace('.', "/")))?;
+            (rest.is_empty() || rest.starts_with('/')).then(|| (format!("--set {set}"), rest.to_owned()))
+        });
+        if let Some((option, rest)) = place {
+            (finding.file, finding.pointer) = (option, rest);
+        }
+    }
+    CliError::Findings(findings)
 }
 
 /// Thread pool of `threads` threads; of all cores for 0.

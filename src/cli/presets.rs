@@ -67,9 +67,14 @@ pub(super) fn run(args: &PresetsArgs) -> Result<(), CliError> {
         let set = parameter_set(name).map_err(|error| CliError::Failed(format!("{name}: {error}")))?;
         return output::result(&set, toml_of(name, summary, &set)?);
     }
-    let names = all.iter().map(|preset| preset.name.as_str()).chain(KINDS.map(SpecKind::as_str)).chain([PARAMETERS]);
-    let question = did_you_mean(wanted, names);
-    Err(CliError::BadInput(format!("{wanted}: is neither a kind of presets nor the name of one{question}")))
+    let names: Vec<&str> = all.iter().map(|preset| preset.name.as_str()).collect();
+    let kinds = KINDS.map(SpecKind::as_str);
+    let question = did_you_mean(wanted, names.iter().copied().chain(kinds).chain([PARAMETERS]));
+    Err(CliError::BadInput(format!(
+        "{wanted}: is neither a kind of presets ({}, {PARAMETERS}) nor the name of one ({}){question}",
+        kinds.join(", "),
+        names.join(", ")
+    )))
 }
 
 fn print(presets: Vec<PresetLine>) -> Result<(), CliError> {

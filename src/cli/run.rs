@@ -84,7 +84,8 @@ pub struct RunArgs {
     /// File for the record: commanded and measured poses and times of each step; a table if its name ends in .csv, else JSON.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Folder for the log of every byte exchanged with the controllers.
+    /// Folder for the log of every byte exchanged with the controllers. Default: `audit` beside the program in the mode `live`,
+    /// none in the others.
     #[arg(long, value_name = "DIR")]
     audit: Option<PathBuf>,
     /// Name of the operator who released the motion; for scripts, in the mode `live`.
@@ -245,7 +246,8 @@ impl PreparedRun {
         let leases = Leases::default();
         let is_live = self.request.mode == RunMode::Live;
         let lease = is_live.then(|| leases.acquire(&self.cell.name, "vantage run", LEASE)).transpose().map_err(refused_lease)?;
-        let audit = args.audit.clone().map(|folder| AuditPlace { folder, file_bytes: AUDIT_FILE_BYTES, files: AUDIT_FILES });
+        let folder = args.audit.clone().or_else(|| is_live.then(|| audit_beside(&args.program)));
+        let audit = folder.map(|folder| AuditPlace { folder, file_bytes: AUDIT_FILE_BYTES, files: AUDIT_FILES });
         let handle = session::begin(SessionOrder {
             name: self.run.id.to_string(),
             job: self.job.clone(),
@@ -286,6 +288,12 @@ async fn beat(leases: Leases, cell: String, token: Option<Fence>, handle: RunHan
 
 fn refused_lease(error: LeaseError) -> CliError {
     CliError::Failed(error.to_string())
+}
+
+/// Folder of the log of a live run for which none was named: what moved an arm can always be looked up.
+fn audit_beside(program: &Path) -> PathBuf {
+    let folder = if program.is_dir() { program } else { program.parent().unwrap_or(Path::new("")) };
+    folder.join("audit")
 }
 
 /// The program's file and its bytes.

@@ -124,6 +124,8 @@ struct SimulatorAddress {
     address: String,
     control: Option<SocketAddr>,
     controllers: Value,
+    /// Section `controllers.arm.servo`, with which set points are streamed.
+    servo: Option<Value>,
 }
 
 /// Runs the command until SIGTERM or ctrl-c.
@@ -159,7 +161,8 @@ async fn run_robot(args: &RobotSimArgs) -> Result<(), CliError> {
     let addresses = simulator.addresses().map_err(|error| failed("--listen", &error))?;
     let control = control(&args.common, simulator.faults(), simulator.look()).await?;
     let text = addresses.text.to_string();
-    announce(text.clone(), control, arm_section(&text, &args.robot))?;
+    let servo = json!({ "address": addresses.servo.to_string(), "state_address": addresses.realtime.to_string() });
+    announce(text.clone(), control, arm_section(&text, &args.robot), Some(servo))?;
     until_signal(simulator.serve()).await
 }
 
@@ -175,14 +178,14 @@ async fn run_turntable(args: &TurntableSimArgs) -> Result<(), CliError> {
     let control = control(&args.common, simulator.faults(), simulator.look()).await?;
     if args.pty {
         let line = MinasA6Simulator::pseudo_terminal().map_err(|error| failed("--pty", &error))?;
-        announce(line.path.clone(), control, table_section(&line.path, args))?;
+        announce(line.path.clone(), control, table_section(&line.path, args), None)?;
         return until_signal(simulator.serve_line(line.stream)).await;
     }
     let asked = args.common.listen.to_string();
     let listening = MinasA6Simulator::listen(&asked).await;
     let (listener, address) = listening.map_err(|error| failed(&format!("--listen {asked}"), &error))?;
     let address = format!("tcp://{address}");
-    announce(address.clone(), control, table_section(&address, args))?;
+    announce(address.clone(), control, table_section(&address, args), None)?;
     let framing = if args.modbus_tcp { ModbusFraming::Tcp } else { ModbusFraming::Rtu };
     until_signal(simulator.serve(listener, framing)).await
 }
@@ -218,13 +221,21 @@ async fn control(
     Ok(Some(address))
 }
 
-/// Prints where it listens, and the section of a cell file.
-fn announce(address: String, control: Option<SocketAddr>, controllers: Value) -> Result<(), CliError> {
-    let section = toml::to_string(&json!({ "controllers": controllers })).map_err(|error| failed("the section", &error))?;
+/// Prints where it listens, and the section of a cell file; what streams set points in comments, since programs are sent without.
+fn announce(address: String, control: Option<SocketAddr>, controllers: Value, servo: Option<Value>) -> Result<(), CliError> {
+    let toml = |section: Value| toml::to_string(&section).map_err(|error| failed("the section", &error));
+    let section = toml(json!({ "controllers": controllers }))?;
+    let streaming = match &servo {
+        Some(servo) => {
+            let lines = toml(json!({ "controllers": { "arm": { "servo": servo } } }))?;
+            lines.lines().fold("\n# To stream set points instead:\n".to_owned(), |text, line| text + "# " + line + "\n")
+        }
+        None => String::new(),
+    };
     // Prose as comments of TOML, so that the whole output can be appended to a cell file.
     let faults = control.map_or_else(String::new, |control| format!("# Faults are set on {control}\n"));
-    let words = format!("# Simulated controller listens on {address}\n{faults}# For the cell file:\n\n{section}");
-    output::result(&SimulatorAddress { address, control, controllers }, words)
+    let words = format!("# Simulated controller listens on {address}\n{faults}# For the cell file:\n\n{section}{streaming}");
+    output::result(&SimulatorAddress { address, control, controllers, servo }, words)
 }
 
 /// Serves until SIGTERM or ctrl-c.

@@ -211,3 +211,38 @@ fn the_ends_of_help_texts_are_wrapped_by_the_terminal_alone() {
     }
     held(&<Cli as clap::CommandFactory>::command());
 }
+
+#[test]
+fn what_a_set_gives_is_refused_at_the_option() {
+    let refused = |sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        super::plan::load_params(None, &sets).expect_err("refused").to_string()
+    };
+    for (sets, told) in [
+        (&["selection.target=90"][..], "--set selection.target=90: is 90; allowed is 0 to 1; 90 % is 0.9"),
+        (&["selection.target=x"], "--set selection.target=x: is \"x\"; expected a number"),
+        (&["setups=99", "setups=9"], "--set setups=9: is 9; allowed is 1 to 4"),
+        (&["selection={\"target\": 2}"], "--set selection={\"target\": 2}: /target: is 2; allowed is 0 to 1"),
+    ] {
+        assert_eq!(refused(sets), told);
+    }
+}
+
+#[test]
+fn a_file_of_another_kind_is_not_taken_for_parameters() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let cell = crate::cell::preset_text(crate::cell::SpecKind::Cell, "e05-transcan").expect("a preset");
+    for (text, told) in [
+        (cell, "is a cell, not parameters; --cell takes it"),
+        ("[telemetry]\n", "is a configuration file of the server; `vantage serve --config` takes it"),
+        ("schema = \"vantage.plan/1\"\n", "is a plan, not parameters; its field `params` has the parameters"),
+    ] {
+        let file = folder.path().join("file.toml");
+        std::fs::write(&file, text).expect("a file");
+        let error = super::plan::load_params(Some(&file), &[]).expect_err("refused");
+        assert_eq!(error.to_string(), format!("--params {}: {told}", file.display()));
+    }
+    let file = folder.path().join("params.toml");
+    std::fs::write(&file, "[selection]\nmax_views = 3\n").expect("a file");
+    assert_eq!(super::plan::load_params(Some(&file), &[]).expect("parameters").selection.max_views, Some(3));
+}

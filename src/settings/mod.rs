@@ -37,6 +37,11 @@ pub struct Settings {
     pub telemetry: TelemetrySettings,
 }
 
+impl Settings {
+    /// Names of the sections of a file of settings.
+    pub const SECTIONS: [&str; 7] = ["server", "limits", "store", "retention", "planning", "execution", "telemetry"];
+}
+
 /// Limits of sizes, numbers and times.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -178,13 +178,16 @@ impl DataSheet {
         findings.require(!self.name.is_empty(), "--name", || "is empty; name the scanner".into());
         findings.range("--at", self.at_mm, 1.0, 1e4, "mm");
         let ([near, far], at) = (self.depth_mm, self.at_mm);
-        let max_mm = MAX_WIDTH_OF_DISTANCE * at.clamp(1.0, 1e4);
+        // What depends on another figure is checked where that one is in range: the first error is the one to mend.
+        let is_distance = |mm: f64| (1.0..=1e4).contains(&mm);
+        let max_mm = if is_distance(at) { MAX_WIDTH_OF_DISTANCE * at } else { MAX_WIDTH_OF_DISTANCE * 1e4 };
         for edge_mm in self.field_mm {
             findings.range("--field", edge_mm, 1.0, max_mm, "mm");
         }
         findings.range("--depth", near, 1.0, 1e4, "mm");
         findings.range("--depth", far, 1.0, 1e4, "mm");
-        findings.require(near < at && at < far, "--depth", || {
+        let are_distances = [near, at, far].into_iter().all(is_distance);
+        findings.require(!are_distances || (near < at && at < far), "--depth", || {
             format!("is {near}..{far} mm; the working distance --at {at} mm must lie between the two")
         });
         findings.range("--baseline", self.baseline_mm, 1.0, max_mm, "mm");

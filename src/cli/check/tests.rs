@@ -164,3 +164,19 @@ fn messages_speak_of_files_not_of_types() {
     let found = folder.check("plan.json", &plan.to_string()).expect_err("refused");
     assert!(found.contains("expected an object"), "{found}");
 }
+
+#[test]
+fn a_document_of_no_known_kind_is_told_by_what_it_is() {
+    let folder = Folder::new();
+    for (name, text, told) in [
+        ("part.obj", "v 0 0 0\n", "is a mesh, not a TOML or JSON file; `vantage inspect` examines it"),
+        ("server.toml", "[execution]\ncells = []\n", "is a configuration file of the server; `vantage serve --config` takes it"),
+        ("empty.json", "{}", "an empty document is neither a scanner"),
+        ("one.json", "{\"colour\": 1}", "a document with the field colour is neither a scanner"),
+        ("eight.toml", "a=1\nb=1\nc=1\nd=1\ne=1\nf=1\ng=1\nh=1\n", "a document with the fields a, b, c, d, e, f, … is neither"),
+        ("other.json", "{\"schema\": \"other/1\"}", "a document of schema \"other/1\" is neither"),
+    ] {
+        let found = folder.check(name, text).expect_err(name);
+        assert!(found.contains(&format!("{name}: {told}")), "{found}");
+    }
+}
