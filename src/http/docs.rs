@@ -13,9 +13,9 @@ use serde_json::{Value, json};
 use utoipa_swagger_ui::Config;
 
 use super::negotiate::{Representation, choose};
+use super::pages;
 use super::prefix::Prefix;
 use super::problem::{ApiError, Code};
-use super::problem_pages;
 use super::static_response::StaticResponse;
 
 /// Content security policy of Swagger UI, whose scripts set styles and whose images are `data:` URLs.
@@ -88,7 +88,8 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
             let config = Arc::new(Config::from("openapi.json").try_it_out_enabled(true).persist_authorization(true));
             let missing = || ApiError::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
             let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(missing)?;
-            let file = Arc::new(StaticResponse::new(file.bytes.into_owned(), file.content_type));
+            let bytes = if name == "index.html" { start_page(&file.bytes) } else { file.bytes.into_owned() };
+            let file = Arc::new(StaticResponse::new(bytes, file.content_type));
             UI.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), Arc::clone(&file));
             file
         }
@@ -98,10 +99,22 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     Ok(response)
 }
 
+/// Start page of Swagger UI under the name of the API, with links to the server's other pages.
+fn start_page(html: &[u8]) -> Vec<u8> {
+    let named = String::from_utf8_lossy(html).replacen("<title>Swagger UI</title>", "<title>API – Vantage</title>", 1);
+    named.replacen(MOUNT_POINT, &format!("{SEE_ALSO}{MOUNT_POINT}"), 1).into_bytes()
+}
+
+/// Element that Swagger UI fills.
+const MOUNT_POINT: &str = "<div id=\"swagger-ui\"></div>";
+/// Other pages of the server, relative to the folder of Swagger UI.
+const SEE_ALSO: &str = "<nav style=\"max-width: 1460px; margin: 1rem auto 0; padding: 0 20px; font-family: sans-serif\">\
+    <a href=\"../\">Dashboard</a> · <a href=\"../parameters\">Parameters of a plan</a> · <a href=\"../problems\">Problems</a></nav>\n";
+
 /// Forms of the list of problems.
 static PROBLEMS: [Representation; 2] = [
     Representation { name: "markdown", media_type: "text/markdown; charset=utf-8", file: Cow::Borrowed("problems.md") },
-    Representation { name: "html", media_type: problem_pages::HTML, file: Cow::Borrowed("problems.html") },
+    Representation { name: "html", media_type: pages::HTML, file: Cow::Borrowed("problems.html") },
 ];
 
 /// List the problem codes
@@ -116,13 +129,18 @@ static PROBLEMS: [Representation; 2] = [
 )]
 pub(super) async fn problems(headers: HeaderMap) -> impl IntoResponse {
     let form = choose(&headers, None, &PROBLEMS).unwrap_or(&PROBLEMS[0]);
-    let text = if form.name == "html" { problem_pages::list() } else { super::problem::document() };
+    let text = if form.name == "html" { pages::problems() } else { super::problem::document() };
     ([(CONTENT_TYPE, form.media_type)], text)
+}
+
+/// Page of the parameters of a plan.
+pub(super) async fn parameters() -> impl IntoResponse {
+    ([(CONTENT_TYPE, pages::HTML)], pages::parameters())
 }
 
 /// Page of a kind of problem.
 pub(super) async fn problem(Path(code): Path<String>) -> Result<impl IntoResponse, ApiError> {
     let unknown = || ApiError::new(Code::NoSuchRoute, format!("there is no kind of problem with the code {code:?}"));
-    let page = problem_pages::page(&code).ok_or_else(unknown)?;
-    Ok(([(CONTENT_TYPE, problem_pages::HTML)], page))
+    let page = pages::problem(&code).ok_or_else(unknown)?;
+    Ok(([(CONTENT_TYPE, pages::HTML)], page))
 }

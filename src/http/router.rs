@@ -186,6 +186,7 @@ fn pages() -> Router<ApiState> {
         .route("/docs/", get(docs::index))
         .route("/docs/{file}", get(docs::file))
         .route("/problems/{code}", get(docs::problem))
+        .route("/parameters", get(docs::parameters))
 }
 
 /// The API with its OpenAPI description; with its middleware if `state` is given.

@@ -136,6 +136,7 @@ async fn pages_need_no_key() {
         "/docs/openapi.json",
         "/problems",
         "/problems/busy",
+        "/parameters",
         "/healthz",
         "/readyz",
         "/version",

@@ -61,8 +61,17 @@ async fn the_document_is_served_and_is_of_openapi_3_1() {
 }
 
 /// Pages for people, which are no part of the interface; and what axum calls the lack of a route.
-const PAGES: [&str; 8] =
-    ["/", "/assets/{name}", "/docs", "/docs/", "/docs/{file}", "/licences", "/problems/{code}", "/{*__private__axum_fallback}"];
+const PAGES: [&str; 9] = [
+    "/",
+    "/assets/{name}",
+    "/docs",
+    "/docs/",
+    "/docs/{file}",
+    "/licences",
+    "/parameters",
+    "/problems/{code}",
+    "/{*__private__axum_fallback}",
+];
 
 #[tokio::test]
 async fn every_route_is_in_the_document() {
@@ -290,6 +299,23 @@ async fn a_stopping_server_says_so_and_takes_no_work() {
     // What was planned waits for the next process, and the attempt does not count.
     let job = api.get(&format!("/api/v1/jobs/{job}")).await.ok(200);
     assert_eq!((job["state"].as_str(), job["attempts"].as_u64()), (Some("queued"), Some(0)));
+}
+
+#[tokio::test]
+async fn the_documentation_is_named_and_leads_to_the_other_pages() {
+    let api = Api::start().await;
+    let page = api.get("/docs/").await.text().to_owned();
+    assert!(page.contains("<title>API – Vantage</title>") && page.contains("id=\"swagger-ui\""), "{page}");
+    for link in ["../", "../parameters", "../problems"] {
+        assert!(page.contains(&format!("href=\"{link}\"")), "{link}: {page}");
+    }
+    let parameters = api.get("/parameters").await;
+    assert_eq!(parameters.header("content-type"), "text/html; charset=utf-8");
+    let html = parameters.text();
+    for parameter in vantage::wire::parameters::list() {
+        assert!(html.contains(&format!("<tr id=\"{}\">", parameter.key)), "{}", parameter.key);
+    }
+    assert!(html.contains("<td>0 to 1</td>") && !html.contains('`'), "{html}");
 }
 
 #[tokio::test]

@@ -75,7 +75,7 @@ async fn paths_in_answers_lead_through_the_proxy() {
 #[tokio::test]
 async fn pages_link_nothing_past_the_proxy() {
     let [_, proxy] = proxies().await;
-    for page in ["/", "/docs/", "/problems", "/problems/bad_query"] {
+    for page in ["/", "/docs/", "/parameters", "/problems", "/problems/bad_query"] {
         let page = format!("{PREFIX}{page}");
         let headers = Request::get(&page[PREFIX.len()..]).header("accept", "text/html");
         let answer = Answer::read(proxy.api.raw(headers.body(Body::empty()).expect("a request")).await).await;

@@ -1,9 +1,11 @@
-//! Pages about problems: one for each code, to which the `type` of a problem leads, and their list. Links are relative.
+//! Pages for users of the API: one for each kind of problem, to which its `type` leads, their list, and the list of the parameters
+//! of a plan. Links are relative.
 
 use std::fmt::Write as _;
 
 use super::problem::Code;
 use crate::service::FAILURE_CODES;
+use crate::wire::parameters;
 
 /// Media type of the pages.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
@@ -35,7 +37,7 @@ fn kinds() -> impl Iterator<Item = Kind> {
 }
 
 /// Page of one kind of problem; `None` if there is none with this code.
-pub(super) fn page(code: &str) -> Option<String> {
+pub(super) fn problem(code: &str) -> Option<String> {
     let Kind { code, title, status, meaning } = kinds().find(|kind| kind.code == code)?;
     let also = match status {
         Some(_) if FAILURE_CODES.iter().any(|(failure, _)| *failure == code) => " A job that failed can carry this problem too.",
@@ -54,8 +56,8 @@ pub(super) fn page(code: &str) -> Option<String> {
     Some(document(&format!("{code}: {title}"), "../", &body))
 }
 
-/// List of all kinds.
-pub(super) fn list() -> String {
+/// List of all kinds of problems.
+pub(super) fn problems() -> String {
     let mut body = String::from(
         "<h2>Problems</h2>\n<p>Every response other than 2xx and 3xx is <code>application/problem+json</code> (RFC 9457) with a \
          stable <code>code</code>.</p>\n<div class=\"regions\"><table>\n<thead><tr><th scope=\"col\">Code</th>\
@@ -72,6 +74,26 @@ pub(super) fn list() -> String {
     }
     body.push_str("</tbody>\n</table></div>");
     document("Problems", "", &body)
+}
+
+/// List of the parameters of a plan with defaults and ranges.
+pub(super) fn parameters() -> String {
+    let mut body = String::from(
+        "<h2>Parameters of a plan</h2>\n<p>The fields of <code>params</code> in a job, nested as the dots say; <code>[]</code> \
+         stands for each entry of a list. On the command line the same names: <code>--set KEY=VALUE</code>.</p>\n\
+         <div class=\"regions\"><table>\n<thead><tr><th scope=\"col\">Key</th><th scope=\"col\">Default</th>\
+         <th scope=\"col\">Range</th><th scope=\"col\">Meaning</th></tr></thead>\n<tbody>\n",
+    );
+    for parameter in parameters::list() {
+        let (key, default) = (escaped(&parameter.key), escaped(&parameter.default_text()));
+        let (range, meaning) = (escaped(&parameter.range_text()), marked(&parameter.description));
+        let _ = writeln!(
+            body,
+            "<tr id=\"{key}\"><td><code>{key}</code></td><td><code>{default}</code></td><td>{range}</td><td>{meaning}</td></tr>"
+        );
+    }
+    body.push_str("</tbody>\n</table></div>\n<p><a href=\"docs/\">API</a></p>");
+    document("Parameters of a plan", "", &body)
 }
 
 /// A page; `root` is the way to the folder of the dashboard.
