@@ -299,7 +299,7 @@ impl PlanJob<'_> {
             ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
             ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
             ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &plan_sha256))),
-            ("coverage.csv".into(), coverage::csv(outcome, self.mesh).into_bytes()),
+            ("coverage.csv".into(), coverage::csv(outcome, self.mesh, &plan_sha256).into_bytes()),
             ("coverage.bin".into(), coverage::bin(outcome, &preview)),
             ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
         ];

@@ -100,20 +100,22 @@ impl FaceCounts {
 /// The table, one row per face of the uploaded file from face 0 on without gaps: number, area, measured share of that area,
 /// grade of most of the measured area, cause of most of the missed area (`not_asked` where nothing of it is asked for).
 /// Cells without a value are empty; a face that was dropped as degenerate has area 0 and no values. With
-/// `visibility.pixel_set` the last column is the number of chosen views that hit the face with a pixel of each device.
+/// `visibility.pixel_set` there is the number of chosen views that hit the face with a pixel of each device. The last column names
+/// the plan, in the first row alone.
 #[must_use]
-pub fn csv(outcome: &Outcome, mesh: &Mesh) -> String {
+pub fn csv(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str) -> String {
     let pixel_views = outcome.pixel_views.as_ref().map(|views| max_by_source_face(views, mesh));
     let mut columns = vec!["face", "area_mm2", "measured_fraction", "best_grade", "reason"];
     columns.extend(pixel_views.is_some().then_some("pixel_views"));
+    columns.push("plan_sha256");
     let mut csv = Csv::new(&columns);
     let views_of = |face: u32| pixel_views.as_ref().map(|views| views[face as usize]);
     let mut next = 0;
     for (face, tally) in by_source_face(outcome, mesh) {
         for dropped in next..face {
-            face_row(&mut csv, dropped, &Tally::default(), views_of(dropped));
+            face_row(&mut csv, dropped, &Tally::default(), views_of(dropped), plan_sha256);
         }
-        face_row(&mut csv, face, &tally, views_of(face));
+        face_row(&mut csv, face, &tally, views_of(face), plan_sha256);
         next = face + 1;
     }
     csv.finish()
@@ -129,7 +131,7 @@ fn max_by_source_face(of_triangles: &[u32], mesh: &Mesh) -> Vec<u32> {
     max
 }
 
-fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>) {
+fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>, plan_sha256: &str) {
     csv.number(face);
     csv.number(tally.area_mm2);
     csv.optional((tally.area_mm2 > 0.0).then(|| format!("{:.6}", tally.measured_mm2() / tally.area_mm2)));
@@ -137,6 +139,8 @@ fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>) {
     let not_asked = tally.area_mm2 > 0.0 && tally.not_asked_mm2 >= tally.area_mm2 * WHOLE;
     csv.text(if not_asked { "not_asked" } else { tally.cause().map_or("", Cause::as_str) });
     pixel_views.into_iter().for_each(|views| csv.number(views));
+    // Once: a hundred thousand rows would carry 6.5 MB of it.
+    csv.text(if face == 0 { plan_sha256 } else { "" });
     csv.end_row();
 }
 

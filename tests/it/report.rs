@@ -553,12 +553,13 @@ fn same_bytes_on_any_number_of_threads() {
 fn face_table_adds_up() {
     let mesh = sphere();
     let outcome = sphere_outcome(&mesh);
-    let csv = coverage::csv(&outcome, &mesh);
+    let csv = coverage::csv(&outcome, &mesh, PLAN_SHA256);
     let mut lines = csv.split("\r\n");
-    assert_eq!(lines.next(), Some("face,area_mm2,measured_fraction,best_grade,reason"));
+    assert_eq!(lines.next(), Some("face,area_mm2,measured_fraction,best_grade,reason,plan_sha256"));
     let rows: Vec<Vec<&str>> = lines.filter(|line| !line.is_empty()).map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 24 * 48);
-    assert!(rows.iter().enumerate().all(|(face, row)| row.len() == 5 && row[0] == face.to_string()));
+    assert!(rows.iter().enumerate().all(|(face, row)| row.len() == 6 && row[0] == face.to_string()));
+    assert!(rows.iter().enumerate().all(|(face, row)| row[5] == if face == 0 { PLAN_SHA256 } else { "" }));
     let number = |cell: &str| cell.parse::<f64>().expect("a number");
     let area: f64 = rows.iter().map(|row| number(row[1])).sum();
     let measured: f64 = rows.iter().map(|row| number(row[1]) * number(row[2])).sum();

@@ -174,7 +174,6 @@ impl Supervisor {
         }
         let (state, reason) = words_of(&event.status);
         let step = event.step.unwrap_or(self.run.step);
-        self.run.elapsed_secs = event.secs * self.run.time_factor;
         let kind = match () {
             () if (state, reason) != (self.run.state, self.run.reason) => RunEventKind::State,
             () if step != self.run.step => RunEventKind::Step,
@@ -183,7 +182,10 @@ impl Supervisor {
         };
         (self.run.state, self.run.reason, self.run.detail) = (state, reason, Some(event.status.reason.to_string()));
         (self.run.step, self.run.speed_override, self.run.armed_by) = (step, event.speed_override, self.open.armed_by());
-        self.store(kind, &handle.steps_from(self.stored_steps)).await;
+        let done = handle.steps_from(0);
+        // Of the steps alone, as in the record: time in a pause is not theirs.
+        self.run.elapsed_secs = done.iter().map(|step| step.real_secs).sum();
+        self.store(kind, done.get(self.stored_steps..).unwrap_or_default()).await;
         false
     }
 

@@ -33,12 +33,12 @@ fn faces_are_counted_once_each() {
 fn rows_say_share_grade_and_cause() {
     let mut csv = Csv::new(&["face"]);
     for (face, verdicts) in [&[A, A, SHADOW][..], &[OUT, OUT, OUT], &[SHADOW, OUT, OUT]].into_iter().enumerate() {
-        face_row(&mut csv, face as u32, &tally(verdicts), None);
+        face_row(&mut csv, face as u32, &tally(verdicts), None, "5a");
     }
-    face_row(&mut csv, 3, &Tally::default(), None);
+    face_row(&mut csv, 3, &Tally::default(), None, "5a");
     assert_eq!(
         csv.finish(),
-        "face\r\n0,3,0.666667,A,shadow_right\r\n1,3,0.000000,,not_asked\r\n2,3,0.000000,,shadow_right\r\n3,0,,,\r\n"
+        "face\r\n0,3,0.666667,A,shadow_right,5a\r\n1,3,0.000000,,not_asked,\r\n2,3,0.000000,,shadow_right,\r\n3,0,,,,\r\n"
     );
 }
 
