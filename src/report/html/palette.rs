@@ -3,7 +3,7 @@
 //!
 //! The colours of each kind of picture maximise the smallest difference between any two as they are drawn, shaded and shining
 //! through measured surface: CIE76 ΔE of at least 20 in CIELAB for normal vision, protanopia and deuteranopia (G. M. Machado,
-//! M. M. Oliveira and L. A. F. Fernandes, "A Physiologically-based DrawnModel for Simulation of Color Vision Deficiency", IEEE
+//! M. M. Oliveira and L. A. F. Fernandes, "A Physiologically-based Model for Simulation of Color Vision Deficiency", IEEE
 //! TVCG 15(6), 2009, severity 1). In grey, the five colours of a picture of grades are at least 14 apart in lightness. The tests
 //! hold all of that.
 

@@ -145,11 +145,12 @@ async fn a_stop_is_a_ramp_and_nothing_goes_on() {
 async fn without_a_sign_of_life_it_stops_and_is_disarmed() {
     let (mut arm, _run) = kuka::<6>();
     arm.connect().await.expect("connected");
-    arm.arm(Duration::from_millis(100)).await.expect("armed");
+    // Longer than a busy machine takes from here to the start.
+    arm.arm(Duration::from_millis(400)).await.expect("armed");
     let start = arm.state().await.expect("a state").positions_rad;
     let goal = start.map(|joint| joint + 1.0);
     arm.start(&target(1, goal, Duration::from_secs(3))).await.expect("accepted");
-    sleep(Duration::from_millis(900)).await;
+    sleep(Duration::from_millis(1400)).await;
     let at = arm.state().await.expect("a state");
     assert!(!at.condition.moving && apart_rad(&at.positions_rad, &start) < 0.2, "{at:?}");
     assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })));
