@@ -245,7 +245,7 @@ impl<'a> PartPlanner<'a> {
                 Err(PlanError::BadParams(errors)) if !self.faults_of_part(&job, &errors).is_empty() => {
                     let faults = self.faults_of_part(&job, &errors);
                     let report = job.render_no_plan(NoPlanReason::PartRefused(&faults), self.args.report, &ctx)?;
-                    Ok((Err(blamed(&job, self.args.up, mesh, PlanError::BadParams(errors))), report))
+                    Ok((Err(blamed(&job, self.args, mesh, PlanError::BadParams(errors))), report))
                 }
                 Err(error) => Err(error),
             }
@@ -253,7 +253,7 @@ impl<'a> PartPlanner<'a> {
         let result = self
             .args
             .limits
-            .within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, self.args.up, mesh, error)));
+            .within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, self.args, mesh, error)));
         let mut watch = progress.finish();
         let (planned, mut artifacts) = result?;
         watch.switch(Some(CommandStage::Writing.as_str()));
@@ -500,14 +500,14 @@ fn no_plan_reason(finding: &NoPlan) -> String {
 }
 
 /// Error of the command for an error of a plan: at what its user gave, the file and its unit where no parameter is to blame.
-fn blamed(job: &PlanJob<'_>, up: Option<UpAxis>, mesh: &Path, error: PlanError) -> CliError {
+fn blamed(job: &PlanJob<'_>, args: &PlanArgs, mesh: &Path, error: PlanError) -> CliError {
     let PlanError::BadParams(errors) = error else { return to_cli_error(error) };
-    let is_pose_given = is_pose_given(job, up);
+    let is_pose_given = is_pose_given(job, args.up);
     let finding = |error: &FieldError| match job.error_of_part(error, is_pose_given) {
         Some(detail) => FileFinding { file: format!("{} (--unit {})", mesh.display(), job.unit), pointer: String::new(), detail },
         None => FileFinding { file: "parameters".to_owned(), pointer: error.pointer.clone(), detail: error.detail.clone() },
     };
-    CliError::Findings(errors.iter().map(finding).collect())
+    named_by_sets(CliError::Findings(errors.iter().map(finding).collect()), &args.sets)
 }
 
 /// Prints a summary for people, or with `--json` the plan itself for programs.

@@ -39,7 +39,9 @@ export function Legend({ state, mode, areas }: { state: Plan3d; mode: Colouring;
 
 export function SummaryPanel({ state }: { state: Plan3d }) {
   const { job, plan } = state.model;
-  const shares = [["of_visible", plan.coverage.of_visible], ["of_asked", plan.coverage.of_asked], ["of_coverable", plan.coverage.of_coverable]] as const;
+  // The figures of the verdict, on samples that the choice of views did not know.
+  const coverage = job.summary?.coverage ?? plan.coverage;
+  const shares = (["of_visible", "of_asked", "of_coverable"] as const).map((name) => [name, coverage[name]] as const);
   return (
     <div>
       <Sentences job={job} />

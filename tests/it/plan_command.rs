@@ -55,7 +55,10 @@ fn a_limit_beyond_the_scanner_s_is_refused_with_2_and_the_range() {
         .expect("the program");
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{told}");
-    assert!(told.contains("/limits/camera_deg: is 89 °; allowed is 1 to 85 °, the own limit of the left camera"), "{told}");
+    assert!(
+        told.contains("--set limits.camera_deg=89: is 89 °; allowed is 1 to 85 °, the own limit of the left camera"),
+        "{told}"
+    );
 }
 
 /// A side of the block that is measured, with a target.

@@ -124,10 +124,10 @@ fn a_program_is_held_against_the_plan_beside_it() {
 fn a_binary_file_is_refused_in_a_line() {
     let folder = Folder::new();
     for bytes in [&b"\xff\xfe\x00solid"[..], b"name = \"x\"\0"] {
-        let path = folder.0.path().join("part.stl");
+        let path = folder.0.path().join("cell.toml");
         std::fs::write(&path, bytes).expect("writes");
         let found = check(&[&path.display().to_string()]).expect_err("refused");
-        assert!(found.ends_with("part.stl: not a TOML or JSON file"), "{found}");
+        assert!(found.ends_with("cell.toml: not a TOML or JSON file"), "{found}");
     }
 }
 

@@ -110,7 +110,7 @@ fn what_fails_is_not_written() {
     assert!(refused.contains("program.json: ") && !out.exists(), "{refused}");
     planned(folder.path(), 1.5);
     let refused = written(folder.path(), &[&args[..], &["--set", "dialects.table_axis=7"]].concat()).expect_err("no such axis");
-    assert!(refused.contains("/dialects/table_axis: is 7; allowed is 1 to 6"), "{refused}");
+    assert!(refused.contains("--set dialects.table_axis=7: is 7; allowed is 1 to 6"), "{refused}");
     let refused = written(folder.path(), &["--dialect", "karel", "--out", "x"]).expect_err("no such dialect");
     assert!(refused.contains("known are hans, urscript, rapid, krl, fanuc, robodk, csv"), "{refused}");
 }
