@@ -53,7 +53,7 @@ impl Findings {
     pub fn range(&mut self, pointer: impl fmt::Display, value: f64, low: f64, high: f64, unit: &str) {
         if !(value.is_finite() && low <= value && value <= high) {
             let space = if unit.is_empty() { "" } else { " " };
-            let percent = if unit.is_empty() && high == 1.0 { as_percent(value) } else { String::new() };
+            let percent = if unit.is_empty() && high <= 1.0 { as_percent(value) } else { String::new() };
             self.push(pointer, format!("is {value}{space}{unit}; allowed is {low} to {high}{space}{unit}{percent}"));
         }
     }
