@@ -145,7 +145,7 @@ pub fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Ve
 /// Max number of fields that a document of an unknown kind is described by.
 const MAX_FIELDS_TOLD: usize = 6;
 
-/// What can be said of a document of an unknown kind: its schema or its first fields.
+/// Describes a document of an unknown kind by its schema or its first fields.
 fn described(value: &Value) -> String {
     let Some(fields) = value.as_object() else { return "a document that is not an object".to_owned() };
     if let Some(schema) = fields.get("schema") {

@@ -188,7 +188,7 @@ pub(super) fn instead_of_parameters(document: &Value) -> Option<String> {
     Some(format!("is a {}, not parameters; {place}", kind.map_or("document", DocumentKind::as_str)))
 }
 
-/// What a file of the server's settings is, for a command that does not take it.
+/// Description of a file of the server's settings, for a command that does not take it.
 pub(super) const SERVER_CONFIGURATION: &str = "is a configuration file of the server; `vantage serve --config` takes it";
 
 /// Returns true for a document that has sections of the server's settings and nothing else.

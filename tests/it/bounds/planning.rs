@@ -47,9 +47,9 @@ fn a_part_of_a_hundred_metres_is_asked_for_its_unit() {
 fn what_would_need_too_much_memory_or_time_names_the_parameter() {
     let cube = box_mesh([0.0; 3], [100.0; 3]);
     let dense = ["--set", "part.samples_per_mm2=300", "--max-memory", "1024"];
-    refused_at_once(&cube, &dense, &["/part/samples_per_mm2", "GiB of memory", "allowed are 1.0 GiB", "--max-memory"]);
+    refused_at_once(&cube, &dense, &["--set part.samples_per_mm2=300: ", "GiB of memory", "allowed are 1.0 GiB", "--max-memory"]);
     let fine = ["--set", "part.patch_edge_mm=0.25", "--max-memory", "1024"];
-    refused_at_once(&cube, &fine, &["/part/patch_edge_mm", "longer edge"]);
+    refused_at_once(&cube, &fine, &["--set part.patch_edge_mm=0.25: ", "longer edge"]);
     let many =
         ["--set", "candidates.even_directions=4000", "--set", "part.samples_per_mm2=1", "--max-secs", "1", "--threads", "1"];
     refused_at_once(&cube, &many, &["/candidates", "s of one core", "allowed are 1 s", "--max-secs"]);
