@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{DeviationOptions, LeftCamera, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{CloudGrid, Hit, nearest_of_triangle};
+use crate::geometry::{CloudGrid, Hit, Part, Pose, ScannerFrame, nearest_of_triangle};
 use crate::planning::ids::SampleId;
 
 /// Rays that are cast together.
@@ -48,13 +48,16 @@ impl ViewDistances {
     pub(super) fn of(
         placed: &PlacedScan<'_>,
         nominal: &Nominal<'_>,
+        normals: &[Vector3<f64>],
         camera: &LeftCamera<'_>,
         options: &DeviationOptions,
     ) -> Self {
         let cloud = &placed.scan.scanner_cloud;
         // Points without a grid are left out: ingest gives every cloud one.
         let grid = cloud.grid.unwrap_or(CloudGrid { columns: 0, rows: 0 });
-        let view = View { placed, nominal, options, eye_mm: placed.part_from_scanner.point(&camera.centre_mm), grid };
+        let part_from_scanner = &placed.part_from_scanner;
+        let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&camera.centre_mm));
+        let view = View { placed, nominal, normals, options, scanner_from_part, eye_mm, grid };
         let cells = grid.columns * grid.rows;
         let mut found = vec![Found::NOTHING; cells];
         found.par_chunks_mut(RAYS).enumerate().for_each(|(piece, found)| view.meet(piece * RAYS, found));
@@ -62,19 +65,10 @@ impl ViewDistances {
         // None is judged by what another one has been taken for.
         let is_beyond: Vec<bool> =
             (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
-        let (mut off_surface, mut compared) = (Vec::new(), 0);
-        for (cell, found) in found.iter_mut().enumerate().filter(|(_, found)| found.face != NO_FACE) {
-            let distance_mm = f64::from(found.distance_mm);
-            if !is_beyond[cell] && distance_mm.abs() <= options.search_mm {
-                compared += 1;
-                continue;
-            }
-            *found = Found::NOTHING;
-            let is_kept = (cell % grid.columns).is_multiple_of(OFF_STEP) && (cell / grid.columns).is_multiple_of(OFF_STEP);
-            if let Some(point) = view.point(cell).filter(|_| is_kept && !is_beyond[cell]) {
-                off_surface.push((placed.part_from_scanner.point(&point), distance_mm));
-            }
-        }
+        let pieces: Vec<_> =
+            found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
+        let compared = pieces.iter().map(|(_, compared)| compared).sum();
+        let off_surface = pieces.into_iter().flat_map(|(off_surface, _)| off_surface).collect();
         Self { grid, found, off_surface, compared }
     }
 }
@@ -83,7 +77,10 @@ impl ViewDistances {
 struct View<'a> {
     placed: &'a PlacedScan<'a>,
     nominal: &'a Nominal<'a>,
+    /// Unit normals of the mesh's faces.
+    normals: &'a [Vector3<f64>],
     options: &'a DeviationOptions,
+    scanner_from_part: Pose<ScannerFrame, Part>,
     /// Optical centre of the left camera, part frame.
     eye_mm: Point3<f64>,
     grid: CloudGrid,
@@ -116,14 +113,34 @@ impl View<'_> {
         }
     }
 
+    /// Forgets the distances of points off the surface, of the cells from `first` on; returns those points with their distances, and
+    /// the number of the others.
+    fn sort(&self, first: usize, found: &mut [Found], is_beyond: &[bool]) -> (Vec<(Point3<f64>, f64)>, u64) {
+        let (mut off_surface, mut compared) = (Vec::new(), 0);
+        for (place, found) in found.iter_mut().enumerate().filter(|(_, found)| found.face != NO_FACE) {
+            let (cell, distance_mm) = (first + place, f64::from(found.distance_mm));
+            if !is_beyond[cell] && distance_mm.abs() <= self.options.search_mm {
+                compared += 1;
+                continue;
+            }
+            *found = Found::NOTHING;
+            let [column, row] = [cell % self.grid.columns, cell / self.grid.columns];
+            let is_kept = column.is_multiple_of(OFF_STEP) && row.is_multiple_of(OFF_STEP);
+            if let Some(point) = self.point(cell).filter(|_| is_kept && !is_beyond[cell]) {
+                off_surface.push((self.placed.part_from_scanner.point(&point), distance_mm));
+            }
+        }
+        (off_surface, compared)
+    }
+
     fn judge(&self, cell: usize, direction: &Vector3<f64>, face: u32) -> Found {
         let mesh = self.nominal.mesh;
-        let normal = mesh.scaled_normal(face as usize).normalize();
+        let normal = self.normals[face as usize];
         // The back of a face is met where the registered pose and the scan disagree at a rim.
         if normal.dot(direction) >= 0.0 {
             return Found::NOTHING;
         }
-        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.corners(face as usize)[0])) as f32;
+        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
         let is_off = f64::from(distance_mm.abs()) > self.options.search_mm;
         if f64::from(distance_mm.abs()) > MAX_OFF_MM || !is_off && self.is_turned(cell, &normal) {
             return Found::NOTHING;
@@ -133,7 +150,7 @@ impl View<'_> {
 
     /// Returns true if the surface around a cell is turned too far against a face of this normal.
     fn is_turned(&self, cell: usize, normal: &Vector3<f64>) -> bool {
-        let nominal = self.placed.part_from_scanner.inverse().direction(normal);
+        let nominal = self.scanner_from_part.direction(normal);
         self.normal(cell).is_some_and(|measured| measured.dot(&nominal) < self.options.max_turn_deg.to_radians().cos())
     }
 
@@ -159,7 +176,7 @@ impl View<'_> {
             return false;
         }
         let mesh = self.nominal.mesh;
-        let normal = mesh.scaled_normal(face as usize).normalize();
+        let normal = self.normals[face as usize];
         let Some(point) = self.point(cell).map(|point| self.placed.part_from_scanner.point(&point)) else { return false };
         let (column, row) = ((cell % self.grid.columns) as isize, (cell / self.grid.columns) as isize);
         ring.iter().any(|[right, down]| {
@@ -168,7 +185,7 @@ impl View<'_> {
             let other = if is_in { found[row as usize * self.grid.columns + column as usize].face } else { NO_FACE };
             other != NO_FACE && other != face && {
                 let corners = mesh.corners(other as usize);
-                let other_normal = mesh.scaled_normal(other as usize).normalize();
+                let other_normal = self.normals[other as usize];
                 let other_mm = if other_normal.dot(&normal) >= SAME_SIDE_COS {
                     other_normal.dot(&(point - corners[0])).abs()
                 } else {
@@ -199,6 +216,9 @@ impl View<'_> {
 pub(super) struct Footprints<'a> {
     pub(super) placed: &'a PlacedScan<'a>,
     pub(super) nominal: &'a Nominal<'a>,
+    /// Unit normals of the mesh's faces.
+    pub(super) normals: &'a [Vector3<f64>],
+    pub(super) scanner_from_part: Pose<ScannerFrame, Part>,
     pub(super) camera: &'a LeftCamera<'a>,
     pub(super) distances: &'a ViewDistances,
     pub(super) footprint_mm: f64,
@@ -210,6 +230,8 @@ const MAX_RING: isize = 8;
 const STEP_NOISES: f64 = 10.0;
 /// Largest half width of a footprint, cells.
 const MAX_HALF_WIDTH: usize = 12;
+/// More than the rounding of a point's coordinates in either frame, mm.
+const ROUNDING_MM: f64 = 1e-6;
 /// Faces turned by less than this against a sample's own may be averaged with it: cos 30°, as for the measured normals.
 const SAME_SIDE_COS: f64 = 0.866;
 
@@ -218,7 +240,7 @@ impl Footprints<'_> {
     pub(super) fn of(&self, sample: SampleId) -> Option<MeasuredFootprint> {
         let surface = self.nominal.surface;
         let (at, patch) = (surface.sample_mm[sample.index()], surface.patch_of(sample));
-        let in_scanner = self.placed.part_from_scanner.inverse().point(&at);
+        let in_scanner = self.scanner_from_part.point(&at);
         let towards = self.placed.part_from_scanner.point(&self.camera.centre_mm) - at;
         if towards.dot(&patch.normal) <= 0.0 || self.distances.found.is_empty() {
             return None;
@@ -232,21 +254,34 @@ impl Footprints<'_> {
         let mut footprint = MeasuredFootprint::default();
         for row in row.saturating_sub(half)..=(row + half).min(grid.rows - 1) {
             for column in column.saturating_sub(half)..=(column + half).min(grid.columns - 1) {
-                self.take(row * grid.columns + column, &at, patch.face, &patch.normal, &mut footprint);
+                self.take(row * grid.columns + column, [&at, &in_scanner], (patch.face, &patch.normal), &mut footprint);
             }
         }
         (footprint.points > 0).then_some(footprint)
     }
 
-    fn take(&self, cell: usize, at: &Point3<f64>, own_face: u32, normal: &Vector3<f64>, into: &mut MeasuredFootprint) {
+    /// Takes the point of a cell, if its foot lies within the footprint of the sample at `at` in the part's frame and `in_scanner` in
+    /// the scanner's.
+    fn take(
+        &self,
+        cell: usize,
+        [at, in_scanner]: [&Point3<f64>; 2],
+        (own_face, normal): (u32, &Vector3<f64>),
+        into: &mut MeasuredFootprint,
+    ) {
         let Found { face, distance_mm } = self.distances.found[cell];
         if face == NO_FACE {
             return;
         }
         let distance = f64::from(distance_mm);
         let Some(point) = self.placed.scan.scanner_cloud.points_mm.get(cell) else { return };
-        let point = self.placed.part_from_scanner.point(&Point3::from(point.map(f64::from)));
-        let face_normal = if face == own_face { *normal } else { self.nominal.mesh.scaled_normal(face as usize).normalize() };
+        let point = Point3::from(point.map(f64::from));
+        // The foot is no farther from the point than the distance: most cells of the square around the disc end here.
+        if (point - in_scanner).norm_squared() > (self.footprint_mm + distance.abs() + ROUNDING_MM).powi(2) {
+            return;
+        }
+        let point = self.placed.part_from_scanner.point(&point);
+        let face_normal = if face == own_face { *normal } else { self.normals[face as usize] };
         // The foot of the point on the face stands for where its ray meets it: both are the same but for the deviation itself.
         let foot = point - face_normal * distance;
         if (foot - at).norm() <= self.footprint_mm && face_normal.dot(normal) >= SAME_SIDE_COS {

@@ -164,19 +164,26 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal, &camera));
     let (mut sums, mut heaps, mut compared_points) = (vec![Sum::default(); nominal.surface.sample_mm.len()], Vec::new(), 0);
     let mut seen: Vec<Vec<SampleId>> = Vec::with_capacity(scans.len());
+    let mesh = nominal.mesh;
+    let normals: Vec<Vector3<f64>> =
+        (0..mesh.faces.len()).into_par_iter().map(|face| mesh.scaled_normal(face).normalize()).collect();
     for placed in scans {
-        let distances = ViewDistances::of(placed, nominal, &camera, options);
+        let distances = ViewDistances::of(placed, nominal, &normals, &camera, options);
         compared_points += distances.compared;
         heaps.extend_from_slice(&distances.off_surface);
-        let footprints = Footprints { placed, nominal, camera: &camera, distances: &distances, footprint_mm };
-        let found: Vec<Option<footprint::MeasuredFootprint>> =
-            (0..sums.len()).into_par_iter().with_min_len(1024).map(|sample| footprints.of(SampleId::at(sample))).collect();
+        let scanner_from_part = placed.part_from_scanner.inverse();
+        let (normals, camera, distances) = (&normals[..], &camera, &distances);
+        let footprints = Footprints { placed, nominal, normals, scanner_from_part, camera, distances, footprint_mm };
+        let measured = |sample: usize| {
+            let id = SampleId::at(sample);
+            footprints.of(id).map(|footprint| (footprint, pose_variance(placed, nominal.surface, id)))
+        };
+        let found: Vec<Option<_>> = (0..sums.len()).into_par_iter().with_min_len(1024).map(measured).collect();
         let mut own = Vec::new();
         for (sample, footprint) in found.iter().enumerate() {
-            if let Some(footprint) = footprint {
-                let id = SampleId::at(sample);
-                sums[sample].add(footprint, pose_variance(placed, nominal.surface, id));
-                own.push(id);
+            if let Some((footprint, variance)) = footprint {
+                sums[sample].add(footprint, *variance);
+                own.push(SampleId::at(sample));
             }
         }
         seen.push(own);
