@@ -194,7 +194,7 @@ pub(super) const SERVER_CONFIGURATION: &str = "is a configuration file of the se
 /// Returns true for a document that has sections of the server's settings and nothing else.
 pub(super) fn is_server_configuration(document: &Value) -> bool {
     let sections = document.as_object().filter(|sections| !sections.is_empty());
-    sections.is_some_and(|sections| sections.keys().all(|section| Settings::SECTIONS.contains(&section.as_str())))
+    sections.is_some_and(|sections| sections.keys().all(|section| Settings::has_section(section)))
 }
 
 /// Describes the error in a TOML file, on one line.

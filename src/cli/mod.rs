@@ -24,6 +24,7 @@ mod completions;
 pub mod demo;
 mod features;
 pub mod files;
+mod given_params;
 pub mod healthcheck;
 pub mod inspect;
 pub mod inspect_scanner;

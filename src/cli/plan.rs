@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use serde_json::Value;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
 use super::check::warn;
 use super::files::{self, FileLibrary};
+use super::given_params::{load_params, named_by_sets};
 use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, TIMINGS_FILE, programs};
 use super::progress::{CommandStage, Course, Progress, Stopwatch};
-use super::{CliError, FileFinding, features, output, parts, set_value, summary};
+use super::{CliError, FileFinding, features, output, parts, summary};
 use crate::cell::{Cell, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Mesh, Poll};
@@ -392,62 +392,6 @@ pub(super) fn load_scanner(cell: Option<&Cell>, name: Option<&str>) -> Result<Sc
     spec.build().map_err(|errors| files::findings(name, &errors))
 }
 
-/// Loads the parameter file and applies every `--set` to it.
-pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
-    let value = match file {
-        Some(path) => parameter_file(path)?,
-        None => Value::Object(serde_json::Map::new()),
-    };
-    set_params(value, sets)
-}
-
-/// Reads a file of parameters, and refuses a document of another kind by its kind.
-fn parameter_file(path: &Path) -> Result<Value, CliError> {
-    let value = files::value(path)?;
-    match files::instead_of_parameters(&value) {
-        Some(instead) => Err(CliError::BadInput(format!("--params {}: {instead}", path.display()))),
-        None => Ok(value),
-    }
-}
-
-/// Applies every `--set` to `value`.
-pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
-    for set in sets {
-        let (key, text) = set.split_once('=').ok_or_else(|| {
-            CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE, such as selection.target=0.99"))
-        })?;
-        if let Some(fault) = parameters::unknown(key) {
-            return Err(CliError::BadInput(format!("--set {set}: {fault} (`vantage params` lists all)")));
-        }
-        let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
-        inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
-    }
-    let read: Result<PlanParams, CliError> = files::from_value(value, "parameters");
-    let checked = read.and_then(|params| match params.check() {
-        Ok(()) => Ok(params),
-        Err(errors) => Err(files::findings("parameters", &errors)),
-    });
-    checked.map_err(|error| named_by_sets(error, sets))
-}
-
-/// The error with each finding in a parameter that a `--set` gives at that option, which its user typed; the pointer is then the
-/// place within the option's value.
-fn named_by_sets(error: CliError, sets: &[String]) -> CliError {
-    let CliError::Findings(mut findings) = error else { return error };
-    for finding in findings.iter_mut().filter(|finding| finding.file == "parameters") {
-        // A later option overrides an earlier one.
-        let place = sets.iter().rev().find_map(|set| {
-            let (key, _) = set.split_once('=')?;
-            let rest = finding.pointer.strip_prefix(&format!("/{}", key.replace('.', "/")))?;
-            (rest.is_empty() || rest.starts_with('/')).then(|| (format!("--set {set}"), rest.to_owned()))
-        });
-        if let Some((option, rest)) = place {
-            (finding.file, finding.pointer) = (option, rest);
-        }
-    }
-    CliError::Findings(findings)
-}
-
 /// Thread pool of `threads` threads; of all cores for 0.
 pub(super) fn pool(threads: u16) -> Result<rayon::ThreadPool, CliError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build();
@@ -461,18 +405,6 @@ pub(super) fn now() -> String {
         Ok(()) => text,
         Err(_) => String::new(),
     }
-}
-
-pub(super) fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
-    let (path, last) = key.rsplit_once('.').map_or((None, key), |(path, last)| (Some(path), last));
-    let mut table = value;
-    for name in path.into_iter().flat_map(|path| path.split('.')) {
-        let map = table.as_object_mut().ok_or_else(|| format!("{name} is inside a value that is not an object"))?;
-        table = map.entry(name).or_insert_with(|| Value::Object(serde_json::Map::new()));
-    }
-    let map = table.as_object_mut().ok_or_else(|| format!("{last} is inside a value that is not an object"))?;
-    map.insert(last.to_owned(), new);
-    Ok(())
 }
 
 fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>, CliError> {

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::check::{self, ReferenceArgs};
+use super::given_params::set_params;
 use super::out::{self, FileOrigin, OutputFolder, OutputWriter};
-use super::plan::set_params;
 use super::{CliError, files, output};
 use crate::cell::{Cell, Robot};
 use crate::check::{Reference, field_errors};

@@ -8,7 +8,8 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::plan::{insert, load_cell, load_mesh, load_scanner};
+use super::given_params::insert;
+use super::plan::{load_cell, load_mesh, load_scanner};
 use super::{CliError, files, set_value};
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{LengthUnit, Mesh};

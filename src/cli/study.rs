@@ -7,8 +7,9 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 
+use super::given_params::load_params;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
-use super::plan::{check_up, load_cell, load_mesh, load_params, load_scanner, placed, pool, to_cli_error};
+use super::plan::{check_up, load_cell, load_mesh, load_scanner, placed, pool, to_cli_error};
 use super::progress::{Course, Progress};
 use super::{CliError, output, reach};
 use crate::geometry::LengthUnit;

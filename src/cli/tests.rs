@@ -216,7 +216,7 @@ fn the_ends_of_help_texts_are_wrapped_by_the_terminal_alone() {
 fn what_a_set_gives_is_refused_at_the_option() {
     let refused = |sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
-        super::plan::load_params(None, &sets).expect_err("refused").to_string()
+        super::given_params::load_params(None, &sets).expect_err("refused").to_string()
     };
     for (sets, told) in [
         (&["selection.target=90"][..], "--set selection.target=90: is 90; allowed is 0 to 1; 90 % is 0.9"),
@@ -239,10 +239,10 @@ fn a_file_of_another_kind_is_not_taken_for_parameters() {
     ] {
         let file = folder.path().join("file.toml");
         std::fs::write(&file, text).expect("a file");
-        let error = super::plan::load_params(Some(&file), &[]).expect_err("refused");
+        let error = super::given_params::load_params(Some(&file), &[]).expect_err("refused");
         assert_eq!(error.to_string(), format!("--params {}: {told}", file.display()));
     }
     let file = folder.path().join("params.toml");
     std::fs::write(&file, "[selection]\nmax_views = 3\n").expect("a file");
-    assert_eq!(super::plan::load_params(Some(&file), &[]).expect("parameters").selection.max_views, Some(3));
+    assert_eq!(super::given_params::load_params(Some(&file), &[]).expect("parameters").selection.max_views, Some(3));
 }

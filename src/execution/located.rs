@@ -341,16 +341,9 @@ impl<'a> Search<'a> {
     /// These points, or others where the way through them is not free; these too where no other way is found, for the linter to
     /// say what is in the way.
     fn free(&self, from: &Configuration, via_rad: Vec<Configuration>, to: &Configuration) -> Vec<Configuration> {
-        let points: Vec<_> = std::iter::once(from).chain(&via_rad).chain([to]).collect();
-        let is_free = |ends: &[&Configuration]| match self.motion.table {
-            TableMotion::Alone => self.scene.corner_between(ends[0], ends[1]).is_ok(),
-            TableMotion::WithArm => self.scene.check_segment(ends[0], ends[1]).is_none(),
-        };
-        if points.windows(2).all(is_free) {
-            return via_rad;
-        }
+        let points: Vec<_> = std::iter::once(*from).chain(via_rad.iter().copied()).chain([*to]).collect();
         let never = AtomicBool::new(false);
-        let found = join(self.cell, self.scene, &self.motion, [from, to], &Context::new(&never, &Silent));
+        let found = join(self.cell, self.scene, &self.motion, &points, &Context::new(&never, &Silent));
         found.ok().flatten().unwrap_or(via_rad)
     }
 }

@@ -9,6 +9,8 @@ use super::{Flags, SettingsError};
 use crate::cell::{expected_value, found_value, with_suggestion};
 
 const PREFIX: &str = "VANTAGE_";
+/// Built-in defaults: a file of settings with every key.
+pub(super) const DEFAULTS: &str = include_str!("../../config/default.toml");
 
 /// The merged layers.
 pub(super) struct Layers<'a> {
@@ -26,8 +28,7 @@ impl<'a> Layers<'a> {
         environment: impl Iterator<Item = (String, String)>,
         flags: &'a Flags,
     ) -> Result<Self, SettingsError> {
-        let defaults = include_str!("../../config/default.toml");
-        let mut builder = Config::builder().add_source(File::from_str(defaults, FileFormat::Toml));
+        let mut builder = Config::builder().add_source(File::from_str(DEFAULTS, FileFormat::Toml));
         if let Some(file) = file {
             builder = builder.add_source(File::from(file).format(FileFormat::Toml));
         }

@@ -38,8 +38,11 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Names of the sections of a file of settings.
-    pub const SECTIONS: [&str; 7] = ["server", "limits", "store", "retention", "planning", "execution", "telemetry"];
+    /// Returns true for the name of a section of a file of settings: of one that the built-in defaults have.
+    #[must_use]
+    pub fn has_section(name: &str) -> bool {
+        layers::DEFAULTS.lines().any(|line| line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) == Some(name))
+    }
 }
 
 /// Limits of sizes, numbers and times.

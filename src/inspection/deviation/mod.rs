@@ -176,7 +176,9 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
         let footprints = Footprints { placed, nominal, normals, scanner_from_part, camera, distances, footprint_mm };
         let measured = |sample: usize| {
             let id = SampleId::at(sample);
-            footprints.of(id).map(|footprint| (footprint, pose_variance(placed, nominal.surface, id)))
+            footprints
+                .of(id)
+                .map(|footprint| (footprint, pose_variance(&placed.covariance, &scanner_from_part, nominal.surface, id)))
         };
         let found: Vec<Option<_>> = (0..sums.len()).into_par_iter().with_min_len(1024).map(measured).collect();
         let mut own = Vec::new();
@@ -207,12 +209,16 @@ fn default_footprint_mm(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, camera:
 }
 
 /// Variance along a sample's normal of where the view's pose puts it: jᵀ Σ j with j = (s × n, n) in the scanner's frame.
-fn pose_variance(placed: &PlacedScan<'_>, surface: &Surface, sample: SampleId) -> f64 {
-    let scanner_from_part = placed.part_from_scanner.inverse();
+fn pose_variance(
+    covariance: &Matrix6<f64>,
+    scanner_from_part: &Pose<ScannerFrame, Part>,
+    surface: &Surface,
+    sample: SampleId,
+) -> f64 {
     let at = scanner_from_part.point(&surface.sample_mm[sample.index()]);
     let normal = scanner_from_part.direction(&surface.patch_of(sample).normal);
     let row = lever(&at, &normal);
-    (row.transpose() * placed.covariance * row)[0].max(0.0)
+    (row.transpose() * covariance * row)[0].max(0.0)
 }
 
 /// Derivative of a point's distance along `normal` by a small motion of the point: (p × n, n).

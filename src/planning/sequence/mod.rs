@@ -136,8 +136,8 @@ pub fn order(
     order_in_sight(stations, cell, scene, params, &options, ctx)
 }
 
-/// Finds a free path between any two configurations, and returns the points between them; `None` where none is found. Takes up to
-/// some seconds, on one thread.
+/// Finds a free path between the first and the last of `points`, and returns the points between them: these where the way along them
+/// is free; `None` where none is found. Takes up to some seconds, on one thread.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -145,10 +145,10 @@ pub fn join(
     cell: &Cell,
     scene: &CollisionScene,
     motion: &MotionParams,
-    ends: [&Configuration; 2],
+    points: &[Configuration],
     ctx: &Context<'_>,
 ) -> Result<Option<Vec<Configuration>>, Cancelled> {
-    Routes::new(cell, scene, motion).join(ends[0], ends[1], ctx)
+    Routes::new(cell, scene, motion).join(points, ctx)
 }
 
 /// Options of [`order_in_sight`].

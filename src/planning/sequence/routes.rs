@@ -148,14 +148,13 @@ impl<'a> Routes<'a> {
         self.shortcut(from, quickest, to, ctx)
     }
 
-    /// Points of a free route between any two configurations: a simple one, else one that is searched for; `None` where neither is
-    /// found. Takes up to some seconds.
-    pub(super) fn join(
-        &self,
-        from: &Configuration,
-        to: &Configuration,
-        ctx: &Context<'_>,
-    ) -> Result<Option<Vec<Configuration>>, Cancelled> {
+    /// Inner points of a free route between the ends of `points`: these where they are free, else a simple one, else one that is
+    /// searched for; `None` where none is found. Takes up to some seconds.
+    pub(super) fn join(&self, points: &[Configuration], ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
+        let [from, via_rad @ .., to] = points else { return Ok(Some(Vec::new())) };
+        if points.windows(2).all(|ends| self.moves.is_free(&ends[0], &ends[1])) {
+            return Ok(Some(via_rad.to_vec()));
+        }
         if self.moves.is_free(from, to) {
             return Ok(Some(Vec::new()));
         }

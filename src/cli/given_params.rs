@@ -1,0 +1,81 @@
+//! Parameters of a plan as the command line gives them: a file, and `--set` options on top.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::{CliError, files, set_value};
+use crate::planning::params::PlanParams;
+use crate::wire::parameters;
+
+/// Loads the parameter file and applies every `--set` to it.
+pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
+    let value = match file {
+        Some(path) => parameter_file(path)?,
+        None => Value::Object(serde_json::Map::new()),
+    };
+    set_params(value, sets)
+}
+
+/// Reads a file of parameters, and refuses a document of another kind by its kind.
+fn parameter_file(path: &Path) -> Result<Value, CliError> {
+    let value = files::value(path)?;
+    match files::instead_of_parameters(&value) {
+        Some(instead) => Err(CliError::BadInput(format!("--params {}: {instead}", path.display()))),
+        None => Ok(value),
+    }
+}
+
+/// Applies every `--set` to `value`.
+pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
+    for set in sets {
+        let (key, text) = set.split_once('=').ok_or_else(|| {
+            CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE, such as selection.target=0.99"))
+        })?;
+        if let Some(fault) = parameters::unknown(key) {
+            return Err(CliError::BadInput(format!("--set {set}: {fault} (`vantage params` lists all)")));
+        }
+        let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
+        inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
+    }
+    let read: Result<PlanParams, CliError> = files::from_value(value, "parameters");
+    let checked = read.and_then(|params| match params.check() {
+        Ok(()) => Ok(params),
+        Err(errors) => Err(files::findings("parameters", &errors)),
+    });
+    checked.map_err(|error| named_by_sets(error, sets))
+}
+
+/// The error with each finding in a parameter that a `--set` gives at that option, which its user typed; the pointer is then the
+/// place within the option's value.
+pub(super) fn named_by_sets(error: CliError, sets: &[String]) -> CliError {
+    let CliError::Findings(mut findings) = error else { return error };
+    for finding in findings.iter_mut().filter(|finding| finding.file == "parameters") {
+        // A later option overrides an earlier one.
+        let place = sets.iter().rev().find_map(|set| {
+            let (key, _) = set.split_once('=')?;
+            let rest = finding.pointer.strip_prefix(&format!("/{}", key.replace('.', "/")))?;
+            (rest.is_empty() || rest.starts_with('/')).then(|| (format!("--set {set}"), rest.to_owned()))
+        });
+        if let Some((option, rest)) = place {
+            (finding.file, finding.pointer) = (option, rest);
+        }
+    }
+    CliError::Findings(findings)
+}
+
+/// Sets the field of `value` that the words of `key` lead to, with the objects on the way.
+///
+/// # Errors
+/// The word of the key that is inside something else than an object.
+pub(super) fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
+    let (path, last) = key.rsplit_once('.').map_or((None, key), |(path, last)| (Some(path), last));
+    let mut table = value;
+    for name in path.into_iter().flat_map(|path| path.split('.')) {
+        let map = table.as_object_mut().ok_or_else(|| format!("{name} is inside a value that is not an object"))?;
+        table = map.entry(name).or_insert_with(|| Value::Object(serde_json::Map::new()));
+    }
+    let map = table.as_object_mut().ok_or_else(|| format!("{last} is inside a value that is not an object"))?;
+    map.insert(last.to_owned(), new);
+    Ok(())
+}
