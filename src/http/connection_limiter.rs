@@ -1,10 +1,12 @@
 //! Connection limits: a maximum for the server, a maximum for one address, and a few reserved connections on which only
 //! probes are answered, so that the server can be monitored while it is full.
 //!
-//! A connection in use keeps its slot. When slots run out, the connection that has been idle for longest is evicted: one
-//! that never sent a complete request head, or one that is kept alive. If none is idle, the one whose request body has
-//! stalled for longest. So a client that opens connections and stalls evicts its own connections, not those of others.
+//! A connection in use keeps its slot. When slots run out, the address with the most idle connections loses the one that
+//! has been idle for longest: one that never sent a complete request head, or one that is kept alive. If none is idle, the
+//! connection whose request body has stalled for longest is evicted. So a client that opens connections and stalls evicts
+//! its own connections, not those of others, however fast it reconnects.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -51,11 +53,11 @@ struct Table {
     /// Logical clock: orders connections by when they became idle, and provides their ids.
     tick: u64,
     connections: HashMap<u64, Connection>,
-    pools: [Occupancy; 2],
+    held: [usize; 2],
     addresses: HashMap<IpAddr, [Occupancy; 2]>,
 }
 
-/// Connections of a pool, from all addresses or from one.
+/// Connections of a pool from one address.
 #[derive(Default)]
 struct Occupancy {
     held: usize,
@@ -104,7 +106,7 @@ impl ConnectionLimiter {
         let held = table.addresses.get(&address).map_or(0, |occupancies| occupancies[Pool::General as usize].held);
         let exceeded = if held >= self.per_address && !self.exempt.contains(&address) {
             Some(ExceededLimit::Address).filter(|_| !table.evict(Pool::General, Some(address)))
-        } else if table.pools[Pool::General as usize].held >= self.max {
+        } else if table.held[Pool::General as usize] >= self.max {
             Some(ExceededLimit::Server).filter(|_| !table.evict(Pool::General, None))
         } else {
             None
@@ -141,8 +143,8 @@ impl ConnectionLimiter {
 }
 
 impl Table {
-    fn occupancies(&mut self, address: IpAddr, pool: Pool) -> [&mut Occupancy; 2] {
-        [&mut self.pools[pool as usize], &mut self.addresses.entry(address).or_default()[pool as usize]]
+    fn occupancy(&mut self, address: IpAddr, pool: Pool) -> &mut Occupancy {
+        &mut self.addresses.entry(address).or_default()[pool as usize]
     }
 
     fn next(&mut self) -> u64 {
@@ -161,10 +163,10 @@ impl Table {
         let (writing, progress_millis) = (Arc::default(), AtomicU64::new(0));
         let slot =
             Arc::new(ConnectionSlot { id, exceeded, limiter: limiter.clone(), evicted: Notify::new(), writing, progress_millis });
-        for occupancy in self.occupancies(address, pool) {
-            occupancy.held += 1;
-            occupancy.idle.insert(id, id);
-        }
+        self.held[pool as usize] += 1;
+        let occupancy = self.occupancy(address, pool);
+        occupancy.held += 1;
+        occupancy.idle.insert(id, id);
         let idle = Some((id, Instant::now()));
         let connection = Connection { slot: slot.clone(), address, pool, open: 0, receiving: 0, idle, had_request: false };
         self.connections.insert(id, connection);
@@ -173,7 +175,7 @@ impl Table {
 
     /// Makes sure that the reserve has a slot for `address`.
     fn make_reserve_room(&mut self, address: IpAddr, limit: ExceededLimit) -> Result<(), ExceededLimit> {
-        let all = self.pools[Pool::Reserve as usize].held;
+        let all = self.held[Pool::Reserve as usize];
         let own = self.addresses.get(&address).map_or(0, |occupancies| occupancies[Pool::Reserve as usize].held);
         let has_room = if own >= RESERVED_PER_ADDRESS {
             self.evict(Pool::Reserve, Some(address))
@@ -183,20 +185,28 @@ impl Table {
         if has_room { Ok(()) } else { Err(limit) }
     }
 
-    /// Evicts a connection of this pool (and of this address, if given): the one idle for longest, else the one stalled for
-    /// longest. Returns true if there was one.
+    /// Evicts a connection of this pool (and of this address, if given): the longest idle one of the address with the most
+    /// idle ones, else the one stalled for longest. Returns true if there was one.
     fn evict(&mut self, pool: Pool, address: Option<IpAddr>) -> bool {
-        let occupancy = match address {
-            Some(address) => self.addresses.get(&address).map(|occupancies| &occupancies[pool as usize]),
-            None => Some(&self.pools[pool as usize]),
+        let idle = match address {
+            Some(address) => self.addresses.get(&address).and_then(|occupancies| self.longest_idle(&occupancies[pool as usize])),
+            None => {
+                let of_each = self.addresses.values().map(|occupancies| &occupancies[pool as usize]);
+                let oldest = of_each.filter_map(|occupancy| Some((occupancy.idle.len(), Reverse(self.longest_idle(occupancy)?))));
+                oldest.max().map(|(_, Reverse(oldest))| oldest)
+            }
         };
-        let is_unused = |id: &&u64| self.connections.get(id).is_some_and(|c| !c.slot.writing.load(Ordering::Relaxed));
-        let idle = occupancy.and_then(|occupancy| occupancy.idle.values().find(is_unused)).copied();
-        let Some(id) = idle.or_else(|| self.stalled(pool, address)) else { return false };
+        let Some(id) = idle.map(|(_, id)| id).or_else(|| self.stalled(pool, address)) else { return false };
         if let Some(connection) = self.remove(id) {
             connection.slot.evicted.notify_one();
         }
         true
+    }
+
+    /// Tick and id of the connection that has been idle for longest, among those with no bytes waiting to be sent.
+    fn longest_idle(&self, occupancy: &Occupancy) -> Option<(u64, u64)> {
+        let is_unused = |id: u64| self.connections.get(&id).is_some_and(|c| !c.slot.writing.load(Ordering::Relaxed));
+        occupancy.idle.iter().map(|(tick, id)| (*tick, *id)).find(|(_, id)| is_unused(*id))
     }
 
     /// The connection stalled for longest, among those that only receive request bodies.
@@ -210,11 +220,11 @@ impl Table {
 
     fn remove(&mut self, id: u64) -> Option<Connection> {
         let connection = self.connections.remove(&id)?;
-        for occupancy in self.occupancies(connection.address, connection.pool) {
-            occupancy.held -= 1;
-            if let Some((tick, _)) = connection.idle {
-                occupancy.idle.remove(&tick);
-            }
+        self.held[connection.pool as usize] -= 1;
+        let occupancy = self.occupancy(connection.address, connection.pool);
+        occupancy.held -= 1;
+        if let Some((tick, _)) = connection.idle {
+            occupancy.idle.remove(&tick);
         }
         if self.addresses.get(&connection.address).is_some_and(|both| both.iter().all(|occupancy| occupancy.held == 0)) {
             self.addresses.remove(&connection.address);
@@ -228,9 +238,7 @@ impl Table {
         connection.had_request = true;
         let (address, pool) = (connection.address, connection.pool);
         if let Some((tick, _)) = connection.idle.take() {
-            for occupancy in self.occupancies(address, pool) {
-                occupancy.idle.remove(&tick);
-            }
+            self.occupancy(address, pool).idle.remove(&tick);
         }
     }
 
@@ -243,9 +251,7 @@ impl Table {
         }
         connection.idle = Some((tick, Instant::now()));
         let (address, pool) = (connection.address, connection.pool);
-        for occupancy in self.occupancies(address, pool) {
-            occupancy.idle.insert(tick, id);
-        }
+        self.occupancy(address, pool).idle.insert(tick, id);
     }
 }
 

@@ -18,16 +18,26 @@ fn admitted(limiter: &Arc<ConnectionLimiter>, address: IpAddr) -> Arc<Connection
 
 #[tokio::test]
 async fn the_connection_that_has_been_idle_longest_makes_room() {
-    let limiter = ConnectionLimiter::new(3, 3, Vec::new());
-    let slots = [admitted(&limiter, A), admitted(&limiter, B), admitted(&limiter, A)];
+    let limiter = ConnectionLimiter::new(2, 3, Vec::new());
+    let slots = [admitted(&limiter, A), admitted(&limiter, B)];
     // The first has had a request since.
     drop(slots[0].begin_request());
+    let next = admitted(&limiter, B);
+    assert!(is_evicted(&slots[1]).await && !is_evicted(&slots[0]).await);
     let _next = admitted(&limiter, B);
-    assert!(is_evicted(&slots[1]).await);
-    assert!(!is_evicted(&slots[0]).await && !is_evicted(&slots[2]).await);
-    let _next = admitted(&limiter, B);
-    assert!(is_evicted(&slots[2]).await && !is_evicted(&slots[0]).await);
-    assert_eq!(limiter.held(), 3);
+    assert!(is_evicted(&slots[0]).await && !is_evicted(&next).await);
+    assert_eq!(limiter.held(), 2);
+}
+
+#[tokio::test]
+async fn the_address_with_the_most_idle_connections_makes_room() {
+    let limiter = ConnectionLimiter::new(4, 3, Vec::new());
+    let of_b = admitted(&limiter, B);
+    let of_a = [admitted(&limiter, A), admitted(&limiter, A), admitted(&limiter, A)];
+    let _used = of_a[0].begin_request();
+    let _next = limiter.admit(IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 3))).expect("a slot");
+    assert!(is_evicted(&of_a[1]).await, "idle for longest of those of A");
+    assert!(!is_evicted(&of_b).await && !is_evicted(&of_a[0]).await && !is_evicted(&of_a[2]).await);
 }
 
 #[tokio::test]
