@@ -44,6 +44,13 @@ async function tabTo(selector, presses = 120) {
   throw new Error(`${selector} is not reached by ${presses} tabs`);
 }
 
+/** Reloads the page once its address is written, which the page does at most every 150 ms; the address that it then had. */
+async function reload() {
+  const kept = await page.evaluate(() => new Promise((written) => { setTimeout(() => written(location.hash), 200); }));
+  await page.reload();
+  return kept;
+}
+
 /** Chooses the file and the unit and starts; by the keyboard alone, but for the system's own dialog of files. */
 async function start({ file, unit }) {
   await page.goto(base);
@@ -135,8 +142,7 @@ async function inspect(id, file) {
   // The spot is marked in the scene, with the next frame.
   await page.waitForFunction(() => window.vantage.plan.scene.stage.scene.getObjectByName("pins").children.length > 0);
   await picture(`${file}-spot`);
-  const kept = await page.evaluate(() => location.hash);
-  await page.reload();
+  const kept = await reload();
   await spot.waitFor();
   assert.equal(await page.evaluate(() => location.hash), kept, "a reload keeps the place");
   return { plan, agreement: await agreement(), ...(await views()) };
@@ -162,7 +168,7 @@ async function views() {
   await page.locator('.side [data-tab="views"]').click();
   await page.locator(".views button").first().click();
   await page.waitForFunction(() => window.vantage.plan.scene.stage.scene.getObjectByName("frustum").children.length === 1);
-  await page.reload();
+  await reload();
   await page.waitForFunction(() => window.vantage?.plan?.scene.stage.scene.getObjectByName("frustum")?.children.length === 1);
   await page.locator(".views input").first().click();
   const share = page.locator("#edited-share");
@@ -190,7 +196,7 @@ async function editsKept() {
   const isCut = () => window.vantage?.plan?.scene.section.at === 0.4 && /edit=.*section=z0\.4/.test(location.hash);
   await page.waitForFunction(isCut);
   const before = await edited();
-  await page.reload();
+  await reload();
   await page.waitForFunction(isCut);
   await page.waitForFunction(() => /%.*%/s.test(document.querySelector(".edited p")?.textContent ?? ""));
   assert.deepEqual(await edited(), before, "a reload keeps edited views and the section");
@@ -240,7 +246,7 @@ async function colours(id) {
 async function regions(id) {
   await page.goto(`${base}#/jobs/${id}/plan?panel=regions`);
   // The view that was chosen before is further away.
-  await page.reload();
+  await reload();
   await page.waitForFunction(() => window.vantage?.plan?.scene.stage.frames > 0);
   const canvas = page.locator(".stage canvas").first();
   await page.waitForFunction(() => window.vantage.plan.state.computing.value === null);
@@ -283,11 +289,13 @@ async function play(id) {
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => document.querySelector('.player input[type="range"]').valueAsNumber > 0.5);
   await page.keyboard.press("Enter");
+  // A frame may be under way; the address has the time at which playback rests.
+  await page.waitForFunction(() => /[?&]t=/.test(location.hash));
   const stopped = await clock();
   await check("cell");
   const pixels = await page.evaluate(() => window.vantage.cell.scene.stage.pixels());
   assert.ok(pixels.drawn > 0.03, JSON.stringify(pixels));
-  await page.reload();
+  await reload();
   await page.waitForFunction(() => document.querySelector('.player input[type="range"]'));
   assert.ok(Math.abs((await clock()) - stopped) < 0.05, "a reload keeps the time");
   return { off: Math.max(...off), gaps };
@@ -390,8 +398,7 @@ async function inspection(id) {
   await page.locator(".losses details[open] .spots button").first().click();
   await page.waitForFunction(() => window.vantage.inspection.scene.stage.scene.getObjectByName("pins").children.length > 0);
   await page.locator("select[name=map]").selectOption("deviation");
-  const kept = await page.evaluate(() => location.hash);
-  await page.reload();
+  const kept = await reload();
   await inspectionMap();
   assert.equal(await page.evaluate(() => location.hash), kept);
   assert.equal(await page.locator("select[name=map]").inputValue(), "deviation", "a reload keeps the map");
@@ -458,8 +465,7 @@ async function calibrate() {
   assert.equal(await done.count(), request.data.observations.length);
   assert.match(await page.locator("#verdict").innerText(), /A scanned point is known to [0-9.e-]+ mm/);
   assert.equal(await page.locator(".calibration .chart canvas").count(), 4);
-  const kept = await page.evaluate(() => location.hash);
-  await page.reload();
+  const kept = await reload();
   await done.first().waitFor();
   assert.equal(await page.evaluate(() => location.hash), kept, "a reload keeps the calibration");
   await check("calibration");
@@ -595,7 +601,7 @@ async function run() {
   const [{ coverage, steps, step }, samples] = [await api(`/runs/${id}?wait=60s`), await page.evaluate(() => window.vantage.run.samples.value.length)];
   assert.equal(step, steps);
   assert.ok(Math.abs(coverage.measured_of_asked - coverage.planned_of_asked) < 0.01);
-  await page.reload();
+  await reload();
   await page.locator("#run-state.done").waitFor();
   assert.equal(await page.locator(".runview .chart canvas").count(), 2, "the curves of a run that is over are drawn from its record");
   return samples;
@@ -674,7 +680,7 @@ async function setups({ two }) {
   await page.locator("select[name=setup]").selectOption("1");
   await lies(1);
   assert.match(await page.evaluate(() => location.hash), /setup=1/);
-  await page.reload();
+  await reload();
   await lies(1);
   const first = viewpoints.find(({ id }) => setups[0].viewpoints.includes(id));
   await page.locator(".views .row").nth(viewpoints.indexOf(first)).click();
