@@ -83,7 +83,7 @@ pub struct StepRecord {
     pub deviation: PoseDeviation,
     /// Predicted time, at the program's speed.
     pub planned_secs: f64,
-    /// Real time without pauses; of a simulated run, in the twin's time.
+    /// Real time without pauses; of a simulated run, in the twin's time, with the host's own work at its real duration.
     pub real_secs: f64,
     /// Number of times that it was begun.
     pub attempts: u32,

@@ -378,7 +378,8 @@ impl Trigger for TwinTrigger {
             return Err(DeviceError::Silent { waited: capture.deadline });
         }
         sleep(capture.expected.div_f64(self.factor)).await;
-        Ok(Captured { id: Some(format!("{}-{}", capture.step, capture.view)), took: began.elapsed().mul_f64(self.factor) })
+        let took = began.elapsed() + capture.expected.mul_f64(1.0 - 1.0 / self.factor);
+        Ok(Captured { id: Some(format!("{}-{}", capture.step, capture.view)), took })
     }
 }
 

@@ -42,6 +42,9 @@ pub(super) struct Runner<M, T> {
     pub(super) located: Option<Pose<Table, Part>>,
     /// True if the next move leads straight to its target, from wherever the former program led.
     pub(super) rejoins: bool,
+    /// Time of the step under way that ran on the devices' clock, s: moves, waits and captures. A twin's clock may run quicker
+    /// than the host's.
+    pub(super) scheduled_secs: f64,
     /// Configuration in which the devices were found after the stop that ended the run.
     pub(super) last_measured: Option<Configuration>,
 }
@@ -72,6 +75,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             has_to_locate,
             located: None,
             rejoins: false,
+            scheduled_secs: 0.0,
             last_measured: None,
         }
     }
@@ -174,22 +178,22 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
     /// Carries out the next step, however often it is paused.
     async fn one_step(&mut self) -> Result<(), Halt> {
-        let (mut attempts, mut real) = (0, Duration::ZERO);
+        let (mut attempts, mut real_secs) = (0, 0.0);
         loop {
             let (index, began) = (self.next_step, Instant::now());
             self.watcher.live.at_step(index);
             attempts += 1;
             let ended = self.step(index).await;
-            real += began.elapsed();
+            real_secs += self.device_secs(began.elapsed());
             match ended {
                 Ok(done) => {
-                    self.note(index, done, attempts, real);
+                    self.note(index, done, attempts, real_secs);
                     self.next_step = index + 1;
                     return Ok(());
                 }
                 Err(Halt::Pause(PauseCause::Locating)) => {
                     self.pause(PauseCause::Locating).await?;
-                    (attempts, real) = (0, Duration::ZERO);
+                    (attempts, real_secs) = (0, 0.0);
                 }
                 Err(Halt::Pause(cause)) => self.pause(cause).await?,
                 Err(halt) => return Err(halt),
@@ -243,7 +247,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         Ok(())
     }
 
-    pub(super) fn note(&mut self, index: usize, done: Done, attempts: u32, real: Duration) {
+    pub(super) fn note(&mut self, index: usize, done: Done, attempts: u32, real_secs: f64) {
         let commanded = way::commanded_before(&self.job.program, index + 1);
         let (capture_id, capture_took) = done.taken.map_or((None, None), |taken| (taken.id, Some(taken.took)));
         self.watcher.live.note(StepRecord {
@@ -254,7 +258,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             measured: done.measured,
             deviation: PoseDeviation::of(&self.job.cell, &commanded, &done.measured),
             planned_secs: self.job.program.steps.get(index).map_or(0.0, Step::secs),
-            real_secs: real.as_secs_f64() * self.options.time_factor,
+            real_secs,
             attempts,
             capture_id,
             capture_took,
@@ -268,6 +272,16 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
     pub(super) fn paced(&self, secs: f64) -> Duration {
         Duration::from_secs_f64(secs / self.options.time_factor)
+    }
+
+    /// Counts what ran on the devices' clock since `began`: at most the `secs` that it was to take.
+    pub(super) fn count_scheduled(&mut self, began: Instant, secs: f64) {
+        self.scheduled_secs += secs.min(began.elapsed().as_secs_f64() * self.options.time_factor);
+    }
+
+    /// Time of a step in the devices' time, s. The host's own work takes as long whatever the clock of a twin: it is not scaled.
+    fn device_secs(&mut self, wall: Duration) -> f64 {
+        wall.as_secs_f64() + std::mem::take(&mut self.scheduled_secs) * (1.0 - 1.0 / self.options.time_factor)
     }
 
     /// Stops, where something may move, and gives back.

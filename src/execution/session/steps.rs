@@ -46,7 +46,10 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         match step {
             Step::Move(step) => self.travel(index, step).await,
             Step::Settle { secs } => {
-                self.watcher.during(tokio::time::sleep(self.paced(*secs))).await?;
+                let began = Instant::now();
+                let waited = self.watcher.during(tokio::time::sleep(self.paced(*secs))).await;
+                self.count_scheduled(began, *secs);
+                waited?;
                 self.done(StepKind::Settle).await
             }
             Step::Scan { view, brightness, capture_secs } => {
@@ -94,9 +97,13 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let Watcher { machine, control, .. } = &mut self.watcher;
         let started = control.guard_motion(heartbeat, timeout(within, machine.start(&target))).await?;
         started.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))?;
-        let reached = self.reach(to, target.duration.div_f64(self.options.time_factor), way.cycles).await?;
-        self.watcher.segment = None;
-        Ok(reached)
+        let began = Instant::now();
+        let reached = self.reach(to, self.paced(target.duration.as_secs_f64()), way.cycles).await;
+        self.count_scheduled(began, target.duration.as_secs_f64());
+        if reached.is_ok() {
+            self.watcher.segment = None;
+        }
+        reached
     }
 
     /// Waits in position: so many fresh states in a row within the tolerance, at rest; the last of them.
@@ -135,7 +142,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let kind = if self.has_to_locate { StepKind::Locate } else { StepKind::Scan };
         let done = Done { kind, view: Some(view), measured: here, taken: Some(taken) };
         if std::mem::take(&mut self.has_to_locate) {
-            self.note(index, done, 1, Duration::ZERO);
+            self.note(index, done, 1, 0.0);
             return Err(Halt::Pause(PauseCause::Locating));
         }
         Ok(done)
@@ -150,8 +157,10 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             let late = |_| Err(DeviceError::Silent { waited: deadline });
             timeout(deadline + LATE, trigger.capture(capture)).await.unwrap_or_else(late)
         };
-        let taken = self.watcher.during(timeout(deadline + 2 * LATE, work)).await?;
-        let taken = taken.unwrap_or(Err(DeviceError::Silent { waited: deadline }));
+        let began = Instant::now();
+        let taken = self.watcher.during(timeout(deadline + 2 * LATE, work)).await;
+        self.count_scheduled(began, capture.expected.as_secs_f64());
+        let taken = taken?.unwrap_or(Err(DeviceError::Silent { waited: deadline }));
         let (step, view) = (capture.step, capture.view);
         taken.map_err(|error| Halt::Pause(PauseCause::Trigger { step, view, error }))
     }

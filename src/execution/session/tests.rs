@@ -60,9 +60,14 @@ async fn the_twins_time_can_run_quicker() {
     let record = simulate(job(), RunOptions { time_factor: 20.0, ..RunOptions::default() }).ended().await;
     assert_all_steps(&record);
     let planned = planned().program.cycle_secs;
-    assert!(began.elapsed().as_secs_f64() < 0.5 * planned);
-    // On a busy machine a step may be noticed late: the figure is the paused clock's to hold.
-    assert!(record.real_secs > 0.98 * planned, "planned {planned} s, took {} s", record.real_secs);
+    let wall_secs = began.elapsed().as_secs_f64();
+    assert!(wall_secs < 0.5 * planned);
+    // Only the motion is scaled: the host's own work, and what a busy machine notices late, counts once.
+    let real_secs = record.real_secs;
+    assert!(
+        real_secs > 0.98 * planned && real_secs < planned + wall_secs,
+        "planned {planned} s, took {real_secs} s in {wall_secs} s"
+    );
 }
 
 #[tokio::test(start_paused = true)]
