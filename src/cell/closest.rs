@@ -4,19 +4,28 @@ use super::decode_message::in_plain_words;
 
 /// Min Jaro-Winkler similarity (W. E. Winkler, 1990) at which a name is taken for a misspelling of another.
 const MIN_SIMILARITY: f64 = 0.85;
+/// Min length of a name that is looked for within others.
+const MIN_CONTAINED: usize = 5;
 
 /// Returns the known name that is nearest to `name`, if one is near; of equals the first. A name without a dot is also compared
 /// with the last part of dotted ones, so that `target` finds `selection.target`.
 #[must_use]
-pub fn closest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn closest<'a>(name: &str, known: impl IntoIterator<Item = &'a str, IntoIter: Clone>) -> Option<&'a str> {
+    let known = known.into_iter();
     let mut best: Option<(f64, &str)> = None;
-    for other in known {
+    for other in known.clone() {
         let similarity = similarity(name, other);
         if similarity >= MIN_SIMILARITY && best.is_none_or(|(found, _)| similarity > found) {
             best = Some((similarity, other));
         }
     }
-    best.map(|(_, name)| name)
+    best.map(|(_, name)| name).or_else(|| containing(name, known))
+}
+
+/// The first known name that contains this one: a model without its maker.
+fn containing<'a>(name: &str, mut known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let name = plain(name);
+    if name.len() < MIN_CONTAINED { None } else { known.find(|other| plain(other).contains(&name)) }
 }
 
 fn similarity(name: &str, known: &str) -> f64 {
@@ -34,7 +43,7 @@ fn plain(name: &str) -> String {
 
 /// Question for the end of a message, `; did you mean X?`; empty if no known name is near.
 #[must_use]
-pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str, IntoIter: Clone>) -> String {
     closest(name, known).map_or_else(String::new, |near| format!("; did you mean {near}?"))
 }
 
@@ -74,6 +83,7 @@ mod tests {
         }
         assert_eq!(did_you_mean("e5-transcan", ["e05-transcan"]), "; did you mean e05-transcan?");
         assert_eq!(did_you_mean("kitchen", ["e05-transcan"]), "");
+        assert_eq!(did_you_mean("IRB2600", ["hans-e05", "abb-irb2600-12-165"]), "; did you mean abb-irb2600-12-165?");
     }
 
     #[test]

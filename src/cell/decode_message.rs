@@ -49,6 +49,7 @@ pub(crate) fn expected_value(expected: &str) -> String {
         "a sequence" | "a seq" => "a list",
         "string or map" => "a name or an object",
         "variant identifier" => "a name",
+        "fewer elements in array" | "fewer elements in tuple" | "fewer elements in sequence" => "fewer",
         _ => "",
     };
     if !known.is_empty() {

@@ -20,7 +20,7 @@ use super::program::plan_beside;
 use super::serve::run_to_completion;
 use super::signals::on_signals;
 use super::{CliError, output};
-use crate::cell::{Cell, ControllersSpec};
+use crate::cell::{Cell, ControllersSpec, FieldError};
 use crate::check::{Reference, field_errors};
 use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, RunHandle, RunJob, RunState};
 use crate::program::{Finding, check_calibration};
@@ -180,6 +180,18 @@ fn check_known(mode: RunMode, shown: &str, reference: &Reference) -> Result<(), 
     Ok(())
 }
 
+/// Findings on a run's request, each at the option that gave the value.
+fn at_options(errors: &[FieldError]) -> CliError {
+    let option = |pointer: &str| match pointer {
+        "/speed_override" => "--override".to_owned(),
+        "/time_factor" => "--speed".to_owned(),
+        other => format!("--{}", other.trim_start_matches('/').replace('_', "-")),
+    };
+    CliError::BadInput(
+        errors.iter().map(|error| format!("{}: {}", option(&error.pointer), error.detail)).collect::<Vec<_>>().join("\n"),
+    )
+}
+
 impl PreparedRun {
     /// Reads every file and checks the program.
     fn load(args: &RunArgs) -> Result<Self, CliError> {
@@ -191,7 +203,7 @@ impl PreparedRun {
             from_step: args.from_step,
             ..RunRequest::new(crate::wire::JobId::generate())
         };
-        request.check().map_err(|errors| files::findings("the run", &errors))?;
+        request.check().map_err(|errors| at_options(&errors))?;
         let (mut spec, controllers) = files::cell(&args.cell)?;
         if args.mode != RunMode::Simulate && controllers.is_none() {
             let what = "has no section [controllers], which names the controllers of arm and table; --mode simulate needs none";

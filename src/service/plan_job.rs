@@ -235,6 +235,12 @@ impl PlanJob<'_> {
         PartSize::new(&self.mesh.aabb(), self.unit).warnings(self.params.part.table_from_part.as_ref(), &limits, at)
     }
 
+    /// Question on the unit that comes before the verdict; `None` if the part's size is plausible.
+    fn unit_question(&self) -> Option<String> {
+        let limits = SizeLimits::new(self.scanner, self.cell);
+        PartSize::new(&self.mesh.aabb(), self.unit).unit_question(self.params.part.table_from_part.as_ref(), &limits)
+    }
+
     /// Warnings on excluded regions that hold nothing of the part; `at` is the pointer to the parameters.
     #[must_use]
     pub fn exclusion_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
@@ -289,7 +295,8 @@ impl PlanJob<'_> {
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
         let checked: Vec<_> = programs.iter().map(|program| self.checked(outcome, program)).collect();
-        let summary = Summary::of(plan).with_program(self.program_cycle(&checked, &programs)).of_file(plan_sha256.clone());
+        let summary = Summary::of(plan).with_program(self.program_cycle(&checked, &programs));
+        let summary = summary.with_unit_question(self.unit_question()).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput { subject: self.subject(&size_warnings), outcome, plan_sha256: &plan_sha256, summary: &summary };

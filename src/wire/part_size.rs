@@ -133,6 +133,15 @@ impl PartSize {
         small.into_iter().chain(large).collect()
     }
 
+    /// Question that comes before every other, if the unit is probably not that of the file: the part is tiny in the scanner's
+    /// field, or is larger than the plate and would fit in another unit. `None` if the size is plausible.
+    #[must_use]
+    pub fn unit_question(&self, table_from_part: Option<&PoseSpec>, limits: &SizeLimits) -> Option<String> {
+        let is_doubtful = limits.is_small(&self.size_mm)
+            || limits.overhangs(self.lies_mm(table_from_part)) && self.other_units(limits).is_some();
+        is_doubtful.then(|| format!("Check the unit: the part is {} as read in {}", size_text(&self.size_mm), self.unit))
+    }
+
     fn warning(&self, code: WarningCode, at: &str, detail: String, limits: &SizeLimits, right: String) -> FieldWarning {
         let remedy = match self.other_units(limits) {
             Some(units) => format!("it would fit if the file is in {units}: give that unit with the mesh; {right}"),
@@ -201,7 +210,10 @@ mod tests {
             "{warning:?}"
         );
         assert!(warning.remedy.contains("inch (120.9 × 72.9 × 37.1 mm)"), "{warning:?}");
-        assert_eq!(read_in(LengthUnit::Inch, BASE_IN).warnings(None, &limits, ""), []);
+        let question = "Check the unit: the part is 4.76 × 2.87 × 1.46 mm as read in mm";
+        assert_eq!(read_in(LengthUnit::Millimetre, BASE_IN).unit_question(None, &limits).as_deref(), Some(question));
+        let right = read_in(LengthUnit::Inch, BASE_IN);
+        assert_eq!((right.warnings(None, &limits, ""), right.unit_question(None, &limits)), (vec![], None));
     }
 
     #[test]
@@ -213,6 +225,10 @@ mod tests {
         assert_eq!((warning.code, warning.pointer.as_str()), (WarningCode::PartLargerThanPlate, "--unit"));
         assert!(warning.detail.contains("121000 × 73000 mm, and the plate's diameter is 500"), "{warning:?}");
         assert!(warning.remedy.contains("mm (121.0 × 73.0 × 37.0 mm)") && !warning.remedy.contains("inch"), "{warning:?}");
+        assert!(read.unit_question(None, &limits).is_some());
+        // Too large, and so in every other unit.
+        let large = read_in(LengthUnit::Millimetre, [560.0, 560.0, 90.0]);
+        assert!(!large.warnings(None, &limits, "").is_empty() && large.unit_question(None, &limits).is_none());
         // The other way round: metres read as millimetres.
         let tiny = read_in(LengthUnit::Millimetre, [0.121, 0.073, 0.037]).warnings(None, &limits, "");
         assert!(tiny[0].code == WarningCode::PartSmall && tiny[0].remedy.contains("m (121.0"), "{tiny:?}");

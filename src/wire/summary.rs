@@ -39,7 +39,8 @@ pub struct Summary {
     pub schema: String,
     /// Level of the verdict: may the part be scanned as planned?
     pub level: PlanLevel,
-    /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read.
+    /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read. If the part has
+    /// an implausible size, that question in its place.
     pub title: String,
     /// Verdict on the plan.
     pub verdict: PlanVerdict,
@@ -141,7 +142,7 @@ impl Summary {
             missed_of_asked,
             missed_spots,
             missed_text: missed_text(missed_of_asked, missed_spots),
-            action: action::best(plan, &groups, motion.map(|motion| motion.cycle_secs)),
+            action: action::best(plan, verdict, &groups, motion.map(|motion| motion.cycle_secs)),
             missed: groups,
             plan_sha256: None,
         }
@@ -159,6 +160,15 @@ impl Summary {
         let told = program_cycle.as_ref().and_then(ProgramCycle::text).unwrap_or_default();
         let cycle_text = self.cycle_text.map(|text| text + &told);
         Self { cycle_text, program_cycle, ..self }
+    }
+
+    /// The summary with a question on the part's unit for a title, if there is one: a plan of a part of another size is of no use,
+    /// however good.
+    #[must_use]
+    pub fn with_unit_question(self, question: Option<String>) -> Self {
+        let Some(title) = question else { return self };
+        let level = if self.level == PlanLevel::Ready { PlanLevel::Limited } else { self.level };
+        Self { title, level, ..self }
     }
 
     /// The line of the best action, if one is known.

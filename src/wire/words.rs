@@ -334,7 +334,7 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
     let Some(first) = remedy.views.first() else { return none_found(remedy.tried) };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
-        RemedyKind::View => format!("choose candidate {candidate} too (raise selection.target or selection.max_views)"),
+        RemedyKind::View => format!("raise selection.target or selection.max_views, so that candidate {candidate} is chosen too"),
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
         RemedyKind::Standoff => {

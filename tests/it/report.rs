@@ -404,7 +404,7 @@ fn the_page_is_a_work_instruction_in_the_order_of_the_work() {
     ascend(
         &page,
         &[
-            "<h2>Ready to scan, but ",
+            "<h2>Can be scanned, but ",
             "<h2>How the part lies on the plate</h2>",
             "<h2>Stops in the robot’s order</h2>",
             "<h2>What is missed, and how to fix it</h2>",

@@ -32,6 +32,20 @@ fn distances_become_a_cell_that_builds_with_a_sketch_beside_it() {
 }
 
 #[test]
+fn the_obstacle_of_the_example_is_added_by_uncommenting_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("mine.toml").display().to_string();
+    run(&args(&["--table-at", "900,0,100", "--mount", "back", "--out", &out])).expect("a file");
+    assert!(super::super::check::cell(&out).expect("a sound cell").obstacles.is_empty());
+    let written = std::fs::read_to_string(&out).expect("the file");
+    let (cell, example) = written.split_once("# [[obstacles]]").expect("an example");
+    let example = example.lines().map(|line| line.trim_start_matches("# ")).collect::<Vec<_>>().join("\n");
+    std::fs::write(&out, format!("{cell}[[obstacles]]{example}\n")).expect("written");
+    let cell = super::super::check::cell(&out).expect("a sound cell");
+    assert_eq!(cell.obstacles.iter().map(|body| body.name.as_str()).collect::<Vec<_>>(), ["cabinet"]);
+}
+
+#[test]
 fn a_table_beyond_reach_is_sketched_refused_and_not_written() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name).display().to_string();

@@ -7,12 +7,13 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::missed::MissedGroup;
+use super::verdict::PlanVerdict;
 use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::words::{counted, fixed};
 
 /// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
-/// spots.
+/// spots. Of a plan that pose errors cost much: the choice of views that stand them, whose effect is not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -24,7 +25,8 @@ pub struct SummaryAction {
     pub command: Option<String>,
     /// Measured share of the asked area now, on the samples that views are chosen on.
     pub from_of_asked: f64,
-    /// Share that it is estimated to give, on the same samples: a plan with the parameters chooses its views anew.
+    /// Share that it is estimated to give, on the same samples: a plan with the parameters chooses its views anew. Where no effect
+    /// is estimated, the share now.
     pub to_of_asked: f64,
     /// Number of views that it adds: of advice on the whole plan an estimate, of a fix of missed spots an upper bound.
     pub added_views: usize,
@@ -32,14 +34,37 @@ pub struct SummaryAction {
     pub added_cycle_secs: Option<f64>,
 }
 
-/// The best action for a plan; `None` where none is known.
-pub(super) fn best(plan: &Plan, groups: &[MissedGroup], cycle_secs: Option<f64>) -> Option<SummaryAction> {
+/// The best action for a plan; `None` where none is known. What pose errors cost comes before further views.
+pub(super) fn best(plan: &Plan, verdict: PlanVerdict, groups: &[MissedGroup], cycle_secs: Option<f64>) -> Option<SummaryAction> {
+    if let Some(action) = robust(plan).filter(|_| verdict == PlanVerdict::Fragile) {
+        return Some(action);
+    }
     let advised = AdviceDocument::all_of(plan).into_iter().next().map(|advice| advised(plan, &advice, cycle_secs));
     advised.or_else(|| {
         let fixable = groups.iter().filter(|group| group.fix.is_some_and(|fix| fix != RemedyKind::None));
         // A fix that works is better than one that mends a part.
         let best = fixable.max_by(|a, b| a.fix_known.cmp(&b.fix_known).then(a.recovers_mm2.total_cmp(&b.recovers_mm2)));
         best.map(|group| fixed_group(plan, group))
+    })
+}
+
+/// Views that are chosen for what they measure under pose errors too; `None` if they are, or if no errors are evaluated.
+fn robust(plan: &Plan) -> Option<SummaryAction> {
+    let errors = plan.coverage.robust.as_ref().filter(|_| !plan.params.robust.select)?.pose_error;
+    let set = BTreeMap::from([("robust.select".to_owned(), Value::Bool(true))]);
+    let command = options(&set);
+    let of_asked = plan.coverage.of_asked();
+    Some(SummaryAction {
+        text: format!(
+            "choose the views for pose errors of {}° and {} mm too: {command}; effect not estimated",
+            errors.angle_deg, errors.translation_mm
+        ),
+        set,
+        command: Some(command),
+        from_of_asked: of_asked,
+        to_of_asked: of_asked,
+        added_views: 0,
+        added_cycle_secs: None,
     })
 }
 

@@ -213,7 +213,7 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     standing.missed = vec![missed(Cause::ShadowLeft, vec![None; 9]), missed(Cause::ExcludedResting, vec![None; 10])];
     standing.missed.push(missed(Cause::Enclosed, vec![None]));
     let shares = "88.00 % of the visible and 79.20 % of the asked area measured";
-    let but = format!("Ready to scan, but 20.80 % of what was asked is not measured in this setup: {shares}");
+    let but = format!("Can be scanned, but 20.80 % of what was asked is not measured in this setup: {shares}");
     assert_eq!(first(&standing), (PlanLevel::Limited, PlanVerdict::PartlyMeasured, but));
     assert_eq!(
         Summary::of(&standing).verdict_text,
@@ -226,9 +226,12 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     standing.params.selection.goal = SelectionGoal::BestCoverage;
     let (level, verdict, title) = first(&standing);
     assert_eq!((level, verdict), (PlanLevel::Limited, PlanVerdict::BestCoverage));
-    assert!(title.starts_with("Ready to scan, but 20.80 % of what was asked"), "{title}");
+    assert!(title.starts_with("Can be scanned, but 20.80 % of what was asked"), "{title}");
     let gaps = Plan { stopped_because: StopReason::MaxViews, ..plan(3, 0, 400.0) };
     assert!(first(&gaps).2.starts_with("Can be scanned, with gaps: 44.44 % of the visible"), "{}", first(&gaps).2);
+    // A part of another size than its file means is not ready, however well it is covered.
+    let doubted = Summary::of(&plan_of_all(990.0)).with_unit_question(Some("Check the unit".to_owned()));
+    assert_eq!((doubted.level, doubted.title.as_str()), (PlanLevel::Limited, "Check the unit"));
     let (level, _, title) = first(&plan(3, 3, 0.0));
     assert_eq!((level, title.as_str()), (PlanLevel::NotExecutable, "Cannot be scanned: no view is within reach"));
 }

@@ -106,7 +106,7 @@ pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares:
         (PlanLevel::Ready, _) => format!("Ready to scan: {measured}"),
         (PlanLevel::NotExecutable, _) => "Cannot be scanned: no view is within reach".to_owned(),
         (PlanLevel::Limited, PlanVerdict::PartlyMeasured | PlanVerdict::BestCoverage) => {
-            format!("Ready to scan, but {not_measured}: {measured}")
+            format!("Can be scanned, but {not_measured}: {measured}")
         }
         (PlanLevel::Limited, PlanVerdict::Fragile) => format!("Can be scanned, but small pose errors cost coverage: {measured}"),
         (PlanLevel::Limited, _) => format!("Can be scanned, with gaps: {measured}"),

@@ -139,8 +139,8 @@ fn controllers_are_asked_for_and_checked() {
     };
     refused(&["--cell", "e05-transcan", "--mode", "dry_run"], "[controllers]");
     refused(&["--cell", "e05-transcan", "--mode", "real"], "real");
-    refused(&["--cell", "e05-transcan", "--speed", "1000"], "time_factor");
-    refused(&["--cell", "e05-transcan", "--override", "2"], "speed_override");
+    refused(&["--cell", "e05-transcan", "--speed", "1000"], "--speed: is 1000; allowed is 1 to 100");
+    refused(&["--cell", "e05-transcan", "--override", "2"], "--override: is 2; allowed is 0.01 to 1");
     refused(&["--cell", "e05-transcan", "--from-step", "1000"], "--from-step");
     refused(&["--cell", "e05-transcan", "--record", "/nowhere/run.json"], "--record");
     let cell = cell_file(folder.path());
