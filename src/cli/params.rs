@@ -30,9 +30,40 @@ struct ParameterList {
 /// [`CliError::BadInput`] if no parameter has the name.
 pub(super) fn run(args: &ParamsArgs) -> Result<(), CliError> {
     let parameters = found(args.name.as_deref().unwrap_or_default())?;
-    let text: String = parameters.iter().map(described).collect();
+    let mut text: String = parameters.iter().map(described).collect();
+    if parameters.iter().any(|parameter| is_region(&parameter.key)) {
+        text.push_str(&regions());
+    }
     output::result(&ParameterList { parameters }, text)
 }
+
+/// Returns true if the parameter takes a region of the part, or several.
+fn is_region(key: &str) -> bool {
+    key == "regions.exclude" || key.ends_with(".region")
+}
+
+/// The kinds of regions, each by an example.
+fn regions() -> String {
+    let examples: String = REGIONS.iter().map(|(example, meaning)| format!("    {example}\n        {meaning}\n")).collect();
+    format!(
+        "A region of the part, in the coordinates of its file times its unit, is one of\n{examples}Example: --set \
+         'regions.exclude=[{}]'\n",
+        REGIONS[1].0
+    )
+}
+
+/// An example of each kind of region, and its meaning.
+const REGIONS: [(&str, &str); 6] = [
+    (r#"{"kind": "faces", "faces": [0, 1, 2]}"#, "faces of the file, counted from 0"),
+    (r#"{"kind": "box", "min_mm": [0, 0, 0], "max_mm": [20, 10, 5]}"#, "box along the axes"),
+    (r#"{"kind": "sphere", "centre_mm": [0, 0, 10], "radius_mm": 5}"#, "ball"),
+    (r#"{"kind": "half_space", "point_mm": [0, 0, 3], "normal": [0, 0, 1]}"#, "all points p with (p - point) · normal ≤ 0"),
+    (
+        r#"{"kind": "plane", "point_mm": [0, 0, 3], "normal": [0, 0, 1], "within_mm": 0.5}"#,
+        "all points no farther from the plane than within_mm",
+    ),
+    (r#"{"kind": "name", "name": "flange"}"#, "named group of an OBJ file (g, o)"),
+];
 
 /// Parameters that a name means: one of this name, else those of a group, else those that begin so, else those that contain it.
 fn found(name: &str) -> Result<Vec<Parameter>, CliError> {
@@ -69,6 +100,7 @@ fn described(parameter: &Parameter) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::params::Region;
 
     fn keys(name: &str) -> Vec<String> {
         found(name).expect("found").into_iter().map(|parameter| parameter.key).collect()
@@ -83,6 +115,25 @@ mod tests {
         assert!(keys("").len() > 80);
         let error = found("selection.maxviews").expect_err("unknown");
         assert!(error.exit_code() == 2 && error.to_string().ends_with("did you mean selection.max_views?"), "{error}");
+    }
+
+    #[test]
+    fn regions_are_told_by_an_example_of_every_kind() {
+        let text = regions();
+        let mut kinds: Vec<String> = Vec::new();
+        for (example, _) in REGIONS {
+            let region: Region = serde_json::from_str(example).expect("a region");
+            assert!(text.contains(example));
+            // The same fields, none left to a default.
+            let (written, given) = (serde_json::to_value(&region).expect("JSON"), serde_json::from_str(example).expect("JSON"));
+            let fields = |value: &serde_json::Value| value.as_object().expect("an object").keys().cloned().collect::<Vec<_>>();
+            assert_eq!(fields(&written), fields(&given));
+            kinds.push(written["kind"].to_string());
+        }
+        let refused = serde_json::from_str::<Region>(r#"{"kind": "?"}"#).expect_err("no kind").to_string();
+        let known = refused.split('`').skip(3).step_by(2).map(|kind| format!("{kind:?}")).collect::<Vec<_>>();
+        assert_eq!(kinds, known);
+        assert!(is_region("materials.regions[].region") && !is_region("regions.noise.budget"));
     }
 
     #[test]

@@ -86,9 +86,9 @@ fn the_fifty_poses_of_moveit_give_the_known_answer() {
 #[test]
 fn the_ground_truth_of_rwhe_calib_is_nearer_than_by_any_method_of_opencv() {
     let truth = Isometry3::rotation(Vector3::x() * std::f64::consts::PI);
-    for (name, text, goal_mm) in [
-        ("CS_synthetic_1", include_str!("../data/rwhe_calib_1.json"), 5.6),
-        ("CS_synthetic_3", include_str!("../data/rwhe_calib_3.json"), 2.1),
+    for (name, text, goal_mm, goal_by_corners_mm) in [
+        ("CS_synthetic_1", include_str!("../data/rwhe_calib_1.json"), 5.6, 4.8),
+        ("CS_synthetic_3", include_str!("../data/rwhe_calib_3.json"), 2.1, 1.5),
     ] {
         let document: serde_json::Value = serde_json::from_str(text).expect("JSON");
         let data: CalibrationData = serde_json::from_value(document["data"].clone()).expect("observations");
@@ -100,6 +100,11 @@ fn the_ground_truth_of_rwhe_calib_is_nearer_than_by_any_method_of_opencv() {
         let closest_mm = opencv_mm.fold(f64::INFINITY, f64::min);
         println!("C4 {name}: {found_mm:.3} mm, {found_deg:.4}°; OpenCV's closest {closest_mm:.3} mm");
         assert!(found_mm <= goal_mm && found_mm < closest_mm, "{name}: {found_mm} mm");
+        let (mut by_corners, _) = of_corners(&document).task(&demo_cell(), Solve::HandEye, 0).expect("a task");
+        by_corners.limits = task.limits;
+        let [found_mm, found_deg] = off(&by_corners, &truth);
+        println!("    by corners: {found_mm:.3} mm, {found_deg:.4}°");
+        assert!(found_mm <= goal_by_corners_mm, "{name}: {found_mm} mm by corners");
         // Deviations estimated from the residuals: whatever the order of the observations, it comes to the same answer.
         task.sigma = None;
         let mut noise = Noise(7);
@@ -116,6 +121,21 @@ fn the_ground_truth_of_rwhe_calib_is_nearer_than_by_any_method_of_opencv() {
             assert!(found_mm < closest_mm, "{name}: {found_mm} mm in another order");
         }
     }
+}
+
+/// The observations with the corners of the board in the images, in place of its poses.
+fn of_corners(document: &serde_json::Value) -> CalibrationData {
+    let mut data = document["data"].clone();
+    data["camera"] = document["camera"].clone();
+    let square_mm = data["board"]["square_mm"].as_f64().expect("a size");
+    for observation in data["observations"].as_array_mut().expect("observations") {
+        let corners = document["corners_px"][observation["id"].as_str().expect("a name")].as_array().expect("corners");
+        let pair =
+            |(index, px)| json!({"board_mm": [(index % 9) as f64 * square_mm, (index / 9) as f64 * square_mm, 0.0], "px": px});
+        observation["pixels"] = corners.iter().enumerate().map(pair).collect();
+        observation.as_object_mut().expect("fields").remove("cloud_from_board");
+    }
+    serde_json::from_value(data).expect("observations")
 }
 
 /// Errors of the scanner on the flange, mm and degrees.

@@ -1,12 +1,13 @@
 //! `vantage.calibration_data/1`: observations of a board from many poses of arm and table.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
 use crate::cell::calibration::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve};
 use crate::cell::calibration::findings::CalibrationFinding;
+use crate::cell::calibration::lens::{LensError, LensParameters, board_in_camera};
 use crate::cell::calibration::observability::UncertaintyLimits;
 use crate::cell::calibration::placement::{self, Placement};
 use crate::cell::calibration::solve::Task;
@@ -26,6 +27,10 @@ const MAX_PLATE_SCANS: usize = 1000;
 const MAX_BOARD_POINTS: f64 = 1000.0;
 /// Standard deviation of a point where none is given, mm: a structured-light scanner's at best focus.
 const POINT_SIGMA_MM: f64 = 0.02;
+/// Standard deviation of a pixel where none is given.
+const PIXEL_SIGMA_PX: f64 = 0.1;
+/// Largest reprojection error of a board, rms, in standard deviations of a pixel: beyond it the points are not those of the board.
+const MAX_REPROJECTION: f64 = 20.0;
 
 /// Observations. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -51,6 +56,9 @@ pub struct CalibrationData {
     /// The board.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<BoardDocument>,
+    /// Camera whose pixels the observations give; its frame is that of the clouds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraDocument>,
     /// Standard deviations of arm and board. Default: estimated from the observations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma: Option<SigmaDocument>,
@@ -191,8 +199,55 @@ impl From<Sigma> for SigmaDocument {
     }
 }
 
-/// One observation: the flange by `joints_deg`, `base_from_flange` or both, and the board by `cloud_from_board`, `points` or
-/// `spheres`. Unknown fields are refused.
+/// Camera whose pixels the observations give, in the model of Brown and Bouguet (OpenCV's with five coefficients). Unknown fields are
+/// refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct CameraDocument {
+    /// Image width, pixels, 16 to 100000.
+    pub width_px: u32,
+    /// Image height, pixels, 16 to 100000.
+    pub height_px: u32,
+    /// Focal length along u, pixels, 1 to 1e6.
+    pub fx: f64,
+    /// Focal length along v, pixels, 1 to 1e6.
+    pub fy: f64,
+    /// Principal point, u, pixels, counted as `px` of the observations.
+    pub cx: f64,
+    /// Principal point, v, pixels, counted as `px` of the observations.
+    pub cy: f64,
+    /// Bouguet's α, -0.1 to 0.1. Default 0.
+    #[serde(default)]
+    pub skew: f64,
+    /// k1, k2, p1, p2, k3, each -10 to 10. Default 0.
+    #[serde(default)]
+    #[schema(min_items = 5, max_items = 5)]
+    pub distortion: [f64; 5],
+    /// Standard deviation of a pixel of the board, with what the camera's own calibration leaves, 0.001 to 10. Default 0.1.
+    #[serde(default = "pixel_sigma_px")]
+    pub sigma_px: f64,
+}
+
+fn pixel_sigma_px() -> f64 {
+    PIXEL_SIGMA_PX
+}
+
+impl CameraDocument {
+    fn lens(&self) -> LensParameters {
+        let Self { width_px, height_px, fx, fy, cx, cy, skew, distortion, .. } = *self;
+        LensParameters { size_px: [width_px, height_px], fx, fy, cx, cy, skew, distortion }
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        if let Err(LensError { pointer, detail, .. }) = self.lens().check("/camera") {
+            findings.push(pointer, detail);
+        }
+        findings.range("/camera/sigma_px", self.sigma_px, 1e-3, 10.0, "px");
+    }
+}
+
+/// One observation: the flange by `joints_deg`, `base_from_flange` or both, and the board by `cloud_from_board`, `points`, `spheres`
+/// or `pixels`. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ObservationDocument {
@@ -217,6 +272,21 @@ pub struct ObservationDocument {
     /// Centres of spheres that were found in the cloud, three or more.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub spheres: Vec<SphereDocument>,
+    /// Points of the board that were found in the image of `camera`: four or more on a plane, or six or more in space.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pixels: Vec<PixelPairDocument>,
+}
+
+/// A point of the board and its pixel. Unknown fields are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct PixelPairDocument {
+    /// Position on the board, mm.
+    #[schema(min_items = 3, max_items = 3)]
+    pub board_mm: [f64; 3],
+    /// Pixel u, v.
+    #[schema(min_items = 2, max_items = 2)]
+    pub px: [f64; 2],
 }
 
 /// A point of the board and where it is in the cloud. Unknown fields are refused.
@@ -307,7 +377,10 @@ impl CalibrationData {
             let joints = each.joints_deg.map(|joints| joints.map(f64::to_radians));
             let reported =
                 each.base_from_flange.as_ref().and_then(|pose| pose.pose(&format!("{pointer}/base_from_flange"), &mut findings));
-            let seen = each.seen(&constellation, &pointer, self.board_sigma_mm(), &mut findings);
+            let seen = match &self.camera {
+                Some(camera) if !each.pixels.is_empty() => each.imaged(camera, &pointer, &mut findings),
+                Some(_) | None => each.seen(&constellation, &pointer, self.board_sigma_mm(), &mut findings),
+            };
             if let (Some(joints_rad), Some(base_from_flange)) = (joints, reported) {
                 witnessed.push(Witnessed { id: &each.id, joints_rad, base_from_flange });
             }
@@ -358,6 +431,13 @@ impl CalibrationData {
         if let Some(board) = &self.board {
             board.check(findings);
         }
+        if let Some(camera) = &self.camera {
+            camera.check(findings);
+        }
+        let has_pixels = self.observations.iter().any(|each| !each.pixels.is_empty());
+        findings.require(self.camera.is_some() || !has_pixels, "/camera", || {
+            "is not given; observations with pixels need the camera that they are of".into()
+        });
         if let Some(temperature) = self.temperature_c {
             findings.range("/temperature_c", temperature, -50.0, 100.0, "°C");
         }
@@ -424,12 +504,40 @@ impl ObservationDocument {
         }
         let has_flange = self.joints_deg.is_some() || self.base_from_flange.is_some();
         findings.require(has_flange, pointer, || "has no pose of the arm; give joints_deg, base_from_flange or both".into());
-        let forms = [self.cloud_from_board.is_some(), !self.points.is_empty(), !self.spheres.is_empty()];
+        let forms = [self.cloud_from_board.is_some(), !self.points.is_empty(), !self.spheres.is_empty(), !self.pixels.is_empty()];
         findings.require(forms.into_iter().filter(|given| *given).count() == 1, pointer, || {
-            "has to give the board in one form: cloud_from_board, points or spheres".into()
+            "has to give the board in one form: cloud_from_board, points, spheres or pixels".into()
         });
-        let points = self.points.len().max(self.spheres.len());
+        let points = self.points.len().max(self.spheres.len()).max(self.pixels.len());
         findings.require(points <= MAX_POINTS, pointer, || format!("has {points} points; allowed are {MAX_POINTS}"));
+    }
+
+    /// Board as the pixels of its points show it.
+    fn imaged(&self, camera: &CameraDocument, pointer: &str, findings: &mut Findings) -> Option<Seen> {
+        let pointer = format!("{pointer}/pixels");
+        let is_sound = |value: &f64| value.is_finite() && value.abs() <= 1e5;
+        if !self.pixels.iter().all(|pair| pair.board_mm.iter().chain(&pair.px).all(is_sound)) {
+            findings.push(pointer, "has a coordinate that is not a number within ±100000");
+            return None;
+        }
+        let points: Vec<_> = self.pixels.iter().map(|pair| (Point3::from(pair.board_mm), Vector2::from(pair.px))).collect();
+        let found = board_in_camera(&camera.lens(), &points);
+        let Some(found) = found else {
+            findings.push(
+                pointer,
+                "tell no pose of the board in front of the camera; give four points or more on a plane, not on a line, or six in space",
+            );
+            return None;
+        };
+        let is_near = found.rms_px <= MAX_REPROJECTION * camera.sigma_px;
+        findings.require(is_near, pointer, || {
+            format!(
+                "are off by {:.2} px rms from the best pose of the board, with a sigma_px of {}; is the board's size, the order of its \
+                 points, or the camera another?",
+                found.rms_px, camera.sigma_px
+            )
+        });
+        is_near.then(|| (found.camera_from_board, Some(found.unit_covariance * camera.sigma_px.powi(2)), Vec::new()))
     }
 
     fn seen(&self, constellation: &[SphereDocument], pointer: &str, sigma_mm: f64, findings: &mut Findings) -> Option<Seen> {

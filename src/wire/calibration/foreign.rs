@@ -118,6 +118,7 @@ pub(super) fn of_observations(observations: Vec<ObservationDocument>, setup: Han
         taken_at: None,
         temperature_c: None,
         board: None,
+        camera: None,
         sigma: None,
         observations,
         plate: Vec::new(),

@@ -22,8 +22,8 @@ pub use check::{CALIBRATION_CHECK_SCHEMA, CalibrationCheckDocument, Compensation
 pub use conditions::use_conditions;
 pub use csv::{CsvOptions, from_csv};
 pub use data::{
-    BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, ObservationDocument, PlateScanDocument, PointPairDocument,
-    SigmaDocument, SphereDocument,
+    BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, CameraDocument, ObservationDocument, PixelPairDocument,
+    PlateScanDocument, PointPairDocument, SigmaDocument, SphereDocument,
 };
 pub use foreign::{RobotPoseKind, from_pose_samples};
 pub use order::{CalibrationError, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection, CalibrationState};

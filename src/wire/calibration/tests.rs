@@ -7,6 +7,7 @@ use super::*;
 use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
 use crate::cell::calibration::data::{HandEyeSetup, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
+use crate::cell::calibration::lens::LensParameters;
 use crate::cell::calibration::se3::{exp, twist};
 use crate::cell::{CalibrationObjection, Cell, Presets, SpecLibrary, UseConditions};
 
@@ -370,6 +371,72 @@ fn every_finding_has_a_sentence() {
     assert_eq!(of(FindingCode::Stale), "taken at 31.0 °C, calibration at 22.4 °C: 8.6 K, over 5 K: calibrate again");
     assert!(of(FindingCode::ArmModel).contains("joint 2"));
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
+}
+
+/// The observations with the pixels of a camera at the cloud's origin, of a board of 9 × 7 points, in place of poses.
+fn imaged(cell: &Cell) -> Value {
+    let camera = json!({"width_px": 2000, "height_px": 2000, "fx": 1500.0, "fy": 1500.0, "cx": 1000.0, "cy": 1000.0,
+        "distortion": [-0.05, 0.01, 1e-3, 0.0, 0.0], "sigma_px": 0.2});
+    let lens = LensParameters {
+        size_px: [2000; 2],
+        fx: 1500.0,
+        fy: 1500.0,
+        cx: 1000.0,
+        cy: 1000.0,
+        skew: 0.0,
+        distortion: [-0.05, 0.01, 1e-3, 0.0, 0.0],
+    };
+    let mut document = valid(cell);
+    document["camera"] = camera;
+    each(&mut document, |_, observation| {
+        let seen = isometry(&observation["cloud_from_board"]);
+        let pair = |index: usize| {
+            let point = [(index % 9) as f64 * 10.0, (index / 9) as f64 * 10.0, 0.0];
+            let pixel = lens.project(&(seen * nalgebra::Point3::from(point)));
+            json!({"board_mm": point, "px": [pixel.x, pixel.y]})
+        };
+        observation["pixels"] = (0..63).map(pair).collect();
+        observation.as_object_mut().expect("fields").remove("cloud_from_board");
+    });
+    document
+}
+
+#[test]
+fn pixels_of_a_camera_are_observations_of_the_board() {
+    let cell = cell();
+    let solved = |document: Value| {
+        let data: CalibrationData = serde_json::from_value(document).expect("the shape");
+        let calibration = CalibrationDocument::solved(&data, &cell, (Solve::Joint, 0), ["00", "2026-11-23T00:00:00Z"]);
+        calibration.unwrap_or_else(|error| panic!("{error:?}")).estimate().0
+    };
+    let (by_poses, by_pixels) = (solved(valid(&cell)), solved(imaged(&cell)));
+    let off = crate::cell::calibration::se3::log(&(by_poses.hand_eye.inverse() * by_pixels.hand_eye));
+    assert!(off.norm() < 0.05, "{off:?}");
+
+    let refused = |change: Change| {
+        let mut document = imaged(&cell);
+        change(&mut document);
+        told(&cell, document, Solve::Joint).into_iter().next().expect("refused")
+    };
+    let cases: [(&str, &str, Change); 6] = [
+        ("/camera", "need the camera that they are of", |d| drop(d.as_object_mut().expect("fields").remove("camera"))),
+        ("/camera/fx", "is 0; allowed is 1", |d| d["camera"]["fx"] = json!(0.0)),
+        ("/camera/sigma_px", "allowed is 0.001 to 10", |d| d["camera"]["sigma_px"] = json!(0.0)),
+        ("/observations/3", "in one form", |d| d["observations"][3]["spheres"] = json!([{"name": "a", "centre_mm": [0, 0, 0]}])),
+        ("/observations/3/pixels", "tell no pose", |d| {
+            d["observations"][3]["pixels"].as_array_mut().expect("a list").truncate(3)
+        }),
+        ("/observations/5/pixels", "the order of its points", |d| {
+            let pixels = d["observations"][5]["pixels"].as_array_mut().expect("a list");
+            let first = pixels[0]["px"].clone();
+            pixels[0]["px"] = pixels[40]["px"].take();
+            pixels[40]["px"] = first;
+        }),
+    ];
+    for (pointer, words, change) in cases {
+        let (found, detail) = refused(change);
+        assert!(found == pointer && detail.contains(words), "{pointer}: {found}: {detail}");
+    }
 }
 
 /// The way from observations to a compensated cell: what is written builds, holds for a day in its own cell, and for no other.

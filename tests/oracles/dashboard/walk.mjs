@@ -433,7 +433,7 @@ async function inspectScans(id, part) {
   const made = page.locator(".rescan .made a").first();
   await made.waitFor();
   const further = (await made.getAttribute("href")).split("/")[2];
-  const job = await api(`/jobs/${further}?wait=60s`);
+  const job = await jobEnded(further);
   assert.deepEqual([job.state, job.labels.rescan_of], ["succeeded", first], JSON.stringify(job.problem));
   const second = await scanned(further, part, async (files) => {
     assert.ok(files.length <= 2);
@@ -613,12 +613,16 @@ const send = async (path, body, type = "application/json") => {
   return answer.json();
 };
 
-/** A job that has ended. */
-async function ended(request) {
-  let job = await send("/jobs", request);
-  while (["queued", "running"].includes(job.state)) job = await api(`/jobs/${job.id}?wait=60s`);
-  return job;
+/** A job once it has ended, however busy the machine is. */
+async function jobEnded(id) {
+  for (;;) {
+    const job = await api(`/jobs/${id}?wait=60s`);
+    if (!["queued", "running"].includes(job.state)) return job;
+  }
 }
+
+/** A job that is sent and has ended. */
+const ended = async (request) => jobEnded((await send("/jobs", request)).id);
 
 /** A wedge in two plans: with one view, and turned over. */
 async function wedges() {

@@ -6,6 +6,7 @@
 
 mod adjust;
 mod assemble;
+mod board_pose;
 mod depth_origin;
 mod draft;
 mod equations;
@@ -24,6 +25,7 @@ mod tests;
 
 pub use adjust::{AdjustOptions, Adjusted, DeviceResiduals, PixelResidual, adjust};
 pub use assemble::{BoardScatter, CoefficientFit, Rig, RigDevice, RigSigma, assemble};
+pub use board_pose::{BoardInCamera, board_in_camera};
 pub use depth_origin::{DepthDatum, DepthOrigin, MIN_PLANES, StatedPlane, depth_origin, stated_planes};
 pub use draft::{Assumption, DraftChecks, DraftFigures, ScannerDraft, housing_front_mm};
 pub use fault::{LensError, LensFault};

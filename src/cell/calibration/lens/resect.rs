@@ -1,8 +1,11 @@
 //! A device from points whose places are known: by the direct linear transformation (Hartley and Zisserman, *Multiple BoardView
 //! Geometry*, 2nd edition, section 7.1), then by Levenberg–Marquardt over lens and pose.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Matrix6, Point3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3,
+};
 
+use super::board_pose::BoardInCamera;
 use super::equations::moved;
 use super::model::{LENS, LensParameters};
 use super::start::smallest_vector;
@@ -163,4 +166,25 @@ pub(super) fn refine(
         });
     let rms_px = (2.0 * cost / points.len() as f64).sqrt();
     rms_px.is_finite().then_some(Resected { lens, device_from_points: pose, rms_px, covariance })
+}
+
+/// Pose of least squares from a start, with the lens held; `None` if a point is behind the camera, or if they leave a freedom open.
+pub(super) fn pose(
+    points: &[(Point3<f64>, Vector2<f64>)],
+    lens: &LensParameters,
+    start: &Isometry3<f64>,
+) -> Option<BoardInCamera> {
+    let held = [true; LENS];
+    let Resected { device_from_points: pose, rms_px, .. } = refine(points, (*lens, *start), &held)?;
+    let (square, _, _) = sums(points, lens, &pose, &held)?;
+    let square = square.fixed_view::<6, 6>(LENS, LENS).into_owned();
+    // From turns about the camera's axes and shifts along them to those of the board.
+    let mut board_from_camera = Matrix6::zeros();
+    let turn = pose.rotation.inverse().to_rotation_matrix();
+    for first in [0, 3] {
+        board_from_camera.fixed_view_mut::<3, 3>(first, first).copy_from(turn.matrix());
+    }
+    let covariance = square.cholesky()?.inverse();
+    let unit_covariance = board_from_camera * covariance * board_from_camera.transpose();
+    Some(BoardInCamera { camera_from_board: pose, unit_covariance, rms_px })
 }
