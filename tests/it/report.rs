@@ -331,7 +331,7 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         assert!(!page.contains(outside), "the page contains {outside}");
     }
     for said in [
-        "Ready to scan",
+        "Can be scanned",
         "<p class=\"action\">Next: ",
         "4</b><span>views",
         "2\u{a0}min 23\u{a0}s</b><span>cycle time",
