@@ -11,7 +11,7 @@ use super::signals::on_signals;
 use super::{CliError, failed, files, open_files, output, telemetry};
 use crate::http::{self, Server};
 use crate::service::{App, OperatorCell};
-use crate::settings::{Flags, Settings};
+use crate::settings::{DEFAULTS, Flags, Settings};
 
 /// Run the server.
 #[derive(Debug, Default, clap::Args)]
@@ -23,6 +23,7 @@ SIGTERM or ctrl-c stops the server within server.drain_timeout_secs, with exit c
 
 Examples:
   vantage serve
+  vantage serve --print-defaults > vantage.toml
   vantage serve --data /var/lib/vantage --config /etc/vantage.toml
   VANTAGE_SERVER__API_KEY=$(openssl rand -hex 16) vantage serve \\
       --listen 0.0.0.0:8080")]
@@ -39,6 +40,9 @@ pub struct ServeArgs {
     /// Accept requests from other machines without a key.
     #[arg(long)]
     pub insecure: bool,
+    /// Print the built-in settings with their meanings and ranges, a file for --config, and exit.
+    #[arg(long)]
+    pub print_defaults: bool,
 }
 
 /// Address of a server, as `--json` prints it.
@@ -52,6 +56,10 @@ pub(super) struct Listening<'a> {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &ServeArgs) -> Result<(), CliError> {
+    if args.print_defaults {
+        let settings: serde_json::Value = toml::from_str(DEFAULTS).map_err(|error| CliError::Failed(error.to_string()))?;
+        return output::result(&settings, DEFAULTS);
+    }
     let mut settings = settings(args)?;
     telemetry::start(&settings.telemetry)?;
     open_files::raise_limit(&mut settings);

@@ -26,7 +26,7 @@ params! {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct InspectionParams {
-    /// ScanRegistration.
+    /// Registration of the scans.
     pub align: AlignParams,
     /// Measured coverage and losses.
     pub compare: CompareParams,

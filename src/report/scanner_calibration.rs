@@ -15,7 +15,7 @@ const VECTOR: f64 = 22.0;
 /// Width of the pictures.
 const WIDTH: f64 = 980.0;
 
-/// PixelResidual at a pixel.
+/// Residual at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Arrow {
     pixel: [f64; 2],

@@ -9,8 +9,8 @@ use super::{Flags, SettingsError};
 use crate::cell::{expected_value, found_value, with_suggestion};
 
 const PREFIX: &str = "VANTAGE_";
-/// Built-in defaults: a file of settings with every key.
-pub(super) const DEFAULTS: &str = include_str!("../../config/default.toml");
+/// Built-in defaults: a file of settings with every key, its meaning and range.
+pub const DEFAULTS: &str = include_str!("../../config/default.toml");
 
 /// The merged layers.
 pub(super) struct Layers<'a> {

@@ -12,6 +12,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 pub use execution::ExecutionSettings;
+pub use layers::DEFAULTS;
 pub use server::ServerSettings;
 
 use crate::cell::Findings;

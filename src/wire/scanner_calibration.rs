@@ -134,11 +134,11 @@ pub struct PitchFigures {
 pub struct ViewFigures {
     /// Its name.
     pub id: String,
-    /// PixelResidual of the left camera, root mean square; `null` where it does not see the board.
+    /// Residual of the left camera, root mean square; `null` where it does not see the board.
     pub left_rms_px: Option<f64>,
-    /// PixelResidual of the right camera.
+    /// Residual of the right camera.
     pub right_rms_px: Option<f64>,
-    /// PixelResidual of the projector.
+    /// Residual of the projector.
     pub projector_rms_px: Option<f64>,
     /// Sightings left out.
     pub left_out: usize,

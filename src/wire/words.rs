@@ -10,6 +10,7 @@ use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
 use crate::planning::registration::Stability;
+use crate::planning::verdict::MIN_RESISTANCE;
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, StabilityDocument};
 
 #[cfg(test)]
@@ -226,9 +227,10 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
 #[must_use]
 pub fn stability_sentence(stability: &StabilityDocument) -> String {
     let StabilityDocument { shared_area_mm2, fixed: is_fixed, resistance, weakest, expected_error_mm } = stability;
-    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{error_mm:.2e} mm"));
+    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm", fixed(1e3 * error_mm, 1)));
     format!(
-        "share {} mm², {}: weakest is {weakest}, resistance {resistance:.3}, expected error {error} (1 σ, noise alone)",
+        "share {} mm², {}: weakest is {weakest}, whose resistance is {resistance:.3} of {MIN_RESISTANCE} needed; error by noise alone \
+         {error} (1 σ)",
         area_mm2(*shared_area_mm2),
         if *is_fixed { "all six freedoms fixed" } else { "not all six freedoms fixed" }
     )

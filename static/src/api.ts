@@ -164,6 +164,8 @@ export interface Summary {
   level: string; title: string; verdict: string; verdict_text: string; views: number; views_text: string;
   coverage: Record<"of_asked" | "of_coverable" | "of_total" | "of_visible", number>;
   coverage_text: string; grades: Record<string, number>; cycle_secs: number | null; cycle_text: string | null;
+  /** Cycle of the program that the robot runs; `command` is there where it takes another time than the motion as planned. */
+  program_cycle?: { cycle_secs: number; command?: string | null } | null;
   cycle_parts: { moving_secs: number; settling_secs: number; scanning_secs: number; turning_secs: number } | null;
   action: { text: string; set: Record<string, unknown>; to_of_asked: number; from_of_asked: number } | null;
   missed: MissedGroup[]; missed_text: string; setups: number;

@@ -3,16 +3,19 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { apiPath, ask, post, put, remove, request, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
 import { Chart, type Line } from "./chart";
+import { UnitNote } from "./job";
 import { LINES } from "./palette";
-import { goTo, hrefOf, place, setQuery, when } from "./settings";
+import { fixed, goTo, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when } from "./settings";
 import { text } from "./text";
 import { Button, known, Select, useLoaded } from "./widgets";
 
 const words = text.calibrations;
 const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
-/** Residuals are small and are compared with data sheets, which give them in millimetres and degrees. */
-const small = (value: number): string => (value === 0 ? "0" : Math.abs(value) < 1e-3 ? value.toExponential(1) : value.toFixed(3));
-const mm = (value: number): string => `${small(value)} mm`;
+/** Residuals are small: with all the decimals that a data sheet gives them. */
+const small = (value: number, decimals = 3): string => (value === 0 ? "0" : Math.abs(value) < 10 ** -decimals ? value.toExponential(1) : value.toFixed(decimals));
+const lengthDecimals = (): number => (unit.value === "mm" ? 3 : 5);
+const bare = (mm: number): string => small(lengthIn(mm), lengthDecimals());
+const smallLength = (mm: number): string => `${bare(mm)} ${lengthUnit()}`;
 const deg = (value: number): string => `${small(value)}°`;
 
 interface Names { cells: string[] }
@@ -39,11 +42,11 @@ export function CalibrationList() {
             <tbody>{value.items.map((job) => (
               <tr key={job.id}>
                 <th scope="row"><a href={hrefOf(["calibrations", job.id])}>{when(job.created_at)}</a></th>
-                <td>{job.cell}</td><td><span class={`state ${job.state}`}>{words.states[job.state]}</span></td>
+                <td>{job.cell}</td><td><span class={`state ${job.state}`}>{text.states[job.state]}</span></td>
                 <td>{job.summary ? words.of(job.summary.used, job.observations) : job.observations}</td>
-                <td>{job.summary ? mm(job.summary.spread.rms_translation_mm) : text.none}</td>
+                <td>{job.summary ? smallLength(job.summary.spread.rms_translation_mm) : text.none}</td>
                 <td>{job.summary ? deg(job.summary.spread.rms_rotation_deg) : text.none}</td>
-                <td>{job.point_at_best_focus_sd_mm == null ? text.none : mm(job.point_at_best_focus_sd_mm)}</td>
+                <td>{job.point_at_best_focus_sd_mm == null ? text.none : smallLength(job.point_at_best_focus_sd_mm)}</td>
                 <td>{isOpen(job) ? <Button onClick={() => post(`/calibrations/${job.id}/cancel`).then(reload)}>{words.cancel}</Button>
                   : <Button aria-label={`${words.remove} ${when(job.created_at)}`} onClick={() => remove(`/calibrations/${job.id}`).then(reload)}>{words.remove}</Button>}</td>
               </tr>
@@ -103,13 +106,14 @@ export function CalibrationView({ id }: { id: string }) {
     <section class="runs calibration" aria-labelledby="calibration-title" data-state={job.state}>
       <div class="title">
         <h1 id="calibration-title">{words.one(job.cell)}</h1>
-        <span class={`state ${job.state}`}>{words.states[job.state]}</span>
+        <span class={`state ${job.state}`}>{text.states[job.state]}</span>
         <span class="soft">{when(job.created_at)} · {words.solves[job.solve]}{job.submitted_by && ` · ${text.jobs.by(job.submitted_by)}`}</span>
         {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/report`} target="_blank" rel="noopener">{text.job.report}</a>}
         {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/result`} download={`calibration-${id}.json`}>{words.download}</a>}
       </div>
-      {isOpen(job) && <p class="soft" role="status">{words.states[job.state]} …</p>}
+      {isOpen(job) && <p class="soft" role="status">{text.states[job.state]} …</p>}
       {job.problem && <p class="problem">{[job.problem.title, job.problem.detail, ...job.problem.errors.map(({ pointer, detail }) => `${pointer}: ${detail}`)].filter(Boolean).join("\n")}</p>}
+      <UnitNote of={[job.problem?.detail, ...(job.problem?.errors ?? []).map(({ detail }) => detail)]} />
       <Verdict job={job} />
       {result && <Result job={job} result={result} />}
     </section>
@@ -120,9 +124,10 @@ function Verdict({ job }: { job: CalibrationJob }) {
   const { summary, findings, point_at_best_focus_sd_mm: point } = job;
   return (
     <div id="verdict">
-      {summary && point != null && <p><strong>{words.verdict(mm(point))}</strong> {words.verdictOf(words.of(summary.used, job.observations), mm(summary.spread.rms_translation_mm), deg(summary.spread.rms_rotation_deg))}</p>}
+      {summary && point != null && <p><strong>{words.verdict(smallLength(point))}</strong> {words.verdictOf(words.of(summary.used, job.observations), smallLength(summary.spread.rms_translation_mm), deg(summary.spread.rms_rotation_deg))}</p>}
       {summary && findings.length === 0 && <p class="good">{words.noFindings}</p>}
       {findings.map((finding) => <Finding key={finding.code + finding.observations.join()} finding={finding} />)}
+      <UnitNote of={findings.map(({ detail }) => detail)} />
     </div>
   );
 }
@@ -186,14 +191,14 @@ function ResidualPlots({ residuals }: { residuals: Residual[] }) {
   const plots = useMemo(() => {
     const order = residuals.map((_, i) => i + 1);
     const around = [...residuals].sort((a, b) => a.table_angle_deg - b.table_angle_deg);
-    const axes = ["x", "y", "z"].map((axis, i): Line => ({ label: axis, isPoints: true, colour: LINES[i]!, values: residuals.map(({ shift_mm: shift }) => shift[i]!) }));
+    const axes = ["x", "y", "z"].map((axis, i): Line => ({ label: axis, isPoints: true, colour: LINES[i]!, values: residuals.map(({ shift_mm: shift }) => lengthIn(shift[i]!)) }));
     return [
-      { title: words.shiftPlot, x: order, lines: fates(residuals, ({ translation_mm: shift }) => shift), xLabel: words.number, isCounted: true, yLabel: "mm" },
+      { title: words.shiftPlot, x: order, lines: fates(residuals, ({ translation_mm: shift }) => lengthIn(shift)), xLabel: words.number, isCounted: true, yLabel: lengthUnit() },
       { title: words.turnPlot, x: order, lines: fates(residuals, ({ rotation_deg: turn }) => turn), xLabel: words.number, isCounted: true, yLabel: "°" },
-      { title: words.axesPlot, x: order, lines: axes, xLabel: words.number, isCounted: true, yLabel: "mm" },
-      { title: words.tablePlot, x: around.map(({ table_angle_deg: angle }) => angle), lines: fates(around, ({ translation_mm: shift }) => shift), xLabel: words.tableAngle, yLabel: "mm" },
+      { title: words.axesPlot, x: order, lines: axes, xLabel: words.number, isCounted: true, yLabel: lengthUnit() },
+      { title: words.tablePlot, x: around.map(({ table_angle_deg: angle }) => angle), lines: fates(around, ({ translation_mm: shift }) => lengthIn(shift)), xLabel: words.tableAngle, yLabel: lengthUnit() },
     ];
-  }, [residuals]);
+  }, [residuals, unit.value]);
   return <>{plots.map((plot) => <Chart key={plot.title} {...plot} height={170} legend />)}</>;
 }
 
@@ -202,9 +207,9 @@ function PoseTable({ result }: { result: Calibration }) {
   return (
     <div class="scroll" tabIndex={0} role="group" aria-label={words.poses}>
       <table>
-        <thead><tr><th scope="col">{words.pose}</th><th scope="col">{words.translation}</th><th scope="col">{words.quaternion}</th></tr></thead>
+        <thead><tr><th scope="col">{words.pose}</th><th scope="col">{words.translation(lengthUnit())}</th><th scope="col">{words.quaternion}</th></tr></thead>
         <tbody>{rows.map(([name, pose]) => pose && (
-          <tr key={name}><th scope="row">{name}</th><td class="number">{pose.translation_mm.map((value) => value.toFixed(3)).join(", ")}</td>
+          <tr key={name}><th scope="row">{name}</th><td class="number">{pose.translation_mm.map((value) => fixed(lengthIn(value), lengthDecimals())).join(", ")}</td>
             <td class="number">{pose.quaternion_xyzw.map((value) => value.toFixed(5)).join(", ")}</td></tr>
         ))}</tbody>
       </table>
@@ -216,14 +221,14 @@ function Knowledge({ result }: { result: Calibration }) {
   const { observability, leave_one_out: left, held_out: held, summary, table_runout: runout } = result;
   const weakest = observability.weakest;
   const facts: [string, string][] = [
-    [words.sdShift, mm(observability.translation_sd_mm)], [words.sdTurn, deg(observability.rotation_sd_deg)],
+    [words.sdShift, smallLength(observability.translation_sd_mm)], [words.sdTurn, deg(observability.rotation_sd_deg)],
     [words.spread, observability.spread_deg.map((value) => `${value.toFixed(0)}°`).join(", ")],
-    ...(weakest ? [[words.weakest, words.along(weakest.freedom, weakest.axis.map((value) => value.toFixed(2)).join(", "), weakest.sd_mm != null ? mm(weakest.sd_mm) : deg(weakest.sd_deg ?? 0))] as [string, string]] : []),
-    [words.predicted, `${mm(left.spread.rms_translation_mm)}, ${deg(left.spread.rms_rotation_deg)}`],
-    ...(held ? [[words.heldOutError, `${mm(held.rms_translation_mm)}, ${deg(held.rms_rotation_deg)}`] as [string, string]] : []),
+    ...(weakest ? [[words.weakest, words.along(weakest.freedom, weakest.axis.map((value) => value.toFixed(2)).join(", "), weakest.sd_mm != null ? smallLength(weakest.sd_mm) : deg(weakest.sd_deg ?? 0))] as [string, string]] : []),
+    [words.predicted, `${smallLength(left.spread.rms_translation_mm)}, ${deg(left.spread.rms_rotation_deg)}`],
+    ...(held ? [[words.heldOutError, `${smallLength(held.rms_translation_mm)}, ${deg(held.rms_rotation_deg)}`] as [string, string]] : []),
     [words.chi2, summary.chi2_p < 1e-4 ? "< 0.0001" : summary.chi2_p.toFixed(4)],
-    [result.sigma_estimated ? words.sigmaEstimated : words.sigma, words.sigmas(mm(result.sigma.robot_mm), deg(result.sigma.robot_deg), mm(result.sigma.board_mm), deg(result.sigma.board_deg))],
-    ...runout.map(({ order, radial_mm: radial, axial_mm: axial }) => [words.runout(order), `${mm(radial)}, ${mm(axial)}`] as [string, string]),
+    [result.sigma_estimated ? words.sigmaEstimated : words.sigma, words.sigmas(smallLength(result.sigma.robot_mm), deg(result.sigma.robot_deg), smallLength(result.sigma.board_mm), deg(result.sigma.board_deg))],
+    ...runout.map(({ order, radial_mm: radial, axial_mm: axial }) => [words.runout(order), `${smallLength(radial)}, ${smallLength(axial)}`] as [string, string]),
     ...(result.temperature_c == null ? [] : [[words.temperature, `${result.temperature_c} °C`] as [string, string]]),
   ];
   return <dl class="facts-list">{facts.map(([name, value]) => <><dt>{name}</dt><dd>{value}</dd></>)}</dl>;
@@ -237,12 +242,12 @@ function Observations({ residuals }: { residuals: Residual[] }) {
       <Select label={words.show} value={only} onChange={(value) => setQuery({ only: value === "all" ? undefined : value })} options={Object.entries(words.shows)} />
       <div class="scroll" tabIndex={0} role="group" aria-label={words.observations}>
         <table class="observations">
-          <thead><tr>{[words.name, words.status, words.shift, "x, mm", "y, mm", "z, mm", words.turn, words.prediction, words.tableAngle].map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead>
+          <thead><tr>{[words.name, words.status, words.shift, ...["x", "y", "z"].map((axis) => `${axis}, ${lengthUnit()}`), words.turn, words.prediction, words.tableAngle].map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead>
           <tbody>{shown.map((residual) => (
             <tr key={residual.id}>
-              <th scope="row">{residual.id}</th><td class={residual.used || residual.held_out ? "" : "bad"}>{statusOf(residual)}</td><td>{mm(residual.translation_mm)}</td>
-              {residual.shift_mm.map((value, i) => <td key={i}>{small(value)}</td>)}
-              <td>{deg(residual.rotation_deg)}</td><td>{residual.predicted_translation_mm == null ? text.none : mm(residual.predicted_translation_mm)}</td><td>{residual.table_angle_deg.toFixed(1)}°</td>
+              <th scope="row">{residual.id}</th><td class={residual.used || residual.held_out ? "" : "bad"}>{statusOf(residual)}</td><td>{smallLength(residual.translation_mm)}</td>
+              {residual.shift_mm.map((value, i) => <td key={i}>{bare(value)}</td>)}
+              <td>{deg(residual.rotation_deg)}</td><td>{residual.predicted_translation_mm == null ? text.none : smallLength(residual.predicted_translation_mm)}</td><td>{residual.table_angle_deg.toFixed(1)}°</td>
             </tr>
           ))}</tbody>
         </table>

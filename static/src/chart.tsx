@@ -15,6 +15,9 @@ interface Props {
 
 const COUNTS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 
+/** A number without a row of zeros, for which there is no room beside an axis. */
+const shortest = (value: number): string => (value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential() : String(value));
+
 function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
   const ink = dark ? "#a9b6c4" : "#4a5563";
   const grid = { stroke: dark ? "#2b343f" : "#e2e6eb", width: 1 };
@@ -28,7 +31,7 @@ function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
     axes: [
       { ...axis, label: props.xLabel, size: 28, ...(props.isCounted && { incrs: COUNTS }) },
       { ...axis, label: props.yLabel, size: 44, values: (_: uPlot, ticks: number[]) =>
-        ticks.map((tick) => (props.percent ? `${Math.round(100 * tick)} %` : String(Number(tick.toPrecision(6))))) },
+        ticks.map((tick) => (props.percent ? `${Math.round(100 * tick)} %` : shortest(Number(tick.toPrecision(6))))) },
     ],
     series: [{}, ...props.lines.map((line, i) => ({
       label: line.label, stroke: line.colour ?? LINES[i % LINES.length]!, width: line.isFaint ? 1 : 2,

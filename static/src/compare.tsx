@@ -4,11 +4,11 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Box3 } from "three";
 import { ask, type Job, type Plan, type Summary } from "./api";
 import { colourOfByte, isGrade, meaningOf } from "./bytes";
-import { Chart } from "./chart";
-import { facts, StateMark } from "./joblist";
+import { Chart, type Line } from "./chart";
+import { facts, hasOwnCycle, StateMark } from "./joblist";
 import { jobIds, jobSignal, keepJob, partName } from "./jobs";
 import { coverageBytes, preview, type Preview } from "./mesh";
-import { css, DIFFERENCES, type Rgb } from "./palette";
+import { css, DIFFERENCES, LINES, type Rgb } from "./palette";
 import { apiDocument, changesOf } from "./schema";
 import { area, goTo, hrefOf, percent } from "./settings";
 import { PartMesh, Stage, STANDARD_VIEWS } from "./stage";
@@ -74,21 +74,23 @@ function DifferenceLegend({ drawn }: { drawn: Promise<Drawn> }) {
   );
 }
 
-/** Figures of a summary by name; shares are in 0 to 1. */
-function figuresOf(summary: Summary): Record<string, { value: number | null; isShare: boolean }> {
+/** Figures of a summary by name; shares are in 0 to 1. The cycle is that of the robot's program where it is another for one of two. */
+function figuresOf(summary: Summary, isProgram: boolean): Record<string, { value: number | null; isShare: boolean }> {
   const share = (value: number) => ({ value, isShare: true });
   const count = (value: number | null) => ({ value, isShare: false });
   return {
     views: count(summary.views), of_visible: share(summary.coverage.of_visible), of_asked: share(summary.coverage.of_asked),
     of_coverable: share(summary.coverage.of_coverable), A: share(summary.grades.A ?? 0), B: share(summary.grades.B ?? 0),
-    C: share(summary.grades.C ?? 0), D: share(summary.grades.D ?? 0), cycle: count(summary.cycle_secs), setups: count(summary.setups),
+    C: share(summary.grades.C ?? 0), D: share(summary.grades.D ?? 0),
+    ...(isProgram ? { program: count(summary.program_cycle?.cycle_secs ?? null) } : { cycle: count(summary.cycle_secs) }), setups: count(summary.setups),
   };
 }
 
 function FigureTable({ sides }: { sides: [Side, Side] }) {
-  const [one, two] = sides.map(({ job }) => figuresOf(job.summary!)) as [ReturnType<typeof figuresOf>, ReturnType<typeof figuresOf>];
+  const isProgram = sides.some(({ job }) => hasOwnCycle(job.summary!));
+  const [one, two] = sides.map(({ job }) => figuresOf(job.summary!, isProgram)) as [ReturnType<typeof figuresOf>, ReturnType<typeof figuresOf>];
   const show = (value: number | null, isShare: boolean, name: string): string =>
-    (value === null ? text.none : isShare ? percent(value, 2) : name === "cycle" ? `${value.toFixed(1)} s` : String(value));
+    (value === null ? text.none : isShare ? percent(value, 2) : name === "cycle" || name === "program" ? `${value.toFixed(1)} s` : String(value));
   return (
     <table>
       <thead><tr><th scope="col">{words.figure}</th><th scope="col">{words.first}</th><th scope="col">{words.second}</th><th scope="col">{words.difference}</th></tr></thead>
@@ -134,7 +136,14 @@ function Pair({ sides }: { sides: [Side, Side] }) {
   const { x, lines } = useMemo(() => {
     const longest = Math.max(...sides.map(({ plan }) => plan.coverage.curve.length));
     const at = Array.from({ length: longest + 1 }, (_, i) => i);
-    return { x: at, lines: sides.map(({ plan }, i) => ({ label: i ? words.second : words.first, values: at.map((n) => (n === 0 ? 0 : plan.coverage.curve[n - 1] ?? null)) })) };
+    const name = (i: number): string => (i ? words.second : words.first);
+    const curves = sides.map(({ plan }, i): Line => ({ label: name(i), colour: LINES[i]!, values: at.map((n) => (n === 0 ? 0 : plan.coverage.curve[n - 1] ?? null)) }));
+    // What no choice of as many views can do better than.
+    const bounds = sides.flatMap(({ plan }, i): Line[] => {
+      const upper = plan.bound?.of_asked_upper;
+      return typeof upper === "number" ? [{ label: text.plan.boundOf(name(i), percent(upper, 2)), colour: LINES[i]!, values: at.map((n) => (n <= plan.coverage.curve.length ? upper : null)), isDashed: true, isFaint: true }] : [];
+    });
+    return { x: at, lines: [...curves, ...bounds] };
   }, [sides]);
   return (
     <>

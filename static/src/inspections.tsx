@@ -39,7 +39,7 @@ export function InspectionProgress({ job }: { job: InspectionJob }) {
   return (
     <div class="progress">
       <progress max={1} value={job.fraction} aria-label={words.progress} />
-      <span class="soft" role="status">{job.state === "queued" ? words.waits : percent(job.fraction, 0)}</span>
+      <span class="soft" role="status">{job.state !== "queued" && percent(job.fraction, 0)}</span>
     </div>
   );
 }

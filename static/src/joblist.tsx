@@ -1,7 +1,7 @@
 // The list of jobs: live rows with picture, verdict and figures, filters that the address holds, and what can be done with each.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { ask, idempotencyKey, post, put, remove, type Job } from "./api";
+import { ask, idempotencyKey, post, put, remove, type Job, type Summary } from "./api";
 import {
   cellName, ENDED, filterJobs, findJobs, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, scannerName, secondsLeft, forgetJob,
 } from "./jobs";
@@ -28,8 +28,8 @@ export function facts(job: Job): string {
 
 export function StateMark({ job }: { job: Job }) {
   const level = job.summary?.level;
-  const name = job.state === "succeeded" && level ? text.levels[level] ?? level : text.states[job.state] ?? job.state;
-  return <span class={`state ${level ?? job.state}`}>{name}</span>;
+  const name = text.states[job.state] ?? job.state;
+  return <span class={`state ${level ?? job.state}`}>{job.state === "succeeded" && level ? `${name}: ${text.levels[level] ?? level}` : name}</span>;
 }
 
 /** Time for which a row rests in view before its picture is drawn. */
@@ -65,7 +65,7 @@ export function Progress({ job }: { job: Job }) {
     return () => clearInterval(timer);
   }, [isActive]);
   if (job.state === "queued") {
-    return <p class="soft">{job.queue_position ? text.jobs.place(job.queue_position) : text.jobs.waits}</p>;
+    return job.queue_position ? <p class="soft">{text.jobs.place(job.queue_position)}</p> : null;
   }
   if (!isActive) return null;
   const left = secondsLeft(job);
@@ -171,6 +171,9 @@ export function LabelsDialog({ job, onClose }: { job: Job; onClose: () => void }
   );
 }
 
+/** True where the program that the robot runs takes another time than the motion as planned, which its controller cannot carry out. */
+export const hasOwnCycle = ({ program_cycle: program }: Summary): boolean => Boolean(program?.command);
+
 function Figures({ job }: { job: Job }) {
   const summary = job.summary;
   if (!summary) return null;
@@ -180,7 +183,8 @@ function Figures({ job }: { job: Job }) {
       {figure(String(summary.views), summary.views === 1 ? text.jobs.view : text.plan.views)}
       {figure(percent(summary.coverage.of_visible), text.jobs.coverage)}
       {figure(percent(summary.coverage.of_asked), text.jobs.asked)}
-      {summary.cycle_secs !== null && figure(seconds(summary.cycle_secs), text.jobs.cycle)}
+      {hasOwnCycle(summary) ? figure(seconds(summary.program_cycle!.cycle_secs), text.jobs.cycleProgram)
+        : summary.cycle_secs !== null && figure(seconds(summary.cycle_secs), text.jobs.cycle)}
     </div>
   );
 }

@@ -86,6 +86,22 @@ function images(lens: Lens, x: number, y: number, z: number): boolean {
   return u >= 0 && u < lens.width && v >= 0 && v < lens.height;
 }
 
+const FIELD_STEPS = 40;
+
+/** Width and height of what all devices see at best focus, on the lines y = 0 and x = 0 of the scanner's frame, mm. */
+export function commonField({ devices, best }: Optics): [number, number] {
+  const reach = (x: number, y: number): number => {
+    let [inside, outside] = [0, 2 * best];
+    for (let i = 0; i < FIELD_STEPS; i += 1) {
+      const middle = (inside + outside) / 2;
+      if (devices.every(({ lens, deviceFromScanner }) => images(lens, ...apply(deviceFromScanner, x * middle, y * middle, best)))) inside = middle;
+      else outside = middle;
+    }
+    return inside;
+  };
+  return [reach(1, 0) + reach(-1, 0), reach(0, 1) + reach(0, -1)];
+}
+
 export interface View { scannerFromPart: Rigid; centres: [number, number, number][] }
 
 export function viewOf(optics: Optics, partFromScanner: Pose): View {

@@ -27,7 +27,7 @@ export interface Plan3d {
   model: Model; tracer: Tracer; views: Signal<EditedView[]>; chosen: Signal<number | null>; scores: Signal<Scores | null>;
   plannedScores: Signal<Scores | null>; computing: Signal<number | null>; spot: Signal<SpotState | null>; marked: Signal<Set<number>>;
   tool: Signal<RegionTool>; sharp: Signal<number>; radius: Signal<number>; box: Signal<{ min: number[]; max: number[] } | null>;
-  hovered: Signal<number | null>; chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot, reason: string) => void;
+  hovered: Signal<number | null>; chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot, reason: string) => Promise<Hit | null>;
   score: (scored?: EditedView[]) => Promise<void>; apply: (set: Record<string, unknown>) => Promise<void>;
 }
 
@@ -85,13 +85,15 @@ function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
     state.spot.value = { hit, judgements, meaning: meaningOf(model.bytes[hit.face]!), spot: missed?.spot ?? null, reason: missed?.reason ?? null };
     setQuery({ spot: String(hit.face) });
   };
-  const showSpot = (spot: Spot, reason: string): void => {
+  const showSpot = async (spot: Spot, reason: string): Promise<Hit | null> => {
     const faces = spot.faces.map((source) => model.mesh.faceOf(source)).filter((face) => face >= 0);
     // A face may lie in the spot with a small part only; the one to be shown is missed for this cause, near the spot's middle.
     const own = faces.filter((face) => meaningOf(model.bytes[face]!) === reason);
     const away = (face: number): number => Math.hypot(...hitOf(model, face).point.map((value, i) => value - spot.centre_mm[i]!));
     const nearest = (own.length ? own : faces).reduce<number | null>((best, face) => (best === null || away(face) < away(best) ? face : best), null);
-    if (nearest !== null) void askAt(hitOf(model, nearest));
+    const hit = nearest === null ? null : hitOf(model, nearest);
+    if (hit) await askAt(hit);
+    return hit;
   };
   const addView = (): void => {
     const hit = state.spot.peek()?.hit;
@@ -178,6 +180,15 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
     const { origin, direction } = scene.current?.inPart(pick) ?? pick;
     return state.tracer.pick(origin, direction, scene.current?.plane() ?? null);
   };
+  /** Turns the camera to a spot that it does not see. */
+  const reveal = async (hit: Hit | null): Promise<void> => {
+    if (!hit) return;
+    await scene.current?.reveal(hit, async (from) => {
+      const way = hit.point.map((value, i) => value - from[i]!);
+      const met = await state.tracer.pick(from, way, scene.current?.plane() ?? null);
+      return met !== null && Math.hypot(...met.point.map((value, i) => value - hit.point[i]!)) < 1e-3 * Math.hypot(...way);
+    }, () => state.spot.peek()?.hit === hit);
+  };
   const clicked = async (pick: PointerPick): Promise<void> => {
     const hit = await picked(pick);
     if (measuring.peek()) {
@@ -225,7 +236,7 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
         {state.spot.value && panel !== "regions" && <SpotPanel state={state} spot={state.spot.value} />}
         {panel === "summary" && <SummaryPanel state={state} />}
         {panel === "views" && <ViewsPanel state={state} />}
-        {panel === "misses" && <MissesPanel state={state} />}
+        {panel === "misses" && <MissesPanel state={state} onSpot={(spot, reason) => void state.showSpot(spot, reason).then(reveal)} />}
         {panel === "regions" && <RegionsPanel state={state} />}
         {panel === "charts" && <ChartsPanel state={state} />}
       </aside>

@@ -32,6 +32,7 @@ export function Legend({ state, mode, areas }: { state: Plan3d; mode: Colouring;
           ))}
         </tbody>
       </table>
+      <p class="soft">{words.legendOf}</p>
       {(mode === "count" || mode === "incidence") && <p class="soft">{words.estimate}</p>}
     </div>
   );
@@ -73,11 +74,15 @@ export function SpotPanel({ state, spot }: { state: Plan3d; spot: SpotState }) {
   const panel = useRef<HTMLElement>(null);
   // The answer to a click is shown, wherever the list beside was scrolled to.
   useEffect(() => panel.current?.scrollIntoView({ block: "nearest" }), [spot]);
-  const verdict = isGrade(spot.meaning) ? words.gradeNames[spot.meaning]! : causeName(spot.meaning);
+  const isMeasured = isGrade(spot.meaning);
+  // Views that were changed by hand are not those that the plan judged.
+  const isDisputed = isMeasured !== (seen.length > 0) && spot.meaning !== "not_asked" && !isEdited(views);
+  const verdict = isMeasured ? words.gradeNames[spot.meaning]! : causeName(spot.meaning);
   return (
     <section class="spot" aria-label={words.spot} ref={panel}>
       <div class="head"><h3>{seen.length ? words.seenBy(seen.length) : words.unseen}</h3><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></div>
       <p>{words.planCause}: <strong data-spot={spot.meaning}>{verdict}</strong> <span class="soft">({point(spot.hit.point)}) {lengthUnit()} {words.fileAxes}</span></p>
+      {isDisputed && <p id="disputed">{isMeasured ? words.planSeesMore : words.planSeesLess}</p>}
       {seen.length > 0 && (
         <table>
           <thead><tr><th scope="col">{words.panels.views}</th><th scope="col">{words.colours.grade}</th><th scope="col">{words.incidence}</th><th scope="col">{words.depth}</th></tr></thead>
@@ -200,17 +205,17 @@ export function ViewsPanel({ state }: { state: Plan3d }) {
 
 const MAX_SPOTS = 60;
 
-export function MissesPanel({ state }: { state: Plan3d }) {
+export function MissesPanel({ state, onSpot }: { state: Plan3d; onSpot: (spot: Spot, reason: string) => void }) {
   const { job, missed } = state.model;
-  const groups = job.summary?.missed ?? [];
+  const fixes = (job.summary?.missed ?? []).filter((group) => Object.keys(group.set).length > 0);
   const spots = useMemo(() => missed.missed.flatMap(({ reason, listing }) => listing.map((spot) => ({ reason, spot })))
     .sort((a, b) => b.spot.area_mm2 - a.spot.area_mm2).slice(0, MAX_SPOTS), [missed]);
   if (spots.length === 0) return <p class="good">{words.noMisses}</p>;
   return (
     <div>
-      <h3>{words.fixes}</h3>
+      {fixes.length > 0 && <h3>{words.fixes}</h3>}
       <ul class="fixes">
-        {groups.filter((group) => Object.keys(group.set).length > 0).map((group) => (
+        {fixes.map((group) => (
           <li key={group.text}><Swatch colour={css(causeColour(group.reason))} /> {words.missCount(group.spots)}, {percent(group.of_asked, 2)}: {causeName(group.reason)}.
             {" "}{group.fix_text} ({area(group.recovers_mm2)}) <Remedy job={job} label={text.job.apply} set={group.set} /></li>
         ))}
@@ -219,7 +224,7 @@ export function MissesPanel({ state }: { state: Plan3d }) {
       <UnitNote of={spots.map(({ spot }) => spot.remedy?.text)} />
       <ul class="spots">
         {spots.map(({ reason, spot }, i) => (
-          <li key={i}><button type="button" class="row" onClick={() => state.showSpot(spot, reason)}>
+          <li key={i}><button type="button" class="row" onClick={() => onSpot(spot, reason)}>
             <span><Swatch colour={css(causeColour(reason))} /> {causeName(reason)}</span><span class="number">{area(spot.area_mm2)}</span>
             <span class="soft">{spot.remedy?.text ?? ""}</span></button></li>
         ))}

@@ -153,6 +153,21 @@ export class PlanScene {
     return box;
   }
 
+  /** Turns to a spot: along its normal, or as near to that as nothing of the part lies before it. The camera stays where the spot is
+   *  seen already. `isMet` says if a ray from a place to the spot meets it first, all in the part's coordinates; `isWanted`, if it is still chosen. */
+  async reveal({ point, normal }: { point: number[]; normal: number[] }, isMet: (from: number[]) => Promise<boolean>, isWanted: () => boolean): Promise<void> {
+    const [at, outward, partFromShown] = [new Vector3().fromArray(point), new Vector3().fromArray(normal), this.root.matrix.clone().invert()];
+    const isSeen = async (eye: Vector3): Promise<boolean> => {
+      const from = eye.applyMatrix4(partFromShown);
+      return from.clone().sub(at).normalize().dot(outward) > FACING_COS && isMet(from.toArray());
+    };
+    if (this.stage.shows(at.clone().applyMatrix4(this.root.matrix)) && await isSeen(this.stage.eye())) return;
+    const ways = around(outward).map((way) => way.transformDirection(this.root.matrix).toArray());
+    let best = ways[0]!;
+    for (const way of ways) if (await isSeen(this.stage.eye(this.box, way))) { best = way; break; }
+    if (isWanted()) this.stage.look(this.box, best);
+  }
+
   private ball(at: Vector3, colour: number): Mesh {
     const made = new Mesh(new SphereGeometry(this.size / 120, 16, 12), new MeshBasicMaterial({ color: colour, depthTest: false, transparent: true }));
     made.position.copy(at);
@@ -207,6 +222,17 @@ export class PlanScene {
     const plane = this.sectionPlane()?.applyMatrix4(this.root.matrix.clone().invert());
     return plane ? [...plane.normal.toArray(), plane.constant] : null;
   }
+}
+
+/** Cosine to its normal up to which a face is seen from a place: nearly edge-on it is but a line. */
+const FACING_COS = 0.1;
+
+/** Directions around one, itself first, then ever farther from it. */
+function around(direction: Vector3): Vector3[] {
+  const across = new Vector3().crossVectors(direction, Math.abs(direction.z) < 0.9 ? new Vector3(0, 0, 1) : new Vector3(1, 0, 0)).normalize();
+  const tilted = [20, 40, 60, 75].flatMap((tilt) => Array.from({ length: 8 }, (_, i) =>
+    direction.clone().applyAxisAngle(across, (tilt * Math.PI) / 180).applyAxisAngle(direction, (i * Math.PI) / 4)));
+  return [direction.clone(), ...tilted];
 }
 
 /** Surface and rim of the plate. From below the part is seen through it. */

@@ -91,7 +91,18 @@ function useRun(loaded: Loaded) {
   const heard = useRef<{ sequence: number; secs: number } | null>(null);
   const log = useSignal<LogEntry[]>([]);
   // The end is told before the record with the coverage is stored; the server answers when it is.
-  const read = (isEnd = false): Promise<void> => ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).then((fresh) => { run.value = fresh; }, () => {});
+  // On a busy machine that may take longer than one wait.
+  const isShown = useRef(true);
+  useEffect(() => () => { isShown.current = false; }, []);
+  const read = async (isEnd = false): Promise<void> => {
+    do {
+      const fresh = await ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).catch(() => null);
+      if (fresh === null) await new Promise((tried) => { setTimeout(tried, 1000); });
+      // An answer that was under way at the end is older than the end.
+      else if (OVER.includes(fresh.state) || !OVER.includes(run.peek().state)) run.value = fresh;
+      if (fresh && OVER.includes(fresh.state)) return;
+    } while (isEnd && isShown.current);
+  };
   const stream = useMemo(() => new Stream({
     path: `/runs/${loaded.run.id}/events`, numbered: false, onReset: () => void read(),
     onEvent: ({ kind, data }: LiveEvent) => {

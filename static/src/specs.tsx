@@ -4,10 +4,11 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { Box3, BoxGeometry, EdgesGeometry, Group, LineBasicMaterial, LineSegments, Matrix4 } from "three";
 import { ask, post, put, remove, request, type Body, type Cell, type Device, type Note, type Page, type ProblemField, type Robot, type Scanner, type ScannerSpec, type Turntable } from "./api";
 import { CellScene, cellModelOf } from "./cellscene";
-import { poseOf, rigOf, type BoardPose } from "./poses";
+import { commonField, opticsOf } from "./optics";
+import { matrixOf, poseOf, rigOf, type BoardPose } from "./poses";
 import { ReachPanel } from "./reachpanel";
 import { apiDocument, ObjectField } from "./schema";
-import { goTo, hrefOf, length, sizes } from "./settings";
+import { goTo, hrefOf, length, lengthIn, lengthUnit, sizes, unit } from "./settings";
 import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
@@ -138,13 +139,16 @@ function Source({ value, onChange }: { value: Record<string, unknown>; onChange:
 
 type Spec = ScannerSpec & Record<string, unknown> & { board_poses?: { left: BoardPose; right: BoardPose } | null };
 
+/** What a device need not say. */
+type Unsaid = "scanner_from_device" | "skew" | "distortion";
+
 /** Devices with their poses, of which those of the cameras may follow from a board that both saw. */
 function posedDevices(spec: Spec, rig: ReturnType<typeof rigOf> | null): Scanner {
   const devices = ["left", "right", "projector"].map((name): Device => {
     const derived = rig && name !== "projector" ? { scanner_from_device: poseOf(rig[name as "left" | "right"]) } : {};
     // A projector is in the origin if nothing else is said.
-    const given = spec[name] as Partial<Pick<Device, "scanner_from_device">> & Omit<Device, "name" | "scanner_from_device">;
-    return { ...given, scanner_from_device: given.scanner_from_device ?? poseOf(new Matrix4()), ...derived, name };
+    const given = spec[name] as Partial<Pick<Device, Unsaid>> & Omit<Device, "name" | Unsaid>;
+    return { ...given, skew: given.skew ?? 0, distortion: given.distortion ?? [0, 0, 0, 0, 0], scanner_from_device: given.scanner_from_device ?? poseOf(new Matrix4()), ...derived, name };
   });
   return { name: spec.name, depth_mm: spec.depth_mm, devices };
 }
@@ -205,10 +209,14 @@ async function draw(stage: Stage, group: Group, kind: string, spec: Record<strin
 
 function captions(kind: string, spec: Record<string, unknown>): string {
   if (kind !== "scanners") return "";
-  const scanner = spec as unknown as ScannerSpec;
+  const scanner = spec as unknown as Spec;
   const { near, best, far } = scanner.depth_mm;
+  const posed = posedDevices(scanner, scanner.board_poses ? rigOf(scanner.board_poses) : null);
+  const devices = posed.devices.map((device) => ({ ...device, scanner_from_device: poseOf(matrixOf(device.scanner_from_device)) }));
+  const field = commonField(opticsOf({ ...posed, devices }, { c: 0, d: 0, angle: "" })).map((mm) => lengthIn(mm).toFixed(unit.value === "mm" ? 0 : 1));
   return [`${words.near} ${length(near)}, ${words.best} ${length(best)}, ${words.far} ${length(far)}`,
-    `${words.practical} ${sizes(scanner.practical_volume_mm)}`, scanner.stated_volume_mm && `${words.stated} ${sizes(scanner.stated_volume_mm)}`,
+    `${words.practical} ${sizes(scanner.practical_volume_mm)}`, `${words.common} ${field.join(" × ")} ${lengthUnit()}`,
+    scanner.stated_volume_mm && `${words.stated} ${sizes(scanner.stated_volume_mm)}`,
     spec.board_poses && words.board].filter(Boolean).join(" · ");
 }
 

@@ -234,16 +234,35 @@ export class Stage {
     return true;
   }
 
+  /** Where the camera goes to look at a box from a direction, and how far that is from the box's middle. */
+  private standing(box: Box3, direction: number[]): { centre: Vector3; at: Vector3; distance: number } {
+    const centre = box.getCenter(new Vector3());
+    const back = new Vector3().fromArray(direction).normalize();
+    // Straight above and below, the picture would have no upright.
+    if (Math.hypot(back.x, back.y) < 1e-3) back.setY(-1e-3).normalize();
+    const distance = 1.12 * this.distanceFor(box, centre, back);
+    return { centre, at: centre.clone().addScaledVector(back, distance), distance };
+  }
+
+  /** Place of the camera now, or once it looked at a box from a direction. */
+  eye(box?: Box3, direction?: number[]): Vector3 {
+    return box && direction ? this.standing(box, direction).at : this.camera.position.clone();
+  }
+
+  /** True if a point is within the picture. */
+  shows(at: Vector3): boolean {
+    const { x, y, z } = at.clone().project(this.camera);
+    return Math.abs(x) < 1 && Math.abs(y) < 1 && z < 1;
+  }
+
   /** Turns the camera to a standard view and lets `box` fill the picture. */
   look(box: Box3, direction: [number, number, number]): void {
-    const centre = box.getCenter(new Vector3());
-    const back = new Vector3(...direction).normalize();
-    const distance = 1.12 * this.distanceFor(box, centre, back);
+    const { centre, at, distance } = this.standing(box, direction);
     this.camera.near = Math.max(0.1, distance / 200);
     this.camera.far = distance * 50;
     this.camera.updateProjectionMatrix();
     this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(back, distance);
+    this.camera.position.copy(at);
     this.controls.update();
     this.invalidate();
     this.followers.forEach((follow) => follow(this));

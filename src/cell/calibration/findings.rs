@@ -111,7 +111,7 @@ pub struct Figures {
 }
 
 impl CalibrationFinding {
-    /// CalibrationFinding without figures.
+    /// Finding without figures.
     #[must_use]
     pub fn new(code: FindingCode, severity: Severity) -> Self {
         Self { code, severity, observations: Vec::new(), figures: Figures::default() }

@@ -19,7 +19,7 @@ pub(super) struct CloudStream<'a> {
     window: Vec<u8>,
     /// First byte of the window that is not used.
     begin: usize,
-    /// PcdPlace in the file of the window's first byte.
+    /// Place in the file of the window's first byte.
     window_at: u64,
     is_at_end: bool,
 }
@@ -29,7 +29,7 @@ impl<'a> CloudStream<'a> {
         Self { source, length_bytes, poll, window: Vec::new(), begin: 0, window_at: 0, is_at_end: false }
     }
 
-    /// PcdPlace in the file of the next byte.
+    /// Place in the file of the next byte.
     pub(super) fn byte(&self) -> u64 {
         self.window_at + self.begin as u64
     }

@@ -43,7 +43,7 @@ closed_list! {
 pub struct Turn {
     /// Kind of turn.
     pub kind: TurnKind,
-    /// PartSide that comes down, or is the nearest to it; as the part lies before.
+    /// Side that comes down, or is the nearest to it; as the part lies before.
     pub side: PartSide,
     /// Angle between the direction that points down before and the one that does afterwards, radians.
     pub angle_rad: f64,

@@ -141,7 +141,7 @@ impl CalibrationCheckDocument {
     }
 }
 
-/// CalibrationFinding of a calibration that was taken at another temperature.
+/// Finding on a calibration that was taken at another temperature.
 fn stale(then_c: Option<f64>, now_c: Option<f64>) -> Option<CalibrationFinding> {
     let (then, now) = (then_c?, now_c?);
     let figures = Figures { temperatures_c: Some([now, then]), ..Figures::default() };

@@ -45,6 +45,8 @@ fn every_command_answers_in_json() {
     assert!(document(&["presets", "--json"])["presets"].as_array().is_some_and(|all| all.len() > 20));
     assert_eq!(document(&["presets", "e05-transcan", "--json"])["robot"], "hans-e05");
     assert!(document(&["man", "--out", &man, "--json"])["files"].as_array().is_some_and(|files| files.len() > 15));
+    assert_eq!(document(&["serve", "--print-defaults", "--json"])["server"]["max_connections"], 1024);
+    assert_eq!(run(&["serve", "--print-defaults"]).out, include_str!("../../../config/default.toml"));
     let version = document(&["--version", "--json"]);
     assert_eq!(version["version"], env!("CARGO_PKG_VERSION"));
     assert!(version["commit"].is_string() && version["target"].is_string(), "{version}");

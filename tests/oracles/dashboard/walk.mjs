@@ -592,7 +592,7 @@ async function control() {
 }
 
 async function run() {
-  await begin({});
+  await begin({ time_factor: "20" });
   assert.match(await page.locator(".safety").innerText(), /not safety-rated/);
   await page.waitForFunction(() => (window.vantage.run?.samples.value.length ?? 0) > 3);
   await check("run");

@@ -37,7 +37,7 @@ pub struct AdjustOptions {
     pub is_held: [bool; LENS],
 }
 
-/// PixelResidual of one sighting.
+/// Residual of one sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelResidual {
     /// Place of the view.

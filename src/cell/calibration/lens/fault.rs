@@ -37,7 +37,7 @@ closed_list! {
         Inconsistent = "inconsistent",
         /// Fewer observations than unknowns.
         TooFew = "too_few",
-        /// BoardObservations that leave an unknown open.
+        /// Observations that leave an unknown open.
         Degenerate = "degenerate",
         /// Estimation that found no solution.
         NotConverged = "not_converged",

@@ -1,4 +1,4 @@
-//! A device from points whose places are known: by the direct linear transformation (Hartley and Zisserman, *Multiple BoardView
+//! A device from points whose places are known: by the direct linear transformation (Hartley and Zisserman, *Multiple View
 //! Geometry*, 2nd edition, section 7.1), then by Levenberg–Marquardt over lens and pose.
 
 use nalgebra::{

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-6WC6XDA7.js";import"./chunk-WLVDOSYS.js";import"./chunk-F6KJICZK.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-2S5QF2O3.js";export{a as drawThumbnail,b as drawTurned};
