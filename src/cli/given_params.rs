@@ -55,13 +55,25 @@ pub(super) fn named_by_sets(error: CliError, sets: &[String]) -> CliError {
         let place = sets.iter().rev().find_map(|set| {
             let (key, _) = set.split_once('=')?;
             let rest = finding.pointer.strip_prefix(&format!("/{}", key.replace('.', "/")))?;
-            (rest.is_empty() || rest.starts_with('/')).then(|| (format!("--set {set}"), rest.to_owned()))
+            (rest.is_empty() || rest.starts_with('/')).then(|| (key, format!("--set {set}"), rest.to_owned()))
         });
-        if let Some((option, rest)) = place {
+        if let Some((key, option, rest)) = place {
             (finding.file, finding.pointer) = (option, rest);
+            if finding.pointer.is_empty() && finding.detail.contains("; expected a") {
+                finding.detail += &allowed(key);
+            }
         }
     }
     CliError::Findings(findings)
+}
+
+/// Range of a parameter, for the end of a message on a value of another kind; empty if it has none.
+fn allowed(key: &str) -> String {
+    let known = parameters::list().into_iter().find(|parameter| parameter.key == key);
+    known
+        .map(|parameter| parameter.range_text())
+        .filter(|range| !range.is_empty())
+        .map_or_else(String::new, |range| format!("; allowed is {range}"))
 }
 
 /// Sets the field of `value` that the words of `key` lead to, with the objects on the way.

@@ -220,7 +220,8 @@ fn what_a_set_gives_is_refused_at_the_option() {
     };
     for (sets, told) in [
         (&["selection.target=90"][..], "--set selection.target=90: is 90; allowed is 0 to 1; 90 % is 0.9"),
-        (&["selection.target=x"], "--set selection.target=x: is \"x\"; expected a number"),
+        (&["selection.target=x"], "--set selection.target=x: is \"x\"; expected a number; allowed is 0 to 1"),
+        (&["setups=-1"], "--set setups=-1: is -1; expected a whole number, 0 or more; allowed is 1 to 4"),
         (&["setups=99", "setups=9"], "--set setups=9: is 9; allowed is 1 to 4"),
         (&["selection={\"target\": 2}"], "--set selection={\"target\": 2}: /target: is 2; allowed is 0 to 1"),
     ] {

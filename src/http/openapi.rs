@@ -28,7 +28,8 @@ use crate::wire::{self, parameters};
                        Every response other than 2xx and 3xx is a problem (RFC 9457) with a stable `code`, and its `type` is the \
                        path of a page about it.\n\nThe examples work as they are, once the example of `POST /meshes` was sent. \
                        Results also come in the forms that `Accept` and the query parameter `format` (`dialect` for programs) \
-                       name; every form has a route of its own here. All files can be fetched in parts (`Range`, RFC 9110).",
+                       name; every form has a route of its own here. There are no webhooks: wait with `?wait=`, or follow \
+                       `GET /events`. All files can be fetched in parts (`Range`, RFC 9110).",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
         contact()
     ),

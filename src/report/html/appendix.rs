@@ -257,6 +257,9 @@ pub(super) fn parameters(params: &PlanParams) -> String {
         format!("<tr><td><code>{}</code></td><td><code>{}</code></td></tr>\n", escape(key), escape(value))
     };
     let rows: String = changed_params(params).iter().map(row).collect();
+    if rows.is_empty() {
+        return "<p class=\"soft\">Every parameter has its default.</p>\n".to_owned();
+    }
     format!(
         "<div class=\"card scroll\"><table>\n<thead><tr><th>Parameter, changed from its default or derived</th><th>Value</th></tr></thead>\n\
          <tbody>\n{rows}</tbody></table></div>\n"

@@ -64,7 +64,11 @@ const LEFT_OUT: &str = " (options in report.txt)";
 
 /// The sentence with `instead` in place of a command that nobody would read to its end.
 fn readable(sentence: &str, command: &str, instead: &str) -> String {
-    if command.len() <= COMMAND_CHARS { sentence.to_owned() } else { sentence.replace(&format!(": {command}"), instead) }
+    if is_long(command) { sentence.replace(&format!(": {command}"), instead) } else { sentence.to_owned() }
+}
+
+fn is_long(command: &str) -> bool {
+    command.len() > COMMAND_CHARS
 }
 
 impl VerdictText {
@@ -76,13 +80,15 @@ impl VerdictText {
         let of_groups: Vec<String> = summary.missed.iter().filter_map(MissedGroup::command).collect();
         let shortened = |line: String| of_groups.iter().fold(line, |line, command| readable(&line, command, LEFT_OUT));
         let lines = summary.lines().into_iter().filter(|line| !has_place(line)).map(|line| escape(shortened(line).trim_start()));
-        // The options follow on a line of their own.
+        // Options that are too long for the sentence follow on a line of their own.
         let told = next.as_ref().map(|next| command.iter().fold(next.clone(), |next, command| readable(&next, command, "")));
         Self {
             standing: Standing::from(summary.level),
             title: escape(&summary.title),
             lines: lines.collect(),
-            next: told.map_or_else(String::new, |told| escape(&told) + &command.map(code).unwrap_or_default()),
+            next: told.map_or_else(String::new, |told| {
+                escape(&told) + &command.filter(|command| is_long(command)).map(code).unwrap_or_default()
+            }),
             figures: figures(plan, summary),
         }
     }
