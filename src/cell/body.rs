@@ -124,6 +124,5 @@ pub(super) fn not_found(error: &NotFound, kind: SpecKind, name: &str, library: &
     let names = library.names(kind);
     let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
     let question = did_you_mean(name, names.iter().map(String::as_str));
-    let file = if name.ends_with(".toml") || name.ends_with(".json") { " (there is no such file)" } else { "" };
-    format!("{named}{file}; known {} names: {known}{question}", kind.as_str())
+    format!("{named}; known {} names: {known}{question}", kind.as_str())
 }

@@ -8,7 +8,7 @@ const MIN_SIMILARITY: f64 = 0.85;
 const MIN_CONTAINED: usize = 5;
 
 /// Returns the known name that is nearest to `name`, if one is near; of equals the first. A name without a dot is also compared
-/// with the last part of dotted ones, so that `target` finds `selection.target`.
+/// with the last part of dotted ones, so that `target` finds `selection.target`. If none is near, the first that contains it.
 #[must_use]
 pub fn closest<'a>(name: &str, known: impl IntoIterator<Item = &'a str, IntoIter: Clone>) -> Option<&'a str> {
     let known = known.into_iter();

@@ -206,7 +206,7 @@ fn reached_text(reached: Option<Reached>, cube_mm: f64) -> String {
 
 /// Obstacle to be uncommented.
 const OBSTACLE_EXAMPLE: &str = "
-# What the robot must not touch, in its base frame: a box, cylinder, capsule or mesh, centred on its own origin.
+# What the robot must not touch, in its base frame: a box, cylinder or capsule, centred on its own origin, or a mesh.
 # [[obstacles]]
 # name = \"cabinet\"
 # owner_from_body = { translation_mm = [-900, 0, 500], rpy_deg = [0, 0, 0] }
@@ -221,8 +221,8 @@ fn text(args: &CellArgs, spec: &CellSpec, face: HousingFace) -> Result<String, C
     let [x, y, z] = args.table_at.0;
     Ok(format!(
         "# By `vantage cell`: the plate's centre at x = {x}, y = {y}, z = {z} mm from the robot's foot; the flange on the {} of the\n\
-         # scanner's housing, {} mm from it. Replace flange_from_scanner by the result of your hand-eye calibration, and add what\n\
-         # stands around as at the end of this file. Poses may also be given as translation_mm with rpy_deg = [roll, pitch, yaw].\n\n\
+         # scanner's housing, {} mm from it. Replace flange_from_scanner by the result of your hand-eye calibration, and add the\n\
+         # obstacles around the robot as shown at the end of this file. Poses may also be given as translation_mm with rpy_deg = [roll, pitch, yaw].\n\n\
          {toml}{OBSTACLE_EXAMPLE}",
         face.as_str(),
         args.adapter

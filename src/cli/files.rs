@@ -63,7 +63,12 @@ impl SpecLibrary for FileLibrary {
 /// Path of an existing file or folder.
 fn existing(path: &str) -> Result<&Path, NotFound> {
     let path = Path::new(path);
-    if path.exists() { Ok(path) } else { Err(NotFound::Unknown) }
+    // A name with an extension is no preset.
+    let missing = || match path.extension() {
+        Some(_) => NotFound::Unusable("there is no such file".to_owned()),
+        None => NotFound::Unknown,
+    };
+    if path.exists() { Ok(path) } else { Err(missing()) }
 }
 
 fn unusable(error: CliError) -> NotFound {

@@ -46,7 +46,7 @@ fn is_region(key: &str) -> bool {
 fn regions() -> String {
     let examples: String = REGIONS.iter().map(|(example, meaning)| format!("    {example}\n        {meaning}\n")).collect();
     format!(
-        "A region of the part, in the coordinates of its file times its unit, is one of\n{examples}Example: --set \
+        "A region of the part, in mm along the axes of its file, is one of\n{examples}Example: --set \
          'regions.exclude=[{}]'\n",
         REGIONS[1].0
     )

@@ -19,7 +19,7 @@ use super::files::{self, FileLibrary};
 use super::program::plan_beside;
 use super::serve::run_to_completion;
 use super::signals::on_signals;
-use super::{CliError, output};
+use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec, FieldError};
 use crate::check::{Reference, field_errors};
 use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, RunHandle, RunJob, RunState};
@@ -187,9 +187,9 @@ fn at_options(errors: &[FieldError]) -> CliError {
         "/time_factor" => "--speed".to_owned(),
         other => format!("--{}", other.trim_start_matches('/').replace('_', "-")),
     };
-    CliError::BadInput(
-        errors.iter().map(|error| format!("{}: {}", option(&error.pointer), error.detail)).collect::<Vec<_>>().join("\n"),
-    )
+    let finding =
+        |error: &FieldError| FileFinding { file: option(&error.pointer), pointer: String::new(), detail: error.detail.clone() };
+    CliError::Findings(errors.iter().map(finding).collect())
 }
 
 impl PreparedRun {

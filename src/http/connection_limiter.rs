@@ -3,8 +3,9 @@
 //!
 //! A connection in use keeps its slot. When slots run out, the address with the most idle connections loses the one that
 //! has been idle for longest: one that never sent a complete request head, or one that is kept alive. If none is idle, the
-//! connection whose request body has stalled for longest is evicted. So a client that opens connections and stalls evicts
-//! its own connections, not those of others, however fast it reconnects.
+//! connection whose request body has stalled for longest is evicted. So a client at one address
+//! that opens connections and stalls evicts its own, however fast it reconnects, unless another address has more idle ones.
+//! An eviction for the whole server looks at every address: some microseconds at a thousand of them.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};

@@ -204,7 +204,8 @@ pub struct Run {
     pub scans: usize,
     /// Predicted time of the whole program at full speed, s.
     pub planned_secs: f64,
-    /// Time that the steps have taken so far, s; of the twin's clock in the mode `simulate`.
+    /// Time that the steps have taken so far, s; of the twin's clock in the mode `simulate`, with the host's own
+    /// work at its real duration.
     pub elapsed_secs: f64,
     /// Stop that ended it; `null` if there was none.
     pub stop: Option<RunStop>,

@@ -40,7 +40,7 @@ pub struct Summary {
     /// Level of the verdict: may the part be scanned as planned?
     pub level: PlanLevel,
     /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read. If the part has
-    /// an implausible size, that question in its place.
+    /// an implausible size, a request to check its unit in its place.
     pub title: String,
     /// Verdict on the plan.
     pub verdict: PlanVerdict,
@@ -162,7 +162,7 @@ impl Summary {
         Self { cycle_text, program_cycle, ..self }
     }
 
-    /// The summary with a question on the part's unit for a title, if there is one: a plan of a part of another size is of no use,
+    /// The summary with a request to check the part's unit for a title, if there is one: a plan of a part of another size is of no use,
     /// however good.
     #[must_use]
     pub fn with_unit_question(self, question: Option<String>) -> Self {

@@ -227,10 +227,9 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
 #[must_use]
 pub fn stability_sentence(stability: &StabilityDocument) -> String {
     let StabilityDocument { shared_area_mm2, fixed: is_fixed, resistance, weakest, expected_error_mm } = stability;
-    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm", fixed(1e3 * error_mm, 1)));
+    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm (1 σ)", fixed(1e3 * error_mm, 1)));
     format!(
-        "share {} mm², {}: weakest is {weakest}, whose resistance is {resistance:.3} of {MIN_RESISTANCE} needed; error by noise alone \
-         {error} (1 σ)",
+        "share {} mm², {}: weakest is {weakest}, resistance {resistance:.3} (at least {MIN_RESISTANCE} needed), error by noise alone {error}",
         area_mm2(*shared_area_mm2),
         if *is_fixed { "all six freedoms fixed" } else { "not all six freedoms fixed" }
     )

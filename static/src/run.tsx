@@ -1,7 +1,7 @@
 // Runs: what moves, by whose leave, where it is against where it should be; and what to do when it stops.
 import { useSignal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { apiPath, ask, post, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
+import { apiPath, ask, post, Refused, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
 import { CellScene, cellModelOf, type CellModel } from "./cellscene";
 import { programsOf } from "./cell";
 import { Chart } from "./chart";
@@ -74,6 +74,9 @@ export function RunView({ id }: { id: string }) {
 interface LogEntry { at: string; kind: string; state: string; reason: string; step: number; detail?: string | null }
 const MAX_SAMPLES = 3000;
 
+/** True for the answer that there is no such run: it was deleted. */
+const isGone = (answer: unknown): boolean => answer instanceof Refused && answer.status === 404;
+
 /** What was measured at a time of the steps' clock, which pauses stop; s. */
 interface Point { secs: number; step: number; deviation_deg: number; measured: RunSample["measured"] }
 
@@ -95,13 +98,22 @@ function useRun(loaded: Loaded) {
   const isShown = useRef(true);
   useEffect(() => () => { isShown.current = false; }, []);
   const read = async (isEnd = false): Promise<void> => {
-    do {
-      const fresh = await ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).catch(() => null);
-      if (fresh === null) await new Promise((tried) => { setTimeout(tried, 1000); });
-      // An answer that was under way at the end is older than the end.
-      else if (OVER.includes(fresh.state) || !OVER.includes(run.peek().state)) run.value = fresh;
-      if (fresh && OVER.includes(fresh.state)) return;
-    } while (isEnd && isShown.current);
+    for (;;) {
+      const fresh = await ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).catch((error: unknown) => error);
+      if (isGone(fresh)) return;
+      if (!(fresh instanceof Error)) {
+        const told = fresh as Run;
+        // An answer that was under way at the end is older than the end.
+        if (OVER.includes(told.state) || !OVER.includes(run.peek().state)) run.value = told;
+        if (OVER.includes(told.state)) {
+          // The record has the time of each step; the curves so far are as the page counted it.
+          await ask<{ steps: StepRecord[] }>(`/runs/${told.id}/record`).then(({ steps }) => { samples.value = pointsOf(steps); }, () => {});
+          return;
+        }
+      }
+      if (!isEnd || !isShown.current) return;
+      await new Promise((tried) => { setTimeout(tried, 1000); });
+    }
   };
   const stream = useMemo(() => new Stream({
     path: `/runs/${loaded.run.id}/events`, numbered: false, onReset: () => void read(),
@@ -159,7 +171,7 @@ function Live({ loaded }: { loaded: Loaded }) {
         <p class="safety">{words.safety}</p>
         {stream.connection.value === "lost" && !OVER.includes(run.value.state) && <p class="problem" role="alert">{text.connection.lostLong}</p>}
         <Controls run={run} setups={loaded.programs.length} onDone={() => read()} />
-        <RunFacts run={run.value} program={program} elapsed={last?.secs ?? run.value.elapsed_secs} />
+        <RunFacts run={run.value} program={program} elapsed={OVER.includes(run.value.state) ? run.value.elapsed_secs : last?.secs ?? run.value.elapsed_secs} />
         <Plots samples={samples} />
         <h3>{words.log}</h3>
         <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (

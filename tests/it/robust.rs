@@ -10,6 +10,7 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Engine, PlanParams, PoseErrorParams};
 use vantage::planning::plan::{Coverage, Drawn, Outcome};
 use vantage::planning::{surface, visibility};
+use vantage::wire::summary::{PlanVerdict, Summary};
 
 use crate::support::{nominal_scanner, plan_viewpoints, shapes, shared_mesh_scaled};
 
@@ -97,6 +98,26 @@ fn a_lumpy_balls_coverage_holds_on_other_samples_and_with_poses_off() {
     assert!(nominal.independent.samples > 2_000 && nominal.of_asked() < 0.999, "{nominal:?}");
     let [nominal, robust] = [nominal, robust].map(|coverage| coverage.robust.expect("asked for").views.worst());
     assert!(robust >= nominal - 0.005, "chosen to bear errors, {robust} at worst; else {nominal}");
+}
+
+/// Errors of 6° and 20 mm, which no plan of few views bears: the next step is to choose for them, unless that was done.
+#[test]
+fn a_fragile_plan_is_told_to_choose_for_pose_errors() {
+    let mesh = lumpy_ball();
+    let of = |select: bool| {
+        let mut params = params(&mesh, [60.0, 55.0], QUICK, select);
+        params.robust.pose_error = Some(PoseErrorParams { angle_deg: 6.0, translation_mm: 20.0 });
+        params.selection.target = 0.8;
+        let plan = plan_viewpoints(&mesh, &nominal_scanner(), &params).plan;
+        (PlanVerdict::of(&plan), Summary::of(&plan).action)
+    };
+    let (verdict, action) = of(false);
+    assert_eq!(verdict, PlanVerdict::Fragile);
+    let action = action.expect("an action");
+    assert_eq!(action.command.as_deref(), Some("--set robust.select=true"));
+    assert!(action.text.contains("pose errors of 6° and 20 mm") && action.text.ends_with("effect not estimated"), "{action:?}");
+    let (_, chosen) = of(true);
+    assert!(chosen.is_none_or(|action| !action.text.contains("pose errors")));
 }
 
 #[test]

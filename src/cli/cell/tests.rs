@@ -76,6 +76,10 @@ fn names_that_are_none_are_told_with_those_that_are() {
     let mut wrong = args(&["--table-at", "900,0,100"]);
     wrong.scanner = "nobody".into();
     assert!(run(&wrong).expect_err("no scanner").to_string().contains("known scanner names: transcan-c"));
+    wrong.scanner = "nobody.toml".into();
+    let error = run(&wrong).expect_err("no file").to_string();
+    assert!(error.contains("is \"nobody.toml\", which cannot be used: there is no such file"), "{error}");
+    wrong.scanner = "transcan-c-nominal".into();
     wrong.cube = 0.0;
     assert!(run(&wrong).expect_err("no cube").to_string().contains("--cube: is 0 mm; allowed is 1 to 5000 mm"));
 }

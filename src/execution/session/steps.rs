@@ -159,7 +159,10 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         };
         let began = Instant::now();
         let taken = self.watcher.during(timeout(deadline + 2 * LATE, work)).await;
-        self.count_scheduled(began, capture.expected.as_secs_f64());
+        // A trigger that stays silent is waited for in real time.
+        if matches!(taken, Ok(Ok(Ok(_)))) {
+            self.count_scheduled(began, capture.expected.as_secs_f64());
+        }
         let taken = taken?.unwrap_or(Err(DeviceError::Silent { waited: deadline }));
         let (step, view) = (capture.step, capture.view);
         taken.map_err(|error| Halt::Pause(PauseCause::Trigger { step, view, error }))

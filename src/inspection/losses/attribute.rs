@@ -20,6 +20,9 @@ use crate::planning::visibility::{Optics, Row, SampleSet};
 
 /// Samples that a thread looks into at a time.
 const BLOCK: usize = 512;
+/// Width of the fall of the rate of return before a limit of incidence, at which three of four points return, degrees: what is lost
+/// there is named after the limit where nothing else explains it. The width is our choice.
+const FALL_DEG: f64 = 4.0;
 /// Pairs of a scan by which the evidence of a weakness is judged.
 const EVIDENCE_PAIRS: usize = 2000;
 
@@ -270,11 +273,12 @@ impl<'a> ScanLosses<'a> {
     /// Returns true if a pair lies beyond the identified limits of incidence or within the lobe of glare: at the sample, or where
     /// the ray of its cell meets the model.
     fn is_beyond_limits(&self, pair: &Return, model: Option<&ModelPoint>) -> bool {
-        self.is_grazing(pair, model) || self.is_glare(pair, model)
+        self.is_grazing(pair, model, 0.0) || self.is_glare(pair, model)
     }
 
-    fn is_grazing(&self, pair: &Return, model: Option<&ModelPoint>) -> bool {
-        let limits_rad = self.input.limits.incidence_deg.map(|deg| deg.map(f64::to_radians));
+    /// Returns true if a pair lies beyond the identified limits of incidence, or no farther than so many degrees before them.
+    fn is_grazing(&self, pair: &Return, model: Option<&ModelPoint>, before_deg: f64) -> bool {
+        let limits_rad = self.input.limits.incidence_deg.map(|deg| deg.map(|deg| (deg - before_deg).to_radians()));
         let exceeds = |angles: crate::cell::PerDevice<f64>| {
             limits_rad.zip(angles).into_iter().any(|(limit, angle)| limit.is_some_and(|limit| angle > limit))
         };
@@ -290,7 +294,7 @@ impl<'a> ScanLosses<'a> {
     }
 
     fn limit_cause(&self, lost: &LostPair) -> Option<LossCause> {
-        if self.is_grazing(&lost.pair, lost.model.as_ref()) {
+        if self.is_grazing(&lost.pair, lost.model.as_ref(), 0.0) {
             return Some(LossCause::Grazing);
         }
         self.is_glare(&lost.pair, lost.model.as_ref()).then_some(LossCause::Specular)
@@ -330,6 +334,10 @@ impl<'a> ScanLosses<'a> {
         let cell = self.lookup.cloud.grid().cell_at(lost.place).map(|cell| cell as u32);
         let filtered = self.input.filtered_cells.get(self.place);
         let is_filtered = filtered.zip(cell).is_some_and(|(cells, cell)| cells.binary_search(&cell).is_ok());
-        if is_filtered { LossCause::Filtered } else { LossCause::Unexplained }
+        if is_filtered {
+            return LossCause::Filtered;
+        }
+        let falls = self.is_grazing(&lost.pair, lost.model.as_ref(), FALL_DEG);
+        if falls { LossCause::Grazing } else { LossCause::Unexplained }
     }
 }

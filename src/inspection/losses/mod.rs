@@ -41,7 +41,7 @@ closed_list! {
         UnmodelledOccluder = "unmodelled_occluder",
         /// The surface is there, farther from the model than the tolerance.
         PartDeviates = "part_deviates",
-        /// Beyond the identified limit of incidence.
+        /// Beyond the identified limit of incidence, or up to 4° before it where nothing else explains the loss.
         Grazing = "grazing",
         /// Within the identified lobe of glare.
         Specular = "specular",

@@ -56,7 +56,8 @@ pub struct CalibrationData {
     /// The board.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<BoardDocument>,
-    /// Camera whose pixels the observations give; its frame is that of the clouds.
+    /// Camera whose pixels the observations give. Its frame is that of the clouds, which `cloud_frame` or the scanner's specification
+    /// then has to name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraDocument>,
     /// Standard deviations of arm and board. Default: estimated from the observations.
@@ -233,11 +234,18 @@ fn pixel_sigma_px() -> f64 {
 }
 
 impl CameraDocument {
+    fn is_sound(&self) -> bool {
+        let mut findings = Findings::default();
+        self.check(&mut findings);
+        findings.into_result().is_ok()
+    }
+
     fn lens(&self) -> LensParameters {
         let Self { width_px, height_px, fx, fy, cx, cy, skew, distortion, .. } = *self;
         LensParameters { size_px: [width_px, height_px], fx, fy, cx, cy, skew, distortion }
     }
 
+    /// Records what is wrong with the lens: its first fault alone, since the others may follow from it.
     fn check(&self, findings: &mut Findings) {
         if let Err(LensError { pointer, detail, .. }) = self.lens().check("/camera") {
             findings.push(pointer, detail);
@@ -368,6 +376,13 @@ impl CalibrationData {
     pub fn read(&self, cell: &Cell, solve: Solve) -> Result<ReadObservations, Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check_head(&mut findings);
+        let has_camera = self.camera.is_some_and(|camera| camera.is_sound());
+        let has_frame = self.cloud_frame.is_some() || cell.scanner.cloud_frame.is_some();
+        findings.require(self.camera.is_none() || has_frame, "/cloud_frame", || {
+            "is not given; the pixels of a camera need it: `left` or `right` for a camera of the scanner, else the camera's pose in the \
+             scanner"
+                .into()
+        });
         let forward = |joints: &[f64; 6]| *cell.robot.base_from_flange(joints).isometry();
         let (mut sightings, mut joints_rad, mut witnessed) = (Vec::new(), Vec::new(), Vec::new());
         let constellation = self.constellation();
@@ -378,7 +393,9 @@ impl CalibrationData {
             let reported =
                 each.base_from_flange.as_ref().and_then(|pose| pose.pose(&format!("{pointer}/base_from_flange"), &mut findings));
             let seen = match &self.camera {
-                Some(camera) if !each.pixels.is_empty() => each.imaged(camera, &pointer, &mut findings),
+                Some(camera) if !each.pixels.is_empty() => {
+                    has_camera.then(|| each.imaged(camera, &pointer, &mut findings)).flatten()
+                }
                 Some(_) | None => each.seen(&constellation, &pointer, self.board_sigma_mm(), &mut findings),
             };
             if let (Some(joints_rad), Some(base_from_flange)) = (joints, reported) {
@@ -525,7 +542,7 @@ impl ObservationDocument {
         let Some(found) = found else {
             findings.push(
                 pointer,
-                "tell no pose of the board in front of the camera; give four points or more on a plane, not on a line, or six in space",
+                "tell no pose of the board in front of the camera; give four points or more on a plane, not all on a line, or six in space",
             );
             return None;
         };

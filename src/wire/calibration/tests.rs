@@ -418,7 +418,8 @@ fn pixels_of_a_camera_are_observations_of_the_board() {
         change(&mut document);
         told(&cell, document, Solve::Joint).into_iter().next().expect("refused")
     };
-    let cases: [(&str, &str, Change); 6] = [
+    let cases: [(&str, &str, Change); 7] = [
+        ("/cloud_frame", "`left` or `right`", |d| drop(d.as_object_mut().expect("fields").remove("cloud_frame"))),
         ("/camera", "need the camera that they are of", |d| drop(d.as_object_mut().expect("fields").remove("camera"))),
         ("/camera/fx", "is 0; allowed is 1", |d| d["camera"]["fx"] = json!(0.0)),
         ("/camera/sigma_px", "allowed is 0.001 to 10", |d| d["camera"]["sigma_px"] = json!(0.0)),
@@ -437,6 +438,9 @@ fn pixels_of_a_camera_are_observations_of_the_board() {
         let (found, detail) = refused(change);
         assert!(found == pointer && detail.contains(words), "{pointer}: {found}: {detail}");
     }
+    let mut document = imaged(&cell);
+    document["camera"]["fx"] = json!(0.0);
+    assert_eq!(told(&cell, document, Solve::Joint).len(), 1, "the camera alone is at fault");
 }
 
 /// The way from observations to a compensated cell: what is written builds, holds for a day in its own cell, and for no other.

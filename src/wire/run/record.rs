@@ -56,7 +56,8 @@ pub struct RunStepRecord {
     pub position_deviation_mm: f64,
     /// Predicted time at the program's speed, s.
     pub planned_secs: f64,
-    /// Time that it took, without pauses, s; of the twin's clock in the mode `simulate`.
+    /// Time that it took, without pauses, s; of the twin's clock in the mode `simulate`, with the host's own work at its
+    /// real duration.
     pub actual_secs: f64,
     /// Number of times that it was begun.
     pub attempts: u32,

@@ -28,7 +28,8 @@ pub struct SummaryAction {
     /// Share that it is estimated to give, on the same samples: a plan with the parameters chooses its views anew. Where no effect
     /// is estimated, the share now.
     pub to_of_asked: f64,
-    /// Number of views that it adds: of advice on the whole plan an estimate, of a fix of missed spots an upper bound.
+    /// Number of views that it adds: of advice on the whole plan an estimate, of a fix of missed spots an upper bound;
+    /// 0 where no effect is estimated.
     pub added_views: usize,
     /// Estimated change of the cycle time, s; turning the part over is not counted. `null` without a cell, or if it is not known.
     pub added_cycle_secs: Option<f64>,

@@ -5,12 +5,15 @@
 //! the increments, the reprojection errors of all points together, as M. Koide and E. Menegatti do (*General Hand–Eye Calibration Based
 //! on Reprojection Error Minimization*, IEEE RA-L 4 (2019)): a pose of least squares holds all that its points tell.
 
-use nalgebra::{Isometry3, Matrix6, Point3, Vector2};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
 use super::model::LensParameters;
 use super::observations::DeviceSighting;
 use super::resect;
 use super::start::{board_pose, homography};
+
+/// Largest thickness of points that count as a plane at the start, as a share of their length.
+const MAX_THICKNESS: f64 = 0.01;
 
 /// A board before a camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,21 +35,35 @@ pub fn board_in_camera(lens: &LensParameters, points: &[(Point3<f64>, Vector2<f6
         Some((*board_mm, Vector2::new(lens.fx * ray.x + lens.cx, lens.fy * ray.y + lens.cy)))
     };
     let straight: Vec<_> = points.iter().map(without_distortion).collect::<Option<_>>()?;
-    let sighting = |(index, (board_mm, pixel)): (usize, &(Point3<f64>, Vector2<f64>))| DeviceSighting {
-        point: index as u32,
-        board_mm: *board_mm,
-        pixel: *pixel,
-    };
-    let seen: Vec<DeviceSighting> = straight.iter().enumerate().map(sighting).collect();
-    let of_plane = homography(&seen).and_then(|homography| board_pose(lens, &homography));
-    let start = of_plane.or_else(|| resect::direct(&straight, lens.size_px).map(|(_, pose)| pose))?;
+    let start = of_plane(lens, &straight).or_else(|| resect::direct(&straight, lens.size_px).map(|(_, pose)| pose))?;
     resect::pose(points, lens, &start)
+}
+
+/// Pose in closed form of points that lie on a plane but for little, by its homography; `None` of other points.
+fn of_plane(lens: &LensParameters, points: &[(Point3<f64>, Vector2<f64>)]) -> Option<Isometry3<f64>> {
+    let middle = points.iter().map(|(point, _)| point.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let off = |point: &Point3<f64>| point.coords - middle;
+    let axes = points.iter().map(|(point, _)| off(point) * off(point).transpose()).sum::<Matrix3<f64>>().symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|a, b| axes.eigenvalues[*b].total_cmp(&axes.eigenvalues[*a]));
+    let [length, _, thickness] = order.map(|axis| axes.eigenvalues[axis].max(0.0).sqrt());
+    if thickness > MAX_THICKNESS * length {
+        return None;
+    }
+    let [x, y] = [order[0], order[1]].map(|axis| axes.eigenvectors.column(axis).into_owned());
+    let turn =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)])));
+    let plane_from_board = Isometry3::from_parts(middle.into(), turn).inverse();
+    let on_plane = |(index, (point, pixel)): (usize, &(Point3<f64>, Vector2<f64>))| {
+        let point_mm = plane_from_board * point;
+        DeviceSighting { point: index as u32, board_mm: Point3::new(point_mm.x, point_mm.y, 0.0), pixel: *pixel }
+    };
+    let seen: Vec<DeviceSighting> = points.iter().enumerate().map(on_plane).collect();
+    Some(board_pose(lens, &homography(&seen)?)? * plane_from_board)
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
-
     use super::*;
     use crate::cell::calibration::se3::log;
     use crate::cell::calibration::tests::Noise;
@@ -73,14 +90,33 @@ mod tests {
         Isometry3::new(Vector3::new(-60.0, 40.0, 620.0), Vector3::new(2.8, 0.3, -0.4))
     }
 
+    /// The chessboard with heights.
+    fn lifted(height_mm: impl Fn(usize, &Point3<f64>) -> f64) -> Vec<Point3<f64>> {
+        let lift = |(index, point): (usize, Point3<f64>)| Point3::new(point.x, point.y, height_mm(index, &point));
+        chessboard().into_iter().enumerate().map(lift).collect()
+    }
+
     #[test]
     fn exact_pixels_give_the_pose_of_a_plane_and_of_points_in_space() {
-        let in_space: Vec<Point3<f64>> =
-            chessboard().into_iter().map(|point| Point3::new(point.x, point.y, 0.002 * point.x * point.y)).collect();
-        for points in [chessboard(), in_space] {
-            let found = board_in_camera(&LENS, &image(&pose(), &points)).expect("a pose");
-            assert!(log(&(pose().inverse() * found.camera_from_board)).norm() < 1e-7 && found.rms_px < 1e-8, "{found:?}");
+        let uneven = |mm: f64| move |index: usize, _: &Point3<f64>| mm * (1.7 * index as f64).sin();
+        let far_off: Vec<Point3<f64>> = chessboard().into_iter().map(|point| point + Vector3::new(0.0, 2000.0, 0.0)).collect();
+        let upright = chessboard().into_iter().map(|point| Point3::new(point.x, 0.0, point.y)).collect();
+        for points in [
+            chessboard(),
+            lifted(|_, _| 5.0),
+            lifted(uneven(0.02)),
+            lifted(uneven(0.3)),
+            lifted(uneven(3.0)),
+            lifted(|_, point| 0.002 * point.x * point.y),
+            upright,
+        ] {
+            let found = board_in_camera(&LENS, &image(&pose(), &points)).unwrap_or_else(|| panic!("a pose of {points:?}"));
+            assert!(log(&(pose().inverse() * found.camera_from_board)).norm() < 1e-6 && found.rms_px < 1e-7, "{found:?}");
         }
+        // Its own origin is beside the image.
+        let beside = pose() * Isometry3::translation(0.0, -2000.0, 0.0);
+        let found = board_in_camera(&LENS, &image(&beside, &far_off)).expect("a pose");
+        assert!(log(&(beside.inverse() * found.camera_from_board)).norm() < 1e-5, "{found:?}");
     }
 
     #[test]
