@@ -127,6 +127,8 @@ fn the_ground_truth_of_rwhe_calib_is_nearer_than_by_any_method_of_opencv() {
 fn of_corners(document: &serde_json::Value) -> CalibrationData {
     let mut data = document["data"].clone();
     data["camera"] = document["camera"].clone();
+    // The truth is of the camera itself.
+    data["cloud_frame"] = json!("scanner");
     let square_mm = data["board"]["square_mm"].as_f64().expect("a size");
     for observation in data["observations"].as_array_mut().expect("observations") {
         let corners = document["corners_px"][observation["id"].as_str().expect("a name")].as_array().expect("corners");
