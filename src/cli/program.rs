@@ -88,7 +88,12 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     job.reference.check_scanner(&job.cell).map_err(|errors| files::findings(&args.cell, &errors))?;
     let made_from = std::fs::canonicalize(&args.from).unwrap_or_else(|_| args.from.clone());
     let origin = FileOrigin { plan_sha256, made_from: Some(made_from.display().to_string()) };
-    write(&args.out, rendered, &origin)
+    let written: Vec<String> = write(&args.out, rendered, &origin)?.iter().map(|path| path.display().to_string()).collect();
+    let work = dialect.before_first_run();
+    let lines: String = written.iter().map(|path| format!("{path}\n")).collect();
+    output::result(&serde_json::json!({ "files": written, "before_first_run": work }), lines)?;
+    work.into_iter().for_each(|work| output::note(format!("Before the first run: {work}")));
+    Ok(())
 }
 
 /// The language asked for, else the robot's own.
@@ -168,8 +173,9 @@ fn params(plan: Option<&PlanDocument>, sets: &[String]) -> Result<DialectParams,
     set_params(serde_json::json!({ "dialects": dialects }), sets).map(|params| params.dialects)
 }
 
-/// Writes into a folder, if `path` exists as one or has no extension; else to a file, which holds one program of one file.
-fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<(), CliError> {
+/// Writes into a folder, if `path` exists as one or has no extension; else to a file, which holds one program of one file. Returns
+/// the paths written.
+fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<Vec<PathBuf>, CliError> {
     let is_folder = path.is_dir() || (path.extension().is_none() && !path.is_file());
     if !is_folder {
         return write_alone(path, files, origin);
@@ -178,12 +184,12 @@ fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<()
     let artifacts: Vec<Artifact> = files.into_iter().map(artifact).collect();
     let names: Vec<&str> = artifacts.iter().map(|artifact| &*artifact.name).collect();
     OutputFolder::prepare(path, OutputWriter::Program, &names)?.replace(&artifacts, origin)?;
-    print_written(&names.iter().map(|name| path.join(name)).collect::<Vec<_>>())
+    Ok(names.iter().map(|name| path.join(name)).collect())
 }
 
 /// Writes the only file of the only program under the name that was asked for, over an earlier program if there is one. In a
 /// folder with results it is recorded among them.
-fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<(), CliError> {
+fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<Vec<PathBuf>, CliError> {
     let [file] = <[DialectFile; 1]>::try_from(files).map_err(|files| {
         let names: Vec<_> = files.iter().map(|file| file.name.as_str()).collect();
         CliError::BadInput(format!("--out {}: is a single file; name a folder for {}", path.display(), names.join(", ")))
@@ -193,7 +199,7 @@ fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Res
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let prepared = OutputFolder::prepare(folder, OutputWriter::Program, &[&name])?;
         prepared.replace(&[Artifact { name: name.into(), bytes: file.text.into_bytes() }], origin)?;
-        return print_written(&[path.to_owned()]);
+        return Ok(vec![path.to_owned()]);
     }
     if std::fs::read(path).is_ok_and(|bytes| !bytes.is_empty() && !out::is_program_text(&bytes)) {
         let what = "exists and is not a program of Vantage's; move it away or name another file";
@@ -202,14 +208,7 @@ fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Res
     std::fs::create_dir_all(folder_of(path))
         .map_err(|error| CliError::Failed(format!("--out {}: cannot be written: {error}", path.display())))?;
     out::write_file(path, file.text.as_bytes())?;
-    print_written(&[path.to_owned()])
-}
-
-/// Prints the paths of the files that were written.
-fn print_written(paths: &[PathBuf]) -> Result<(), CliError> {
-    let written: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-    let lines: String = written.iter().map(|path| format!("{path}\n")).collect();
-    output::result(&serde_json::json!({ "files": written }), lines)
+    Ok(vec![path.to_owned()])
 }
 
 #[cfg(test)]

@@ -177,12 +177,13 @@ impl Summary {
         self.action.as_ref().map(|action| format!("Next: {}", action.text))
     }
 
-    /// The summary in sentences, one on a line, as people read it: title and verdict first, then views, coverage, cycle, the best
-    /// action, and what is missed; the largest groups of missed spots are indented.
+    /// The summary in sentences, one on a line, as people read it: title and verdict first, then views, coverage, cycle, what the
+    /// robot's program still needs, the best action, and what is missed; the largest groups of missed spots are indented.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut lines = vec![self.title.clone(), self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
         lines.extend(self.cycle_text.clone());
+        lines.extend(self.program_cycle.as_ref().and_then(ProgramCycle::before_first_run_text));
         lines.extend(self.next_text());
         lines.push(self.missed_text.clone());
         let (shown, rest) = self.missed.split_at(self.missed.len().min(GROUPS_SHOWN));

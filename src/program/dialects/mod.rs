@@ -40,6 +40,8 @@ struct DialectFacts {
     outputs: &'static [DialectOutput],
     /// True if its controllers move the table with the arm.
     has_table_axis: bool,
+    /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
+    before_first_run: Option<&'static str>,
     render: fn(&Job<'_>) -> Result<Vec<DialectFile>, DialectError>,
 }
 
@@ -60,6 +62,12 @@ impl Dialect {
     #[must_use]
     pub fn outputs(self) -> &'static [DialectOutput] {
         self.facts().outputs
+    }
+
+    /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
+    #[must_use]
+    pub fn before_first_run(self) -> Option<&'static str> {
+        self.facts().before_first_run
     }
 }
 

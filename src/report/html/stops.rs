@@ -5,7 +5,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::ReportInput;
 use super::album::{Album, Picture};
-use super::markup::{duration, number, percent, triple};
+use super::markup::{duration, escape, number, percent, triple};
 use super::palette::Ink;
 use super::pictures;
 use super::views::{GRADES, legend, unmeasured};
@@ -14,6 +14,7 @@ use crate::cell::PoseSpec;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Plan, PlannedView, SetupId, SetupPlan, ViewId, share};
 use crate::planning::sequence::Leg;
+use crate::wire::summary::ProgramCycle;
 use crate::wire::words::turn_phrase;
 
 /// Max stops with a picture; a page with more is slow to make and to open.
@@ -62,11 +63,13 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, ctx: &Context<
         body += &format!("{}<div class=\"stops\">\n{stops}</div>\n", group.title);
     }
     let ordered = plan.sequences().next().is_some();
+    let program = input.summary.program_cycle.as_ref().and_then(ProgramCycle::before_first_run_text);
+    let program = program.map_or_else(String::new, |work| format!("<p><b>{}.</b></p>\n", escape(&work)));
     let inks = GRADES.into_iter().chain([Ink::ByOthers]).chain(unmeasured(input, Ink::of_grade));
     Ok(format!(
         "<section>\n<h2>{}</h2>\n<p>Each picture shows the part from the viewpoint itself, with the scanner’s baseline horizontal, \
          coloured by what this view measures; grey is measured by other views. The dashed line is the field that both cameras and \
-         the projector share at best focus. {}A stop opens to its picture, its pose and its joints.{}</p>\n{}{body}</section>\n",
+         the projector share at best focus. {}A stop opens to its picture, its pose and its joints.{}</p>\n{program}{}{body}</section>\n",
         if ordered { "Stops in the robot’s order" } else { "The chosen views" },
         if ordered {
             "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn it takes longer. "

@@ -41,6 +41,9 @@ pub struct ProgramCycle {
     pub set: BTreeMap<String, Value>,
     /// Options of the command line that set them; `null` if there are none.
     pub command: Option<String>,
+    /// Work that the integrator has to do before the program's first run, in a clause; `null` if its file runs as it is.
+    #[serde(default)]
+    pub before_first_run: Option<String>,
 }
 
 impl ProgramCycle {
@@ -51,13 +54,21 @@ impl ProgramCycle {
         let differs = (cycle_secs - planned_secs).abs() >= ALIKE_SECS;
         let set = if differs { BTreeMap::from([("motion.table".to_owned(), json!("alone"))]) } else { BTreeMap::new() };
         let command = (!set.is_empty()).then(|| options(&set));
-        Self { dialect, cycle_secs, set, command }
+        let before_first_run = dialect.before_first_run().map(str::to_owned);
+        Self { dialect, cycle_secs, set, command, before_first_run }
     }
 
     /// Returns true if the program takes another time than the motion as planned.
     #[must_use]
     pub fn differs(&self) -> bool {
         self.command.is_some()
+    }
+
+    /// Work that the integrator has to do before the first run, in a sentence.
+    #[must_use]
+    pub fn before_first_run_text(&self) -> Option<String> {
+        let dialect = self.dialect.as_str();
+        self.before_first_run.as_ref().map(|work| format!("Before the first run of the program ({dialect}): {work}"))
     }
 
     /// The cycle in a clause, where it is not the planned one.

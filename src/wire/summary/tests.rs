@@ -324,6 +324,12 @@ fn a_cycle_is_the_sum_of_its_parts() {
     assert_eq!(longer.cycle_text, summary.cycle_text.clone().map(|text| text + told));
     assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
     assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
+    // A file that needs work before its first run says so; one that runs as it is says nothing.
+    let by_hand = summary.clone().with_program(Some(ProgramCycle::new(Dialect::Urscript, 31.2, cycle_secs)));
+    let told = "Before the first run of the program (urscript): fill in vantage_table(angle_deg), which turns the table; until then \
+                the program stops there";
+    assert!(by_hand.lines().contains(&told.to_owned()), "{:?}", by_hand.lines());
+    assert!(!program(31.2).lines().iter().any(|line| line.contains("first run")));
     with_cell.setups[0].sequence.iter_mut().for_each(|sequence| sequence.lower_bound_secs = 20.0);
     assert!(!Summary::of(&with_cell).cycle_text.expect("a cell").contains("optimal"));
 }

@@ -1,14 +1,16 @@
 //! Help, version, manual pages, lists of parameters and presets, and completions.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 21] = [
+const COMMANDS: [&str; 23] = [
     "serve",
     "demo",
     "calibrate",
+    "cell",
     "compare",
     "rescan",
     "plan",
@@ -21,6 +23,7 @@ const COMMANDS: [&str; 21] = [
     "presets",
     "part",
     "robot",
+    "scanner",
     "sim",
     "backup",
     "restore",
@@ -28,6 +31,16 @@ const COMMANDS: [&str; 21] = [
     "man",
     "healthcheck",
 ];
+
+#[test]
+fn every_command_is_in_the_list_of_these_tests() {
+    let help = run(&["-h"]).out;
+    let (_, below) = help.split_once("Commands:\n").expect("a list of commands");
+    let entries = below.lines().take_while(|line| !line.is_empty());
+    let first = |line: &str| line.strip_prefix("  ").filter(|rest| !rest.starts_with(' '))?.split(' ').next().map(str::to_owned);
+    let named: BTreeSet<String> = entries.filter_map(first).filter(|name| name != "help").collect();
+    assert_eq!(named, COMMANDS.map(str::to_owned).into());
+}
 
 #[test]
 fn help_is_as_wide_as_a_terminal_and_each_study_has_its_own() {
