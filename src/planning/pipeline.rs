@@ -92,8 +92,9 @@ fn finish<'a>(
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     let input = problem.input;
-    let (views, problem) = shorten(problem, sampled, setups, views, ctx)?;
-    let part = sampled.part_alone(input, setups, ctx)?;
+    let (shortened, part) =
+        rayon::join(|| shorten(problem, sampled, setups, views, ctx), || sampled.part_alone(input, setups, ctx));
+    let ((views, problem), part) = (shortened?, part?);
     let mut outcome = explain(problem, sampled, setups, views, &part, ctx)?;
     let asked_as = demand.map(|_| Arc::clone(&outcome.surface));
     outcome.plan.coverage.is_of_open = demand.is_some();

@@ -300,17 +300,21 @@ impl PlanJob<'_> {
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput { subject: self.subject(&size_warnings), outcome, plan_sha256: &plan_sha256, summary: &summary };
-        let mut files: Files = vec![
-            (SUMMARY_FILE.into(), json_file_bytes(&summary)),
-            (PLAN_FILE.into(), document),
-            ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
-            ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
-            ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &plan_sha256))),
-            ("coverage.csv".into(), coverage::csv(outcome, self.mesh, &plan_sha256).into_bytes()),
-            ("coverage.bin".into(), coverage::bin(outcome, &preview)),
-            ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
-        ];
-        files.extend(report_files(&report, self.text(plan, &summary, &size_warnings), reports, &preview, ctx)?);
+        let tables = || -> Files {
+            vec![
+                (SUMMARY_FILE.into(), json_file_bytes(&summary)),
+                (PLAN_FILE.into(), document),
+                ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
+                ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
+                ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &plan_sha256))),
+                ("coverage.csv".into(), coverage::csv(outcome, self.mesh, &plan_sha256).into_bytes()),
+                ("coverage.bin".into(), coverage::bin(outcome, &preview)),
+                ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
+            ]
+        };
+        let words = self.text(plan, &summary, &size_warnings);
+        let (mut files, reports) = rayon::join(tables, || report_files(&report, words, reports, &preview, ctx));
+        files.extend(reports?);
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         let mut refused = Refused::new();
         for (program, checked) in programs.iter().zip(&checked) {

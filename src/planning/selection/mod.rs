@@ -15,6 +15,7 @@ mod columns;
 mod grade_floor;
 mod greedy;
 mod improve_score;
+mod incidence;
 mod lazy;
 mod local;
 mod multipliers;

@@ -9,9 +9,9 @@
 //! Cost: 15 to 40 steps of classes × (rows a class)² / 2 and rows³ / 3. The sums have a fixed order on any number of threads.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use rayon::prelude::*;
 
 use super::cholesky::factored;
+use super::incidence::Incidence;
 use crate::geometry::SimdLevel;
 use crate::planning::context::{Cancelled, Context};
 
@@ -19,11 +19,6 @@ use crate::planning::context::{Cancelled, Context};
 const MAX_STEPS: usize = 60;
 /// Share of the way to the boundary that a step may go.
 const TO_BOUNDARY: f64 = 0.995;
-/// Classes and rows whose sums a thread takes at once.
-const CLASSES_A_TASK: usize = 512;
-const ROWS_A_TASK: usize = 8;
-/// Columns of Aᵀ D A that a thread sums at once: of a few hundred rows they fit the first cache.
-const COLUMNS_A_TASK: usize = 16;
 
 /// Form of the relaxation.
 pub(super) enum Form {
@@ -86,61 +81,6 @@ pub(super) fn solve(
     Ok(Solution { taken: point.x, class: point.u, limit, tau, value })
 }
 
-/// Incidence matrix A of rows and classes, both ways.
-struct Incidence<'a> {
-    of_row: &'a [Vec<u32>],
-    /// Rows of class c are `rows[starts[c]..starts[c + 1]]`, ascending.
-    starts: Vec<u32>,
-    rows: Vec<u32>,
-}
-
-impl<'a> Incidence<'a> {
-    fn new(of_row: &'a [Vec<u32>], classes: usize) -> Self {
-        let mut starts = vec![0_u32; classes + 1];
-        of_row.iter().flatten().for_each(|class| starts[*class as usize + 1] += 1);
-        (0..classes).for_each(|class| starts[class + 1] += starts[class]);
-        let (mut next, mut rows) = (starts.clone(), vec![0_u32; starts[classes] as usize]);
-        for (row, classes) in (0..).zip(of_row) {
-            for class in classes {
-                rows[next[*class as usize] as usize] = row;
-                next[*class as usize] += 1;
-            }
-        }
-        Self { of_row, starts, rows }
-    }
-
-    /// A v.
-    fn times(&self, v: &[f64]) -> Vec<f64> {
-        let of_class = |ends: &[u32]| self.rows[ends[0] as usize..ends[1] as usize].iter().map(|row| v[*row as usize]).sum();
-        self.starts.par_windows(2).with_min_len(CLASSES_A_TASK).map(of_class).collect()
-    }
-
-    /// Aᵀ v.
-    fn transposed_times(&self, v: &[f64]) -> Vec<f64> {
-        let of_row = |classes: &Vec<u32>| classes.iter().map(|class| v[*class as usize]).sum();
-        self.of_row.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect()
-    }
-
-    /// Aᵀ diag(d) A, its lower triangle, a few of its columns at a time: these stay in the cache while the classes pass by. Classes
-    /// are added in their order.
-    fn weighted_square(&self, d: &[f64]) -> DMatrix<f64> {
-        let n = self.of_row.len();
-        let mut square = DMatrix::zeros(n, n);
-        let blocks = square.as_mut_slice().par_chunks_mut(COLUMNS_A_TASK * n.max(1));
-        blocks.enumerate().for_each(|(block, columns)| {
-            let first = block * COLUMNS_A_TASK;
-            for (ends, d) in self.starts.windows(2).zip(d) {
-                let rows = &self.rows[ends[0] as usize..ends[1] as usize];
-                for (at, row) in rows.iter().enumerate().skip(rows.partition_point(|row| (*row as usize) < first)) {
-                    let Some(column) = columns.chunks_exact_mut(n).nth(*row as usize - first) else { break };
-                    rows[at..].iter().for_each(|other| column[*other as usize] += d);
-                }
-            }
-        });
-        square
-    }
-}
-
 /// Linear program: min q·Σx + pᵀs, with A x + s − t = 1 and for each limit β·Σx + wᵀs + r = R.
 struct Model<'a> {
     incidence: &'a Incidence<'a>,
@@ -160,7 +100,7 @@ impl<'a> Model<'a> {
     fn new(incidence: &'a Incidence<'a>, form: &Form, level: SimdLevel) -> Self {
         /// A limit of nothing at all has no interior.
         const MIN_OPEN: f64 = 1e-7;
-        let classes = incidence.starts.len() - 1;
+        let classes = incidence.classes();
         let (cost_of_row, cost_of_class, limits) = match form {
             Form::FewestViews(goals) => {
                 let limit =
@@ -193,7 +133,7 @@ type Step = Point;
 impl Point {
     /// A start strictly inside, primal and dual, for either form.
     fn start(model: &Model<'_>) -> Self {
-        let (n, m) = (model.incidence.of_row.len(), model.cost_of_class.len());
+        let (n, m) = (model.incidence.rows(), model.cost_of_class.len());
         let is_fewest = model.cost_of_row > 0.0;
         let min = model.limits.iter().map(|limit| limit.max).fold(f64::INFINITY, f64::min);
         let (x, s) = if is_fewest { (vec![1.0; n], vec![min / 2.0; m]) } else { (vec![min / (2.0 * n as f64); n], vec![1.0; m]) };
@@ -328,7 +268,7 @@ impl System {
         let theta_s: Vec<f64> = point.s.iter().zip(&point.zs).map(|(s, z)| s / z).collect();
         let theta_t: Vec<f64> = point.t.iter().zip(&point.u).map(|(t, u)| t / u).collect();
         let d: Vec<f64> = theta_s.iter().zip(&theta_t).map(|(s, t)| 1.0 / (s + t)).collect();
-        let mut m = model.incidence.weighted_square(&d);
+        let mut m = model.incidence.weighted_square(&d, model.level);
         (0..point.x.len()).for_each(|j| m[(j, j)] += point.zx[j] / point.x[j]);
         let m = factored(m, model.level)?;
         let b: Vec<DVector<f64>> = model

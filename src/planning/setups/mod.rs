@@ -13,14 +13,15 @@
 mod tests;
 
 use nalgebra::Vector3;
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::candidates::{self, Scope};
-use super::context::{Context, NoPlan, PlanError};
-use super::params::{CandidateParams, Hemisphere, PlanParams, Registration};
+use super::context::{Cancelled, Context, NoPlan, PlanError};
+use super::params::{CandidateParams, Hemisphere, Objective, PlanParams, Registration};
 use super::registration::{SharedSurface, Stability, shared};
 use super::scene::{PlanInput, PlanningScene, standing_on};
 use super::surface::{self, Surface};
-use super::visibility::{self, Occluders, Optics, SampleSet};
+use super::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, stable_poses};
 
@@ -30,6 +31,8 @@ const MAX_POSES: usize = 12;
 const SAMPLES: f64 = 8_000.0;
 /// Triangles beyond which fewer viewpoints are compared: a ray among them takes longer.
 const MANY_TRIANGLES: usize = 20_000;
+/// Viewpoints that are evaluated side by side.
+const BATCH: usize = 8;
 /// Share of the asked area for which the part is turned over once more.
 const FLIP_WORTH: f64 = 0.002;
 /// Poses whose axes differ by less are one, radians (3°).
@@ -162,6 +165,8 @@ fn measured_from(
     let mut coarse = params.clone();
     coarse.part.samples_per_mm2 = Some(SAMPLES / input.mesh.area_mm2());
     coarse.part.patch_edge_mm = Some(f64::INFINITY);
+    // Nothing is chosen by quality here.
+    coarse.selection.objective = Objective::Coverage;
     let surface = if input.mesh.faces.len() as f64 > SAMPLES {
         surface::sample_some(input.mesh, &coarse.regions, (SAMPLES as usize, coarse.seed), ctx)?
     } else {
@@ -189,18 +194,43 @@ fn measured_from(
     };
     let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
     let views: Vec<_> = generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
-    let usable = vec![true; views.len()];
-    let table = visibility::cast(&surface, &views, &usable, input.scanner, occluders, &coarse, &ctx.silent())?;
-    let seen_in = |table_from_part: &Pose<Table, Part>| {
-        let mut measured = SampleSet::none_of(surface.sample_mm.len());
-        let min_elevation_deg = coarse.candidates.min_elevation_deg;
-        let taken =
-            views.iter().zip(&table.rows).filter(|(view, _)| is_above(view, table_from_part, input.scanner, min_elevation_deg));
-        taken.for_each(|(_, row)| measured.insert_all(row.measured()));
-        measured
+    let above = |view: &Pose<Part, ScannerFrame>| -> Vec<usize> {
+        let is_above = |pose: &usize| is_above(view, &pool[*pose], input.scanner, coarse.candidates.min_elevation_deg);
+        (0..pool.len()).filter(is_above).collect()
     };
-    let by_pose = pool.iter().map(seen_in).collect();
+    let served: Vec<Vec<usize>> = views.iter().map(above).collect();
+    let optics = Optics::new(input.scanner, &coarse, &surface.requirements);
+    let silent = ctx.silent();
+    let together = UnitedViews::new(&surface, &optics, occluders, &coarse, &silent);
+    let by_pose = measured_in_poses(&together, &views, &served, pool.len())?;
     Ok(Reachable { by_pose, area_mm2: surface.asked_area_mm2(), surface })
+}
+
+/// Samples that views measure in each pose of the part in which they can be taken, `served`. A view is not asked about a sample that
+/// earlier ones measure in each of its poses; the views of a batch stand all around, so that they see different samples.
+fn measured_in_poses(
+    together: &UnitedViews<'_>,
+    views: &[Pose<Part, ScannerFrame>],
+    served: &[Vec<usize>],
+    poses: usize,
+) -> Result<Vec<SampleSet>, Cancelled> {
+    let mut by_pose = vec![together.nothing(); poses];
+    let batches = views.len().div_ceil(BATCH);
+    for batch in 0..batches {
+        let row = |view: usize| {
+            let mut measured = served[view].iter().map(|pose| &by_pose[*pose]);
+            let Some(first) = measured.next() else { return Ok(None) };
+            let mut known = first.clone();
+            measured.for_each(|measured| known.retain_all(measured));
+            together.row(&views[view], &known).map(Some)
+        };
+        let of_batch: Vec<usize> = (batch..views.len()).step_by(batches).collect();
+        let rows = of_batch.par_iter().map(|view| row(*view)).collect::<Result<Vec<_>, Cancelled>>()?;
+        for (view, row) in of_batch.into_iter().zip(rows) {
+            row.iter().for_each(|row| served[view].iter().for_each(|pose| by_pose[*pose].insert_all(row.measured())));
+        }
+    }
+    Ok(by_pose)
 }
 
 /// Returns true if all devices stand above the plate's plane, and the viewpoint at this elevation or more.

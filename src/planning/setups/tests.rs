@@ -16,6 +16,41 @@ fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Pa
     poses(&input, &params, || &pool, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// Samples that earlier views measure are not asked about again; what is measured in each pose is what the views alone measure.
+#[test]
+fn views_together_measure_what_they_measure_alone() {
+    let (mesh, scanner, cancel) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner(), AtomicBool::new(false));
+    let (ctx, params) = (Context::new(&cancel, &Silent), PlanParams::default());
+    let surface = surface::sample_for(&mesh, &params.part, &params.regions, 1, &ctx).expect("a surface");
+    let (optics, occluders) =
+        (Optics::new(&scanner, &params, &surface.requirements), Occluders::interruptible([&mesh], &ctx).expect("not cancelled"));
+    let together = UnitedViews::new(&surface, &optics, &occluders, &params, &ctx);
+    let scope = Scope {
+        part: &mesh,
+        surface: &surface,
+        scanner: &scanner,
+        cell: None,
+        table_from_part: Pose::default(),
+        occluders: &occluders,
+        optics: &optics,
+        score: &params.score,
+        seed: 0,
+    };
+    let generated = candidates::generate(&scope, &CandidateParams::ellipsoid(), &ctx).expect("candidates");
+    let views: Vec<_> = generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
+    assert!(views.len() > 3 * BATCH, "{}", views.len());
+    let served: Vec<Vec<usize>> =
+        (0..views.len()).map(|view| [0, 1, 2].into_iter().filter(|pose| view % (pose + 2) > 0).collect()).collect();
+    let found = measured_in_poses(&together, &views, &served, 3).expect("not cancelled");
+    for (pose, found) in found.iter().enumerate() {
+        let mut alone = together.nothing();
+        for (view, _) in views.iter().zip(&served).filter(|(_, served)| served.contains(&pose)) {
+            alone.insert_all(together.row(view, &together.nothing()).expect("not cancelled").measured());
+        }
+        assert!(alone.count() > 100 && alone.words() == found.words(), "pose {pose}: {} of {}", found.count(), alone.count());
+    }
+}
+
 /// However a box is turned, it stands on the plate with its centre on the axis, and the axis asked for points up.
 #[test]
 fn the_axis_that_is_asked_for_points_up() {
