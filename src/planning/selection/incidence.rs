@@ -142,7 +142,7 @@ impl Kernel for AddClasses<'_> {
 }
 
 /// All bits of each row of a group that is among those of a mask, none of the others.
-static LANES_OF: [[u64; LANES]; 256] = {
+const LANES_OF: &[[u64; LANES]; 256] = &{
     let mut lanes = [[0; LANES]; 256];
     let mut mask = 0;
     while mask < 256 {
