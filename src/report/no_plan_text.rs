@@ -5,6 +5,7 @@ use std::fmt::{self, Write};
 use crate::planning::context::NoPlan;
 use crate::planning::plan::share;
 use crate::report::html::{NoPlanInput, NoPlanReason};
+use crate::wire::part_size::size_text;
 use crate::wire::words::{advice_sentence, area_mm2, changed_params, fixed};
 
 /// Pairs of blocking bodies that are listed.
@@ -28,11 +29,12 @@ fn write_no_plan(out: &mut String, input: &NoPlanInput<'_>) -> fmt::Result {
     }
     writeln!(out, "\npart {}", subject.part_sha256)?;
     writeln!(out, "  {} triangles, {} mm²", subject.mesh.faces.len(), area_mm2(subject.mesh.area_mm2()))?;
-    writeln!(out, "  size {} mm", [size.x, size.y, size.z].map(|edge| fixed(edge, 1)).join(" × "))?;
+    writeln!(out, "  size {}", size_text(&size.into()))?;
     writeln!(out, "scanner {:?}", subject.scanner.name)?;
     writeln!(out, "cell {:?}", subject.cell.map_or("none", |cell| &cell.name))?;
-    writeln!(out, "\nparameters that differ from the defaults")?;
-    let changed = changed_params(input.params);
+    input.distance_sentence().map_or(Ok(()), |sentence| writeln!(out, "  {sentence}"))?;
+    writeln!(out, "\nparameters changed from their defaults or derived")?;
+    let changed = changed_params(&input.resolved());
     if changed.is_empty() {
         writeln!(out, "  none")?;
     }

@@ -18,8 +18,8 @@ use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, Robust
 use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, of_robust};
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fixed, freedom, headline,
-    lie_phrase, noise_remark, remedy_sentence, risk_meaning, treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fix_sentence, fixed, freedom,
+    headline, lie_phrase, noise_remark, risk_meaning, treated_spots,
 };
 
 /// The text of a plan without a program. Same plan, same text; every line ends with a newline.
@@ -69,7 +69,7 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary) -> fmt::Result {
 
 /// Writes the summary in the sentences that every output has.
 fn write_summary(out: &mut String, summary: &Summary) -> fmt::Result {
-    summary.lines().iter().try_for_each(|line| writeln!(out, "{line}"))?;
+    summary.lines_with_rest("see \"missed\" below").iter().try_for_each(|line| writeln!(out, "{line}"))?;
     writeln!(out)
 }
 
@@ -115,6 +115,9 @@ fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
         let [a, b] = link.setups.map(|setup| setup.0 + 1);
         writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;
     }
+    if plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
+        writeln!(out, "  views of one setup share the table's frame, so their links need not fix every freedom")?;
+    }
     for (number, setup) in plan.setups.iter().enumerate() {
         if let Some(([a, b], stability)) = &setup.weakest_link {
             writeln!(out, "  weakest link of the views of setup {}: {} and {} {}", number + 1, a.0, b.0, told(stability))?;
@@ -124,7 +127,7 @@ fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 fn write_params(out: &mut String, params: &PlanParams) -> fmt::Result {
-    writeln!(out, "\nparameters that differ from the defaults")?;
+    writeln!(out, "\nparameters changed from their defaults or derived")?;
     let changed = changed_params(params);
     if changed.is_empty() {
         writeln!(out, "  none")?;
@@ -334,7 +337,7 @@ fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
         write!(out, "  {:<20} {:>10} mm²", cause.as_str(), area_mm2(spot.area_mm2))?;
         let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
         writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
-        writeln!(out, "       {}", remedy_sentence(remedy))?;
+        writeln!(out, "       {}", fix_sentence(remedy))?;
     }
     Ok(())
 }

@@ -141,7 +141,7 @@ impl Summary {
             regions_unmet: regions.iter().filter(|region| region.is_unmet()).count(),
             missed_of_asked,
             missed_spots,
-            missed_text: missed_text(missed_of_asked, missed_spots),
+            missed_text: missed_text([missed_of_asked, 1.0 - coverage.of_asked], missed_spots),
             action: action::best(plan, verdict, &groups, motion.map(|motion| motion.cycle_secs)),
             missed: groups,
             plan_sha256: None,
@@ -181,6 +181,12 @@ impl Summary {
     /// robot's program still needs, the best action, and what is missed; the largest groups of missed spots are indented.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
+        self.lines_with_rest("in the report")
+    }
+
+    /// These lines, with the place where the groups are told that have no line of their own.
+    #[must_use]
+    pub fn lines_with_rest(&self, place: &str) -> Vec<String> {
         let mut lines = vec![self.title.clone(), self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
         lines.extend(self.cycle_text.clone());
         lines.extend(self.program_cycle.as_ref().and_then(ProgramCycle::before_first_run_text));
@@ -190,7 +196,8 @@ impl Summary {
         lines.extend(shown.iter().map(|group| format!("  {}", group.text)));
         if !rest.is_empty() {
             let (spots, of_asked) = rest.iter().fold((0, 0.0), |(spots, sum), group| (spots + group.spots, sum + group.of_asked));
-            lines.push(format!("  {} more, {} of asked: in the report", counted(spots, "spot"), percent(of_asked)));
+            let noun = if spots == 1 { "spot" } else { "spots" };
+            lines.push(format!("  {spots} more {noun}, {} of asked: {place}", percent(of_asked)));
         }
         lines
     }
@@ -257,10 +264,19 @@ fn no_path(plan: &Plan) -> Option<String> {
     (without_path > 0).then(|| format!("no collision-free path leads to {without_path} of {}", counted(chosen, "chosen view")))
 }
 
-fn missed_text(missed_of_asked: f64, spots: usize) -> String {
+/// Missed share, on the samples that views are chosen on and on independent ones, and the spots, which the first have.
+fn missed_text(missed_of_asked: [f64; 2], spots: usize) -> String {
+    let [chosen_on, independent] = missed_of_asked.map(percent);
+    let differs = chosen_on != independent;
+    let on = if differs {
+        format!(" on the samples that views are chosen on (independent check: {independent})")
+    } else {
+        String::new()
+    };
     match spots {
+        0 if differs => format!("Missed: nothing{on}"),
         0 => "Missed: nothing, all of the asked area is measured".to_owned(),
-        _ => format!("Missed: {} of asked, {}", percent(missed_of_asked), counted(spots, "spot")),
+        _ => format!("Missed: {chosen_on} of asked{on}, {}", counted(spots, "spot")),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
 use crate::planning::registration::Stability;
-use crate::planning::verdict::MIN_RESISTANCE;
+use crate::planning::verdict::{MIN_RESISTANCE, Rejection};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, StabilityDocument};
 
 #[cfg(test)]
@@ -173,6 +173,24 @@ pub fn cause_phrase(cause: Cause) -> &'static str {
     }
 }
 
+/// A reason for which a candidate was dropped, as a remark on it: "below the plate".
+#[must_use]
+pub fn rejection_phrase(reason: Rejection) -> &'static str {
+    match reason {
+        Rejection::BelowTable => "below the plate",
+        Rejection::LowElevation => "too low over the plate",
+        Rejection::InsidePart => "inside the part",
+        Rejection::InsideObstacle => "inside an obstacle",
+        Rejection::BodyMeetsPlate => "the scanner's body would meet the plate",
+        Rejection::BodyMeetsPart => "the scanner's body would meet the part",
+        Rejection::Unreachable => "out of the robot's reach",
+        Rejection::Collision => "something collides at every station",
+        Rejection::Duplicate => "the same as another one",
+        Rejection::MeasuresNothing => "measures nothing that is asked for",
+        Rejection::NotNeeded => "adds little or nothing to the others considered",
+    }
+}
+
 /// The spots for which a remedy was searched for, largest first.
 #[must_use]
 pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy)> {
@@ -211,16 +229,19 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
             );
         }
     };
-    let dropped: Vec<_> = candidates.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
-    let dropped = if dropped.is_empty() { "none".to_owned() } else { dropped.join(", ") };
+    let dropped: Vec<_> =
+        candidates.rejected.iter().map(|(reason, count)| format!("{} {count}", rejection_phrase(*reason))).collect();
+    let dropped = if dropped.is_empty() { String::new() } else { format!(" (dropped: {})", dropped.join(", ")) };
+    let usable = match candidates.kept {
+        0 => format!("none of {} is usable{dropped}", counted(candidates.generated, "candidate")),
+        kept => {
+            let all = counted(candidates.generated, "candidate");
+            format!("{kept} of {all} can be used{dropped}, but none measures anything worth a view")
+        }
+    };
     let named = missed_mm2.iter().take(NAMED_CAUSES);
-    let named = named.map(|(cause, mm2)| format!("{} {:.0} % of the area", cause.as_str(), 100.0 * mm2 / asked_mm2));
-    format!(
-        "of {} candidates {} were usable (dropped: {dropped}), and none measures anything worth a view; causes: {}",
-        candidates.generated,
-        candidates.kept,
-        named.collect::<Vec<_>>().join(", ")
-    )
+    let named = named.map(|(cause, mm2)| format!("{} ({:.0} %)", cause_phrase(*cause), 100.0 * mm2 / asked_mm2));
+    format!("{usable}; area missed by cause: {}", named.collect::<Vec<_>>().join(", "))
 }
 
 /// Stability of a registration in a sentence that begins with what two measurements share.
@@ -325,14 +346,25 @@ pub fn partial_share(of_spot: f64, measured_mm2: f64) -> Option<String> {
 pub(crate) fn none_found(tried: usize) -> String {
     match tried {
         1 => "no fix found (the one view tried does not see half of it)".to_owned(),
-        tried => format!("no fix found (no 8 of the {tried} views tried see half of it)"),
+        tried => format!("no fix found ({tried} views tried; up to 8 of them together see less than half of it)"),
     }
+}
+
+/// A remedy in a sentence for reports; that of a plan's document is [`remedy_sentence`].
+#[must_use]
+pub fn fix_sentence(remedy: &Remedy) -> String {
+    if remedy.views.is_empty() { none_found(remedy.tried) } else { remedy_sentence(remedy) }
 }
 
 /// A remedy in a sentence. Where it does not work, the share that it measures comes first.
 #[must_use]
 pub fn remedy_sentence(remedy: &Remedy) -> String {
-    let Some(first) = remedy.views.first() else { return none_found(remedy.tried) };
+    let Some(first) = remedy.views.first() else {
+        return match remedy.tried {
+            1 => none_found(1),
+            tried => format!("no fix found (no 8 of the {tried} views tried see half of it)"),
+        };
+    };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
         RemedyKind::View => format!("raise selection.target or selection.max_views, so that candidate {candidate} is chosen too"),

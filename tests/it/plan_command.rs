@@ -128,11 +128,11 @@ fn no_plan_exits_with_3_and_leaves_a_report_on_the_reasons() {
     // No surface faces both cameras within a degree.
     let (code, _, told) = plan_block(folder.path(), &["limits.camera_deg=1", "limits.projector_deg=1"], &[]);
     assert_eq!(code, Some(3), "{told}");
-    assert!(told.contains("no plan is possible: of ") && told.contains("report.html"), "{told}");
+    assert!(told.contains("no plan is possible: none of ") && told.contains("report.html"), "{told}");
     let read = |name: &str| {
         std::fs::read_to_string(folder.path().join("out").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     };
-    assert!(read("report.txt").starts_with("no plan is possible: of "), "{}", read("report.txt"));
+    assert!(read("report.txt").starts_with("no plan is possible: none of "), "{}", read("report.txt"));
     let page = read("report.html");
     for said in [
         "No plan is possible",

@@ -86,7 +86,8 @@ pub(in crate::planning) fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose
 }
 
 /// Fills in every default that depends on the part, the scanner or the presence of a cell.
-pub(in crate::planning) fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
+#[must_use]
+pub fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
     let mut resolved = params.preset.apply(params);
     resolved.part = surface::resolve(&params.part, input.mesh);
     resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));

@@ -5,8 +5,8 @@ mod defaults;
 mod input;
 mod placement;
 
-pub use defaults::{UpAxis, resting, standing};
-pub(super) use defaults::{resolve, standing_on};
+pub(super) use defaults::standing_on;
+pub use defaults::{UpAxis, resolve, resting, standing};
 pub use input::PlanInput;
 pub(super) use placement::check as check_placement;
 pub use placement::plate;

@@ -2,7 +2,7 @@
 
 use super::ReportInput;
 use super::chart;
-use super::markup::{area, duration, escape, number, percent, triple};
+use super::markup::{area, duration, escape, number, percent, prose, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
@@ -234,7 +234,7 @@ fn obstruction_row(obstruction: &Obstruction) -> String {
         "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
          <td class=\"n\">{place}</td><td>{}</td></tr>\n",
         escape(&bodies.to_string()),
-        escape(&advice_sentence(advice))
+        prose(&advice_sentence(advice))
     )
 }
 

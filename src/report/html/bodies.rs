@@ -29,7 +29,7 @@ pub(super) struct Assembly {
     pub(super) mesh: Mesh,
     /// Ink of each triangle.
     pub(super) inks: Vec<Ink>,
-    /// Points of the part, of the plate and of what is in the way, base frame.
+    /// Points of the part, of the plate and of what is in the way, or of the robot where that is nothing, base frame.
     pub(super) focus_mm: Vec<Point3<f64>>,
 }
 
@@ -64,7 +64,10 @@ impl Assembly {
         for body in bodies(subject, cell, table_from_part, configuration) {
             ctx.check()?;
             let role = role(&body.name);
-            let is_focus = body.name == PLATE || (role != BodyRole::Other && body.name != FLOOR);
+            let is_named = body.name == PLATE || (role != BodyRole::Other && body.name != FLOOR);
+            // At home nothing is in the way: robot and table are shown, and not all that stands around them.
+            let is_around = body.name == FLOOR || cell.obstacles.iter().any(|obstacle| obstacle.name == body.name);
+            let is_focus = is_named || (in_the_way.is_none() && !is_around);
             assembly.join(body.surface, role, is_focus);
         }
         Ok(assembly)
@@ -193,6 +196,12 @@ mod tests {
         cancel.store(true, Ordering::Relaxed);
         assert!(Assembly::at(&subject, &cell, &placing, &ctx).is_err(), "cancelled");
         assert_eq!(assembly.mesh.faces.len(), assembly.inks.len());
+        let foot_mm = |focus_mm: &[Point3<f64>]| focus_mm.iter().map(|p| p.xy().coords.norm()).fold(f64::INFINITY, f64::min);
+        let at_home = Placing { table_from_part: &pose, configuration: &cell.home_rad, in_the_way: None };
+        cancel.store(false, Ordering::Relaxed);
+        let home = Assembly::at(&subject, &cell, &at_home, &ctx).expect("not cancelled");
+        assert!(foot_mm(&home.focus_mm) < 150.0, "the robot's foot is in the picture");
+        assert!(home.focus_mm.len() < home.mesh.vertices_mm.len(), "the floor is not");
         for role in [BodyRole::First, BodyRole::Second] {
             assert!(assembly.inks.contains(&Ink::Body(role)), "{role:?} of {met}");
         }

@@ -27,6 +27,8 @@ const FRONT_PART: [f64; 2] = [270.0, 380.0];
 const FRONT_PLATE_Y: f64 = 470.0;
 /// Middle of the part in it.
 const FRONT_X: f64 = 235.0;
+/// Top of the name of the side that is up in it, over its arrow.
+const UP_ARROW_TOP: f64 = 180.0;
 /// Distance of dimension lines from what they measure.
 const OFF: f64 = 46.0;
 /// Pixels of the rendered part a unit.
@@ -38,8 +40,10 @@ const NOTHING_MM: f64 = 0.05;
 /// Length of the drawn axes of the file.
 const AXIS: f64 = 26.0;
 /// Height and width that a number needs.
-const ROW: f64 = 18.0;
-const COLUMN: f64 = 46.0;
+const ROW: f64 = 20.0;
+const COLUMN: f64 = 50.0;
+/// Height of a title above what is drawn.
+const TITLE: f64 = 56.0;
 /// Share of the plate's diameter below which a part is drawn from above once more, enlarged: too small to tell which way it faces.
 const SMALL: f64 = 0.35;
 /// Size of the enlarged part, and of its drawing.
@@ -73,6 +77,11 @@ impl PlacedPart {
             // Zero has no sign here: straight behind is 180°, not −180°.
             robot: foot.map(|foot| [foot.x.hypot(foot.y), (foot.y + 0.0).atan2(foot.x)]),
         }
+    }
+
+    /// Returns true if the robot stands neither behind the table nor in front of it: from above, its mark is beside the part.
+    fn is_robot_beside(&self) -> bool {
+        self.robot.is_none_or(|[_, angle_rad]| angle_rad.sin().abs() <= 0.5)
     }
 
     /// The rendered part as an image of the drawing, seen from `towards_camera` with `up` up the page; its box's centre at `at`.
@@ -111,7 +120,7 @@ impl PlacedPart {
             }
         }
         // Below an axis that points down.
-        let below = (y0 + 30.0).max(lowest + 13.0);
+        let below = (y0 + 32.0).max(lowest + 15.0);
         let _ = write!(svg, "<text class=\"small\" x=\"{x0}\" y=\"{below:.1}\">axes of the file</text>");
         svg
     }
@@ -125,9 +134,12 @@ pub(super) fn from_above(placed: &PlacedPart, album: &mut Album) -> String {
     let scale = REACH / placed.plate_radius_mm.unwrap_or(0.0).max(part_mm).max(f64::MIN_POSITIVE);
     let at = |x_mm: f64, y_mm: f64| [middle + scale * x_mm, middle - scale * y_mm];
     let centre_mm = placed.aabb.centre();
+    // Over the plate stands its 90°, if not the robot's mark or the lengths along x.
+    let top = if placed.is_robot_beside() { middle - REACH - 20.0 - TITLE } else { 0.0 };
     let mut svg = format!(
-        "<svg class=\"drawing\" viewBox=\"0 0 {ABOVE} {ABOVE}\" role=\"img\" aria-label=\"The part on the plate from above, with \
-         its offsets from the table’s axis\">\n"
+        "<svg class=\"drawing\" viewBox=\"0 {top} {ABOVE} {}\" role=\"img\" aria-label=\"The part on the plate from above, with \
+         its offsets from the table’s axis\">\n",
+        ABOVE - top
     );
     // Writing to a String cannot fail.
     if let Some(radius_mm) = placed.plate_radius_mm {
@@ -143,7 +155,7 @@ pub(super) fn from_above(placed: &PlacedPart, album: &mut Album) -> String {
     svg += &offsets(placed, &at);
     svg += &table_marks(placed, scale);
     svg += &placed.axes([52.0, ABOVE - 62.0], |direction| [direction.x, direction.y]);
-    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"24\">From above, table at 0°</text>");
+    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"{}\">From above, table at 0°</text>", top + 24.0);
     svg + "</svg>\n"
 }
 
@@ -155,8 +167,11 @@ pub(super) fn enlarged(placed: &PlacedPart, album: &mut Album) -> String {
     let centre_mm = placed.aabb.centre();
     let at = |x_mm: f64, y_mm: f64| [middle + scale * (x_mm - centre_mm.x), middle - scale * (y_mm - centre_mm.y)];
     let times = placed.plate_radius_mm.map_or(1.0, |radius_mm| scale * radius_mm / REACH);
+    let part_top = middle - 0.5 * scale * placed.aabb.extent_mm().y;
+    let top = if placed.is_robot_beside() { (part_top - TITLE).floor().max(0.0) } else { 0.0 };
     let mut svg = format!(
-        "<svg class=\"drawing\" viewBox=\"0 0 {ENLARGED} {ENLARGED}\" role=\"img\" aria-label=\"The part from above, enlarged\">\n"
+        "<svg class=\"drawing\" viewBox=\"0 {top} {ENLARGED} {}\" role=\"img\" aria-label=\"The part from above, enlarged\">\n",
+        ENLARGED - top
     );
     svg += &placed.image(album, [Vector3::z(), Vector3::y()], scale, [middle, middle]);
     let points: Vec<String> = placed.outline.iter().map(|[x, y]| at(*x, *y)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
@@ -172,7 +187,7 @@ pub(super) fn enlarged(placed: &PlacedPart, album: &mut Album) -> String {
     }
     svg += &placed.axes([52.0, ENLARGED - 62.0], |direction| [direction.x, direction.y]);
     let title = format!("From above, enlarged {} times", number(times, usize::from(times < 10.0)));
-    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"24\">{title}</text>");
+    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"{}\">{title}</text>", top + 24.0);
     svg + "</svg>\n"
 }
 
@@ -235,7 +250,7 @@ fn table_marks(placed: &PlacedPart, scale: f64) -> String {
         let label = from + 44.0 + 18.0 * cos.abs();
         let (x, y) = (middle + label * cos, middle - label * sin);
         let _ = writeln!(svg, "<text class=\"robot\" x=\"{x:.1}\" y=\"{y:.1}\">robot</text>");
-        let _ = writeln!(svg, "<text class=\"small\" x=\"{x:.1}\" y=\"{:.1}\">{} mm</text>", y + 14.0, number(distance_mm, 0));
+        let _ = writeln!(svg, "<text class=\"small\" x=\"{x:.1}\" y=\"{:.1}\">{} mm</text>", y + 16.0, number(distance_mm, 0));
     }
     svg
 }
@@ -271,9 +286,11 @@ pub(super) fn from_front(placed: &PlacedPart, up: &str, album: &mut Album) -> St
     let (low_mm, high_mm) = (min.z.min(0.0), max.z);
     let scale = (FRONT_PART[0] / wide_mm).min(FRONT_PART[1] / (high_mm - low_mm).max(f64::MIN_POSITIVE));
     let at = |x_mm: f64, z_mm: f64| [FRONT_X + scale * (x_mm - 0.5 * (min.x + max.x)), FRONT_PLATE_Y - scale * z_mm];
+    let top = (UP_ARROW_TOP.min(at(0.0, high_mm)[1] - 26.0) - TITLE).floor().max(0.0);
     let mut svg = format!(
-        "<svg class=\"drawing\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"The part on the plate from the front, \
-         {up} of the file up\">\n"
+        "<svg class=\"drawing\" viewBox=\"0 {top} {width} {}\" role=\"img\" aria-label=\"The part on the plate from the front, \
+         {up} of the file up\">\n",
+        height - top
     );
     // Writing to a String cannot fail.
     let [left, right] = placed
@@ -281,9 +298,9 @@ pub(super) fn from_front(placed: &PlacedPart, up: &str, album: &mut Album) -> St
         .map_or([70.0, 400.0], |radius_mm| [at(-radius_mm, 0.0)[0].clamp(70.0, 400.0), at(radius_mm, 0.0)[0].clamp(70.0, 400.0)]);
     let _ = writeln!(svg, "<path class=\"ground\" d=\"M{left:.1} {FRONT_PLATE_Y}H{right:.1}v10H{left:.1}z\"/>");
     svg += &placed.image(album, [-Vector3::y(), Vector3::z()], scale, at(0.5 * (min.x + max.x), 0.5 * (min.z + max.z)));
-    let [axis_x, top] = at(0.0, high_mm);
+    let [axis_x, part_top] = at(0.0, high_mm);
     if (70.0..=400.0).contains(&axis_x) {
-        let _ = writeln!(svg, "<path class=\"axis\" d=\"M{axis_x:.1} {:.1}V{:.1}\"/>", top - 26.0, FRONT_PLATE_Y + 26.0);
+        let _ = writeln!(svg, "<path class=\"axis\" d=\"M{axis_x:.1} {:.1}V{:.1}\"/>", part_top - 26.0, FRONT_PLATE_Y + 26.0);
         let _ = writeln!(svg, "<text class=\"small\" x=\"{axis_x:.1}\" y=\"{:.1}\">table’s axis</text>", FRONT_PLATE_Y + 40.0);
     }
     let heights = Dimension { line: 418.0, from: at(max.x, 0.0)[0], out: 1.0 };
@@ -292,7 +309,7 @@ pub(super) fn from_front(placed: &PlacedPart, up: &str, album: &mut Album) -> St
     let _ = writeln!(svg, "<path class=\"up\" d=\"{arrow}\"/><text class=\"up\" x=\"42\" y=\"198\">{up}</text>");
     let _ = writeln!(svg, "<text class=\"small\" x=\"42\" y=\"350\">this side up</text>");
     svg += &placed.axes([52.0, height - 62.0], |direction| [direction.x, direction.z]);
-    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"24\">From the front (−90° of the table)</text>");
+    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"{}\">From the front (−90° of the table)</text>", top + 24.0);
     svg + "</svg>\n"
 }
 
@@ -320,7 +337,7 @@ impl Dimension {
         for (place, pair) in ticks.windows(2).enumerate() {
             let [a, b] = [x(pair[0]), x(pair[1])];
             // Numbers over short lengths stand in two rows.
-            let row = if (b - a).abs() < 46.0 && place % 2 == 1 { 34.0 } else { 18.0 };
+            let row = if (b - a).abs() < COLUMN && place % 2 == 1 { 34.0 } else { 18.0 };
             let y = line + self.out * row + if self.out > 0.0 { 0.0 } else { 10.0 };
             let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{a:.1} {line:.1}H{b:.1}\"/>");
             let middle = 0.5 * (a + b);
@@ -433,6 +450,27 @@ mod tests {
         assert_eq!(super::enlarged_scale(&placed), None, "60 mm of 160 mm are large enough");
         placed.plate_radius_mm = Some(250.0);
         assert_eq!(super::enlarged_scale(&placed), Some(5.0), "300 units for 60 mm");
+    }
+
+    #[test]
+    fn only_a_robot_behind_or_in_front_needs_room_above_the_part() {
+        let (mesh, scanner, echo) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner(), Echo::default());
+        let subject = ReportSubject {
+            mesh: &mesh,
+            fixture: None,
+            part_sha256: "",
+            part_name: "block",
+            scanner: &scanner,
+            cell: None,
+            echo: &echo,
+            date: None,
+            size_warnings: &[],
+        };
+        let mut placed = PlacedPart::new(&subject, &Pose::identity());
+        for (angle_deg, is_beside) in [(180.0, true), (-20.0, true), (90.0, false), (-90.0, false)] {
+            placed.robot = Some([400.0, f64::to_radians(angle_deg)]);
+            assert_eq!(placed.is_robot_beside(), is_beside, "{angle_deg}°");
+        }
     }
 
     #[test]

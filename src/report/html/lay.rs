@@ -8,7 +8,7 @@ use super::drawing::{self, PlacedPart};
 use super::markup::{number, triple};
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
-use crate::planning::plan::Turn;
+use crate::planning::plan::{Turn, TurnKind};
 use crate::wire::words::turn_phrase;
 
 /// An axis of the file within this angle of upright is called upright, degrees.
@@ -42,7 +42,7 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, a
     let title = match (setups, &lay.turn) {
         (1, _) => "The part on the plate".to_owned(),
         (_, None) => format!("Setup {setup}: as placed first"),
-        (_, Some(turn)) => format!("Setup {setup}, from setup 1: {}", turn_phrase(turn)),
+        (_, Some(turn)) => format!("Setup {setup}, from setup 1: {}{}", turn_phrase(turn), leaning(&up, turn)),
     };
     let facts: String =
         facts(subject, lay, &placed).iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{value}</dd>")).collect();
@@ -55,25 +55,32 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, a
     )
 }
 
+/// The lean of a part after a turn that does not tell it, in a clause; empty where it stands upright.
+fn leaning(up: &Up, turn: &Turn) -> String {
+    let lean_deg = up.lean_deg.filter(|_| turn.kind != TurnKind::Tilt);
+    lean_deg.map_or_else(String::new, |deg| format!("; it leans {}°", number(deg, 1)))
+}
+
 /// Direction of the file that points up.
 struct Up {
     /// "+z".
     short: String,
     /// Words for it, with how far it leans.
     long: String,
+    /// Angle by which it leans, degrees; `None` where it counts as upright.
+    lean_deg: Option<f64>,
 }
 
 fn up(table_from_part: &Pose<Table, Part>) -> Up {
     let up = table_from_part.inverse().direction(&Vector3::z());
     let axis = (1..3).fold(0, |best, axis| if up[axis].abs() > up[best].abs() + 1e-9 { axis } else { best });
     let short = format!("{}{}", if up[axis] < 0.0 { '−' } else { '+' }, AXES[axis]);
-    let lean_deg = up[axis].abs().min(1.0).acos().to_degrees();
-    let long = if lean_deg <= UPRIGHT_DEG {
-        format!("{short} of the file")
-    } else {
-        format!("{short} of the file, leaning by {}°", number(lean_deg, 1))
+    let lean_deg = Some(up[axis].abs().min(1.0).acos().to_degrees()).filter(|deg| *deg > UPRIGHT_DEG);
+    let long = match lean_deg {
+        Some(deg) => format!("{short} of the file, leaning by {}°", number(deg, 1)),
+        None => format!("{short} of the file"),
     };
-    Up { short, long }
+    Up { short, long, lean_deg }
 }
 
 /// Axis of the file that lies flattest of x and y, and the angle of the table that it points to, degrees.
@@ -113,6 +120,7 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::planning::plan::PartSide;
 
     fn turned(axis: nalgebra::Unit<Vector3<f64>>, deg: f64) -> Pose<Table, Part> {
         Pose::from_parts(Vector3::zeros(), UnitQuaternion::from_axis_angle(&axis, deg.to_radians()))
@@ -125,6 +133,16 @@ mod tests {
         // A quarter turn about x brings +y up.
         assert_eq!(up(&turned(Vector3::x_axis(), 90.0)).short, "+y");
         assert_eq!(up(&turned(Vector3::y_axis(), 30.0)).long, "+z of the file, leaning by 30.0°");
+    }
+
+    #[test]
+    fn a_heading_names_a_lean_that_its_turn_does_not_tell() {
+        let told = |kind: TurnKind, deg: f64| {
+            let turn = Turn { kind, side: PartSide::Right, angle_rad: deg.to_radians() };
+            leaning(&up(&turned(Vector3::y_axis(), deg)), &turn)
+        };
+        assert_eq!(told(TurnKind::UpsideDown, 163.7), "; it leans 16.3°");
+        assert_eq!((told(TurnKind::UpsideDown, 180.0), told(TurnKind::Tilt, 30.0)), (String::new(), String::new()));
     }
 
     #[test]

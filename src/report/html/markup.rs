@@ -23,6 +23,19 @@ pub(in crate::report) fn escape(text: &str) -> String {
     safe
 }
 
+/// Escapes our own text; what it quotes in backticks becomes code.
+pub(in crate::report) fn prose(text: &str) -> String {
+    let mut pieces = text.split('`').map(escape);
+    let mut html = pieces.next().unwrap_or_default();
+    while let Some(quoted) = pieces.next() {
+        html += &match pieces.next() {
+            Some(rest) => format!("<code>{quoted}</code>{rest}"),
+            None => format!("`{quoted}"),
+        };
+    }
+    html
+}
+
 /// Formats a number with so many decimals, a narrow space between thousands, and a true minus sign.
 pub(in crate::report) fn number(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
@@ -36,6 +49,24 @@ pub(in crate::report) fn number(value: f64, decimals: usize) -> String {
         grouped.push(digit);
     }
     grouped + fraction
+}
+
+/// Groups the digits of whole numbers in our own text as [`number`] does.
+pub(in crate::report) fn grouped(text: &str) -> String {
+    let word = |word: &str| {
+        let digits = word.trim_start_matches('(');
+        let is_long = digits.len() > 3 && digits.bytes().all(|byte| byte.is_ascii_digit());
+        let value = digits.parse::<f64>().ok().filter(|_| is_long);
+        value.map_or_else(|| word.to_owned(), |value| format!("{}{}", &word[..word.len() - digits.len()], number(value, 0)))
+    };
+    text.split(' ').map(word).collect::<Vec<String>>().join(" ")
+}
+
+/// Formats the edges of a box, with a decimal unless they are so long that nobody needs it.
+pub(in crate::report) fn edges(edges_mm: [f64; 3]) -> String {
+    const LONG_MM: f64 = 10_000.0;
+    let decimals = usize::from(edges_mm.iter().all(|edge_mm| *edge_mm < LONG_MM));
+    format!("{}\u{a0}mm", edges_mm.map(|edge_mm| number(edge_mm, decimals)).join(" × "))
 }
 
 /// Formats a share as a percentage with two decimals.
@@ -61,4 +92,23 @@ pub(in crate::report) fn duration(secs: f64) -> String {
     }
     let whole = secs.round() as u64;
     format!("{}\u{a0}min {}\u{a0}s", whole / 60, whole % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_text_quotes_in_backticks_is_code() {
+        assert_eq!(prose("`vantage study reach` compares <a>"), "<code>vantage study reach</code> compares &lt;a&gt;");
+        assert_eq!(prose("`a` and `b`"), "<code>a</code> and <code>b</code>");
+        assert_eq!((prose("plain"), prose("half `open")), ("plain".to_owned(), "half `open".to_owned()));
+    }
+
+    #[test]
+    fn a_size_has_the_same_digits_in_a_table_and_in_a_sentence() {
+        assert_eq!(edges([121_000.0, 73_000.0, 99.94]), "121\u{202f}000 × 73\u{202f}000 × 100\u{a0}mm");
+        assert_eq!(edges([121.0, 73.04, 37.0]), "121.0 × 73.0 × 37.0\u{a0}mm");
+        assert_eq!(grouped("is 121000 × 73.5 mm (3073 × 85)"), "is 121\u{202f}000 × 73.5 mm (3\u{202f}073 × 85)");
+    }
 }

@@ -36,7 +36,7 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLev
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
     let count: usize = plan.missed.iter().map(|missed| missed.spots.len()).sum();
     format!(
-        "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>{} of the asked area is missed: {} in {} {}. The part is shown in \
+        "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>On the samples that views are chosen on, {} of the asked area is missed: {} in {} {}. The part is shown in \
          grey; every missed spot has the colour of its cause, paler where something hides it from this side. Numbers are those \
          of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}{}</section>\n",
         percent(share(missed_mm2, plan.coverage.asked_area_mm2)),
@@ -138,7 +138,9 @@ fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
             RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses", ""),
             RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses", ""),
             RemedyKind::Limit => limits(remedy),
-            RemedyKind::None => ("No fix found: none of the views tried sees half of it".to_owned(), String::new(), false),
+            RemedyKind::None => {
+                ("No fix found: up to 8 of the views tried together see less than half of it".to_owned(), String::new(), false)
+            }
         },
         None => match MissGroup::of(spot.cause) {
             MissGroup::Resting if spot.cause != Cause::Enclosed => {

@@ -11,7 +11,7 @@ use super::appendix;
 use super::bodies::{Assembly, Placing};
 use super::camera::Camera;
 use super::lay::{self, Lay};
-use super::markup::{area, escape, number, percent};
+use super::markup::{area, escape, grouped, number, percent, prose};
 use super::model::{DrawnModel, SampledModel};
 use super::palette::{BodyRole, Ink, MissGroup};
 use super::pictures::{self, SIZE_PX};
@@ -21,19 +21,21 @@ use super::verdict::{Figure, Standing, VerdictText};
 use super::views::{swatch, three_sides};
 use super::words;
 use super::{sections, size};
-use crate::cell::{Cell, Configuration};
+use crate::cell::{Body, Cell, Configuration};
 use crate::geometry::{Mesh, Part, Poll, Pose, Table, preview};
 use crate::planning::context::{Cancelled, Context, NoPlan, PlanError};
 use crate::planning::params::{PartParams, PlanParams, RegionParams};
-use crate::planning::plan::{CandidateCounts, Cause, Obstruction, Turn, share};
-use crate::planning::resting;
+use crate::planning::plan::{Advice, CandidateCounts, Cause, Obstruction, Turn, share};
 use crate::planning::surface::{self, Surface};
-use crate::wire::words::{advice_sentence, no_plan_sentence};
+use crate::planning::{PlanInput, resolve, resting};
+use crate::wire::words::{advice_sentence, fixed, no_plan_sentence};
 
 /// Pairs of bodies that have pictures.
 const PICTURED: usize = 4;
 /// Triangles of a part that pictures show at most; a larger mesh is simplified.
 const DRAWN_TRIANGLES: usize = 300_000;
+/// Question in a refusal of a part for its implausible size.
+const UNIT_QUESTION: &str = "times: is this the right unit?";
 /// Radius of the ring around the place where two bodies meet, pixels.
 const RING_PX: f64 = 26.0;
 
@@ -69,6 +71,12 @@ impl NoPlanInput<'_> {
         }
     }
 
+    /// Parameters with every default that a plan derives from part, scanner and cell, as the report of a plan lists them.
+    pub(in crate::report) fn resolved(&self) -> PlanParams {
+        let ReportSubject { mesh, fixture, part_sha256, scanner, cell, .. } = self.subject;
+        resolve(self.params, &PlanInput { mesh, fixture, part_sha256, scanner, cell, roadmaps: None })
+    }
+
     fn obstructions(&self) -> &[Obstruction] {
         match self.reason {
             NoPlanReason::NoPlan(NoPlan::NothingMeasured { obstructions, .. }) => obstructions,
@@ -84,11 +92,21 @@ impl NoPlanInput<'_> {
         }
     }
 
-    /// The first thing to try, in a clause; `None` where the reason says it.
+    /// Returns true if the part was refused for a size that no part has: nothing but the unit is wrong.
+    fn is_of_implausible_size(&self) -> bool {
+        matches!(self.reason, NoPlanReason::PartRefused(faults) if faults.iter().any(|fault| fault.contains(UNIT_QUESTION)))
+    }
+
+    /// The first thing to try, in a clause; `None` where the reason says it. It mends what most of the area is missed for.
     pub(in crate::report) fn first_step(&self) -> Option<String> {
-        let (obstructions, missed_mm2) = match self.reason {
-            NoPlanReason::NoPlan(NoPlan::NothingMeasured { obstructions, missed_mm2, .. }) => (obstructions, missed_mm2),
+        let (obstructions, missed_mm2, asked_mm2) = match self.reason {
+            NoPlanReason::NoPlan(NoPlan::NothingMeasured { obstructions, missed_mm2, asked_mm2, .. }) => {
+                (obstructions, missed_mm2, *asked_mm2)
+            }
             NoPlanReason::NoPlan(_) => return None,
+            NoPlanReason::PartRefused(_) if self.is_of_implausible_size() => {
+                return Some("check the unit of the file".to_owned());
+            }
             NoPlanReason::PartRefused(_) => {
                 let remedy = self.subject.size_warnings.first().map(|warning| warning.remedy.clone());
                 let other =
@@ -96,20 +114,72 @@ impl NoPlanInput<'_> {
                 return Some(remedy.unwrap_or_else(|| other.to_owned()));
             }
         };
-        Some(match (obstructions.first(), missed_mm2.first()) {
-            (Some(obstruction), _) => format!("{}: {}", obstruction.bodies, advice_sentence(&obstruction.advice)),
-            (None, Some((Cause::Unreachable, _))) => {
+        // No change of the cell lets it measure what the part stands on.
+        let lies = |cause: Cause| matches!(cause, Cause::ExcludedResting | Cause::Enclosed | Cause::FacesTable);
+        let (cause, mm2) = missed_mm2.iter().find(|(cause, _)| !lies(*cause)).copied().unzip();
+        Some(match (cause, most_blocking(obstructions)) {
+            (Some(Cause::HiddenByCell), _) => {
+                let hidden = mm2.map_or(0.0, |mm2| share(mm2, asked_mm2));
+                format!("{}: it hides {} % of the asked area", self.clear_view(), number(100.0 * hidden, 0))
+            }
+            (Some(Cause::Unreachable), _) => {
                 "set the table nearer to the robot, or the part nearer to it; `vantage study reach` compares places".to_owned()
             }
-            (None, Some((Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector, _))) => {
+            (_, Some(obstruction)) => format!("{}: {}", obstruction.bodies, advice_sentence(&obstruction.advice)),
+            (Some(Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector), None) => {
                 "look at the size of the part: was it read in the right unit?".to_owned()
             }
-            (None, Some((Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector, _))) => {
+            (Some(Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector), None) => {
                 "allow a larger angle of incidence (limits.camera_deg, limits.projector_deg)".to_owned()
             }
-            (None, _) => "look at the causes, and at the size of the part: was it read in the right unit?".to_owned(),
+            (_, None) => "look at the causes, and at the size of the part: was it read in the right unit?".to_owned(),
         })
     }
+
+    /// The change that lets the scanner see past the obstacles of the cell, which it names.
+    fn clear_view(&self) -> String {
+        const NAMED: usize = 4;
+        let obstacles = self.subject.cell.map_or(&[][..], |cell| &cell.obstacles);
+        let names: Vec<&str> = obstacles.iter().filter(|body| !is_pedestal(body)).map(|body| body.name.as_str()).collect();
+        let named = names[..names.len().min(NAMED)].join(", ");
+        match names.len() {
+            0 => "move or lower what stands in the cell".to_owned(),
+            all if all > NAMED => format!("move or lower what stands in the cell ({named} and {} more)", all - NAMED),
+            _ => format!("move or lower what stands in the cell ({named})"),
+        }
+    }
+
+    /// Distance of the robot from the table beside its reach, in a sentence; `None` without a cell.
+    pub(in crate::report) fn distance_sentence(&self) -> Option<String> {
+        let cell = self.subject.cell?;
+        let foot = cell.base_from_table.inverse().origin_mm();
+        let (centre_mm, reach_mm) = cell.plate_centre_distance_mm();
+        Some(format!(
+            "The table's axis is {} mm from the robot's foot, and the plate's centre {} mm from the robot's shoulder; stretched, the \
+             arm and the scanner measure up to {} mm from there.",
+            fixed(foot.x.hypot(foot.y), 0),
+            fixed(centre_mm, 0),
+            fixed(reach_mm, 0)
+        ))
+    }
+}
+
+/// Returns true if the robot stands on the body.
+fn is_pedestal(body: &Body) -> bool {
+    const TOUCHING_MM: f64 = 1.0;
+    let aabb = body.surface().aabb();
+    let is_below = |axis: usize| aabb.min[axis] < 0.0 && aabb.max[axis] > 0.0;
+    aabb.max.z < TOUCHING_MM && is_below(0) && is_below(1)
+}
+
+/// The first of the pairs of bodies whose common advice would free most viewpoints.
+fn most_blocking(obstructions: &[Obstruction]) -> Option<&Obstruction> {
+    let blocked = |advice: &Advice| -> usize {
+        let same = obstructions.iter().filter(|obstruction| obstruction.advice == *advice);
+        same.map(|obstruction| obstruction.without_station + obstruction.without_path).sum()
+    };
+    // Of equal ones the last: it is the first of the pairs.
+    obstructions.iter().rev().max_by_key(|obstruction| blocked(&obstruction.advice))
 }
 
 /// Renders the page. Pictures show a simplified mesh of a large part, so that memory is bounded.
@@ -128,7 +198,8 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
     let body = [
         sections::header(subject, "No scan plan"),
         "<main>\n".to_owned(),
-        size::notices(subject.size_warnings),
+        // The refusal asks for the unit itself.
+        if input.is_of_implausible_size() { String::new() } else { size::notices(subject.size_warnings) },
         verdict(input),
         in_the_way(input, &pictured, &poses[0], &mut album, ctx)?,
         // With every corner: its figures are exact.
@@ -138,7 +209,7 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
             "<section class=\"appendix\">\n<h2>Appendix</h2>\n{}<h3>How it was planned</h3>\n{}<p>SHA-256 of the part’s file: {}.</p>\n\
              </section>\n",
             appendix::obstructions(input.obstructions()),
-            appendix::parameters(input.params),
+            appendix::parameters(&input.resolved()),
             sections::digest(subject.part_sha256)
         ),
         "</main>\n".to_owned(),
@@ -189,13 +260,13 @@ fn verdict(input: &NoPlanInput<'_>) -> String {
         NoPlanReason::PartRefused(_) => ("The part cannot be planned as it is", told(input), Vec::new()),
     };
     let stop = |step: &str| if step.ends_with('?') { "" } else { "." };
-    let next = input.first_step().map_or_else(String::new, |step| escape(&format!("Try first: {step}{}", stop(&step))));
+    let next = input.first_step().map_or_else(String::new, |step| prose(&format!("Try first: {step}{}", stop(&step))));
     let finding = VerdictText { standing: Standing::NoPlan, title: title.to_owned(), lines: vec![sentence], next, figures };
     format!("<section>\n{}</section>\n", finding.block())
 }
 
 fn told(input: &NoPlanInput<'_>) -> String {
-    escape(&format!("{}.", words::capitalised(&input.sentence())))
+    prose(&grouped(&format!("{}.", words::capitalised(&input.sentence()))))
 }
 
 /// Tables of what became of the viewpoints, and for what the surface is missed.
@@ -204,9 +275,9 @@ fn reasons(input: &NoPlanInput<'_>) -> String {
         return String::new();
     };
     format!(
-        "<section>\n<h2>Why</h2>\n{}<h3>What the surface lacks</h3>\n<p>By what stopped the viewpoint that came closest to measuring \
-         it.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th><th class=\"n\">Area</th><th class=\"n\">Of asked</th>\
-         </tr></thead>\n<tbody>\n{}</tbody></table></div>\n</section>\n",
+        "<section>\n<h2>Why</h2>\n{}<h3>Why the surface is not measured</h3>\n<p>Each area is listed under what stopped the \
+         viewpoint that came closest to measuring it.</p>\n<div class=\"card scroll\"><table>\n\
+         <thead><tr><th>Cause</th><th class=\"n\">Area</th><th class=\"n\">Of asked</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n</section>\n",
         dropped(candidates),
         missed_mm2.iter().map(|missed| missed_row(input, *missed, *asked_mm2)).collect::<String>()
     )
@@ -229,7 +300,7 @@ fn dropped(candidates: &CandidateCounts) -> String {
         let count = number(count as f64, 0);
         format!("<tr><td><b>{name}</b> <code>{code}</code></td><td class=\"n\">{count}</td></tr>\n")
     };
-    let reasons = candidates.rejected.iter().map(|(reason, count)| row(words::rejection_name(*reason), reason.as_str(), *count));
+    let reasons = candidates.rejected.iter().map(|(reason, count)| row(&words::rejection_name(*reason), reason.as_str(), *count));
     let rows: String = reasons.chain([row("Usable, but they measure nothing worth a view", "kept", candidates.kept)]).collect();
     format!(
         "<h3>What became of the viewpoints</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>{} viewpoints considered</th>\
@@ -254,26 +325,31 @@ fn in_the_way(
     if shown.is_empty() {
         let picture = pair(subject, cell, pose, &cell.home_rad, None, ctx)?;
         let told = match input.reason {
-            NoPlanReason::NoPlan(_) => " No collision keeps the robot from the viewpoints.",
-            NoPlanReason::PartRefused(_) => " No viewpoint was tried.",
+            NoPlanReason::NoPlan(_) => "No collision keeps the robot from the viewpoints.",
+            NoPlanReason::PartRefused(_) => "No viewpoint was tried.",
         };
+        let distance = input.distance_sentence().map_or_else(String::new, |sentence| escape(&grouped(&sentence)));
         return Ok(format!(
-            "<section>\n<h2>The part in the cell</h2>\n<p>The robot stands at home, the table at its home angle.{told}</p>\n\
+            "<section>\n<h2>The part in the cell</h2>\n<p>The robot stands at home, the table at its home angle. {told} {distance}</p>\n\
              {picture}</section>\n"
         ));
     }
+    let first_step = input.first_step();
     let figure = |obstruction: &&Obstruction| -> Result<String, Cancelled> {
         let blocked = obstruction.without_station + obstruction.without_path;
         let picture = pair(subject, cell, pose, &obstruction.configuration, Some(obstruction), ctx)?;
         let [a, b] = [&obstruction.bodies.a, &obstruction.bodies.b].map(|name| escape(name));
+        let advice = advice_sentence(&obstruction.advice);
+        // The first thing to try has been said above.
+        let is_said = first_step.as_ref().is_some_and(|step| step.ends_with(&advice));
+        let advice = if is_said { String::new() } else { format!(" What to do: {}.", prose(&advice)) };
         Ok(format!(
-            "<h3>{}{a} and {}{b}: {} {}</h3>\n<p>{}{}.</p>\n{picture}",
+            "<h3>{}{a} and {}{b}: {} {}</h3>\n<p>{}{advice}</p>\n{picture}",
             swatch(Ink::Body(BodyRole::First)),
             swatch(Ink::Body(BodyRole::Second)),
             number(blocked as f64, 0),
             if blocked == 1 { "viewpoint" } else { "viewpoints" },
-            distance(obstruction),
-            escape(&advice_sentence(&obstruction.advice))
+            distance(obstruction)
         ))
     };
     // One after another: each makes a mesh of the whole cell.
@@ -291,8 +367,8 @@ fn in_the_way(
 /// Distance or depth of the two at the viewpoint that is shown.
 fn distance(obstruction: &Obstruction) -> String {
     obstruction.separation.as_ref().map_or_else(String::new, |found| match found.distance_mm {
-        depth if depth < 0.0 => format!("{} mm deep in each other here. What to do: ", number(-depth, 1)),
-        apart => format!("{} mm apart here, closer than the clearance. What to do: ", number(apart, 1)),
+        depth if depth < 0.0 => format!("Here they overlap by {} mm.", number(-depth, 1)),
+        apart => format!("Here they are {} mm apart, closer than the clearance.", number(apart, 1)),
     })
 }
 
@@ -335,9 +411,72 @@ fn pair(
 mod tests {
     use std::sync::atomic::AtomicBool;
 
+    use nalgebra::Isometry3;
+
     use super::*;
+    use crate::cell::{Contact, Presets, Shape, SpecLibrary};
     use crate::planning::context::Silent;
     use crate::testing::cylinder_mesh;
+    use crate::wire::echo::Echo;
+    use crate::wire::words::changed_params;
+
+    #[test]
+    fn the_first_step_mends_what_most_of_the_area_is_missed_for() {
+        let mut cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let shape = Shape::Box { size_mm: [20.0, 900.0, 900.0] };
+        cell.obstacles.push(Body { name: "guard".to_owned(), owner_from_body: Isometry3::translation(700.0, 0.0, 0.0), shape });
+        let (mesh, echo, params) = (cylinder_mesh(30.0, 60.0, 24), Echo::default(), PlanParams::default());
+        let subject = ReportSubject {
+            mesh: &mesh,
+            fixture: None,
+            part_sha256: "",
+            part_name: "post",
+            scanner: &cell.scanner,
+            cell: Some(&cell),
+            echo: &echo,
+            date: None,
+            size_warnings: &[],
+        };
+        let step_of = |reason: NoPlanReason<'_>| NoPlanInput { subject, params: &params, reason }.first_step().expect("a step");
+        let pair = |a: &str, b: &str, without_station: usize, advice: Advice| Obstruction {
+            bodies: Contact { a: a.into(), b: b.into() },
+            without_station,
+            without_path: 0,
+            configuration: cell.home_rad,
+            separation: None,
+            advice,
+        };
+        let step = |missed_mm2: Vec<(Cause, f64)>| {
+            let guard = || Advice::MoveObstacle("guard".into());
+            let finding = NoPlan::NothingMeasured {
+                candidates: CandidateCounts::default(),
+                asked_mm2: 100.0,
+                missed_mm2,
+                obstructions: vec![
+                    pair("forearm", "wrist", 113, Advice::MoveFoot),
+                    pair("forearm", "guard", 60, guard()),
+                    pair("upper arm", "guard", 60, guard()),
+                ],
+                setups: Vec::new(),
+            };
+            step_of(NoPlanReason::NoPlan(&finding))
+        };
+        let hidden = step(vec![(Cause::HiddenByCell, 59.0), (Cause::Collision, 11.0)]);
+        assert_eq!(hidden, "move or lower what stands in the cell (guard): it hides 59 % of the asked area", "not the pedestal");
+        let resting_first = step(vec![(Cause::ExcludedResting, 60.0), (Cause::Collision, 40.0)]);
+        assert_eq!(resting_first, "forearm and guard: move guard, or the table away from it");
+        assert!(step(vec![(Cause::Unreachable, 70.0)]).starts_with("set the table nearer to the robot"));
+        let refused = |fault: &str| step_of(NoPlanReason::PartRefused(&[fault.to_owned()]));
+        assert_eq!(refused("is 121000 mm wide; allowed is 150 times: is this the right unit?"), "check the unit of the file");
+        assert!(refused("hangs over the plate").contains("plan it in pieces"));
+
+        // Defaults that are derived are listed as in the report of a plan.
+        let input = NoPlanInput { subject, params: &params, reason: NoPlanReason::PartRefused(&[]) };
+        let listed = changed_params(&input.resolved());
+        assert!(listed.iter().any(|(name, _)| name == "part.patch_edge_mm"), "{listed:?}");
+        let distance = input.distance_sentence().expect("a cell");
+        assert!(distance.starts_with("The table's axis is 400 mm from the robot's foot"), "{distance}");
+    }
 
     #[test]
     fn a_large_part_is_pictured_by_a_simplified_mesh_and_a_cancel_is_heard() {

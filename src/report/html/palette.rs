@@ -224,7 +224,7 @@ impl Ink {
             Self::Missed(MissGroup::Facing) => "Missed: faces away",
             Self::Missed(MissGroup::Frame) => "Missed: outside the image",
             Self::Missed(MissGroup::Depth) => "Missed: outside the working depth",
-            Self::Missed(MissGroup::Reach) => "Missed: out of the cell’s reach",
+            Self::Missed(MissGroup::Reach) => "Missed: out of reach, in collision or hidden by the cell",
             Self::Missed(MissGroup::Resting) => "Missed: rests on or faces the table, or enclosed",
             Self::Missed(MissGroup::NotChosen) => "Missed: measurable, no view chosen for it",
             Self::Body(BodyRole::First | BodyRole::Second) => "In the way",

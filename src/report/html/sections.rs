@@ -1,7 +1,7 @@
 //! Frame of the report: header, footer, and the foot of printed pages.
 
 use super::ReportSubject;
-use super::markup::{area, escape, number};
+use super::markup::{area, edges, escape, number};
 use super::page;
 
 /// Number of characters shown of a digest.
@@ -19,15 +19,14 @@ pub(super) fn document(subject: &ReportSubject<'_>, kind: &str, body: &str) -> S
 
 /// Header: the part, its hardware, the date and the version.
 pub(super) fn header(subject: &ReportSubject<'_>, kind: &str) -> String {
-    let size = subject.mesh.aabb().extent_mm();
-    let size = [size.x, size.y, size.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
+    let size = edges(subject.mesh.aabb().extent_mm().into());
     let mut facts = Vec::new();
     facts.extend(subject.echo.part_number.iter().map(|number| ("Part number", escape(number))));
     facts.extend(subject.echo.serial.iter().map(|serial| ("Serial number", escape(serial))));
     facts.extend(subject.date.map(|date| ("Date", escape(&date_text(date)))));
     facts.extend([
         ("Version", format!("Vantage {}", env!("CARGO_PKG_VERSION"))),
-        ("Size", format!("{size}\u{a0}mm")),
+        ("Size", size),
         ("Surface", format!("{} in {} triangles", area(subject.mesh.area_mm2()), number(subject.mesh.faces.len() as f64, 0))),
         ("Scanner", escape(&subject.scanner.name)),
         ("Cell", subject.cell.map_or_else(|| "none: viewpoints only".into(), |cell| escape(&cell.name))),

@@ -69,12 +69,13 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, ctx: &Context<
     Ok(format!(
         "<section>\n<h2>{}</h2>\n<p>Each picture shows the part from the viewpoint itself, with the scanner’s baseline horizontal, \
          coloured by what this view measures; grey is measured by other views. The dashed line is the field that both cameras and \
-         the projector share at best focus. {}A stop opens to its picture, its pose and its joints.{}</p>\n{program}{}{body}</section>\n",
+         the projector share at best focus. {}{}</p>\n{program}{}{body}</section>\n",
         if ordered { "Stops in the robot’s order" } else { "The chosen views" },
         if ordered {
-            "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn it takes longer. "
+            "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn \
+             it takes longer. Click a stop to see its pose and joints."
         } else {
-            ""
+            "Click a view to see its pose."
         },
         if count > MAX_PICTURES { format!(" The first {MAX_PICTURES} have pictures.") } else { String::new() },
         legend(album, inks)

@@ -2,7 +2,7 @@
 //! and hashes that tie the report to its files.
 
 use super::ReportInput;
-use super::markup::{duration, escape, number, percent};
+use super::markup::{duration, escape, number, percent, prose};
 use super::sections::digest;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Drawn, Robust};
@@ -33,9 +33,9 @@ fn independent(input: &ReportInput<'_>) -> String {
     let coverage = &input.outcome.plan.coverage;
     let independent = &coverage.independent;
     format!(
-        "<p>Because views are optimised on one set of samples, the share measured of that set is slightly optimistic: {}. On {} \
-         independent samples the same views measure <b>{} of the asked area</b>, {} of the whole surface. The figures at the top \
-         are those of the independent samples.</p>\n",
+        "<p>On the samples that the views were chosen on, they measure {} of the asked area; that figure may be slightly optimistic. \
+         On {} independent samples the same views measure <b>{} of the asked area</b>, {} of the whole surface. The figures at the \
+         top are those of the independent samples.</p>\n",
         percent(coverage.of_asked()),
         number(independent.samples as f64, 0),
         percent(independent.of_asked()),
@@ -120,7 +120,7 @@ fn under_pose_errors(robust: &Robust) -> String {
         format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
     };
     format!(
-        "<h3>With poses that are off</h3>\n<p>Measured share of the asked area if poses are off by {}° about a random axis and by \
+        "<h3>Coverage under pose errors</h3>\n<p>Measured share of the asked area if poses are off by {}° about a random axis and by \
          {}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
          <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th>\
          <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}{}</tbody></table></div>\n",
@@ -141,7 +141,7 @@ fn fragile(params: &PlanParams, robust: &Robust) -> String {
             warning.code.as_str(),
             escape(&warning.pointer.trim_start_matches('/').replace('/', ".")),
             escape(&warning.detail),
-            escape(&warning.remedy)
+            prose(&warning.remedy)
         )
     })
 }

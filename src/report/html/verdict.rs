@@ -79,7 +79,11 @@ impl VerdictText {
         let has_place = |line: &String| *line == summary.title || next.as_ref() == Some(line);
         let of_groups: Vec<String> = summary.missed.iter().filter_map(MissedGroup::command).collect();
         let shortened = |line: String| of_groups.iter().fold(line, |line, command| readable(&line, command, LEFT_OUT));
-        let lines = summary.lines().into_iter().filter(|line| !has_place(line)).map(|line| escape(shortened(line).trim_start()));
+        let lines = summary
+            .lines_with_rest("see “What is missed, and how to fix it” below")
+            .into_iter()
+            .filter(|line| !has_place(line))
+            .map(|line| escape(shortened(line).trim_start()));
         // Options that are too long for the sentence follow on a line of their own.
         let told = next.as_ref().map(|next| command.iter().fold(next.clone(), |next, command| readable(&next, command, "")));
         Self {
@@ -195,7 +199,7 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
     format!(
         "<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n\
          <ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n\
-         <p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area. The grade of a point says how squarely, and how \
+         <p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area, on the samples that views are chosen on. The grade of a point says how squarely, and how \
          close to best focus, its best view sees it: A is close to the ideal, D is close to the scanner’s limits.</p>\n",
         swatch(ink),
         missed = percent(missed)

@@ -5,7 +5,7 @@ use crate::cell::{OpticalDevice, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Cause, Remedy, RemedyKind};
 use crate::planning::verdict::Rejection;
-use crate::wire::words::{cause_phrase, partial_percent, remedy_sentence};
+use crate::wire::words::{cause_phrase, fix_sentence, partial_percent, rejection_phrase};
 
 /// Names a cause in a few words, with a capital.
 pub(super) fn cause_name(cause: Cause) -> String {
@@ -18,21 +18,9 @@ pub(super) fn capitalised(text: &str) -> String {
     characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
 }
 
-/// Names a reason for which a viewpoint was dropped, in a few words.
-pub(super) fn rejection_name(reason: Rejection) -> &'static str {
-    match reason {
-        Rejection::BelowTable => "Below the plate",
-        Rejection::LowElevation => "Too low over the plate",
-        Rejection::InsidePart => "Inside the part",
-        Rejection::InsideObstacle => "Inside an obstacle",
-        Rejection::BodyMeetsPlate => "The scanner’s body would meet the plate",
-        Rejection::BodyMeetsPart => "The scanner’s body would meet the part",
-        Rejection::Unreachable => "Out of the robot’s reach",
-        Rejection::Collision => "Something collides at every station",
-        Rejection::Duplicate => "The same as another one",
-        Rejection::MeasuresNothing => "Measures nothing that is asked for",
-        Rejection::NotNeeded => "Not needed beside the others",
-    }
+/// Names a reason for which a viewpoint was dropped, in a few words, with a capital.
+pub(super) fn rejection_name(reason: Rejection) -> String {
+    capitalised(rejection_phrase(reason)).replace('\'', "’")
 }
 
 /// Explains a cause.
@@ -112,7 +100,7 @@ fn told(kind: &str, remedy: &Remedy) -> String {
         Some(percent) => format!("{percent} of it: {}", kind.to_lowercase()),
         None => kind.to_owned(),
     };
-    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy_sentence(remedy)))
+    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy)))
 }
 
 #[cfg(test)]

@@ -87,7 +87,8 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added_views: advice.added_views,
         added_cycle_secs: advice.cycle_secs.zip(cycle_secs).map(|(then_secs, now_secs)| then_secs - now_secs),
     };
-    action.text = action.sentence(&what, "") + &regions;
+    let views = advice.turn.as_ref().map(|_| format!("+{}", counted(advice.added_views, "view")));
+    action.text = action.sentence(&what, views) + &regions;
     action
 }
 
@@ -102,19 +103,22 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
         added_views: group.added_views,
         added_cycle_secs: None,
     };
-    action.text = action.sentence(&group.fix_text, "at most ");
+    // Every other fix says how many views it adds.
+    let is_setup = group.fix == Some(RemedyKind::Setup);
+    let views = is_setup.then(|| format!("at most +{}", counted(group.added_views, "view")));
+    action.text = action.sentence(&group.fix_text, views);
     action
 }
 
 impl SummaryAction {
     /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2; estimated effect: 70.1 →
-    /// 97.9 % of asked, +2 views, +9.0 s`. `bound` says how many views a plan with the parameters takes, where that is known.
-    fn sentence(&self, what: &str, bound: &str) -> String {
+    /// 97.9 % of asked, +2 views, +9.0 s`. `views` are those that a plan with the parameters adds, where `what` does not say so.
+    fn sentence(&self, what: &str, views: Option<String>) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
         let [from, to] = [self.from_of_asked, self.to_of_asked].map(|share| fixed(100.0 * share, 1));
         let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {} s", signed(secs)));
-        let views = counted(self.added_views, "view");
-        format!("{what}{command}; estimated effect: {from} → {to} % of asked, {bound}+{views}{cycle}")
+        let views = views.map_or_else(String::new, |views| format!(", {views}"));
+        format!("{what}{command}; estimated effect: {from} → {to} % of asked{views}{cycle}")
     }
 }
 

@@ -60,7 +60,10 @@ struct Fix {
     turn: Option<String>,
 }
 
-/// The groups of a plan, the largest area first.
+/// Spots of one cause, with the same fix.
+type SpotsOfFix<'a> = (Cause, Option<Fix>, Vec<&'a MissedSpot>);
+
+/// The groups of a plan, the largest area first. Those that one command would fix are one: it has one effect.
 pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
     let mut spots: BTreeMap<(Cause, Option<Fix>), Vec<&MissedSpot>> = BTreeMap::new();
     for missed in &plan.missed {
@@ -68,7 +71,23 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
             spots.entry((missed.cause, spot.remedy.as_ref().map(Fix::of))).or_default().push(spot);
         }
     }
-    let mut groups: Vec<_> = spots.iter().map(|((cause, fix), spots)| group(plan, *cause, fix.as_ref(), spots)).collect();
+    let mut merged: Vec<SpotsOfFix<'_>> = Vec::new();
+    for ((cause, fix), spots) in spots {
+        let set = group(plan, cause, fix.as_ref(), &spots).set;
+        let same = merged.iter_mut().find(|(other_cause, other_fix, other_spots)| {
+            let has_same_set = || group(plan, *other_cause, other_fix.as_ref(), other_spots).set == set;
+            *other_cause == cause && Fix::is_like(other_fix.as_ref(), fix.as_ref()) && !set.is_empty() && has_same_set()
+        });
+        match same {
+            // One of them works and the other does not: both together do not.
+            Some((_, other_fix, other_spots)) => {
+                other_fix.iter_mut().for_each(|fix| fix.works = false);
+                other_spots.extend(spots);
+            }
+            None => merged.push((cause, fix, spots)),
+        }
+    }
+    let mut groups: Vec<_> = merged.iter().map(|(cause, fix, spots)| group(plan, *cause, fix.as_ref(), spots)).collect();
     // Stable: of equal ones the order of causes stays.
     groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     groups
@@ -77,6 +96,11 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
 impl Fix {
     fn of(remedy: &Remedy) -> Self {
         Self { kind: remedy.kind, works: remedy.works(), turn: remedy.turn.as_ref().map(turn_phrase) }
+    }
+
+    /// Returns true if two fixes are told alike, whether or not they work.
+    fn is_like(one: Option<&Self>, other: Option<&Self>) -> bool {
+        one.zip(other).is_some_and(|(one, other)| one.kind == other.kind && one.turn == other.turn)
     }
 }
 
@@ -120,7 +144,7 @@ fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
 }
 
 impl MissedGroup {
-    /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera (shadow_left): …`.
+    /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera: …`.
     fn sentence(&self) -> String {
         let command = match self.command() {
             // Too long for a line that people read.
@@ -133,11 +157,10 @@ impl MissedGroup {
             Some(_) => format!("; recovers {}", self.recovers()),
         };
         format!(
-            "{}, {} of asked, {} ({}): {}{command}{recovers}",
+            "{}, {} of asked, {}: {}{command}{recovers}",
             counted(self.spots, "spot"),
             percent(self.of_asked),
             cause_phrase(self.reason),
-            self.reason.as_str(),
             self.fix_text
         )
     }

@@ -217,8 +217,8 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     assert_eq!(first(&standing), (PlanLevel::Limited, PlanVerdict::PartlyMeasured, but));
     assert_eq!(
         Summary::of(&standing).verdict_text,
-        "Target met: 99.00 % of coverable, target 98.50 %; not measured: the part stands on it (10.00 %), hidden from the left camera \
-         (9.00 %), other causes (1.00 %)"
+        "Target met: 99.00 % of coverable, target 98.50 %; not measured (shares of asked): the part stands on it (10.00 %), hidden \
+         from the left camera (9.00 %), other causes (1.00 %)"
     );
     standing.setups.push(standing.setups[0].clone());
     assert!(first(&standing).2.contains("not measured in these 2 setups: "), "{}", first(&standing).2);
@@ -349,17 +349,56 @@ fn spots_of_one_cause_and_one_fix_are_one_group() {
     assert_eq!(
         texts,
         [
-            "3 spots, 3.00 % of asked, hidden from the left camera (shadow_left): no fix found (no 8 of the 830 views tried see half \
-             of it)",
-            "3 spots, 3.00 % of asked, measurable, but no view chosen (not_chosen): 1 to 2 more views: --set selection.target=1.0; \
-             recovers 30.0 mm² (100 %)",
-            "1 spot, 1.00 % of asked, hidden from the left camera (shadow_left): no fix searched for",
+            "3 spots, 3.00 % of asked, hidden from the left camera: no fix found (830 views tried; up to 8 of them together see less \
+             than half of it)",
+            "3 spots, 3.00 % of asked, measurable, but no view chosen: 1 to 2 more views: --set selection.target=1.0; recovers \
+             30.0 mm² (100 %)",
+            "1 spot, 1.00 % of asked, hidden from the left camera: no fix searched for",
         ]
     );
     let fixes: Vec<_> = summary.missed.iter().map(|group| (group.fix, group.fix_known, group.added_views)).collect();
     assert_eq!(fixes, [(Some(RemedyKind::None), false, 0), (Some(RemedyKind::View), true, 2), (None, false, 0)]);
     let nothing = Summary::of(&self::plan(3, 0, 1000.0));
     assert_eq!(nothing.missed_text, "Missed: nothing, all of the asked area is measured");
+}
+
+#[test]
+fn a_share_that_an_independent_check_gives_otherwise_names_its_samples() {
+    let mut plan = plan(3, 0, 792.0);
+    plan.missed = vec![missed(Cause::ShadowLeft, vec![None])];
+    plan.coverage.independent.measured.area_mm2 = 791.0;
+    assert_eq!(
+        Summary::of(&plan).missed_text,
+        "Missed: 20.80 % of asked on the samples that views are chosen on (independent check: 20.90 %), 1 spot"
+    );
+}
+
+#[test]
+fn one_command_has_one_line_and_one_effect() {
+    let mut plan = plan(3, 0, 700.0);
+    let turn = |of_spot| Some(remedy(RemedyKind::Setup, of_spot, &[4]));
+    plan.missed = vec![missed(Cause::FacesTable, vec![turn(1.0), turn(0.75), None]), missed(Cause::Facing, vec![turn(1.0)])];
+    let texts: Vec<String> = Summary::of(&plan).missed.into_iter().map(|group| group.text).collect();
+    assert_eq!(
+        texts,
+        [
+            "2 spots, 2.00 % of asked, faces the table: turn it upside down and scan again: --set setups=2; recovers 17.5 mm² (88 %)",
+            "1 spot, 1.00 % of asked, faces the table: no fix searched for",
+            "1 spot, 1.00 % of asked, faces away: turn it upside down and scan again: --set setups=2; recovers 10.0 mm² (100 %)",
+        ]
+    );
+}
+
+#[test]
+fn groups_without_a_line_are_counted_and_their_place_is_named() {
+    let mut plan = plan(3, 0, 700.0);
+    let causes =
+        [Cause::Facing, Cause::Depth, Cause::ShadowLeft, Cause::ShadowRight, Cause::Collision, Cause::NoPath, Cause::FrameLeft];
+    plan.missed = causes.map(|cause| missed(cause, vec![None, None])).to_vec();
+    let summary = Summary::of(&plan);
+    assert_eq!(summary.lines().last().map(String::as_str), Some("  2 more spots, 2.00 % of asked: in the report"));
+    let below = summary.lines_with_rest("see below");
+    assert_eq!(below.last().map(String::as_str), Some("  2 more spots, 2.00 % of asked: see below"));
 }
 
 #[test]
@@ -370,7 +409,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         let mut plan = plan.clone();
         change(&mut plan);
         let group = group_of(&plan);
-        let text = group.text.split_once("): ").expect("a fix").1.to_owned();
+        let text = group.text.split_once(": ").expect("a fix").1.to_owned();
         assert_eq!(group.command().is_some(), !group.set.is_empty());
         text
     };
@@ -456,10 +495,7 @@ fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
     ];
     let action = Summary::of(&plan).action.expect("a fix");
     // 790 of 800 mm² are 98.75 %, which three decimals give as 98.7.
-    assert_eq!(
-        action.text,
-        "1 more view: --set selection.target=0.987; estimated effect: 78.0 → 79.0 % of asked, at most +1 view"
-    );
+    assert_eq!(action.text, "1 more view: --set selection.target=0.987; estimated effect: 78.0 → 79.0 % of asked");
     assert_eq!((action.added_views, action.added_cycle_secs), (1, None));
     plan.missed.remove(1);
     let partial = Summary::of(&plan).action.expect("a fix of a part");

@@ -140,7 +140,7 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         }
         PlanVerdict::PartlyMeasured => {
             let causes = largest_causes(plan);
-            let causes = if causes.is_empty() { causes } else { format!("; not measured: {causes}") };
+            let causes = if causes.is_empty() { causes } else { format!("; not measured (shares of asked): {causes}") };
             format!("Target met: {reached}{causes}")
         }
         PlanVerdict::BestCoverage => match plan.bound.of_asked_upper {

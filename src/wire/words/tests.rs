@@ -1,4 +1,4 @@
-use super::{changed_params, fixed, lie_phrase, no_plan_sentence, remedy_sentence, turn_phrase};
+use super::{changed_params, fix_sentence, fixed, lie_phrase, no_plan_sentence, remedy_sentence, turn_phrase};
 use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
@@ -28,13 +28,19 @@ fn no_plan_names_what_became_of_candidates_and_the_largest_causes() {
     };
     assert_eq!(
         no_plan_sentence(&nothing_measured(candidates, 100.0, missed_mm2)),
-        "of 30 candidates 3 were usable (dropped: below_table 20, unreachable 7), and none measures anything worth a view; \
-         causes: depth 50 % of the area, facing 30 % of the area, shadow_left 15 % of the area"
+        "3 of 30 candidates can be used (dropped: below the plate 20, out of the robot's reach 7), but none measures anything \
+         worth a view; area missed by cause: outside the working depth (50 %), faces away (30 %), hidden from the left camera (15 %)"
+    );
+    let candidates = CandidateCounts { generated: 300, kept: 0, rejected: [(Rejection::MeasuresNothing, 300)].into() };
+    assert_eq!(
+        no_plan_sentence(&nothing_measured(candidates, 9.0, vec![(Cause::Facing, 9.0)])),
+        "none of 300 candidates is usable (dropped: measures nothing that is asked for 300); area missed by cause: faces away \
+         (100 %)"
     );
     let candidates = CandidateCounts { generated: 2, kept: 2, ..CandidateCounts::default() };
     assert_eq!(
         no_plan_sentence(&nothing_measured(candidates, 9.0, vec![(Cause::Facing, 9.0)])),
-        "of 2 candidates 2 were usable (dropped: none), and none measures anything worth a view; causes: facing 100 % of the area"
+        "2 of 2 candidates can be used, but none measures anything worth a view; area missed by cause: faces away (100 %)"
     );
     assert_eq!(no_plan_sentence(&NoPlan::NothingInStudy), "no candidate measures anything; check the part's unit and size");
 }
@@ -101,6 +107,8 @@ fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
     let mut none = tilt(0.0);
     (none.kind, none.views) = (RemedyKind::None, Vec::new());
     assert_eq!(remedy_sentence(&none), "no fix found (no 8 of the 30 views tried see half of it)");
+    assert_eq!(fix_sentence(&none), "no fix found (30 views tried; up to 8 of them together see less than half of it)");
+    assert_eq!(fix_sentence(&tilt(0.9)), remedy_sentence(&tilt(0.9)));
 }
 
 #[test]

@@ -109,7 +109,7 @@ fn what_is_in_the_way_is_counted_and_pictured() {
         assert!(has([0xb3, 0x31, 0x07]) && has([0x00, 0x18, 0xb1]), "both bodies are seen");
     }
     assert!(
-        text.starts_with("no plan is possible: of ") && text.contains("in the way of viewpoints") && text.contains("wall <"),
+        text.starts_with("no plan is possible: none of ") && text.contains("in the way of viewpoints") && text.contains("wall <"),
         "{text}"
     );
 }

@@ -49,7 +49,8 @@ fn planned(cell: &Value, params: &Value) -> Planned {
 
 /// Standard output and the text report begin with the lines of the summary, and the page of the report has each.
 fn hold_texts(summary: &Summary, said: &str, files: &dyn Fn(&str) -> String) {
-    let lines = summary.lines();
+    // The report tells another place of the groups that have no line.
+    let lines: Vec<String> = summary.lines().into_iter().filter(|line| !line.ends_with(": in the report")).collect();
     let head = lines.join("\n") + "\n";
     assert!(said.starts_with(&head), "standard output does not begin with\n{head}\nbut is\n{said}");
     let report = files("report.txt");
@@ -97,7 +98,7 @@ fn every_output_has_the_same_summary() {
     let (action, advice) = (summary.action.expect("advice"), &plan["advice"][0]);
     assert_eq!((&json!(action.set), &json!(action.to_of_asked)), (&advice["set"], &advice["of_asked"]));
     let next = "\nNext: choose 5 more views: --set selection.target=1.0 --set selection.max_views=6; estimated effect: \
-                16.7 → 100.0 % of asked, +5 views\n";
+                16.7 → 100.0 % of asked\n";
     assert!(said.contains(next), "{said}");
     // All spots are in some group, each once.
     let spots: u64 = plan["missed"].as_array().expect("a list").iter().filter_map(|missed| missed["spots"].as_u64()).sum();

@@ -206,7 +206,7 @@ async function editsKept() {
 
 /** Causes of a group of the report's legend. */
 const GROUPS = { "in shadow": /^shadow_/, "too oblique": /^(incidence_|below_grade$)/, "faces away": /^facing$/, "outside the image": /^frame_/,
-  "outside the working depth": /^depth$/, "out of the cell’s reach": /^(unreachable|collision|hidden_by_cell|no_path)$/,
+  "outside the working depth": /^depth$/, "out of reach, in collision or hidden by the cell": /^(unreachable|collision|hidden_by_cell|no_path)$/,
   "rests on or faces the table, or enclosed": /^(excluded_resting|faces_table|enclosed)$/, "measurable, no view chosen for it": /^(not_chosen|at_risk)$/ };
 
 /** Colours of the legends of a job's report, by what a legend of the page calls the same. */
