@@ -121,6 +121,9 @@ pub(super) fn not_found(error: &NotFound, kind: SpecKind, name: &str, library: &
     if *error != NotFound::Unknown {
         return named;
     }
+    let others = [SpecKind::Scanner, SpecKind::Robot, SpecKind::Turntable, SpecKind::Cell];
+    let other = others.into_iter().find(|other| *other != kind && library.names(*other).iter().any(|known| known == name));
+    let named = other.map_or(named, |other| format!("is {name:?}, which is a {}, not a {}", other.as_str(), kind.as_str()));
     let names = library.names(kind);
     let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
     let question = did_you_mean(name, names.iter().map(String::as_str));

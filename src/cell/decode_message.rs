@@ -4,7 +4,13 @@
 /// The message in plain words; one of another kind is returned as it is.
 pub(super) fn in_plain_words(message: &str) -> String {
     let (text, place) = message.rfind(" at line ").map_or((message, ""), |at| message.split_at(at));
-    plain(text).map_or_else(|| message.to_owned(), |told| told + place)
+    plain(text).map_or_else(|| message.to_owned(), |told| told + &in_brackets(place))
+}
+
+/// ` at line 1 column 3` in brackets, so that it is not read as a part of the expected value.
+fn in_brackets(place: &str) -> String {
+    let place = place.strip_prefix(" at ").map(|place| place.replacen(" column ", ", column ", 1));
+    place.map_or_else(String::new, |place| format!(" ({place})"))
 }
 
 fn plain(text: &str) -> Option<String> {
@@ -18,6 +24,9 @@ fn plain(text: &str) -> Option<String> {
     }
     if let Some(rest) = text.strip_prefix("unknown variant ") {
         return Some(format!("unknown value {}", rest.replacen(", expected ", "; expected ", 1)));
+    }
+    if text.starts_with("UUID parsing failed") {
+        return Some("is not an id; expected a UUID".to_owned());
     }
     text.starts_with("data did not match any variant of").then(|| "has none of the allowed forms".to_owned())
 }
@@ -114,9 +123,13 @@ mod tests {
     fn places_and_other_messages_stay() {
         assert_eq!(
             in_plain_words("invalid type: map, expected f64 at line 1 column 3"),
-            "is an object; expected a number at line 1 column 3"
+            "is an object; expected a number (line 1, column 3)"
         );
         assert_eq!(in_plain_words("invalid type: integer `3`, expected struct CellSpec"), "is 3; expected an object");
+        assert_eq!(
+            in_plain_words("UUID parsing failed: invalid character: found `n` at 0 at line 1 column 18"),
+            "is not an id; expected a UUID (line 1, column 18)"
+        );
         for other in ["missing field `fx`", "unknown field `colour`, expected `angle`", "EOF while parsing an object"] {
             assert_eq!(in_plain_words(other), other);
         }

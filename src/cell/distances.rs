@@ -157,6 +157,10 @@ impl CellDistances {
         findings.range("--adapter-mass", self.adapter_kg, 0.0, 1000.0, "kg");
         if let Some(height_mm) = self.floor_mm {
             findings.range("--floor", height_mm, -10_000.0, 10_000.0, "mm");
+            let is_above = height_mm > 0.0 && height_mm <= 10_000.0;
+            findings.require(!is_above, "--floor", || {
+                format!("is {height_mm} mm; the floor lies below the robot's foot: give a negative height, {} mm", -height_mm)
+            });
         }
         let stands = !self.pedestal || self.floor_mm.is_some_and(|height_mm| height_mm < 0.0);
         findings
@@ -293,12 +297,13 @@ mod tests {
     #[test]
     fn distances_out_of_range_are_named_by_their_option() {
         type Change = fn(&mut CellDistances);
-        let cases: [(&str, Change); 7] = [
+        let cases: [(&str, Change); 8] = [
             ("--name", |d| d.name.clear()),
             ("--table-at", |d| d.table_at_mm[2] = 20_000.0),
             ("--table-yaw", |d| d.table_yaw_deg = 400.0),
             ("--adapter", |d| d.adapter_mm = -1.0),
             ("--floor", |d| d.floor_mm = Some(f64::NAN)),
+            ("--floor", |d| d.floor_mm = Some(700.0)),
             ("--pedestal", |d| d.floor_mm = None),
             ("--scanner", |d| d.scanner = "nobody".into()),
         ];

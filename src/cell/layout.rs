@@ -13,7 +13,7 @@ use super::body_meshes::{self, BodyMeshes};
 use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
-use super::pose_spec::{PoseInput, PoseSpec};
+use super::pose_spec::{PoseInput, PoseSpec, metres_in_mm};
 use super::provenance::{CalibrationObjection, CalibrationProvenance, UseConditions};
 use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
@@ -342,7 +342,23 @@ impl Cell {
         let hint = self
             .home_in_radians()
             .map_or_else(String::new, |home_deg| format!("; is home in radians? In degrees it would be {home_deg:?}"));
+        let hint = hint + &self.metres_hint();
+        let is_narrow = self.robot.has_limits_in_radians();
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad.axes_rad()).enumerate() {
+            if is_narrow && index < self.robot.joints.len() && !axis.allows(angle) {
+                let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
+                findings.push(
+                    format!("/robot/joints/{index}"),
+                    format!(
+                        "has min_deg {min_deg:.3} and max_deg {max_deg:.3}, which do not allow home, {:.3}°; all limits lie within \
+                         ±2π: are min_deg and max_deg in radians? In degrees they would be {:.1} and {:.1}",
+                        angle.to_degrees(),
+                        min_deg.to_degrees(),
+                        max_deg.to_degrees()
+                    ),
+                );
+                continue;
+            }
             findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {
                 let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
                 format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°{hint}", angle.to_degrees())
@@ -351,6 +367,16 @@ impl Cell {
         if let Some(contact) = CollisionScene::without_part(self, MIN_CLEARANCE_MM).check(&self.home_rad) {
             findings.push("/home_deg", format!("collides: {contact} (closer than {MIN_CLEARANCE_MM} mm){hint}"));
         }
+    }
+
+    /// Question for the end of a message on home, where a pose of table or scanner looks like metres; empty if none does.
+    fn metres_hint(&self) -> String {
+        let poses = [
+            ("base_from_table", self.base_from_table.origin_mm()),
+            ("flange_from_scanner", self.flange_from_scanner.origin_mm()),
+        ];
+        let in_mm = poses.into_iter().filter_map(|(name, origin)| Some((name, metres_in_mm(origin.into())?)));
+        in_mm.map(|(name, mm)| format!("; is {name} in metres? In mm its translation would be {mm:?}")).collect()
     }
 
     /// Home with its numbers read as radians, degrees, where they look like radians: every one within ±2π, one of them 0.3 or more,

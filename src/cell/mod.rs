@@ -49,7 +49,7 @@ pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
 pub use mounting::HousingFace;
-pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
+pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec, metres_in_mm};
 pub use provenance::{CalibrationObjection, CalibrationProvenance, CompensationProvenance, PoseOrigin, UseConditions};
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use runout::{RunoutHarmonic, RunoutSpec};

@@ -85,6 +85,14 @@ fn quaternion_of(rpy_deg: [f64; 3]) -> [f64; 4] {
     [turn.i, turn.j, turn.k, turn.w]
 }
 
+/// The translation in millimetres, where it looks like metres: every length below 3, one of them no whole number.
+#[must_use]
+pub fn metres_in_mm(translation: [f64; 3]) -> Option<[f64; 3]> {
+    let is_broken = |length: f64| (length - length.round()).abs() > 1e-9;
+    let looks_so = translation.iter().all(|length| length.abs() < 3.0) && translation.into_iter().any(is_broken);
+    looks_so.then(|| translation.map(|metres| (metres * 1e6).round() / 1e3))
+}
+
 impl Default for PoseSpec {
     fn default() -> Self {
         Self { translation_mm: [0.0; 3], quaternion_xyzw: [0.0, 0.0, 0.0, 1.0] }
@@ -130,6 +138,14 @@ mod tests {
 
     use super::PoseSpec;
     use crate::geometry::{Base, Pose, Table};
+
+    #[test]
+    fn lengths_in_metres_are_recognised_and_millimetres_are_not() {
+        assert_eq!(super::metres_in_mm([0.9, 0.0, 0.1]), Some([900.0, 0.0, 100.0]));
+        for in_mm in [[0.0; 3], [0.0, 0.0, 1.0], [900.0, 0.0, 0.5]] {
+            assert_eq!(super::metres_in_mm(in_mm), None, "{in_mm:?}");
+        }
+    }
 
     fn read(text: &str) -> Result<PoseSpec, String> {
         serde_json::from_str(text).map_err(|error| error.to_string())

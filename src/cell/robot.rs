@@ -1,6 +1,8 @@
 //! The arm: kinematics, joint limits, and for collision tests capsules around its links and, where they are known, the
 //! surfaces inside.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -170,6 +172,13 @@ impl Robot {
     #[must_use]
     pub fn takes(&self, dialect: Dialect) -> bool {
         dialect.is_neutral() || self.dialect.is_none_or(|own| own == dialect)
+    }
+
+    /// Returns true if the limits of every joint, in degrees, lie within ±2π: they are hardly in degrees.
+    #[must_use]
+    pub fn has_limits_in_radians(&self) -> bool {
+        let largest_rad = self.joints.iter().map(|joint| joint.min_rad.abs().max(joint.max_rad.abs())).fold(0.0, f64::max);
+        largest_rad.to_degrees() <= TAU + 0.01
     }
 
     /// Frames 0 to 6 at these joints.

@@ -311,6 +311,37 @@ fn a_home_in_radians_that_collides_says_what_it_would_be_in_degrees() {
 }
 
 #[test]
+fn joint_limits_in_radians_are_blamed_themselves_and_not_home() {
+    let mut robot = Presets.robot("hans-e05").expect("a preset");
+    for joint in &mut robot.joints {
+        (joint.min_deg, joint.max_deg) = (-6.2, 6.2);
+    }
+    let spec = CellSpec { robot: Named::Inline(Box::new(robot)), ..cell_spec() };
+    let found = findings(&spec);
+    assert_finding(&found, "/robot/joints/1", "are min_deg and max_deg in radians? In degrees they would be -355.2 and 355.2");
+    assert!(found.iter().all(|finding| !finding.pointer.starts_with("/home_deg")), "{found:#?}");
+}
+
+#[test]
+fn a_home_that_collides_since_the_table_is_in_metres_says_so() {
+    let mut spec = cell_spec();
+    spec.base_from_table.translation_mm = [0.4, 0.0, -0.2];
+    // Around the arm, so that home collides whatever the table does.
+    spec.obstacles.push(
+        toml::from_str(
+            "name = \"block\"\nowner_from_body = { translation_mm = [0.0, 0.0, 500.0], rpy_deg = [0, 0, 0] }\n\
+             shape = { kind = \"box\", size_mm = [600.0, 600.0, 1000.0] }",
+        )
+        .expect("a body"),
+    );
+    assert_finding(
+        &findings(&spec),
+        "/home_deg",
+        "is base_from_table in metres? In mm its translation would be [400.0, 0.0, -200.0]",
+    );
+}
+
+#[test]
 fn a_table_out_of_reach_is_refused_and_one_at_the_edge_is_not() {
     let mut spec = cell_spec();
     spec.base_from_table.translation_mm = [2900.0, 0.0, -200.0];

@@ -5,16 +5,17 @@ use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 
 use super::check::warn;
+use super::doubts::{self, doubt};
 use super::files::{self, FileLibrary};
 use super::plan::pool;
 use super::scanner::{Triple, write_or_print};
 use super::{CliError, output};
-use crate::cell::{Cell, CellDistances, CellSpec, CollisionScene, HousingFace};
+use crate::cell::{Cell, CellDistances, CellSpec, CollisionScene, HousingFace, SpecKind};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::MotionParams;
 use crate::planning::studies::reach::{ELEVATIONS, Layouts, Reached, mountings, own_layout, reach};
 use crate::report::sketch::cell_svg;
-use crate::wire::warnings;
+use crate::wire::warnings::{self, FieldWarning};
 
 /// Write a cell's specification from its devices and distances, with a home and the scanner's mounting found.
 #[derive(Clone, Debug, clap::Args)]
@@ -56,7 +57,7 @@ pub struct CellArgs {
     /// Mass of the adapter, kg, 0 to 1000.
     #[arg(long, value_name = "KG", default_value_t = 0.0)]
     adapter_mass: f64,
-    /// Height of the floor below the robot's foot, mm, -10000 to 10000 [default: no floor].
+    /// Height of the floor, mm, -10000 to 0: it lies below the robot's foot, as in -600 [default: no floor].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     floor: Option<f64>,
     /// The robot stands on a pedestal of 200 mm diameter that reaches down to --floor.
@@ -126,6 +127,17 @@ impl CellArgs {
         })
     }
 
+    /// Doubts about figures that are in range.
+    fn doubts(&self) -> Vec<FieldWarning> {
+        let metres = [("--adapter", Some(self.adapter), 1.0), ("--floor", self.floor, 3.0)];
+        let in_metres = metres.into_iter().filter_map(|(option, length, below)| {
+            let length = length.filter(|length| *length != 0.0 && length.abs() < below)?;
+            let in_mm = (length * 1e6).round() / 1e3;
+            Some(doubt(option, format!("is {length} mm: metres?"), format!("if it is in metres, give {in_mm} (mm)")))
+        });
+        in_metres.chain(doubts::radians("--table-yaw", self.table_yaw)).collect()
+    }
+
     /// The cell with a face on the flange.
     fn mounted(&self, face: HousingFace) -> Result<Mounted, CliError> {
         let distances = self.distances(face)?;
@@ -176,6 +188,9 @@ pub fn run(args: &CellArgs) -> Result<(), CliError> {
     if !(1.0..=5000.0).contains(&args.cube) {
         return Err(CliError::BadInput(format!("--cube: is {} mm; allowed is 1 to 5000 mm", args.cube)));
     }
+    warn("cell", &args.doubts());
+    doubts::warn_of_file(SpecKind::Robot, &args.robot);
+    doubts::warn_of_file(SpecKind::Scanner, &args.scanner);
     let Mounted { spec, cell, face } = pool(0)?.install(|| args.best())?;
     if let Some(path) = &args.sketch {
         let meant = spec.assemble(&FileLibrary).map_err(|errors| files::findings("cell", &errors))?;

@@ -8,6 +8,7 @@ use std::time::SystemTime;
 use serde::Serialize;
 use serde_json::Value;
 
+use super::doubts;
 use super::files::{self, FileLibrary};
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec};
@@ -16,7 +17,7 @@ use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
-use crate::wire::part_size::{PartSize, SizeLimits, size_text};
+use crate::wire::part_size::{PartSize, SizeLimits};
 use crate::wire::plan::PlanDocument;
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{DocumentKind, UtcTime};
@@ -88,7 +89,7 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let ctx = Context::new(&never, &Silent);
     let mut checked = Vec::new();
     for path in &args.files {
-        let shown = path.display().to_string();
+        let (shown, mut doubts) = (path.display().to_string(), Vec::new());
         let sound = files::value(path).and_then(|mut value| {
             if kind_of(&value).is_none() && files::is_server_configuration(&value) {
                 return Err(CliError::BadInput(format!("{shown}: {}", files::SERVER_CONFIGURATION)));
@@ -98,10 +99,12 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
             if args.reference.plan.is_none() {
                 refuse_stale(path, &value)?;
             }
+            doubts = doubts::of_document(&value);
             let checked =
                 check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
             with_controllers(checked, controllers)
         });
+        let sound = sound.map(|sound| Sound { warnings: [sound.warnings, doubts].concat(), ..sound });
         checked.push(CheckedFile::new(&shown, sound, args.strict)?);
     }
     let lines: String = checked.iter().filter_map(CheckedFile::line).collect();
@@ -253,8 +256,6 @@ impl ReferenceArgs {
 
 /// Refuses a part that is not the plan's: another file, or the file in another unit.
 fn check_part(plan: &PlanDocument, part: &ReadMesh, sha256: &str, path: &Path) -> Result<(), CliError> {
-    /// Relative tolerance of a box that went through a file.
-    const SAME: f64 = 1e-6;
     let shown = path.display();
     if plan.part.sha256 != sha256 {
         return Err(CliError::BadInput(format!(
@@ -263,23 +264,18 @@ fn check_part(plan: &PlanDocument, part: &ReadMesh, sha256: &str, path: &Path) -
             plan.part.sha256
         )));
     }
-    let (found, planned) = (part.mesh.aabb().extent_mm(), plan.part.bbox_mm.extent_mm());
-    if (0..3).all(|axis| (found[axis] - planned[axis]).abs() <= SAME * planned[axis].max(1.0)) {
-        return Ok(());
-    }
-    Err(CliError::BadInput(format!(
-        "{shown} (--unit {}): is {} as read; the planned part is {}\n  → give the unit that it was planned in",
-        part.unit,
-        size_text(&found.into()),
-        size_text(&planned)
-    )))
+    let other = plan.part.other_size(&part.mesh);
+    other.map_or(Ok(()), |other| {
+        let unit = part.unit;
+        Err(CliError::BadInput(format!("{shown} (--unit {unit}): {other}\n  → give the unit that it was planned in")))
+    })
 }
 
 /// Reads a plan, with the SHA-256 of its file.
 fn read_plan(path: &Path) -> Result<(PlanDocument, String), CliError> {
     let shown = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
-    let document: PlanDocument = files::from_value(files::value(path)?, &shown)?;
+    let document: PlanDocument = files::of_kind(files::value(path)?, ("a plan", Some(DocumentKind::Plan)), &shown)?;
     Ok((document, plan_sha256(&bytes)))
 }
 

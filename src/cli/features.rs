@@ -16,7 +16,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::CliError;
-use super::files::from_value;
+use super::files::{from_value, json_fault};
 use crate::planning::params::{FeatureParams, Region};
 
 #[cfg(test)]
@@ -38,7 +38,8 @@ fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
     if !text.trim_start().starts_with(['{', '[']) {
         return csv(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")));
     }
-    let mut value: Value = serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let mut value: Value =
+        serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {}", json_fault(&error))))?;
     let only_field = value.as_object_mut().filter(|fields| fields.len() == 1);
     let list = if let Some(field) = only_field { field.remove("features") } else { Some(value) };
     from_value(list.unwrap_or_default(), shown)
@@ -47,6 +48,9 @@ fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
 fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
     let (_, header) = lines.next().ok_or("is empty; the first line must name the columns")?;
+    if header.contains(';') && !header.contains(',') {
+        return Err("its columns are separated by ;, use , and a point as decimal separator".to_owned());
+    }
     let columns: Vec<&str> = header.split(',').map(str::trim).collect();
     if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(column)) {
         return Err(format!("has a column {unknown:?}; allowed are {}", COLUMNS.join(", ")));

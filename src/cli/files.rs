@@ -17,6 +17,7 @@ use crate::cell::{
 use crate::check::kind_of;
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh, Poll};
+use crate::service::plan_job::PLAN_FILE;
 use crate::service::runs::cell_sha256;
 use crate::service::{HashingReader, OperatorCell};
 use crate::settings::Settings;
@@ -27,23 +28,23 @@ use crate::wire::{self, DocumentKind};
 pub struct FileLibrary;
 
 impl FileLibrary {
-    fn file<T: DeserializeOwned + ToSchema + 'static>(path: &str) -> Result<T, NotFound> {
+    fn file<T: DeserializeOwned + ToSchema + 'static>(kind: SpecKind, path: &str) -> Result<T, NotFound> {
         let read = existing(path)?;
-        value(read).and_then(|value| from_value(value, path)).map_err(unusable)
+        value(read).and_then(|value| of_kind(value, kind_of_spec(kind), path)).map_err(unusable)
     }
 }
 
 impl SpecLibrary for FileLibrary {
     fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
-        Presets.scanner(name).or_else(|_| Self::file(name))
+        Presets.scanner(name).or_else(|_| Self::file(SpecKind::Scanner, name))
     }
 
     fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
-        Presets.robot(name).or_else(|_| Self::file(name))
+        Presets.robot(name).or_else(|_| Self::file(SpecKind::Robot, name))
     }
 
     fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
-        Presets.turntable(name).or_else(|_| Self::file(name))
+        Presets.turntable(name).or_else(|_| Self::file(SpecKind::Turntable, name))
     }
 
     fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
@@ -87,7 +88,14 @@ pub fn spec<T: DeserializeOwned + ToSchema + 'static>(
     if let Ok(preset) = preset {
         return Ok(preset);
     }
+    if name.is_empty() {
+        let (kind, known) = (kind.as_str(), Presets.names(kind).join(", "));
+        return Err(CliError::BadInput(format!("--{kind}: is empty; give a file or a preset; the presets are {known}")));
+    }
     if !Path::new(name).exists() {
+        if let Some(instead) = preset_of_another_kind(name, kind) {
+            return Err(CliError::BadInput(format!("--{} {name}: {instead}", kind.as_str())));
+        }
         let names = Presets.names(kind);
         let (known, question) = (names.join(", "), did_you_mean(name, names.iter().map(String::as_str)));
         return Err(CliError::BadInput(format!(
@@ -95,7 +103,7 @@ pub fn spec<T: DeserializeOwned + ToSchema + 'static>(
             kind = kind.as_str()
         )));
     }
-    from_value(value(Path::new(name))?, name)
+    of_kind(value(Path::new(name))?, kind_of_spec(kind), name)
 }
 
 /// Loads a cell by the name of a preset or the path of a file, with its controllers if the file has some.
@@ -108,7 +116,7 @@ pub fn cell(name: &str) -> Result<(CellSpec, Option<ControllersSpec>), CliError>
     }
     let mut value = value(Path::new(name))?;
     let controllers = take_controllers(&mut value, name);
-    Ok((from_value(value, name)?, controllers?))
+    Ok((of_kind(value, kind_of_spec(SpecKind::Cell), name)?, controllers?))
 }
 
 /// Takes the section `[controllers]` out of a cell file, and checks it.
@@ -158,18 +166,37 @@ pub fn cell_sha256_of(spec: &CellSpec) -> Result<String, CliError> {
 /// A file that cannot be read, or is neither.
 pub fn value(path: &Path) -> Result<Value, CliError> {
     let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
-    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-    if is_mesh_name(path) {
-        return Err(refuse("is a mesh, not a TOML or JSON file; `vantage inspect` examines it".to_owned()));
+    if path.is_dir() {
+        let example = if path.join(PLAN_FILE).is_file() { format!(", such as {PLAN_FILE}") } else { String::new() };
+        return Err(refuse(format!("is a folder; give a file in it{example}")));
     }
+    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+    refuse_mesh(path)?;
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
     let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
     let read = if text.trim_start().starts_with('{') {
-        serde_json::from_str(&text).map_err(|error| error.to_string())
+        serde_json::from_str(&text).map_err(|error| json_fault(&error))
     } else {
         toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
     };
     read.map_err(refuse)
+}
+
+/// Refuses a mesh where a text is to be read.
+///
+/// # Errors
+/// [`CliError::BadInput`] for the name of a mesh file.
+pub(super) fn refuse_mesh(path: &Path) -> Result<(), CliError> {
+    if !is_mesh_name(path) {
+        return Ok(());
+    }
+    let what = "is a mesh, not a TOML or JSON file; `vantage inspect` examines it";
+    Err(CliError::BadInput(format!("{}: {what}", path.display())))
+}
+
+/// Describes the error in a JSON file; one that ends too early is cut off.
+pub(super) fn json_fault(error: &serde_json::Error) -> String {
+    if error.is_eof() { format!("the file is cut off: {error}") } else { error.to_string() }
 }
 
 /// Returns true for the name of a mesh file.
@@ -181,16 +208,59 @@ fn is_mesh_name(path: &Path) -> bool {
 /// Tells what a document is that holds no parameters, and where it belongs; `None` if it may be meant for parameters.
 pub(super) fn instead_of_parameters(document: &Value) -> Option<String> {
     let kind = kind_of(document);
-    let place = match kind {
-        None if is_server_configuration(document) => return Some(SERVER_CONFIGURATION.to_owned()),
-        None | Some(DocumentKind::Params) => return None,
-        Some(DocumentKind::Scanner) => "--scanner takes it, with --cell none",
-        Some(DocumentKind::Cell) => "--cell takes it",
-        Some(DocumentKind::Robot | DocumentKind::Turntable) => "a cell names it",
-        Some(DocumentKind::Plan) => "its field `params` has the parameters",
-        Some(DocumentKind::Program) => "`vantage run` takes it",
+    match kind {
+        None if is_server_configuration(document) => Some(SERVER_CONFIGURATION.to_owned()),
+        None | Some(DocumentKind::Params) => None,
+        Some(DocumentKind::Plan) => Some("is a plan, not parameters; its field `params` has the parameters".to_owned()),
+        Some(kind) => Some(instead_of("parameters", kind)),
+    }
+}
+
+/// Tells the kind of a document that is not what is wanted, and where it belongs.
+fn instead_of(wanted: &str, found: DocumentKind) -> String {
+    let place = match found {
+        DocumentKind::Scanner => "--scanner takes it, with --cell none",
+        DocumentKind::Cell => "--cell takes it",
+        DocumentKind::Robot | DocumentKind::Turntable => "a cell names it",
+        DocumentKind::Params => return format!("holds parameters of a plan, not {wanted}; --params takes it"),
+        DocumentKind::Plan => "`vantage program` takes it with its program",
+        DocumentKind::Program => "`vantage run` takes it",
     };
-    Some(format!("is a {}, not parameters; {place}", kind.map_or("document", DocumentKind::as_str)))
+    format!("is a {}, not {wanted}; {place}", found.as_str())
+}
+
+/// Converts a document to `T`, which is `wanted`, such as "a cell", of the kind `kind` if it is recognised by one.
+///
+/// # Errors
+/// A document of another kind as such; else every field that is missing or unknown.
+pub(super) fn of_kind<T: DeserializeOwned + ToSchema + 'static>(
+    value: Value,
+    (wanted, kind): (&str, Option<DocumentKind>),
+    what: &str,
+) -> Result<T, CliError> {
+    let found = kind_of(&value).filter(|found| Some(*found) != kind);
+    from_value(value, what).map_err(|error| match found {
+        Some(found) => CliError::BadInput(format!("{what}: {}", instead_of(wanted, found))),
+        None => error,
+    })
+}
+
+/// Kind of a document that specifies hardware, as [`of_kind`] takes it.
+fn kind_of_spec(kind: SpecKind) -> (&'static str, Option<DocumentKind>) {
+    match kind {
+        SpecKind::Scanner => ("a scanner", Some(DocumentKind::Scanner)),
+        SpecKind::Robot => ("a robot", Some(DocumentKind::Robot)),
+        SpecKind::Turntable => ("a turntable", Some(DocumentKind::Turntable)),
+        SpecKind::Cell => ("a cell", Some(DocumentKind::Cell)),
+        SpecKind::Mesh => ("a mesh", None),
+    }
+}
+
+/// Tells the kind of a preset of this name, where it is of another kind than `wanted`.
+fn preset_of_another_kind(name: &str, wanted: SpecKind) -> Option<String> {
+    let kinds = [SpecKind::Scanner, SpecKind::Robot, SpecKind::Turntable, SpecKind::Cell];
+    let found = kinds.into_iter().find(|kind| *kind != wanted && Presets.names(*kind).iter().any(|preset| preset == name))?;
+    kind_of_spec(found).1.map(|found| instead_of(kind_of_spec(wanted).0, found))
 }
 
 /// Description of a file of the server's settings, for a command that does not take it.
@@ -209,7 +279,22 @@ fn toml_fault(text: &str, error: &toml::de::Error) -> String {
         let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
         format!(" at line {} column {column}", before.matches('\n').count() + 1)
     });
-    format!("{}{}", error.message().trim_end().replace('\n', ", "), place.unwrap_or_default())
+    let message = error.message().trim_end().replace('\n', ", ");
+    let found = error.span().and_then(|span| text.get(span.start..)).and_then(|rest| rest.split(['=', ']', '\n']).next());
+    let key = found.filter(|_| message == "duplicate key").map(|key| format!(" `{}`", key.trim()));
+    let advice = if has_decimal_comma(text, error) { "; use a point as decimal separator" } else { "" };
+    format!("{message}{}{}{advice}", key.unwrap_or_default(), place.unwrap_or_default())
+}
+
+/// Returns true if an error in a TOML file lies at a comma between the digits of a number.
+fn has_decimal_comma(text: &str, error: &toml::de::Error) -> bool {
+    let place = error.span().map_or(0, |span| span.start);
+    let (Some(before), Some(after)) = (text.get(..place), text.get(place..)) else { return false };
+    let line = before.rsplit('\n').next().unwrap_or_default();
+    let value = line.rsplit('=').next().unwrap_or_default().trim();
+    let is_number = |text: &str| !text.is_empty() && text.chars().all(|c| c.is_ascii_digit());
+    let fraction: String = after.chars().skip(1).take_while(char::is_ascii_digit).collect();
+    after.starts_with(',') && is_number(value.trim_start_matches(['-', '+'])) && !fraction.is_empty()
 }
 
 /// Converts a value to `T`; errors carry the JSON pointer.

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{CliError, files, set_value};
+use super::check::warn;
+use super::{CliError, doubts, files, set_value};
 use crate::planning::params::PlanParams;
 use crate::wire::parameters;
 
@@ -19,6 +20,13 @@ pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanPa
 
 /// Reads a file of parameters, and refuses a document of another kind by its kind.
 fn parameter_file(path: &Path) -> Result<Value, CliError> {
+    let is_preset = |name: &&str| {
+        let known = parameters::list().into_iter().find(|parameter| parameter.key == "preset");
+        known.is_some_and(|parameter| parameter.values.iter().any(|value| value == name))
+    };
+    if let Some(name) = path.to_str().filter(|_| !path.exists()).filter(is_preset) {
+        return Err(CliError::BadInput(format!("--params {name}: is a preset; give --set preset={name}")));
+    }
     let value = files::value(path)?;
     match files::instead_of_parameters(&value) {
         Some(instead) => Err(CliError::BadInput(format!("--params {}: {instead}", path.display()))),
@@ -32,15 +40,23 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         let (key, text) = set.split_once('=').ok_or_else(|| {
             CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE, such as selection.target=0.99"))
         })?;
+        if key.trim().is_empty() {
+            let what = "names no parameter; give KEY=VALUE, such as selection.target=0.99";
+            return Err(CliError::BadInput(format!("--set {set}: {what}")));
+        }
         if let Some(fault) = parameters::unknown(key) {
             return Err(CliError::BadInput(format!("--set {set}: {fault} (`vantage params` lists all)")));
         }
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
+    let doubts = doubts::of_params(&value);
     let read: Result<PlanParams, CliError> = files::from_value(value, "parameters");
     let checked = read.and_then(|params| match params.check() {
-        Ok(()) => Ok(params),
+        Ok(()) => {
+            warn("parameters", &doubts);
+            Ok(params)
+        }
         Err(errors) => Err(files::findings("parameters", &errors)),
     });
     checked.map_err(|error| named_by_sets(error, sets))
@@ -57,15 +73,29 @@ pub(super) fn named_by_sets(error: CliError, sets: &[String]) -> CliError {
             let rest = finding.pointer.strip_prefix(&format!("/{}", key.replace('.', "/")))?;
             (rest.is_empty() || rest.starts_with('/')).then(|| (key, format!("--set {set}"), rest.to_owned()))
         });
-        if let Some((key, option, rest)) = place {
-            (finding.file, finding.pointer) = (option, rest);
-            if finding.pointer.is_empty() && finding.detail.contains("; expected a") {
-                finding.detail += &allowed(key);
+        let key = match place {
+            Some((key, option, rest)) => {
+                (finding.file, finding.pointer) = (option, rest);
+                Some(key.to_owned()).filter(|_| finding.pointer.is_empty())
             }
+            None => finding.pointer.strip_prefix('/').map(|pointer| pointer.replace('/', ".")),
+        };
+        if let Some(key) = key.filter(|_| finding.detail.contains("; expected a")) {
+            let range = allowed(&key);
+            // The range says more than the kind of number.
+            if let (false, Some(found)) = (range.is_empty(), finding.detail.strip_suffix(NOT_NEGATIVE))
+                && found.starts_with("is -")
+            {
+                finding.detail = found.to_owned();
+            }
+            finding.detail += &range;
         }
     }
     CliError::Findings(findings)
 }
+
+/// End of the message on a number below 0 in the place of a whole number.
+const NOT_NEGATIVE: &str = "; expected a whole number, 0 or more";
 
 /// Range of a parameter, for the end of a message on a value of another kind; empty if it has none.
 fn allowed(key: &str) -> String {

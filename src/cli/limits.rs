@@ -20,13 +20,13 @@ pub(super) struct LimitArgs {
 }
 
 fn secs(text: &str) -> Result<f64, String> {
-    let secs = text.parse().map_err(|_| "must be a number".to_owned())?;
-    if secs == 0.0 || (1.0..=604_800.0).contains(&secs) { Ok(secs) } else { Err("allowed is 0, or 1 to 604800".to_owned()) }
+    let secs = text.parse().ok().filter(|secs| *secs == 0.0 || (1.0..=604_800.0).contains(secs));
+    secs.ok_or_else(|| format!("is {text}; allowed is 0, or 1 to 604800"))
 }
 
 fn mebibytes(text: &str) -> Result<u64, String> {
-    let mib = text.parse().map_err(|_| "must be a whole number".to_owned())?;
-    if mib == 0 || (256..1 << 40).contains(&mib) { Ok(mib) } else { Err("allowed is 0, or 256 and more".to_owned()) }
+    let mib = text.parse().ok().filter(|mib| *mib == 0 || (256..1 << 40).contains(mib));
+    mib.ok_or_else(|| format!("is {text}; allowed is 0, or a whole number of 256 or more"))
 }
 
 impl LimitArgs {
@@ -107,6 +107,7 @@ mod tests {
     #[test]
     fn figures_out_of_range_are_refused_and_the_others_are_what_they_say() {
         assert!(secs("0.5").is_err() && secs("-1").is_err() && secs("nan").is_err() && secs("1e9").is_err());
+        assert_eq!(secs("-1"), Err("is -1; allowed is 0, or 1 to 604800".to_owned()));
         assert!(mebibytes("255").is_err() && mebibytes("1.5").is_err());
         assert_eq!((secs("90"), mebibytes("512")), (Ok(90.0), Ok(512)));
         let allowance = LimitArgs { max_secs: 90.0, max_memory: 512 }.allowance(4);

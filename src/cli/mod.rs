@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::error::ErrorKind;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use serde::Serialize;
 
 use self::output::OutputArgs;
@@ -22,6 +22,7 @@ pub mod check;
 pub mod compare;
 mod completions;
 pub mod demo;
+mod doubts;
 mod features;
 pub mod files;
 mod given_params;
@@ -181,7 +182,7 @@ impl CliError {
 /// Parses the arguments of the process, runs the command and prints the error that ends it; the exit code.
 #[must_use]
 pub fn main() -> u8 {
-    let ended = match Cli::try_parse() {
+    let ended = match parse(std::env::args_os()) {
         Ok(cli) => cli.run(),
         Err(error) => {
             // Nothing is parsed, but an answer is still owed in the form that was asked for.
@@ -198,6 +199,19 @@ pub fn main() -> u8 {
     let Err(error) = ended else { return 0 };
     output::error(&error);
     error.exit_code()
+}
+
+/// Parses arguments; a negative number is always a value, so that its range is told where it is wrong.
+fn parse(arguments: impl IntoIterator<Item = impl Into<std::ffi::OsString> + Clone>) -> Result<Cli, clap::Error> {
+    let mut command = with_negative_numbers(Cli::command());
+    let matches = command.try_get_matches_from_mut(arguments)?;
+    Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// The command with every argument that has a value taking negative numbers.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|arg| if arg.get_action().takes_values() { arg.allow_negative_numbers(true) } else { arg });
+    command.mut_subcommands(with_negative_numbers)
 }
 
 /// Prints help or version, which clap hands over as an error; other errors become the command's.

@@ -13,7 +13,7 @@ use super::given_params::{load_params, named_by_sets};
 use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, TIMINGS_FILE, programs};
 use super::progress::{CommandStage, Course, Progress, Stopwatch};
-use super::{CliError, FileFinding, features, output, parts, summary};
+use super::{CliError, FileFinding, doubts, features, output, parts, summary};
 use crate::cell::{Cell, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Mesh, Poll};
@@ -169,6 +169,8 @@ impl<'a> PartPlanner<'a> {
         let cell = load_cell(&args.cell, args.scanner.as_deref())?;
         let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
         cell.iter().for_each(|cell| warn(&args.cell, &warnings::of_cell(cell, "")));
+        doubts::warn_of_file(SpecKind::Cell, &args.cell);
+        args.scanner.iter().for_each(|name| doubts::warn_of_file(SpecKind::Scanner, name));
         params.check_limits(&scanner).map_err(|errors| named_by_sets(files::findings("parameters", &errors), &args.sets))?;
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
@@ -258,7 +260,7 @@ impl<'a> PartPlanner<'a> {
         let (planned, mut artifacts) = result?;
         watch.switch(Some(CommandStage::Writing.as_str()));
         let outcome = planned.map_err(|error| without_plan(error, &artifacts, folder))?;
-        warn("parameters", &job.exclusion_warnings(&outcome, ""));
+        warn("parameters", &job.empty_region_warnings(&outcome, ""));
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
         let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
@@ -341,7 +343,17 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) 
     let regions: Vec<_> = regions.iter().map(RegionCoverageDocument::from).collect();
     let unmet = warnings::of_regions(params, &regions, "");
     warn("parameters", &unmet);
-    if !strict || unmet.is_empty() {
+    if !strict {
+        return Ok(());
+    }
+    let empty = regions.iter().filter(|region| region.samples == 0).count();
+    if empty > 0 {
+        return Err(CliError::RegionsUnmet(format!(
+            "{empty} of {} regions and features hold nothing of the part that is asked for (--strict); the results are written",
+            regions.len()
+        )));
+    }
+    if unmet.is_empty() {
         return Ok(());
     }
     let with_target = regions.iter().filter(|region| region.target.is_some()).count();

@@ -12,7 +12,9 @@ use crate::planning::params::DialectParams;
 use crate::program::Program;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
 use crate::service::plan_job::{Artifact, PLAN_FILE, program_stem};
+use crate::wire::DocumentKind;
 use crate::wire::output_record::RECORD_FILE;
+use crate::wire::parameters;
 use crate::wire::plan::PlanDocument;
 use crate::wire::program::ProgramDocument;
 
@@ -76,7 +78,8 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     let mut plan_sha256: Option<String> = None;
     for path in programs(&args.from)? {
         let shown = path.display().to_string();
-        let document: ProgramDocument = files::from_value(files::value(&path)?, &shown)?;
+        let kind = ("a program", Some(DocumentKind::Program));
+        let document: ProgramDocument = files::of_kind(files::value(&path)?, kind, &shown)?;
         let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
         rendered.extend(job.render(&program, &params, &shown)?);
         let first = plan_sha256.get_or_insert_with(|| program.plan_sha256.clone());
@@ -164,11 +167,29 @@ fn programs(from: &Path) -> Result<Vec<PathBuf>, CliError> {
     }
     let paths = (0..).map(|setup| from.join(format!("{}.json", program_stem(setup))));
     let found: Vec<_> = paths.take_while(|path| path.is_file()).collect();
-    if found.is_empty() { Err(CliError::BadInput(format!("{}: has no program.json", from.display()))) } else { Ok(found) }
+    if found.is_empty() { Err(without_program(from)) } else { Ok(found) }
+}
+
+/// Error for a folder without a program: a plan that was made without a cell has none.
+pub(super) fn without_program(folder: &Path) -> CliError {
+    let reason = if folder.join(PLAN_FILE).is_file() {
+        "has no program.json: its plan was made without a cell and holds viewpoints alone; plan with a cell (--cell)"
+    } else {
+        "has no program.json"
+    };
+    CliError::BadInput(format!("{}: {reason}", folder.display()))
 }
 
 /// Dialect parameters of the plan, with every `--set` applied.
 fn params(plan: Option<&PlanDocument>, sets: &[String]) -> Result<DialectParams, CliError> {
+    let elsewhere = sets.iter().find(|set| {
+        let key = set.split('=').next().unwrap_or_default();
+        set.contains('=') && parameters::unknown(key).is_none() && key != "dialects" && !key.starts_with("dialects.")
+    });
+    if let Some(set) = elsewhere {
+        let reason = "has no effect here: a program takes parameters dialects.* alone; plan again with it";
+        return Err(CliError::BadInput(format!("--set {set}: {reason}")));
+    }
     let dialects = plan.map_or_else(DialectParams::default, |plan| plan.params.dialects.clone());
     set_params(serde_json::json!({ "dialects": dialects }), sets).map(|params| params.dialects)
 }

@@ -67,6 +67,9 @@ fn positive(text: &str) -> Result<f64, String> {
 /// [`CliError::BadInput`] if a file cannot be read or written, or does not describe a usable robot.
 pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     let at = |path: &Path, error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", path.display()));
+    if args.urdf.exists() {
+        files::refuse_mesh(&args.urdf)?;
+    }
     let text = fs::read_to_string(&args.urdf).map_err(|error| at(&args.urdf, &error))?;
     let options = UrdfOptions {
         name: args.name.clone(),

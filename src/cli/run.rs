@@ -16,7 +16,7 @@ use self::outcome::{RecordFile, RunOutcome};
 use self::watch::RunWatch;
 use super::check::ReferenceArgs;
 use super::files::{self, FileLibrary};
-use super::program::plan_beside;
+use super::program::{plan_beside, without_program};
 use super::serve::run_to_completion;
 use super::signals::on_signals;
 use super::{CliError, FileFinding, output};
@@ -26,9 +26,9 @@ use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, Ru
 use crate::program::{Finding, check_calibration};
 use crate::service::plan_job::program_stem;
 use crate::service::runs::session::{self, AuditPlace, SessionOrder};
-use crate::wire::hex;
 use crate::wire::program::ProgramDocument;
 use crate::wire::run::{NOT_SAFETY_RATED, Run, RunMode, RunRequest};
+use crate::wire::{DocumentKind, hex};
 
 /// Time after which the lease of this process ends unless its heartbeat renews it.
 const LEASE: Duration = Duration::from_secs(2);
@@ -79,7 +79,7 @@ pub struct RunArgs {
     #[arg(long)]
     step: bool,
     /// Step to begin with, from 0; arm and table must stand where it begins.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = step)]
     from_step: usize,
     /// File for the record: commanded and measured poses and times of each step; a table if its name ends in .csv, else JSON.
     #[arg(long, value_name = "FILE")]
@@ -97,6 +97,10 @@ pub struct RunArgs {
 fn factor(text: &str) -> Result<f64, String> {
     let number = text.trim_start_matches(['x', '×']);
     number.parse().map_err(|_| format!("{text:?} is not a number; give 1 to 100, for example 20"))
+}
+
+fn step(text: &str) -> Result<usize, String> {
+    text.parse().map_err(|_| format!("is {text}; allowed is a whole number, 0 or more"))
 }
 
 /// A program that was found sound, with all that its run needs.
@@ -213,7 +217,8 @@ impl PreparedRun {
         let cell = Arc::new(spec.build(&FileLibrary).map_err(|errors| files::findings(&args.cell, &errors))?);
         let (path, bytes) = program_file(&args.program)?;
         let shown = path.display().to_string();
-        let document: ProgramDocument = files::from_value(files::value(&path)?, &shown)?;
+        let kind = ("a program", Some(DocumentKind::Program));
+        let document: ProgramDocument = files::of_kind(files::value(&path)?, kind, &shown)?;
         let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
         let mut reference = args.reference.clone();
         reference.plan = reference.plan.or(plan_beside(&args.program)?);
@@ -311,6 +316,9 @@ fn audit_beside(program: &Path) -> PathBuf {
 /// The program's file and its bytes.
 fn program_file(from: &Path) -> Result<(PathBuf, Vec<u8>), CliError> {
     let path = if from.is_dir() { from.join(format!("{}.json", program_stem(0))) } else { from.to_owned() };
+    if from.is_dir() && !path.is_file() {
+        return Err(without_program(from));
+    }
     let bytes = std::fs::read(&path).map_err(|error| CliError::BadInput(format!("{}: {error}", path.display())))?;
     Ok((path, bytes))
 }

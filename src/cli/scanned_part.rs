@@ -111,7 +111,7 @@ fn named(error: CliError, is_of_plan: bool, option: &str) -> CliError {
 }
 
 fn read_record(path: &Path) -> Result<RunRecordDocument, CliError> {
-    files::from_value(files::value(path)?, &path.display().to_string())
+    files::of_kind(files::value(path)?, ("a record of a run", None), &path.display().to_string())
 }
 
 impl ScannedPart {

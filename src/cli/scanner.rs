@@ -5,9 +5,12 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
+use super::check::warn;
+use super::doubts::{self, doubt};
 use super::{CliError, files, output};
 use crate::cell::{DataSheet, Scanner, ScannerSpec};
 use crate::report::sketch::scanner_svg;
+use crate::wire::warnings::FieldWarning;
 
 /// Write a scanner's specification from its data sheet: field, working distance and depth, baseline.
 #[derive(Clone, Debug, clap::Args)]
@@ -70,6 +73,9 @@ pub struct ScannerArgs {
     sketch: Option<PathBuf>,
 }
 
+/// Tilt of a surface to either side that both cameras measure, degrees, below which the baseline is doubted.
+const MIN_TILT_DEG: f64 = 15.0;
+
 /// Two values, as in `300x200`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Dimensions<T>(pub(super) [T; 2]);
@@ -86,7 +92,7 @@ impl<T: FromStr + Copy> FromStr for Dimensions<T> {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        numbers(text, &['x', 'X', '×']).map(Self).ok_or_else(|| format!("{text:?}: give WIDTHxHEIGHT, as in 300x200"))
+        numbers(text, &['x', 'X', '×']).map(Self).ok_or_else(|| "give WIDTHxHEIGHT, as in 300x200".to_owned())
     }
 }
 
@@ -95,7 +101,7 @@ impl FromStr for Triple {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let read = numbers(text, &[',', 'x', 'X', '×']);
-        read.map(Self).ok_or_else(|| format!("{text:?}: give three numbers, as in 900,0,300"))
+        read.map(Self).ok_or_else(|| "give three numbers, as in 900,0,300".to_owned())
     }
 }
 
@@ -105,7 +111,7 @@ impl FromStr for Span {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let ends = text.split_once("..").or_else(|| text.split_once('-')).or_else(|| text.split_once('–'));
         let read = ends.and_then(|(from, to)| Some([from.trim().parse().ok()?, to.trim().parse().ok()?]));
-        read.map(Self).ok_or_else(|| format!("{text:?}: give NEAR..FAR, as in 440..560"))
+        read.map(Self).ok_or_else(|| "give NEAR..FAR, as in 440..560".to_owned())
     }
 }
 
@@ -144,6 +150,7 @@ pub fn run(args: &ScannerArgs) -> Result<(), CliError> {
     let spec = sheet.spec().map_err(|errors| files::findings("scanner", &errors))?;
     let scanner = spec.build().map_err(|errors| files::findings("scanner", &errors))?;
     let text = text(&sheet, &spec)?;
+    warn("scanner", &doubts_about(&sheet, &spec, &scanner));
     write_or_print(args.out.as_deref(), &spec, &text)?;
     if let Some(path) = &args.sketch {
         files::write(path, scanner_svg(&scanner).as_bytes())?;
@@ -151,6 +158,26 @@ pub fn run(args: &ScannerArgs) -> Result<(), CliError> {
     let shown = args.out.as_ref().map_or_else(|| "standard output".to_owned(), |path| path.display().to_string());
     output::note(format_args!("{shown}: {}", summary(&scanner)));
     Ok(())
+}
+
+/// Doubts about figures that are in range.
+fn doubts_about(sheet: &DataSheet, spec: &ScannerSpec, scanner: &Scanner) -> Vec<FieldWarning> {
+    let mut doubts = Vec::new();
+    let (baseline, limit, apart_deg) = (sheet.baseline_mm, sheet.camera_incidence_deg, scanner.axes_angle_rad().to_degrees());
+    let tilt_deg = limit - 0.5 * apart_deg;
+    if tilt_deg < MIN_TILT_DEG {
+        let left = if tilt_deg > 0.0 { format!("only about {tilt_deg:.0}° is left") } else { "nothing is left".to_owned() };
+        doubts.push(doubt(
+            "--baseline",
+            format!(
+                "is {baseline} mm, so that the cameras' axes are {apart_deg:.0}° apart: at the incidence limit of {limit}° {left} for \
+                 the tilt of a surface that both cameras measure"
+            ),
+            "give a smaller --baseline, or the --camera-incidence that the cameras are known for",
+        ));
+    }
+    doubts.extend(serde_json::to_value(spec).map(|document| doubts::of_document(&document)).unwrap_or_default());
+    doubts
 }
 
 /// Writes a specification to a file, or prints it; with `--json` as JSON.

@@ -29,7 +29,7 @@ Examples:
       --listen 0.0.0.0:8080")]
 pub struct ServeArgs {
     /// Address and port to listen on [default: 127.0.0.1:8080].
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = listen)]
     pub listen: Option<SocketAddr>,
     /// Folder of the database and the files; created if it does not exist [default: vantage-data].
     #[arg(long, value_name = "DIR")]
@@ -43,6 +43,10 @@ pub struct ServeArgs {
     /// Print the built-in settings with their meanings and ranges, a file for --config, and exit.
     #[arg(long)]
     pub print_defaults: bool,
+}
+
+fn listen(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| "give ADDRESS:PORT, as in 127.0.0.1:8080, or 0.0.0.0:8080 for other machines too".to_owned())
 }
 
 /// Address of a server, as `--json` prints it.

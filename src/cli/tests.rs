@@ -221,12 +221,71 @@ fn what_a_set_gives_is_refused_at_the_option() {
     for (sets, told) in [
         (&["selection.target=90"][..], "--set selection.target=90: is 90; allowed is 0 to 1; 90 % is 0.9"),
         (&["selection.target=x"], "--set selection.target=x: is \"x\"; expected a number; allowed is 0 to 1"),
-        (&["setups=-1"], "--set setups=-1: is -1; expected a whole number, 0 or more; allowed is 1 to 4"),
+        (&["setups=-1"], "--set setups=-1: is -1; allowed is 1 to 4"),
+        (&["setups=1.5"], "--set setups=1.5: is 1.5; expected a whole number, 0 or more; allowed is 1 to 4"),
+        (&["=3"], "--set =3: names no parameter; give KEY=VALUE, such as selection.target=0.99"),
         (&["setups=99", "setups=9"], "--set setups=9: is 9; allowed is 1 to 4"),
         (&["selection={\"target\": 2}"], "--set selection={\"target\": 2}: /target: is 2; allowed is 0 to 1"),
     ] {
         assert_eq!(refused(sets), told);
     }
+}
+
+#[test]
+fn a_negative_number_is_a_value_whose_range_is_told() {
+    let refused = |options: &[&str]| {
+        let line = [&["vantage", "plan", "part.stl", "--unit", "mm", "--out", "out"], options].concat();
+        parse(line).map(|_| ()).expect_err("refused").to_string()
+    };
+    assert!(refused(&["--max-secs", "-1"]).contains("is -1; allowed is 0, or 1 to 604800"));
+    assert!(refused(&["--max-memory", "-1"]).contains("is -1; allowed is 0, or a whole number of 256 or more"));
+    assert!(refused(&["--threads", "-1"]).contains("-1 is not in 0..=1024"));
+    assert!(parse(["vantage", "plan", "part.stl", "--unit", "mm", "--out", "out", "--up", "-y"]).is_ok());
+}
+
+#[test]
+fn words_of_closed_lists_are_told_where_one_is_unknown() {
+    let refused = |line: &[&str]| parse(line).map(|_| ()).expect_err("refused").to_string();
+    let mode = refused(&["vantage", "run", "p", "--cell", "e05-transcan", "--mode", "Live"]);
+    assert!(mode.contains("use one of simulate, dry_run, live"), "{mode}");
+    let frame = refused(&["vantage", "compare", "p", "s", "--mesh", "m", "--unit", "mm", "--out", "o", "--frame", "robot"]);
+    assert!(frame.contains("use one of ") && frame.contains("scanner"), "{frame}");
+    let listen = refused(&["vantage", "serve", "--listen", "8080"]);
+    assert!(listen.contains("give ADDRESS:PORT, as in 127.0.0.1:8080"), "{listen}");
+}
+
+#[test]
+fn a_mesh_is_no_text() {
+    let refused = files::refuse_mesh("base.STL".as_ref()).expect_err("a mesh").to_string();
+    assert!(refused.starts_with("base.STL: is a mesh"), "{refused}");
+    assert_eq!(files::refuse_mesh("arm.urdf".as_ref()), Ok(()));
+}
+
+#[test]
+fn a_negative_number_in_a_file_of_parameters_is_told_the_range() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("params.toml");
+    std::fs::write(&file, "setups = -1\n").expect("a file");
+    let error = super::given_params::load_params(Some(&file), &[]).expect_err("refused");
+    assert_eq!(error.to_string(), "parameters: /setups: is -1; allowed is 1 to 4");
+}
+
+#[test]
+fn a_device_of_another_kind_is_told_as_such() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sc.toml").display().to_string();
+    let scanner = crate::cell::preset_text(crate::cell::SpecKind::Scanner, "transcan-c-nominal").expect("a preset");
+    std::fs::write(&path, scanner).expect("a file");
+    let refused = |name: &str| files::cell(name).map(|_| ()).expect_err("no cell").to_string();
+    assert_eq!(refused(&path), format!("{path}: is a scanner, not a cell; --scanner takes it, with --cell none"));
+    assert_eq!(refused("ur10e"), "--cell ur10e: is a robot, not a cell; a cell names it");
+    assert!(refused("").starts_with("--cell: is empty; give a file or a preset"));
+    let mut cell: CellSpec = Presets.cell("e05-transcan").expect("a preset");
+    cell.scanner = Named::Name("ur10e".to_owned());
+    let errors = cell.build(&files::FileLibrary).map(|cell| cell.name).expect_err("a robot");
+    assert!(errors.iter().any(|error| error.detail.contains("which is a robot, not a scanner")), "{errors:?}");
+    let preset = super::given_params::load_params(Some("thesis".as_ref()), &[]).expect_err("a preset").to_string();
+    assert_eq!(preset, "--params thesis: is a preset; give --set preset=thesis");
 }
 
 #[test]

@@ -13,12 +13,15 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
         let _ = writeln!(text, "{words}");
     };
     let alignment = &document.alignment;
-    line(format!(
-        "\nAlignment: the part lies {:.3} mm and {:.3}° from where it was planned; {:.1} % of the points lie on it.",
-        alignment.part_shifted_mm,
-        alignment.part_turned_deg,
-        100.0 * alignment.inlier_share
-    ));
+    let on_part = 100.0 * alignment.inlier_share;
+    line(if alignment.holds_part() {
+        let (mm, deg) = (alignment.part_shifted_mm, alignment.part_turned_deg);
+        format!(
+            "\nAlignment: the part lies {mm:.3} mm and {deg:.3}° from where it was planned; {on_part:.1} % of the points lie on it."
+        )
+    } else {
+        format!("\nAlignment: not found; {on_part:.1} % of the points lie on the part. Are these scans of this part?")
+    });
     for view in alignment.views.iter().filter_map(|view| Some((view, view.kept_pose?))) {
         line(format!("  view {} keeps its stated pose: {}", view.0.viewpoint, view.1.as_str().replace('_', " ")));
     }

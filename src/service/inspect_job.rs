@@ -323,6 +323,9 @@ impl InspectedPart<'_> {
         if plan.part.triangles != self.mesh.faces.len() {
             let detail = format!("has {} triangles; the planned part has {}", self.mesh.faces.len(), plan.part.triangles);
             errors.push(refusal("/mesh", detail));
+        } else {
+            let other = plan.part.other_size(self.mesh);
+            errors.extend(other.map(|other| refusal("/mesh", format!("{other}; give the unit that it was planned in"))));
         }
         if errors.is_empty() { Ok(()) } else { Err(errors) }
     }

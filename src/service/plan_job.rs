@@ -12,7 +12,7 @@ use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
-use crate::planning::surface::empty_exclusions;
+use crate::planning::surface::empty_regions;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectOutput};
 use crate::program::{Expected, Program, compile_views};
@@ -27,7 +27,7 @@ use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
-use crate::wire::warnings::{FieldWarning, of_empty_exclusion};
+use crate::wire::warnings::{FieldWarning, RegionUse, of_empty_region};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -241,11 +241,18 @@ impl PlanJob<'_> {
         PartSize::new(&self.mesh.aabb(), self.unit).unit_question(self.params.part.table_from_part.as_ref(), &limits)
     }
 
-    /// Warnings on excluded regions that hold nothing of the part; `at` is the pointer to the parameters.
+    /// Warnings on regions that hold nothing of the part; `at` is the pointer to the parameters.
     #[must_use]
-    pub fn exclusion_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
-        let empty = empty_exclusions(self.mesh, &outcome.surface, &self.params.regions);
-        empty.into_iter().map(|place| of_empty_exclusion(place, &self.mesh.aabb(), at)).collect()
+    pub fn empty_region_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
+        let (regions, part) = (&self.params.regions, self.mesh.aabb());
+        let exclude = empty_regions(self.mesh, &outcome.surface, regions.exclude.iter());
+        let interest = empty_regions(self.mesh, &outcome.surface, regions.interest.iter().map(|interest| &interest.region));
+        let features = empty_regions(self.mesh, &outcome.surface, regions.features.iter().map(|feature| &feature.region));
+        let uses = [(RegionUse::Exclude, exclude), (RegionUse::Interest, interest), (RegionUse::Features, features)];
+        let warnings = |(use_, places): (RegionUse, Vec<usize>)| {
+            places.into_iter().map(move |place| of_empty_region(use_, place, &part, at))
+        };
+        uses.into_iter().flat_map(warnings).collect()
     }
 
     /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
@@ -290,7 +297,7 @@ impl PlanJob<'_> {
         let size_warnings = self.size_warnings("/part/bbox_mm");
         let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
         document.warnings.extend(size_warnings.iter().cloned());
-        document.warnings.extend(self.exclusion_warnings(outcome, "/params"));
+        document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);

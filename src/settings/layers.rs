@@ -66,8 +66,14 @@ impl<'a> Layers<'a> {
         let value = key.split('.').try_fold(&self.config.cache, |value, name| {
             if let ValueKind::Table(table) = &value.kind { table.get(name) } else { None }
         });
-        value.and_then(Value::origin).unwrap_or("config/default.toml, built in").to_owned()
+        value.and_then(origin_of).unwrap_or("config/default.toml, built in").to_owned()
     }
+}
+
+/// Layer of a value; a table has none of its own, but that of its first value.
+fn origin_of(value: &Value) -> Option<&str> {
+    let first = || if let ValueKind::Table(table) = &value.kind { table.values().find_map(origin_of) } else { None };
+    value.origin().or_else(first)
 }
 
 fn refuse(error: &ConfigError) -> SettingsError {

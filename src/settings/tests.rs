@@ -51,6 +51,8 @@ fn a_fault_names_key_layer_and_range() {
     assert!(text.contains("server.lisen") && text.contains("vantage.toml"), "{text}");
     let text = refusal(Some("[colour]\n"), &[], &Vec::new());
     assert!(text.contains("colour"), "{text}");
+    let text = refusal(Some("[planing]\nthreads = 2\n"), &[], &Vec::new());
+    assert!(text.contains("planing") && text.contains("vantage.toml"), "{text}");
     let text = refusal(Some("[server\n"), &[], &Vec::new());
     assert!(text.contains("vantage.toml"), "{text}");
 }

@@ -30,8 +30,10 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
+use super::part_size::size_text;
 use super::warnings::{self, FieldWarning};
 use crate::cell::{CalibratedScannerSpec, CalibrationProvenance, FieldError, OpticalDevice, PoseSpec, Scanner};
+use crate::geometry::Mesh;
 use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Bound, Cause, ChosenOn, Outcome, Plan, PlannedView, SetupId, SetupPlan};
 
@@ -113,6 +115,18 @@ pub struct PartDocument {
     pub area_mm2: f64,
     /// Bounding box, part frame.
     pub bbox_mm: BoxDocument,
+}
+
+impl PartDocument {
+    /// Returns what differs where a mesh of these triangles has another size: the part as read in another unit.
+    #[must_use]
+    pub fn other_size(&self, mesh: &Mesh) -> Option<String> {
+        /// Relative tolerance of a box that went through a file.
+        const SAME: f64 = 1e-6;
+        let (found, planned) = (mesh.aabb().extent_mm(), self.bbox_mm.extent_mm());
+        let differs = (0..3).any(|axis| (found[axis] - planned[axis]).abs() > SAME * planned[axis].max(1.0));
+        differs.then(|| format!("is {} as read; the planned part is {}", size_text(&found.into()), size_text(&planned)))
+    }
 }
 
 /// Axis-aligned bounding box.

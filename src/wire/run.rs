@@ -85,7 +85,10 @@ impl FromStr for RunMode {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL.into_iter().find(|mode| mode.as_str() == text).ok_or_else(|| format!("unknown mode of a run {text:?}"))
+        Self::ALL
+            .into_iter()
+            .find(|mode| mode.as_str() == text)
+            .ok_or_else(|| format!("unknown mode of a run {text:?}; use one of {}", Self::ALL.map(Self::as_str).join(", ")))
     }
 }
 

@@ -31,7 +31,13 @@ pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Re
 
 /// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.
 pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -> Vec<FieldError> {
-    let mut findings = fields::<T>(value);
+    let Walked { mut findings, long_lists } = walked::<T>(value, false);
+    let first = match long_lists.get(&first.pointer) {
+        Some([length, allowed]) if first.detail.starts_with("has ") => {
+            FieldError { detail: format!("has {length} elements; expected {allowed}"), ..first }
+        }
+        _ => first,
+    };
     let names_field = first.detail.starts_with("missing field") || first.detail.starts_with("unknown field");
     let is_named = |finding: &FieldError| {
         let below = finding.pointer.strip_prefix(&first.pointer);
@@ -46,19 +52,21 @@ pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -
 
 /// Lists in `value` where the schema of `T` has an object: serde takes the fields of a structure from a list too.
 pub(crate) fn lists_for_objects<T: ToSchema + 'static>(value: &Value) -> Vec<FieldError> {
-    walked::<T>(value, true)
+    walked::<T>(value, true).findings
 }
 
-/// Fields of `value` that are missing or unknown by the schema of `T`.
-fn fields<T: ToSchema + 'static>(value: &Value) -> Vec<FieldError> {
-    walked::<T>(value, false)
+/// Outcome of the walk through `value`: fields that are missing or unknown by the schema of `T`, and lists that are too long.
+struct Walked {
+    findings: Vec<FieldError>,
+    long_lists: BTreeMap<String, [u64; 2]>,
 }
 
-fn walked<T: ToSchema + 'static>(value: &Value, lists_only: bool) -> Vec<FieldError> {
+fn walked<T: ToSchema + 'static>(value: &Value, lists_only: bool) -> Walked {
     let schema = schema_of::<T>();
-    let mut walk = Walk { components: &schema.components, findings: Vec::new(), values: 0, lists_only };
+    let (findings, long_lists) = (Vec::new(), BTreeMap::new());
+    let mut walk = Walk { components: &schema.components, findings, long_lists, values: 0, lists_only };
     walk.value(value, &schema.root, "");
-    walk.findings
+    Walked { findings: walk.findings, long_lists: walk.long_lists }
 }
 
 /// Schema of a type as JSON.
@@ -92,6 +100,8 @@ struct Walk<'s> {
     /// Named schemas.
     components: &'s BTreeMap<String, Value>,
     findings: Vec<FieldError>,
+    /// Length and allowed length of each list that is too long, by its pointer.
+    long_lists: BTreeMap<String, [u64; 2]>,
     /// Values seen.
     values: usize,
     /// Look for nothing but lists in the place of objects.
@@ -152,6 +162,10 @@ impl Walk<'_> {
             }
             Value::Array(items) => {
                 let schema = self.variants(&schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or_default();
+                let length = items.len() as u64;
+                if let Some(allowed) = schema["maxItems"].as_u64().filter(|allowed| length > *allowed) {
+                    self.long_lists.insert(at.to_owned(), [length, allowed]);
+                }
                 for (index, item) in items.iter().enumerate() {
                     self.value(item, &schema["items"], &format!("{at}/{index}"));
                 }
@@ -430,6 +444,15 @@ mod tests {
         assert_eq!(pointers(&errors), ["/base_from_table"]);
         let errors = cell(json!({"translation_mm": [400, 0, -200]})).expect_err("neither");
         assert!(errors.len() == 1 && errors[0].detail.contains("rpy_deg"), "{errors:?}");
+    }
+
+    #[test]
+    fn a_list_that_is_too_long_is_told_both_lengths() {
+        let mut cell = serde_json::to_value(Presets.cell("e05-transcan").expect("a preset")).expect("JSON");
+        cell["base_from_table"]["quaternion_xyzw"] = json!([0, 0, 0, 0, 1]);
+        let errors = from_value::<CellSpec>(&cell).expect_err("five numbers");
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        assert_eq!(errors[0].to_string(), "/base_from_table/quaternion_xyzw: has 5 elements; expected 4");
     }
 
     #[test]

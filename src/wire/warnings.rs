@@ -38,6 +38,10 @@ closed_list! {
         PlateBeyondReach = "plate_beyond_reach",
         /// An excluded region holds none of the part's surface: it may lie elsewhere, or be in another unit.
         ExclusionEmpty = "exclusion_empty",
+        /// A region of interest or a feature holds none of the part's surface: it may lie elsewhere, or be in another unit.
+        RegionEmpty = "region_empty",
+        /// The value is accepted, and hardly what was meant: it looks like metres or radians, or turns something upside down.
+        DoubtfulValue = "doubtful_value",
     }
 }
 
@@ -167,16 +171,29 @@ pub fn of_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &
     unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region)).collect()
 }
 
-/// Warning on an excluded region, by its place, that holds nothing of a part within this box; `at` is the pointer to the parameters.
+closed_list! {
+    /// Lists of regions among the parameters.
+    pub enum RegionUse {
+        /// Excluded regions.
+        Exclude = "exclude",
+        /// Regions of interest.
+        Interest = "interest",
+        /// Toleranced features.
+        Features = "features",
+    }
+}
+
+/// Warning on a region, by its list and its place there, that holds nothing of a part within this box; `at` is the pointer to the
+/// parameters.
 #[must_use]
-pub fn of_empty_exclusion(place: usize, part: &Aabb, at: &str) -> FieldWarning {
+pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> FieldWarning {
     let spans: Vec<String> = (0..3)
         .zip(["x", "y", "z"])
         .map(|(axis, name)| format!("{name} {:.1} to {:.1}", part.min[axis], part.max[axis]))
         .collect();
     FieldWarning {
-        code: WarningCode::ExclusionEmpty,
-        pointer: format!("{at}/regions/exclude/{place}"),
+        code: if list == RegionUse::Exclude { WarningCode::ExclusionEmpty } else { WarningCode::RegionEmpty },
+        pointer: format!("{at}/regions/{}/{place}", list.as_str()),
         detail: format!("holds nothing of the part, which spans {} mm", spans.join(", ")),
         remedy: "regions are given in mm, in the coordinates of the part's file".to_owned(),
     }

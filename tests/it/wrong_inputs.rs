@@ -96,7 +96,7 @@ fn wrong_rigs() -> Vec<Wrong> {
                 (s["left"]["scanner_from_device"], s["right"]["scanner_from_device"]) = (right, left);
             },
             "/right/scanner_from_device",
-            &["put the right camera", "beyond the left one along +x", "left x = 101 mm"],
+            &["the right camera must lie at least 1 mm along +x", "are the two swapped", "left x = 101 mm"],
         ),
         scanner(
             |s| s["left"]["scanner_from_device"]["quaternion_xyzw"] = json!([0, 0, 0, 2]),

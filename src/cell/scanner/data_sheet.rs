@@ -188,6 +188,9 @@ impl DataSheet {
         findings.range("--depth", far, 1.0, 1e4, "mm");
         let are_distances = [near, at, far].into_iter().all(is_distance);
         findings.require(!are_distances || (near < at && at < far), "--depth", || {
+            if near > far {
+                return format!("is {near}..{far} mm; the near end must be less than the far end; did you mean {far}..{near}?");
+            }
             format!("is {near}..{far} mm; the working distance --at {at} mm must lie between the two")
         });
         findings.range("--baseline", self.baseline_mm, 1.0, max_mm, "mm");
@@ -297,6 +300,8 @@ mod tests {
             let errors = changed.spec().expect_err(option);
             assert!(errors.iter().any(|error| error.pointer == option), "{option}: {errors:?}");
         }
+        let swapped = DataSheet { depth_mm: [560.0, 440.0], ..sheet() }.spec().expect_err("the ends swapped");
+        assert!(swapped[0].detail.ends_with("the near end must be less than the far end; did you mean 440..560?"), "{swapped:?}");
         let wide = DataSheet { field_mm: [1501.0, 200.0], ..sheet() }.spec().expect_err("more than 3 working distances");
         assert_eq!((wide.len(), wide[0].to_string().as_str()), (1, "--field: is 1501 mm; allowed is 1 to 1500 mm"));
     }

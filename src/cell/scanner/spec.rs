@@ -216,8 +216,14 @@ impl ScannerSpec {
         // Two equal board poses leave no baseline to lay x along: what comes out is not a number.
         if baseline_mm.is_nan() || baseline_mm < BASELINE_MIN_MM {
             let pointer = if self.board_poses.is_some() { "/board_poses" } else { "/right/scanner_from_device" };
-            let detail = "put the right camera less than 1 mm beyond the left one along +x of the scanner";
-            return findings.push(pointer, format!("{detail}: left x = {left_mm} mm, right x = {right_mm} mm"));
+            return findings.push(
+                pointer,
+                format!(
+                    "the right camera must lie at least {BASELINE_MIN_MM} mm along +x of the scanner from the left one; it lies at \
+                     {baseline_mm} mm (left x = {left_mm} mm, right x = {right_mm} mm): are the two swapped, or is the baseline in \
+                     metres?"
+                ),
+            );
         }
         for device in devices {
             let in_device = device.scanner_from_device.inverse().point(best);

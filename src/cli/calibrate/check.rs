@@ -132,7 +132,7 @@ fn verdict(document: &CalibrationCheckDocument, shown: &str) -> Result<(), CliEr
 fn calibration(path: &std::path::Path) -> Result<CalibrationDocument, CliError> {
     let shown = path.display().to_string();
     let value: Value = files::value(path)?;
-    let document: CalibrationDocument = files::from_value(value, &shown)?;
+    let document: CalibrationDocument = files::of_kind(value, ("a calibration", None), &shown)?;
     document.check().map_err(|errors| files::findings(&shown, &errors))?;
     let expected = digest_of(&CalibrationDocument { id: String::new(), ..document.clone() });
     if expected != document.id {

@@ -53,6 +53,13 @@ pub(super) struct PosesArgs {
     program: Option<Dialect>,
 }
 
+/// Fewest inner corners of a board along a side.
+const MIN_CORNERS: f64 = 3.0;
+/// Smallest square of a board, mm: smaller ones are given in metres.
+const MIN_SQUARE_MM: f64 = 0.5;
+/// Length that the columns of a board together stay below, mm.
+const MAX_BOARD_MM: f64 = 2000.0;
+
 /// Extent of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct BoardSize([f64; 2]);
@@ -62,11 +69,23 @@ impl FromStr for BoardSize {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let numbers: Option<Vec<f64>> = text.split(['x', 'X', '×']).map(|number| number.trim().parse().ok()).collect();
-        match numbers.as_deref() {
-            Some([columns, rows, edge]) if *columns >= 3.0 && *rows >= 3.0 && *edge > 0.0 && columns * edge < 2000.0 => {
-                Ok(Self([(columns - 1.0) * edge, (rows - 1.0) * edge]))
+        let finite = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+        let Some([columns, rows, edge]) = finite.as_deref() else {
+            return Err("give COLUMNSxROWSxSQUARE, as in 11x8x15".to_owned());
+        };
+        let refused = |found: String| {
+            Err(format!(
+                "{found}; allowed are {MIN_CORNERS} or more corners each way, squares of {MIN_SQUARE_MM} mm or more, and {MAX_BOARD_MM} \
+                 mm for all columns together, as in 11x8x15"
+            ))
+        };
+        match () {
+            () if columns.min(*rows) < MIN_CORNERS => refused(format!("has {columns} x {rows} corners")),
+            () if *edge < MIN_SQUARE_MM => refused(format!("has squares of {edge} mm: metres?")),
+            () if columns * edge >= MAX_BOARD_MM => {
+                refused(format!("has squares of {edge} mm, {} mm for all columns", columns * edge))
             }
-            _ => Err(format!("{text:?}: give COLUMNSxROWSxSQUARE, as in 11x8x15")),
+            () => Ok(Self([(columns - 1.0) * edge, (rows - 1.0) * edge])),
         }
     }
 }
@@ -183,4 +202,18 @@ fn text(document: &CalibrationPosesDocument) -> String {
         document.rotation_sd_deg,
         document.axis_sd_mm
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::BoardSize;
+
+    #[test]
+    fn a_board_out_of_range_is_told_the_range() {
+        assert_eq!("11x8x15".parse(), Ok(BoardSize([150.0, 105.0])));
+        let refused = |text: &str| text.parse::<BoardSize>().expect_err(text);
+        assert!(refused("11x8x0.015").starts_with("has squares of 0.015 mm: metres?; allowed are 3 or more corners each way"));
+        assert!(refused("11x8x15000").contains("165000 mm for all columns; allowed are"));
+        assert!(refused("2x8x15").starts_with("has 2 x 8 corners") && refused("11x8").starts_with("give COLUMNSxROWSxSQUARE"));
+    }
 }

@@ -97,7 +97,7 @@ impl FromStr for FieldAt {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let wrong = || format!("{text:?}: give WIDTHxHEIGHT@DISTANCE, as in 300x190@480");
+        let wrong = || "give WIDTHxHEIGHT@DISTANCE, as in 300x190@480".to_owned();
         let (size, distance) = text.split_once('@').ok_or_else(wrong)?;
         let size: Dimensions<f64> = size.parse().map_err(|_| wrong())?;
         let ([width, height], distance) = (size.0, distance.trim().parse::<f64>().map_err(|_| wrong())?);
@@ -116,7 +116,7 @@ impl FromStr for PlaneAt {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let numbers = text.split_once('=').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
         let plane = numbers.map(|(stated_mm, measured_mm)| Self(StatedPlane { stated_mm, measured_mm }));
-        plane.ok_or_else(|| format!("{text:?}: give STATED=MEASURED, as in 480=478.2"))
+        plane.ok_or_else(|| "give STATED=MEASURED, as in 480=478.2".to_owned())
     }
 }
 
@@ -232,7 +232,8 @@ impl CalibrateScannerArgs {
             let size_px = PerDevice { left: camera, right: camera, projector: self.projector_size.map(|size| size.0) };
             return lens::read_csv(text, size_px).map(|observations| (observations, None)).map_err(|error| fault(name, &error));
         }
-        let value = serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{name}: not JSON: {error}")))?;
+        let value = serde_json::from_str(text)
+            .map_err(|error| CliError::BadInput(format!("{name}: not JSON: {}", files::json_fault(&error))))?;
         let spec: ScannerObservationsSpec = files::from_value(value, name)?;
         let observations = spec.build().map_err(|error| fault(name, &error))?;
         Ok((observations, spec.lit_rectangle))
@@ -294,6 +295,7 @@ fn text_of(path: &Path) -> Result<String, CliError> {
         return Err(CliError::BadInput(format!("{name}: has {size} bytes; allowed are {MAX_FILE_BYTES} (too_large)")));
     }
     let bytes = std::fs::read(path).map_err(refuse)?;
+    files::refuse_mesh(path)?;
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
     text.ok_or_else(|| CliError::BadInput(format!("{name}: not a text file (unreadable); export .mat files as text or JSON")))
 }
@@ -348,7 +350,7 @@ fn summary(document: &ScannerCalibration) -> String {
     if let (Some(boards), Some([low, high])) = (rig.boards, rig.board_baseline_mm) {
         let _ = writeln!(
             out,
-            "         from {boards} board{}, baseline {low:.2} to {high:.2} mm",
+            "          from {boards} board{}, baseline {low:.2} to {high:.2} mm",
             if boards == 1 { "" } else { "s" }
         );
     }
@@ -356,7 +358,7 @@ fn summary(document: &ScannerCalibration) -> String {
     let stated = document.field.stated_mm.map_or_else(String::new, |[w, h]| format!(", stated {w:.0} × {h:.0}"));
     let _ = writeln!(
         out,
-        "field    {width:.0} × {height:.0} mm seen by all three devices at {:.0} mm{stated}",
+        "field     {width:.0} × {height:.0} mm seen by all three devices at {:.0} mm{stated}",
         document.field.depth_mm
     );
     for device in &document.devices {
@@ -366,12 +368,12 @@ fn summary(document: &ScannerCalibration) -> String {
         let counted = device
             .used
             .map_or_else(String::new, |used| format!(", {used} points, {} left out", device.left_out.unwrap_or_default()));
-        let _ = writeln!(out, "{:<9}{rms}{counted}", device.name);
+        let _ = writeln!(out, "{:<9} {rms}{counted}", device.name);
     }
     if let (Some(epipolar), Some(pitch)) = (document.epipolar_rms_px, document.board_pitch) {
         let _ = writeln!(
             out,
-            "together epipolar {epipolar:.3} px rms, board pitch {:.4} mm rms ({:+.4} mean)",
+            "together  epipolar {epipolar:.3} px rms, board pitch {:.4} mm rms ({:+.4} mean)",
             pitch.rms_mm, pitch.mean_mm
         );
     }

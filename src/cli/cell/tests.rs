@@ -57,6 +57,18 @@ fn a_table_beyond_reach_is_sketched_refused_and_not_written() {
 }
 
 #[test]
+fn metres_and_radians_are_doubted_at_their_options() {
+    let told = |options: &[&str]| {
+        let doubts = args(&[&["--table-at", "900,0,100"], options].concat()).doubts();
+        doubts.into_iter().map(|FieldWarning { pointer, remedy, .. }| format!("{pointer}: {remedy}")).collect::<Vec<_>>()
+    };
+    assert_eq!(told(&["--adapter", "0.03"]), ["--adapter: if it is in metres, give 30 (mm)"]);
+    assert_eq!(told(&["--floor", "-0.6"]), ["--floor: if it is in metres, give -600 (mm)"]);
+    assert_eq!(told(&["--table-yaw", "1.57"]), ["--table-yaw: if it is in radians, give 90.0 (degrees)"]);
+    assert!(told(&["--adapter", "40", "--floor", "-600", "--table-yaw", "90"]).is_empty());
+}
+
+#[test]
 fn a_home_that_is_given_is_kept_and_has_seven_angles() {
     let seven = args(&["--table-at", "900,0,100", "--home", "0,-90,90,-90,-90,0,0"]);
     assert_eq!(seven.distances(HousingFace::Back).expect("valid").home_deg, Some([0.0, -90.0, 90.0, -90.0, -90.0, 0.0, 0.0]));

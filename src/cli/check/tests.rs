@@ -64,7 +64,37 @@ fn findings_name_file_field_value_and_range() {
     let odd = folder.check("odd.toml", "colour = 3\n").expect_err("refused");
     assert!(odd.contains("neither a scanner"), "{odd}");
     let broken = folder.check("broken.json", "{\"schema\": ").expect_err("refused");
-    assert!(broken.contains("broken.json"), "{broken}");
+    assert!(broken.contains("broken.json") && broken.contains("the file is cut off"), "{broken}");
+}
+
+#[test]
+fn faults_of_toml_name_the_key_and_the_decimal_comma() {
+    let folder = Folder::new();
+    let twice = folder.check("twice.toml", "[motion]\nclearance_mm = 3.0\nclearance_mm = 4.0\n").expect_err("refused");
+    assert!(twice.contains("duplicate key `clearance_mm` at line 3"), "{twice}");
+    let comma = folder.check("comma.toml", "[motion]\nclearance_mm = 3,5\n").expect_err("refused");
+    assert!(comma.contains("use a point as decimal separator"), "{comma}");
+    let other = folder.check("other.toml", "[motion]\nclearance_mm = \n").expect_err("refused");
+    assert!(!other.contains("decimal"), "{other}");
+}
+
+#[test]
+fn a_folder_is_told_to_be_one() {
+    let folder = Folder::new();
+    folder.file("plan.json", "{}");
+    let told = check(&[&folder.0.path().display().to_string()]).expect_err("refused");
+    assert!(told.contains("is a folder; give a file in it, such as plan.json"), "{told}");
+}
+
+#[test]
+fn a_doubtful_value_is_an_error_with_strict_alone() {
+    let folder = Folder::new();
+    let scanner = preset_text(SpecKind::Scanner, "transcan-c-nominal").expect("preset");
+    let volume = scanner.replace("practical_volume_mm = [260.0, 165.0, 140.0]", "practical_volume_mm = [640.0, 500.0, 140.0]");
+    let path = folder.file("large.toml", &volume).display().to_string();
+    assert_eq!(check(&[&path]), Ok(()));
+    let strict = check(&[&path, "--strict"]).expect_err("refused");
+    assert!(strict.contains("large.toml: /practical_volume_mm: is [640.0, 500.0, 140.0] mm; all three devices see"), "{strict}");
 }
 
 #[test]

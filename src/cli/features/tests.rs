@@ -29,6 +29,7 @@ fn what_is_wrong_is_named_with_its_line() {
     for (text, wanted) in [
         ("", "is empty"),
         ("region,tolerance\n", "\"tolerance\""),
+        ("name;region;tolerance_mm\nbore;sphere 1 2 3 4;0,05\n", "separated by ;, use ,"),
         ("region,tolerance_mm\nsphere 1 2 3 4,x\n", "line 2: tolerance_mm is \"x\""),
         ("region,tolerance_mm\n\nsphere 1 2 3,0.1\n", "line 3: region sphere has 3 numbers; it takes 4"),
         ("region,tolerance_mm\ncone 1,0.1\n", "\"cone\""),

@@ -173,6 +173,27 @@ fn a_program_that_is_not_the_plans_is_refused() {
 }
 
 #[test]
+fn a_parameter_that_has_no_effect_on_a_program_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    planned(folder.path(), 1.5);
+    let out = folder.path().join("robot").display().to_string();
+    let refused = |set: &str| written(folder.path(), &["--out", &out, "--set", set]).expect_err("refused");
+    let told = refused("selection.target=0.5");
+    assert!(told.starts_with("--set selection.target=0.5: has no effect here") && told.contains("dialects.*"), "{told}");
+    assert!(refused("selction.target=0.5").contains("is not a parameter; did you mean selection.target?"));
+}
+
+#[test]
+fn a_folder_of_viewpoints_alone_says_how_to_get_a_program() {
+    let folder = tempfile::tempdir().expect("folder");
+    let told = super::without_program(folder.path()).to_string();
+    assert!(told.ends_with("has no program.json"), "{told}");
+    std::fs::write(folder.path().join("plan.json"), "{}").expect("writes");
+    let told = super::without_program(folder.path()).to_string();
+    assert!(told.contains("holds viewpoints alone; plan with a cell"), "{told}");
+}
+
+#[test]
 fn a_folder_without_the_plan_that_it_should_have_is_refused() {
     let folder = tempfile::tempdir().expect("folder");
     planned(folder.path(), 1.5);

@@ -51,6 +51,18 @@ fn figures_are_read_as_people_write_them() {
 }
 
 #[test]
+fn figures_that_hardly_fit_together_are_doubted_by_their_options() {
+    let sheet = args(&[]).expect("options").sheet();
+    let spec = sheet.spec().expect("valid");
+    assert_eq!(doubts_about(&sheet, &spec, &spec.build().expect("valid")), []);
+    let wide = DataSheet { baseline_mm: 1400.0, ..sheet };
+    let spec = wide.spec().expect("valid");
+    let found = doubts_about(&wide, &spec, &spec.build().expect("valid"));
+    let baseline = found.iter().find(|doubt| doubt.pointer == "--baseline").expect("doubted");
+    assert!(baseline.detail.contains("109° apart: at the incidence limit of 60° only about 6° is left"), "{baseline:?}");
+}
+
+#[test]
 fn figures_out_of_range_are_told_together_by_their_options() {
     let wrong = ["--mass", "0", "--camera-incidence", "95", "--projector", "0,0,450", "--name", ""];
     let error = run(&args(&wrong).expect("options")).expect_err("refused");

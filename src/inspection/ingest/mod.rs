@@ -16,6 +16,7 @@ use crate::cell::{Scanner, closed_list};
 use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::{LengthUnit, NearestFace, Part, PointCloud, Pose};
 use crate::inspection::ViewScan;
+use crate::inspection::registration::RegistrationOptions;
 use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, place};
 
 pub(super) use camera::LeftCamera;
@@ -149,7 +150,7 @@ pub struct IngestOptions {
 }
 
 /// Least share of the points that has to lie where the view looks and on the part.
-const MIN_SHARE: f64 = 0.5;
+pub const MIN_SHARE: f64 = 0.5;
 
 /// World that the clouds are held against.
 pub struct IngestWorld<'a> {
@@ -371,11 +372,7 @@ fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions,
         into.findings.push(IngestFinding { tried, ..IngestFinding::of(code, Some(name), None) });
         return;
     };
-    into.findings.push(IngestFinding { tried, ..IngestFinding::of(IngestCode::Merged, Some(name.clone()), None) });
     let (cloud, removed, longest_mm) = prepared(file, &best, first);
-    if longest_mm.is_some() {
-        into.findings.push(IngestFinding { longest_mm, ..IngestFinding::of(IngestCode::FilledHoles, Some(name.clone()), None) });
-    }
     let points = cloud.finite().count() + removed.total();
     let camera = LeftCamera::of(world.scanner);
     for capture in world.captures {
@@ -389,5 +386,15 @@ fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions,
         let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
         let (unit, frame, file) = (best.unit, best.frame, name.clone());
         into.scans.push(TakenScan { scan, file, unit, frame, fit: best, points, removed: own, is_approximate: true });
+    }
+    // A speck lies near the part wherever it is put, and holds no view in place.
+    let min_points = RegistrationOptions::default().min_points;
+    let is_speck = into.scans.iter().all(|taken| taken.scan.scanner_cloud.finite().count() < min_points);
+    let code = if is_speck { IngestCode::NoPart } else { IngestCode::Merged };
+    into.findings.push(IngestFinding { tried, ..IngestFinding::of(code, Some(name.clone()), None) });
+    if is_speck {
+        into.scans.clear();
+    } else if longest_mm.is_some() {
+        into.findings.push(IngestFinding { longest_mm, ..IngestFinding::of(IngestCode::FilledHoles, Some(name), None) });
     }
 }

@@ -188,6 +188,24 @@ fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
 }
 
 #[test]
+fn a_merged_cloud_that_is_a_speck_beside_the_part_is_refused() {
+    let cell = Cell::new();
+    let mut speck = cell.file(0, LengthUnit::Millimetre, ScanFrame::Part, "all.ply");
+    speck.cloud.points.retain(|point| !point[0].is_nan());
+    speck.cloud.grid = None;
+    speck.cloud.points.truncate(4_000);
+    let around = cell.mesh.aabb();
+    let top = Point3::new(around.centre().x, around.centre().y, around.max.z);
+    // The shape of another part, a millimetre in size.
+    for point in &mut speck.cloud.points {
+        *point = [0, 1, 2].map(|axis| (top[axis] + 0.005 * f64::from(point[axis])) as f32);
+    }
+    let taken = cell.ingest(vec![speck]);
+    assert_eq!(codes(&taken), [IngestCode::NoPart]);
+    assert!(taken.scans.is_empty());
+}
+
+#[test]
 fn order_of_files_and_grids_of_other_programs_do_not_matter() {
     let cell = Cell::new();
     let file = |view: usize| cell.file(view, LengthUnit::Metre, ScanFrame::Cloud, &format!("view_{}.pcd", view + 1));

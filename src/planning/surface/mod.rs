@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::context::{Context, PlanError};
 use super::ids::{PatchId, SampleId};
-use super::params::{PartParams, RegionParams};
+use super::params::{PartParams, Region, RegionParams};
 use super::random::split_mix;
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
@@ -193,9 +193,9 @@ fn cut<E: From<Vec<FieldError>>>(
     Ok(surface)
 }
 
-/// Places of the excluded regions that hold none of the samples.
+/// Places, among some regions of the mesh, of those that hold none of the samples.
 #[must_use]
-pub fn empty_exclusions(mesh: &Mesh, surface: &Surface, regions: &RegionParams) -> Vec<usize> {
+pub fn empty_regions<'a>(mesh: &Mesh, surface: &Surface, regions: impl Iterator<Item = &'a Region>) -> Vec<usize> {
     let is_empty = |region: &RegionFinder| {
         let holds = |sample: SampleId| {
             let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
@@ -203,7 +203,7 @@ pub fn empty_exclusions(mesh: &Mesh, surface: &Surface, regions: &RegionParams) 
         };
         !surface.samples().any(holds)
     };
-    let finders = regions.exclude.iter().enumerate().map(|(index, region)| (index, RegionFinder::new(mesh, region, "").ok()));
+    let finders = regions.enumerate().map(|(index, region)| (index, RegionFinder::new(mesh, region, "").ok()));
     finders.filter(|(_, finder)| finder.as_ref().is_some_and(is_empty)).map(|(index, _)| index).collect()
 }
 

@@ -93,3 +93,11 @@ fn unknown_faces_groups_and_absurd_densities_are_refused_by_name() {
     assert!(refused(params(0.001, 1.0), None).starts_with("/part/patch_edge_mm: is 0.001"));
     assert!(refused(params(5.0, 1e6), None).starts_with("/part/samples_per_mm2: is 1000000"));
 }
+
+#[test]
+fn regions_beside_the_part_are_found_empty() {
+    let beside = Region::Sphere { centre_mm: [1000.0, 0.0, 0.0], radius_mm: 20.0 };
+    let on_it = Region::Sphere { centre_mm: [30.0, 20.0, 5.0], radius_mm: 10.0 };
+    let surface = sampled(3.0, 0.5, &[]);
+    assert_eq!(empty_regions(&plate(), &surface, [&beside, &on_it, &beside].into_iter()), [0, 2]);
+}

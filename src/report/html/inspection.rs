@@ -109,17 +109,22 @@ fn verdict(report: &InspectionReport<'_>) -> String {
 
 fn alignment(report: &InspectionReport<'_>) -> String {
     let alignment = &report.document.alignment;
-    let part = format!(
-        "<p>The part lies {} mm and {}° from where it was planned (± {} mm, {}°). {} of the points lie on it, with a spread of {} mm. \
-         Deviations are at the alignment <b>{}</b>.</p>\n",
-        number(alignment.part_shifted_mm, 3),
-        number(alignment.part_turned_deg, 3),
-        number(alignment.part_sd.translation_mm, 4),
-        number(alignment.part_sd.rotation_deg, 4),
-        percent(alignment.inlier_share),
-        number(alignment.noise_mm, 4),
-        alignment.method.as_str().replace('_', " "),
-    );
+    let place = if alignment.holds_part() {
+        format!(
+            "The part lies {} mm and {}° from where it was planned (± {} mm, {}°). {} of the points lie on it, with a spread of {} mm.",
+            number(alignment.part_shifted_mm, 3),
+            number(alignment.part_turned_deg, 3),
+            number(alignment.part_sd.translation_mm, 4),
+            number(alignment.part_sd.rotation_deg, 4),
+            percent(alignment.inlier_share),
+            number(alignment.noise_mm, 4),
+        )
+    } else {
+        let on_part = percent(alignment.inlier_share);
+        format!("The place of the part was not found: {on_part} of the points lie on it. Are these scans of this part?")
+    };
+    let method = alignment.method.as_str().replace('_', " ");
+    let part = format!("<p>{place} Deviations are at the alignment <b>{method}</b>.</p>\n");
     let of_view = |view: &crate::wire::inspection::ViewAlignmentDocument| {
         let kept = view.kept_pose.map_or("corrected", |reason| reason.as_str());
         row(&[

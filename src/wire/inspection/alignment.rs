@@ -77,6 +77,12 @@ impl ViewAlignmentDocument {
 }
 
 impl AlignmentDocument {
+    /// Returns true if some view has enough points on the part to hold it in place: else its pose says nothing.
+    #[must_use]
+    pub fn holds_part(&self) -> bool {
+        self.views.iter().any(|view| !matches!(view.kept_pose, Some(KeptPose::FewPoints | KeptPose::FewInliers)))
+    }
+
     /// Document of where the scans of an inspection lie; `centre_mm` is the middle of the part.
     #[must_use]
     pub fn new(method: Alignment, inspection: &Inspection, centre_mm: &nalgebra::Point3<f64>) -> Self {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::inspection::ingest::{FrameAttempt, IngestCode, IngestFinding, RemovedBecause, ScanFrame, TakenScan};
+use crate::inspection::ingest::{FrameAttempt, IngestCode, IngestFinding, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan};
 
 /// A scan as it was taken in.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -109,6 +109,13 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
         IngestCode::Merged => {
             format!(
                 "{file} holds several views: coverage is known to about one point, and losses by view are not; export single shots"
+            )
+        }
+        // Near the part, and refused nevertheless.
+        IngestCode::NoPart if finding.tried.iter().any(|attempt| attempt.on_part >= MIN_SHARE) => {
+            format!(
+                "{file} is near the part, but no view sees enough of it to hold its place; is it a scan of this part, in its unit? \
+                 Points near the part: {shares}"
             )
         }
         IngestCode::NoPart => format!("{file} does not lie on the part in any unit and frame; points near the part: {shares}"),

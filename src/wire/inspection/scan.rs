@@ -13,7 +13,7 @@ impl FromStr for ScanFrame {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let found = Self::ALL.into_iter().find(|frame| frame.as_str() == text);
-        found.ok_or_else(|| format!("unknown frame {text:?}"))
+        found.ok_or_else(|| format!("unknown frame {text:?}; use one of {}", Self::ALL.map(Self::as_str).join(", ")))
     }
 }
 

@@ -173,3 +173,17 @@ fn a_part_that_does_not_stand_is_told_how_it_does() {
     let sheet = Mesh { faces: vec![block.faces[0]], source_face: vec![0], ..block };
     assert_eq!(of_standing(&sheet, "x".parse().expect("an axis"), ""), None, "no volume, no telling");
 }
+
+#[test]
+fn a_region_that_holds_nothing_is_told_with_its_list_and_where_the_part_is() {
+    let part = Aabb { min: [0.0, -5.0, 0.0].into(), max: [120.0, 68.0, 36.5].into() };
+    for (list, pointer, code) in [
+        (RegionUse::Exclude, "/params/regions/exclude/2", WarningCode::ExclusionEmpty),
+        (RegionUse::Interest, "/params/regions/interest/2", WarningCode::RegionEmpty),
+        (RegionUse::Features, "/params/regions/features/2", WarningCode::RegionEmpty),
+    ] {
+        let found = of_empty_region(list, 2, &part, "/params");
+        assert_eq!((found.pointer.as_str(), found.code), (pointer, code));
+        assert!(found.detail.contains("x 0.0 to 120.0, y -5.0 to 68.0, z 0.0 to 36.5 mm"), "{}", found.detail);
+    }
+}

@@ -1,0 +1,328 @@
+//! Values of files and parameters that are accepted, although they are hardly what was meant: most of them are in another unit.
+
+use std::f64::consts::{FRAC_PI_4, PI, TAU};
+use std::path::Path;
+
+use nalgebra::Vector3;
+use serde_json::Value;
+
+use super::check::warn;
+use super::files;
+use crate::cell::{PoseSpec, Presets, ScannerSpec, SpecKind, SpecLibrary, metres_in_mm};
+use crate::check::kind_of;
+use crate::geometry::{Base, Table};
+use crate::wire::DocumentKind;
+use crate::wire::warnings::{FieldWarning, WarningCode};
+
+/// Largest incidence in radians, π/2, with room for rounding.
+const MAX_INCIDENCE_RAD: f64 = 1.58;
+/// Speed that no joint of an arm exceeds, rad/s, and that none with a rated speed in degrees stays below.
+const MAX_SPEED_RAD_PER_S: f64 = 7.0;
+/// Rounding of angles that were written in radians.
+const ROUNDED_RAD: f64 = 0.01;
+/// Extent that every obstacle of a cell exceeds in some direction, mm.
+const MIN_OBSTACLE_MM: f64 = 10.0;
+/// Share of the common field by which a practical volume may exceed it, for rounding.
+const VOLUME_ROUNDING: f64 = 0.01;
+
+/// Warning of a value that is accepted, and hardly what was meant.
+pub(super) fn doubt(pointer: impl Into<String>, detail: impl Into<String>, remedy: impl Into<String>) -> FieldWarning {
+    let (pointer, detail, remedy) = (pointer.into(), detail.into(), remedy.into());
+    FieldWarning { code: WarningCode::DoubtfulValue, pointer, detail, remedy }
+}
+
+/// Doubt about angles that look like radians.
+fn in_radians(pointer: String, written: impl std::fmt::Debug, degrees: impl std::fmt::Debug) -> FieldWarning {
+    doubt(pointer, format!("is {written:?}, as if in radians"), format!("if it is in radians, give {degrees:?} (degrees)"))
+}
+
+/// Doubt about an angle in degrees that looks like radians.
+pub(super) fn radians(pointer: &str, written: f64) -> Option<FieldWarning> {
+    look_like_radians(&[written]).then(|| in_radians(pointer.to_owned(), written, degrees(&[written])[0]))
+}
+
+/// Warns of doubtful values in the file that gives a device or a cell; presets have none.
+pub(super) fn warn_of_file(kind: SpecKind, name: &str) {
+    if let Some(document) = file_of(kind, name) {
+        warn(name, &of_document(&document));
+    }
+}
+
+/// Doubts about a document, whose kind is recognised by its content; for a cell also those about the files of its devices.
+pub(super) fn of_document(document: &Value) -> Vec<FieldWarning> {
+    let mut doubts = Vec::new();
+    match kind_of(document) {
+        Some(DocumentKind::Scanner) => of_scanner(document, "", &mut doubts),
+        Some(DocumentKind::Robot) => of_robot(document, "", &mut doubts),
+        Some(DocumentKind::Cell) => of_cell(document, &mut doubts),
+        Some(DocumentKind::Params) => return of_params(document),
+        Some(DocumentKind::Turntable | DocumentKind::Plan | DocumentKind::Program) | None => {}
+    }
+    of_euler_angles(document, "", &mut doubts);
+    doubts
+}
+
+/// Doubts about parameters.
+pub(super) fn of_params(params: &Value) -> Vec<FieldWarning> {
+    let mut doubts = Vec::new();
+    for (name, angle) in params["limits"].as_object().into_iter().flatten().filter(|(name, _)| name.ends_with("_deg")) {
+        doubts.extend(incidence(angle, format!("/limits/{name}")));
+    }
+    if let Some(rolls) = numbers(&params["candidates"]["rolls_deg"]).filter(|rolls| look_like_radians(rolls)) {
+        doubts.push(in_radians("/candidates/rolls_deg".to_owned(), &rolls, degrees(&rolls)));
+    }
+    of_euler_angles(params, "", &mut doubts);
+    doubts
+}
+
+fn of_cell(cell: &Value, doubts: &mut Vec<FieldWarning>) {
+    for (index, obstacle) in cell["obstacles"].as_array().into_iter().flatten().enumerate() {
+        doubts.extend(small_obstacle(&obstacle["shape"], &format!("/obstacles/{index}/shape")));
+    }
+    for pose in ["base_from_table", "flange_from_scanner"] {
+        let written = numbers(&cell[pose]["translation_mm"]).and_then(|lengths| <[f64; 3]>::try_from(lengths).ok());
+        if let Some((written, meant)) = written.and_then(|written| Some((written, metres_in_mm(written)?))) {
+            let detail = format!("is {written:?} mm, as if in metres");
+            doubts.push(doubt(format!("/{pose}/translation_mm"), detail, format!("if it is in metres, give {meant:?} (mm)")));
+        }
+    }
+    let plate: Option<PoseSpec> = serde_json::from_value(cell["base_from_table"].clone()).ok();
+    if plate.is_some_and(|plate| plate.pose::<Base, Table>().direction(&Vector3::z()).z < 0.0) {
+        doubts.push(doubt(
+            "/base_from_table",
+            "turns the plate upside down: the plate faces down",
+            "give the pose whose z axis points up from the plate; the order of a quaternion is x, y, z, w",
+        ));
+    }
+    for kind in [SpecKind::Scanner, SpecKind::Robot] {
+        let device = &cell[kind.as_str()];
+        let read = device.as_str().and_then(|name| file_of(kind, name));
+        let (at, document) = (format!("/{}", kind.as_str()), read.as_ref().unwrap_or(device));
+        if kind == SpecKind::Scanner {
+            of_scanner(document, &at, doubts)
+        } else {
+            of_robot(document, &at, doubts)
+        }
+        if let Some(read) = &read {
+            of_euler_angles(read, &at, doubts);
+        }
+    }
+}
+
+/// Content of the file that gives a device or a cell; `None` for a preset, and for a pipe, which is read once.
+fn file_of(kind: SpecKind, name: &str) -> Option<Value> {
+    let is_preset = Presets.names(kind).iter().any(|preset| preset == name);
+    let path = Some(Path::new(name)).filter(|path| !is_preset && path.is_file())?;
+    files::value(path).ok()
+}
+
+/// Doubt about an obstacle that is small in every direction.
+fn small_obstacle(shape: &Value, at: &str) -> Option<FieldWarning> {
+    let mut sizes_mm = numbers(&shape["size_mm"]).unwrap_or_default();
+    sizes_mm.extend(["radius_mm", "height_mm", "length_mm"].iter().filter_map(|name| shape[*name].as_f64()));
+    let is_small = !sizes_mm.is_empty() && sizes_mm.iter().all(|size_mm| *size_mm < MIN_OBSTACLE_MM);
+    let in_mm: Vec<f64> = sizes_mm.iter().map(|metres| (metres * 1e6).round() / 1e3).collect();
+    is_small.then(|| {
+        let detail = format!("is {sizes_mm:?} mm, less than {MIN_OBSTACLE_MM} mm in every direction: metres?");
+        doubt(at, detail, format!("if it is in metres, give {in_mm:?} (mm)"))
+    })
+}
+
+fn of_scanner(scanner: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
+    for device in ["left", "right", "projector"] {
+        doubts.extend(incidence(&scanner[device]["incidence_max_deg"], format!("{at}/{device}/incidence_max_deg")));
+    }
+    let spec: Option<ScannerSpec> = serde_json::from_value(scanner.clone()).ok();
+    doubts.extend(spec.and_then(|spec| large_volume(&spec, at)));
+}
+
+/// Doubt about a practical volume that the devices do not have in common, not even at the far end of the working depth.
+fn large_volume(spec: &ScannerSpec, at: &str) -> Option<FieldWarning> {
+    let scanner = spec.build().ok()?;
+    let [width, height] = scanner.common_field_at(scanner.far_mm).size_mm();
+    let seen_mm = [width, height, scanner.far_mm - scanner.near_mm];
+    let stated_mm = spec.practical_volume_mm;
+    let is_larger = stated_mm.iter().zip(seen_mm).any(|(stated, seen)| *stated > (1.0 + VOLUME_ROUNDING) * seen);
+    is_larger.then(|| {
+        let [x, y, z] = seen_mm;
+        let detail = format!(
+            "is {stated_mm:?} mm; all three devices see at most {x:.0} × {y:.0} mm, at the far end of the working depth, which is \
+             {z:.0} mm long"
+        );
+        doubt(format!("{at}/practical_volume_mm"), detail, "give the volume that all three devices see")
+    })
+}
+
+fn of_robot(robot: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
+    let of_joints = |name: &str| {
+        let joints = robot["joints"].as_array()?;
+        joints.iter().map(|joint| joint[name].as_f64()).collect::<Option<Vec<f64>>>().filter(|found| !found.is_empty())
+    };
+    if let Some(speeds) = of_joints("max_speed_deg_per_s").filter(|speeds| speeds.iter().all(|it| *it <= MAX_SPEED_RAD_PER_S)) {
+        let detail = format!("has max_speed_deg_per_s {speeds:?}, as if in radians per second");
+        let remedy = format!("if they are in rad/s, give {:?} (degrees per second)", degrees(&speeds));
+        doubts.push(doubt(format!("{at}/joints"), detail, remedy));
+    }
+    if let (Some(min), Some(max)) = (of_joints("min_deg"), of_joints("max_deg"))
+        && min.iter().chain(&max).all(|angle| angle.abs() <= TAU + ROUNDED_RAD)
+    {
+        let detail = format!("has min_deg {min:?} and max_deg {max:?}, as if in radians");
+        let remedy = format!("if they are in radians, give min_deg {:?} and max_deg {:?}", degrees(&min), degrees(&max));
+        doubts.push(doubt(format!("{at}/joints"), detail, remedy));
+    }
+}
+
+/// Doubt about a limit of incidence of at most π/2.
+fn incidence(angle: &Value, pointer: String) -> Option<FieldWarning> {
+    let written = angle.as_f64().filter(|angle| (0.0..=MAX_INCIDENCE_RAD).contains(angle))?;
+    Some(in_radians(pointer, written, degrees(&[written])[0]))
+}
+
+/// Doubts about every `rpy_deg` below `at`.
+fn of_euler_angles(value: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
+    match value {
+        Value::Object(fields) => {
+            for (name, field) in fields {
+                let pointer = format!("{at}/{name}");
+                match numbers(field).filter(|_| name == "rpy_deg") {
+                    Some(angles) if look_like_radians(&angles) => {
+                        doubts.push(in_radians(pointer, &angles, degrees(&angles)));
+                    }
+                    Some(_) => {}
+                    None => of_euler_angles(field, &pointer, doubts),
+                }
+            }
+        }
+        Value::Array(items) => {
+            items.iter().enumerate().for_each(|(index, item)| of_euler_angles(item, &format!("{at}/{index}"), doubts));
+        }
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
+    }
+}
+
+/// Returns true for angles within ±π of which one is a multiple of π/4, other than 0, as radians.
+fn look_like_radians(angles: &[f64]) -> bool {
+    let is_marked = |angle: f64| {
+        let eighths = (angle / FRAC_PI_4).round();
+        eighths != 0.0 && (angle - eighths * FRAC_PI_4).abs() <= ROUNDED_RAD
+    };
+    angles.iter().all(|angle| angle.abs() <= PI + ROUNDED_RAD) && angles.iter().any(|angle| is_marked(*angle))
+}
+
+/// Radians in degrees, to a tenth.
+fn degrees(angles: &[f64]) -> Vec<f64> {
+    angles.iter().map(|angle| (angle.to_degrees() * 10.0).round() / 10.0).collect()
+}
+
+/// The numbers of a list; `None` for anything else.
+fn numbers(list: &Value) -> Option<Vec<f64>> {
+    list.as_array()?.iter().map(Value::as_f64).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn preset(kind: SpecKind, name: &str) -> Value {
+        let value = match kind {
+            SpecKind::Scanner => serde_json::to_value(Presets.scanner(name).expect("a preset")),
+            SpecKind::Robot => serde_json::to_value(Presets.robot(name).expect("a preset")),
+            SpecKind::Turntable => serde_json::to_value(Presets.turntable(name).expect("a preset")),
+            SpecKind::Cell => serde_json::to_value(Presets.cell(name).expect("a preset")),
+            SpecKind::Mesh => panic!("no preset is a mesh"),
+        };
+        value.expect("JSON")
+    }
+
+    /// The only doubt about a document.
+    fn only(document: &Value) -> (String, String, String) {
+        let doubts = of_document(document);
+        let [FieldWarning { pointer, detail, remedy, .. }] = &doubts[..] else { panic!("{doubts:#?}") };
+        (pointer.clone(), detail.clone(), remedy.clone())
+    }
+
+    #[test]
+    fn presets_and_defaults_are_beyond_doubt() {
+        for kind in [SpecKind::Scanner, SpecKind::Robot, SpecKind::Turntable, SpecKind::Cell] {
+            for name in Presets.names(kind) {
+                assert_eq!(of_document(&preset(kind, &name)), [], "{name}");
+            }
+        }
+        assert_eq!(of_params(&serde_json::to_value(crate::planning::params::PlanParams::default()).expect("JSON")), []);
+    }
+
+    #[test]
+    fn an_obstacle_in_metres_is_told_in_millimetres() {
+        let mut cell = preset(SpecKind::Cell, "e05-transcan");
+        let shape = json!({"kind": "box", "size_mm": [0.3, 0.6, 1.0]});
+        cell["obstacles"] = json!([{"name": "w", "shape": shape}]);
+        let (pointer, detail, remedy) = only(&cell);
+        assert_eq!(pointer, "/obstacles/0/shape");
+        assert!(detail.contains("is [0.3, 0.6, 1.0] mm") && detail.ends_with("metres?"), "{detail}");
+        assert!(remedy.contains("[300.0, 600.0, 1000.0]"), "{remedy}");
+        cell["obstacles"][0]["shape"] = json!({"kind": "box", "size_mm": [0.3, 600.0, 1000.0]});
+        assert_eq!(of_document(&cell), [], "a thin sheet");
+    }
+
+    #[test]
+    fn a_plate_that_faces_down_is_told_the_order_of_a_quaternion() {
+        let mut cell = preset(SpecKind::Cell, "e05-transcan");
+        cell["base_from_table"]["quaternion_xyzw"] = json!([1.0, 0.0, 0.0, 0.0]);
+        let (pointer, detail, remedy) = only(&cell);
+        assert_eq!(pointer, "/base_from_table");
+        assert!(detail.contains("the plate faces down") && remedy.contains("x, y, z, w"), "{detail}; {remedy}");
+    }
+
+    #[test]
+    fn a_flange_in_metres_is_told_in_millimetres() {
+        let mut cell = preset(SpecKind::Cell, "e05-transcan");
+        cell["flange_from_scanner"]["translation_mm"] = json!([0.0, 0.055, 0.095]);
+        let (pointer, _, remedy) = only(&cell);
+        assert_eq!(pointer, "/flange_from_scanner/translation_mm");
+        assert!(remedy.contains("[0.0, 55.0, 95.0]"), "{remedy}");
+    }
+
+    #[test]
+    fn angles_in_radians_are_told_in_degrees_where_they_stand() {
+        let mut scanner = preset(SpecKind::Scanner, "transcan-c-nominal");
+        scanner["left"]["incidence_max_deg"] = json!(1.047);
+        let (pointer, detail, remedy) = only(&scanner);
+        assert_eq!(pointer, "/left/incidence_max_deg");
+        assert!(detail == "is 1.047, as if in radians" && remedy.contains("60.0"), "{detail}; {remedy}");
+        let mut robot = preset(SpecKind::Robot, "ur10e");
+        for joint in robot["joints"].as_array_mut().expect("joints") {
+            joint["max_speed_deg_per_s"] = json!(2.09);
+        }
+        let (pointer, detail, _) = only(&robot);
+        assert!(pointer == "/joints" && detail.contains("radians per second"), "{pointer}: {detail}");
+        let mut robot = preset(SpecKind::Robot, "ur10e");
+        for joint in robot["joints"].as_array_mut().expect("joints") {
+            (joint["min_deg"], joint["max_deg"]) = (json!(-6.2), json!(6.2));
+        }
+        let (pointer, detail, _) = only(&robot);
+        assert!(pointer == "/joints" && detail.contains("min_deg"), "{pointer}: {detail}");
+        let mut cell = preset(SpecKind::Cell, "e05-transcan");
+        cell["mount"] = json!([{"name": "m", "owner_from_body": {"translation_mm": [0, 0, 0], "rpy_deg": [1.57, 0, 1.57]}}]);
+        assert_eq!(only(&cell).0, "/mount/0/owner_from_body/rpy_deg");
+    }
+
+    #[test]
+    fn parameters_in_radians_are_told_in_degrees() {
+        let doubts = of_params(&json!({"limits": {"camera_deg": 1.05}, "candidates": {"rolls_deg": [0, 1.57]}}));
+        let found: Vec<&str> = doubts.iter().map(|doubt| doubt.pointer.as_str()).collect();
+        assert_eq!(found, ["/limits/camera_deg", "/candidates/rolls_deg"]);
+        assert!(doubts[1].remedy.contains("[0.0, 90.0]"), "{doubts:?}");
+        assert_eq!(of_params(&json!({"limits": {"camera_deg": 60}, "candidates": {"rolls_deg": [0, 1, 2, 3]}})), []);
+    }
+
+    #[test]
+    fn a_practical_volume_beyond_the_common_field_is_doubted() {
+        let mut scanner = preset(SpecKind::Scanner, "transcan-c-nominal");
+        scanner["practical_volume_mm"] = json!([640.0, 500.0, 140.0]);
+        let (pointer, detail, _) = only(&scanner);
+        assert_eq!(pointer, "/practical_volume_mm");
+        assert!(detail.contains("is [640.0, 500.0, 140.0] mm; all three devices see at most"), "{detail}");
+    }
+}
