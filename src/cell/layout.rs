@@ -343,15 +343,14 @@ impl Cell {
             .home_in_radians()
             .map_or_else(String::new, |home_deg| format!("; is home in radians? In degrees it would be {home_deg:?}"));
         let hint = hint + &self.metres_hint();
-        let is_narrow = self.robot.has_limits_in_radians();
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad.axes_rad()).enumerate() {
-            if is_narrow && index < self.robot.joints.len() && !axis.allows(angle) {
+            if self.robot.has_limits_in_radians(index) && !axis.allows(angle) {
                 let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
                 findings.push(
                     format!("/robot/joints/{index}"),
                     format!(
-                        "has min_deg {min_deg:.3} and max_deg {max_deg:.3}, which do not allow home, {:.3}°; all limits lie within \
-                         ±2π: are min_deg and max_deg in radians? In degrees they would be {:.1} and {:.1}",
+                        "has min_deg {min_deg:.3} and max_deg {max_deg:.3}, which do not allow home, {:.3}°; both lie within ±2π: \
+                         are min_deg and max_deg in radians? In degrees they would be {:.1} and {:.1}",
                         angle.to_degrees(),
                         min_deg.to_degrees(),
                         max_deg.to_degrees()

@@ -174,11 +174,11 @@ impl Robot {
         dialect.is_neutral() || self.dialect.is_none_or(|own| own == dialect)
     }
 
-    /// Returns true if the limits of every joint, in degrees, lie within ±2π: they are hardly in degrees.
+    /// Returns true if the limits of a joint, in degrees, lie within ±2π: they are hardly in degrees.
     #[must_use]
-    pub fn has_limits_in_radians(&self) -> bool {
-        let largest_rad = self.joints.iter().map(|joint| joint.min_rad.abs().max(joint.max_rad.abs())).fold(0.0, f64::max);
-        largest_rad.to_degrees() <= TAU + 0.01
+    pub fn has_limits_in_radians(&self, joint: usize) -> bool {
+        let largest_rad = self.joints.get(joint).map(|joint| joint.min_rad.abs().max(joint.max_rad.abs()));
+        largest_rad.is_some_and(|largest_rad| largest_rad.to_degrees() <= TAU + 0.01)
     }
 
     /// Frames 0 to 6 at these joints.

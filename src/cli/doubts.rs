@@ -16,7 +16,7 @@ use crate::wire::warnings::{FieldWarning, WarningCode};
 
 /// Largest incidence in radians, π/2, with room for rounding.
 const MAX_INCIDENCE_RAD: f64 = 1.58;
-/// Speed that no joint of an arm exceeds, rad/s, and that none with a rated speed in degrees stays below.
+/// Speed that no joint of an arm exceeds, rad/s, and that none stays below in degrees per second.
 const MAX_SPEED_RAD_PER_S: f64 = 7.0;
 /// Rounding of angles that were written in radians.
 const ROUNDED_RAD: f64 = 0.01;
@@ -154,21 +154,19 @@ fn large_volume(spec: &ScannerSpec, at: &str) -> Option<FieldWarning> {
 }
 
 fn of_robot(robot: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
-    let of_joints = |name: &str| {
-        let joints = robot["joints"].as_array()?;
-        joints.iter().map(|joint| joint[name].as_f64()).collect::<Option<Vec<f64>>>().filter(|found| !found.is_empty())
-    };
-    if let Some(speeds) = of_joints("max_speed_deg_per_s").filter(|speeds| speeds.iter().all(|it| *it <= MAX_SPEED_RAD_PER_S)) {
-        let detail = format!("has max_speed_deg_per_s {speeds:?}, as if in radians per second");
-        let remedy = format!("if they are in rad/s, give {:?} (degrees per second)", degrees(&speeds));
-        doubts.push(doubt(format!("{at}/joints"), detail, remedy));
-    }
-    if let (Some(min), Some(max)) = (of_joints("min_deg"), of_joints("max_deg"))
-        && min.iter().chain(&max).all(|angle| angle.abs() <= TAU + ROUNDED_RAD)
-    {
-        let detail = format!("has min_deg {min:?} and max_deg {max:?}, as if in radians");
-        let remedy = format!("if they are in radians, give min_deg {:?} and max_deg {:?}", degrees(&min), degrees(&max));
-        doubts.push(doubt(format!("{at}/joints"), detail, remedy));
+    for (index, joint) in robot["joints"].as_array().into_iter().flatten().enumerate() {
+        let at = format!("{at}/joints/{index}");
+        let speed = joint["max_speed_deg_per_s"].as_f64().filter(|speed| (0.0..=MAX_SPEED_RAD_PER_S).contains(speed));
+        if let Some(speed) = speed {
+            let remedy = format!("if it is in rad/s, give {:?} (degrees per second)", degrees(&[speed])[0]);
+            doubts.push(doubt(format!("{at}/max_speed_deg_per_s"), format!("is {speed:?}, as if in radians per second"), remedy));
+        }
+        let limits = joint["min_deg"].as_f64().zip(joint["max_deg"].as_f64());
+        if let Some((min, max)) = limits.filter(|(min, max)| min.abs().max(max.abs()) <= TAU + ROUNDED_RAD) {
+            let meant = degrees(&[min, max]);
+            let remedy = format!("if they are in radians, give min_deg {:?} and max_deg {:?}", meant[0], meant[1]);
+            doubts.push(doubt(at, format!("has min_deg {min:?} and max_deg {max:?}, as if in radians"), remedy));
+        }
     }
 }
 
@@ -292,17 +290,14 @@ mod tests {
         assert_eq!(pointer, "/left/incidence_max_deg");
         assert!(detail == "is 1.047, as if in radians" && remedy.contains("60.0"), "{detail}; {remedy}");
         let mut robot = preset(SpecKind::Robot, "ur10e");
-        for joint in robot["joints"].as_array_mut().expect("joints") {
-            joint["max_speed_deg_per_s"] = json!(2.09);
-        }
-        let (pointer, detail, _) = only(&robot);
-        assert!(pointer == "/joints" && detail.contains("radians per second"), "{pointer}: {detail}");
+        robot["joints"][1]["max_speed_deg_per_s"] = json!(2.09);
+        let (pointer, detail, remedy) = only(&robot);
+        assert!(pointer == "/joints/1/max_speed_deg_per_s" && detail.contains("radians per second"), "{pointer}: {detail}");
+        assert!(remedy.contains("119.7"), "{remedy}");
         let mut robot = preset(SpecKind::Robot, "ur10e");
-        for joint in robot["joints"].as_array_mut().expect("joints") {
-            (joint["min_deg"], joint["max_deg"]) = (json!(-6.2), json!(6.2));
-        }
+        (robot["joints"][2]["min_deg"], robot["joints"][2]["max_deg"]) = (json!(-3.1), json!(3.1));
         let (pointer, detail, _) = only(&robot);
-        assert!(pointer == "/joints" && detail.contains("min_deg"), "{pointer}: {detail}");
+        assert!(pointer == "/joints/2" && detail.contains("min_deg"), "{pointer}: {detail}");
         let mut cell = preset(SpecKind::Cell, "e05-transcan");
         cell["mount"] = json!([{"name": "m", "owner_from_body": {"translation_mm": [0, 0, 0], "rpy_deg": [1.57, 0, 1.57]}}]);
         assert_eq!(only(&cell).0, "/mount/0/owner_from_body/rpy_deg");
