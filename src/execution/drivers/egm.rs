@@ -80,7 +80,7 @@ impl<const N: usize> StreamedLink<N> for AbbEgmLink {
         let positions_rad = self.axes_rad(&report)?;
         self.external.get_or_insert(report.external);
         self.latest = report;
-        Ok(StreamedReport { positions_rad, condition: condition(&report), hindrance: hindrance(&report) })
+        Ok(StreamedReport { positions_rad, condition: condition(&report), hindrance: hindrance(&report), is_behind: false })
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {

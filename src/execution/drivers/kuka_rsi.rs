@@ -40,6 +40,8 @@ pub struct KukaRsiLink<const N: usize> {
     /// Axes that corrections are counted from, degrees.
     base_deg: Option<[f64; N]>,
     ipoc: u64,
+    /// Late answers by the latest telegram, where it counts them.
+    late: Option<u32>,
 }
 
 impl<const N: usize> StreamedProtocol<N> for KukaRsi {
@@ -56,7 +58,7 @@ impl<const N: usize> StreamedProtocol<N> for KukaRsi {
         // RSI tells nothing of itself.
         let identity =
             Identity { maker: "KUKA".to_owned(), model: "controller with RSI".to_owned(), serial: None, firmware: None };
-        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg: None, ipoc: 0 }))
+        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg: None, ipoc: 0, late: None }))
     }
 }
 
@@ -100,8 +102,11 @@ impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
             let commanded_deg = report.commanded_deg.unwrap_or(report.axes_deg);
             self.base_deg = Some(self.axes_deg(&commanded_deg, report.external_deg.as_ref())?);
         }
+        let is_behind = self.late.zip(report.late).is_some_and(|(before, late)| late > before);
+        self.late = report.late;
         // RSI runs only while the drives are on and the program is under way.
-        Ok(StreamedReport { positions_rad: measured_deg.map(f64::to_radians), condition: Condition::READY, hindrance: None })
+        let positions_rad = measured_deg.map(f64::to_radians);
+        Ok(StreamedReport { positions_rad, condition: Condition::READY, hindrance: None, is_behind })
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {

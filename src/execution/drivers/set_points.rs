@@ -74,6 +74,14 @@ impl<const N: usize> SetPoints<N> {
         }
     }
 
+    /// Goes back by a cycle whose set point was not taken: the next one lies a cycle beyond the last that was, and the arm does not
+    /// catch up in a jump.
+    pub(crate) fn take_back(&mut self, cycle: Duration) {
+        if let Some(line) = &mut self.line {
+            line.secs = (line.secs - cycle.as_secs_f64()).max(line.braking_from.unwrap_or(0.0));
+        }
+    }
+
     /// The set point after a further cycle.
     pub(crate) fn advance(&mut self, cycle: Duration) -> [f64; N] {
         if let Some(line) = &mut self.line {

@@ -57,6 +57,8 @@ pub struct StreamedReport<const N: usize> {
     pub condition: Condition,
     /// Reason why it would not follow now, and how to mend it.
     pub hindrance: Option<&'static str>,
+    /// True if the answer to the report before came too late, by the controller's own count.
+    pub is_behind: bool,
 }
 
 /// Answer to a report.
@@ -319,6 +321,9 @@ impl<const N: usize> Desk<N> {
             && let Some((_, before)) = self.report
         {
             self.jitter.get_or_insert_with(|| Jitter::of(cycle)).add(now.duration_since(before));
+        }
+        if report.is_behind {
+            points.take_back(cycle);
         }
         let set_point_rad = points.advance(cycle);
         (self.report, self.malformed) = (Some((report, now)), None);

@@ -82,7 +82,7 @@ impl StreamedLink<6> for UrLink {
         self.idle_reports = if state.is_program_running() { 0 } else { self.idle_reports.saturating_add(1) };
         let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
         let hindrance = hindrance(&state).or(has_ended.then_some("its program has ended; arm it again"));
-        Ok(StreamedReport { positions_rad: state.joints_rad, condition: condition(&state), hindrance })
+        Ok(StreamedReport { positions_rad: state.joints_rad, condition: condition(&state), hindrance, is_behind: false })
     }
 
     async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {

@@ -50,6 +50,30 @@ fn an_axis_beside_the_program_does_not_hold_up_the_others() {
     assert!(((way.len() - 1) as f64 * CYCLE.as_secs_f64() - 3.0).abs() < 0.005, "{}", way.len());
 }
 
+#[test]
+fn what_was_not_taken_is_sent_again_and_nothing_jumps() {
+    let mut points = SetPoints::still([0.0; 3]);
+    points.go(&target([0.5, 1.0, 0.0], Duration::ZERO));
+    let plain = way(points.clone(), None);
+    // Every third answer is late: the arm has taken the others, each once.
+    let mut taken = vec![points.at_rad()];
+    for step in 1.. {
+        let set_point = points.advance(CYCLE);
+        if step % 3 == 0 {
+            points.take_back(CYCLE);
+        } else {
+            taken.push(set_point);
+        }
+        if !points.is_moving() {
+            break;
+        }
+    }
+    for (taken, plain) in taken.iter().zip(&plain) {
+        assert!((0..3).all(|axis| (taken[axis] - plain[axis]).abs() < 1e-9), "{taken:?} {plain:?}");
+    }
+    assert!(taken.len() + 1 >= plain.len(), "{} of {}", taken.len(), plain.len());
+}
+
 proptest! {
     #[test]
     fn every_cycle_keeps_to_the_limits(
