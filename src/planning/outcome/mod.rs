@@ -23,7 +23,7 @@ use super::plan::{
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::realism;
 use super::registration::{self, SharedSurface, Stability};
-use super::selection::coverable_mm2;
+use super::selection::{Bound, coverable_mm2};
 use super::sequence::Ordered;
 use super::setups::Setup;
 use super::stations::StationFailure;
@@ -132,7 +132,7 @@ impl<'a> Solution<'a> {
                 &coverage,
                 &problem.params.selection,
             ),
-            bound: chosen.selection.bound,
+            bound: Bound::default(),
             chosen_on: problem.chosen_on,
             setups: self.setups(ordered, weakest_links),
             setup_links: self.setup_links(),

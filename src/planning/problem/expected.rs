@@ -7,6 +7,7 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, BinaryHeap};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -15,7 +16,7 @@ use crate::planning::context::{Cancelled, Context};
 use crate::planning::demand::{Demand, DemandStop};
 use crate::planning::ids::{CandidateIndex, RowIndex};
 use crate::planning::plan::{Bound, StopReason};
-use crate::planning::selection::{Choice, Selection};
+use crate::planning::selection::{Choice, OpenBound, OpenSelection};
 use crate::planning::visibility::Optics;
 
 /// Rounds in which views are held against all others.
@@ -179,7 +180,7 @@ impl ViewPlanningProblem<'_> {
             DemandStop::MinGain => StopReason::Growth,
             DemandStop::LittleLeft => StopReason::NoGain,
         };
-        let selection = Selection { choices, stopped_because, bound: Bound::default() };
+        let selection = OpenSelection { choices, stopped_because, bound: Arc::new(OpenBound::Known(Bound::default())) };
         ExpectedViews { chosen: ChosenViews { candidates: views, selection }, expected_mm2, left_mm2, stopped_because: stop }
     }
 }

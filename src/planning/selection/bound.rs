@@ -3,20 +3,23 @@
 //!
 //! Goals that count: every goal, the plan's own target first; where the plan does not reach a goal (the
 //! target cannot be met, growth ended it, the views were limited), the area of it that the plan measures. Overlap, time and
-//! quality are left out, which makes it a bound with them as well. Exchanges ask for it before they look for fewer views
-//! (`local.rs`), and it is not computed twice. Cost: 15 to 40 steps of at most [`QUICK`], once to price rows and up to four times
-//! with those that can count; a twentieth of a second as a rule.
+//! quality are left out, which makes it a bound with them as well.
+//!
+//! No choice depends on it, and it takes as long as all choices together: a selection comes with what its bound is computed from
+//! ([`OpenBound`]), which a plan computes beside the stages that follow. Cost: 15 to 60 steps of at most [`QUICK`], once to price rows
+//! and up to four times with those that can count; a tenth of a second to a second.
+
+use std::borrow::Cow;
 
 use super::multipliers::{BoundTarget, Multipliers, Prices, RelaxationSize};
 use super::units::Units;
 use super::{CoverProblem, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::RowIndex;
 use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
 
 /// Size of the relaxation that every solver gets.
-const QUICK: RelaxationSize = RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 128 }) };
+const QUICK: RelaxationSize = RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 160 }) };
 
 /// Bound on the number of views, or on the area, of any choice from the same candidates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,54 +46,86 @@ pub(super) fn goals_of(problem: &CoverProblem<'_>, rows: &[&Row], for_coverage: 
     goals
 }
 
-/// A proof that goals ask for so many views.
-pub(super) struct FewestProof {
-    /// Units needed of each goal.
-    needed: Vec<i64>,
-    views_lower: usize,
-}
-
-impl FewestProof {
-    /// The bound from the relaxation alone, for goals that `views` views meet.
-    pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], views: usize, ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        let multipliers = Multipliers::relaxed(problem, goals, BoundTarget::FewestViews, (&QUICK, views), ctx)?;
-        Ok(Self { needed: needed(goals), views_lower: multipliers.views_lower() })
-    }
-
-    /// The fewest views that `goals` ask for, where it was proved of them.
-    pub(super) fn views_of(&self, goals: &[Units]) -> Option<usize> {
-        (self.needed == needed(goals)).then_some(self.views_lower)
-    }
-}
-
-fn needed(goals: &[Units]) -> Vec<i64> {
-    goals.iter().map(|goal| goal.needed).collect()
-}
-
-/// The bound of chosen rows from the relaxation alone, or from what is `proved` of the same goals.
-pub(super) fn quick(
+/// The fewest views that `goals`, which `views` views meet, ask for by the relaxation alone.
+pub(super) fn views_lower(
     problem: &CoverProblem<'_>,
-    params: &SelectionParams,
-    rows: &[RowIndex],
-    proved: Option<&FewestProof>,
+    goals: &[Units],
+    views: usize,
     ctx: &Context<'_>,
-) -> Result<Bound, Cancelled> {
-    let goals = goals_of(problem, &problem.measured(rows), is_for_coverage(params));
-    let known = proved.and_then(|proved| proved.views_of(&goals));
-    let proved = || FewestProof::new(problem, &goals, rows.len(), ctx).map(|proof| proof.views_lower);
-    let bound = Bound::of_views(known.map_or_else(proved, Ok)?, rows.len());
-    if !is_for_coverage(params) {
-        return Ok(bound);
+) -> Result<usize, Cancelled> {
+    Ok(Multipliers::relaxed(problem, goals, BoundTarget::FewestViews, (&QUICK, views), ctx)?.views_lower())
+}
+
+/// A bound that may still have to be computed.
+pub(in crate::planning) enum OpenBound {
+    Known(Bound),
+    Open(Box<BoundProblem>),
+}
+
+/// The sets and goals that a bound is computed from.
+pub(in crate::planning) struct BoundProblem {
+    /// Samples that each row's view measures.
+    rows: Vec<Row>,
+    asked_area_mm2: Vec<f64>,
+    goals: Vec<Units>,
+    /// Views that meet them.
+    views: usize,
+    /// For the best coverage, the number of views that may be chosen.
+    max_views: Option<usize>,
+}
+
+impl OpenBound {
+    /// The bound of chosen rows of a problem.
+    pub(super) fn of(problem: &CoverProblem<'_>, params: &SelectionParams, chosen: &[&Row], rows: Vec<Row>) -> Self {
+        let for_coverage = is_for_coverage(params);
+        Self::Open(Box::new(BoundProblem {
+            rows,
+            asked_area_mm2: problem.asked_area_mm2.to_vec(),
+            goals: goals_of(problem, chosen, for_coverage),
+            views: chosen.len(),
+            max_views: for_coverage.then(|| max_views(params)),
+        }))
     }
-    let views = max_views(params);
-    let most = Multipliers::relaxed(problem, &goals, BoundTarget::MostArea(views), (&QUICK, usize::MAX), ctx)?;
-    Ok(bound.with_max_units(problem, &goals[0], most.max_units(views)))
+
+    /// Computes the bound.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(in crate::planning) fn compute(&self, ctx: &Context<'_>) -> Result<Bound, Cancelled> {
+        match self {
+            Self::Known(bound) => Ok(*bound),
+            Self::Open(problem) => problem.bound(ctx),
+        }
+    }
+}
+
+impl BoundProblem {
+    fn bound(&self, ctx: &Context<'_>) -> Result<Bound, Cancelled> {
+        let problem = CoverProblem {
+            rows: self.rows.iter().collect(),
+            asked_area_mm2: &self.asked_area_mm2,
+            weighted_area_mm2: Cow::Borrowed(&self.asked_area_mm2),
+            goals: Vec::new(),
+            view_secs: 0.0,
+            travel_secs: None,
+        };
+        let goals = &self.goals;
+        let bound = Bound::of_views(views_lower(&problem, goals, self.views, ctx)?, self.views);
+        let Some(views) = self.max_views else { return Ok(bound) };
+        let largest = Multipliers::relaxed(&problem, goals, BoundTarget::MostArea(views), (&QUICK, usize::MAX), ctx)?;
+        Ok(bound.with_max_units(&problem, &goals[0], largest.max_units(views)))
+    }
 }
 
 impl Bound {
     pub(super) fn of_views(views_lower: usize, views: usize) -> Self {
         let views_lower = views_lower.min(views);
         Self { views_lower: views_lower as u32, gap: (views - views_lower) as u32, ..Self::default() }
+    }
+
+    /// The bound beside so many views, at least as many as it was computed for.
+    pub(in crate::planning) fn beside(self, views: usize) -> Self {
+        Self { gap: (views as u32).saturating_sub(self.views_lower), ..self }
     }
 
     /// Adds the bound for the best coverage: `upper` units are possible, and those needed are measured.

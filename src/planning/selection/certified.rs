@@ -6,7 +6,9 @@
 //! With `selection.overlap` the proof is of the problem without it, and views that it finds are taken only if they are
 //! connected.
 
-use super::bound::{Bound, FewestProof, goals_of};
+use std::sync::Arc;
+
+use super::bound::{self, Bound, OpenBound, goals_of};
 use super::branch::{CoverResult, SearchNode, search};
 use super::classes::Classes;
 use super::local::{Budget, Exchange};
@@ -14,7 +16,7 @@ use super::multipliers::{BoundTarget, Multipliers, RelaxationSize};
 use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Cover, CoverProblem, Selection, StopReason, greedy, improve_score, is_for_coverage, local, max_views};
+use super::{Cover, CoverProblem, OpenSelection, StopReason, greedy, improve_score, is_for_coverage, local, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
@@ -30,7 +32,7 @@ pub(super) fn select(
     weights: &ScoreParams,
     start: Option<&Cover>,
     ctx: &Context<'_>,
-) -> Result<Selection, Cancelled> {
+) -> Result<OpenSelection, Cancelled> {
     let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
     let mut found = local::search(&scorer, params, start, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
@@ -38,7 +40,7 @@ pub(super) fn select(
     let bound = if is_for_coverage(params) {
         proof.max_area(&mut found.rows, max_views(params))?
     } else {
-        proof.fewest_views(&mut found.rows, found.proved.as_ref())?
+        proof.fewest_views(&mut found.rows)?
     };
     let rows = problem.measured(&found.rows);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
@@ -47,7 +49,8 @@ pub(super) fn select(
     let met_with_fewer =
         found.stopped_because == StopReason::MaxViews && rows.len() < max_views(params) && !is_for_coverage(params);
     let stopped_because = if met_with_fewer { StopReason::Target } else { found.stopped_because };
-    Ok(Selection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
+    let bound = Arc::new(OpenBound::Known(bound));
+    Ok(OpenSelection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
 }
 
 struct Proof<'a> {
@@ -60,9 +63,9 @@ struct Proof<'a> {
 
 impl Proof<'_> {
     /// Raises the bound to the number of views, or finds fewer.
-    fn fewest_views(&mut self, rows: &mut Vec<RowIndex>, proved: Option<&FewestProof>) -> Result<Bound, Cancelled> {
+    fn fewest_views(&mut self, rows: &mut Vec<RowIndex>) -> Result<Bound, Cancelled> {
         let goals = goals_of(self.problem, &self.problem.measured(rows), false);
-        if proved.and_then(|proved| proved.views_of(&goals)).is_some_and(|lower| lower >= rows.len()) {
+        if bound::views_lower(self.problem, &goals, rows.len(), self.ctx)? >= rows.len() {
             return Ok(Bound::of_views(rows.len(), rows.len()));
         }
         let multipliers =
