@@ -16,7 +16,7 @@ use super::missed::obstructions::{self, BlockedCandidate};
 use super::outcome::{self, Surroundings};
 use super::params::{PlanParams, SelectionGoal};
 use super::plan::{Certificate, Obstruction, Outcome, SetupPlan, StopReason};
-use super::problem::{ChosenViews, EvaluatedSetups, ExpectedViews, SampledPart, ViewPlanningProblem};
+use super::problem::{ChosenViews, EvaluatedSetups, ExpectedViews, PartlyKnown, SampledPart, ViewPlanningProblem};
 use super::scene::{PlanInput, PlanningScene};
 use super::sequence::Ordered;
 use super::setups::Setup;
@@ -32,7 +32,7 @@ const MAX_RESELECTIONS: usize = 4;
 const MAX_REFINEMENTS: u32 = 3;
 
 /// Views with their order, and what was given up on the way to them.
-struct OrderedViews {
+struct OrderedViews<'a> {
     chosen: ChosenViews,
     /// One for each setup; none without a cell.
     ordered: Vec<Ordered>,
@@ -40,6 +40,8 @@ struct OrderedViews {
     excluded: BTreeSet<CandidateIndex>,
     /// Area that each view is expected to add, and the rule that ended their choice; of further views alone.
     expected: Option<(Vec<f64>, DemandStop)>,
+    /// The last problem on every sample that was looked at.
+    every: Option<ViewPlanningProblem<'a>>,
 }
 
 /// Plans: every stage in turn.
@@ -87,7 +89,23 @@ fn finish<'a>(
     problem: ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
     setups: &[Setup<'_>],
-    views: OrderedViews,
+    views: OrderedViews<'a>,
+    demand: Option<&Demand<'_>>,
+    ctx: &Context<'_>,
+) -> Result<Outcome, PlanError> {
+    let (chosen, bound) = (views.chosen.candidates.len(), Arc::clone(&views.chosen.selection.bound));
+    let (outcome, bound) = rayon::join(|| explained(problem, sampled, setups, views, demand, ctx), || bound.compute(ctx));
+    let mut outcome = outcome?;
+    outcome.plan.bound = bound?.beside(chosen);
+    Ok(outcome)
+}
+
+/// Stages after the views are chosen and ordered, but for the bound, which lasts as long as they do and depends on none of them.
+fn explained<'a>(
+    problem: ViewPlanningProblem<'a>,
+    sampled: &'a SampledPart,
+    setups: &[Setup<'_>],
+    views: OrderedViews<'a>,
     demand: Option<&Demand<'_>>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
@@ -151,39 +169,44 @@ fn problem<'a>(
         reach: evaluated.reach,
         hidden_by_cell: evaluated.hidden_by_cell,
         asked_area_mm2: asked_area_mm2.to_vec(),
+        partly_known: PartlyKnown::default(),
         strata: sampled.strata().cloned(),
         coverable_of_setup_mm2: None,
         chosen_on: sampled.counts(),
     })
 }
 
-/// Chooses views that meet their goals on every sample: chosen on some, and anew while these disagree with the rest.
+/// Chooses views that meet their goals on every sample: chosen on some, and anew while these disagree with the rest. With them
+/// comes the last problem on every sample that was looked at.
 fn choose<'a>(
     problem: &mut ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
     setups: &[Setup<'_>],
     excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
-) -> Result<ChosenViews, PlanError> {
+) -> Result<(ChosenViews, Option<ViewPlanningProblem<'a>>), PlanError> {
+    let mut selected = Some(adjust::select_beside_draft(problem, (sampled, setups), excluded, ctx)?);
+    let mut every: Option<ViewPlanningProblem<'a>> = None;
     loop {
-        let known = problem.candidates.remaining.len();
-        let chosen = problem.select(excluded, ctx)?;
+        let known = problem.known();
+        let mut chosen = selected.take().map_or_else(|| problem.select(excluded, ctx), Ok)?;
         if chosen.candidates.is_empty() {
-            return Ok(chosen);
+            return Ok((chosen, every));
         }
-        let chosen = adjust::join_setups(problem, chosen, excluded, ctx)?;
-        let chosen = adjust::slide_views(problem, setups, chosen, excluded, ctx)?;
+        chosen = adjust::join_setups(problem, chosen, excluded, ctx)?;
+        chosen = adjust::slide_views(problem, setups, chosen, excluded, ctx)?;
         let is_settled = chosen.selection.stopped_because != StopReason::Target || problem.tolerates_errors();
         if is_settled || problem.strata.is_none() {
-            return Ok(chosen);
+            return Ok((chosen, every));
         }
-        let every = problem.on_every_sample(sampled, setups, &problem.at_any_station(&chosen), ctx)?;
-        if every.meets_goals(&chosen.candidates, excluded) {
-            return Ok(chosen);
+        let of_chosen = problem.on_every_sample(sampled, setups, &problem.at_any_station(&chosen), every.take(), ctx)?;
+        let of_chosen = every.insert(of_chosen);
+        if of_chosen.meets_goals(&chosen.candidates, excluded) {
+            return Ok((chosen, every));
         }
         let goes_on = problem.chosen_on.refinements < MAX_REFINEMENTS;
-        if !goes_on || !problem.refine(&every, setups, &chosen, ctx)? {
-            return problem.topped_up(&every, chosen, excluded, ctx);
+        if !goes_on || !problem.refine(of_chosen, setups, &chosen, ctx)? {
+            return Ok((problem.topped_up(of_chosen, chosen, excluded, ctx)?, every));
         }
         problem.forget_from(known);
     }
@@ -197,9 +220,9 @@ fn select_and_order<'a>(
     setups: &[Setup<'_>],
     demand: Option<&Demand<'_>>,
     ctx: &Context<'_>,
-) -> Result<OrderedViews, PlanError> {
+) -> Result<OrderedViews<'a>, PlanError> {
     let mut excluded = BTreeSet::new();
-    let mut reselections = 0;
+    let (mut reselections, mut every) = (0, None);
     loop {
         ctx.begin(Stage::Selection)?;
         let (chosen, expected) = match demand {
@@ -207,7 +230,11 @@ fn select_and_order<'a>(
                 let views = problem.select_expected(demand, &excluded, ctx)?;
                 (views.chosen, Some((views.expected_mm2, views.stopped_because)))
             }
-            None => (choose(problem, sampled, setups, &excluded, ctx)?, None),
+            None => {
+                let (chosen, known) = choose(problem, sampled, setups, &excluded, ctx)?;
+                every = known;
+                (chosen, None)
+            }
         };
         if chosen.candidates.is_empty() && excluded.is_empty() {
             let in_the_way = obstructions(problem, setups, &BTreeSet::new(), ctx)?;
@@ -215,7 +242,7 @@ fn select_and_order<'a>(
         }
         let scenes: Vec<_> = scenes(setups).collect();
         if scenes.is_empty() {
-            return Ok(OrderedViews { chosen, ordered: Vec::new(), excluded, expected });
+            return Ok(OrderedViews { chosen, ordered: Vec::new(), excluded, expected, every });
         }
         ctx.begin(Stage::Sequence)?;
         let order = |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| {
@@ -226,10 +253,10 @@ fn select_and_order<'a>(
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
         if no_path.is_empty() && problem.params.selection.goal == SelectionGoal::MinTime {
             let (chosen, ordered) = adjust::exchange_views(problem, &scenes, (chosen, ordered), &excluded, ctx)?;
-            return Ok(OrderedViews { chosen, ordered, excluded, expected });
+            return Ok(OrderedViews { chosen, ordered, excluded, expected, every });
         }
         if no_path.is_empty() || reselections == MAX_RESELECTIONS {
-            return Ok(OrderedViews { chosen, ordered, excluded, expected });
+            return Ok(OrderedViews { chosen, ordered, excluded, expected, every });
         }
         excluded.extend(chosen.candidates_of(&no_path));
         reselections += 1;
@@ -242,10 +269,16 @@ fn shorten<'a>(
     mut problem: ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
     setups: &[Setup<'_>],
-    views: OrderedViews,
+    views: OrderedViews<'a>,
     ctx: &Context<'_>,
-) -> Result<(OrderedViews, ViewPlanningProblem<'a>), PlanError> {
-    let OrderedViews { chosen, ordered, excluded, expected } = views;
+) -> Result<(OrderedViews<'a>, ViewPlanningProblem<'a>), PlanError> {
+    let OrderedViews { chosen, ordered, excluded, expected, every: known } = views;
+    let views =
+        |chosen, ordered| OrderedViews { chosen, ordered, excluded: excluded.clone(), expected: expected.clone(), every: None };
+    let known = match known {
+        Some(every) if every.is_of(&chosen, &problem) => return Ok((views(chosen, ordered), every)),
+        known => known,
+    };
     let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
     let ordered = bounded.collect::<Result<Vec<_>, _>>()?;
     let as_moved = |ordered: Vec<Ordered>| {
@@ -254,15 +287,15 @@ fn shorten<'a>(
     };
     let unrolled = problem.strata.is_some().then(|| (problem.poses_of(&chosen), ordered.clone()));
     let mut ordered = as_moved(adjust::roll_views(&mut problem, setups, &chosen, ordered, ctx)?)?;
-    let Some((poses, in_order)) = unrolled else { return Ok((OrderedViews { chosen, ordered, excluded, expected }, problem)) };
-    let mut every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), ctx)?;
+    let Some((poses, in_order)) = unrolled else { return Ok((views(chosen, ordered), problem)) };
+    let mut every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), known, ctx)?;
     let is_met = chosen.selection.stopped_because != StopReason::Target || every.meets_goals(&chosen.candidates, &excluded);
     if !is_met && problem.poses_of(&chosen) != poses {
         problem.put_back(&chosen, &poses);
         ordered = as_moved(in_order)?;
-        every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), ctx)?;
+        every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), Some(every), ctx)?;
     }
-    Ok((OrderedViews { chosen, ordered, excluded, expected }, every))
+    Ok((views(chosen, ordered), every))
 }
 
 /// Stage missed: verdicts, coverage, and the causes and remedies of what is missed.
@@ -270,7 +303,7 @@ fn explain(
     problem: ViewPlanningProblem<'_>,
     sampled: &SampledPart,
     setups: &[Setup<'_>],
-    views: OrderedViews,
+    views: OrderedViews<'_>,
     part: &Arc<RayScene>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {

@@ -1,6 +1,7 @@
-//! Chosen views adjusted: joined by others where setups share too little surface; slid to where they score higher; exchanged for others that lie better on the way, and rolled about their
+//! Chosen views adjusted: chosen again among tilted ones; joined by others where setups share too little surface; slid to where they score higher; exchanged for others that lie better on the way, and rolled about their
 //! axes, for shorter cycles of the same plan.
 
+mod closer;
 mod exchange;
 mod guard;
 mod joins;
@@ -9,6 +10,7 @@ mod slides;
 
 use super::problem::ViewPlanningProblem;
 
+pub(super) use closer::select_beside_draft;
 pub(super) use exchange::exchange_views;
 pub(super) use joins::join_setups;
 pub(super) use rolls::roll_views;

@@ -48,7 +48,7 @@ pub(in crate::planning) fn slide_views(
     }
     let ctx = ctx.silent();
     let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
-    let (mut slid_views, known) = (chosen.candidates.clone(), problem.candidates.remaining.len());
+    let (mut slid_views, known) = (chosen.candidates.clone(), problem.known());
     let mut guard = Guard::new(problem, chosen.views());
     for (view, candidate) in ViewId::number(&mut slid_views) {
         ctx.check()?;

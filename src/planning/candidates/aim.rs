@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::blocks::PartBlock;
 use super::slide::Slide;
-use super::{Label, Scope};
+use super::{Candidate, Label, Scope};
 use crate::geometry::{Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{CandidateParams, Standoff};
@@ -86,6 +86,23 @@ impl Aim {
             None => rolls_deg.iter().map(|roll_deg| looking_along(&self.axis, roll_deg.to_radians())).collect(),
         }
     }
+}
+
+/// Angles by which views are turned that are looked for beside others: a third and two thirds of the distance between
+/// even directions around a part of one block, about.
+pub(super) const BESIDE_RAD: [f64; 2] = [6.0_f64.to_radians(), 12.0_f64.to_radians()];
+
+/// Aims beside a view: turned to its four sides about the point at F ahead, with its own baseline.
+pub(super) fn beside(scope: &Scope<'_>, view: &Candidate) -> impl Iterator<Item = Aim> {
+    let (table_from_scanner, best_mm) = (scope.table_from_part * view.part_from_scanner, scope.scanner.best_mm);
+    let aim = Aim {
+        position_mm: table_from_scanner.origin_mm(),
+        axis: table_from_scanner.direction(&Vector3::z()),
+        label: view.label,
+        slides_by: SlidesBy::None,
+        baseline: Some(table_from_scanner.direction(&Vector3::x())),
+    };
+    BESIDE_RAD.into_iter().flat_map(move |tilt_rad| aim.tilted(tilt_rad, best_mm))
 }
 
 /// Half extent of the block plus F, or F alone.

@@ -1,7 +1,7 @@
 //! Patches to viewpoints ([`crate::planning::method::candidates`]): which directions are considered, how far the scanner
 //! stands, how it tilts and rolls, and which viewpoints are dropped before anything is computed for them. [`generate`] answers
-//! for the strategies that know the part alone; [`around_best`] and [`aimed_at_open`] for those that build on what others
-//! measure.
+//! for the strategies that know the part alone; [`around_best`], [`aimed_at_open`] and [`beside`] for those that build on what
+//! others measure.
 //!
 //! A strategy gives aims (`aim.rs`): a place, a viewing axis, and how it may be varied. `DEFAULT.md` beside this file holds
 //! the table that decided which strategies are the default.
@@ -137,6 +137,8 @@ pub(in crate::planning) const MAX_PAIRS: usize = 1_000_000_000;
 const EVEN_DIRECTIONS: usize = 150;
 /// Views that are proposed for one that `targeted` may keep.
 const PROPOSED: usize = 3;
+/// Views that others are looked for beside, at most.
+const MAX_LOOKED_BESIDE: usize = 100;
 
 /// Fills in what [`CandidateParams`] leaves to the part: even directions, as many as half of the table has room for.
 #[must_use]
@@ -270,6 +272,31 @@ pub fn aimed_at_open(
     let room = max_candidates(scope.surface.sample_mm.len()).saturating_sub(already) / views_of_an_aim(params);
     let aims = targeted::aims(scope, open, room.min(PROPOSED * params.targeted_max as usize), ctx)?;
     judged(scope, params, &aims, ctx)
+}
+
+/// Viewpoints beside `views`, the best of some draft: each turned to its four sides about the point at F ahead, by each angle of
+/// [`aim::BESIDE_RAD`]. They keep their distance; at most as many as there is room for beside the `already` generated ones.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(in crate::planning) fn beside(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    views: &[&Candidate],
+    already: usize,
+    ctx: &Context<'_>,
+) -> Result<CandidateSet, Cancelled> {
+    let params = CandidateParams { tilts_deg: Vec::new(), standoffs_mm: vec![0.0], ..params.clone() };
+    let room = max_candidates(scope.surface.sample_mm.len()).saturating_sub(already);
+    let mut aims: Vec<Aim> = views.iter().take(MAX_LOOKED_BESIDE).flat_map(|view| aim::beside(scope, view)).collect();
+    aims.truncate(room);
+    judged(scope, &params, &aims, ctx)
+}
+
+/// Upper bound on the candidates beside so many views.
+#[must_use]
+pub(in crate::planning) fn expected_beside(views: f64) -> f64 {
+    views.min(MAX_LOOKED_BESIDE as f64) * (4 * aim::BESIDE_RAD.len()) as f64
 }
 
 fn judged(scope: &Scope<'_>, params: &CandidateParams, aims: &[Aim], ctx: &Context<'_>) -> Result<CandidateSet, Cancelled> {

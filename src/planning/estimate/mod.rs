@@ -121,6 +121,9 @@ impl Counts {
         let [width_mm, height_mm, _] = input.scanner.practical_volume_mm;
         let field_mm2 = width_mm * height_mm;
         let most_views = params.selection.max_views.map_or(candidates, |views| f64::from(views).min(candidates));
+        let views = (VIEWS_OF_A_BLOCK + area_mm2 / (ADDED_OF_FIELD * field_mm2)).min(most_views);
+        let looks_closer = exchanges(params) && params.candidates.look_closer;
+        let beside = if looks_closer { candidates::expected_beside(views) } else { 0.0 };
         // Each patch has a sample, and each sample stands for no more than its share of the area and a half.
         let least_samples = triangles.max(part.samples_per_mm2.unwrap_or(0.0) * area_mm2 * 2.0 / 3.0) as usize;
         let least_blocks = longest.max(blocks / 4.0) as usize;
@@ -132,8 +135,8 @@ impl Counts {
             patches,
             samples,
             chosen_on,
-            candidates,
-            views: (VIEWS_OF_A_BLOCK + area_mm2 / (ADDED_OF_FIELD * field_mm2)).min(most_views),
+            candidates: candidates + beside,
+            views,
             measured: (2.0 * field_mm2 / area_mm2).min(MAX_MEASURED),
             setups,
             least: [least_samples, candidates::expected(&params.candidates, least_blocks, least_samples)],

@@ -3,14 +3,15 @@
 //! and remedies are those of every sample too. Where the views meet their goals on some samples and not on all, samples are
 //! added where the two disagree, and the choice is taken up again.
 //!
-//! Cost: each chosen view evaluated on every sample, and each candidate on those that the views miss.
+//! Cost: each chosen view evaluated on every sample, and each candidate on those that the views miss, once while it stays where it is.
 
 use std::collections::BTreeSet;
+use std::mem;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::{ChosenViews, SampledPart, ViewPlanningProblem};
+use super::{ChosenViews, PartlyKnown, SampledPart, ViewPlanningProblem};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context, PlanError};
@@ -33,6 +34,55 @@ pub(in crate::planning) struct EvaluatedView {
     table_rad: Vec<f64>,
     /// False where no path leads to it.
     is_executed: bool,
+}
+
+/// Samples of a part, as far as candidates measure them.
+struct FoundOnEvery {
+    /// Row of each candidate; empty while nothing is known of it.
+    rows: Vec<Row>,
+    hidden_by_cell: SampleSet,
+    furthest_cause: Vec<Cause>,
+}
+
+impl FoundOnEvery {
+    /// Takes over what is known of candidates that have stayed, on the samples that were open and still are.
+    fn take_over(&mut self, mut earlier: ViewPlanningProblem<'_>, known: &[CandidateIndex], open: &SampleSet) {
+        let mut still_open = mem::take(&mut earlier.partly_known.open);
+        still_open.retain_all(open);
+        for candidate in known {
+            let row = mem::take(&mut earlier.matrix.rows[candidate.index()]);
+            let mut measured = row.measured().clone();
+            measured.retain_all(&still_open);
+            self.rows[candidate.index()] = Row::new(measured.into_words());
+        }
+        earlier.hidden_by_cell.retain_all(&still_open);
+        self.hidden_by_cell.insert_all(&earlier.hidden_by_cell);
+        for sample in still_open.iter() {
+            let furthest = &mut self.furthest_cause[sample.index()];
+            *furthest = (*furthest).max(earlier.matrix.furthest_cause[sample.index()]);
+        }
+    }
+
+    /// Adds what `candidates`, the first rows of a matrix of the samples looked at, measure.
+    fn add(
+        &mut self,
+        candidates: &[CandidateIndex],
+        looked_at: &[(SampleId, f64)],
+        (cast, hidden): (&VisibilityMatrix, &SampleSet),
+    ) {
+        let samples = self.furthest_cause.len();
+        for (candidate, row) in candidates.iter().zip(&cast.rows) {
+            let known = &mut self.rows[candidate.index()];
+            let mut measured = if known.words().is_empty() { SampleSet::none_of(samples) } else { known.measured().clone() };
+            row.samples().for_each(|place| measured.insert(looked_at[place.index()].0));
+            *known = Row::new(measured.into_words());
+        }
+        hidden.iter().for_each(|place| self.hidden_by_cell.insert(looked_at[place.index()].0));
+        for ((sample, _), cause) in looked_at.iter().zip(&cast.furthest_cause) {
+            let furthest = &mut self.furthest_cause[sample.index()];
+            *furthest = (*furthest).max(*cause);
+        }
+    }
 }
 
 /// A pose to be evaluated.
@@ -75,49 +125,52 @@ impl<'a> ViewPlanningProblem<'a> {
     }
 
     /// The problem on every sample, with the whole rows of `views`; of the other candidates with what they measure of the samples
-    /// that those miss which are executed.
+    /// that those miss which are executed. What an `earlier` such problem knows of candidates that have not moved since is not
+    /// found out again.
     pub(in crate::planning) fn on_every_sample(
         &self,
         sampled: &'a SampledPart,
         setups: &[Setup<'_>],
         views: &[EvaluatedView],
+        earlier: Option<Self>,
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
         let ctx = &ctx.silent();
         let (whole, asked_area_mm2) = (&sampled.surface, &sampled.asked_area_mm2);
         let samples = asked_area_mm2.len();
         let chosen: Vec<_> = views.iter().map(|view| self.viewpoint(view.candidate, view.table_rad.clone())).collect();
-        let (of_chosen, mut hidden_by_cell) = self.cast_on(whole, setups, &chosen, ctx)?;
-        let mut rows = vec![Row::default(); self.candidates.remaining.len()];
-        let mut measured = SampleSet::none_of(samples);
+        let (of_chosen, hidden_by_cell) = self.cast_on(whole, setups, &chosen, ctx)?;
+        let rows = vec![Row::default(); self.candidates.remaining.len()];
+        let mut found = FoundOnEvery { rows, hidden_by_cell, furthest_cause: of_chosen.furthest_cause };
+        let mut open = SampleSet::none_of(samples);
+        whole.samples().filter(|sample| asked_area_mm2[sample.index()] > 0.0).for_each(|sample| open.insert(sample));
         for (view, row) in views.iter().zip(&of_chosen.rows) {
             if view.is_executed {
-                measured.insert_all(row.measured());
+                open.remove_all(row.measured());
             }
             let pose = &self.candidates[view.candidate].part_from_scanner;
-            rows[view.candidate.index()] = visibility::grade(whole, pose, self.input.scanner, self.params, row);
+            found.rows[view.candidate.index()] = visibility::grade(whole, pose, self.input.scanner, self.params, row);
         }
-        let is_open = |sample: &SampleId| asked_area_mm2[sample.index()] > 0.0 && !measured.holds(*sample);
-        let open: Vec<(SampleId, f64)> =
-            whole.samples().filter(is_open).map(|sample| (sample, asked_area_mm2[sample.index()])).collect();
         let is_chosen: BTreeSet<CandidateIndex> = views.iter().map(|view| view.candidate).collect();
-        let others: Vec<_> = self.candidates.indices().filter(|candidate| !is_chosen.contains(candidate)).collect();
-        let viewpoints = others.iter().map(|candidate| self.viewpoint(*candidate, self.table_angles_rad(*candidate)));
+        let others = self.candidates.indices().filter(|candidate| !is_chosen.contains(candidate));
+        let has_stayed = |candidate: &CandidateIndex| earlier.as_ref().is_some_and(|earlier| earlier.has_at(self, *candidate));
+        let (known, new): (Vec<_>, Vec<_>) = others.partition(has_stayed);
+        let mut newly_open = open.clone();
+        if let Some(earlier) = earlier {
+            newly_open.remove_all(&earlier.partly_known.open);
+            found.take_over(earlier, &known, &open);
+        }
         let dropped = self.candidates.rejected.iter().filter(|(_, reason)| reason.is_of_evaluated());
-        let dropped = dropped.map(|(candidate, _)| viewpoint(candidate, false, Vec::new()));
-        let (of_open, hidden) =
-            self.cast_on(&whole.of_samples(&open), setups, &viewpoints.chain(dropped).collect::<Vec<_>>(), ctx)?;
-        for (candidate, row) in others.iter().zip(&of_open.rows) {
-            let mut placed = SampleSet::none_of(samples);
-            row.samples().for_each(|place| placed.insert(open[place.index()].0));
-            rows[candidate.index()] = Row::new(placed.into_words());
+        let mut dropped: Vec<_> = dropped.map(|(candidate, _)| viewpoint(candidate, false, Vec::new())).collect();
+        for (candidates, looked_at) in [(known, newly_open), (new, open.clone())] {
+            let looked_at: Vec<(SampleId, f64)> =
+                looked_at.iter().map(|sample| (sample, asked_area_mm2[sample.index()])).collect();
+            let viewpoint = |candidate: &CandidateIndex| self.viewpoint(*candidate, self.table_angles_rad(*candidate));
+            let viewpoints: Vec<_> = candidates.iter().map(viewpoint).chain(dropped.drain(..)).collect();
+            let (cast, hidden) = self.cast_on(&whole.of_samples(&looked_at), setups, &viewpoints, ctx)?;
+            found.add(&candidates, &looked_at, (&cast, &hidden));
         }
-        hidden.iter().for_each(|place| hidden_by_cell.insert(open[place.index()].0));
-        let mut furthest_cause = of_chosen.furthest_cause;
-        for ((sample, _), cause) in open.iter().zip(of_open.furthest_cause) {
-            let furthest = &mut furthest_cause[sample.index()];
-            *furthest = (*furthest).max(cause);
-        }
+        let FoundOnEvery { rows, hidden_by_cell, furthest_cause } = found;
         Ok(Self {
             input: self.input,
             params: self.params,
@@ -129,10 +182,23 @@ impl<'a> ViewPlanningProblem<'a> {
             reach: self.reach.clone(),
             hidden_by_cell,
             asked_area_mm2: asked_area_mm2.clone(),
+            partly_known: PartlyKnown { whole: is_chosen, open },
             strata: None,
             coverable_of_setup_mm2: self.coverable_of_setups_mm2(),
             chosen_on: self.chosen_on,
         })
+    }
+
+    /// Returns true if this is the problem `other` on every sample, with the whole rows of these views, and nothing moves any more.
+    pub(in crate::planning) fn is_of(&self, chosen: &ChosenViews, other: &Self) -> bool {
+        let has_all = self.candidates.remaining.len() == other.candidates.remaining.len();
+        has_all && self.reach.is_none() && chosen.candidates.iter().copied().collect::<BTreeSet<_>>() == self.partly_known.whole
+    }
+
+    /// Returns true if a candidate of `other` is the same here and has not moved.
+    fn has_at(&self, other: &Self, candidate: CandidateIndex) -> bool {
+        let here = self.candidates.remaining.get(candidate.index());
+        here.is_some_and(|here| here.part_from_scanner == other.candidates[candidate].part_from_scanner)
     }
 
     /// Poses of chosen views.

@@ -12,6 +12,7 @@ mod sampled_part;
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::mem;
 use std::sync::Arc;
 
 pub(super) use evaluated::EvaluatedCandidates;
@@ -19,13 +20,14 @@ pub(super) use expected::ExpectedViews;
 pub(super) use sampled_part::{EvaluatedSetups, SampledPart, TriedSetup};
 
 use super::candidates::{Candidate, CandidateSet};
-use super::context::{Context, PlanError};
+use super::context::{Cancelled, Context, PlanError};
 use super::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use super::params::{PlanParams, TargetOf};
 use super::plan::ChosenOn;
 use super::scene::{PlanInput, PlanningScene, Reach};
-use super::selection::{self, CoverProblem, Goal, Selection, coverable};
+use super::selection::{self, CoverProblem, Goal, OpenSelection, coverable};
 use super::sequence::straight_secs;
+use super::setups::Setup;
 use super::stations::{Station, StationFailure};
 use super::surface::thinned::Strata;
 use super::surface::{Surface, requirements};
@@ -52,6 +54,8 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) hidden_by_cell: SampleSet,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
+    /// Rows that are known on some samples alone, once the samples are all that there are.
+    pub(in crate::planning) partly_known: PartlyKnown,
     /// Strata of the samples, while views are chosen on some of them.
     pub(in crate::planning) strata: Option<Strata>,
     /// Asked area that the candidates of each setup measure, where rows of some of them are not whole.
@@ -60,16 +64,33 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) chosen_on: ChosenOn,
 }
 
+/// Extent to which rows of candidates are known.
+#[derive(Default)]
+pub(in crate::planning) struct PartlyKnown {
+    /// Candidates whose rows are whole: chosen views.
+    whole: BTreeSet<CandidateIndex>,
+    /// Samples that none of these measures: on these the other rows are known.
+    open: SampleSet,
+}
+
+/// Numbers of candidates before others join them.
+#[derive(Clone, Copy)]
+pub(in crate::planning) struct KnownCandidates {
+    remaining: usize,
+    rejected: usize,
+    generated: usize,
+}
+
 /// A selection among the candidates.
 pub(in crate::planning) struct ChosenViews {
     /// Candidate of each view.
     pub(in crate::planning) candidates: Vec<CandidateIndex>,
-    pub(in crate::planning) selection: Selection,
+    pub(in crate::planning) selection: OpenSelection,
 }
 
 impl ChosenViews {
     /// A selection whose rows are those of `choosable`.
-    fn of(selection: Selection, choosable: &[CandidateIndex]) -> Self {
+    fn of(selection: OpenSelection, choosable: &[CandidateIndex]) -> Self {
         Self { candidates: selection.choices.iter().map(|choice| choosable[choice.row.index()]).collect(), selection }
     }
 
@@ -107,14 +128,38 @@ impl ViewPlanningProblem<'_> {
         scene.is_in_sight(&self.surface, pose, self.row(candidate), station.table_rad, ctx)
     }
 
+    /// Counts the candidates.
+    pub(in crate::planning) fn known(&self) -> KnownCandidates {
+        let CandidateSet { remaining, generated, rejected } = &self.candidates;
+        KnownCandidates { remaining: remaining.len(), rejected: rejected.len(), generated: *generated }
+    }
+
     /// Takes out the candidates that joined the `known` ones.
-    pub(in crate::planning) fn forget_from(&mut self, known: usize) {
-        self.candidates.generated -= self.candidates.remaining.len() - known;
-        self.candidates.remaining.truncate(known);
-        self.matrix.rows.truncate(known);
+    pub(in crate::planning) fn forget_from(&mut self, known: KnownCandidates) {
+        self.candidates.generated = known.generated;
+        self.candidates.rejected.truncate(known.rejected);
+        self.candidates.remaining.truncate(known.remaining);
+        self.matrix.rows.truncate(known.remaining);
         if let Some(reach) = &mut self.reach {
-            reach.truncate(known);
+            reach.truncate(known.remaining);
         }
+    }
+
+    /// Adds candidates of a setup.
+    fn join(&mut self, setup: SetupIndex, more: EvaluatedCandidates) {
+        let mut all = EvaluatedCandidates {
+            candidates: mem::take(&mut self.candidates),
+            matrix: mem::take(&mut self.matrix),
+            reach: self.reach.take(),
+            hidden_by_cell: mem::take(&mut self.hidden_by_cell),
+        };
+        all.append(more.in_setup(setup));
+        EvaluatedCandidates {
+            candidates: self.candidates,
+            matrix: self.matrix,
+            reach: self.reach,
+            hidden_by_cell: self.hidden_by_cell,
+        } = all;
     }
 
     /// Failure for which the cell cannot use a candidate, if so.
@@ -196,6 +241,40 @@ impl ViewPlanningProblem<'_> {
         Ok(ChosenViews::of(selection, choosable))
     }
 
+    /// Adds candidates beside the views of a draft: the fewest that meet the goals, whatever their score. Candidates are spread evenly
+    /// over directions, and the best views lie between them: a closer look at a few places costs less than one everywhere. Poses that
+    /// the job gives are not looked beside. Returns the number of views of the draft.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(in crate::planning) fn look_beside_draft(
+        &mut self,
+        sampled: &SampledPart,
+        setups: &[Setup<'_>],
+        excluded: &BTreeSet<CandidateIndex>,
+        ctx: &Context<'_>,
+    ) -> Result<usize, Cancelled> {
+        let choosable = self.choosable(excluded);
+        let rows = selection::draft(&self.cover_problem(&choosable), &self.params.selection, &self.params.score, ctx)?;
+        let draft: Vec<&Candidate> = rows.iter().map(|row| &self.candidates[choosable[row.index()]]).collect();
+        let (mut already, mut beside) = (self.candidates.generated, Vec::new());
+        for (index, setup) in SetupIndex::number(setups) {
+            let is_here = |view: &&Candidate| view.setup == index && !view.is_given;
+            let views: Vec<&Candidate> = draft.iter().copied().filter(is_here).collect();
+            let tried = TriedSetup {
+                table_from_part: setup.table_from_part,
+                surface: &self.surface,
+                occluders: &setup.occluders,
+                scene: setup.scene.as_ref(),
+            };
+            let more = sampled.evaluate_beside(self.input, &tried, &self.asked_area_mm2, (&views, already), &ctx.silent())?;
+            already += more.candidates.generated;
+            beside.push((index, more));
+        }
+        beside.into_iter().for_each(|(setup, more)| self.join(setup, more));
+        Ok(rows.len())
+    }
+
     /// Chooses among the usable candidates that are not `excluded`. A target of the coverable area is here a share of what
     /// those measure; the outcome says then whether it was met.
     pub(in crate::planning) fn select(
@@ -207,7 +286,7 @@ impl ViewPlanningProblem<'_> {
         let travel_secs = |from: RowIndex, to: RowIndex| self.travel_secs(choosable[from.index()], choosable[to.index()]);
         let mut cover = self.cover_problem(&choosable);
         cover.travel_secs = self.reach.is_some().then_some(&travel_secs);
-        let selection = selection::select(&cover, &self.params.selection, &self.params.score, ctx)?;
+        let selection = selection::choose(&cover, &self.params.selection, &self.params.score, ctx)?;
         Ok(ChosenViews::of(selection, &choosable))
     }
 

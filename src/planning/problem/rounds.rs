@@ -4,7 +4,7 @@
 
 use super::evaluated::{EvaluatedCandidates, is_usable};
 use crate::geometry::{Part, Pose, ScannerFrame};
-use crate::planning::candidates::{self, CandidateSet, OpenSamples, Rejection, Scope};
+use crate::planning::candidates::{self, Candidate, CandidateSet, OpenSamples, Rejection, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
@@ -57,6 +57,22 @@ impl Rounds<'_> {
     pub(super) fn run_some(&self, max: usize, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
         let some = candidates::generate_some(&self.scope, &self.params.candidates, max, ctx)?;
         Ok(self.evaluate(some, ctx)?)
+    }
+
+    /// Evaluates candidates beside views; `already` are generated.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn run_beside(
+        &self,
+        views: &[&Candidate],
+        already: usize,
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedCandidates, Cancelled> {
+        let beside = candidates::beside(&self.scope, &self.params.candidates, views, already, ctx)?;
+        let mut evaluated = self.evaluate(beside, ctx)?;
+        evaluated.drop_what_measures_nothing(self.asked_area_mm2);
+        Ok(evaluated)
     }
 
     /// Evaluates candidates: their stations, and the samples that each measures.

@@ -6,7 +6,7 @@ use super::evaluated::EvaluatedCandidates;
 use super::robust_rows::{self, VisibilityInput};
 use super::rounds::Rounds;
 use crate::geometry::{Part, Pose, RayScene, Table};
-use crate::planning::candidates::{self, Scope};
+use crate::planning::candidates::{self, Candidate, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::demand::Demand;
 use crate::planning::estimate::Estimate;
@@ -220,6 +220,23 @@ impl SampledPart {
         let mut some = self.rounds(input, setup, &optics, &asked_area_mm2).run_some(max, ctx)?;
         some.drop_unusable();
         Ok(some)
+    }
+
+    /// Evaluates candidates beside `views` of a setup; `already` are generated. `asked_area_mm2` is that of the samples of the
+    /// setup's surface.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn evaluate_beside(
+        &self,
+        input: &PlanInput<'_>,
+        setup: &TriedSetup<'_>,
+        asked_area_mm2: &[f64],
+        (views, already): (&[&Candidate], usize),
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedCandidates, Cancelled> {
+        let optics = Optics::new(input.scanner, &self.params, &setup.surface.requirements);
+        self.rounds(input, setup, &optics, asked_area_mm2).run_beside(views, already, ctx)
     }
 
     fn rounds<'a>(

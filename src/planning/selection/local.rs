@@ -1,6 +1,6 @@
 //! Local search for fewer views: greedy by area, redundant views removed, then with one view less exchanges of one view for
-//! another until the goals are met again, or work ends; as long as the bound (`bound.rs`) leaves room for one view less (tabu search: Glover 1989; for covering with a fixed number of views:
-//! Resende 1998, Galinier and Hertz 2007). The best views are exchanged for a higher score at last (`improve_score.rs`).
+//! another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number of views: Resende
+//! 1998, Galinier and Hertz 2007). The best views are exchanged for a higher score at last (`improve_score.rs`).
 //!
 //! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: a step
 //! passes over the open and the singly covered samples of every row, 64 at a time.
@@ -10,7 +10,6 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::blocks::{BLOCK, BlockSegment, masked_sum, segment_sums};
-use super::bound::FewestProof;
 use super::greedy::{self, BatchQueue};
 use super::improve_score;
 use super::overlap::Overlap;
@@ -40,11 +39,10 @@ const ROWS_A_TASK: usize = 16;
 pub(super) struct LocalOptimum {
     pub(super) rows: Vec<RowIndex>,
     pub(super) stopped_because: StopReason,
-    /// The bound that ended the search for fewer, where it was asked for.
-    pub(super) proved: Option<FewestProof>,
 }
 
-/// The best views that exchanges find, begun at `start`, or where greedy by area ends.
+/// The best views that exchanges find, begun at `start`, or where greedy by area ends: the fewest, and of as many those of the highest
+/// score.
 pub(super) fn search(
     scorer: &Scorer<'_>,
     params: &SelectionParams,
@@ -52,21 +50,36 @@ pub(super) fn search(
     ctx: &Context<'_>,
 ) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
+    let mut budget = Budget::of(params);
+    let (found, goals) = fewest(scorer, params, start, &mut budget, ctx)?;
+    let overlap = Overlap::new(problem, &params.overlap);
+    let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
+    let rows = improve_score::run(scorer, &exchange, found.rows, &mut budget, ctx)?;
+    Ok(LocalOptimum { rows, ..found })
+}
+
+/// The fewest views that exchanges find, whatever their score, and the goals that they meet.
+pub(super) fn fewest(
+    scorer: &Scorer<'_>,
+    params: &SelectionParams,
+    start: Option<&Cover>,
+    budget: &mut Budget,
+    ctx: &Context<'_>,
+) -> Result<(LocalOptimum, Vec<Units>), Cancelled> {
+    let problem = scorer.problem;
     let by_area = || greedy::run(BatchQueue::new(problem.rows.len()), &scorer.by_area(), params, ctx);
     let start = start.map_or_else(by_area, |start| Ok(start.clone()))?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut rows = start.rows();
-    let mut proved = None;
     let mut stopped_because = start.stopped_because;
     let mut goals = Units::of_goals(problem);
-    let mut budget = Budget { left: u64::from(params.work_limit) * 1_000_000 };
     let limited = stopped_because == StopReason::MaxViews && rows.len() == max_views(params);
     if is_for_coverage(params) {
         goals.truncate(1);
         goals.iter_mut().for_each(|goal| goal.needed = goal.total);
     }
     if limited && !rows.is_empty() {
-        rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, &mut budget, ctx)?;
+        rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, budget, ctx)?;
     }
     let measured = problem.measured(&rows);
     goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
@@ -74,10 +87,9 @@ pub(super) fn search(
         if limited && problem.goals.len() == goals.len() && are_met(problem, &measured) {
             stopped_because = StopReason::Target;
         }
-        (rows, proved) = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, &mut budget, ctx)?;
+        rows = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, budget, ctx)?;
     }
-    let rows = improve_score::run(scorer, &Exchange { problem, goals: &goals, overlap: &overlap }, rows, &mut budget, ctx)?;
-    Ok(LocalOptimum { rows, stopped_because, proved })
+    Ok((LocalOptimum { rows, stopped_because }, goals))
 }
 
 fn are_met(problem: &CoverProblem<'_>, measured: &[&Row]) -> bool {
@@ -90,6 +102,11 @@ pub(super) struct Budget {
 }
 
 impl Budget {
+    /// All work that a choice may take.
+    pub(super) fn of(params: &SelectionParams) -> Self {
+        Self { left: u64::from(params.work_limit) * 1_000_000 }
+    }
+
     pub(super) fn spend(&mut self, work: u64) {
         self.left = self.left.saturating_sub(work);
     }
@@ -103,31 +120,18 @@ pub(super) struct Exchange<'a> {
 }
 
 impl Exchange<'_> {
-    /// Meets the same goals with as few views as are found. Fewer are looked for only where the bound leaves room for them; it
-    /// is returned.
-    pub(super) fn fewer(
-        &self,
-        rows: Vec<RowIndex>,
-        budget: &mut Budget,
-        ctx: &Context<'_>,
-    ) -> Result<(Vec<RowIndex>, Option<FewestProof>), Cancelled> {
+    /// Meets the same goals with as few views as are found.
+    pub(super) fn fewer(&self, rows: Vec<RowIndex>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
         let mut best = self.remove_redundant(rows, ctx)?;
-        let mut proved = None;
         while best.len() > 1 && budget.left > 0 {
             let Some(start) = self.remove_one(&best) else { break };
-            let proof = proved.map_or_else(|| FewestProof::new(self.problem, self.goals, best.len(), ctx), Ok)?;
-            let has_room = proof.views_of(self.goals).is_none_or(|lower| lower < best.len());
-            proved = Some(proof);
-            if !has_room {
-                break;
-            }
             let found = self.run(start, budget, ctx)?;
             if self.deficit(&found) > 0 || !self.overlap.connects(&found) {
                 break;
             }
             best = self.remove_redundant(found, ctx)?;
         }
-        Ok((best, proved))
+        Ok(best)
     }
 
     /// Removes redundant views, the last first, as long as the goals stay met.

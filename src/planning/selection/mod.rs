@@ -27,6 +27,7 @@ mod tests;
 mod units;
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use super::context::{Cancelled, Context};
 use super::ids::{RowIndex, ViewId};
@@ -34,6 +35,7 @@ use super::params::{ScoreParams, SelectionGoal, SelectionParams, Solver, TargetO
 use super::visibility::{Row, SampleSet};
 
 pub use bound::Bound;
+pub(in crate::planning) use bound::OpenBound;
 use grade_floor::GradeFloor;
 
 /// Seconds that the cell needs from the view of one row to that of another.
@@ -106,6 +108,13 @@ pub struct Selection {
     pub bound: Bound,
 }
 
+/// Chosen views, in the order chosen, with a bound that may still have to be computed.
+pub(in crate::planning) struct OpenSelection {
+    pub(in crate::planning) choices: Vec<Choice>,
+    pub(in crate::planning) stopped_because: StopReason,
+    pub(in crate::planning) bound: Arc<OpenBound>,
+}
+
 /// Chosen views without their bound.
 #[derive(Clone)]
 pub(in crate::planning) struct Cover {
@@ -123,13 +132,28 @@ pub fn select(
     score: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    let chosen = match params.solver {
+    let OpenSelection { choices, stopped_because, bound } = choose(problem, params, score, ctx)?;
+    Ok(Selection { choices, stopped_because, bound: bound.compute(ctx)? })
+}
+
+/// Chooses views; their bound may still have to be computed.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(in crate::planning) fn choose(
+    problem: &CoverProblem<'_>,
+    params: &SelectionParams,
+    score: &ScoreParams,
+    ctx: &Context<'_>,
+) -> Result<OpenSelection, Cancelled> {
+    let Cover { choices, stopped_because } = match params.solver {
         Solver::Greedy => greedy::select(problem, params, score, ctx)?,
         Solver::Lazy => lazy::select(problem, params, score, ctx)?,
         Solver::Local | Solver::Certified => return fewest(problem, params, score, ctx),
     };
-    let bound = bound::quick(problem, params, &chosen.rows(), None, ctx)?;
-    Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
+    let chosen: Vec<&Row> = choices.iter().map(|choice| problem.row(choice.row)).collect();
+    let bound = Arc::new(OpenBound::of(problem, params, &chosen, problem.sets()));
+    Ok(OpenSelection { choices, stopped_because, bound })
 }
 
 /// Chooses the fewest views that meet the goals, the floors under grades among them, with the best score of that many.
@@ -138,7 +162,7 @@ fn fewest(
     params: &SelectionParams,
     score: &ScoreParams,
     ctx: &Context<'_>,
-) -> Result<Selection, Cancelled> {
+) -> Result<OpenSelection, Cancelled> {
     let floor = GradeFloor::of(problem, params, score, ctx)?;
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
@@ -147,8 +171,25 @@ fn fewest(
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let found = local::search(&scorer, params, start, ctx)?;
-    let bound = bound::quick(problem, params, &found.rows, found.proved.as_ref(), ctx)?;
-    Ok(Selection { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because, bound })
+    let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows), problem.sets()));
+    Ok(OpenSelection { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because, bound })
+}
+
+/// The fewest views that exchanges find for the goals, the floors under grades among them, whatever their score.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(in crate::planning) fn draft(
+    problem: &CoverProblem<'_>,
+    params: &SelectionParams,
+    score: &ScoreParams,
+    ctx: &Context<'_>,
+) -> Result<Vec<RowIndex>, Cancelled> {
+    let floor = GradeFloor::of(problem, params, score, ctx)?;
+    let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
+    let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
+    let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
+    Ok(local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?.0.rows)
 }
 
 /// Chooses greedily, without a bound.
@@ -214,12 +255,11 @@ pub(in crate::planning) fn of_rows(
     params: &SelectionParams,
     score: &ScoreParams,
     rows: &[RowIndex],
-    like: &Selection,
+    like: &OpenSelection,
     ctx: &Context<'_>,
-) -> Result<Selection, Cancelled> {
+) -> Result<OpenSelection, Cancelled> {
     let choices = greedy::order(&score::Scorer::new(problem, params, score, ctx.simd_level()), rows, ctx)?;
-    let gap = (choices.len() as u32).saturating_sub(like.bound.views_lower);
-    Ok(Selection { choices, stopped_because: like.stopped_because, bound: Bound { gap, ..like.bound } })
+    Ok(OpenSelection { choices, stopped_because: like.stopped_because, bound: Arc::clone(&like.bound) })
 }
 
 impl Cover {
@@ -252,6 +292,11 @@ impl<'a> CoverProblem<'a> {
     /// Every row, ascending.
     fn all_rows(&self) -> impl DoubleEndedIterator<Item = RowIndex> + ExactSizeIterator + Clone + use<> {
         RowIndex::first(self.rows.len())
+    }
+
+    /// Copies of the rows without quality.
+    fn sets(&self) -> Vec<Row> {
+        self.rows.iter().map(|row| Row::new(row.words().to_vec())).collect()
     }
 
     /// Samples that each of some rows' views measures.

@@ -233,13 +233,13 @@ impl View<'_> {
     /// The cause of the failing step.
     pub fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         let limits = self.optics.incidence_min[usize::from(kind)];
-        let (cause, quality) = self.evaluate_optics((*p).into(), (*normal).into(), limits);
-        if cause == u64::from(PASSES) { Ok(quality as f32) } else { Err(Cause::ALL[cause as usize]) }
+        let cause = self.first_failing_step((*p).into(), (*normal).into(), limits);
+        if cause == u64::from(PASSES) { Ok(self.quality_at(p, normal)) } else { Err(Cause::ALL[cause as usize]) }
     }
 
-    /// The number of the first step before any shadow at which a sample fails, [`PASSES`] if none does, and its quality.
+    /// The number of the first step before any shadow at which a sample fails, [`PASSES`] if none does.
     #[inline(always)]
-    pub(super) fn evaluate_optics(&self, p: [f64; 3], normal: [f64; 3], min_cos: IncidenceMin) -> (u64, f64) {
+    pub(super) fn first_failing_step(&self, p: [f64; 3], normal: [f64; 3], min_cos: IncidenceMin) -> u64 {
         let optics = self.optics;
         let in_scanner = self.scanner.apply(p);
         // Spelled out: a loop over the devices would keep the caller's loop over samples from being vectorised.
@@ -257,8 +257,7 @@ impl View<'_> {
         cause = if right.in_frame { cause } else { number(Cause::FrameRight) };
         cause = if left.in_frame { cause } else { number(Cause::FrameLeft) };
         cause = if in_depth { cause } else { number(Cause::Depth) };
-        cause = if faces { cause } else { number(Cause::Facing) };
-        (cause, self.quality(in_scanner, normal))
+        if faces { cause } else { number(Cause::Facing) }
     }
 
     /// Evaluates a device at a sample.
@@ -279,7 +278,13 @@ impl View<'_> {
 
     /// The quality of a sample that is measured.
     pub(super) fn quality_at(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
-        self.quality(self.scanner.apply((*p).into()), (*normal).into()) as f32
+        self.quality_of((*p).into(), (*normal).into()) as f32
+    }
+
+    /// The quality of a sample that is measured.
+    #[inline(always)]
+    pub(super) fn quality_of(&self, p: [f64; 3], normal: [f64; 3]) -> f64 {
+        self.quality(self.scanner.apply(p), normal)
     }
 
     /// Brightness levels at which a sample that this view sees can be measured.

@@ -46,7 +46,7 @@ impl Kernel for EvaluateOptics<'_> {
         let ([x, y, z], [nx, ny, nz]) = (&self.cluster.offset_mm, &self.cluster.normal);
         let centre = [self.centre_mm.x, self.centre_mm.y, self.centre_mm.z];
         // Results go to arrays of this function first: only then is it plain that they overlap nothing that is read.
-        let (mut causes, mut qualities) = ([0_u64; SAMPLES], [0.0; SAMPLES]);
+        let mut causes = [0_u64; SAMPLES];
         let IncidenceMin { left, right, projector } = self.incidence_min[0];
         let (mut left, mut right, mut projector) = ([left; SAMPLES], [right; SAMPLES], [projector; SAMPLES]);
         if self.incidence_min.len() > 1 {
@@ -59,11 +59,17 @@ impl Kernel for EvaluateOptics<'_> {
             let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
             let normal = [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])];
             let min_cos = IncidenceMin { left: left[i], right: right[i], projector: projector[i] };
-            let (cause, quality) = self.view.evaluate_optics(p, normal, min_cos);
-            causes[i] = cause;
-            qualities[i] = quality;
+            causes[i] = self.view.first_failing_step(p, normal, min_cos);
         }
         *self.states = simd_from_fn(|i| causes[i] as u8);
+        if !self.states.contains(&PASSES) {
+            return;
+        }
+        let mut qualities = [0.0; SAMPLES];
+        for i in 0..SAMPLES {
+            let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
+            qualities[i] = self.view.quality_of(p, [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])]);
+        }
         *self.steps = simd_from_fn(|i| self.scale.quantise(qualities[i] as f32));
     }
 }

@@ -1,4 +1,4 @@
-//! The samples in clusters of 64 neighbours, in the order of the rays' tree, with what culls a cluster whole. Offsets
+//! The samples in clusters of 64 neighbours, in the order of the rays' tree and among near ones by side, with what culls a cluster whole. Offsets
 //! from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 30 bytes a sample.
 
 use nalgebra::{Point3, Vector3};
@@ -11,6 +11,8 @@ use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::SampleSet;
 
+/// Neighbours in the tree that are sorted by the side that they face.
+const NEIGHBOURS: usize = 1024;
 /// Samples a cluster.
 pub(super) const SAMPLES: usize = 64;
 /// Lanes a cluster.
@@ -53,9 +55,18 @@ impl Samples {
         let of_face = |face: usize| by_face[first_patch[face]..first_patch[face + 1]].iter();
         let patches = order.map(|face| face as usize).filter(|face| *face < faces).flat_map(of_face);
         let patches = patches.map(|patch| &surface.patches[*patch as usize]);
-        let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample.0..patch.first_sample.0 + patch.samples).collect();
+        let mut numbers: Vec<u32> =
+            patches.flat_map(|patch| patch.first_sample.0..patch.first_sample.0 + patch.samples).collect();
+        numbers.par_chunks_mut(NEIGHBOURS).for_each(|numbers| numbers.sort_by_cached_key(|number| side(surface, *number)));
         Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
     }
+}
+
+/// The side of a box that a sample's facet faces most, so that samples which face away together stand together.
+fn side(surface: &Surface, number: u32) -> usize {
+    let normal = surface.patch_of(SampleId(number)).normal;
+    let axis = normal.iamax();
+    2 * axis + usize::from(normal[axis] < 0.0)
 }
 
 impl Samples {
