@@ -18,6 +18,7 @@ use super::params::{PlanParams, SelectionGoal};
 use super::plan::{Certificate, Obstruction, Outcome, SetupPlan, StopReason};
 use super::problem::{ChosenViews, EvaluatedSetups, ExpectedViews, PartlyKnown, SampledPart, ViewPlanningProblem};
 use super::scene::{PlanInput, PlanningScene};
+use super::selection::FirstChoice;
 use super::sequence::Ordered;
 use super::setups::Setup;
 use super::surface::Surface;
@@ -176,20 +177,46 @@ fn problem<'a>(
     })
 }
 
-/// Chooses views that meet their goals on every sample: chosen on some, and anew while these disagree with the rest. With them
-/// comes the last problem on every sample that was looked at.
+/// Chosen views, and the last problem on every sample that was looked at.
+type ChosenOnEvery<'a> = (ChosenViews, Option<ViewPlanningProblem<'a>>);
+
+/// Chooses views that meet their goals on every sample, beside a first choice where that takes no more of them.
 fn choose<'a>(
     problem: &mut ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
     setups: &[Setup<'_>],
+    (excluded, looks_closer): (&BTreeSet<CandidateIndex>, bool),
+    ctx: &Context<'_>,
+) -> Result<ChosenOnEvery<'a>, PlanError> {
+    let known = problem.known();
+    let (selected, first) = match looks_closer {
+        true => adjust::select_beside_first_choice(problem, (sampled, setups), excluded, ctx)?,
+        false => (problem.select(excluded, None, ctx)?, None),
+    };
+    let chosen = settle(problem, (sampled, setups), (selected, first.as_ref()), excluded, ctx)?;
+    // Views that join several setups come on top.
+    let takes_more = |first: &FirstChoice| setups.len() == 1 && chosen.0.candidates.len() > first.rows.len();
+    if !first.as_ref().is_some_and(takes_more) {
+        return Ok(chosen);
+    }
+    problem.forget_from(known);
+    let selected = problem.select(excluded, None, ctx)?;
+    settle(problem, (sampled, setups), (selected, None), excluded, ctx)
+}
+
+/// Slides and joins selected views, and selects anew while every sample and those that views are chosen on disagree.
+fn settle<'a>(
+    problem: &mut ViewPlanningProblem<'a>,
+    (sampled, setups): (&'a SampledPart, &[Setup<'_>]),
+    (selected, first): (ChosenViews, Option<&FirstChoice>),
     excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
-) -> Result<(ChosenViews, Option<ViewPlanningProblem<'a>>), PlanError> {
-    let mut selected = Some(adjust::select_beside_draft(problem, (sampled, setups), excluded, ctx)?);
-    let mut every: Option<ViewPlanningProblem<'a>> = None;
+) -> Result<ChosenOnEvery<'a>, PlanError> {
+    let (mut selected, mut every) = (Some(selected), None);
+    let max_refinements = problem.chosen_on.refinements + MAX_REFINEMENTS;
     loop {
         let known = problem.known();
-        let mut chosen = selected.take().map_or_else(|| problem.select(excluded, ctx), Ok)?;
+        let mut chosen = selected.take().map_or_else(|| problem.select(excluded, first, ctx), Ok)?;
         if chosen.candidates.is_empty() {
             return Ok((chosen, every));
         }
@@ -204,7 +231,7 @@ fn choose<'a>(
         if of_chosen.meets_goals(&chosen.candidates, excluded) {
             return Ok((chosen, every));
         }
-        let goes_on = problem.chosen_on.refinements < MAX_REFINEMENTS;
+        let goes_on = problem.chosen_on.refinements < max_refinements;
         if !goes_on || !problem.refine(of_chosen, setups, &chosen, ctx)? {
             return Ok((problem.topped_up(of_chosen, chosen, excluded, ctx)?, every));
         }
@@ -223,6 +250,7 @@ fn select_and_order<'a>(
 ) -> Result<OrderedViews<'a>, PlanError> {
     let mut excluded = BTreeSet::new();
     let (mut reselections, mut every) = (0, None);
+    let known = problem.known();
     loop {
         ctx.begin(Stage::Selection)?;
         let (chosen, expected) = match demand {
@@ -231,8 +259,8 @@ fn select_and_order<'a>(
                 (views.chosen, Some((views.expected_mm2, views.stopped_because)))
             }
             None => {
-                let (chosen, known) = choose(problem, sampled, setups, &excluded, ctx)?;
-                every = known;
+                let (chosen, of_chosen) = choose(problem, sampled, setups, (&excluded, reselections == 0), ctx)?;
+                every = of_chosen;
                 (chosen, None)
             }
         };
@@ -258,7 +286,9 @@ fn select_and_order<'a>(
         if no_path.is_empty() || reselections == MAX_RESELECTIONS {
             return Ok(OrderedViews { chosen, ordered, excluded, expected, every });
         }
-        excluded.extend(chosen.candidates_of(&no_path));
+        // Views beside one without a path mostly have none either: they are not looked for again.
+        excluded.extend(chosen.candidates_of(&no_path).filter_map(|candidate| problem.original_of(candidate, known)));
+        problem.forget_from(known);
         reselections += 1;
     }
 }

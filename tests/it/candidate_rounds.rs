@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use vantage::cell::{Presets, SpecLibrary};
-use vantage::geometry::Mesh;
+use vantage::geometry::{Mesh, demo_parts};
 use vantage::planning::candidates::Rejection;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
@@ -150,4 +150,19 @@ fn with_a_cell_the_default_candidates_all_count_and_every_view_has_a_station() {
     assert!(plan.views.iter().all(|view| view.station.is_some() != view.rejected.is_some()));
     assert!(plan.candidates.kept <= 400);
     assert!(coverage.coverable_area_mm2 <= coverage.optically_coverable_area_mm2 + 1e-6);
+}
+
+#[test]
+fn a_closer_look_counts_its_candidates_and_takes_hardly_more_views() {
+    let (scanner, mesh) = (nominal_scanner(), demo_parts::base(20_000).expect("a demo part"));
+    let planned = |look_closer| {
+        let candidates = CandidateParams { look_closer, ..CandidateParams::default() };
+        plan_viewpoints(&mesh, &scanner, &PlanParams { candidates, ..PlanParams::default() })
+    };
+    let [once, closer] = [false, true].map(planned);
+    [&once, &closer].into_iter().for_each(counted);
+    // Samples that were added in between may cost a view.
+    let views = [&closer, &once].map(|outcome| outcome.plan.views.len());
+    assert!(views[0] <= views[1] + 1, "{} views, {} at once", views[0], views[1]);
+    assert!(closer.plan.coverage.of_coverable() >= 0.985);
 }

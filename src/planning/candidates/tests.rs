@@ -444,3 +444,29 @@ fn ranges_are_refused_with_their_field() {
     assert_eq!(refused(|c| c.standoffs_mm.clear()), "/candidates/standoffs_mm");
     assert_eq!(refused(|c| c.standoffs_mm = vec![0.0, f64::NAN]), "/candidates/standoffs_mm/1");
 }
+
+#[test]
+fn views_are_looked_for_beside_others_at_the_point_that_these_look_at() {
+    let mesh = box_mesh([0.0; 3], [100.0, 80.0, 60.0]);
+    let surface =
+        sample(&mesh, &PartParams::default(), &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));
+    let sight = Sight::of(&mesh, &surface, &scanner);
+    let (scope, ctx) = (scope(&mesh, &surface, &scanner, &sight), Context::new(&flag, &Silent));
+    let params = CandidateParams::ellipsoid();
+    let known = generate(&scope, &params, &ctx).unwrap_or_else(|error| panic!("{error}"));
+    let views: Vec<&Candidate> = known.remaining.iter().take(3).collect();
+    let beside = super::beside(&scope, &params, &views, known.generated, &ctx).unwrap_or_else(|_| unreachable!());
+    assert_eq!((beside.generated, beside.remaining.len()), (24, 24));
+    for (view, beside) in views.iter().zip(beside.remaining.chunks(8)) {
+        let of_view = &view.part_from_scanner;
+        for (place, candidate) in beside.iter().enumerate() {
+            let pose = &candidate.part_from_scanner;
+            assert!((aimed_at(pose) - aimed_at(of_view)).norm() < 1e-9, "the point at F ahead stays");
+            let turned_deg = pose.direction(&Vector3::z()).angle(&of_view.direction(&Vector3::z())).to_degrees();
+            assert!((turned_deg - if place < 4 { 6.0 } else { 12.0 }).abs() < 1e-6, "{turned_deg}");
+        }
+    }
+    let full = super::beside(&scope, &params, &views, MAX_CANDIDATES - 5, &ctx).unwrap_or_else(|_| unreachable!());
+    assert_eq!(full.generated, 5, "no more than there is room for");
+}

@@ -117,13 +117,11 @@ impl Counts {
         let chosen_on = thinned::expected(area_mm2, params.selection.samples).min(samples);
         let blocks = occupied(area_mm2, &extent.component_div(&along).into(), &along.into()).max(longest).min(samples);
         let setups = f64::from(params.setups.max(1));
-        let candidates = examined(params, blocks, chosen_on, setups);
         let [width_mm, height_mm, _] = input.scanner.practical_volume_mm;
         let field_mm2 = width_mm * height_mm;
+        let views = VIEWS_OF_A_BLOCK + area_mm2 / (ADDED_OF_FIELD * field_mm2);
+        let candidates = examined(params, blocks, chosen_on, (setups, views));
         let most_views = params.selection.max_views.map_or(candidates, |views| f64::from(views).min(candidates));
-        let views = (VIEWS_OF_A_BLOCK + area_mm2 / (ADDED_OF_FIELD * field_mm2)).min(most_views);
-        let looks_closer = exchanges(params) && params.candidates.look_closer;
-        let beside = if looks_closer { candidates::expected_beside(views) } else { 0.0 };
         // Each patch has a sample, and each sample stands for no more than its share of the area and a half.
         let least_samples = triangles.max(part.samples_per_mm2.unwrap_or(0.0) * area_mm2 * 2.0 / 3.0) as usize;
         let least_blocks = longest.max(blocks / 4.0) as usize;
@@ -135,8 +133,8 @@ impl Counts {
             patches,
             samples,
             chosen_on,
-            candidates: candidates + beside,
-            views,
+            candidates,
+            views: views.min(most_views),
             measured: (2.0 * field_mm2 / area_mm2).min(MAX_MEASURED),
             setups,
             least: [least_samples, candidates::expected(&params.candidates, least_blocks, least_samples)],
@@ -150,12 +148,15 @@ impl Counts {
     }
 }
 
-/// Candidates that are examined.
-fn examined(params: &PlanParams, blocks: f64, samples: f64, setups: f64) -> f64 {
+/// Candidates that are examined. Targeted ones are proposed three times as often as they are kept, and views are estimated high: what is
+/// more of the two stands for both.
+fn examined(params: &PlanParams, blocks: f64, samples: f64, (setups, views): (f64, f64)) -> f64 {
     let room = (MAX_CANDIDATES as f64).min(MAX_PAIRS as f64 / samples);
     let known = candidates::expected(&params.candidates, blocks as usize, samples as usize) as f64;
     let targeted = candidates::expected_targeted(&params.candidates) as f64;
-    setups * (known.min(room) + targeted.min(room))
+    let looks_closer = exchanges(params) && params.candidates.look_closer;
+    let beside = if looks_closer { candidates::expected_beside(views) } else { 0.0 };
+    setups * (known.min(room) + targeted.max(beside).min(room))
 }
 
 /// The box around the part as it lies.

@@ -22,7 +22,8 @@ fn counts_are_those_of_the_box() {
     assert!((296.0..=384.0).contains(&counts.blocks), "{counts:?}");
     assert!(counts.samples >= 50_000.0 && counts.views >= 184.0 && counts.views < 400.0, "{counts:?}");
     let small = estimate_of(&box_mesh([0.0; 3], [100.0; 3]), &PlanParams::default()).counts;
-    assert_eq!((small.blocks, small.candidates), (1.0, 600.0));
+    // 300 that know the part, and eight beside each of some forty views.
+    assert!(small.blocks == 1.0 && (600.0..=650.0).contains(&small.candidates), "{small:?}");
 }
 
 #[test]

@@ -25,7 +25,7 @@ use super::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use super::params::{PlanParams, TargetOf};
 use super::plan::ChosenOn;
 use super::scene::{PlanInput, PlanningScene, Reach};
-use super::selection::{self, CoverProblem, Goal, OpenSelection, coverable};
+use super::selection::{self, CoverProblem, FirstChoice, Goal, OpenSelection, coverable};
 use super::sequence::straight_secs;
 use super::setups::Setup;
 use super::stations::{Station, StationFailure};
@@ -132,6 +132,22 @@ impl ViewPlanningProblem<'_> {
     pub(in crate::planning) fn known(&self) -> KnownCandidates {
         let CandidateSet { remaining, generated, rejected } = &self.candidates;
         KnownCandidates { remaining: remaining.len(), rejected: rejected.len(), generated: *generated }
+    }
+
+    /// The one of the `known` candidates that a candidate is, or that was slid along its axis to it.
+    pub(in crate::planning) fn original_of(&self, candidate: CandidateIndex, known: KnownCandidates) -> Option<CandidateIndex> {
+        /// Angle in radians, and share of a distance, by which a slid pose may differ.
+        const ROUNDING: f64 = 1e-6;
+        let pose = &self.candidates[candidate].part_from_scanner;
+        let is_slid = |original: &CandidateIndex| {
+            let moved = self.candidates[*original].part_from_scanner.inverse() * *pose;
+            let (angle_rad, offset_mm) = (moved.isometry().rotation.angle(), moved.origin_mm());
+            angle_rad < ROUNDING && offset_mm.x.hypot(offset_mm.y) < ROUNDING * offset_mm.z.abs().max(1.0)
+        };
+        match candidate.index() < known.remaining {
+            true => Some(candidate),
+            false => CandidateIndex::first(known.remaining).find(is_slid),
+        }
     }
 
     /// Takes out the candidates that joined the `known` ones.
@@ -243,24 +259,24 @@ impl ViewPlanningProblem<'_> {
 
     /// Adds candidates beside the views of a draft: the fewest that meet the goals, whatever their score. Candidates are spread evenly
     /// over directions, and the best views lie between them: a closer look at a few places costs less than one everywhere. Poses that
-    /// the job gives are not looked beside. Returns the number of views of the draft.
+    /// the job gives are not looked beside. Returns the draft.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub(in crate::planning) fn look_beside_draft(
+    pub(in crate::planning) fn look_beside_first_choice(
         &mut self,
         sampled: &SampledPart,
         setups: &[Setup<'_>],
         excluded: &BTreeSet<CandidateIndex>,
         ctx: &Context<'_>,
-    ) -> Result<usize, Cancelled> {
+    ) -> Result<FirstChoice, Cancelled> {
         let choosable = self.choosable(excluded);
-        let rows = selection::draft(&self.cover_problem(&choosable), &self.params.selection, &self.params.score, ctx)?;
-        let draft: Vec<&Candidate> = rows.iter().map(|row| &self.candidates[choosable[row.index()]]).collect();
+        let draft = selection::draft(&self.cover_problem(&choosable), &self.params.selection, &self.params.score, ctx)?;
+        let chosen: Vec<&Candidate> = draft.rows.iter().map(|row| &self.candidates[choosable[row.index()]]).collect();
         let (mut already, mut beside) = (self.candidates.generated, Vec::new());
         for (index, setup) in SetupIndex::number(setups) {
             let is_here = |view: &&Candidate| view.setup == index && !view.is_given;
-            let views: Vec<&Candidate> = draft.iter().copied().filter(is_here).collect();
+            let views: Vec<&Candidate> = chosen.iter().copied().filter(is_here).collect();
             let tried = TriedSetup {
                 table_from_part: setup.table_from_part,
                 surface: &self.surface,
@@ -272,21 +288,22 @@ impl ViewPlanningProblem<'_> {
             beside.push((index, more));
         }
         beside.into_iter().for_each(|(setup, more)| self.join(setup, more));
-        Ok(rows.len())
+        Ok(draft)
     }
 
     /// Chooses among the usable candidates that are not `excluded`. A target of the coverable area is here a share of what
-    /// those measure; the outcome says then whether it was met.
+    /// those measure; the outcome says then whether it was met. With a draft among them, grades keep the floors of that.
     pub(in crate::planning) fn select(
         &self,
         excluded: &BTreeSet<CandidateIndex>,
+        draft: Option<&FirstChoice>,
         ctx: &Context<'_>,
     ) -> Result<ChosenViews, PlanError> {
         let choosable = self.choosable(excluded);
         let travel_secs = |from: RowIndex, to: RowIndex| self.travel_secs(choosable[from.index()], choosable[to.index()]);
         let mut cover = self.cover_problem(&choosable);
         cover.travel_secs = self.reach.is_some().then_some(&travel_secs);
-        let selection = selection::choose(&cover, &self.params.selection, &self.params.score, ctx)?;
+        let selection = selection::choose(&cover, &self.params.selection, &self.params.score, draft, ctx)?;
         Ok(ChosenViews::of(selection, &choosable))
     }
 

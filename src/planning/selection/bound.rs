@@ -70,7 +70,7 @@ pub(in crate::planning) struct BoundProblem {
     goals: Vec<Units>,
     /// Views that meet them.
     views: usize,
-    /// For the best coverage, the number of views that may be chosen.
+    /// Number of views that may be chosen, for the best coverage.
     max_views: Option<usize>,
 }
 

@@ -10,7 +10,7 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-use super::{CoverProblem, Goal, coverable_mm2, greedy};
+use super::{CoverProblem, FirstChoice, Goal, coverable_mm2, greedy};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
@@ -32,11 +32,13 @@ pub(super) struct GradeFloor {
 }
 
 impl GradeFloor {
-    /// The floor of `problem`; `None` where none is asked for, or quality does not count.
+    /// The floor of `problem`, or that of a draft, from which greedy then goes on; `None` where none is asked for, or quality does not
+    /// count.
     pub(super) fn of(
         problem: &CoverProblem<'_>,
         params: &SelectionParams,
         weights: &ScoreParams,
+        draft: Option<&FirstChoice>,
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
         let Some(max_loss) = params.max_grade_loss else { return Ok(None) };
@@ -44,7 +46,7 @@ impl GradeFloor {
         if !counts || problem.rows.iter().any(|row| row.quality().is_none()) {
             return Ok(None);
         }
-        let start = greedy::select(problem, params, weights, ctx)?;
+        let start = greedy::select_after(problem, params, weights, draft.map_or(&[], |draft| &draft.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
         let rows: Vec<Row> = problem.rows.par_iter().map(|row| places.with_twins(row)).collect();
         let own = |goal: &Goal<'_>| Goal { area_mm2: Cow::Owned(places.of_samples(&goal.area_mm2)), needed_mm2: goal.needed_mm2 };
@@ -53,8 +55,9 @@ impl GradeFloor {
             let area_mm2 = places.of_twins(problem.asked_area_mm2, floor);
             let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
             let greedy_mm2 = coverable_mm2(&chosen, &area_mm2);
-            let needed_mm2 = greedy_mm2 - max_loss * area_mm2.iter().sum::<f64>();
-            goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2: needed_mm2.max(0.0) });
+            let of_greedy_mm2 = (greedy_mm2 - max_loss * area_mm2.iter().sum::<f64>()).max(0.0);
+            let needed_mm2 = draft.and_then(|draft| draft.floors_mm2.get(floor).copied()).unwrap_or(of_greedy_mm2);
+            goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 });
         }
         Ok(Some(Self {
             rows,
@@ -63,6 +66,11 @@ impl GradeFloor {
             goals,
             start,
         }))
+    }
+
+    /// Area needed of each grade or better, mm².
+    pub(super) fn needed_mm2(&self) -> Vec<f64> {
+        self.goals[self.goals.len() - FLOORS.len()..].iter().map(|goal| goal.needed_mm2).collect()
     }
 
     /// The problem with twins; its rows are those of `problem`.

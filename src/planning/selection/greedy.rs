@@ -26,8 +26,19 @@ pub(super) fn select(
     weights: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Cover, Cancelled> {
+    select_after(problem, params, weights, &[], ctx)
+}
+
+/// Chooses on from rows that are taken already.
+pub(super) fn select_after(
+    problem: &CoverProblem<'_>,
+    params: &SelectionParams,
+    weights: &ScoreParams,
+    taken: &[RowIndex],
+    ctx: &Context<'_>,
+) -> Result<Cover, Cancelled> {
     let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
-    run(BatchQueue::new(problem.rows.len()), &scorer, params, ctx)
+    run(BatchQueue::new(problem.rows.len()), &scorer, params, taken, ctx)
 }
 
 /// Orders the rows of `among` as greedy takes them, whatever they add.
@@ -51,11 +62,12 @@ pub(super) trait CandidateQueue {
     -> Result<Option<(RowIndex, f64)>, Cancelled>;
 }
 
-/// Chooses until a rule ends it.
+/// Chooses until a rule ends it, the rows that are `taken` first.
 pub(super) fn run(
     mut queue: impl CandidateQueue,
     scorer: &Scorer<'_>,
     params: &SelectionParams,
+    taken: &[RowIndex],
     ctx: &Context<'_>,
 ) -> Result<Cover, Cancelled> {
     let problem = scorer.problem;
@@ -67,17 +79,23 @@ pub(super) fn run(
         ctx.check()?;
         let unmet = goals.iter().filter(|goal| !goal.is_met()).count();
         let wants_none = goals.iter().all(|goal| goal.target_mm2 <= 0.0) && round.choices.is_empty();
-        if unmet == 0 && !wants_none && !is_for_coverage(params) {
+        let next = taken.get(round.choices.len()).copied();
+        if next.is_none() && unmet == 0 && !wants_none && !is_for_coverage(params) {
             break StopReason::Target;
         }
         if round.choices.len() >= max_views(params) {
             break StopReason::MaxViews;
         }
-        let Some(best) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
-        // The view with the highest score may add less area than others.
-        let grows =
-            if round.gain_mm2(best.0) < min_gain_mm2 { round.best_that_adds(min_gain_mm2, &overlap, ctx)? } else { Some(best) };
-        let Some((row, score)) = grows else { break StopReason::Growth };
+        let (row, score) = if let Some(row) = next {
+            (row, scorer.score(row, &round.open))
+        } else {
+            let Some(best) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
+            // The view with the highest score may add less area than others.
+            let is_small = round.gain_mm2(best.0) < min_gain_mm2;
+            let grows = if is_small { round.best_that_adds(min_gain_mm2, &overlap, ctx)? } else { Some(best) };
+            let Some(best) = grows else { break StopReason::Growth };
+            best
+        };
         round.take(row, score);
         goals.iter_mut().for_each(|goal| goal.close(problem, row));
         let still_unmet: Vec<&GoalProgress<'_>> = goals.iter().filter(|goal| !goal.is_met()).collect();

@@ -21,7 +21,7 @@ pub(super) fn select(
     weights: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Cover, Cancelled> {
-    run(LazyQueue::new(problem.rows.len()), &Scorer::new(problem, params, weights, ctx.simd_level()), params, ctx)
+    run(LazyQueue::new(problem.rows.len()), &Scorer::new(problem, params, weights, ctx.simd_level()), params, &[], ctx)
 }
 
 /// Candidates by the upper bounds of their scores.

@@ -67,7 +67,7 @@ pub(super) fn fewest(
     ctx: &Context<'_>,
 ) -> Result<(LocalOptimum, Vec<Units>), Cancelled> {
     let problem = scorer.problem;
-    let by_area = || greedy::run(BatchQueue::new(problem.rows.len()), &scorer.by_area(), params, ctx);
+    let by_area = || greedy::run(BatchQueue::new(problem.rows.len()), &scorer.by_area(), params, &[], ctx);
     let start = start.map_or_else(by_area, |start| Ok(start.clone()))?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut rows = start.rows();

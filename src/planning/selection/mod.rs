@@ -115,6 +115,13 @@ pub(in crate::planning) struct OpenSelection {
     pub(in crate::planning) bound: Arc<OpenBound>,
 }
 
+/// A first choice, beside which other views are looked for.
+pub(in crate::planning) struct FirstChoice {
+    pub(in crate::planning) rows: Vec<RowIndex>,
+    /// Area that views must measure of each grade that has a floor, or better, mm²; empty without floors.
+    floors_mm2: Vec<f64>,
+}
+
 /// Chosen views without their bound.
 #[derive(Clone)]
 pub(in crate::planning) struct Cover {
@@ -132,11 +139,12 @@ pub fn select(
     score: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    let OpenSelection { choices, stopped_because, bound } = choose(problem, params, score, ctx)?;
+    let OpenSelection { choices, stopped_because, bound } = choose(problem, params, score, None, ctx)?;
     Ok(Selection { choices, stopped_because, bound: bound.compute(ctx)? })
 }
 
-/// Chooses views; their bound may still have to be computed.
+/// Chooses views; their bound may still have to be computed. The floors under grades are those of a `draft`, whose rows are among
+/// those of the problem.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -144,12 +152,13 @@ pub(in crate::planning) fn choose(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
+    draft: Option<&FirstChoice>,
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let Cover { choices, stopped_because } = match params.solver {
         Solver::Greedy => greedy::select(problem, params, score, ctx)?,
         Solver::Lazy => lazy::select(problem, params, score, ctx)?,
-        Solver::Local | Solver::Certified => return fewest(problem, params, score, ctx),
+        Solver::Local | Solver::Certified => return fewest(problem, params, score, draft, ctx),
     };
     let chosen: Vec<&Row> = choices.iter().map(|choice| problem.row(choice.row)).collect();
     let bound = Arc::new(OpenBound::of(problem, params, &chosen, problem.sets()));
@@ -161,9 +170,10 @@ fn fewest(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
+    draft: Option<&FirstChoice>,
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
-    let floor = GradeFloor::of(problem, params, score, ctx)?;
+    let floor = GradeFloor::of(problem, params, score, draft, ctx)?;
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
     if params.solver == Solver::Certified {
@@ -184,12 +194,14 @@ pub(in crate::planning) fn draft(
     params: &SelectionParams,
     score: &ScoreParams,
     ctx: &Context<'_>,
-) -> Result<Vec<RowIndex>, Cancelled> {
-    let floor = GradeFloor::of(problem, params, score, ctx)?;
+) -> Result<FirstChoice, Cancelled> {
+    let floor = GradeFloor::of(problem, params, score, None, ctx)?;
+    let floors_mm2 = floor.as_ref().map_or_else(Vec::new, GradeFloor::needed_mm2);
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
-    Ok(local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?.0.rows)
+    let (found, _) = local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?;
+    Ok(FirstChoice { rows: found.rows, floors_mm2 })
 }
 
 /// Chooses greedily, without a bound.
