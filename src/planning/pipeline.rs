@@ -180,7 +180,7 @@ fn problem<'a>(
 /// Chosen views, and the last problem on every sample that was looked at.
 type ChosenOnEvery<'a> = (ChosenViews, Option<ViewPlanningProblem<'a>>);
 
-/// Chooses views that meet their goals on every sample, beside a first choice where that takes no more of them.
+/// Chooses views that meet their goals on every sample: among candidates beside a first choice too, unless fewer are chosen without.
 fn choose<'a>(
     problem: &mut ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
@@ -188,20 +188,23 @@ fn choose<'a>(
     (excluded, looks_closer): (&BTreeSet<CandidateIndex>, bool),
     ctx: &Context<'_>,
 ) -> Result<ChosenOnEvery<'a>, PlanError> {
-    let known = problem.known();
-    let (selected, first) = match looks_closer {
-        true => adjust::select_beside_first_choice(problem, (sampled, setups), excluded, ctx)?,
-        false => (problem.select(excluded, None, ctx)?, None),
-    };
-    let chosen = settle(problem, (sampled, setups), (selected, first.as_ref()), excluded, ctx)?;
+    if !(looks_closer && adjust::looks_closer(problem)) {
+        let selected = problem.select(excluded, None, ctx)?;
+        return settle(problem, (sampled, setups), (selected, None), excluded, ctx);
+    }
+    let at_first = problem.strata.is_some().then(|| problem.clone());
+    let (selected, first) = adjust::select_beside_first_choice(problem, (sampled, setups), excluded, ctx)?;
+    let chosen = settle(problem, (sampled, setups), (selected, Some(&first)), excluded, ctx)?;
     // Views that join several setups come on top.
-    let takes_more = |first: &FirstChoice| setups.len() == 1 && chosen.0.candidates.len() > first.rows.len();
-    if !first.as_ref().is_some_and(takes_more) {
+    let takes_more = setups.len() == 1 && chosen.0.candidates.len() > first.rows.len();
+    let Some(mut once) = at_first.filter(|_| takes_more) else { return Ok(chosen) };
+    let selected = once.select(excluded, None, ctx)?;
+    let at_once = settle(&mut once, (sampled, setups), (selected, None), excluded, ctx)?;
+    if at_once.0.candidates.len() >= chosen.0.candidates.len() {
         return Ok(chosen);
     }
-    problem.forget_from(known);
-    let selected = problem.select(excluded, None, ctx)?;
-    settle(problem, (sampled, setups), (selected, None), excluded, ctx)
+    *problem = once;
+    Ok(at_once)
 }
 
 /// Slides and joins selected views, and selects anew while every sample and those that views are chosen on disagree.
@@ -213,7 +216,6 @@ fn settle<'a>(
     ctx: &Context<'_>,
 ) -> Result<ChosenOnEvery<'a>, PlanError> {
     let (mut selected, mut every) = (Some(selected), None);
-    let max_refinements = problem.chosen_on.refinements + MAX_REFINEMENTS;
     loop {
         let known = problem.known();
         let mut chosen = selected.take().map_or_else(|| problem.select(excluded, first, ctx), Ok)?;
@@ -231,7 +233,7 @@ fn settle<'a>(
         if of_chosen.meets_goals(&chosen.candidates, excluded) {
             return Ok((chosen, every));
         }
-        let goes_on = problem.chosen_on.refinements < max_refinements;
+        let goes_on = problem.chosen_on.refinements < MAX_REFINEMENTS;
         if !goes_on || !problem.refine(of_chosen, setups, &chosen, ctx)? {
             return Ok((problem.topped_up(of_chosen, chosen, excluded, ctx)?, every));
         }

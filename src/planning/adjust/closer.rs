@@ -1,6 +1,5 @@
-//! A closer look beside a draft: the views of a first choice are tilted to all sides, and views are chosen again among all. The
-//! second choice gives the better grades as much area as the floors of the draft ask for. It stands unless it takes more views, since
-//! the tilted ones measure surface that nothing else does and that the target counts then; in that case they are forgotten.
+//! A closer look beside a first choice: its views are tilted to all sides, and views are chosen again among all. The second choice
+//! gives the better grades as much area as the floors of the first ask for.
 //!
 //! `candidates.look_closer` = `false` chooses once. So do plans that ask for overlap, or for views that tolerate stated errors, and
 //! those of the plain greedy rule, of the best coverage, and of other stand-offs.
@@ -25,15 +24,13 @@ pub(in crate::planning) fn select_beside_first_choice(
     (sampled, setups): (&SampledPart, &[Setup<'_>]),
     excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
-) -> Result<(ChosenViews, Option<FirstChoice>), PlanError> {
-    if !looks_closer(problem) {
-        return Ok((problem.select(excluded, None, ctx)?, None));
-    }
+) -> Result<(ChosenViews, FirstChoice), PlanError> {
     let first = problem.look_beside_first_choice(sampled, setups, excluded, ctx)?;
-    Ok((problem.select(excluded, Some(&first), ctx)?, Some(first)))
+    Ok((problem.select(excluded, Some(&first), ctx)?, first))
 }
 
-fn looks_closer(problem: &ViewPlanningProblem<'_>) -> bool {
+/// Returns true if views are chosen again among those beside a first choice.
+pub(in crate::planning) fn looks_closer(problem: &ViewPlanningProblem<'_>) -> bool {
     let params = problem.params;
     let exchanges = matches!(params.selection.solver, Solver::Local | Solver::Certified);
     let is_for_few_views = params.selection.goal != SelectionGoal::BestCoverage;

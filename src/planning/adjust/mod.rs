@@ -10,7 +10,7 @@ mod slides;
 
 use super::problem::ViewPlanningProblem;
 
-pub(super) use closer::select_beside_first_choice;
+pub(super) use closer::{looks_closer, select_beside_first_choice};
 pub(super) use exchange::exchange_views;
 pub(super) use joins::join_setups;
 pub(super) use rolls::roll_views;

@@ -274,7 +274,7 @@ pub fn aimed_at_open(
     judged(scope, params, &aims, ctx)
 }
 
-/// Viewpoints beside `views`, the best of some draft: each turned to its four sides about the point at F ahead, by each angle of
+/// Viewpoints beside `views`, those of a first choice: each turned to its four sides about the point at F ahead, by each angle of
 /// [`aim::BESIDE_RAD`]. They keep their distance; at most as many as there is room for beside the `already` generated ones.
 ///
 /// # Errors

@@ -36,6 +36,7 @@ use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, Table};
 
 /// The view planning problem: part, setups, candidates, visibility matrix and reach.
+#[derive(Clone)]
 pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) input: &'a PlanInput<'a>,
     pub(in crate::planning) params: &'a PlanParams,
@@ -65,7 +66,7 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
 }
 
 /// Extent to which rows of candidates are known.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(in crate::planning) struct PartlyKnown {
     /// Candidates whose rows are whole: chosen views.
     whole: BTreeSet<CandidateIndex>,
