@@ -467,6 +467,7 @@ fn views_are_looked_for_beside_others_at_the_point_that_these_look_at() {
             assert!((turned_deg - if place < 4 { 6.0 } else { 12.0 }).abs() < 1e-6, "{turned_deg}");
         }
     }
-    let full = super::beside(&scope, &params, &views, MAX_CANDIDATES - 5, &ctx).unwrap_or_else(|_| unreachable!());
+    let already = max_candidates(surface.sample_mm.len()) - 5;
+    let full = super::beside(&scope, &params, &views, already, &ctx).unwrap_or_else(|_| unreachable!());
     assert_eq!(full.generated, 5, "no more than there is room for");
 }
