@@ -20,6 +20,8 @@ use crate::support::{context, lines_of, nominal_scanner, oracle_python, plan_vie
 fn scanned(mesh: &Mesh, sim: &SimulationParams) -> Vec<SimulatedView> {
     let (scanner, mut params) = (nominal_scanner(), PlanParams::default());
     (params.robust.pose_error, params.missed.remedies, params.missed.advice) = (None, 0, false);
+    // The scans are inputs here: views of one choice, which no change of the second one moves.
+    params.candidates.look_closer = false;
     let views = plan_viewpoints(mesh, &scanner, &params).plan.views;
     let poses: Vec<(u32, Pose<Part, ScannerFrame>)> =
         (1..).zip(&views).map(|(number, view)| (number, view.part_from_scanner)).collect();
@@ -165,9 +167,8 @@ fn distances_to_a_mesh_are_those_of_open3d_and_trimesh() {
             "{name}: {} points up to {largest_mm:.2} mm off, worst difference {double_mm:.1e} mm from trimesh, {single_mm:.1e} from Open3D",
             lines.len()
         );
-        // The mesh is written in single precision, 1e-5 mm at 100 mm; Open3D computes in it too, which slivers magnify, to 3.3e-3 mm on the
-        // housing.
-        assert!(double_mm < 3e-5 && single_mm < 6e-3, "{name}: {double_mm} {single_mm}");
+        // The mesh is written in single precision, 1e-5 mm at 100 mm; Open3D computes in it too, which slivers magnify.
+        assert!(double_mm < 3e-5 && single_mm < 3e-3, "{name}: {double_mm} {single_mm}");
     }
 }
 
