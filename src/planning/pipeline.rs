@@ -301,33 +301,31 @@ fn shorten<'a>(
     mut problem: ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
     setups: &[Setup<'_>],
-    views: OrderedViews<'a>,
+    mut views: OrderedViews<'a>,
     ctx: &Context<'_>,
 ) -> Result<(OrderedViews<'a>, ViewPlanningProblem<'a>), PlanError> {
-    let OrderedViews { chosen, ordered, excluded, expected, every: known } = views;
-    let views =
-        |chosen, ordered| OrderedViews { chosen, ordered, excluded: excluded.clone(), expected: expected.clone(), every: None };
-    let known = match known {
-        Some(every) if every.is_of(&chosen, &problem) => return Ok((views(chosen, ordered), every)),
+    let known = match views.every.take() {
+        Some(every) if every.is_of(&views.chosen, &problem) => return Ok((views, every)),
         known => known,
     };
-    let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
+    let bounded = scenes(setups).zip(views.ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
     let ordered = bounded.collect::<Result<Vec<_>, _>>()?;
     let as_moved = |ordered: Vec<Ordered>| {
         let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded_as_moved(ordered, ctx));
         bounded.collect::<Result<Vec<_>, _>>()
     };
-    let unrolled = problem.strata.is_some().then(|| (problem.poses_of(&chosen), ordered.clone()));
-    let mut ordered = as_moved(adjust::roll_views(&mut problem, setups, &chosen, ordered, ctx)?)?;
-    let Some((poses, in_order)) = unrolled else { return Ok((views(chosen, ordered), problem)) };
-    let mut every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), known, ctx)?;
-    let is_met = chosen.selection.stopped_because != StopReason::Target || every.meets_goals(&chosen.candidates, &excluded);
-    if !is_met && problem.poses_of(&chosen) != poses {
-        problem.put_back(&chosen, &poses);
-        ordered = as_moved(in_order)?;
-        every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), Some(every), ctx)?;
+    let chosen = &views.chosen;
+    let unrolled = problem.strata.is_some().then(|| (problem.poses_of(chosen), ordered.clone()));
+    views.ordered = as_moved(adjust::roll_views(&mut problem, setups, chosen, ordered, ctx)?)?;
+    let Some((poses, in_order)) = unrolled else { return Ok((views, problem)) };
+    let mut every = problem.on_every_sample(sampled, setups, &problem.as_ordered(chosen, &views.ordered), known, ctx)?;
+    let is_met = chosen.selection.stopped_because != StopReason::Target || every.meets_goals(&chosen.candidates, &views.excluded);
+    if !is_met && problem.poses_of(chosen) != poses {
+        problem.put_back(chosen, &poses);
+        views.ordered = as_moved(in_order)?;
+        every = problem.on_every_sample(sampled, setups, &problem.as_ordered(chosen, &views.ordered), Some(every), ctx)?;
     }
-    Ok((views(chosen, ordered), every))
+    Ok((views, every))
 }
 
 /// Stage missed: verdicts, coverage, and the causes and remedies of what is missed.

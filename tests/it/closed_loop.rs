@@ -94,8 +94,6 @@ fn params(camera_deg: Option<f64>) -> PlanParams {
     let mut params = PlanParams::default();
     (params.robust.pose_error, params.missed.remedies, params.missed.advice) = (None, 0, false);
     params.limits.camera_deg = camera_deg;
-    // Rounds of four views: the first plan's should be those that rounds were counted for.
-    params.candidates.look_closer = false;
     params
 }
 

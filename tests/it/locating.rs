@@ -37,9 +37,7 @@ fn wherever_the_base_lies_within_the_bounds_its_program_is_made_to_fit() {
     let input =
         PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let never = AtomicBool::new(false);
-    let mut params = PlanParams::default();
-    // The stations of this plan leave room to all sides.
-    params.candidates.look_closer = false;
+    let params = PlanParams::default();
     let plan = plan(&input, &params, &Context::new(&never, &Silent)).expect("a plan").plan;
     let lies = plan.table_from_part.expect("a cell");
     let plan_sha256 = "00".repeat(32);

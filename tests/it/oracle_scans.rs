@@ -20,8 +20,6 @@ use crate::support::{context, lines_of, nominal_scanner, oracle_python, plan_vie
 fn scanned(mesh: &Mesh, sim: &SimulationParams) -> Vec<SimulatedView> {
     let (scanner, mut params) = (nominal_scanner(), PlanParams::default());
     (params.robust.pose_error, params.missed.remedies, params.missed.advice) = (None, 0, false);
-    // The scans are inputs here: views of one choice, which no change of the second one moves.
-    params.candidates.look_closer = false;
     let views = plan_viewpoints(mesh, &scanner, &params).plan.views;
     let poses: Vec<(u32, Pose<Part, ScannerFrame>)> =
         (1..).zip(&views).map(|(number, view)| (number, view.part_from_scanner)).collect();

@@ -1,5 +1,6 @@
-//! Chosen views adjusted: chosen again among tilted ones; joined by others where setups share too little surface; slid to where they score higher; exchanged for others that lie better on the way, and rolled about their
-//! axes, for shorter cycles of the same plan.
+//! Chosen views adjusted: chosen again among tilted ones; joined by others where setups share too little surface; slid to where
+//! they score higher; exchanged for others that lie better on the way, and rolled about their axes, for shorter cycles of the same
+//! plan.
 
 mod closer;
 mod exchange;

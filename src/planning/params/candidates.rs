@@ -95,8 +95,8 @@ params! {
         min_elevation_deg: f64 = 1.0, [0.0, 89.0] "°";
         /// Rule for the distance from the part.
         standoff: Standoff = Standoff::Surface;
-        /// Look beside the views of a first choice, each tilted by 6° and 12° to four sides, and choose again: fewer views. Solvers `local` and `certified` with `standoff` `surface`.
-        look_closer: bool = true;
+        /// Look beside the views of a first choice, each tilted by 6° and 12° to four sides, and choose again: often fewer views, which tolerate less where the part lies otherwise than planned. Solvers `local` and `certified` with `standoff` `surface`.
+        look_closer: bool = false;
         /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own.
         #[schema(value_type = Vec<PoseInput>)]
         poses: Vec<PoseSpec> = Vec::new(), entries [0, 10_000];
@@ -107,7 +107,7 @@ impl CandidateParams {
     /// The thesis's candidates: the block ellipsoid alone, one roll.
     #[must_use]
     pub fn ellipsoid() -> Self {
-        Self { strategies: vec![Strategy::Ellipsoid], rolls_deg: vec![0.0], look_closer: false, ..Self::default() }
+        Self { strategies: vec![Strategy::Ellipsoid], rolls_deg: vec![0.0], ..Self::default() }
     }
 
     /// Returns true if a strategy is among those named.

@@ -258,9 +258,9 @@ impl ViewPlanningProblem<'_> {
         Ok(ChosenViews::of(selection, choosable))
     }
 
-    /// Adds candidates beside the views of a draft: the fewest that meet the goals, whatever their score. Candidates are spread evenly
+    /// Adds candidates beside the views of a first choice: the fewest that meet the goals, whatever their score. Candidates are spread evenly
     /// over directions, and the best views lie between them: a closer look at a few places costs less than one everywhere. Poses that
-    /// the job gives are not looked beside. Returns the draft.
+    /// the job gives are not looked beside. Returns the first choice.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -272,8 +272,8 @@ impl ViewPlanningProblem<'_> {
         ctx: &Context<'_>,
     ) -> Result<FirstChoice, Cancelled> {
         let choosable = self.choosable(excluded);
-        let draft = selection::draft(&self.cover_problem(&choosable), &self.params.selection, &self.params.score, ctx)?;
-        let chosen: Vec<&Candidate> = draft.rows.iter().map(|row| &self.candidates[choosable[row.index()]]).collect();
+        let first = selection::first_choice(&self.cover_problem(&choosable), &self.params.selection, &self.params.score, ctx)?;
+        let chosen: Vec<&Candidate> = first.rows.iter().map(|row| &self.candidates[choosable[row.index()]]).collect();
         let (mut already, mut beside) = (self.candidates.generated, Vec::new());
         for (index, setup) in SetupIndex::number(setups) {
             let is_here = |view: &&Candidate| view.setup == index && !view.is_given;
@@ -289,22 +289,22 @@ impl ViewPlanningProblem<'_> {
             beside.push((index, more));
         }
         beside.into_iter().for_each(|(setup, more)| self.join(setup, more));
-        Ok(draft)
+        Ok(first)
     }
 
     /// Chooses among the usable candidates that are not `excluded`. A target of the coverable area is here a share of what
-    /// those measure; the outcome says then whether it was met. With a draft among them, grades keep the floors of that.
+    /// those measure; the outcome says then whether it was met. After a first choice, grades keep the floors of that.
     pub(in crate::planning) fn select(
         &self,
         excluded: &BTreeSet<CandidateIndex>,
-        draft: Option<&FirstChoice>,
+        first: Option<&FirstChoice>,
         ctx: &Context<'_>,
     ) -> Result<ChosenViews, PlanError> {
         let choosable = self.choosable(excluded);
         let travel_secs = |from: RowIndex, to: RowIndex| self.travel_secs(choosable[from.index()], choosable[to.index()]);
         let mut cover = self.cover_problem(&choosable);
         cover.travel_secs = self.reach.is_some().then_some(&travel_secs);
-        let selection = selection::choose(&cover, &self.params.selection, &self.params.score, draft, ctx)?;
+        let selection = selection::choose(&cover, &self.params.selection, &self.params.score, first, ctx)?;
         Ok(ChosenViews::of(selection, &choosable))
     }
 

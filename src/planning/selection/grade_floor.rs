@@ -32,13 +32,13 @@ pub(super) struct GradeFloor {
 }
 
 impl GradeFloor {
-    /// The floor of `problem`, or that of a draft, from which greedy then goes on; `None` where none is asked for, or quality does not
+    /// The floor of `problem`, or that of a first choice, from which greedy then goes on; `None` where none is asked for, or quality does not
     /// count.
     pub(super) fn of(
         problem: &CoverProblem<'_>,
         params: &SelectionParams,
         weights: &ScoreParams,
-        draft: Option<&FirstChoice>,
+        first: Option<&FirstChoice>,
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
         let Some(max_loss) = params.max_grade_loss else { return Ok(None) };
@@ -46,7 +46,7 @@ impl GradeFloor {
         if !counts || problem.rows.iter().any(|row| row.quality().is_none()) {
             return Ok(None);
         }
-        let start = greedy::select_after(problem, params, weights, draft.map_or(&[], |draft| &draft.rows), ctx)?;
+        let start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
         let rows: Vec<Row> = problem.rows.par_iter().map(|row| places.with_twins(row)).collect();
         let own = |goal: &Goal<'_>| Goal { area_mm2: Cow::Owned(places.of_samples(&goal.area_mm2)), needed_mm2: goal.needed_mm2 };
@@ -56,7 +56,7 @@ impl GradeFloor {
             let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
             let greedy_mm2 = coverable_mm2(&chosen, &area_mm2);
             let of_greedy_mm2 = (greedy_mm2 - max_loss * area_mm2.iter().sum::<f64>()).max(0.0);
-            let needed_mm2 = draft.and_then(|draft| draft.floors_mm2.get(floor).copied()).unwrap_or(of_greedy_mm2);
+            let needed_mm2 = first.and_then(|first| first.floors_mm2.get(floor).copied()).unwrap_or(of_greedy_mm2);
             goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 });
         }
         Ok(Some(Self {

@@ -143,7 +143,7 @@ pub fn select(
     Ok(Selection { choices, stopped_because, bound: bound.compute(ctx)? })
 }
 
-/// Chooses views; their bound may still have to be computed. The floors under grades are those of a `draft`, whose rows are among
+/// Chooses views; their bound may still have to be computed. The floors under grades are those of a `first` choice, whose rows are among
 /// those of the problem.
 ///
 /// # Errors
@@ -152,13 +152,13 @@ pub(in crate::planning) fn choose(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
-    draft: Option<&FirstChoice>,
+    first: Option<&FirstChoice>,
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let Cover { choices, stopped_because } = match params.solver {
         Solver::Greedy => greedy::select(problem, params, score, ctx)?,
         Solver::Lazy => lazy::select(problem, params, score, ctx)?,
-        Solver::Local | Solver::Certified => return fewest(problem, params, score, draft, ctx),
+        Solver::Local | Solver::Certified => return fewest(problem, params, score, first, ctx),
     };
     let chosen: Vec<&Row> = choices.iter().map(|choice| problem.row(choice.row)).collect();
     let bound = Arc::new(OpenBound::of(problem, params, &chosen, problem.sets()));
@@ -170,10 +170,10 @@ fn fewest(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
-    draft: Option<&FirstChoice>,
+    first: Option<&FirstChoice>,
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
-    let floor = GradeFloor::of(problem, params, score, draft, ctx)?;
+    let floor = GradeFloor::of(problem, params, score, first, ctx)?;
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
     if params.solver == Solver::Certified {
@@ -189,7 +189,7 @@ fn fewest(
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(in crate::planning) fn draft(
+pub(in crate::planning) fn first_choice(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,

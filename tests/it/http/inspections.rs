@@ -33,7 +33,7 @@ pub(super) async fn planning() -> Api {
 async fn planned(api: &Api) -> String {
     let mesh = api.send("POST", "/api/v1/meshes?unit=mm", &[], cube(EDGE_MM)).await.ok(201);
     let params = json!({
-        "candidates": {"strategies": ["ellipsoid"], "rolls_deg": [0], "step_small_deg": 60, "step_large_deg": 60, "look_closer": false},
+        "candidates": {"strategies": ["ellipsoid"], "rolls_deg": [0], "step_small_deg": 60, "step_large_deg": 60},
         "part": {"patch_edge_mm": 10, "samples_per_mm2": 0.05}, "missed": {"remedies": 0}, "selection": {"max_views": 3},
     });
     // As many labels as there may be: a rescan then has no room for its own.
