@@ -6,7 +6,7 @@
 //! quality are left out, which makes it a bound with them as well.
 //!
 //! No choice depends on it, and it takes as long as all choices together: a selection comes with what its bound is computed from
-//! ([`OpenBound`]), which a plan computes beside the stages that follow. Cost: 15 to 60 steps of at most [`QUICK`], once to price rows
+//! ([`OpenBound`]), which a plan computes beside the stages that follow. Cost: 15 to 40 steps of at most [`QUICK`], once to price rows
 //! and up to four times with those that can count; a tenth of a second to a second.
 
 use std::borrow::Cow;
@@ -19,7 +19,7 @@ use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
 
 /// Size of the relaxation that every solver gets.
-const QUICK: RelaxationSize = RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 160 }) };
+const QUICK: RelaxationSize = RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 128 }) };
 
 /// Bound on the number of views, or on the area, of any choice from the same candidates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -28,12 +28,9 @@ use crate::planning::visibility::ones;
 const GOAL_WEIGHTS: f64 = 256.0;
 /// Rounds in which the relaxation is solved at most, each with rows added that violate it.
 const MAX_ROUNDS: usize = 4;
-/// Relative gap to which the relaxation is solved; that on a share of the samples, which is to hold for the others; and that on a
-/// share for a quick bound. Multipliers so far from the optimum bound the views as well: those of 4e-3 give no higher bound on seven
-/// public parts, and take up to half as many steps more.
+/// Relative gap to which the relaxation is solved, and that on a share of the samples, which is to hold for the others.
 const GAP: f64 = 1e-7;
 const GAP_OF_SHARE: f64 = 4e-3;
-const GAP_OF_QUICK_SHARE: f64 = 5e-2;
 /// Share of the relaxation's value that its exact bound is at least: with one goal whose samples all enter, and else, where
 /// weights of goals are rounded and a share stands for the rest.
 const RELIED_ON: f64 = 1.0 - 1e-6;
@@ -275,11 +272,7 @@ impl Reduced {
         ctx: &Context<'_>,
     ) -> Result<Multipliers, Cancelled> {
         let relied_on = if self.is_share || goals.len() > 1 { RELIED_ON_OF_MANY } else { RELIED_ON };
-        let gap = match (self.is_share, &size.prices) {
-            (false, _) => GAP,
-            (true, None) => GAP_OF_SHARE,
-            (true, Some(_)) => GAP_OF_QUICK_SHARE,
-        };
+        let gap = if self.is_share { GAP_OF_SHARE } else { GAP };
         let precision = Precision { gap, whole: size.prices.is_some().then_some(relied_on) };
         let form = form(&self.classes, goals, aim);
         let solution = solve(&self.classes.of_row, self.classes.len(), &form, precision, ctx)?;
