@@ -258,9 +258,9 @@ impl ViewPlanningProblem<'_> {
         Ok(ChosenViews::of(selection, choosable))
     }
 
-    /// Adds candidates beside the views of a first choice: the fewest that meet the goals, whatever their score. Candidates are spread evenly
-    /// over directions, and the best views lie between them: a closer look at a few places costs less than one everywhere. Poses that
-    /// the job gives are not looked beside. Returns the first choice.
+    /// Adds candidates beside the views of a first choice: the fewest that meet the goals, whatever their score. Candidates
+    /// are spread evenly over directions, and the best views lie between them: a closer look at a few places costs less than one
+    /// everywhere. Poses that the job gives are not looked beside. Returns the first choice.
     ///
     /// # Errors
     /// [`Cancelled`].

@@ -6,7 +6,7 @@
 //! quality are left out, which makes it a bound with them as well.
 //!
 //! No choice depends on it, and it takes as long as all choices together: a selection comes with what its bound is computed from
-//! ([`OpenBound`]), which a plan computes beside the stages that follow. Cost: 15 to 40 steps of at most [`QUICK`], once to price rows
+//! ([`OpenBound`]), which a plan computes beside the stages that follow. Cost: 15 to 60 steps of at most [`QUICK`], once to price rows
 //! and up to four times with those that can count; a tenth of a second to a second.
 
 use std::borrow::Cow;

@@ -32,8 +32,8 @@ pub(super) struct GradeFloor {
 }
 
 impl GradeFloor {
-    /// The floor of `problem`, or that of a first choice, from which greedy then goes on; `None` where none is asked for, or quality does not
-    /// count.
+    /// The floor of `problem`, or that of a first choice, from which greedy then goes on; `None` where none is asked for, or
+    /// quality does not count.
     pub(super) fn of(
         problem: &CoverProblem<'_>,
         params: &SelectionParams,

@@ -143,8 +143,8 @@ pub fn select(
     Ok(Selection { choices, stopped_because, bound: bound.compute(ctx)? })
 }
 
-/// Chooses views; their bound may still have to be computed. The floors under grades are those of a `first` choice, whose rows are among
-/// those of the problem.
+/// Chooses views; their bound may still have to be computed. The floors under grades are those of a `first` choice,
+/// whose rows are among those of the problem.
 ///
 /// # Errors
 /// [`Cancelled`].

@@ -6,7 +6,7 @@
 //! classes and μ of the limits are the dual solution. They are only a start: bounds are computed from them in whole
 //! numbers (`multipliers.rs`). Classes are eliminated, so that a step solves one system of the size of the rows.
 //!
-//! Cost: 15 to 40 steps of classes × (rows a class)² / 2 and rows³ / 3. The sums have a fixed order on any number of threads.
+//! Cost: 15 to 60 steps of classes × (rows a class)² / 2 and rows³ / 3. The sums have a fixed order on any number of threads.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
