@@ -170,7 +170,7 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
         let example = if path.join(PLAN_FILE).is_file() { format!(", such as {PLAN_FILE}") } else { String::new() };
         return Err(refuse(format!("is a folder; give a file in it{example}")));
     }
-    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+    let bytes = std::fs::read(path).map_err(|error| unreadable(path, &error))?;
     refuse_mesh(path)?;
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
     let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
@@ -180,6 +180,22 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
         toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
     };
     read.map_err(refuse)
+}
+
+/// Error for a file that cannot be read; of one that does not exist it tells a file beside it with nearly the same name.
+fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
+    if error.kind() != ErrorKind::NotFound {
+        return CliError::BadInput(format!("{}: {error}", path.display()));
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return CliError::BadInput(format!("{}: there is no folder {}", path.display(), folder.display()));
+    };
+    let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort_unstable();
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let question = did_you_mean(&name, names.iter().map(String::as_str));
+    CliError::BadInput(format!("{}: there is no such file{question}", path.display()))
 }
 
 /// Refuses a mesh where a text is to be read.
@@ -352,7 +368,11 @@ pub(super) fn mesh_in_steps(
     poll: &Poll<'_>,
     is_read: impl FnOnce(),
 ) -> Result<(ReadMesh, String), CliError> {
-    let refuse = |error: std::io::Error| CliError::BadInput(format!("{}: {error}", path.display()));
+    let refuse = |error: std::io::Error| unreadable(path, &error);
+    if path.is_dir() {
+        let detail = "is a folder; give the mesh files in it by their names";
+        return Err(CliError::BadInput(format!("{}: {detail}", path.display())));
+    }
     let mut file = HashingReader::new(File::open(path).map_err(refuse)?);
     let length_bytes = path.metadata().map_err(refuse)?.len();
     let limits = Limits::default();

@@ -23,10 +23,10 @@ pub(super) fn run(planner: &mut PartPlanner<'_>, meshes: &[PathBuf]) -> Result<(
             "--serial: a serial number belongs to one part; plan parts with serial numbers one by one".into(),
         ));
     }
-    let paths = folders(meshes, &planner.args.out)?;
-    let out = &planner.args.out;
+    let out = planner.args.out();
+    let paths = folders(meshes, &out)?;
     // Before the parts' own: they are inside it, and gone before it is looked at. What stands in its way is told with theirs.
-    let _made = MadeFolders::make(out).ok();
+    let _made = MadeFolders::make(&out).ok();
     // All are tried before the first part is planned.
     let folders = paths.iter().map(|path| planner.folder(path)).collect::<Result<Vec<_>, _>>()?;
     planner.load_fixture()?;

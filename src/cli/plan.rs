@@ -91,9 +91,9 @@ pub struct PlanArgs {
     /// `name,region,tolerance_mm,point_spacing_mm` and a line `bore,sphere 10 20 30 5,0.05,0.2`.
     #[arg(long)]
     features: Option<PathBuf>,
-    /// Folder for the results; created if it does not exist.
+    /// Folder for the results; created if it does not exist [default: NAME_plan for NAME.stl, `plans` for several parts].
     #[arg(long)]
-    pub(super) out: PathBuf,
+    out: Option<PathBuf>,
     /// Print plan.json to standard output instead of a summary; of several parts an object a line.
     #[arg(long)]
     pub(super) json: bool,
@@ -119,6 +119,21 @@ pub struct PlanArgs {
     pub(super) serial: Option<String>,
 }
 
+impl PlanArgs {
+    /// Folder for the results.
+    pub(super) fn out(&self) -> PathBuf {
+        let of_meshes = || match self.meshes.as_slice() {
+            [mesh] => {
+                let mut name = mesh.file_stem().unwrap_or_default().to_owned();
+                name.push("_plan");
+                name.into()
+            }
+            _ => PathBuf::from("plans"),
+        };
+        self.out.clone().unwrap_or_else(of_meshes)
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -127,7 +142,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let mut planner = PartPlanner::load(args, cancel)?;
     match args.meshes.as_slice() {
         [mesh] => {
-            let folder = planner.folder(&args.out)?;
+            let folder = planner.folder(&args.out())?;
             planner.load_fixture()?;
             let planned = planner.plan(mesh, &folder)?;
             print_summary(args.json, folder.path(), &planned.artifacts)?;

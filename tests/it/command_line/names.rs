@@ -1,6 +1,9 @@
 //! Names that are misspelled: parameters, values of closed lists, presets and languages of controllers are asked about.
 
+use std::path::Path;
+
 use super::{inputs, run};
+use crate::server::process::vantage;
 
 #[test]
 fn a_misspelled_name_is_answered_with_the_one_that_was_meant() {
@@ -50,4 +53,37 @@ fn keys_within_values_and_whole_groups_are_set_as_before() {
         let ended = run(&[&cut[..], &["--set", set]].concat());
         assert_eq!(ended.code, Some(0), "{set}: {}", ended.err);
     }
+}
+
+#[test]
+fn a_mesh_that_is_not_there_is_asked_about_and_a_folder_told_as_such() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [part, ..] = inputs(folder.path());
+    let name = Path::new(&part).file_name().expect("a name").to_string_lossy().into_owned();
+    let refused = |mesh: &str| {
+        let ended = run(&["plan", mesh, "--unit", "mm", "--out", &folder.path().join("out").display().to_string()]);
+        assert_eq!(ended.code, Some(2), "{}", ended.err);
+        ended.err
+    };
+    let told = refused(&part.replace(&name, &format!("x{name}")));
+    assert!(told.contains(&format!("there is no such file; did you mean {name}?")), "{told}");
+    let told = refused(&folder.path().join("none").join("part.stl").display().to_string());
+    assert!(told.contains("part.stl: there is no folder "), "{told}");
+    let told = refused(&folder.path().display().to_string());
+    assert!(told.contains("is a folder; give the mesh files in it by their names"), "{told}");
+}
+
+#[test]
+fn a_plan_without_a_folder_is_written_beside_where_it_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [part, ..] = inputs(folder.path());
+    let planned = vantage()
+        .current_dir(folder.path())
+        .args(["plan", &part, "--unit", "mm", "--cell", "none", "--report", "none"])
+        .args(["--set", "part.samples_per_mm2=0.02", "--set", "selection.max_views=1", "--set", "missed.advice=false"])
+        .output()
+        .expect("the program");
+    assert!(planned.status.success(), "{}", String::from_utf8_lossy(&planned.stderr));
+    let stem = Path::new(&part).file_stem().expect("a name").to_string_lossy().into_owned();
+    assert!(folder.path().join(format!("{stem}_plan")).join("plan.json").is_file());
 }
