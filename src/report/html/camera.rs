@@ -91,8 +91,10 @@ impl Camera {
     }
 
     /// Pixel of a point given in the camera's frame; `None` in front of the near plane.
+    #[inline(always)]
     pub(super) fn pixel(&self, p: &Point3<f64>) -> Option<[f64; 2]> {
-        (p.z >= NEAR_MM).then(|| [self.centre_px[0] + self.focal_px * p.x / p.z, self.centre_px[1] + self.focal_px * p.y / p.z])
+        let [x, y] = [self.centre_px[0] + self.focal_px * p.x / p.z, self.centre_px[1] + self.focal_px * p.y / p.z];
+        if p.z >= NEAR_MM { Some([x, y]) } else { None }
     }
 
     /// Direction (z = 1), in the camera's frame, of the ray through a pixel.

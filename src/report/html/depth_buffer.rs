@@ -10,6 +10,7 @@ use std::ops::Range;
 use nalgebra::Point3;
 
 use super::camera::Camera;
+use crate::geometry::{simd_from_fn, simd_max, simd_min};
 
 /// Steps of the fixed-point grid per sample.
 pub(super) const STEPS: i64 = 16;
@@ -17,8 +18,10 @@ pub(super) const STEPS: i64 = 16;
 const BACK_BIAS: f64 = 1e-5;
 /// Clamp on coordinates, in steps, far outside any picture: their products then fit 64 bits.
 const FAR_STEPS: f64 = 1e8;
-/// Width of a box, in samples, up to which each is tested.
-const SMALL: usize = 12;
+/// Samples of a row that are tested side by side.
+const LANES: usize = 8;
+/// Width and height of a box, in steps, up to which each of its samples is tested: edge functions then fit 32 bits.
+const SMALL_STEPS: i32 = 12 * STEPS as i32;
 
 /// A vertex in the picture.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,13 +38,16 @@ impl Projected {
     #[inline(always)]
     pub(super) fn of(fine: &Camera, p: &Point3<f64>) -> Self {
         match fine.pixel(p) {
-            Some(pixel) => {
-                let [x, y] = pixel.map(|c| (c * STEPS as f64).round_ties_even().clamp(-FAR_STEPS, FAR_STEPS) as i32);
-                Self { x, y, inverse_depth: 1.0 / p.z }
-            }
+            Some([x, y]) => Self { x: steps(x), y: steps(y), inverse_depth: 1.0 / p.z },
             None => Self::default(),
         }
     }
+}
+
+/// Place on the fixed-point grid.
+#[inline(always)]
+fn steps(at: f64) -> i32 {
+    (at * STEPS as f64).round_ties_even().clamp(-FAR_STEPS, FAR_STEPS) as i32
 }
 
 /// The nearest triangle at each sample, row-major: the bits of 1/z, which is positive and linear across the picture of a plane, above
@@ -49,6 +55,7 @@ impl Projected {
 pub(super) struct DepthBuffer {
     pub(super) width: usize,
     pub(super) height: usize,
+    /// Rows from the top, and [`LANES`] more in which nothing is drawn.
     samples: Vec<u64>,
 }
 
@@ -68,12 +75,12 @@ impl DepthBuffer {
     /// An empty buffer.
     pub(super) fn new(size_px: [usize; 2]) -> Self {
         let [width, height] = size_px;
-        Self { width, height, samples: vec![0; width * height] }
+        Self { width, height, samples: vec![0; width * height + LANES] }
     }
 
     /// Row of samples from the top; empty below the picture.
     pub(super) fn row(&self, y: usize) -> &[u64] {
-        self.samples.get(y * self.width..(y + 1) * self.width).unwrap_or(&[])
+        if y < self.height { &self.samples[y * self.width..(y + 1) * self.width] } else { &[] }
     }
 
     /// The sample at a place in the picture, if a triangle is there.
@@ -92,28 +99,44 @@ impl DepthBuffer {
             return;
         }
         let Some(triangle) = Triangle::new(a, b, c, face) else { return };
-        if columns.len() <= SMALL { self.fill_small(&triangle, columns, rows) } else { self.fill(&triangle, &columns, rows) }
+        let is_small = high_x - low_x <= SMALL_STEPS && high_y - low_y <= SMALL_STEPS;
+        if is_small { self.fill_small(&triangle, columns, rows) } else { self.fill(&triangle, &columns, rows) }
     }
 
     #[inline(always)]
     fn fill_small(&mut self, triangle: &Triangle, columns: Range<usize>, rows: Range<usize>) {
-        let mut values = triangle.values(columns.start, rows.start);
+        let values = triangle.values(columns.start, rows.start);
         let mut depth = triangle.inverse_depth_at(&values);
         let [right, down] = triangle.slope;
+        let mut values = narrow(values);
+        let (to_right, to_next) = (narrow(triangle.right), narrow(triangle.down));
         for y in rows {
-            let mut at = values;
-            let start = y * self.width + columns.start;
-            for (place, sample) in self.samples[start..start + columns.len()].iter_mut().enumerate() {
-                // All three are not negative inside.
-                if at[0] | at[1] | at[2] >= 0 {
-                    *sample = (*sample).max(triangle.sample(depth + right * place as f64));
-                }
-                for edge in 0..3 {
-                    at[edge] += triangle.right[edge];
-                }
+            let start = y * self.width;
+            for first in columns.clone().step_by(LANES) {
+                let across = (first - columns.start) as i32;
+                let left = (columns.end - first) as i32;
+                let near = (depth + right * f64::from(across)) as f32;
+                // None of these is negative inside.
+                let inside: [i32; LANES] = simd_from_fn(|lane| {
+                    let place = across + lane as i32;
+                    (values[0] + to_right[0] * place)
+                        | (values[1] + to_right[1] * place)
+                        | (values[2] + to_right[2] * place)
+                        | (left - 1 - lane as i32)
+                });
+                let inverse_depth: [f32; LANES] = simd_from_fn(|lane| {
+                    simd_min(simd_max(near + right as f32 * lane as i32 as f32, triangle.range[0]), triangle.range[1])
+                });
+                let Some(samples) = self.samples[start + first..].first_chunk_mut::<LANES>() else { continue };
+                let old = *samples;
+                *samples = simd_from_fn(|lane| {
+                    let new = u64::from(inverse_depth[lane].to_bits()) << 32 | triangle.low_bits;
+                    let new = if inside[lane] >= 0 { new } else { 0 };
+                    old[lane].max(new)
+                });
             }
             for edge in 0..3 {
-                values[edge] += triangle.down[edge];
+                values[edge] += to_next[edge];
             }
             depth += down;
         }
@@ -216,12 +239,6 @@ impl Triangle {
             + values[2] as f64 * self.weights[2]
     }
 
-    #[inline(always)]
-    fn sample(&self, inverse_depth: f64) -> u64 {
-        let inverse_depth = (inverse_depth as f32).max(self.range[0]).min(self.range[1]);
-        u64::from(inverse_depth.to_bits()) << 32 | self.low_bits
-    }
-
     /// Samples of a row of so many that lie inside, from the values at its first.
     #[inline(always)]
     fn run(&self, values: &[i64; 3], count: usize) -> Range<usize> {
@@ -240,6 +257,12 @@ impl Triangle {
         }
         if first < end { first as usize..end as usize } else { 0..0 }
     }
+}
+
+/// Edge functions, or changes of them, of a small triangle.
+#[inline(always)]
+fn narrow([a, b, c]: [i64; 3]) -> [i32; 3] {
+    [a as i32, b as i32, c as i32]
 }
 
 /// Range of samples whose centres can lie between two places, one step of tolerance included.
@@ -302,7 +325,7 @@ mod tests {
             }
             let mut buffer = DepthBuffer::new(size_px);
             buffer.draw(corners, 5);
-            let covered: Vec<bool> = buffer.samples.iter().map(|sample| *sample != 0).collect();
+            let covered: Vec<bool> = (0..size_px[1]).flat_map(|y| buffer.row(y)).map(|sample| *sample != 0).collect();
             assert_eq!(covered, expected(corners, size_px), "{corners:?}");
             let depths = corners.map(|corner| corner.inverse_depth as f32);
             let [low, high] = [f32::min, f32::max].map(|choose| depths.into_iter().reduce(choose).expect("three"));
