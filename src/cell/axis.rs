@@ -168,15 +168,17 @@ impl Axes {
     #[must_use]
     pub fn windings(&self, configuration: &Configuration) -> Vec<Configuration> {
         let mut wound = vec![configuration.axes_rad()];
-        for (index, axis) in self.0.iter().enumerate() {
-            let turned = |partial: [f64; 7]| {
-                axis.windings(partial[index]).map(move |angle| {
-                    let mut next = partial;
-                    next[index] = angle;
-                    next
-                })
-            };
-            wound = wound.into_iter().flat_map(turned).collect();
+        // From the last axis to the first: configurations ascend by their first axis, then by the next.
+        for (index, axis) in self.0.iter().enumerate().rev() {
+            let mut angles = axis.windings(wound[0][index]);
+            let Some(lowest) = angles.next() else { return Vec::new() };
+            let known = wound.len();
+            wound.iter_mut().for_each(|axes_rad| axes_rad[index] = lowest);
+            for angle in angles {
+                wound.extend_from_within(..known);
+                let from = wound.len() - known;
+                wound[from..].iter_mut().for_each(|axes_rad| axes_rad[index] = angle);
+            }
         }
         wound.into_iter().map(Configuration::from_axes_rad).collect()
     }
