@@ -331,7 +331,7 @@ params! {
         /// than greedy's; `null` lets them give any. Fewer views look at more surface obliquely.
         max_grade_loss: Option<f64> = Some(0.01), [0.0, 1.0] "";
         /// Samples that views are chosen on: about so many, more where the part has small features of its own. The chosen views are
-        /// then evaluated on every sample. Default: 8 000 and one for each 25 mm², at most 40 000.
+        /// then evaluated on every sample. Default: 8 000 and one for each 25 mm², at most 40 000; 40 000 for a part of many views.
         samples: Option<u32> = None, [100.0, 40_000_000.0] "samples";
         /// Count only area that is measured at this grade or better ([`crate::planning::method::quality`]). Default: all of it.
         min_grade: Option<Grade> = None;

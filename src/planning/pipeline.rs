@@ -15,8 +15,10 @@ use super::missed::CanExecute;
 use super::missed::obstructions::{self, BlockedCandidate};
 use super::outcome::{self, Surroundings};
 use super::params::{PlanParams, SelectionGoal};
-use super::plan::{Certificate, Obstruction, Outcome, SetupPlan, StopReason};
-use super::problem::{ChosenViews, EvaluatedSetups, ExpectedViews, PartlyKnown, SampledPart, ViewPlanningProblem};
+use super::plan::{Certificate, ChosenOn, Obstruction, Outcome, SetupPlan, StopReason};
+use super::problem::{
+    ChosenViews, EvaluatedSetups, ExpectedViews, PartlyKnown, SampledPart, SamplesToChooseOn, ViewPlanningProblem,
+};
 use super::scene::{PlanInput, PlanningScene};
 use super::selection::FirstChoice;
 use super::sequence::Ordered;
@@ -143,10 +145,9 @@ pub struct Tabulated {
 pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Tabulated, PlanError> {
     let sampled = SampledPart::new(input, params, ctx)?;
     let setups = sampled.setups(input, ctx)?;
-    let mut evaluated = sampled.evaluate(input, &setups, ctx)?.evaluated;
+    let EvaluatedSetups { on: SamplesToChooseOn { surface, asked_area_mm2, .. }, mut evaluated, .. } =
+        sampled.evaluate(input, &setups, ctx)?;
     evaluated.drop_unusable();
-    let (surface, asked_area_mm2) = sampled.chosen_on();
-    let (surface, asked_area_mm2) = (Arc::clone(surface), asked_area_mm2.to_vec());
     Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates, rows: evaluated.matrix.rows })
 }
 
@@ -157,23 +158,23 @@ fn problem<'a>(
     setups: &[Setup<'_>],
     ctx: &Context<'_>,
 ) -> Result<ViewPlanningProblem<'a>, PlanError> {
-    let EvaluatedSetups { evaluated, robust_rows } = sampled.evaluate(input, setups, ctx)?;
-    let (surface, asked_area_mm2) = sampled.chosen_on();
+    let EvaluatedSetups { on, evaluated, robust_rows } = sampled.evaluate(input, setups, ctx)?;
+    let of_samples = sampled.surface.sample_mm.len();
     Ok(ViewPlanningProblem {
         input,
         params: &sampled.params,
-        surface: Arc::clone(surface),
+        chosen_on: ChosenOn { samples: on.surface.sample_mm.len(), of_samples, refinements: 0 },
+        surface: on.surface,
         setups: setups.iter().map(|setup| setup.table_from_part).collect(),
         candidates: evaluated.candidates,
         matrix: evaluated.matrix,
         robust_rows,
         reach: evaluated.reach,
         hidden_by_cell: evaluated.hidden_by_cell,
-        asked_area_mm2: asked_area_mm2.to_vec(),
+        asked_area_mm2: on.asked_area_mm2,
         partly_known: PartlyKnown::default(),
-        strata: sampled.strata().cloned(),
+        strata: on.strata,
         coverable_of_setup_mm2: None,
-        chosen_on: sampled.counts(),
     })
 }
 

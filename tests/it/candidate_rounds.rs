@@ -12,6 +12,7 @@ use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan, tabulate};
 use vantage::report::text::text;
 
+use crate::support::shapes::sphere;
 use crate::support::{box_mesh, nominal_scanner, plan_viewpoints};
 
 /// One mesh of several, which may touch.
@@ -71,6 +72,21 @@ fn the_floor_of_a_pocket_is_measured_by_targeted_views_alone() {
     let seen = floor(targeted);
     // What lies within 8.4 mm of the two short walls has one camera's line cut off at either end.
     assert!(seen > 0.7, "{seen} of the floor");
+}
+
+#[test]
+fn a_part_of_many_views_is_chosen_on_more_of_its_samples() {
+    let chosen_on = |limit_deg: f64| {
+        let mut params = PlanParams::default();
+        (params.limits.camera_deg, params.limits.projector_deg) = (Some(limit_deg), Some(limit_deg));
+        params.part.samples_per_mm2 = Some(15.0);
+        let plan = plan_viewpoints(&sphere(20.0, 4), &nominal_scanner(), &params).plan;
+        (plan.views.len(), plan.chosen_on.samples, plan.chosen_on.of_samples)
+    };
+    let (views, samples, of_samples) = chosen_on(60.0);
+    assert!(views < 15 && samples < 12_000 && of_samples > 60_000, "{views} views on {samples} of {of_samples}");
+    let (views, samples, of_samples) = chosen_on(32.0);
+    assert!(views > 20 && (35_000..50_000).contains(&samples), "{views} views on {samples} of {of_samples}");
 }
 
 #[test]

@@ -114,7 +114,7 @@ impl Counts {
         let (along, area_mm2) = (candidates::block_counts(&extent, input.scanner), input.mesh.area_mm2());
         let triangles = input.mesh.faces.len() as f64;
         let longest = along.max();
-        let chosen_on = thinned::expected(area_mm2, params.selection.samples).min(samples);
+        let chosen_on = thinned::expected(params.selection.samples).min(samples);
         let blocks = occupied(area_mm2, &extent.component_div(&along).into(), &along.into()).max(longest).min(samples);
         let setups = f64::from(params.setups.max(1));
         let [width_mm, height_mm, _] = input.scanner.practical_volume_mm;

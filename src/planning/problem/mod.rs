@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 pub(super) use evaluated::EvaluatedCandidates;
 pub(super) use expected::ExpectedViews;
-pub(super) use sampled_part::{EvaluatedSetups, SampledPart, TriedSetup};
+pub(super) use sampled_part::{EvaluatedSetups, SampledPart, SamplesToChooseOn, TriedSetup};
 
 use super::candidates::{Candidate, CandidateSet};
 use super::context::{Cancelled, Context, PlanError};

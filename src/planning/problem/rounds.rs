@@ -3,11 +3,10 @@
 //! counts as uncovered.
 
 use super::evaluated::{EvaluatedCandidates, is_usable};
-use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::candidates::{self, Candidate, CandidateSet, OpenSamples, Rejection, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::ids::{CandidateIndex, SampleId};
-use crate::planning::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
+use crate::planning::params::{Objective, PlanParams, ScoreParams, SelectionParams, Solver, Strategy, TargetOf};
 use crate::planning::scene::{PlanningScene, Reach};
 use crate::planning::selection::{self, CoverProblem};
 use crate::planning::surface::Surface;
@@ -38,7 +37,9 @@ impl Rounds<'_> {
         let rounds = if params.uses(Strategy::Iterative) { params.iterative_rounds } else { 0 };
         for round in 0..rounds {
             ctx.begin(Stage::Candidates)?;
-            let best = self.best_so_far(&evaluated, ctx)?;
+            let best = views_for_area(&evaluated, self.asked_area_mm2, self.params, ctx)?;
+            let pose = |candidate: &CandidateIndex| evaluated.candidates[*candidate].part_from_scanner;
+            let best: Vec<_> = best.iter().map(pose).collect();
             let more = candidates::around_best(&self.scope, params, &best, round, ctx)?;
             evaluated.append(self.evaluate(more, ctx)?);
         }
@@ -117,18 +118,6 @@ impl Rounds<'_> {
         Ok(evaluated)
     }
 
-    /// The views that greedy would take for plain area.
-    fn best_so_far(
-        &self,
-        evaluated: &EvaluatedCandidates,
-        ctx: &Context<'_>,
-    ) -> Result<Vec<Pose<Part, ScannerFrame>>, Cancelled> {
-        let target = self.params.selection.target;
-        let params = SelectionParams { target, max_views: self.params.selection.max_views, ..for_area() };
-        let best = self.fewest(evaluated, true, self.asked_area_mm2, &params, ctx)?;
-        Ok(best.into_iter().map(|candidate| evaluated.candidates[candidate].part_from_scanner).collect())
-    }
-
     /// Views of what is open, as few as it takes; views that are proposed are looked at on open samples alone. Those that the cell cannot take are added for what is then still open:
     /// they tell that reach, and not the part's shape, is what is missing.
     fn targeted(&self, so_far: &EvaluatedCandidates, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
@@ -149,7 +138,7 @@ impl Rounds<'_> {
         let mut left = params.targeted_max;
         for usable in [true, false] {
             let params = SelectionParams { min_growth: MIN_GAIN_OF_OPEN, max_views: Some(left), ..for_area() };
-            for candidate in self.fewest(&proposed, usable, &area_mm2, &params, ctx)? {
+            for candidate in fewest(&proposed, usable, &area_mm2, (&params, &self.params.score), ctx)? {
                 close(&mut area_mm2, proposed.row(candidate));
                 needed[candidate.index()] = true;
                 left -= 1;
@@ -174,26 +163,40 @@ impl Rounds<'_> {
         of_open.hidden_by_cell.iter().for_each(|place| of_all.hidden_by_cell.insert(open[place.index()]));
         Ok(of_all)
     }
+}
 
-    /// Candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
-    fn fewest(
-        &self,
-        evaluated: &EvaluatedCandidates,
-        usable: bool,
-        area_mm2: &[f64],
-        params: &SelectionParams,
-        ctx: &Context<'_>,
-    ) -> Result<Vec<CandidateIndex>, Cancelled> {
-        let all = evaluated.candidates.indices();
-        let among: Vec<CandidateIndex> = all.filter(|candidate| evaluated.is_usable(*candidate) == usable).collect();
-        if among.is_empty() || params.max_views == Some(0) {
-            return Ok(Vec::new());
-        }
-        let rows = among.iter().map(|candidate| evaluated.row(*candidate)).collect();
-        let cover = CoverProblem::new(rows, area_mm2, area_mm2.iter().sum(), params);
-        let choices = selection::greedily(&cover, params, &self.params.score, ctx)?;
-        Ok(choices.iter().map(|choice| among[choice.row.index()]).collect())
+/// The views that greedy takes for plain area, up to the target.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn views_for_area(
+    evaluated: &EvaluatedCandidates,
+    asked_area_mm2: &[f64],
+    params: &PlanParams,
+    ctx: &Context<'_>,
+) -> Result<Vec<CandidateIndex>, Cancelled> {
+    let SelectionParams { target, max_views, .. } = params.selection;
+    let for_target = SelectionParams { target, max_views, ..for_area() };
+    fewest(evaluated, true, asked_area_mm2, (&for_target, &params.score), ctx)
+}
+
+/// Candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
+fn fewest(
+    evaluated: &EvaluatedCandidates,
+    usable: bool,
+    area_mm2: &[f64],
+    (params, score): (&SelectionParams, &ScoreParams),
+    ctx: &Context<'_>,
+) -> Result<Vec<CandidateIndex>, Cancelled> {
+    let all = evaluated.candidates.indices();
+    let among: Vec<CandidateIndex> = all.filter(|candidate| evaluated.is_usable(*candidate) == usable).collect();
+    if among.is_empty() || params.max_views == Some(0) {
+        return Ok(Vec::new());
     }
+    let rows = among.iter().map(|candidate| evaluated.row(*candidate)).collect();
+    let cover = CoverProblem::new(rows, area_mm2, area_mm2.iter().sum(), params);
+    let choices = selection::greedily(&cover, params, score, ctx)?;
+    Ok(choices.iter().map(|choice| among[choice.row.index()]).collect())
 }
 
 /// Greedy for all the area that can be had.

@@ -4,7 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::evaluated::EvaluatedCandidates;
 use super::robust_rows::{self, VisibilityInput};
-use super::rounds::Rounds;
+use super::rounds::{Rounds, views_for_area};
 use crate::geometry::{Part, Pose, RayScene, Table};
 use crate::planning::candidates::{self, Candidate, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
@@ -12,7 +12,6 @@ use crate::planning::demand::Demand;
 use crate::planning::estimate::Estimate;
 use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::ChosenOn;
 use crate::planning::scene::{self, PlanInput, PlanningScene};
 use crate::planning::setups::{self, Setup};
 use crate::planning::surface::thinned::{self, Strata};
@@ -26,19 +25,35 @@ pub(in crate::planning) struct SampledPart {
     pub(in crate::planning) surface: Arc<Surface>,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
-    /// Samples that views are chosen on; `None` where that is all of them.
-    thinned: Option<Thinned>,
+    /// Samples that views are chosen on, unless the part takes too many views for them.
+    chosen_on: SamplesToChooseOn,
+    /// Returns true if views may be chosen on more of the samples where they turn out to be many.
+    may_take_more: bool,
     /// The part without a plate; with several setups, since none of their plates stands in all.
     alone: Option<Occluders>,
     /// Poses to choose setups from, once somebody asked.
     resting_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
 
-/// Some of the samples of a part.
-struct Thinned {
-    surface: Arc<Surface>,
-    strata: Strata,
-    asked_area_mm2: Vec<f64>,
+/// Samples of a part that views are chosen on.
+#[derive(Clone)]
+pub(in crate::planning) struct SamplesToChooseOn {
+    pub(in crate::planning) surface: Arc<Surface>,
+    /// Area of each sample, 0 where it is not asked for.
+    pub(in crate::planning) asked_area_mm2: Vec<f64>,
+    /// Strata of the samples; `None` where these are all that there are.
+    pub(in crate::planning) strata: Option<Strata>,
+}
+
+impl SamplesToChooseOn {
+    /// `some` of the samples of `whole`, or all of them.
+    fn new(whole: &Arc<Surface>, some: Option<(Surface, Strata)>) -> Self {
+        let (surface, strata) = match some {
+            Some((surface, strata)) => (Arc::new(surface), Some(strata)),
+            None => (Arc::clone(whole), None),
+        };
+        Self { asked_area_mm2: surface.asked_area_mm2(), surface, strata }
+    }
 }
 
 /// One way in which the part lies, with the samples that candidates are evaluated on.
@@ -53,6 +68,8 @@ pub(in crate::planning) struct TriedSetup<'a> {
 
 /// The candidates of all setups.
 pub(in crate::planning) struct EvaluatedSetups {
+    /// Samples that they were evaluated on.
+    pub(in crate::planning) on: SamplesToChooseOn,
     pub(in crate::planning) evaluated: EvaluatedCandidates,
     /// Rows that views are chosen by where they shall tolerate errors, see [`robust_rows::rows`].
     pub(in crate::planning) robust_rows: Option<Vec<Row>>,
@@ -89,37 +106,16 @@ impl SampledPart {
         check_asked(&asked_area_mm2)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         let count = params.selection.samples.map_or_else(|| thinned::default_count(surface.area_where(|_| true)), f64::from);
-        let thinned = match demand {
+        let some = match demand {
             Some(_) => thinned::asked_alone(&surface),
             None => thinned::thinned(&surface, count),
         };
-        let thinned = thinned.map(|(surface, strata)| {
-            let asked_area_mm2 = surface.asked_area_mm2();
-            Thinned { surface: Arc::new(surface), strata, asked_area_mm2 }
-        });
-        let chosen_on = thinned.as_ref().map_or(&surface, |thinned| &*thinned.surface);
-        params.candidates = candidates::resolve(chosen_on, &table_from_part, input.scanner, &params.candidates);
+        let surface = Arc::new(surface);
+        let chosen_on = SamplesToChooseOn::new(&surface, some);
+        let may_take_more = demand.is_none() && params.selection.samples.is_none() && chosen_on.strata.is_some();
+        params.candidates = candidates::resolve(&chosen_on.surface, &table_from_part, input.scanner, &params.candidates);
         let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
-        Ok(Self { params, surface: Arc::new(surface), asked_area_mm2, thinned, alone, resting_poses: OnceLock::new() })
-    }
-
-    /// The surface that views are chosen on, and the area of each of its samples, 0 where it is not asked for.
-    pub(in crate::planning) fn chosen_on(&self) -> (&Arc<Surface>, &[f64]) {
-        match &self.thinned {
-            Some(thinned) => (&thinned.surface, &thinned.asked_area_mm2),
-            None => (&self.surface, &self.asked_area_mm2),
-        }
-    }
-
-    /// Number of samples that views are chosen on, and of all.
-    pub(in crate::planning) fn counts(&self) -> ChosenOn {
-        let (surface, _) = self.chosen_on();
-        ChosenOn { samples: surface.sample_mm.len(), of_samples: self.surface.sample_mm.len(), refinements: 0 }
-    }
-
-    /// Strata of the samples, where views are chosen on some of them.
-    pub(in crate::planning) fn strata(&self) -> Option<&Strata> {
-        self.thinned.as_ref().map(|thinned| &thinned.strata)
+        Ok(Self { params, surface, asked_area_mm2, chosen_on, may_take_more, alone, resting_poses: OnceLock::new() })
     }
 
     /// The setups to plan in, with everything that hides a sample or hinders the robot in each.
@@ -261,7 +257,8 @@ impl SampledPart {
         Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2 }
     }
 
-    /// Every candidate with its stations and what it measures, the setups' candidates one after another.
+    /// Every candidate with its stations and what it measures, the setups' candidates one after another. Where the part takes so many
+    /// views that they are hardly told apart on the samples to choose on, candidates are looked for anew on more of the samples.
     ///
     /// # Errors
     /// [`PlanError`].
@@ -271,9 +268,28 @@ impl SampledPart {
         setups: &[Setup<'_>],
         ctx: &Context<'_>,
     ) -> Result<EvaluatedSetups, PlanError> {
-        let (surface, asked_area_mm2) = self.chosen_on();
-        let mut all =
-            EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(surface, input.cell.is_some()), robust_rows: None };
+        let all = self.evaluate_on(self.chosen_on.clone(), input, setups, ctx)?;
+        if !self.may_take_more {
+            return Ok(all);
+        }
+        let views = views_for_area(&all.evaluated, &all.on.asked_area_mm2, &self.params, ctx)?.len();
+        if !thinned::are_too_few(all.on.surface.sample_mm.len(), views) {
+            return Ok(all);
+        }
+        let more = SamplesToChooseOn::new(&self.surface, thinned::thinned(&self.surface, thinned::MAX_SAMPLES));
+        self.evaluate_on(more, input, setups, ctx)
+    }
+
+    /// [`SampledPart::evaluate`] on some of the samples.
+    fn evaluate_on(
+        &self,
+        on: SamplesToChooseOn,
+        input: &PlanInput<'_>,
+        setups: &[Setup<'_>],
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedSetups, PlanError> {
+        let SamplesToChooseOn { surface, asked_area_mm2, .. } = &on;
+        let (mut all, mut robust) = (EvaluatedCandidates::none_of(surface, input.cell.is_some()), None);
         let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
         for (index, setup) in SetupIndex::number(setups) {
             let tried = TriedSetup {
@@ -286,11 +302,11 @@ impl SampledPart {
             let (params, occluders) = (&self.params, &setup.occluders);
             let visibility = VisibilityInput { surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
-                all.robust_rows.get_or_insert_default().extend(rows);
+                robust.get_or_insert_with(Vec::new).extend(rows);
             }
-            all.evaluated.append(evaluated);
+            all.append(evaluated);
         }
-        Ok(all)
+        Ok(EvaluatedSetups { on, evaluated: all, robust_rows: robust })
     }
 
     /// Occluders of views of any setup: with several, the part alone. A plate hides nothing from above it.

@@ -22,8 +22,10 @@ use crate::planning::ids::{PatchId, SampleId};
 const SAMPLES: f64 = 8_000.0;
 /// Area of a further sample, mm²: about the spacing at which a view of a large part is still told from its neighbours.
 const AREA_OF_A_SAMPLE_MM2: f64 = 25.0;
-/// Largest default number.
-const MAX_SAMPLES: f64 = 40_000.0;
+/// Largest default number; that of parts that take many views.
+pub(in crate::planning) const MAX_SAMPLES: f64 = 40_000.0;
+/// Samples for each view below which views are hardly told apart: `tests/benches/PLANS.md`.
+const SAMPLES_OF_A_VIEW: usize = 500;
 /// Edge of a cell in distances of samples that lie evenly spread.
 const CELL_OF_SPACING: f64 = 2.0;
 /// Bins of a normal along each edge of a cube around it.
@@ -41,6 +43,12 @@ const ADDED: usize = 2;
 #[must_use]
 pub(in crate::planning) fn default_count(area_mm2: f64) -> f64 {
     (SAMPLES + area_mm2 / AREA_OF_A_SAMPLE_MM2).min(MAX_SAMPLES)
+}
+
+/// Returns true if so many samples are too few to tell so many views apart, and more may be taken.
+#[must_use]
+pub(in crate::planning) fn are_too_few(samples: usize, views: usize) -> bool {
+    samples < SAMPLES_OF_A_VIEW * views && (samples as f64) < MAX_SAMPLES
 }
 
 /// Strata of the samples of a surface, with those of their samples that views are chosen on.
@@ -62,8 +70,8 @@ struct Stratum {
 
 /// Upper bound on the samples that views of a part are chosen on, where they are fewer than all.
 #[must_use]
-pub(in crate::planning) fn expected(area_mm2: f64, asked: Option<u32>) -> f64 {
-    EXPECTED_OF_ASKED * asked.map_or_else(|| default_count(area_mm2), f64::from)
+pub(in crate::planning) fn expected(asked: Option<u32>) -> f64 {
+    EXPECTED_OF_ASKED * asked.map_or(MAX_SAMPLES, f64::from)
 }
 
 /// About `count` samples of `whole`, as a surface in which each has a patch of its own; `None` where that is nearly all of them.
