@@ -27,7 +27,7 @@ pub(in crate::planning) struct SampledPart {
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
     /// Samples that views are chosen on, unless the part takes too many views for them.
     chosen_on: SamplesToChooseOn,
-    /// Returns true if views may be chosen on more of the samples where they turn out to be many.
+    /// True if views may be chosen on more of the samples where they turn out to be many.
     may_take_more: bool,
     /// The part without a plate; with several setups, since none of their plates stands in all.
     alone: Option<Occluders>,
@@ -276,6 +276,8 @@ impl SampledPart {
         if !thinned::are_too_few(all.on.surface.sample_mm.len(), views) {
             return Ok(all);
         }
+        // Both at once would take the memory of both.
+        drop(all);
         let more = SamplesToChooseOn::new(&self.surface, thinned::thinned(&self.surface, thinned::MAX_SAMPLES));
         self.evaluate_on(more, input, setups, ctx)
     }
