@@ -1,6 +1,6 @@
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector2};
 
-use super::capsules::around;
+use super::capsules::{around, smallest_circle};
 use super::{UrdfError, UrdfOptions, import};
 use crate::geometry::Mesh;
 use crate::testing::arm_urdf;
@@ -128,4 +128,38 @@ fn capsules_hold_every_corner_and_save_what_a_split_can_save() {
     };
     assert!(elbow.iter().flatten().all(holds));
     assert!(around(&[]).is_empty());
+}
+
+#[test]
+fn the_smallest_circle_is_that_of_closed_forms_and_of_every_triple() {
+    let seen = |points: &[(f64, f64)]| points.iter().map(|(x, y)| (Vector2::new(*x, *y), 0.0)).collect::<Vec<_>>();
+    let is_around = |points: &[(f64, f64)], expected: [f64; 2], expected_radius: f64| {
+        let (centre, radius) = smallest_circle(&seen(points));
+        assert!((centre - Vector2::from(expected)).norm() < 1e-9 && (radius - expected_radius).abs() < 1e-9, "{centre} {radius}");
+    };
+    is_around(&[(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 0.3)], [1.0, 1.0], 2f64.sqrt());
+    is_around(&[(-5.0, 0.0), (5.0, 0.0), (1.0, 0.5)], [0.0, 0.0], 5.0);
+    // An equilateral triangle of side 6.
+    is_around(&[(0.0, 0.0), (6.0, 0.0), (3.0, 27f64.sqrt())], [3.0, 3f64.sqrt()], 12f64.sqrt());
+    is_around(&[(4.0, 4.0)], [4.0, 4.0], 0.0);
+    is_around(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (4.0, 0.0)], [2.0, 0.0], 2.0);
+    // A spiral: no circle through two or three of its points that holds all is smaller.
+    let spiral: Vec<(f64, f64)> =
+        (1..40).map(f64::from).map(|t| (t.sqrt() * (2.4 * t).cos(), t.sqrt() * (2.4 * t).sin())).collect();
+    let points = seen(&spiral);
+    let (_, radius) = smallest_circle(&points);
+    for (i, (a, _)) in points.iter().enumerate() {
+        for (j, (b, _)) in points.iter().enumerate().skip(i + 1) {
+            let centres = [0.5 * (a + b)].into_iter().chain(points.iter().skip(j + 1).filter_map(|(c, _)| {
+                let (ab, ac) = (b - a, c - a);
+                let centre = nalgebra::Matrix2::from_rows(&[ab.transpose(), ac.transpose()]).try_inverse()?
+                    * Vector2::new(ab.norm_squared(), ac.norm_squared());
+                Some(a + 0.5 * centre)
+            }));
+            for centre in centres {
+                let farthest = points.iter().map(|(p, _)| (p - centre).norm()).fold(0.0, f64::max);
+                assert!(farthest >= radius - 1e-9, "{farthest} < {radius}");
+            }
+        }
+    }
 }

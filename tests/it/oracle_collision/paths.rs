@@ -120,13 +120,14 @@ fn nothing_touches_on_any_emitted_way() {
     };
     let step_deg = STEP_DEG[usize::from(!all_asked())];
     let (mut moves, mut samples, mut nearest_mm) = (0, 0, f64::INFINITY);
+    let cells = cells();
     for (part, path, extent_mm) in parts() {
-        for (name, cell, vendor) in cells().into_iter().filter(|(name, ..)| is_asked(&part, name)) {
+        for (name, cell, vendor) in cells.iter().filter(|(name, ..)| is_asked(&part, name)) {
             let Some(mesh) = shared_mesh_scaled(&path, extent_mm) else { return };
-            let plan = planned(&mesh, &cell);
+            let plan = planned(&mesh, cell);
             let table_from_part = &plan.setups[0].table_from_part;
-            let Some(description) = described(&cell, &vendor, Some((&mesh, table_from_part)), false) else { return };
-            let program = compile(plan.setups[0].sequence.as_ref().expect("with a cell"), 0, &cell, "", &plan.params);
+            let Some(description) = described(cell, vendor, Some((&mesh, table_from_part)), false) else { return };
+            let program = compile(plan.setups[0].sequence.as_ref().expect("with a cell"), 0, cell, "", &plan.params);
             let ways = ways(&program);
             let verdicts = asked(&python, [step_deg, NEAR_MM], description + &lines(&ways));
             assert_eq!(verdicts.len(), ways.len());
