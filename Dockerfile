@@ -6,18 +6,19 @@ FROM rust:1.95-slim-bookworm AS build
 WORKDIR /src
 # Dependencies alone first: they stay cached until the manifest or the lock file changes.
 COPY Cargo.toml Cargo.lock ./
+COPY src/Cargo.toml src/
 COPY .cargo .cargo
-RUN mkdir -p src tests/it \
+RUN mkdir -p tests/it \
     && echo 'fn main() {}' > src/main.rs \
     && cp src/main.rs tests/it/main.rs \
-    && touch src/lib.rs \
+    && touch src/core.rs src/lib.rs \
     && cargo build --locked --release \
     && rm -r src tests
 COPY . .
 # Commit for `vantage --version`: docker build --build-arg VANTAGE_COMMIT=$(git rev-parse HEAD) …
 ARG VANTAGE_COMMIT=
 # The stand-ins above are older than what they stand for only by chance: say that the sources are new.
-RUN touch src/main.rs src/lib.rs \
+RUN touch src/core.rs src/main.rs src/lib.rs \
     && cargo build --locked --release --bin vantage \
     && install -D -m 0755 target/release/vantage /out/usr/local/bin/vantage \
     && install -d /out/data

@@ -1,15 +1,11 @@
 #![doc = include_str!("ARCHITECTURE.md")]
 #![cfg_attr(test, expect(clippy::float_cmp, reason = "tests hold to the bit what is exact"))]
 
-pub mod cell;
+pub use vantage_core::{cell, execution, geometry, inspection, planning, program, rendering};
+
 pub mod check;
 pub mod cli;
-pub mod execution;
-pub mod geometry;
 pub mod http;
-pub mod inspection;
-pub mod planning;
-pub mod program;
 pub mod report;
 pub mod service;
 pub mod settings;

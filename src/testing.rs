@@ -1,15 +1,9 @@
 //! Shapes and hardware that unit tests share.
 
-use std::sync::atomic::AtomicBool;
-
 use nalgebra::Point3;
 
 use crate::cell::{Presets, Scanner, SpecLibrary};
-use crate::geometry::{LengthUnit, Mesh};
-use crate::planning::context::{Context, Silent};
-use crate::planning::params::PlanParams;
-use crate::service::plan_job::{PLAN_FILE, PlanJob, bytes_of};
-use crate::wire::echo::Echo;
+use crate::geometry::Mesh;
 
 /// A closed box of twelve triangles between two corners.
 pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
@@ -57,27 +51,6 @@ pub(crate) fn trough() -> Mesh {
 /// The nominal rig of [`crate::planning::method::scanner`].
 pub(crate) fn nominal_scanner() -> Scanner {
     Presets.scanner("transcan-c-nominal").ok().and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))
-}
-
-/// Bytes of the plan of a block without a cell.
-pub(crate) fn plan_of_block(params: &PlanParams) -> Vec<u8> {
-    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
-    let job = PlanJob {
-        mesh: &mesh,
-        fixture: None,
-        part_name: "block".into(),
-        part_sha256: &"0a".repeat(32),
-        unit: LengthUnit::Millimetre,
-        scanner: &scanner,
-        cell: None,
-        roadmaps: None,
-        rescan: None,
-        params,
-        echo: Echo::default(),
-        date: None,
-    };
-    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|error| panic!("no plan: {error}"));
-    bytes_of(&files, PLAN_FILE).to_vec()
 }
 
 /// A URDF of an arm of six joints like an Elfin, 1 m of it, with cylinders for links and a fixed flange.

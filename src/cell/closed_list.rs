@@ -1,6 +1,8 @@
 //! Closed lists of names: enums whose variants are written once, with the name that files, answers and the API document have.
 
 /// Declares an enum: `Variant = "name"`, where the name is the variant's in snake case, as serde and the API document have it. Adds `ALL`, every variant in order, and `as_str`, its name.
+#[macro_export]
+#[doc(hidden)]
 macro_rules! closed_list {
     ($(#[$meta:meta])* pub enum $list:ident {$(
         $(#[$variant_meta:meta])* $variant:ident = $name:literal,
@@ -30,7 +32,7 @@ macro_rules! closed_list {
     };
 }
 
-pub(crate) use closed_list;
+pub use closed_list;
 
 #[cfg(test)]
 #[expect(unreachable_pub, reason = "lists are public where they are used")]

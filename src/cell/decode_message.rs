@@ -32,7 +32,7 @@ fn plain(text: &str) -> Option<String> {
 }
 
 /// A value that was found: as it was written, or its kind.
-pub(crate) fn found_value(found: &str) -> String {
+pub fn found_value(found: &str) -> String {
     match found {
         "sequence" => "a list".to_owned(),
         "map" => "an object".to_owned(),
@@ -46,7 +46,7 @@ pub(crate) fn found_value(found: &str) -> String {
 }
 
 /// Kind of value that was expected.
-pub(crate) fn expected_value(expected: &str) -> String {
+pub fn expected_value(expected: &str) -> String {
     let known = match expected {
         "f32" | "f64" | "a float" | "a floating point" => "a number",
         "i8" | "i16" | "i32" | "i64" | "isize" | "an integer" => "a whole number",

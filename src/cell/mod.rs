@@ -33,7 +33,7 @@ pub mod urdf;
 pub use axis::{Axes, Axis, AxisSpec, Configuration};
 pub use body::{Body, LinkBody, Shape};
 pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
-pub(crate) use closed_list::closed_list;
+pub use closed_list::closed_list;
 pub use closest::{closest, did_you_mean, with_suggestion};
 pub use collision::{CollisionScene, Contact, Farthest, Separation};
 pub use controllers::{
@@ -41,7 +41,7 @@ pub use controllers::{
     HansServoSpec, HansSpec, HttpTriggerSpec, JointThreeOrigin, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec,
     SerialParity, TableControllerSpec, TriggerSpec, UrControllerSpec, UrMotion, WordOrder, WorkspaceSpec,
 };
-pub(crate) use decode_message::{expected_value, found_value};
+pub use decode_message::{expected_value, found_value};
 pub use dialect::Dialect;
 pub use distances::CellDistances;
 pub use field_error::{FieldError, Findings};

@@ -38,6 +38,8 @@ mod params;
 pub mod part;
 mod parts;
 pub mod plan;
+#[cfg(test)]
+mod planned_block;
 mod presets;
 pub mod program;
 pub mod progress;

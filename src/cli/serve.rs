@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::signals::on_signals;
 use super::{CliError, failed, files, open_files, output, telemetry};
 use crate::http::{self, Server};
-use crate::service::{App, OperatorCell};
+use crate::service::{App, OperatorCell, THREAD_STACK_BYTES};
 use crate::settings::{DEFAULTS, Flags, Settings};
 
 /// Run the server.
@@ -89,7 +89,8 @@ const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Runs `work` on the threads that answer requests; planning has its own.
 pub(super) fn run_to_completion(work: impl Future<Output = Result<(), CliError>>) -> Result<(), CliError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    let runtime = builder.thread_stack_size(THREAD_STACK_BYTES).enable_all().build();
     let runtime = runtime.map_err(|error| failed("the runtime", &error))?;
     let result = runtime.block_on(work);
     // Otherwise a hanging thread would keep the process alive for ever. Nobody has been promised its result yet.

@@ -194,7 +194,7 @@ impl Rehearsal {
 /// A part of the public data set, as long along its longest axis as asked for; `None`, with a printed reason, where the data set is
 /// absent.
 pub(super) fn shared_part(name: &str, longest_mm: Option<f64>) -> Option<Mesh> {
-    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/meshes")).join(name);
+    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/meshes")).join(name);
     let Ok(bytes) = std::fs::read(&file) else {
         println!("skipped: needs {name} of the public data set, whose folder ../shared/data is absent");
         return None;

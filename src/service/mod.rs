@@ -55,5 +55,8 @@ pub use specs::SpecEntry;
 pub use store::{BackupError, BackupReport, JobQuery, OpenError, PartNames, Precondition, backup, restore};
 pub use submit::Submission;
 
+/// Stack of a thread that carries tasks, bytes: as much as a main thread has. Futures lie there, large ones without optimisation.
+pub(crate) const THREAD_STACK_BYTES: usize = 8 << 20;
+
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,8 @@
 use serde_json::{Value, json};
 
 use crate::check::check_plan as check;
+use crate::cli::planned_block::plan_of_block;
 use crate::planning::params::{CandidateParams, InterestParams, PlanParams, PoseErrorParams, Region};
-use crate::testing::plan_of_block;
 
 /// Two views cannot measure all of a block, as this region asks.
 fn all_of_it() -> InterestParams {

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 
 use super::{ProgramArgs, run};
 use crate::cell::{Named, Presets, SpecLibrary};
+use crate::cli::planned_block::plan_of_block;
 use crate::planning::params::{CandidateParams, PlanParams};
 use crate::service::plan_job::plan_sha256;
-use crate::testing::plan_of_block;
 use crate::wire::output_record::RECORD_FILE;
 
 #[derive(Parser)]

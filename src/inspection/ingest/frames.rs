@@ -1,5 +1,7 @@
 //! Finds unit and frame of a cloud: those in which most of its points lie in all three frusta of its view and near the part.
 
+use std::str::FromStr;
+
 use nalgebra::{Isometry3, Point3};
 
 use super::{IngestWorld, MIN_SHARE};
@@ -37,6 +39,15 @@ closed_list! {
         Plate = "plate",
         /// The part, as planned.
         Part = "part",
+    }
+}
+
+impl FromStr for ScanFrame {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|frame| frame.as_str() == text);
+        found.ok_or_else(|| format!("unknown frame {text:?}; use one of {}", Self::ALL.map(Self::as_str).join(", ")))
     }
 }
 

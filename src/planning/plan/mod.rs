@@ -253,7 +253,7 @@ impl Coverage {
 }
 
 /// `part / whole`, 0 where there is no whole.
-pub(crate) fn share(part: f64, whole: f64) -> f64 {
+pub fn share(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
 

@@ -3,18 +3,14 @@
 //!
 //! Pictures from the same camera share what is seen from there, and equal ones are drawn once. Cameras are spread over the rayon
 //! pool of the caller. Memory while drawing: the model and its normals, 35 MB at most, a byte a cell and picture, and 25 MB for each
-//! thread that draws (`renderer.rs`).
+//! thread that draws (`rendering`).
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use super::camera::Camera;
-use super::model::{DrawnModel, SampledModel};
-use super::palette::Ink;
-use super::renderer::Seen;
-use super::shading::Shading;
 use crate::planning::context::{Cancelled, Context};
+use crate::rendering::{Camera, DrawnModel, Ink, SampledModel, Seen, Shading};
 
 /// Encloses the number of a picture in a page. Escaped text has no such character.
 const MARK: char = '\u{1}';

@@ -3,12 +3,12 @@
 use super::ReportInput;
 use super::chart;
 use super::markup::{area, duration, escape, number, percent, prose, triple};
-use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{MissedCause, Obstruction, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
+use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
 use crate::wire::words::{
     HeadlineShare, advice_sentence, changed_params, headline as headline_shares, risk_meaning, turn_phrase,

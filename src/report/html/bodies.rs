@@ -4,10 +4,10 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::ReportSubject;
-use super::palette::{BodyRole, Ink};
 use crate::cell::{Body, Cell, Configuration, LinkCapsule, Shape};
 use crate::geometry::{Base, Mesh, Part, Pose, Table, plate_from_placed};
 use crate::planning::context::{Cancelled, Context};
+use crate::rendering::{BodyRole, Ink};
 
 /// Names that collisions give to what is not named by a specification.
 const PLATE: &str = "turntable plate";

@@ -5,10 +5,8 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::album::{Draft, Picture};
-use super::camera::Camera;
-use super::model::DrawnModel;
-use super::palette::Ink;
 use crate::geometry::Pose;
+use crate::rendering::{Camera, DrawnModel, Ink};
 
 /// First bytes of a draft; its last number rises with every change of what follows.
 const HEAD: &[u8] = b"vantage report draft 1\n";

@@ -9,11 +9,10 @@ use nalgebra::Vector3;
 
 use super::ReportSubject;
 use super::album::{Album, Picture};
-use super::camera::Camera;
 use super::markup::number;
 use super::outline::hull;
-use super::palette::Ink;
 use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
+use crate::rendering::{Camera, Ink};
 
 /// Width and height of the drawing from above, units of the drawing.
 const ABOVE: f64 = 560.0;

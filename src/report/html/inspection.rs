@@ -5,9 +5,7 @@ use std::fmt::Write;
 
 use super::album::Album;
 use super::markup::{area, escape, number, percent, triple};
-use super::model::SampledModel;
 use super::page::document;
-use super::palette::{Ink, MissGroup};
 use super::pictures::{PicturedPart, in_inks};
 use super::views::{swatch, three_sides};
 use crate::geometry::{Mesh, Part, Pose, Table};
@@ -17,6 +15,7 @@ use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::plan::Grade;
 use crate::planning::visibility::SampleSet;
+use crate::rendering::{Ink, MissGroup, SampledModel};
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     InspectionDocument, LearnedDocument, LossDocument, RateBinDocument, RegionDeviationDocument, StatisticsDocument,

@@ -3,7 +3,6 @@
 use super::ReportInput;
 use super::album::Album;
 use super::markup::{area, escape, number, percent, triple};
-use super::palette::{Ink, MissGroup};
 use super::pictures::{self, SIDES};
 use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, unmeasured};
@@ -11,6 +10,7 @@ use super::words;
 use crate::geometry::SimdLevel;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Cause, Remedy, RemedyKind, share};
+use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::AdviceDocument;
 use crate::wire::words::turn_phrase;
 

@@ -5,32 +5,24 @@
 //! The page is written with the plan at hand; its pictures may be drawn later, from a [`Draft`] alone.
 //!
 //! Cost: a rendering of the part for each stop (at most 120), two for each setup and three more, in the rayon
-//! pool of the caller; those of parts of more than 300 000 triangles cost no more (`model.rs`).
+//! pool of the caller; those of parts of more than 300 000 triangles cost no more (`rendering/model.rs`).
 
 mod album;
 mod appendix;
 mod bodies;
-mod camera;
 mod chart;
-mod depth_buffer;
 mod draft_bytes;
 mod drawing;
-mod image;
 mod inspection;
 mod lay;
 pub(super) mod markup;
 mod missed;
-mod model;
 mod no_plan;
 mod outline;
 pub(super) mod page;
-pub(super) mod palette;
 mod pictures;
-mod quantise;
 mod regions;
-mod renderer;
 mod sections;
-mod shading;
 mod size;
 mod spots;
 mod stops;
@@ -51,6 +43,7 @@ use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, Preview};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Outcome, SetupId};
+use crate::rendering::SampledModel;
 use crate::wire::echo::Echo;
 use crate::wire::summary::Summary;
 use crate::wire::warnings::FieldWarning;
@@ -105,7 +98,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
 /// [`Cancelled`].
 pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'_>) -> Result<Draft, Cancelled> {
     let (subject, plan) = (&input.subject, &input.outcome.plan);
-    let mut album = album::Album::new(model::SampledModel::new(subject.mesh, &input.outcome.surface, preview, ctx)?);
+    let mut album = album::Album::new(SampledModel::new(subject.mesh, &input.outcome.surface, preview, ctx)?);
     let lays: Vec<lay::Lay> = SetupId::number(&plan.setups)
         .map(|(id, setup)| lay::Lay { table_from_part: setup.table_from_part, turn: plan.turn_into(id) })
         .collect();

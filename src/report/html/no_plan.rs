@@ -9,14 +9,9 @@ use super::ReportSubject;
 use super::album::Album;
 use super::appendix;
 use super::bodies::{Assembly, Placing};
-use super::camera::Camera;
 use super::lay::{self, Lay};
 use super::markup::{area, escape, grouped, number, percent, prose};
-use super::model::{DrawnModel, SampledModel};
-use super::palette::{BodyRole, Ink, MissGroup};
 use super::pictures::{self, SIZE_PX};
-use super::renderer::Seen;
-use super::shading::Shading;
 use super::verdict::{Figure, Standing, VerdictText};
 use super::views::{swatch, three_sides};
 use super::words;
@@ -28,6 +23,7 @@ use crate::planning::params::{PartParams, PlanParams, RegionParams};
 use crate::planning::plan::{Advice, CandidateCounts, Cause, Obstruction, Turn, share};
 use crate::planning::surface::{self, Surface};
 use crate::planning::{PlanInput, resolve, resting};
+use crate::rendering::{BodyRole, Camera, DrawnModel, Ink, MissGroup, SampledModel, Seen, Shading};
 use crate::wire::words::{advice_sentence, fixed, no_plan_sentence};
 
 /// Pairs of bodies that have pictures.

@@ -8,15 +8,13 @@ use nalgebra::{Point3, Vector3};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::album::{Album, Picture};
-use super::camera::Camera;
 use super::markup::{escape, number};
-use super::palette::Ink;
-use super::renderer::Seen;
 use super::{ReportInput, ReportSubject};
 use crate::cell::Scanner;
 use crate::geometry::{Device, Mesh, Part, Pose, ScannerFrame, SimdLevel, Table};
 use crate::planning::plan::{Grade, Outcome, PlannedView, Verdict};
 use crate::planning::visibility::Row;
+use crate::rendering::{Camera, Ink, Seen};
 
 /// Width and height of a picture, pixels.
 pub(super) const SIZE_PX: [usize; 2] = [640, 480];

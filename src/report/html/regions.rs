@@ -2,10 +2,10 @@
 
 use super::ReportInput;
 use super::markup::{area, escape, number, percent};
-use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
+use crate::rendering::{Ink, MissGroup};
 use crate::wire::words::{NOTHING_IN_REGION, noise_remark};
 
 /// The section; empty if there are no regions.

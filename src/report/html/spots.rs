@@ -7,9 +7,9 @@ use nalgebra::Point3;
 
 use super::ReportInput;
 use super::pictures::SIDES;
-use super::renderer::Seen;
 use crate::planning::ids::SampleId;
 use crate::planning::plan::{Cause, MissedSpot, Outcome, Verdict};
+use crate::rendering::Seen;
 
 /// Spots that have a number for their size; those with a remedy have one too.
 const NUMBERED: usize = 20;

@@ -6,7 +6,6 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use super::ReportInput;
 use super::album::{Album, Picture};
 use super::markup::{duration, escape, number, percent, triple};
-use super::palette::Ink;
 use super::pictures;
 use super::views::{GRADES, legend, unmeasured};
 use super::words;
@@ -14,6 +13,7 @@ use crate::cell::PoseSpec;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Plan, PlannedView, SetupId, SetupPlan, ViewId, share};
 use crate::planning::sequence::Leg;
+use crate::rendering::Ink;
 use crate::wire::summary::ProgramCycle;
 use crate::wire::words::turn_phrase;
 

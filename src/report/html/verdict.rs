@@ -5,9 +5,9 @@ use std::fmt::Write;
 
 use super::ReportInput;
 use super::markup::{duration, escape, number, percent};
-use super::palette::Ink;
 use super::views::swatch;
 use crate::planning::plan::{Grade, Plan, share};
+use crate::rendering::Ink;
 use crate::wire::summary::{MissedGroup, PlanLevel, ProgramCycle, Summary};
 
 /// Standing of a job, which gives the verdict its colour.

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use super::ReportInput;
 use super::album::Album;
-use super::palette::Ink;
 use super::pictures;
 use crate::planning::plan::{Grade, Verdict};
+use crate::rendering::Ink;
 
 /// The grades, from the best on.
 pub(super) const GRADES: [Ink; 4] =

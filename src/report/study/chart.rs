@@ -5,8 +5,8 @@ use super::StudyInput;
 use super::svg::Svg;
 use crate::planning::plan::Grade;
 use crate::planning::studies::{Series, Study, StudyStep};
+use crate::rendering::Ink;
 use crate::report::html::markup::number;
-use crate::report::html::palette::Ink;
 
 /// Max labels along the axis of views.
 const MAX_TICKS: usize = 15;

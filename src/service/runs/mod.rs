@@ -24,6 +24,7 @@ pub use order::{cell_sha256, coverage};
 pub use stream::{RunCursor, RunMessage, RunStream};
 
 use self::leases::HeldLeases;
+use super::THREAD_STACK_BYTES;
 use super::error::Error;
 use crate::execution::session::RunHandle;
 use crate::wire::RunId;
@@ -112,8 +113,9 @@ struct Carrier(Option<Runtime>);
 
 impl Carrier {
     fn new() -> io::Result<Self> {
-        let builder = &mut tokio::runtime::Builder::new_multi_thread();
-        builder.worker_threads(1).thread_name("execution").enable_all().build().map(|runtime| Self(Some(runtime)))
+        let mut builder = tokio::runtime::Builder::new_multi_thread();
+        builder.worker_threads(1).thread_name("execution").thread_stack_size(THREAD_STACK_BYTES).enable_all();
+        builder.build().map(|runtime| Self(Some(runtime)))
     }
 
     fn handle(&self) -> Option<&Handle> {

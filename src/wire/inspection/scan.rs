@@ -1,21 +1,10 @@
 //! Uploaded scans as resources.
 
-use std::str::FromStr;
-
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::inspection::ingest::ScanFrame;
 use crate::wire::{JobId, ScanId};
-
-impl FromStr for ScanFrame {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = Self::ALL.into_iter().find(|frame| frame.as_str() == text);
-        found.ok_or_else(|| format!("unknown frame {text:?}; use one of {}", Self::ALL.map(Self::as_str).join(", ")))
-    }
-}
 
 /// A scan that was uploaded for a job: one file with the points of one view, or of all views together. It never changes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]

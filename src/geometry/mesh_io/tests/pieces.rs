@@ -112,7 +112,7 @@ fn a_file_is_read_the_same_on_any_number_of_threads() {
 
 #[test]
 fn malformed_files_of_third_parties_give_the_same_in_pieces_of_any_size() {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/bad"));
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/bad"));
     let mut waiting = vec![folder];
     let mut files = Vec::new();
     while let Some(folder) = waiting.pop() {

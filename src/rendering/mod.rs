@@ -6,28 +6,38 @@
 //! triangle is alone are lit once. Memory of a picture of 640 × 480 pixels: 10 MB for the samples, 2.5 MB for the pixels, and 16 bytes
 //! a vertex and 4 a triangle of the model, which is at most 5 MB.
 
+mod camera;
+mod depth_buffer;
+mod image;
+mod model;
 mod painter;
+mod palette;
+mod quantise;
+mod shading;
+
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{Point3, Vector3};
-use painter::{NOTHING, Painter, SMOOTH, Sample};
 
-use super::camera::Camera;
-use super::depth_buffer::{DepthBuffer, Projected, face_of, inverse_depth_of};
-use super::image::Image;
-use super::model::DrawnModel;
-use super::palette::Ink;
-use super::shading::Shading;
+pub use self::camera::Camera;
+use self::depth_buffer::{DepthBuffer, Projected, face_of, inverse_depth_of};
+pub use self::image::Image;
+pub use self::model::{DrawnModel, MAX_TRIANGLES, SampledModel};
+use self::painter::{NOTHING, Painter, SMOOTH, Sample};
+pub use self::palette::{BodyRole, Ink, MissGroup};
+pub use self::shading::Shading;
 use crate::geometry::{Kernel, SimdLevel, simd_from_fn, simd_max, simd_min};
 
 /// Samples per pixel along each axis.
 const SAMPLES: usize = 2;
 /// Opacity of missed surface that is hidden.
-pub(super) const GLOW: f64 = 0.8;
+const GLOW: f64 = 0.8;
 /// Relative difference of depth within which a point is the one seen at its pixel.
 const SAME_DEPTH: f64 = 0.002;
 
 /// The part from a camera.
-pub(super) struct Seen<'m> {
+pub struct Seen<'m> {
     model: &'m DrawnModel,
     /// The camera with one pixel per sample.
     fine: Camera,
@@ -40,7 +50,7 @@ pub(super) struct Seen<'m> {
 
 impl<'m> Seen<'m> {
     /// Draws the depths of a model.
-    pub(super) fn new(model: &'m DrawnModel, camera: &Camera, level: SimdLevel) -> Self {
+    pub fn new(model: &'m DrawnModel, camera: &Camera, level: SimdLevel) -> Self {
         let fine = finer(camera);
         let at_mm = camera.camera_from_part.inverse().origin_mm();
         let projected = level.run(Project { model, fine: &fine });
@@ -50,7 +60,7 @@ impl<'m> Seen<'m> {
     }
 
     /// Returns true if a point of the surface with this normal, part frame, is seen in the picture.
-    pub(super) fn shows(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    pub fn shows(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let seen = self.fine.camera_from_part.point(p_mm);
         let Some([x, y]) = self.fine.pixel(&seen).filter(|[x, y]| *x >= 0.0 && *y >= 0.0) else { return false };
         let Some(sample) = self.nearest.at(x as usize, y as usize) else { return false };
@@ -59,25 +69,25 @@ impl<'m> Seen<'m> {
     }
 
     /// Cosine of the angle at which a surface with this normal, part frame, faces the camera at a point.
-    pub(super) fn facing(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
+    pub fn facing(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
         let towards = self.at_mm - p_mm;
         normal.dot(&towards) / towards.norm()
     }
 
     /// Width and height of its pictures, pixels.
-    pub(super) fn size_px(&self) -> [usize; 2] {
+    pub fn size_px(&self) -> [usize; 2] {
         self.fine.size_px.map(|n| n / SAMPLES)
     }
 
     /// Pixel of a point, part frame.
-    pub(super) fn pixel(&self, p_mm: &Point3<f64>) -> Option<[f64; 2]> {
+    pub fn pixel(&self, p_mm: &Point3<f64>) -> Option<[f64; 2]> {
         let fine = self.fine.pixel(&self.fine.camera_from_part.point(p_mm))?;
         Some(fine.map(|c| c / SAMPLES as f64))
     }
 
     /// A picture of the part, each cell in the ink of its code, on a transparent background; if `through`, the inks that glow shine
     /// through whatever hides them ([`Ink::glows`]).
-    pub(super) fn picture(&self, shading: &Shading, codes: &[u8], through: bool) -> Image {
+    pub fn picture(&self, shading: &Shading, codes: &[u8], through: bool) -> Image {
         let glowing = through.then(|| self.glowing(codes));
         let painter = Painter::new(self, shading, codes);
         self.level.run(Resolve { painter, glowing: glowing.as_ref() })
@@ -311,7 +321,7 @@ impl Resolve<'_> {
     }
 }
 
-pub(super) fn mixed(below: [u8; 3], above: [u8; 3], opacity: f64) -> [u8; 3] {
+fn mixed(below: [u8; 3], above: [u8; 3], opacity: f64) -> [u8; 3] {
     let mix = |channel: usize| f64::from(below[channel]) * (1.0 - opacity) + f64::from(above[channel]) * opacity;
     [0, 1, 2].map(|channel| mix(channel).round() as u8)
 }
@@ -328,7 +338,7 @@ fn finer(camera: &Camera) -> Camera {
 }
 
 #[inline(always)]
-pub(super) fn scaled(rgb: [u8; 3], light: f32) -> [u8; 3] {
+fn scaled(rgb: [u8; 3], light: f32) -> [u8; 3] {
     // Truncation of a sum with a half rounds.
     let channel = |channel: u8| (f32::from(channel) * light + 0.5) as u8;
     [channel(rgb[0]), channel(rgb[1]), channel(rgb[2])]

@@ -15,7 +15,7 @@ use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;
 
 /// Max triangles of a model. Half of them face a camera, so each takes a pixel or less.
-pub(in crate::report) const MAX_TRIANGLES: usize = 300_000;
+pub const MAX_TRIANGLES: usize = 300_000;
 /// Width of a picture, in the cells that a part of its size is cut into at least: finer cells would not be seen.
 const CELLS_ACROSS: f64 = 450.0;
 /// Max rows of cells of a triangle.
@@ -24,28 +24,29 @@ const NO_SAMPLE: u32 = u32::MAX;
 
 /// Shape of a part.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct DrawnModel {
+pub struct DrawnModel {
     /// Vertices, mm.
-    pub(super) vertices_mm: Vec<[f32; 3]>,
+    pub vertices_mm: Vec<[f32; 3]>,
     /// Corners of each triangle, counter-clockwise seen from outside.
-    pub(super) faces: Vec<[u32; 3]>,
+    pub faces: Vec<[u32; 3]>,
     /// Rows of cells of each triangle, at least 1.
-    pub(super) rows: Vec<u16>,
+    pub rows: Vec<u16>,
     /// First cell of each triangle, and at last the number of cells.
-    pub(super) first_cell: Vec<u32>,
+    pub first_cell: Vec<u32>,
     /// True if back faces can be visible: the mesh is open, or wound inconsistently.
-    pub(super) is_open: bool,
+    pub is_open: bool,
 }
 
 /// A model and the surface sample that gives each of its cells an ink.
-pub(super) struct SampledModel {
-    pub(super) model: DrawnModel,
+pub struct SampledModel {
+    /// The model that is drawn.
+    pub model: DrawnModel,
     sample_of_cell: Vec<u32>,
 }
 
 impl DrawnModel {
     /// A model; `None` if `rows` or `faces` do not belong to it.
-    pub(super) fn new(vertices_mm: Vec<[f32; 3]>, faces: Vec<[u32; 3]>, rows: Vec<u16>, is_open: bool) -> Option<Self> {
+    pub fn new(vertices_mm: Vec<[f32; 3]>, faces: Vec<[u32; 3]>, rows: Vec<u16>, is_open: bool) -> Option<Self> {
         let vertices = vertices_mm.len();
         let are_known = faces.iter().flatten().all(|vertex| (*vertex as usize) < vertices);
         if rows.len() != faces.len() || rows.contains(&0) || !are_known {
@@ -65,7 +66,7 @@ impl DrawnModel {
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub(super) fn of_mesh(mesh: &Mesh, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+    pub fn of_mesh(mesh: &Mesh, ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let stop = || ctx.check().is_err();
         let is_open = !is_closed(mesh, &Poll::new(&stop))?;
         let rows = vec![1; mesh.faces.len()];
@@ -73,23 +74,23 @@ impl DrawnModel {
     }
 
     /// Number of cells.
-    pub(super) fn cells(&self) -> usize {
+    pub fn cells(&self) -> usize {
         self.first_cell.last().map_or(0, |cells| *cells as usize)
     }
 
     /// Corners of a triangle.
-    pub(super) fn corners(&self, face: usize) -> [Point3<f64>; 3] {
+    pub fn corners(&self, face: usize) -> [Point3<f64>; 3] {
         self.faces[face].map(|vertex| Point3::from(self.vertices_mm[vertex as usize].map(f64::from)))
     }
 
     /// Cell of a triangle at a point of it.
     #[inline(always)]
-    pub(super) fn cell(&self, face: usize, [u, v]: [f64; 2]) -> usize {
+    pub fn cell(&self, face: usize, [u, v]: [f64; 2]) -> usize {
         self.first_cell[face] as usize + cell_at(u32::from(self.rows[face]), [u, v]) as usize
     }
 
     /// Box around the vertices.
-    pub(super) fn aabb(&self) -> Aabb {
+    pub fn aabb(&self) -> Aabb {
         self.vertices_mm.iter().fold(Aabb::empty(), |aabb, p| aabb.with(&Point3::from(p.map(f64::from))))
     }
 }
@@ -105,7 +106,7 @@ impl SampledModel {
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub(super) fn new(mesh: &Mesh, surface: &Surface, preview: Option<&Preview>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+    pub fn new(mesh: &Mesh, surface: &Surface, preview: Option<&Preview>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let stop = || ctx.check().is_err();
         let poll = Poll::new(&stop);
         let is_open = !is_closed(mesh, &poll)?;
@@ -144,7 +145,7 @@ impl SampledModel {
     }
 
     /// Code of the ink of each cell, from that of each sample.
-    pub(super) fn inks(&self, of_samples: &[u8]) -> Vec<u8> {
+    pub fn inks(&self, of_samples: &[u8]) -> Vec<u8> {
         let code = |sample: &u32| of_samples.get(*sample as usize).copied().unwrap_or_else(|| Ink::ByOthers.code());
         self.sample_of_cell.iter().map(code).collect()
     }

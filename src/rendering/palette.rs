@@ -11,7 +11,7 @@ use crate::planning::plan::{Cause, Grade, Verdict};
 
 /// Causes that an operator treats alike.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::report) enum MissGroup {
+pub enum MissGroup {
     /// Hidden from a device.
     Shadow,
     /// Too oblique for a device.
@@ -32,7 +32,7 @@ pub(in crate::report) enum MissGroup {
 
 impl MissGroup {
     /// The group of a cause.
-    pub(super) fn of(cause: Cause) -> Self {
+    pub fn of(cause: Cause) -> Self {
         match cause {
             Cause::ExcludedResting | Cause::Enclosed | Cause::FacesTable => Self::Resting,
             Cause::Facing => Self::Facing,
@@ -48,7 +48,7 @@ impl MissGroup {
 
 /// Role of a body in a picture of what is in the way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::report) enum BodyRole {
+pub enum BodyRole {
     /// One of the two that are too near to each other.
     First,
     /// The other of them.
@@ -61,7 +61,7 @@ pub(in crate::report) enum BodyRole {
 
 /// Meaning of the colour of a point in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::report) enum Ink {
+pub enum Ink {
     /// Measured, with this grade.
     Measured(Grade),
     /// Measured, but not by the view that the picture shows.
@@ -94,7 +94,7 @@ const DEVIATIONS: [[u8; 3]; 7] = [
 
 impl Ink {
     /// Every ink; its place is its code.
-    pub(super) const ALL: [Self; 27] = [
+    pub const ALL: [Self; 27] = [
         Self::Measured(Grade::A),
         Self::Measured(Grade::B),
         Self::Measured(Grade::C),
@@ -125,7 +125,7 @@ impl Ink {
     ];
 
     /// Number of the ink in drafts of reports, which are kept: it never changes.
-    pub(super) fn code(self) -> u8 {
+    pub fn code(self) -> u8 {
         match self {
             Self::Measured(Grade::A) => 0,
             Self::Measured(Grade::B) => 1,
@@ -152,7 +152,7 @@ impl Ink {
     }
 
     /// The ink of a sample in a picture of grades.
-    pub(super) fn of_grade(verdict: Verdict) -> Self {
+    pub fn of_grade(verdict: Verdict) -> Self {
         match verdict {
             Verdict::Measured(grade) => Self::Measured(grade),
             Verdict::Missed(_) => Self::Unmeasured,
@@ -161,7 +161,7 @@ impl Ink {
     }
 
     /// The ink of a sample in a picture of causes.
-    pub(super) fn of_cause(verdict: Verdict) -> Self {
+    pub fn of_cause(verdict: Verdict) -> Self {
         match verdict {
             Verdict::Measured(_) => Self::ByOthers,
             Verdict::Missed(cause) => Self::Missed(MissGroup::of(cause)),
@@ -171,7 +171,7 @@ impl Ink {
 
     /// Returns true if surface of this ink shines through what hides it. Surface that the part stands on does not: it would
     /// colour the whole picture, and is plainly visible from below.
-    pub(super) fn glows(self) -> bool {
+    pub fn glows(self) -> bool {
         match self {
             Self::Missed(group) => group != MissGroup::Resting,
             Self::Body(role) => matches!(role, BodyRole::First | BodyRole::Second),
@@ -180,7 +180,7 @@ impl Ink {
     }
 
     /// sRGB, eight bits a channel.
-    pub(super) fn rgb(self) -> [u8; 3] {
+    pub fn rgb(self) -> [u8; 3] {
         match self {
             Self::Measured(Grade::A) | Self::Body(BodyRole::Second) => [0x00, 0x18, 0xb1],
             Self::Measured(Grade::B) => [0x19, 0xdd, 0x7c],
@@ -203,13 +203,13 @@ impl Ink {
     }
 
     /// `#rrggbb`.
-    pub(in crate::report) fn hex(self) -> String {
+    pub fn hex(self) -> String {
         let [r, g, b] = self.rgb();
         format!("#{r:02x}{g:02x}{b:02x}")
     }
 
     /// Label in the legend.
-    pub(super) fn label(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
             Self::Measured(Grade::A) => "Grade A",
             Self::Measured(Grade::B) => "Grade B",

@@ -20,21 +20,21 @@ const AFAR_RADII: f64 = 400.0;
 
 /// A pinhole camera and its picture.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Camera {
+pub struct Camera {
     /// Pose of the camera.
-    pub(super) camera_from_part: Pose<Device, Part>,
+    pub camera_from_part: Pose<Device, Part>,
     /// Width and height, pixels.
-    pub(super) size_px: [usize; 2],
+    pub size_px: [usize; 2],
     /// Focal length, pixels.
-    pub(super) focal_px: f64,
+    pub focal_px: f64,
     /// Principal point, pixels; may lie outside the picture.
-    pub(super) centre_px: [f64; 2],
+    pub centre_px: [f64; 2],
 }
 
 impl Camera {
     /// The camera at `camera_from_part`, zoomed and shifted so that the part fills the picture as far as it lies within the max
     /// angle of view.
-    pub(super) fn fitted(camera_from_part: Pose<Device, Part>, size_px: [usize; 2], vertices_mm: &[Point3<f64>]) -> Self {
+    pub fn fitted(camera_from_part: Pose<Device, Part>, size_px: [usize; 2], vertices_mm: &[Point3<f64>]) -> Self {
         let stride = vertices_mm.len().div_ceil(FIT_POINTS).max(1);
         let seen = vertices_mm.iter().step_by(stride).map(|p| camera_from_part.point(p)).filter(|p| p.z > NEAR_MM);
         let tangents = seen.map(|p| Point3::new(p.x / p.z, p.y / p.z, 0.0).coords.map(|c| c.clamp(-MAX_TANGENT, MAX_TANGENT)));
@@ -50,12 +50,7 @@ impl Camera {
     }
 
     /// A camera that looks at the part from the direction `towards_camera` (part frame), with `up` pointing up in the picture.
-    pub(super) fn looking_at(
-        vertices_mm: &[Point3<f64>],
-        towards_camera: Vector3<f64>,
-        up: Vector3<f64>,
-        size_px: [usize; 2],
-    ) -> Self {
+    pub fn looking_at(vertices_mm: &[Point3<f64>], towards_camera: Vector3<f64>, up: Vector3<f64>, size_px: [usize; 2]) -> Self {
         let aabb = Aabb::around(vertices_mm);
         let z = -towards_camera.normalize();
         let x = z.cross(&up).normalize();
@@ -70,7 +65,7 @@ impl Camera {
 
     /// A camera so far from `at_mm` (part frame) that it shows a parallel projection to a pixel: `px_per_mm` there, which is the
     /// centre of the picture. `radius_mm` is that of the part.
-    pub(super) fn from_afar(
+    pub fn from_afar(
         at_mm: &Point3<f64>,
         [towards_camera, up]: [Vector3<f64>; 2],
         radius_mm: f64,
@@ -92,18 +87,18 @@ impl Camera {
 
     /// Pixel of a point given in the camera's frame; `None` in front of the near plane.
     #[inline(always)]
-    pub(super) fn pixel(&self, p: &Point3<f64>) -> Option<[f64; 2]> {
+    pub fn pixel(&self, p: &Point3<f64>) -> Option<[f64; 2]> {
         let [x, y] = [self.centre_px[0] + self.focal_px * p.x / p.z, self.centre_px[1] + self.focal_px * p.y / p.z];
         if p.z >= NEAR_MM { Some([x, y]) } else { None }
     }
 
     /// Direction (z = 1), in the camera's frame, of the ray through a pixel.
-    pub(super) fn direction(&self, pixel: [f64; 2]) -> Vector3<f64> {
+    pub fn direction(&self, pixel: [f64; 2]) -> Vector3<f64> {
         Vector3::new((pixel[0] - self.centre_px[0]) / self.focal_px, (pixel[1] - self.centre_px[1]) / self.focal_px, 1.0)
     }
 
     /// Clips a triangle (camera frame) at the near plane; returns the corners of a fan, at most a quadrangle, and their number.
-    pub(super) fn clip_near(corners: [Point3<f64>; 3]) -> ([Point3<f64>; 4], usize) {
+    pub fn clip_near(corners: [Point3<f64>; 3]) -> ([Point3<f64>; 4], usize) {
         let mut fan = [Point3::origin(); 4];
         let mut count = 0;
         for (i, a) in corners.iter().enumerate() {

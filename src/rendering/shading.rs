@@ -40,7 +40,7 @@ impl Lamp {
 }
 
 /// Normals of a part. 48 bytes a triangle.
-pub(super) struct Shading {
+pub struct Shading {
     /// Unit normal of each triangle.
     normals: Vec<Vector3<f32>>,
     /// Smoothed normals at its corners.
@@ -48,17 +48,17 @@ pub(super) struct Shading {
     /// True for triangles that fold at none of their corners.
     is_smooth: Vec<bool>,
     /// Min jump that is drawn as a line, mm.
-    pub(super) jump_mm: f64,
+    pub jump_mm: f64,
 }
 
 impl Shading {
     /// Brightness of an outline.
-    pub(super) const OUTLINE: f32 = 0.38;
+    pub const OUTLINE: f32 = 0.38;
     /// Brightness of a crease.
-    pub(super) const CREASE: f32 = 0.62;
+    pub const CREASE: f32 = 0.62;
 
     /// Prepares the shading of a model.
-    pub(super) fn new(model: &DrawnModel) -> Self {
+    pub fn new(model: &DrawnModel) -> Self {
         let around = FaceLists::around(&model.faces, model.vertices_mm.len());
         let scaled: Vec<Vector3<f32>> = (0..model.faces.len()).into_par_iter().map(|face| scaled_normal(model, face)).collect();
         let unit = |n: &Vector3<f32>| n.try_normalize(0.0).unwrap_or_else(Vector3::z);
@@ -87,22 +87,22 @@ impl Shading {
     }
 
     /// Unit normal of a triangle.
-    pub(super) fn normal(&self, face: usize) -> &Vector3<f32> {
+    pub fn normal(&self, face: usize) -> &Vector3<f32> {
         &self.normals[face]
     }
 
     /// Smoothed unit normals at the corners of a triangle.
-    pub(super) fn corner_normals(&self, face: usize) -> &[Vector3<f32>; 3] {
+    pub fn corner_normals(&self, face: usize) -> &[Vector3<f32>; 3] {
         &self.corner_normals[face]
     }
 
     /// True for a triangle that folds at none of its corners.
-    pub(super) fn is_smooth(&self, face: usize) -> bool {
+    pub fn is_smooth(&self, face: usize) -> bool {
         self.is_smooth[face]
     }
 
     /// True if two triangles side by side in a picture fold towards each other.
-    pub(super) fn is_crease(&self, face: usize, other: usize) -> bool {
+    pub fn is_crease(&self, face: usize, other: usize) -> bool {
         self.normals[face].dot(&self.normals[other]) < CREASE_COS
     }
 }

@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::depth_buffer::STEPS;
+use super::palette::Ink;
+use super::shading::{Lamp, Shading};
 use super::{Seen, scaled};
-use crate::report::html::depth_buffer::STEPS;
-use crate::report::html::palette::Ink;
-use crate::report::html::shading::{Lamp, Shading};
 
 /// Width and height, in steps, below which a triangle is lit as a whole.
 const FLAT_STEPS: i32 = 8 * STEPS as i32;

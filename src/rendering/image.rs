@@ -11,11 +11,11 @@ const LEVEL: DeflateCompression = DeflateCompression::Level(3);
 
 /// A picture with a transparent background, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Image {
+pub struct Image {
     /// Width and height, pixels.
-    pub(super) size_px: [usize; 2],
+    pub size_px: [usize; 2],
     /// Red, green, blue, opacity of each pixel; colours are not premultiplied.
-    pub(super) rgba: Vec<[u8; 4]>,
+    pub rgba: Vec<[u8; 4]>,
 }
 
 impl Image {
@@ -23,7 +23,7 @@ impl Image {
     ///
     /// # Errors
     /// None in practice: writing to memory cannot fail.
-    pub(super) fn png(&self) -> Result<Vec<u8>, EncodingError> {
+    pub fn png(&self) -> Result<Vec<u8>, EncodingError> {
         let indexed = quantise(&self.rgba);
         let mut bytes = Vec::new();
         let mut encoder = Encoder::new(&mut bytes, self.size_px[0] as u32, self.size_px[1] as u32);
@@ -40,7 +40,7 @@ impl Image {
     }
 
     /// Encodes the picture as a `data:` URI.
-    pub(super) fn data_uri(&self) -> String {
+    pub fn data_uri(&self) -> String {
         self.png().map_or_else(|_| String::new(), |png| format!("data:image/png;base64,{}", STANDARD.encode(png)))
     }
 }

@@ -1,0 +1,31 @@
+//! A plan that unit tests of commands read.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::geometry::LengthUnit;
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::PlanParams;
+use crate::service::plan_job::{PLAN_FILE, PlanJob, bytes_of};
+use crate::testing::{box_mesh, nominal_scanner};
+use crate::wire::echo::Echo;
+
+/// Bytes of the plan of a block without a cell.
+pub(crate) fn plan_of_block(params: &PlanParams) -> Vec<u8> {
+    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
+    let job = PlanJob {
+        mesh: &mesh,
+        fixture: None,
+        part_name: "block".into(),
+        part_sha256: &"0a".repeat(32),
+        unit: LengthUnit::Millimetre,
+        scanner: &scanner,
+        cell: None,
+        roadmaps: None,
+        rescan: None,
+        params,
+        echo: Echo::default(),
+        date: None,
+    };
+    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|error| panic!("no plan: {error}"));
+    bytes_of(&files, PLAN_FILE).to_vec()
+}

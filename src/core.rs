@@ -1,0 +1,12 @@
+//! Planning, inspection, execution and rendering: the rooms of Vantage below its documents, server and command line.
+#![cfg_attr(test, expect(clippy::float_cmp, reason = "tests hold to the bit what is exact"))]
+
+pub mod cell;
+pub mod execution;
+pub mod geometry;
+pub mod inspection;
+pub mod planning;
+pub mod program;
+pub mod rendering;
+#[cfg(test)]
+mod testing;
