@@ -1,14 +1,15 @@
 //! The dashboard in a real browser, by the scripts of `tests/oracles/dashboard`: an operator's way from a mesh to a report, what
 //! is drawn, accessibility, dropped connections; and its build, which gives the bytes that are committed.
 
+mod prefix_proxy;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 
-use super::prefix_proxy;
-use super::process::Server;
+use crate::server::process::Server;
 use crate::support::{chromium, dashboard_node, dashboard_packages, shared};
 
 fn sources(folder: &str) -> PathBuf {
