@@ -1,6 +1,8 @@
-//! A small renderer. Triangles go through a depth buffer with 2 × 2 samples per pixel. Each sample then takes the ink of its cell of
-//! the triangle, is lit by a lamp beside the camera and by a soft sky, and is darkened along outlines and creases. What is seen from
-//! a camera ([`Seen`]) serves every picture from there. Equal inputs give equal pictures, at every level of vector instructions.
+//! Pictures of meshes and bodies, by a small software renderer.
+//!
+//! Triangles go through a depth buffer with 2 × 2 samples per pixel. Each sample then takes the ink of its cell of the triangle, is lit
+//! by a lamp beside the camera and by a soft sky, and is darkened along outlines and creases. What is seen from a camera ([`Seen`])
+//! serves every picture from there. Equal inputs give equal pictures, at every level of vector instructions.
 //!
 //! Cost: O(vertices + triangles + pixels). Triangles of less than about four pixels are lit as a whole; pixels in which one
 //! triangle is alone are lit once. Memory of a picture of 640 × 480 pixels: 10 MB for the samples, 2.5 MB for the pixels, and 16 bytes
