@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use axum::extract::Path;
@@ -10,7 +11,8 @@ use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Redirect, Response};
 use serde_json::{Value, json};
-use utoipa_swagger_ui::Config;
+use utoipa_swagger_ui_vendored::SWAGGER_UI_VENDORED;
+use zip::ZipArchive;
 
 use super::negotiate::{Representation, choose};
 use super::pages;
@@ -85,11 +87,13 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     let file = match cached {
         Some(file) => file,
         None => {
-            let config = Arc::new(Config::from("openapi.json").try_it_out_enabled(true).persist_authorization(true));
             let missing = || ApiError::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
-            let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(missing)?;
-            let bytes = if name == "index.html" { start_page(&file.bytes) } else { file.bytes.into_owned() };
-            let file = Arc::new(StaticResponse::new(bytes, file.content_type));
+            let bytes = match name {
+                "swagger-initializer.js" => INITIALIZER.as_bytes().to_vec(),
+                _ => unpacked(name).ok_or_else(missing)?,
+            };
+            let bytes = if name == "index.html" { start_page(&bytes) } else { bytes };
+            let file = Arc::new(StaticResponse::new(bytes, media_type(name).to_owned()));
             UI.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), Arc::clone(&file));
             file
         }
@@ -98,6 +102,41 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     response.headers_mut().insert(CONTENT_SECURITY_POLICY, UI_POLICY);
     Ok(response)
 }
+
+/// A file of Swagger UI, from the archive of its release: `swagger-ui-VERSION/dist/NAME`.
+fn unpacked(name: &str) -> Option<Vec<u8>> {
+    let mut archive = ZipArchive::new(Cursor::new(SWAGGER_UI_VENDORED)).ok()?;
+    let folder = archive.name_for_index(0)?.ok()?.into_owned();
+    let mut file = archive.by_name(&format!("{folder}dist/{name}")).ok().filter(|file| file.is_file())?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes).ok()?;
+    Some(bytes)
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit_once('.') {
+        Some((_, "html")) => "text/html",
+        Some((_, "css")) => "text/css",
+        Some((_, "js")) => "text/javascript",
+        Some((_, "png")) => "image/png",
+        _ => "application/octet-stream",
+    }
+}
+
+/// Script that starts Swagger UI on the document beside it.
+const INITIALIZER: &str = r##"window.onload = () => {
+  window.ui = SwaggerUIBundle({
+    url: "openapi.json",
+    dom_id: "#swagger-ui",
+    deepLinking: true,
+    layout: "StandaloneLayout",
+    persistAuthorization: true,
+    tryItOutEnabled: true,
+    presets: [SwaggerUIBundle.presets.apis, SwaggerUIStandalonePreset],
+    plugins: [SwaggerUIBundle.plugins.DownloadUrl],
+  });
+};
+"##;
 
 /// Start page of Swagger UI under the name of the API, with links to the server's other pages.
 fn start_page(html: &[u8]) -> Vec<u8> {

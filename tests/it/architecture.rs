@@ -45,7 +45,7 @@ const PURE: &[&str] = &[
     "std::thread",
 ];
 const WIRE: &[&str] = &["axum", "hyper", "tokio", "sqlx", "std::fs", "std::net"];
-const HTTP_ONLY: &[&str] = &["axum", "utoipa_axum", "utoipa_swagger_ui", "tower_http"];
+const HTTP_ONLY: &[&str] = &["axum", "utoipa_axum", "utoipa_swagger_ui_vendored", "zip", "tower_http"];
 
 const ROOMS: &[Room] = &[
     Room { name: "geometry", silent_on: PURE },

@@ -247,7 +247,22 @@ async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
     assert_eq!((moved.status.as_u16(), moved.header("location")), (308, "docs/"));
     assert!(api.get("/docs/").await.text().contains("swagger-ui"));
     assert!(api.get("/docs/swagger-initializer.js").await.text().contains("\"openapi.json\""));
-    api.get("/docs/nothing").await.problem("no_such_route");
+    let page = api.get("/docs/").await.text().to_owned();
+    for (name, media_type, bytes) in [
+        ("swagger-ui.css", "text/css", 100_000),
+        ("index.css", "text/css", 100),
+        ("favicon-32x32.png", "image/png", 100),
+        ("swagger-ui-bundle.js", "text/javascript", 1_000_000),
+        ("swagger-ui-standalone-preset.js", "text/javascript", 100_000),
+    ] {
+        let file = api.get(&format!("/docs/{name}")).await;
+        assert!(page.contains(name) && file.bytes.len() > bytes, "{name}: {} bytes", file.bytes.len());
+        assert_eq!(file.header("content-type"), media_type, "{name}");
+    }
+    // The archive holds the sources too.
+    for name in ["nothing", "..%2fpackage.json", "dist%2findex.html"] {
+        api.get(&format!("/docs/{name}")).await.problem("no_such_route");
+    }
 }
 
 #[tokio::test]
