@@ -247,7 +247,7 @@ async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
     assert_eq!((moved.status.as_u16(), moved.header("location")), (308, "docs/"));
     assert!(api.get("/docs/").await.text().contains("swagger-ui"));
     assert!(api.get("/docs/swagger-initializer.js").await.text().contains("\"openapi.json\""));
-    let page = api.get("/docs/").await.text().to_owned();
+    let page = api.get("/docs/").await.text();
     for (name, media_type, bytes) in [
         ("swagger-ui.css", "text/css", 100_000),
         ("index.css", "text/css", 100),
@@ -319,7 +319,7 @@ async fn a_stopping_server_says_so_and_takes_no_work() {
 #[tokio::test]
 async fn the_documentation_is_named_and_leads_to_the_other_pages() {
     let api = Api::start().await;
-    let page = api.get("/docs/").await.text().to_owned();
+    let page = api.get("/docs/").await.text();
     assert!(page.contains("<title>API – Vantage</title>") && page.contains("id=\"swagger-ui\""), "{page}");
     for link in ["../", "../parameters", "../problems"] {
         assert!(page.contains(&format!("href=\"{link}\"")), "{link}: {page}");
