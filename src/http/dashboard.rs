@@ -10,7 +10,7 @@ use axum::response::Response;
 use rust_embed::RustEmbed;
 
 use super::problem::{ApiError, Code};
-use super::static_response::StaticResponse;
+use super::static_response::{StaticResponse, media_type};
 
 #[derive(RustEmbed)]
 #[folder = "static/dist/"]
@@ -40,15 +40,4 @@ fn serve(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     });
     let file = FILES.get(name).ok_or_else(|| ApiError::new(Code::NoSuchRoute, format!("there is no file {name:?}")))?;
     Ok(file.respond(headers))
-}
-
-fn media_type(name: &str) -> &'static str {
-    match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
-        "html" => "text/html; charset=utf-8",
-        "css" => "text/css; charset=utf-8",
-        "js" => "text/javascript; charset=utf-8",
-        "svg" => "image/svg+xml",
-        "txt" => "text/plain; charset=utf-8",
-        _ => "application/octet-stream",
-    }
 }

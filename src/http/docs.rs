@@ -18,7 +18,7 @@ use super::negotiate::{Representation, choose};
 use super::pages;
 use super::prefix::Prefix;
 use super::problem::{ApiError, Code};
-use super::static_response::StaticResponse;
+use super::static_response::{StaticResponse, media_type};
 
 /// Content security policy of Swagger UI, whose scripts set styles and whose images are `data:` URLs.
 const UI_POLICY: HeaderValue = HeaderValue::from_static(
@@ -111,16 +111,6 @@ fn unpacked(name: &str) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     Some(bytes)
-}
-
-fn media_type(name: &str) -> &'static str {
-    match name.rsplit_once('.') {
-        Some((_, "html")) => "text/html",
-        Some((_, "css")) => "text/css",
-        Some((_, "js")) => "text/javascript",
-        Some((_, "png")) => "image/png",
-        _ => "application/octet-stream",
-    }
 }
 
 /// Script that starts Swagger UI on the document beside it.

@@ -249,11 +249,11 @@ async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
     assert!(api.get("/docs/swagger-initializer.js").await.text().contains("\"openapi.json\""));
     let page = api.get("/docs/").await.text();
     for (name, media_type, bytes) in [
-        ("swagger-ui.css", "text/css", 100_000),
-        ("index.css", "text/css", 100),
+        ("swagger-ui.css", "text/css; charset=utf-8", 100_000),
+        ("index.css", "text/css; charset=utf-8", 100),
         ("favicon-32x32.png", "image/png", 100),
-        ("swagger-ui-bundle.js", "text/javascript", 1_000_000),
-        ("swagger-ui-standalone-preset.js", "text/javascript", 100_000),
+        ("swagger-ui-bundle.js", "text/javascript; charset=utf-8", 1_000_000),
+        ("swagger-ui-standalone-preset.js", "text/javascript; charset=utf-8", 100_000),
     ] {
         let file = api.get(&format!("/docs/{name}")).await;
         assert!(page.contains(name) && file.bytes.len() > bytes, "{name}: {} bytes", file.bytes.len());
