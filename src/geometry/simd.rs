@@ -99,6 +99,23 @@ fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
 }
 
+/// Asks for what lies behind a reference to be brought near the CPU, all of its cache lines; nothing else depends on it.
+#[inline(always)]
+#[cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "calls an instruction that has no safe form"))]
+#[cfg_attr(not(target_arch = "x86_64"), expect(unused_variables, reason = "nothing to ask for there"))]
+pub(super) fn prefetch<T>(value: &T) {
+    /// Bytes of a cache line.
+    #[cfg(target_arch = "x86_64")]
+    const LINE: usize = 64;
+    #[cfg(target_arch = "x86_64")]
+    for first in (0..size_of::<T>()).step_by(LINE) {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let line = std::ptr::from_ref(value).cast::<i8>().wrapping_add(first);
+        // SAFETY: SSE is part of x86-64, and a prefetch reads nothing: it may be of any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(line) };
+    }
+}
+
 /// The machine's minimum, for kernels: `b` where `a` is NaN. `f32::min` has a rule for either, at two to three times the
 /// cost.
 #[inline(always)]

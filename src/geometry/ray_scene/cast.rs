@@ -130,6 +130,7 @@ impl View<'_> {
             let planes = |rows: &[[f32; WIDTH]; 3]| [rows[0][child], rows[1][child], rows[2][child]];
             let lanes = if settled { lanes } else { packet.meets_box(planes(&near), planes(&far)) & lanes };
             if lanes != 0 {
+                self.tree.prefetch(node.children[child]);
                 insert(stack, bottom, Waiting { near: enter[child], target: node.children[child], lanes });
             }
         }

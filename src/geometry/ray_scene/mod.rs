@@ -39,6 +39,9 @@ mod split;
 mod tests;
 mod tree;
 
+/// Nodes and blocks that wait for their visit by a single segment at once, in most scenes.
+const WAITING: usize = 48;
+
 /// Meshes as one set of triangles that segments may meet.
 pub struct RayScene {
     /// Everything below is relative to this, so that f32 is finest where the surface is.
@@ -163,7 +166,8 @@ impl RayScene {
 
     /// Triangles, in leaf order, whose boxes `segment` meets.
     fn near(&self, segment: &Segment) -> impl Iterator<Item = usize> {
-        let mut waiting = if self.faces.is_empty() { Vec::new() } else { vec![ChildTarget::Node(0)] };
+        let mut waiting = Vec::with_capacity(WAITING);
+        waiting.extend((!self.faces.is_empty()).then_some(ChildTarget::Node(0)));
         let mut block = (0_usize, 0_u32);
         std::iter::from_fn(move || {
             loop {

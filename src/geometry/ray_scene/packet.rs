@@ -197,40 +197,38 @@ struct SeenTriangle {
 impl Seen {
     #[inline(always)]
     fn from(block: &Block, origin: &[[f32; 2]; 3], axes: [usize; 3]) -> Self {
-        let mut seen = Self { corners: [[[0.0; BLOCK]; 3]; 3], normals: [[0.0; BLOCK]; 3], height: [0.0; BLOCK] };
-        for corner in 0..3 {
-            for (place, axis) in axes.into_iter().enumerate() {
-                let (corners, [first, second]) = (&block.corners[corner][axis], origin[axis]);
-                for slot in 0..BLOCK {
-                    seen.corners[corner][place][slot] = corners[slot] - first - second;
-                }
-            }
-        }
+        let along = |corner: usize, place: usize| {
+            // The bound is known, but not to the compiler.
+            let axis = axes[place].min(2);
+            let (corners, [first, second]) = (&block.corners[corner][axis], origin[axis]);
+            simd_from_fn(|slot| corners[slot] - first - second)
+        };
+        let corners = simd_from_fn(|corner| simd_from_fn(|place| along(corner, place)));
+        let (mut normals, mut height) = ([[0.0; BLOCK]; 3], [0.0; BLOCK]);
         for slot in 0..BLOCK {
-            let [a, b, c] = [seen.corner(0, slot), seen.corner(1, slot), seen.corner(2, slot)];
+            let [a, b, c] = simd_from_fn(|corner| corner_of(&corners[corner], slot));
             let normal = cross(minus(b, a), minus(c, a));
-            seen.height[slot] = dot(a, normal);
+            height[slot] = dot(a, normal);
             for axis in 0..3 {
-                seen.normals[axis][slot] = normal[axis];
+                normals[axis][slot] = normal[axis];
             }
         }
-        seen
-    }
-
-    #[inline(always)]
-    fn corner(&self, corner: usize, slot: usize) -> [f32; 3] {
-        let rows = &self.corners[corner];
-        [rows[0][slot], rows[1][slot], rows[2][slot]]
+        Self { corners, normals, height }
     }
 
     #[inline(always)]
     fn triangle(&self, slot: usize) -> SeenTriangle {
         SeenTriangle {
-            corners: [self.corner(0, slot), self.corner(1, slot), self.corner(2, slot)],
+            corners: simd_from_fn(|corner| corner_of(&self.corners[corner], slot)),
             normal: [self.normals[0][slot], self.normals[1][slot], self.normals[2][slot]],
             height: self.height[slot],
         }
     }
+}
+
+#[inline(always)]
+fn corner_of(by_axis: &[[f32; BLOCK]; 3], slot: usize) -> [f32; 3] {
+    [by_axis[0][slot], by_axis[1][slot], by_axis[2][slot]]
 }
 
 /// One ray, axes in the order of the packet.

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::split::{self, PART};
 use crate::geometry::mesh::Aabb;
+use crate::geometry::simd::prefetch;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
@@ -78,6 +79,15 @@ struct Subtree {
 }
 
 impl Tree {
+    /// Asks for a child before its visit: most that are met are visited, since most rays are not blocked.
+    #[inline(always)]
+    pub(super) fn prefetch(&self, child: Child) {
+        match child.target() {
+            ChildTarget::Node(index) => prefetch(&self.nodes[index]),
+            ChildTarget::Block(index) => prefetch(&self.blocks[index]),
+        }
+    }
+
     /// A tree over the triangles with these corners. `check` is asked every few milliseconds.
     ///
     /// # Errors
