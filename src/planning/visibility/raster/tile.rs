@@ -438,8 +438,7 @@ impl TriangleStepper {
             let value = simd_min(simd_max(self.slope[lane] + base, furthest), nearest);
             let value = if inside { value } else { 0.0 };
             shown[lane] = if value > before { number } else { number_before };
-            // The greater of two numbers that are not negative has the greater bits.
-            values[lane] = f32::from_bits(value.to_bits().max(before.to_bits()));
+            values[lane] = simd_max(value, before);
         }
         inverse_depth[place] = values;
         numbers.put(place, shown);
