@@ -6,7 +6,7 @@
 //!
 //! Cost: O(vertices + triangles + pixels). Triangles of less than about four pixels are lit as a whole; pixels in which one
 //! triangle is alone are lit once. Memory of a picture of 640 × 480 pixels: 10 MB for the samples, 2.5 MB for the pixels, and 16 bytes
-//! a vertex and 4 a triangle of the model, which is at most 5 MB.
+//! a vertex and 4 a triangle of the model, which is at most 6 MB.
 
 mod camera;
 mod depth_buffer;
@@ -145,7 +145,8 @@ impl<K: Fn(usize) -> bool> Kernel for Rasterise<'_, K> {
 
     #[inline(always)]
     fn run(self) {
-        for (face, vertices) in self.model.faces.iter().enumerate() {
+        for face in self.model.by_place.iter().map(|face| *face as usize) {
+            let vertices = &self.model.faces[face];
             let [a, b, c] = simd_from_fn(|corner| self.projected[vertices[corner] as usize]);
             if !(self.keep)(face) {
                 continue;
@@ -185,7 +186,7 @@ impl SampleRow {
         self.depths_mm.clear();
         self.depths_mm.extend(row.iter().map(|sample| 1.0 / inverse_depth_of(*sample)));
         self.faces.clear();
-        self.faces.extend(row.iter().map(|sample| if *sample == 0 { NOTHING } else { face_of(*sample) }));
+        self.faces.extend(row.iter().map(|sample| if *sample > 0.0 { face_of(*sample) } else { NOTHING }));
         self.paints.clear();
         for face in &self.faces {
             self.paints.push(if *face == NOTHING { 0 } else { painter.paint(*face) });
@@ -299,7 +300,7 @@ impl Resolve<'_> {
     fn glows(&self, left: usize, top: usize) -> bool {
         let glows = |buffer: &DepthBuffer| {
             let [first, second] = [buffer.row(top), buffer.row(top + 1)];
-            first[left] | first[left + 1] | second[left] | second[left + 1] != 0
+            first[left] + first[left + 1] + second[left] + second[left + 1] > 0.0
         };
         self.glowing.is_some_and(glows)
     }
