@@ -12,9 +12,8 @@ use crate::planning::setups::Setup;
 use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Row, SampleSet};
 
-/// Measured samples that are judged at most where only their area is told: all of most parts; of others a share of 1 % is then known
-/// to a thirtieth of a point.
-const MAX_JUDGED: usize = 100_000;
+/// Measured samples that are judged at most where only their area is told: a share of 1 % is then known to 0.06 points.
+const MAX_JUDGED: usize = 30_000;
 
 /// Risks of measured samples: of all, or of some that stand for them.
 pub(super) struct JudgedSamples {
