@@ -230,7 +230,7 @@ const OBSTACLE_EXAMPLE: &str = "
 
 /// The specification in TOML, with its source.
 fn text(args: &CellArgs, spec: &CellSpec, face: HousingFace) -> Result<String, CliError> {
-    let toml = toml::to_string_pretty(spec).map_err(|error| CliError::Failed(error.to_string()))?;
+    let toml = output::toml(spec)?;
     // An empty list could not be followed by the table of an obstacle.
     let toml = toml.replacen("obstacles = []\n", "", 1);
     let [x, y, z] = args.table_at.0;

@@ -89,6 +89,16 @@ pub(super) fn json(document: &impl Serialize) -> Result<(), CliError> {
     bytes((text + "\n").as_bytes())
 }
 
+/// A specification in TOML, its fields in their order. It goes through a table: the serialiser of documents is made of six, and
+/// each would be compiled for every type.
+///
+/// # Errors
+/// [`CliError::Failed`] for what TOML cannot say.
+pub(super) fn toml(document: &impl Serialize) -> Result<String, CliError> {
+    let table = toml::Value::try_from(document);
+    table.and_then(|table| toml::to_string_pretty(&table)).map_err(|error| CliError::Failed(format!("TOML: {error}")))
+}
+
 /// Prints bytes as they are, whatever the flags.
 ///
 /// # Errors

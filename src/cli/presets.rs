@@ -124,9 +124,7 @@ fn difference(value: Value, other: &Value) -> Option<Value> {
 
 /// A set of parameters as a TOML file, with its source.
 fn toml_of(name: &str, summary: &str, set: &Value) -> Result<String, CliError> {
-    let failed = |error: toml::ser::Error| CliError::Failed(format!("{name}: {error}"));
-    // As a table of TOML, in which values come before tables.
-    let text = toml::Value::try_from(set).and_then(|table| toml::to_string_pretty(&table)).map_err(failed)?;
+    let text = output::toml(set)?;
     Ok(format!(
         "# Parameters of the preset `{name}`: {summary}.\n# Use it as it is, or change it: vantage plan … --params FILE\n\n{text}"
     ))

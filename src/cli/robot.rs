@@ -91,7 +91,7 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         let all: Vec<String> = errors.iter().map(ToString::to_string).collect();
         return Err(at(&args.urdf, &all.join("; ")));
     }
-    let toml = toml::to_string_pretty(&spec).map_err(|error| at(&args.out, &error))?;
+    let toml = output::toml(&spec)?;
     let text = format!(
         "# From {}. Check limits, speeds and accelerations against the manufacturer's data sheet.\n{toml}",
         name_of(&args.urdf)

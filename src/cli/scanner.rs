@@ -194,7 +194,7 @@ pub(super) fn write_or_print(path: Option<&Path>, spec: &impl Serialize, text: &
 
 /// The specification in TOML, with its sources.
 fn text(sheet: &DataSheet, spec: &ScannerSpec) -> Result<String, CliError> {
-    let toml = toml::to_string_pretty(spec).map_err(|error| CliError::Failed(error.to_string()))?;
+    let toml = output::toml(spec)?;
     let ([width, height], [near, far]) = (sheet.field_mm, sheet.depth_mm);
     Ok(format!(
         "# From a data sheet, by `vantage scanner`: field {width} x {height} mm at {} mm, working depth {near} to {far} mm, cameras {} mm\n\

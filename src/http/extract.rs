@@ -10,18 +10,35 @@ use axum::extract::{FromRequest, FromRequestParts, Query, Request};
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, IF_MATCH, IF_NONE_MATCH};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName};
+use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use utoipa::ToSchema;
 
 use super::keys::KeyName;
 use super::problem::{ApiError, Code};
 use super::router::ApiState;
-use crate::service::{Precondition, Submission};
+use crate::service::{Error, Precondition, Submission};
 use crate::wire;
 
-/// Extractor of a JSON body.
+/// Extractor of a JSON body; as an answer, its JSON.
 pub(super) struct Json<T>(pub T);
+
+/// Written by the serialiser that documents and stored rows are written by: with one of `axum::Json`'s own, every type would be
+/// compiled for both.
+impl<T: Serialize> IntoResponse for Json<T> {
+    fn into_response(self) -> Response {
+        json_response(serde_json::to_vec(&self.0))
+    }
+}
+
+fn json_response(body: serde_json::Result<Vec<u8>>) -> Response {
+    match body {
+        Ok(body) => ([(CONTENT_TYPE, "application/json")], body).into_response(),
+        Err(error) => ApiError::from(Error::from(error)).into_response(),
+    }
+}
 
 impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for Json<T> {
     type Rejection = ApiError;

@@ -9,7 +9,7 @@ use utoipa::PartialSchema;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::Schema;
 
-use super::extract::Params;
+use super::extract::{Json, Params};
 use super::problem::ApiError;
 
 /// The field that every answer has.
@@ -51,12 +51,12 @@ impl Fields {
         answer: &impl Serialize,
         objects: impl FnOnce(&mut Value) -> Vec<&mut Value>,
     ) -> Result<Response, serde_json::Error> {
-        let Some(wanted) = &self.0 else { return Ok(axum::Json(answer).into_response()) };
+        let Some(wanted) = &self.0 else { return Ok(Json(answer).into_response()) };
         let mut answer = serde_json::to_value(answer)?;
         for object in objects(&mut answer).into_iter().filter_map(Value::as_object_mut) {
             object.retain(|name, _| wanted.contains(name));
         }
-        Ok(axum::Json(answer).into_response())
+        Ok(Json(answer).into_response())
     }
 }
 

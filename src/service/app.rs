@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use futures_util::future::BoxFuture;
 use tokio::sync::{Mutex, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -120,8 +121,8 @@ impl App {
         app.recover_runs().await?;
         app.recover_calibrations().await?;
         app.recover_inspections().await?;
-        app.0.tasks.spawn(jobs::dispatch(app.clone()));
-        app.0.tasks.spawn(maintain(app.clone()));
+        app.spawn(jobs::dispatch(app.clone()));
+        app.spawn(maintain(app.clone()));
         Ok(app)
     }
 
@@ -194,11 +195,19 @@ impl App {
         Ok(counts)
     }
 
+    /// Starts a task that [`Self::stop`] waits for.
+    pub(super) fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) {
+        let task: BoxFuture<'static, ()> = Box::pin(task);
+        self.0.tasks.spawn(task);
+    }
+
     /// Runs a change to completion, even if the caller goes away.
     pub(super) async fn run_to_completion<T: Send + 'static>(
         &self,
         change: impl Future<Output = Result<T, Error>> + Send + 'static,
     ) -> Result<T, Error> {
+        // One type of task for each result: tokio compiles a hundred functions for every one.
+        let change: BoxFuture<'static, Result<T, Error>> = Box::pin(change);
         tokio::spawn(change).await.map_err(|error| Error::from(InternalError::Task(error.to_string())))?
     }
 

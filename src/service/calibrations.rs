@@ -124,7 +124,7 @@ impl App {
         let app = self.clone();
         self.run_to_completion(async move {
             let job = app.0.store.insert_calibration(&job, &input, MAX_QUEUED).await?;
-            app.0.tasks.spawn(app.clone().carry_out_calibration(job.id));
+            app.spawn(app.clone().carry_out_calibration(job.id));
             Ok(job)
         })
         .await
@@ -243,7 +243,7 @@ impl App {
         for id in self.0.store.open_calibrations().await? {
             let again = |job: &mut CalibrationJob| job.state = CalibrationState::Queued;
             self.change_calibration(id, &[CalibrationState::Running], again, None).await?;
-            self.0.tasks.spawn(self.clone().carry_out_calibration(id));
+            self.spawn(self.clone().carry_out_calibration(id));
         }
         Ok(())
     }
@@ -256,6 +256,8 @@ impl App {
         result: Option<CalibrationDocument>,
     ) -> Result<CalibrationJob, Error> {
         let app = self.clone();
+        // One type for all changes, so that what follows is compiled once.
+        let change: Box<dyn FnOnce(&mut CalibrationJob) + Send> = Box::new(change);
         let changed =
             self.run_to_completion(async move { app.0.store.change_calibration(id, from, change, result.as_ref()).await }).await;
         self.0.calibrations.changed.notify_waiters();

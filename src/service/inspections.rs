@@ -90,7 +90,7 @@ impl App {
         let app = self.clone();
         self.run_to_completion(async move {
             let job = app.0.store.insert_inspection(&job, &StoredInspection { scans }, MAX_QUEUED).await?;
-            app.0.tasks.spawn(app.clone().carry_out_inspection(job.id));
+            app.spawn(app.clone().carry_out_inspection(job.id));
             Ok(job)
         })
         .await
@@ -230,7 +230,7 @@ impl App {
                 job.state = if job.state == JobState::Cancelling { JobState::Cancelled } else { JobState::Queued };
             };
             self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again, None).await?;
-            self.0.tasks.spawn(self.clone().carry_out_inspection(id));
+            self.spawn(self.clone().carry_out_inspection(id));
         }
         Ok(())
     }
@@ -243,6 +243,8 @@ impl App {
         files: Option<StoredArtifacts>,
     ) -> Result<InspectionJob, Error> {
         let app = self.clone();
+        // One type for all changes, so that what follows is compiled once.
+        let change: Box<dyn FnOnce(&mut InspectionJob) + Send> = Box::new(change);
         let changed =
             self.run_to_completion(async move { app.0.store.change_inspection(id, from, change, files.as_ref()).await }).await;
         self.0.inspections.changed.notify_waiters();

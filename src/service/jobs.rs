@@ -142,7 +142,7 @@ impl App {
             self.0.runner.schedule().seat(id, share, size);
             let seat = SeatGuard { app: self.clone(), id };
             let app = self.clone();
-            self.0.tasks.spawn(async move {
+            self.spawn(async move {
                 app.attempt(attempt, share).await;
                 drop(seat);
             });

@@ -8,6 +8,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
+use utoipa::openapi::{RefOr, Schema};
 
 use super::json::pointer_of;
 use super::parameters::without_links;
@@ -85,14 +86,17 @@ fn schema_of<T: ToSchema + 'static>() -> Arc<TypeSchema> {
     known.unwrap_or_else(|| {
         let mut components = Vec::new();
         T::schemas(&mut components);
-        let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
-        let schema = Arc::new(TypeSchema { root: to_json(&T::schema()), components });
+        let schema = Arc::new(TypeSchema::new(&T::schema(), components));
         Arc::clone(schemas().entry(TypeId::of::<T>()).or_insert(schema))
     })
 }
 
-fn to_json(schema: &impl serde::Serialize) -> Value {
-    serde_json::to_value(schema).unwrap_or_default()
+impl TypeSchema {
+    fn new(root: &RefOr<Schema>, components: Vec<(String, RefOr<Schema>)>) -> Self {
+        let to_json = |schema: &RefOr<Schema>| serde_json::to_value(schema).unwrap_or_default();
+        let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
+        Self { root: to_json(root), components }
+    }
 }
 
 /// Walk through a value along its schema.

@@ -31,8 +31,7 @@ pub(super) fn run(args: &CalibrateBrightnessArgs) -> Result<(), CliError> {
     let shown = args.data.display().to_string();
     let data: BrightnessData = files::from_value(files::value(&args.data)?, &shown)?;
     let identified = data.identify().map_err(|errors| files::findings(&shown, &errors))?;
-    let section =
-        toml::to_string(&Section { exposure: identified.exposure }).map_err(|error| CliError::Failed(error.to_string()))?;
+    let section = output::toml(&Section { exposure: identified.exposure })?;
     if let Some(path) = &args.out {
         files::write(path, section.as_bytes())?;
     }

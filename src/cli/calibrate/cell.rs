@@ -91,7 +91,7 @@ fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -
     let not_on_flange = "--write-cell: a cell has its scanner on the flange; the data have it in the cell";
     let spec = document.calibrated(spec).ok_or_else(|| CliError::BadInput(not_on_flange.into()))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
-    let toml = toml::to_string_pretty(&spec).map_err(|error| CliError::Failed(error.to_string()))?;
+    let toml = output::toml(&spec)?;
     let head = "# By `vantage calibrate cell`: flange_from_scanner and base_from_table as calibrated, the rest as it was.\n\
                 # A section [controllers] is not copied.\n\n";
     files::write(path, format!("{head}{toml}").as_bytes())

@@ -152,7 +152,7 @@ fn write_compensated(path: &std::path::Path, mut spec: CellSpec, document: &Cali
     spec.flange_from_scanner = compensation.flange_from_scanner;
     spec.calibrated = document.in_force(provenance);
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
-    let toml = toml::to_string_pretty(&spec).map_err(|error| CliError::Failed(error.to_string()))?;
+    let toml = output::toml(&spec)?;
     files::write(path, format!("# By `vantage calibrate check`: flange_from_scanner as compensated.\n\n{toml}").as_bytes())
 }
 

@@ -266,7 +266,7 @@ impl CalibrateScannerArgs {
         for warning in &document.warnings {
             output::note(format_args!("warning: {warning}"));
         }
-        let toml = toml::to_string_pretty(&draft.spec).map_err(|error| CliError::Failed(error.to_string()))?;
+        let toml = output::toml(&draft.spec)?;
         let toml = format!(
             "# Calibrated, by `vantage calibrate scanner` from {}. Lengths in mm, angles in degrees, focal lengths in pixels;\n\
              # pixels count from the outer corner of the first one.\n\n{toml}",

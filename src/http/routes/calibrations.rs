@@ -51,11 +51,11 @@ pub(in crate::http) async fn create(
     prefix: Prefix,
     params: Params,
     Json(request): Json<CalibrationRequest>,
-) -> Result<(StatusCode, [(HeaderName, String); 2], axum::Json<CalibrationJob>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 2], Json<CalibrationJob>), ApiError> {
     params.deny_unknown()?;
     let job = state.app.submit_calibration(request, submission).await?;
     let location = prefix.at(&format!("/api/v1/calibrations/{}", job.id));
-    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(job)))
+    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], Json(job)))
 }
 
 /// List calibrations
@@ -74,15 +74,12 @@ pub(in crate::http) async fn create(
     ),
     responses((status = 200, description = "A page of calibrations.", body = CalibrationPage))
 )]
-pub(in crate::http) async fn list(
-    State(state): State<ApiState>,
-    mut params: Params,
-) -> Result<axum::Json<CalibrationPage>, ApiError> {
+pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<Json<CalibrationPage>, ApiError> {
     let states = format!("one of {}", CalibrationState::ALL.map(CalibrationState::as_str).join(", "));
     let selection = CalibrationSelection { state: params.value("state", &states)?, cell: params.text("cell") };
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.calibrations(&selection, page_size, page_token.as_deref()).await?))
+    Ok(Json(state.app.calibrations(&selection, page_size, page_token.as_deref()).await?))
 }
 
 /// Get a calibration, or wait for its end
@@ -102,11 +99,11 @@ pub(in crate::http) async fn get(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<CalibrationJob>, ApiError> {
+) -> Result<Json<CalibrationJob>, ApiError> {
     let wait = params.text("wait").as_deref().map(duration).transpose()?;
     params.deny_unknown()?;
     let id = calibration_id(&id)?;
-    Ok(axum::Json(match wait {
+    Ok(Json(match wait {
         Some(wait) => state.app.calibration_when_ended(id, wait).await?,
         None => state.app.calibration(id).await?,
     }))
@@ -128,9 +125,9 @@ pub(in crate::http) async fn cancel(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<CalibrationJob>, ApiError> {
+) -> Result<Json<CalibrationJob>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.cancel_calibration(calibration_id(&id)?).await?))
+    Ok(Json(state.app.cancel_calibration(calibration_id(&id)?).await?))
 }
 
 /// Delete an ended calibration
@@ -167,9 +164,9 @@ pub(in crate::http) async fn result(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<CalibrationDocument>, ApiError> {
+) -> Result<Json<CalibrationDocument>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.calibration_result(calibration_id(&id)?).await?))
+    Ok(Json(state.app.calibration_result(calibration_id(&id)?).await?))
 }
 
 /// Get the calibrated cell
@@ -187,9 +184,9 @@ pub(in crate::http) async fn cell(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<CellSpec>, ApiError> {
+) -> Result<Json<CellSpec>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.calibrated_cell(calibration_id(&id)?).await?))
+    Ok(Json(state.app.calibrated_cell(calibration_id(&id)?).await?))
 }
 
 /// Get the report of a calibration

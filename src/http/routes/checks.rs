@@ -23,7 +23,7 @@ pub(in crate::http) async fn check(
     State(state): State<ApiState>,
     params: Params,
     Json(request): Json<CheckRequest>,
-) -> Result<axum::Json<CheckReport>, ApiError> {
+) -> Result<Json<CheckReport>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.check(request, Some(state.options.request_timeout)).await?))
+    Ok(Json(state.app.check(request, Some(state.options.request_timeout)).await?))
 }

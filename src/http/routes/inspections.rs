@@ -69,11 +69,11 @@ pub(in crate::http) async fn create(
     prefix: Prefix,
     params: Params,
     Json(request): Json<InspectionRequest>,
-) -> Result<(StatusCode, [(HeaderName, String); 2], axum::Json<InspectionJob>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 2], Json<InspectionJob>), ApiError> {
     params.deny_unknown()?;
     let job = state.app.submit_inspection(job_id(&id)?, request, submission.submitted_by).await?;
     let location = prefix.at(&format!("/api/v1/inspections/{}", job.id));
-    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(job)))
+    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], Json(job)))
 }
 
 /// Plan further views
@@ -101,11 +101,11 @@ pub(in crate::http) async fn rescan(
     prefix: Prefix,
     params: Params,
     Json(request): Json<RescanRequest>,
-) -> Result<(StatusCode, [(HeaderName, String); 2], axum::Json<Job>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 2], Json<Job>), ApiError> {
     params.deny_unknown()?;
     let job = state.app.submit_rescan_of(inspection_id(&id)?, request, submission).await?;
     let location = prefix.at(&format!("/api/v1/jobs/{}", job.id));
-    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(job)))
+    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], Json(job)))
 }
 
 /// List inspections
@@ -124,16 +124,13 @@ pub(in crate::http) async fn rescan(
     ),
     responses((status = 200, description = "A page of inspections.", body = InspectionPage))
 )]
-pub(in crate::http) async fn list(
-    State(state): State<ApiState>,
-    mut params: Params,
-) -> Result<axum::Json<InspectionPage>, ApiError> {
+pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<Json<InspectionPage>, ApiError> {
     let states = format!("one of {}", JobState::ALL.map(JobState::as_str).join(", "));
     let job_id: Option<JobId> = params.value("job_id", "the id of a job")?;
     let selection = InspectionSelection { state: params.value("state", &states)?, job_id };
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.inspections(&selection, page_size, page_token.as_deref()).await?))
+    Ok(Json(state.app.inspections(&selection, page_size, page_token.as_deref()).await?))
 }
 
 /// Get an inspection, or wait for its end
@@ -153,11 +150,11 @@ pub(in crate::http) async fn get(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<InspectionJob>, ApiError> {
+) -> Result<Json<InspectionJob>, ApiError> {
     let wait = params.text("wait").as_deref().map(duration).transpose()?;
     params.deny_unknown()?;
     let id = inspection_id(&id)?;
-    Ok(axum::Json(match wait {
+    Ok(Json(match wait {
         Some(wait) => state.app.inspection_when_ended(id, wait).await?,
         None => state.app.inspection(id).await?,
     }))
@@ -176,9 +173,9 @@ pub(in crate::http) async fn cancel(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<InspectionJob>, ApiError> {
+) -> Result<Json<InspectionJob>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.cancel_inspection(inspection_id(&id)?).await?))
+    Ok(Json(state.app.cancel_inspection(inspection_id(&id)?).await?))
 }
 
 /// Delete an ended inspection

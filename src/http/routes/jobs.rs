@@ -48,7 +48,7 @@ impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for ChangeO
     }
 }
 
-type Accepted = (StatusCode, [(HeaderName, String); 2], axum::Json<Job>);
+type Accepted = (StatusCode, [(HeaderName, String); 2], Json<Job>);
 
 /// Start a job
 ///
@@ -82,7 +82,7 @@ pub(in crate::http) async fn create(
 
 fn accepted(job: Job, prefix: &Prefix) -> Accepted {
     let location = prefix.at(&format!("/api/v1/jobs/{}", job.id));
-    (StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(shown(job, prefix)))
+    (StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], Json(shown(job, prefix)))
 }
 
 /// The job as clients below `prefix` see it.
@@ -122,11 +122,11 @@ pub(in crate::http) async fn create_batch(
     prefix: Prefix,
     params: Params,
     Json(batch): Json<JobBatchRequest>,
-) -> Result<(StatusCode, [(HeaderName, &'static str); 1], axum::Json<JobBatch>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, &'static str); 1], Json<JobBatch>), ApiError> {
     params.deny_unknown()?;
     let batch = state.app.submit_batch(batch, submission).await?;
     let jobs = batch.jobs.into_iter().map(|job| shown(job, &prefix)).collect();
-    Ok((StatusCode::ACCEPTED, [(RETRY_AFTER, POLL_AFTER_SECS)], axum::Json(JobBatch { jobs })))
+    Ok((StatusCode::ACCEPTED, [(RETRY_AFTER, POLL_AFTER_SECS)], Json(JobBatch { jobs })))
 }
 
 /// Delete several ended jobs and their results
@@ -146,10 +146,10 @@ pub(in crate::http) async fn delete_selected(
     State(state): State<ApiState>,
     mut params: Params,
     Json(selection): Json<JobSelection>,
-) -> Result<axum::Json<DeletedJobs>, ApiError> {
+) -> Result<Json<DeletedJobs>, ApiError> {
     let dry_run = params.value("dry_run", "true or false")?.unwrap_or(false);
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.delete_jobs(selection, dry_run).await?))
+    Ok(Json(state.app.delete_jobs(selection, dry_run).await?))
 }
 
 /// List jobs
@@ -265,11 +265,8 @@ pub(super) fn duration(text: &str) -> Result<Duration, ApiError> {
     request_body = JobUpdate,
     responses((status = 200, description = "The job with its new priority and place in the queue.", body = Job))
 )]
-pub(in crate::http) async fn update(
-    State(state): State<ApiState>,
-    change: ChangeOf<JobUpdate>,
-) -> Result<axum::Json<Job>, ApiError> {
-    Ok(axum::Json(shown(state.app.update_job(change.id, change.body).await?, &change.prefix)))
+pub(in crate::http) async fn update(State(state): State<ApiState>, change: ChangeOf<JobUpdate>) -> Result<Json<Job>, ApiError> {
+    Ok(Json(shown(state.app.update_job(change.id, change.body).await?, &change.prefix)))
 }
 
 /// Cancel a job
@@ -313,8 +310,8 @@ pub(in crate::http) async fn cancel(
 pub(in crate::http) async fn put_labels(
     State(state): State<ApiState>,
     change: ChangeOf<LabelsRequest>,
-) -> Result<axum::Json<Job>, ApiError> {
-    Ok(axum::Json(shown(state.app.put_labels(change.id, change.body).await?, &change.prefix)))
+) -> Result<Json<Job>, ApiError> {
+    Ok(Json(shown(state.app.put_labels(change.id, change.body).await?, &change.prefix)))
 }
 
 /// Delete an ended job and its results

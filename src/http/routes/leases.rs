@@ -38,11 +38,11 @@ pub(in crate::http) async fn take(
     prefix: Prefix,
     params: Params,
     Json(request): Json<LeaseRequest>,
-) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<LeaseDocument>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 1], Json<LeaseDocument>), ApiError> {
     params.deny_unknown()?;
     let lease = state.app.take_lease(request).await?;
     let location = prefix.at(&format!("/api/v1/leases/{}", lease.id));
-    Ok((StatusCode::CREATED, [(LOCATION, location)], axum::Json(lease)))
+    Ok((StatusCode::CREATED, [(LOCATION, location)], Json(lease)))
 }
 
 /// Renew a lease
@@ -60,9 +60,9 @@ pub(in crate::http) async fn renew(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<LeaseDocument>, ApiError> {
+) -> Result<Json<LeaseDocument>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.renew_lease(lease_id(&id)?)?))
+    Ok(Json(state.app.renew_lease(lease_id(&id)?)?))
 }
 
 /// Give a lease back
@@ -94,7 +94,7 @@ pub(in crate::http) async fn give_back(
     operation_id = "list_leases",
     responses((status = 200, description = "Leases that are held, without their ids.", body = LeaseList))
 )]
-pub(in crate::http) async fn list(State(state): State<ApiState>, params: Params) -> Result<axum::Json<LeaseList>, ApiError> {
+pub(in crate::http) async fn list(State(state): State<ApiState>, params: Params) -> Result<Json<LeaseList>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.leases()))
+    Ok(Json(state.app.leases()))
 }

@@ -11,7 +11,7 @@ use super::uploads::{self, MAX_NAME_CHARS};
 use super::{immutable, mesh_id, not_modified, streamed};
 use crate::geometry::LengthUnit;
 use crate::http::download::{AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range};
-use crate::http::extract::Params;
+use crate::http::extract::{Json, Params};
 use crate::http::negotiate::{Representation, choose};
 use crate::http::prefix::Prefix;
 use crate::http::problem::ApiError;
@@ -53,14 +53,14 @@ pub(in crate::http) async fn upload(
     prefix: Prefix,
     mut params: Params,
     request: Request,
-) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<UploadedMesh>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 1], Json<UploadedMesh>), ApiError> {
     let unit: LengthUnit = params.required("unit", &LengthUnit::ALL.map(LengthUnit::as_str).join(", "))?;
     let name = params.name("name", MAX_NAME_CHARS)?;
     params.deny_unknown()?;
     let (finished, file_name) = uploads::received(&state, request).await?;
     let name = name.or(file_name);
     let mesh = state.app.add_mesh(finished, MeshUpload { unit, name }).await?;
-    Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/meshes/{}", mesh.id)))], axum::Json(mesh)))
+    Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/meshes/{}", mesh.id)))], Json(mesh)))
 }
 
 /// List meshes, newest first
@@ -75,10 +75,10 @@ pub(in crate::http) async fn upload(
     ),
     responses((status = 200, description = "A page of meshes.", body = MeshPage))
 )]
-pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<axum::Json<MeshPage>, ApiError> {
+pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<Json<MeshPage>, ApiError> {
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.meshes(page_size, page_token.as_deref()).await?))
+    Ok(Json(state.app.meshes(page_size, page_token.as_deref()).await?))
 }
 
 /// Get a mesh
@@ -94,9 +94,9 @@ pub(in crate::http) async fn get(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<UploadedMesh>, ApiError> {
+) -> Result<Json<UploadedMesh>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.mesh(mesh_id(&id)?).await?))
+    Ok(Json(state.app.mesh(mesh_id(&id)?).await?))
 }
 
 /// Delete a mesh

@@ -33,10 +33,10 @@ pub(in crate::http) async fn arm(
     Path(id): Path<String>,
     mut params: Params,
     Json(request): Json<ArmRequest>,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     let token = token(&mut params)?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.arm_run(run_id(&id)?, request, token).await?))
+    Ok(Json(state.app.arm_run(run_id(&id)?, request, token).await?))
 }
 
 /// Pause a run
@@ -56,9 +56,9 @@ pub(in crate::http) async fn pause(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.pause_run(run_id(&id)?).await?))
+    Ok(Json(state.app.pause_run(run_id(&id)?).await?))
 }
 
 /// Resume a paused run
@@ -81,10 +81,10 @@ pub(in crate::http) async fn resume(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     let token = token(&mut params)?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.resume_run(run_id(&id)?, token).await?))
+    Ok(Json(state.app.resume_run(run_id(&id)?, token).await?))
 }
 
 /// Stop a run
@@ -136,10 +136,10 @@ pub(in crate::http) async fn step(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     let token = token(&mut params)?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.step_run(run_id(&id)?, token).await?))
+    Ok(Json(state.app.step_run(run_id(&id)?, token).await?))
 }
 
 /// Change the speed of a run
@@ -162,10 +162,10 @@ pub(in crate::http) async fn set_override(
     Path(id): Path<String>,
     mut params: Params,
     Json(request): Json<OverrideRequest>,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     let token = token(&mut params)?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.override_run(run_id(&id)?, request, token).await?))
+    Ok(Json(state.app.override_run(run_id(&id)?, request, token).await?))
 }
 
 /// Tell where the part lies
@@ -190,8 +190,8 @@ pub(in crate::http) async fn located(
     Path(id): Path<String>,
     mut params: Params,
     Json(request): Json<LocatedRequest>,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     let token = token(&mut params)?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.locate_run(run_id(&id)?, request, token).await?))
+    Ok(Json(state.app.locate_run(run_id(&id)?, request, token).await?))
 }

@@ -39,11 +39,11 @@ pub(super) fn token(params: &mut Params) -> Result<Option<u64>, ApiError> {
 }
 
 /// The answer to a request that was accepted.
-pub(super) type Accepted = (StatusCode, [(HeaderName, String); 2], axum::Json<Run>);
+pub(super) type Accepted = (StatusCode, [(HeaderName, String); 2], Json<Run>);
 
 pub(super) fn accepted(run: Run, prefix: &Prefix) -> Accepted {
     let location = prefix.at(&format!("/api/v1/runs/{}", run.id));
-    (StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(run))
+    (StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], Json(run))
 }
 
 /// Start a run
@@ -99,7 +99,7 @@ pub(in crate::http) async fn create(
     ),
     responses((status = 200, description = "A page of runs.", body = RunPage))
 )]
-pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<axum::Json<RunPage>, ApiError> {
+pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<Json<RunPage>, ApiError> {
     const TIME: &str = "a time of RFC 3339, for example 2026-01-31T12:00:00Z";
     let states = format!("one of {}", ReportedState::ALL.map(ReportedState::as_str).join(", "));
     let modes = format!("one of {}", RunMode::ALL.map(RunMode::as_str).join(", "));
@@ -113,7 +113,7 @@ pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Par
     };
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.runs(&selection, page_size, page_token.as_deref()).await?))
+    Ok(Json(state.app.runs(&selection, page_size, page_token.as_deref()).await?))
 }
 
 /// Get a run, or wait for its end
@@ -133,11 +133,11 @@ pub(in crate::http) async fn get(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<Run>, ApiError> {
+) -> Result<Json<Run>, ApiError> {
     let wait = params.text("wait").as_deref().map(duration).transpose()?;
     params.deny_unknown()?;
     let id = run_id(&id)?;
-    Ok(axum::Json(match wait {
+    Ok(Json(match wait {
         Some(wait) => state.app.run_when_ended(id, wait).await?,
         None => state.app.run(id).await?,
     }))
@@ -197,7 +197,7 @@ pub(in crate::http) async fn record(
     let offered = offered.map(|(name, media_type)| Representation { name, media_type, file: "record".into() });
     let chosen = choose(&headers, None, &offered)?.name;
     let record = state.app.run_record(run_id(&id)?).await?;
-    let mut response = if chosen == "csv" { csv(&record) } else { axum::Json(record).into_response() };
+    let mut response = if chosen == "csv" { csv(&record) } else { Json(record).into_response() };
     response.headers_mut().insert(VARY, axum::http::HeaderValue::from_static("accept"));
     Ok(response)
 }

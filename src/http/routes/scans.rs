@@ -9,7 +9,7 @@ use super::uploads::{self, MAX_NAME_CHARS};
 use super::{immutable, job_id, not_modified, streamed};
 use crate::geometry::LengthUnit;
 use crate::http::download::{Disposition, content_disposition};
-use crate::http::extract::Params;
+use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
@@ -55,7 +55,7 @@ pub(in crate::http) async fn upload(
     prefix: Prefix,
     mut params: Params,
     request: Request,
-) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<Scan>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 1], Json<Scan>), ApiError> {
     let job = job_id(&id)?;
     let view = params.whole_number("view", MAX_VIEW)?;
     let unit: Option<LengthUnit> = params.value("unit", &LengthUnit::ALL.map(LengthUnit::as_str).join(", "))?;
@@ -66,7 +66,7 @@ pub(in crate::http) async fn upload(
     let (finished, file_name) = uploads::received(&state, request).await?;
     let about = ScanUpload { view, name: name.or(file_name), unit: unit.map(|unit| unit.as_str().to_owned()), frame };
     let scan = state.app.add_scan(job, finished, about).await?;
-    Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/scans/{}", scan.id)))], axum::Json(scan)))
+    Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/scans/{}", scan.id)))], Json(scan)))
 }
 
 /// List the scans of a job, oldest first
@@ -86,10 +86,10 @@ pub(in crate::http) async fn list(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<ScanPage>, ApiError> {
+) -> Result<Json<ScanPage>, ApiError> {
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.scans(job_id(&id)?, page_size, page_token.as_deref()).await?))
+    Ok(Json(state.app.scans(job_id(&id)?, page_size, page_token.as_deref()).await?))
 }
 
 /// Get a scan
@@ -105,9 +105,9 @@ pub(in crate::http) async fn get(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<Scan>, ApiError> {
+) -> Result<Json<Scan>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.scan(scan_id(&id)?).await?))
+    Ok(Json(state.app.scan(scan_id(&id)?).await?))
 }
 
 /// Download the file of a scan

@@ -25,9 +25,9 @@ macro_rules! collection {
                 operation_id = $list_id,
                 responses((status = 200, description = "All specifications of the collection, by name.", body = SpecList))
             )]
-            pub(in crate::http) async fn list(State(state): State<ApiState>, params: Params) -> Result<axum::Json<SpecList>, ApiError> {
+            pub(in crate::http) async fn list(State(state): State<ApiState>, params: Params) -> Result<Json<SpecList>, ApiError> {
                 params.deny_unknown()?;
-                Ok(axum::Json(state.app.specs(SpecCollection::$variant).await?))
+                Ok(Json(state.app.specs(SpecCollection::$variant).await?))
             }
 
             #[utoipa::path(

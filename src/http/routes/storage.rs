@@ -2,7 +2,7 @@
 
 use axum::extract::State;
 
-use crate::http::extract::Params;
+use crate::http::extract::{Json, Params};
 use crate::http::problem::ApiError;
 use crate::http::router::ApiState;
 use crate::wire::{Retention, Storage};
@@ -17,9 +17,9 @@ use crate::wire::{Retention, Storage};
     operation_id = "get_storage",
     responses((status = 200, description = "The state of the store.", body = Storage))
 )]
-pub(in crate::http) async fn storage(State(state): State<ApiState>, params: Params) -> Result<axum::Json<Storage>, ApiError> {
+pub(in crate::http) async fn storage(State(state): State<ApiState>, params: Params) -> Result<Json<Storage>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.storage().await?))
+    Ok(Json(state.app.storage().await?))
 }
 
 /// Preview retention
@@ -33,9 +33,9 @@ pub(in crate::http) async fn storage(State(state): State<ApiState>, params: Para
     operation_id = "get_retention",
     responses((status = 200, description = "The jobs and meshes that the policy would delete now.", body = Retention))
 )]
-pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Params) -> Result<axum::Json<Retention>, ApiError> {
+pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Params) -> Result<Json<Retention>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.retention().await?))
+    Ok(Json(state.app.retention().await?))
 }
 
 /// Apply retention now
@@ -49,10 +49,7 @@ pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Pa
     operation_id = "apply_retention",
     responses((status = 200, description = "The jobs and meshes that were deleted.", body = Retention))
 )]
-pub(in crate::http) async fn apply_retention(
-    State(state): State<ApiState>,
-    params: Params,
-) -> Result<axum::Json<Retention>, ApiError> {
+pub(in crate::http) async fn apply_retention(State(state): State<ApiState>, params: Params) -> Result<Json<Retention>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.apply_retention().await?))
+    Ok(Json(state.app.apply_retention().await?))
 }

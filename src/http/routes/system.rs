@@ -6,7 +6,7 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 
 use crate::http::docs::document;
-use crate::http::extract::Params;
+use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
@@ -20,8 +20,8 @@ use crate::wire::{Health, ProblemField, Readiness, Version};
     operation_id = "healthz",
     responses((status = 200, description = "The process responds.", body = Health))
 )]
-pub(in crate::http) async fn healthz() -> axum::Json<Health> {
-    axum::Json(Health { status: "ok".to_owned() })
+pub(in crate::http) async fn healthz() -> Json<Health> {
+    Json(Health { status: "ok".to_owned() })
 }
 
 /// Check readiness
@@ -34,12 +34,12 @@ pub(in crate::http) async fn healthz() -> axum::Json<Health> {
     operation_id = "readyz",
     responses((status = 200, description = "The server is ready.", body = Readiness))
 )]
-pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<axum::Json<Readiness>, ApiError> {
+pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<Json<Readiness>, ApiError> {
     let checks = state.app.readiness().await;
     let failed = |name: &str| ProblemField { pointer: name.to_owned(), detail: "failed".to_owned() };
     let errors: Vec<_> = checks.iter().filter(|check| !check.ok).map(|check| failed(&check.name)).collect();
     if errors.is_empty() {
-        return Ok(axum::Json(Readiness { status: "ready".to_owned(), checks }));
+        return Ok(Json(Readiness { status: "ready".to_owned(), checks }));
     }
     Err(ApiError::new(Code::NotReady, "the server cannot accept jobs now").with_errors(errors))
 }
@@ -52,8 +52,8 @@ pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<axu
     operation_id = "version",
     responses((status = 200, description = "Name and version of the program and of the API.", body = Version))
 )]
-pub(in crate::http) async fn version() -> axum::Json<Version> {
-    axum::Json(Version::of_this_program())
+pub(in crate::http) async fn version() -> Json<Version> {
+    Json(Version::of_this_program())
 }
 
 /// Get metrics

@@ -39,7 +39,7 @@ impl App {
             let (run, event) = app.0.store.insert_run(&supervisor.run, app.0.options.execution.max_runs).await?;
             supervisor.run = run.clone();
             app.0.runs.publish(event);
-            app.0.tasks.spawn(supervisor.carry_out(order));
+            app.spawn(supervisor.carry_out(order));
             Ok(run)
         })
         .await

@@ -254,6 +254,8 @@ fn migrator() -> Migrator {
 
 /// Runs blocking work on a thread that may block.
 pub(crate) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, Error> + Send + 'static) -> Result<T, Error> {
+    // One type of task for each result: tokio compiles fifty functions for every one.
+    let work: Box<dyn FnOnce() -> Result<T, Error> + Send> = Box::new(work);
     tokio::task::spawn_blocking(work).await?
 }
 
