@@ -178,7 +178,10 @@ fn cut<E: From<Vec<FieldError>>>(
             }
             match halves(&corners, edge_mm) {
                 Some([first, second]) => stack.extend([second, first]),
-                None => push_patch(&mut surface, corners, face as u32, normal, density, seed),
+                None => {
+                    let samples = (triangle_mm2(&corners) * density).round().max(1.0) as u32;
+                    push_patch(&mut surface, corners, face as u32, normal, samples, seed);
+                }
             }
         }
     }
@@ -253,10 +256,9 @@ fn halves(corners: &[Point3<f64>; 3], edge_mm: f64) -> Option<[[Point3<f64>; 3];
     Some([[a, middle, c], [middle, b, c]])
 }
 
-fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, normal: Vector3<f64>, density: f64, seed: u64) {
+fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, normal: Vector3<f64>, samples: u32, seed: u64) {
     let patch = surface.patches.len() as u32;
     let area_mm2 = triangle_mm2(&corners);
-    let samples = (area_mm2 * density).round().max(1.0) as u32;
     let first_sample = SampleId::at(surface.sample_mm.len());
     surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
     for index in 0..samples {

@@ -124,6 +124,21 @@ pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64, ctx: &Context<'_>) -
     Ok(surface)
 }
 
+/// At most `max` samples that stand for those of a mesh with more triangles ([`super::sample_some`]), with what is asked of them.
+///
+/// # Errors
+/// The errors of [`super::sample_some`] and [`Requirements::new`].
+pub(in crate::planning) fn sampled_sparsely(
+    mesh: &Mesh,
+    params: &PlanParams,
+    (max, seed): (usize, u64),
+    ctx: &Context<'_>,
+) -> Result<Surface, PlanError> {
+    let mut surface = super::sample_some(mesh, &params.regions, (max, seed), ctx)?;
+    surface.requirements = Requirements::new(mesh, &surface, params).map_err(PlanError::BadParams)?;
+    Ok(surface)
+}
+
 impl Requirements {
     /// Applies `params` to the samples of `surface`.
     ///

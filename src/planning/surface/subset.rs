@@ -1,6 +1,8 @@
 //! Some of a surface's samples as a surface of its own, each standing for an area of its own there: what is asked of many views or
 //! poses need not be asked at every sample.
 
+use nalgebra::Point3;
+
 use super::{PATCHES_PER_LOOK, Patch, RegionFinder, Surface, push_patch, rounded};
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
@@ -30,8 +32,8 @@ impl Surface {
     }
 }
 
-/// Places at most `max` samples on a mesh of more triangles, one on each of some of them ([`systematic`]), that stand for all: an
-/// O(n) look at the areas, and no patch for the other triangles. Without requirements.
+/// Places at most `max` samples on a mesh of more triangles, on some of them ([`systematic`]), that stand for all: an O(n) look at
+/// the areas, and no patch for the other triangles. Without requirements.
 ///
 /// # Errors
 /// Excluded regions that the mesh does not have; [`PlanError::Cancelled`].
@@ -50,14 +52,16 @@ pub(in crate::planning) fn sample_some(
         }
         areas_mm2.push(mesh.face_area_mm2(face));
     }
+    let part_mm2 = areas_mm2.iter().sum::<f64>() / max as f64;
     let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
     for (SampleId(face), area_mm2) in systematic(&areas_mm2, max) {
         let normal = mesh.scaled_normal(face as usize).normalize().map(rounded);
-        push_patch(&mut surface, mesh.corners(face as usize), face, normal, 0.0, seed);
+        let (first, samples) = (surface.sample_mm.len(), (area_mm2 / part_mm2).round().max(1.0) as u32);
+        push_patch(&mut surface, mesh.corners(face as usize), face, normal, samples, seed);
         surface.patches.last_mut().into_iter().for_each(|patch| patch.area_mm2 = area_mm2);
         let source_face = mesh.source_face[face as usize];
-        let is_excluded = surface.sample_mm.last().is_some_and(|p| excluded.iter().any(|region| region.holds(source_face, p)));
-        surface.asked.push(!is_excluded);
+        let is_excluded = |p: &Point3<f64>| excluded.iter().any(|region| region.holds(source_face, p));
+        surface.asked.extend(surface.sample_mm[first..].iter().map(|p| !is_excluded(p)));
     }
     Ok(surface)
 }
