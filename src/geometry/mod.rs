@@ -35,6 +35,7 @@ pub use nearest_face::{NearestFace, NearestPoint, nearest_of_triangle};
 pub use point_cloud::{CloudGrid, PointCloud};
 pub use poll::{Interrupted, Poll};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
+pub(crate) use random_hash::RandomHash;
 pub use ray_scene::{Hit, RayScene};
 pub use simd::{Kernel, SimdLevel, floor_to_i32, simd_from_fn, simd_max, simd_min};
 pub use stable_poses::{StablePose, stable_poses};

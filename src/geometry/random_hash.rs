@@ -5,18 +5,18 @@ use std::hash::{BuildHasher, Hasher, RandomState};
 
 /// Makes hashes of one random key.
 #[derive(Clone, Copy)]
-pub(super) struct RandomHash {
+pub(crate) struct RandomHash {
     key: [u64; 2],
 }
 
 /// Hash of what was written so far.
-pub(super) struct FoldedHash {
+pub(crate) struct FoldedHash {
     state: u64,
     factor: u64,
 }
 
 impl RandomHash {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let random = RandomState::new();
         // An odd factor loses no bit of the words.
         Self { key: [random.hash_one(0), random.hash_one(1) | 1] }

@@ -7,6 +7,9 @@
 //! | 16 + i | mostly missed; cause `i` of the closed list, counted from 0, is that of most of the missed area |
 //! | 255 | mostly not asked for |
 
+use std::ops::Range;
+
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -25,6 +28,9 @@ pub const COVERAGE_SCHEMA: &str = "vantage.coverage/1";
 const FIRST_CAUSE: u8 = 16;
 /// Byte of `coverage.bin` for faces that are not asked for.
 const NOT_ASKED: u8 = 255;
+/// Rows that are written side by side, and those of a thread among them: their tallies are in memory at the same time.
+const ROWS_AT_A_TIME: usize = 65_536;
+const ROWS_TOGETHER: usize = 4096;
 /// Share from which on a part of a face counts as all of it: sums over samples are not exact to the last bit.
 const WHOLE: f64 = 1.0 - 1e-9;
 
@@ -110,13 +116,26 @@ pub fn csv(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str) -> String {
     columns.push("plan_sha256");
     let mut csv = Csv::new(&columns);
     let views_of = |face: u32| pixel_views.as_ref().map(|views| views[face as usize]);
-    let mut next = 0;
-    for (face, tally) in by_source_face(outcome, mesh) {
-        for dropped in next..face {
-            face_row(&mut csv, dropped, &Tally::default(), views_of(dropped), plan_sha256);
+    let with_dropped = |next: &mut u32, (face, tally): (u32, Tally)| {
+        let dropped = std::mem::replace(next, face + 1)..face;
+        Some((dropped, face, tally))
+    };
+    let mut faces = by_source_face(outcome, mesh).scan(0, with_dropped);
+    let rows = |faces: &[(Range<u32>, u32, Tally)]| {
+        let mut csv = Csv::rows();
+        for (dropped, face, tally) in faces {
+            dropped.clone().for_each(|face| face_row(&mut csv, face, &Tally::default(), views_of(face), plan_sha256));
+            face_row(&mut csv, *face, tally, views_of(*face), plan_sha256);
         }
-        face_row(&mut csv, face, &tally, views_of(face), plan_sha256);
-        next = face + 1;
+        csv.finish()
+    };
+    loop {
+        let batch: Vec<_> = faces.by_ref().take(ROWS_AT_A_TIME).collect();
+        if batch.is_empty() {
+            break;
+        }
+        let written: Vec<String> = batch.par_chunks(ROWS_TOGETHER).map(rows).collect();
+        written.iter().for_each(|rows| csv.add_rows(rows));
     }
     csv.finish()
 }

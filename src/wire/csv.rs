@@ -15,12 +15,22 @@ pub(crate) struct Csv {
 impl Csv {
     /// Starts a table with a header row; the names are constants and need no quoting.
     pub(crate) fn new(header: &[&str]) -> Self {
-        let mut csv = Self { text: String::new(), row_is_empty: true };
+        let mut csv = Self::rows();
         for name in header {
             csv.number(name);
         }
         csv.end_row();
         csv
+    }
+
+    /// Starts rows of a table that are added to it later.
+    pub(crate) fn rows() -> Self {
+        Self { text: String::new(), row_is_empty: true }
+    }
+
+    /// Adds finished rows.
+    pub(crate) fn add_rows(&mut self, rows: &str) {
+        self.text.push_str(rows);
     }
 
     /// Adds a cell of text that may come from a user.

@@ -1,5 +1,5 @@
 //! Verdicts on a group of patches, by area: the common basis of the face table, the preview's bytes and the
-//! pictures. Cost: O(samples), one tally in memory at a time, so that ten million faces need no gigabytes.
+//! pictures. Cost: O(samples), few tallies in memory at a time, so that ten million faces need no gigabytes.
 
 use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
 use crate::planning::surface::Patch;

@@ -92,7 +92,7 @@ fn verdicts(surface: &Surface, rows: &[Row]) -> Vec<Verdict> {
 }
 
 fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverage {
-    let area = |keep: &dyn Fn(SampleId) -> bool| surface.area_where(keep);
+    let area = |keep: &(dyn Fn(SampleId) -> bool + Sync)| surface.area_where(keep);
     let measured = area(&|sample| matches!(verdicts[sample.index()], Verdict::Measured(_)));
     let seen_by = |first: usize| area(&|s| surface.asked[s.index()] && rows[..first].iter().any(|row| row.holds(s)));
     Coverage {

@@ -2,12 +2,14 @@
 //! cells collapse, equal triangles merge.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::{FaceLists, NOT_DRAWN, Simplified};
 use crate::geometry::poll::{Interrupted, Poll};
-use crate::geometry::{Aabb, Mesh};
+use crate::geometry::side_by_side::{self, PIECE};
+use crate::geometry::{Aabb, Mesh, RandomHash};
 
 /// Upper limit of the search for the number of cells along the longest edge; three such indices fit a 64-bit key.
 const MAX_CELLS: u64 = 1 << 20;
@@ -23,7 +25,7 @@ const NONE: u32 = u32::MAX;
 /// Simplifies `mesh` to at most `max_triangles` faces with the finest grid that allows it.
 pub(super) fn decimate(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Simplified, Interrupted> {
     let grid = finest_grid(mesh, max_triangles, poll)?;
-    let clusters = Clusters::gather(mesh, &grid, poll)?;
+    let clusters = Clusters::gather(mesh, &keys(mesh, &grid, poll)?, poll)?;
     let (faces, mut face_of_triangle) = surviving_faces(mesh, &clusters, poll)?;
     assign_collapsed(mesh, &clusters, &faces, &mut face_of_triangle, poll)?;
     Ok(compact(&clusters.positions(mesh, &grid, poll)?, faces, face_of_triangle))
@@ -60,8 +62,7 @@ impl Grid {
 fn finest_grid(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Grid, Interrupted> {
     poll.check()?;
     let aabb = mesh.aabb();
-    let mut keys = Vec::with_capacity(mesh.vertices_mm.len());
-    let mut fits = |cells| Ok(survivors(mesh, &Grid::over(&aabb, cells), &mut keys, poll)? <= max_triangles);
+    let fits = |cells| Ok(survivors(mesh, &Grid::over(&aabb, cells), poll)? <= max_triangles);
     let (mut low, mut high) = (1, 2);
     while high < MAX_CELLS && fits(high)? {
         (low, high) = (high, high * 2);
@@ -77,19 +78,23 @@ fn finest_grid(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Gri
     Ok(Grid::over(&aabb, low))
 }
 
-/// Number of triangles that span three cells, duplicates included: an upper bound on what remains. `keys` is scratch space.
-fn survivors(mesh: &Mesh, grid: &Grid, keys: &mut Vec<u64>, poll: &Poll<'_>) -> Result<usize, Interrupted> {
-    keys.clear();
-    for vertex in &mesh.vertices_mm {
-        poll.spend(10)?;
-        keys.push(grid.key(vertex));
-    }
-    let mut count = 0;
-    for face in &mesh.faces {
-        poll.spend(5)?;
-        count += usize::from(distinct(face.map(|vertex| keys[vertex as usize])));
-    }
-    Ok(count)
+/// Number of triangles that span three cells, duplicates included: an upper bound on what remains.
+fn survivors(mesh: &Mesh, grid: &Grid, poll: &Poll<'_>) -> Result<usize, Interrupted> {
+    let keys = keys(mesh, grid, poll)?;
+    let spans = |face: &&[u32; 3]| distinct(face.map(|vertex| keys[vertex as usize]));
+    let of_piece = |faces: &Range<usize>| mesh.faces[faces.clone()].iter().filter(spans).count();
+    Ok(side_by_side::map(&side_by_side::ranges(mesh.faces.len()), of_piece, poll)?.into_iter().sum())
+}
+
+/// Key of each vertex's cell.
+fn keys(mesh: &Mesh, grid: &Grid, poll: &Poll<'_>) -> Result<Vec<u64>, Interrupted> {
+    let mut keys = vec![0; mesh.vertices_mm.len()];
+    let pieces = keys.chunks_mut(PIECE).zip(mesh.vertices_mm.chunks(PIECE)).collect();
+    let of_piece = |(keys, vertices_mm): &mut (&mut [u64], &[Point3<f64>])| {
+        keys.iter_mut().zip(vertices_mm.iter()).for_each(|(key, vertex)| *key = grid.key(vertex));
+    };
+    side_by_side::for_each(pieces, of_piece, poll)?;
+    Ok(keys)
 }
 
 fn distinct<T: PartialEq>([a, b, c]: [T; 3]) -> bool {
@@ -105,19 +110,20 @@ struct Clusters {
 }
 
 impl Clusters {
-    fn gather(mesh: &Mesh, grid: &Grid, poll: &Poll<'_>) -> Result<Self, Interrupted> {
-        let mut by_key = HashMap::new();
+    /// `key_of` holds the key of each vertex's cell.
+    fn gather(mesh: &Mesh, key_of: &[u64], poll: &Poll<'_>) -> Result<Self, Interrupted> {
+        let mut by_key = HashMap::with_hasher(RandomHash::new());
         for face in &mesh.faces {
-            poll.spend(30)?;
-            let keys = face.map(|vertex| grid.key(&mesh.vertices_mm[vertex as usize]));
+            poll.spend(5)?;
+            let keys = face.map(|vertex| key_of[vertex as usize]);
             if distinct(keys) {
                 by_key.extend(keys.map(|key| (key, NONE)));
             }
         }
         let (mut of_vertex, mut first_vertex) = (Vec::with_capacity(mesh.vertices_mm.len()), Vec::new());
-        for (vertex, number) in mesh.vertices_mm.iter().zip(0..) {
-            poll.spend(40)?;
-            let cluster = by_key.get_mut(&grid.key(vertex)).map(|cluster| {
+        for (key, number) in key_of.iter().zip(0..) {
+            poll.spend(10)?;
+            let cluster = by_key.get_mut(key).map(|cluster| {
                 if *cluster == NONE {
                     *cluster = first_vertex.len() as u32;
                     first_vertex.push(number);
@@ -199,7 +205,7 @@ impl Quadric {
 /// Faces as triples of clusters, equal ones (same winding) merged, and for each triangle the face that it became.
 fn surviving_faces(mesh: &Mesh, clusters: &Clusters, poll: &Poll<'_>) -> Result<(Vec<[u32; 3]>, Vec<u32>), Interrupted> {
     let mut faces = Vec::new();
-    let mut by_corners = HashMap::new();
+    let mut by_corners = HashMap::with_hasher(RandomHash::new());
     let mut face_of_triangle = vec![NOT_DRAWN; mesh.faces.len()];
     for (triangle, corners) in mesh.faces.iter().enumerate() {
         poll.spend(30)?;
@@ -245,22 +251,20 @@ fn assign_collapsed(
         let all = if cluster == NONE { &[] } else { at_cluster.of(cluster as usize) };
         all.iter().copied().step_by(all.len().div_ceil(MAX_TESTED_FACES).max(1))
     };
-    for (triangle, assigned) in face_of_triangle.iter_mut().enumerate().filter(|(_, face)| **face == NOT_DRAWN) {
+    let nearest = |triangle: usize| {
         let normal = mesh.scaled_normal(triangle);
         let agreement = |face: u32| normals[face as usize].map_or(-1.0, |n| n.dot(&normal));
-        let mut best = None;
-        for face in clusters.of_face(&mesh.faces[triangle]).into_iter().flat_map(around) {
-            poll.spend(5)?;
-            let found = (agreement(face), face);
-            // On ties the lower index, so that the result does not depend on the order.
-            let is_better = |best: (f64, u32)| found.0.total_cmp(&best.0).then(best.1.cmp(&found.1)).is_gt();
-            if best.is_none_or(is_better) {
-                best = Some(found);
-            }
-        }
-        *assigned = best.map_or(NOT_DRAWN, |(_, face)| face);
-    }
-    Ok(())
+        let found = clusters.of_face(&mesh.faces[triangle]).into_iter().flat_map(around).map(|face| (agreement(face), face));
+        // On ties the lower index, so that the result does not depend on the order.
+        let best = found.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        best.map_or(NOT_DRAWN, |(_, face)| face)
+    };
+    let of_piece = |(first, faces): &mut (usize, &mut [u32])| {
+        let collapsed = (*first..).zip(faces.iter_mut()).filter(|(_, face)| **face == NOT_DRAWN);
+        collapsed.for_each(|(triangle, face)| *face = nearest(triangle));
+    };
+    let pieces = (0..).step_by(PIECE).zip(face_of_triangle.chunks_mut(PIECE)).collect();
+    side_by_side::for_each(pieces, of_piece, poll)
 }
 
 /// Drops the clusters that no face uses.

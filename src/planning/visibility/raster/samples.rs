@@ -1,6 +1,8 @@
 //! The samples in clusters of 64 neighbours, in the order of the rays' tree and among near ones by side, with what culls a cluster whole. Offsets
 //! from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 30 bytes a sample.
 
+use std::ops::Range;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -8,7 +10,7 @@ use super::clusters::Cone;
 use super::pinhole::LANES;
 use crate::geometry::Aabb;
 use crate::planning::ids::SampleId;
-use crate::planning::surface::Surface;
+use crate::planning::surface::{Patch, Surface};
 use crate::planning::visibility::SampleSet;
 
 /// Neighbours in the tree that are sorted by the side that they face.
@@ -46,20 +48,28 @@ pub(super) struct SampleCluster {
 impl Samples {
     /// Samples of `surface`, those of the first face in `order` first; numbers in it beyond the part's faces are passed over.
     pub(super) fn new(surface: &Surface, order: impl Iterator<Item = u32>) -> Self {
-        let faces = surface.patches.iter().map(|patch| patch.face as usize + 1).max().unwrap_or(0);
+        // What is needed of the patches by itself: gathered in the order of the tree, they would be read from memory one by one.
+        let face_of: Vec<u32> = surface.patches.par_iter().map(|patch| patch.face).collect();
+        let samples_of: Vec<Range<u32>> = surface.patches.par_iter().map(samples_of).collect();
+        let faces = face_of.iter().max().map_or(0, |last| *last as usize + 1);
         let mut first_patch = vec![0; faces + 1];
-        surface.patches.iter().for_each(|patch| first_patch[patch.face as usize + 1] += 1);
+        face_of.iter().for_each(|face| first_patch[*face as usize + 1] += 1);
         (0..faces).for_each(|face| first_patch[face + 1] += first_patch[face]);
-        let mut by_face: Vec<u32> = (0..surface.patches.len() as u32).collect();
-        by_face.sort_by_key(|patch| surface.patches[*patch as usize].face);
-        let of_face = |face: usize| by_face[first_patch[face]..first_patch[face + 1]].iter();
-        let patches = order.map(|face| face as usize).filter(|face| *face < faces).flat_map(of_face);
-        let patches = patches.map(|patch| &surface.patches[*patch as usize]);
-        let mut numbers: Vec<u32> =
-            patches.flat_map(|patch| patch.first_sample.0..patch.first_sample.0 + patch.samples).collect();
+        let mut by_face: Vec<u32> = (0..face_of.len() as u32).collect();
+        by_face.sort_by_key(|patch| face_of[*patch as usize]);
+        let of_face = |face: &u32| {
+            let patches = by_face[first_patch[*face as usize]..first_patch[*face as usize + 1]].iter();
+            patches.flat_map(|patch| samples_of[*patch as usize].clone())
+        };
+        let order: Vec<u32> = order.filter(|face| (*face as usize) < faces).collect();
+        let mut numbers: Vec<u32> = order.par_iter().flat_map_iter(of_face).collect();
         numbers.par_chunks_mut(NEIGHBOURS).for_each(|numbers| numbers.sort_by_cached_key(|number| side(surface, *number)));
         Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
     }
+}
+
+fn samples_of(patch: &Patch) -> Range<u32> {
+    patch.first_sample.0..patch.first_sample.0 + patch.samples
 }
 
 /// The side of a box that a sample's facet faces most, so that samples which face away together stand together.
