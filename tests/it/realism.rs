@@ -41,7 +41,8 @@ fn slotted() -> Mesh {
 /// Few viewpoints, and of the risks the concave zone alone.
 fn zone_alone(mesh: &Mesh) -> PlanParams {
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-    params.part.samples_per_mm2 = Some(30_000.0 / mesh.area_mm2());
+    // Patches of several samples, so that there are no more than are all judged.
+    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(30_000.0 / mesh.area_mm2()), Some(2.0));
     params.missed.remedies = 0;
     (params.selection.target, params.selection.min_growth) = (1.0, 0.0);
     (params.robust.draws, params.robust.part_draws, params.robust.hand_eye_draws) = (1, 1, 1);

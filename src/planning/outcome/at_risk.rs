@@ -12,10 +12,8 @@ use crate::planning::setups::Setup;
 use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Row, SampleSet};
 
-/// Measured samples up to which all are judged.
-const MAX_ALL: usize = 40_000;
-/// Those of more that are judged where only their area is told: a share of 1 % is then known to 0.06 points.
-const JUDGED: usize = 30_000;
+/// Measured samples that are judged at most where only their area is told: a share of 1 % is then known to 0.06 points.
+const MAX_JUDGED: usize = 30_000;
 
 /// Risks of measured samples: of all, or of some that stand for them.
 pub(super) struct JudgedSamples {
@@ -35,8 +33,7 @@ pub(super) fn risks(solution: &Solution<'_>, setups: &[Setup<'_>], ctx: &Context
         let measured = union_of(measuring, measured_mm2.len());
         let not_measured = SampleId::number(&mut measured_mm2).filter(|(sample, _)| !measured.holds(*sample));
         not_measured.for_each(|(_, area_mm2)| *area_mm2 = 0.0);
-        let of_measured = measured.count();
-        systematic(&measured_mm2, if of_measured > MAX_ALL { JUDGED } else { of_measured })
+        systematic(&measured_mm2, MAX_JUDGED)
     });
     let (surface, rows): (Cow<'_, Surface>, Cow<'_, [Row]>) = match &some {
         Some(some) => {

@@ -124,7 +124,7 @@ pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64, ctx: &Context<'_>) -
     Ok(surface)
 }
 
-/// At most `max` samples that stand for those of a mesh with more triangles ([`super::sample_some`]), with what is asked of them.
+/// Samples, at most `max`, that stand for those of a mesh with more triangles ([`super::sample_some`]), with what is asked of them.
 ///
 /// # Errors
 /// The errors of [`super::sample_some`] and [`Requirements::new`].

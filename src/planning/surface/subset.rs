@@ -149,6 +149,23 @@ mod tests {
     }
 
     #[test]
+    fn a_large_triangle_has_as_many_samples_as_its_area_asks_for() {
+        let mesh = trough();
+        let (cancel, silent) = (std::sync::atomic::AtomicBool::new(false), crate::planning::context::Silent);
+        let ctx = Context::new(&cancel, &silent);
+        let some = sample_some(&mesh, &RegionParams::default(), (2_000, 7), &ctx).unwrap_or_else(|error| panic!("{error}"));
+        assert!(some.patches.len() <= mesh.faces.len() && mesh.faces.len() < 1_000, "triangles are large");
+        assert!((some.area_where(|_| true) / mesh.area_mm2() - 1.0).abs() < 1e-9);
+        let part_mm2 = mesh.area_mm2() / 2_000.0;
+        let stands_for = |sample: SampleId| some.sample_area_mm2(sample) / part_mm2;
+        assert!(some.samples().all(|sample| (0.5..=1.5).contains(&stands_for(sample))));
+        let mut points: Vec<_> = some.sample_mm.iter().map(|p| [p.x, p.y, p.z].map(f64::to_bits)).collect();
+        points.sort_unstable();
+        points.dedup();
+        assert_eq!(points.len(), some.sample_mm.len(), "no point twice");
+    }
+
+    #[test]
     fn a_thinned_surface_has_the_points_normals_and_requirements_of_its_samples() {
         let mesh = trough();
         let regions = RegionParams {

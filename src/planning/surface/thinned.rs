@@ -189,7 +189,7 @@ fn stratify(whole: &Surface, areas_mm2: &[f64], cell_mm: f64) -> (Vec<u32>, Vec<
     (stratum_of, strata)
 }
 
-/// What the samples of a stratum have in common.
+/// Cell, normal and request that the samples of a stratum share.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Group {
     cell: [i32; 3],
