@@ -4,10 +4,7 @@
 //!
 //! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 29 a sample.
 
-use std::ops::Range;
-
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::context::{Context, PlanError};
 use super::ids::{PatchId, SampleId};
@@ -34,10 +31,8 @@ const SAMPLES_BY_DEFAULT: f64 = 50_000.0;
 /// Largest number of patches or samples of one part: bounds memory to about 8 GiB.
 const MAX_SAMPLES: f64 = 40e6;
 
-/// Triangles that are cut together, or samples that are looked at.
-const PIECE: usize = 8192;
-/// Pieces of a round for each thread, so that none waits long for the last.
-const PIECES_PER_THREAD: usize = 4;
+/// Patches, or samples, between two looks at whether to go on.
+const PATCHES_PER_LOOK: usize = 4096;
 
 /// A facet after refinement; of a surface that views are chosen on, one of which a sample stands for its stratum.
 #[derive(Clone, Copy, Debug)]
@@ -103,32 +98,14 @@ impl Surface {
     /// Area of each sample, 0 where it is not asked for.
     #[must_use]
     pub fn asked_area_mm2(&self) -> Vec<f64> {
-        self.areas_mm2(|sample| self.asked[sample.index()])
-    }
-
-    /// Area of each sample, 0 where `keep` does not accept it.
-    fn areas_mm2(&self, keep: impl Fn(SampleId) -> bool + Sync) -> Vec<f64> {
-        let area = |index: usize| match SampleId::at(index) {
-            sample if keep(sample) => self.sample_area_mm2(sample),
-            _ => 0.0,
-        };
-        (0..self.sample_mm.len()).into_par_iter().with_min_len(PIECE).map(area).collect()
+        let area = |sample: SampleId| if self.asked[sample.index()] { self.sample_area_mm2(sample) } else { 0.0 };
+        self.samples().map(area).collect()
     }
 
     /// Sum of the areas of the samples that `keep` accepts, in sample order.
     #[must_use]
-    pub fn area_where(&self, keep: impl Fn(SampleId) -> bool + Sync) -> f64 {
-        self.areas_mm2(keep).iter().sum()
-    }
-
-    /// Appends the patches and samples of triangles that follow.
-    fn append(&mut self, mut part: Self) {
-        let first = self.sample_mm.len();
-        part.patches.iter_mut().for_each(|patch| patch.first_sample = SampleId::at(first + patch.first_sample.index()));
-        self.patches.append(&mut part.patches);
-        self.sample_mm.append(&mut part.sample_mm);
-        self.sample_patch.append(&mut part.sample_patch);
-        self.asked.append(&mut part.asked);
+    pub fn area_where(&self, keep: impl Fn(SampleId) -> bool) -> f64 {
+        self.samples().filter(|sample| keep(*sample)).map(|sample| self.sample_area_mm2(sample)).sum()
     }
 }
 
@@ -191,74 +168,32 @@ fn cut<E: From<Vec<FieldError>>>(
         .map(|(index, region)| RegionFinder::new(mesh, region, &format!("/regions/exclude/{index}")))
         .collect::<Result<Vec<_>, _>>()?;
     let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
-    let pieces: Vec<Range<usize>> =
-        (0..mesh.faces.len()).step_by(PIECE).map(|first| first..mesh.faces.len().min(first + PIECE)).collect();
-    // Rounds of a few pieces: what is cut side by side and put together afterwards takes little memory beside the whole.
-    for round in pieces.chunks(PIECES_PER_THREAD * rayon::current_num_threads()) {
-        check()?;
-        let facets: Vec<Vec<Facet>> = round.par_iter().map(|faces| facets(mesh, faces.clone(), edge_mm)).collect();
-        let next = |next: &mut usize, facets: &Vec<Facet>| {
-            let first = *next;
-            *next += facets.len();
-            Some(first)
-        };
-        let first_patches: Vec<usize> = facets.iter().scan(surface.patches.len(), next).collect();
-        let place = |(facets, first): (&Vec<Facet>, usize)| {
-            let mut part = Surface { centre_mm: surface.centre_mm, ..Surface::default() };
-            for (number, facet) in facets.iter().enumerate() {
-                let samples = (triangle_mm2(&facet.corners) * density).round().max(1.0) as u32;
-                push_patch(&mut part, facet, first + number, samples, seed);
-            }
-            part.asked = asked(mesh, &excluded, facets, &part);
-            part
-        };
-        let placed: Vec<Surface> = facets.par_iter().zip(first_patches).map(place).collect();
-        placed.into_iter().for_each(|part| surface.append(part));
-    }
-    Ok(surface)
-}
-
-/// A facet after refinement, before anything is placed on it.
-struct Facet {
-    corners: [Point3<f64>; 3],
-    face: u32,
-    normal: Vector3<f64>,
-}
-
-impl Facet {
-    /// A whole triangle of the mesh.
-    fn of(mesh: &Mesh, face: usize) -> Self {
+    let mut stack = Vec::new();
+    for face in 0..mesh.faces.len() {
         let normal = mesh.scaled_normal(face).normalize().map(rounded);
-        Self { corners: mesh.corners(face), face: face as u32, normal }
-    }
-}
-
-/// Facets of some triangles of the mesh, none of whose edges exceeds `edge_mm`.
-fn facets(mesh: &Mesh, faces: Range<usize>, edge_mm: f64) -> Vec<Facet> {
-    let (mut facets, mut stack) = (Vec::with_capacity(faces.len()), Vec::new());
-    for face in faces {
-        let whole = Facet::of(mesh, face);
-        stack.push(whole.corners);
+        stack.push(mesh.corners(face));
         while let Some(corners) = stack.pop() {
+            if surface.patches.len().is_multiple_of(PATCHES_PER_LOOK) {
+                check()?;
+            }
             match halves(&corners, edge_mm) {
                 Some([first, second]) => stack.extend([second, first]),
-                None => facets.push(Facet { corners, ..whole }),
+                None => {
+                    let samples = (triangle_mm2(&corners) * density).round().max(1.0) as u32;
+                    push_patch(&mut surface, corners, face as u32, normal, samples, seed);
+                }
             }
         }
     }
-    facets
-}
-
-/// Returns, for each of the samples placed on facets, whether no excluded region holds it.
-fn asked(mesh: &Mesh, excluded: &[RegionFinder<'_>], facets: &[Facet], placed: &Surface) -> Vec<bool> {
-    let mut asked = Vec::with_capacity(placed.sample_mm.len());
-    for (facet, patch) in facets.iter().zip(&placed.patches) {
-        let source_face = mesh.source_face[facet.face as usize];
-        let is_asked = |p: &Point3<f64>| !excluded.iter().any(|region| region.holds(source_face, p));
-        let first = patch.first_sample.index();
-        asked.extend(placed.sample_mm[first..first + patch.samples as usize].iter().map(is_asked));
-    }
-    asked
+    let asked = |sample: SampleId| {
+        if sample.index().is_multiple_of(PATCHES_PER_LOOK) {
+            check()?;
+        }
+        let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
+        Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample.index()])))
+    };
+    surface.asked = surface.samples().map(asked).collect::<Result<_, E>>()?;
+    Ok(surface)
 }
 
 /// Places, among some regions of the mesh, of those that hold none of the samples.
@@ -321,15 +256,15 @@ fn halves(corners: &[Point3<f64>; 3], edge_mm: f64) -> Option<[[Point3<f64>; 3];
     Some([[a, middle, c], [middle, b, c]])
 }
 
-/// Appends a facet, which is patch `number` of the part, with its samples.
-fn push_patch(surface: &mut Surface, facet: &Facet, number: usize, samples: u32, seed: u64) {
-    let Facet { corners, face, normal } = *facet;
+fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, normal: Vector3<f64>, samples: u32, seed: u64) {
+    let patch = surface.patches.len() as u32;
+    let area_mm2 = triangle_mm2(&corners);
     let first_sample = SampleId::at(surface.sample_mm.len());
-    surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2: triangle_mm2(&corners), first_sample, samples });
+    surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
     for index in 0..samples {
-        let offset_mm = stratified_point(&corners, number as u32, index, seed) - surface.centre_mm;
+        let offset_mm = stratified_point(&corners, patch, index, seed) - surface.centre_mm;
         surface.sample_mm.push(surface.centre_mm + offset_mm.map(rounded));
-        surface.sample_patch.push(PatchId::at(number));
+        surface.sample_patch.push(PatchId(patch));
     }
 }
 

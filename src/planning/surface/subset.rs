@@ -2,9 +2,8 @@
 //! poses need not be asked at every sample.
 
 use nalgebra::Point3;
-use rayon::prelude::*;
 
-use super::{Facet, PIECE, Patch, RegionFinder, Surface, push_patch};
+use super::{PATCHES_PER_LOOK, Patch, RegionFinder, Surface, push_patch, rounded};
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
@@ -46,15 +45,19 @@ pub(in crate::planning) fn sample_some(
 ) -> Result<Surface, PlanError> {
     let finder = |(index, region)| RegionFinder::new(mesh, region, &format!("/regions/exclude/{index}"));
     let excluded = regions.exclude.iter().enumerate().map(finder).collect::<Result<Vec<_>, Vec<FieldError>>>()?;
-    ctx.check()?;
-    let faces = (0..mesh.faces.len()).into_par_iter().with_min_len(PIECE);
-    let areas_mm2: Vec<f64> = faces.map(|face| mesh.face_area_mm2(face)).collect();
+    let mut areas_mm2 = Vec::with_capacity(mesh.faces.len());
+    for face in 0..mesh.faces.len() {
+        if face.is_multiple_of(PATCHES_PER_LOOK) {
+            ctx.check()?;
+        }
+        areas_mm2.push(mesh.face_area_mm2(face));
+    }
     let part_mm2 = areas_mm2.iter().sum::<f64>() / max as f64;
     let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
     for (SampleId(face), area_mm2) in systematic(&areas_mm2, max) {
+        let normal = mesh.scaled_normal(face as usize).normalize().map(rounded);
         let (first, samples) = (surface.sample_mm.len(), (area_mm2 / part_mm2).round().max(1.0) as u32);
-        let number = surface.patches.len();
-        push_patch(&mut surface, &Facet::of(mesh, face as usize), number, samples, seed);
+        push_patch(&mut surface, mesh.corners(face as usize), face, normal, samples, seed);
         surface.patches.last_mut().into_iter().for_each(|patch| patch.area_mm2 = area_mm2);
         let source_face = mesh.source_face[face as usize];
         let is_excluded = |p: &Point3<f64>| excluded.iter().any(|region| region.holds(source_face, p));

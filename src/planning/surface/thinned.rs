@@ -12,13 +12,10 @@
 mod tests;
 
 use std::collections::{BTreeMap, HashMap};
-use std::hash::{Hash, Hasher};
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
-use super::{PIECE, Patch, Surface};
-use crate::geometry::RandomHash;
+use super::{Patch, Surface};
 use crate::planning::ids::{PatchId, SampleId};
 
 /// Samples that a part is chosen on by default, but for its size.
@@ -84,11 +81,10 @@ pub(in crate::planning) fn thinned(whole: &Surface, count: f64) -> Option<(Surfa
     if count >= nearly_all {
         return None;
     }
-    let areas_mm2 = whole.areas_mm2(|_| true);
-    let area_mm2: f64 = areas_mm2.iter().sum();
+    let area_mm2 = whole.area_where(|_| true);
     let cell_mm = CELL_OF_SPACING * (area_mm2 / count).sqrt();
-    let (of_sample, strata) = stratify(whole, &areas_mm2, cell_mm);
-    let picks = picks(&areas_mm2, &of_sample, &strata, &takes(whole, &strata, count / area_mm2));
+    let (of_sample, strata) = stratify(whole, cell_mm);
+    let picks = picks(whole, &of_sample, &strata, &takes(whole, &strata, count / area_mm2));
     if picks.len() as f64 >= nearly_all {
         return None;
     }
@@ -165,48 +161,24 @@ impl Surface {
 }
 
 /// Stratum of each sample, and the strata in the order of their first samples.
-fn stratify(whole: &Surface, areas_mm2: &[f64], cell_mm: f64) -> (Vec<u32>, Vec<Stratum>) {
-    let group = |index: usize| {
-        let sample = SampleId::at(index);
-        let offset_mm: Vector3<f64> = whole.sample_mm[index] - whole.centre_mm;
-        let cell = offset_mm.map(|mm| (mm / cell_mm).floor() as i32).into();
-        Group { cell, bin: bin(&whole.patch_of(sample).normal), kind: whole.requirements.kind(sample), asked: whole.asked[index] }
-    };
-    let groups: Vec<Group> = (0..areas_mm2.len()).into_par_iter().with_min_len(PIECE).map(group).collect();
-    let mut number_of: HashMap<Group, u32, RandomHash> = HashMap::with_hasher(RandomHash::new());
+fn stratify(whole: &Surface, cell_mm: f64) -> (Vec<u32>, Vec<Stratum>) {
+    let mut number_of: HashMap<([i32; 3], [i8; 3], u8, bool), u32> = HashMap::new();
     let mut strata: Vec<Stratum> = Vec::new();
-    let stratum = |(group, area_mm2): (Group, &f64)| {
-        let number = *number_of.entry(group).or_insert_with(|| {
-            strata.push(Stratum { kind: group.kind, ..Stratum::default() });
+    let stratum = |sample: SampleId| {
+        let offset_mm: Vector3<f64> = whole.sample_mm[sample.index()] - whole.centre_mm;
+        let cell = offset_mm.map(|mm| (mm / cell_mm).floor() as i32).into();
+        let (kind, asked) = (whole.requirements.kind(sample), whole.asked[sample.index()]);
+        let number = *number_of.entry((cell, bin(&whole.patch_of(sample).normal), kind, asked)).or_insert_with(|| {
+            strata.push(Stratum { kind, ..Stratum::default() });
             (strata.len() - 1) as u32
         });
         let stratum = &mut strata[number as usize];
         stratum.samples += 1;
-        stratum.area_mm2 += area_mm2;
+        stratum.area_mm2 += whole.sample_area_mm2(sample);
         number
     };
-    let stratum_of = groups.into_iter().zip(areas_mm2).map(stratum).collect();
+    let stratum_of = whole.samples().map(stratum).collect();
     (stratum_of, strata)
-}
-
-/// Cell, normal and request that the samples of a stratum share.
-#[derive(Clone, Copy, PartialEq, Eq)]
-struct Group {
-    cell: [i32; 3],
-    /// Bin of the normal.
-    bin: [i8; 3],
-    kind: u8,
-    asked: bool,
-}
-
-impl Hash for Group {
-    /// Two words: a hash of each field by itself takes three times as long.
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        let [x, y, z] = self.cell.map(|at| u64::from(at as u32));
-        let [a, b, c] = self.bin.map(|at| u64::from(at as u8));
-        state.write_u64(x | y << 32);
-        state.write_u64(z | a << 32 | b << 36 | c << 40 | u64::from(self.kind) << 44 | u64::from(self.asked) << 52);
-    }
 }
 
 /// Bin of a unit normal: the cell of a cube around it.
@@ -236,7 +208,7 @@ fn takes(whole: &Surface, strata: &[Stratum], per_mm2: f64) -> Vec<u32> {
 }
 
 /// The samples that are taken, ascending, with the area that each stands for.
-fn picks(areas_mm2: &[f64], stratum_of: &[u32], strata: &[Stratum], takes: &[u32]) -> Vec<(SampleId, f64)> {
+fn picks(whole: &Surface, stratum_of: &[u32], strata: &[Stratum], takes: &[u32]) -> Vec<(SampleId, f64)> {
     /// Area passed so far, samples passed and taken.
     #[derive(Clone, Copy, Default)]
     struct Passed {
@@ -246,10 +218,10 @@ fn picks(areas_mm2: &[f64], stratum_of: &[u32], strata: &[Stratum], takes: &[u32
     }
     let mut passed = vec![Passed::default(); strata.len()];
     let mut picks = Vec::new();
-    for (sample, area_mm2) in SampleId::number(areas_mm2) {
+    for sample in whole.samples() {
         let number = stratum_of[sample.index()] as usize;
         let (stratum, take, passed) = (&strata[number], takes[number], &mut passed[number]);
-        passed.area_mm2 += area_mm2;
+        passed.area_mm2 += whole.sample_area_mm2(sample);
         passed.samples += 1;
         let due_mm2 = (f64::from(passed.taken) + 0.5) * stratum.area_mm2 / f64::from(take);
         // What is left is just enough: rounding may keep the last steps from being reached.
