@@ -1,8 +1,7 @@
-//! Planning, inspection, execution and rendering: the rooms of Vantage below its documents, server and command line.
+//! Planning, inspection and rendering: the rooms of Vantage that know no network, document or command line.
 #![cfg_attr(test, expect(clippy::float_cmp, reason = "tests hold to the bit what is exact"))]
 
 pub mod cell;
-pub mod execution;
 pub mod geometry;
 pub mod inspection;
 pub mod planning;

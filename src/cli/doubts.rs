@@ -11,8 +11,8 @@ use super::files;
 use crate::cell::{PoseSpec, Presets, ScannerSpec, SpecKind, SpecLibrary, metres_in_mm};
 use crate::check::kind_of;
 use crate::geometry::{Base, Table};
-use crate::wire::DocumentKind;
 use crate::wire::warnings::{FieldWarning, WarningCode};
+use crate::wire::{DocumentKind, decode};
 
 /// Largest incidence in radians, π/2, with room for rounding.
 const MAX_INCIDENCE_RAD: f64 = 1.58;
@@ -86,7 +86,7 @@ fn of_cell(cell: &Value, doubts: &mut Vec<FieldWarning>) {
             doubts.push(doubt(format!("/{pose}/translation_mm"), detail, format!("if it is in metres, give {meant:?} (mm)")));
         }
     }
-    let plate: Option<PoseSpec> = serde_json::from_value(cell["base_from_table"].clone()).ok();
+    let plate: Option<PoseSpec> = decode(&cell["base_from_table"]).ok();
     if plate.is_some_and(|plate| plate.pose::<Base, Table>().direction(&Vector3::z()).z < 0.0) {
         doubts.push(doubt(
             "/base_from_table",
@@ -132,7 +132,7 @@ fn of_scanner(scanner: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
     for device in ["left", "right", "projector"] {
         doubts.extend(incidence(&scanner[device]["incidence_max_deg"], format!("{at}/{device}/incidence_max_deg")));
     }
-    let spec: Option<ScannerSpec> = serde_json::from_value(scanner.clone()).ok();
+    let spec: Option<ScannerSpec> = decode(scanner).ok();
     doubts.extend(spec.and_then(|spec| large_volume(&spec, at)));
 }
 

@@ -16,6 +16,7 @@ use crate::geometry::{LengthUnit, Mesh};
 use crate::service::inspect_job::InspectedPart;
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::service::rescan_job::RESCAN_STATE_FILE;
+use crate::wire::decode;
 use crate::wire::inspection::RescanState;
 use crate::wire::plan::PlanDocument;
 use crate::wire::run::RunRecordDocument;
@@ -166,6 +167,6 @@ fn known_keys(value: &Value) -> String {
 pub(super) fn read_state(inspection: &Path) -> Result<RescanState, CliError> {
     let file = if inspection.is_dir() { inspection.join(RESCAN_STATE_FILE) } else { inspection.to_owned() };
     let shown = file.display().to_string();
-    serde_json::from_value(files::value(&file)?)
+    decode(&files::value(&file)?)
         .map_err(|error| CliError::BadInput(format!("{shown}: {error}\n  → name the folder that `vantage compare` wrote")))
 }

@@ -3,6 +3,7 @@
 
 use crate::cli::CliError;
 use crate::service::plan_job::Artifact;
+use crate::wire::parse;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::words::{area_mm2, at_risk_sentence, counted, stability_sentence};
@@ -28,7 +29,7 @@ pub(super) fn of(artifacts: &[Artifact]) -> Result<Summary, CliError> {
 
 fn read<T: serde::de::DeserializeOwned>(artifacts: &[Artifact], name: &str) -> Result<T, CliError> {
     let bytes = artifacts.iter().find(|artifact| artifact.name == name).map_or(&[][..], |artifact| &artifact.bytes);
-    serde_json::from_slice(bytes).map_err(|error| CliError::Failed(format!("{name}: {error}")))
+    parse(bytes).map_err(|error| CliError::Failed(format!("{name}: {error}")))
 }
 
 /// Lines on what the summary leaves to details: area at risk, pose errors, setups, and regions.

@@ -1,4 +1,4 @@
-//! The dashboard at `/`: the files of `static/dist/`, embedded in the binary. They are built from `static/src/` by
+//! The dashboard at `/`: the files of `static/dist/`, embedded in the binary, compressed. They are built from `static/src/` by
 //! `npm run build` and committed, so that a build of the program needs no Node.
 
 use std::collections::BTreeMap;
@@ -7,14 +7,12 @@ use std::sync::LazyLock;
 use axum::extract::Path;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rust_embed::RustEmbed;
 
 use super::problem::{ApiError, Code};
 use super::static_response::{StaticResponse, media_type};
 
-#[derive(RustEmbed)]
-#[folder = "static/dist/"]
-struct Files;
+/// Names and compressed bytes, from the build script.
+const FILES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/dashboard.rs"));
 
 /// The dashboard page.
 pub(super) async fn index(headers: HeaderMap) -> Result<Response, ApiError> {
@@ -32,12 +30,13 @@ pub(super) async fn licences(headers: HeaderMap) -> Result<Response, ApiError> {
 }
 
 fn serve(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
-    static FILES: LazyLock<BTreeMap<String, StaticResponse>> = LazyLock::new(|| {
-        let named = Files::iter().filter_map(|name| Files::get(&name).map(|file| (name, file)));
-        named
-            .map(|(name, file)| (name.to_string(), StaticResponse::new(file.data.into_owned(), media_type(&name).to_owned())))
-            .collect()
+    static RESPONSES: LazyLock<BTreeMap<&str, StaticResponse>> = LazyLock::new(|| {
+        let read = |&(name, gzip): &(&'static str, &'static [u8])| {
+            let response = StaticResponse::of_gzip(gzip, media_type(name).to_owned());
+            (name, response.expect("the build script compressed it"))
+        };
+        FILES.iter().map(read).collect()
     });
-    let file = FILES.get(name).ok_or_else(|| ApiError::new(Code::NoSuchRoute, format!("there is no file {name:?}")))?;
+    let file = RESPONSES.get(name).ok_or_else(|| ApiError::new(Code::NoSuchRoute, format!("there is no file {name:?}")))?;
     Ok(file.respond(headers))
 }

@@ -1,12 +1,13 @@
 //! Responses that never change while the process runs: compressed once, on first use.
 
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 
 use axum::body::Bytes;
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, ETAG, VARY};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use flate2::Compression;
+use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 
@@ -25,7 +26,22 @@ impl StaticResponse {
     /// Compresses `bytes` if that makes them smaller.
     pub(super) fn new(bytes: impl Into<Bytes>, media_type: String) -> Self {
         let bytes = bytes.into();
-        let gzip = compress(&bytes).ok().filter(|gzip| gzip.len() < bytes.len()).map(Bytes::from);
+        let gzip = compress(&bytes).ok().map(Bytes::from);
+        Self::of(bytes, gzip, media_type)
+    }
+
+    /// Response of bytes that were compressed before.
+    ///
+    /// # Errors
+    /// [`io::Error`] if they are not a gzip stream.
+    pub(super) fn of_gzip(gzip: &'static [u8], media_type: String) -> io::Result<Self> {
+        let mut bytes = Vec::new();
+        GzDecoder::new(gzip).read_to_end(&mut bytes)?;
+        Ok(Self::of(bytes.into(), Some(Bytes::from_static(gzip)), media_type))
+    }
+
+    fn of(bytes: Bytes, gzip: Option<Bytes>, media_type: String) -> Self {
+        let gzip = gzip.filter(|gzip| gzip.len() < bytes.len());
         let etag = format!("\"{}\"", crate::wire::hex(&Sha256::digest(&bytes)));
         Self { bytes, gzip, etag, media_type }
     }

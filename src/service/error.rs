@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::cell::FieldError;
 use crate::wire::calibration::CalibrationState;
 use crate::wire::run::{ReportedState, RunMode};
-use crate::wire::{CalibrationId, InspectionId, JobId, JobState, LeaseId, MeshId, RunId, ScanId, SpecCollection};
+use crate::wire::{CalibrationId, InspectionId, JobId, JobState, LeaseId, MeshId, ParseError, RunId, ScanId, SpecCollection};
 
 /// Reasons why the service did not do what a client asked for.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -409,6 +409,12 @@ impl From<std::io::Error> for Error {
 
 impl From<serde_json::Error> for Error {
     fn from(error: serde_json::Error) -> Self {
+        InternalError::Row(error.to_string()).into()
+    }
+}
+
+impl From<ParseError> for Error {
+    fn from(error: ParseError) -> Self {
         InternalError::Row(error.to_string()).into()
     }
 }

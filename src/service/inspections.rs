@@ -23,7 +23,7 @@ use crate::cell::FieldError;
 use crate::planning::context::Context;
 use crate::wire::inspection::{InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, RescanRequest, Scan};
 use crate::wire::run::RunRecordDocument;
-use crate::wire::{InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId};
+use crate::wire::{InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId, parse};
 
 /// Max number of inspections that wait.
 const MAX_QUEUED: u64 = 1000;
@@ -192,7 +192,7 @@ impl App {
     pub async fn submit_rescan_of(&self, id: InspectionId, request: RescanRequest, submission: Submission) -> Result<Job, Error> {
         request.params.check().map_err(|errors| Error::Invalid(below_params(errors)))?;
         let job = self.inspection(id).await?;
-        let state = serde_json::from_slice(&self.inspection_result(id, RESCAN_STATE_FILE).await?.read().await?)?;
+        let state = parse(&self.inspection_result(id, RESCAN_STATE_FILE).await?.read().await?)?;
         self.submit_rescan(&job, StoredRescan { state, params: request.params }, submission).await
     }
 

@@ -29,9 +29,8 @@ use super::schedule::{Ahead, Share};
 use super::size::JobSize;
 use super::store::{Attempt, AttemptOutcome, blocking};
 use super::submit::job_input;
-use crate::wire::hex;
 use crate::wire::summary::{SUMMARY_FILE, Summary};
-use crate::wire::{JobId, JobProblem, JobState};
+use crate::wire::{JobId, JobProblem, JobState, hex, parse};
 
 /// First pause after the store failed; each further one is twice as long, up to [`MAX_STORE_RETRY`].
 const STORE_RETRY: Duration = Duration::from_secs(1);
@@ -334,6 +333,6 @@ impl App {
 /// Summary of the plan among the files of an attempt.
 fn summary_of(artifacts: &[Artifact]) -> Option<Box<Summary>> {
     let file = artifacts.iter().find(|artifact| artifact.name == SUMMARY_FILE)?;
-    let summary = serde_json::from_slice(&file.bytes);
+    let summary = parse(&file.bytes);
     summary.inspect_err(|error| tracing::warn!(error = error as &dyn std::error::Error, "a summary cannot be read")).ok()
 }

@@ -15,7 +15,7 @@ use super::store::{FileEncoding, JobQuery, PartNames, ResultFile};
 use crate::cell::{Dialect, SpecLibrary};
 use crate::program::dialects::DialectError;
 use crate::wire::plan::RegionCoverageDocument;
-use crate::wire::{DeletedJobs, Job, JobId, JobSelection, JobSort, JobState, JobUpdate, LabelsRequest, warnings};
+use crate::wire::{DeletedJobs, Job, JobId, JobSelection, JobSort, JobState, JobUpdate, LabelsRequest, parse, warnings};
 
 impl App {
     /// One job.
@@ -175,7 +175,7 @@ impl App {
     /// Coverage of the regions of a job that has succeeded.
     async fn regions(&self, id: JobId) -> Result<Vec<RegionCoverageDocument>, Error> {
         let bytes = self.result(id, "coverage.json").await?.read().await?;
-        let result: CoverageResult = serde_json::from_slice(&bytes)?;
+        let result: CoverageResult = parse(&bytes)?;
         Ok(result.coverage.regions)
     }
 

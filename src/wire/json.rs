@@ -1,13 +1,15 @@
 //! Strict parsing of JSON; errors name the JSON pointer at fault (RFC 6901).
 
-use serde::de::DeserializeOwned;
+use std::fmt;
+
+use serde::de::{self, DeserializeOwned, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use serde_json::{Map, Value};
 use serde_path_to_error::{Path, Segment};
 use utoipa::ToSchema;
 
 use super::shape::{lists_for_objects, refused};
-use crate::cell::FieldError;
-
-use crate::cell::with_suggestion;
+use crate::cell::{FieldError, with_suggestion};
 
 /// Reason for which a document is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -25,27 +27,23 @@ pub enum ParseError {
     },
 }
 
+impl From<FieldError> for ParseError {
+    fn from(FieldError { pointer, detail }: FieldError) -> Self {
+        Self::Shape { pointer, detail }
+    }
+}
+
 /// Parses one JSON document of a client; anything after it is an error.
 ///
 /// # Errors
 /// [`ParseError`]; for a document of another shape every field that is missing or unknown.
 pub fn parse_document<T: DeserializeOwned + ToSchema + 'static>(bytes: &[u8]) -> Result<T, Vec<ParseError>> {
-    let parsed = parse(bytes).and_then(|document| {
-        // Where there is no list, none stands for an object.
-        let value = bytes.contains(&b'[').then(|| serde_json::from_slice(bytes).ok()).flatten();
-        let lists = value.map(|value| lists_for_objects::<T>(&value)).unwrap_or_default();
-        match lists.into_iter().next() {
-            Some(FieldError { pointer, detail }) => Err(ParseError::Shape { pointer, detail }),
-            None => Ok(document),
-        }
+    let value = json_value(bytes).map_err(|error| vec![error])?;
+    let decoded = decode(&value).and_then(|document| match lists_for_objects::<T>(&value).into_iter().next() {
+        Some(error) => Err(error),
+        None => Ok(document),
     });
-    parsed.map_err(|error| match (error, serde_json::from_slice(bytes)) {
-        (ParseError::Shape { pointer, detail }, Ok(value)) => {
-            let findings = refused::<T>(&value, FieldError { pointer, detail });
-            findings.into_iter().map(|FieldError { pointer, detail }| ParseError::Shape { pointer, detail }).collect()
-        }
-        (error, _) => vec![error],
-    })
+    decoded.map_err(|first| refused::<T>(&value, first).into_iter().map(ParseError::from).collect())
 }
 
 /// Parses one JSON document; anything after it is an error.
@@ -53,22 +51,96 @@ pub fn parse_document<T: DeserializeOwned + ToSchema + 'static>(bytes: &[u8]) ->
 /// # Errors
 /// [`ParseError`].
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ParseError> {
+    Ok(decode(&json_value(bytes)?)?)
+}
+
+/// Converts a value to `T`. Every document is read by way of a value, so that a type is compiled for one source of its fields.
+///
+/// # Errors
+/// The first fault.
+pub fn decode<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
+    serde_path_to_error::deserialize(value)
+        .map_err(|error| FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) })
+}
+
+/// Parses the text of a document, each object of which has every field once.
+fn json_value(bytes: &[u8]) -> Result<Value, ParseError> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| refuse(bytes, &error))?;
+    let Distinct(value) = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| refuse(bytes, &error))?;
     deserializer.end().map_err(|error| ParseError::Syntax(error.to_string()))?;
     Ok(value)
 }
 
 fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -> ParseError {
     let inner = error.inner();
-    // serde_json reports a list that is too long, or a number too large, as a syntax error, though the text is JSON.
-    let is_json = inner.is_data() || serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
+    // serde_json reports a number too large as a syntax error, though the text is JSON.
+    let is_json = inner.is_data() || serde_json::from_slice::<IgnoredAny>(bytes).is_ok();
     if !is_json {
         return ParseError::Syntax(inner.to_string());
     }
-    let detail = with_suggestion(&inner.to_string());
-    let detail = if detail.starts_with("trailing characters") { "has too many elements".to_owned() } else { detail };
-    ParseError::Shape { pointer: pointer_of(error.path()), detail }
+    ParseError::Shape { pointer: pointer_of(error.path()), detail: with_suggestion(&inner.to_string()) }
+}
+
+/// Value of JSON in which a field that an object has twice is an error. [`Value`] itself keeps the last.
+struct Distinct(Value);
+
+impl<'de> Deserialize<'de> for Distinct {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(DistinctVisitor).map(Self)
+    }
+}
+
+struct DistinctVisitor;
+
+impl<'de> Visitor<'de> for DistinctVisitor {
+    type Value = Value;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a JSON value")
+    }
+
+    fn visit_unit<E: de::Error>(self) -> Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E: de::Error>(self, value: bool) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_i64<E: de::Error>(self, value: i64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_u64<E: de::Error>(self, value: u64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_f64<E: de::Error>(self, value: f64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_str<E: de::Error>(self, value: &str) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Value, A::Error> {
+        let mut list = Vec::new();
+        while let Some(Distinct(item)) = items.next_element()? {
+            list.push(item);
+        }
+        Ok(Value::Array(list))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut fields: A) -> Result<Value, A::Error> {
+        let mut object = Map::new();
+        while let Some((name, Distinct(value))) = fields.next_entry::<String, _>()? {
+            if object.contains_key(&name) {
+                return Err(de::Error::custom(format_args!("duplicate field `{name}`")));
+            }
+            object.insert(name, value);
+        }
+        Ok(Value::Object(object))
+    }
 }
 
 /// The JSON pointer of a path.

@@ -51,7 +51,7 @@ pub use hex::hex;
 pub use ids::{CalibrationId, InspectionId, JobId, LeaseId, MeshId, RunId, ScanId};
 pub use job::{Job, JobFile, JobListItem, JobPage, JobRequest, JobState, LabelsRequest, MAX_LABELS};
 pub use job_sort::{JobSort, JobSortKey};
-pub use json::{ParseError, parse, parse_document, pointer_of};
+pub use json::{ParseError, decode, parse, parse_document, pointer_of};
 pub use json_file::json_file_bytes;
 pub use mesh::{MeshPage, MeshUnit, UploadedMesh};
 pub use mesh_health::MeshHealthReport;

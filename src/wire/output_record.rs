@@ -5,7 +5,7 @@ use std::path::{Component, Path};
 
 use serde::{Deserialize, Serialize};
 
-use super::json_file_bytes;
+use super::{json_file_bytes, parse};
 
 /// Name of the file.
 pub const RECORD_FILE: &str = "vantage.json";
@@ -58,7 +58,7 @@ impl OutputRecord {
     /// Reads the bytes of a file; `None` if they are not a record, or if it names a file elsewhere than in its folder.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> Option<Self> {
-        let record = serde_json::from_slice::<Self>(bytes).ok()?;
+        let record = parse::<Self>(bytes).ok()?;
         let is_here = |file: &RecordedFile| matches!(Path::new(&file.name).components().collect::<Vec<_>>()[..], [Component::Normal(name)] if name == &*file.name);
         (record.schema == RECORD_SCHEMA && record.files.iter().all(is_here)).then_some(record)
     }

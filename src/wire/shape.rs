@@ -10,9 +10,9 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
-use super::json::pointer_of;
+use super::json::decode;
 use super::parameters::without_links;
-use crate::cell::{ControllersSpec, FieldError, closest, with_suggestion};
+use crate::cell::{ControllersSpec, FieldError, closest};
 
 /// Findings beyond which no more are looked for.
 const MAX_FINDINGS: usize = 100;
@@ -24,10 +24,7 @@ const MAX_VALUES: usize = 10_000;
 /// # Errors
 /// What serde refuses, and every field that is missing or unknown.
 pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Result<T, Vec<FieldError>> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
-        let first = FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) };
-        refused::<T>(value, first)
-    })
+    decode(value).map_err(|first| refused::<T>(value, first))
 }
 
 /// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.

@@ -33,7 +33,7 @@ fn json_of_another_shape_is_not_a_syntax_error() {
     let cell = |field: &str| format!(r#"{{"mesh_id": "{MESH}", "cell": {{"name": "a", {field}}}}}"#);
     let (pointer, detail) = shape(&cell(r#""base_from_table": {"translation_mm": [1, 2, 3, 4]}"#));
     assert!(pointer.starts_with("/cell/base_from_table/translation_mm"), "{pointer}");
-    assert_eq!(detail, "has too many elements");
+    assert_eq!(detail, "has 4 elements; expected fewer");
     assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "priority": 1e400}}"#)).0, "/priority");
 }
 
@@ -43,6 +43,15 @@ fn text_that_is_not_json_is_a_syntax_error() {
     for body in ["", "{", "\u{feff}{}", &twice, "{\"labels\": {\"a\""] {
         assert!(matches!(parse::<JobRequest>(body.as_bytes()), Err(ParseError::Syntax(_))), "{body:.20}");
     }
+}
+
+#[test]
+fn a_field_that_an_object_has_twice_is_refused() {
+    let priority = format!(r#"{{"mesh_id": "{MESH}", "priority": 1, "priority": 2}}"#);
+    let (pointer, detail) = shape(&priority);
+    assert_eq!((pointer.as_str(), detail.as_str()), ("", "duplicate field `priority`"));
+    let labels = format!(r#"{{"mesh_id": "{MESH}", "labels": {{"lot": "1", "lot": "2"}}}}"#);
+    assert_eq!(shape(&labels).0, "/labels");
 }
 
 #[test]

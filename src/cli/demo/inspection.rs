@@ -18,7 +18,7 @@ use crate::service::{App, ScanUpload, Submission};
 use crate::wire::inspection::{InspectionJob, InspectionRequest, RescanRequest};
 use crate::wire::plan::PlanDocument;
 use crate::wire::run::RunRecordDocument;
-use crate::wire::{JobId, JobState, RunId};
+use crate::wire::{JobId, JobState, RunId, parse};
 
 /// Cell of the sample: that of a request which names none.
 const CELL: &str = "e05-transcan";
@@ -70,7 +70,7 @@ pub(super) async fn show(app: &App, job: JobId, run: RunId) -> Result<(), Failur
 
 /// Scans of every view of a plan, as a run took them.
 fn scan(plan: &[u8], record: &RunRecordDocument) -> Result<Vec<Artifact>, Failure> {
-    let document: PlanDocument = serde_json::from_slice(plan)?;
+    let document: PlanDocument = parse(plan)?;
     let mesh = demo_parts::base(TRIANGLES)?;
     let spec = Presets.cell(CELL).map_err(|_| format!("there is no preset {CELL}"))?;
     let cell = spec.build(&Presets).map_err(|errors| format!("{errors:?}"))?;

@@ -124,7 +124,7 @@ fn every_fault_of_the_real_drivers_ends_as_documented_and_nothing_moves_after() 
     planned();
     let rows: Vec<_> = on_deep_stacks(|| rows.into_par_iter().map(in_each_state).collect());
     let found = markdown(&rows);
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/execution/FAULTS.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/execution/FAULTS.md");
     if std::env::var_os("UPDATE_GOLDEN").is_some() {
         std::fs::write(path, &found).expect("written");
     }

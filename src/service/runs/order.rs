@@ -22,9 +22,8 @@ use crate::service::error::Error;
 use crate::service::execute::{JobInput, JobMeshes, opened};
 use crate::service::plan_job::{PLAN_FILE, program_stem};
 use crate::service::submit::job_input;
-use crate::wire::hex;
 use crate::wire::run::{RunCoverage, RunMode, RunRequest};
-use crate::wire::{JobState, UtcTime, program::ProgramDocument};
+use crate::wire::{JobState, UtcTime, hex, parse, program::ProgramDocument};
 
 /// A run with everything that its request names.
 pub(super) struct RunOrder {
@@ -77,7 +76,7 @@ impl App {
         };
         let plan = self.result(job, PLAN_FILE).await?.read().await?;
         let program_sha256 = hex(&Sha256::digest(&program));
-        let document: ProgramDocument = serde_json::from_slice(&program)?;
+        let document: ProgramDocument = parse(&program)?;
         let program = document.program().map_err(Error::Invalid)?;
         check_step(request.from_step, program.steps.len())?;
         Ok(RunOrder { request, input, cell, cell_sha256, controllers, program, program_sha256, plan })

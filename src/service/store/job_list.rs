@@ -14,7 +14,7 @@ use super::pages::{Page, Place};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, artifacts, summaries};
 use crate::service::error::Error;
-use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSelection, JobSort, JobSortKey, JobState, UtcTime};
+use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSelection, JobSort, JobSortKey, JobState, UtcTime, parse};
 
 /// Filters and order of a job listing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -226,7 +226,7 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
         mesh_id: text("mesh_id")?.parse().ok()?,
         cell: text("cell").unwrap_or_default(),
         scanner: text("scanner").unwrap_or_default(),
-        labels: text("labels").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        labels: text("labels").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
         part_number: text("part_number"),
         serial: text("serial"),
         priority: row.try_get("priority").unwrap_or_default(),
@@ -237,8 +237,8 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
         created_at: text("created_at").unwrap_or_default(),
         started_at: text("started_at"),
         ended_at: text("ended_at"),
-        timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
-        warnings: text("warnings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        timings: text("timings").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
+        warnings: text("warnings").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
         problem: state.err().or_else(|| read_problem(text("problem"))),
         submitted_by: text("submitted_by"),
         plan_sha256: results.iter().find(|file| file.name == "plan.json").and_then(|file| file.sha256.clone()),

@@ -9,7 +9,7 @@ use super::{artifacts, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::jobs::failure;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, warnings};
+use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, parse, warnings};
 
 /// `SELECT` of everything that [`read`] needs.
 macro_rules! select_job {
@@ -68,12 +68,12 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         Ok(request) => (request, None),
         Err(reason) => (JobRequest::new(parsed("job.mesh_id", &mesh_id)?), Some(unreadable(reason))),
     };
-    let results = artifacts::listed(serde_json::from_str(&row.try_get::<String, _>("results")?)?);
+    let results = artifacts::listed(parse(row.try_get::<String, _>("results")?.as_bytes())?);
     let position: Option<i64> = row.try_get("position")?;
     let problem = read_problem(text("problem")).or(unreadable_request);
     let mut warnings = warnings::of_params(&request.params, "/params");
     // Jobs of earlier versions have none; one that cannot be read tells no less of the job.
-    warnings.extend(text("found").and_then(|json| serde_json::from_str::<Vec<FieldWarning>>(&json).ok()).unwrap_or_default());
+    warnings.extend(text("found").and_then(|json| parse::<Vec<FieldWarning>>(json.as_bytes()).ok()).unwrap_or_default());
     Ok(Job {
         id: parsed("job.id", &row.try_get::<String, _>("id")?)?,
         state: state.as_ref().copied().unwrap_or(JobState::Failed),
@@ -81,7 +81,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         cell: request.cell,
         scanner: request.scanner,
         params: request.params,
-        labels: text("labels").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        labels: text("labels").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
         part_number: text("part_number"),
         serial: text("serial"),
         priority: row.try_get("priority")?,
@@ -92,7 +92,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         created_at: row.try_get("created_at")?,
         started_at: text("started_at"),
         ended_at: text("ended_at"),
-        timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        timings: text("timings").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
         warnings,
         regions: Vec::new(),
         problem: state.err().or(problem),

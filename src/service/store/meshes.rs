@@ -9,7 +9,7 @@ use super::pages::{Page, Place};
 use super::{Store, blocking, parsed};
 use crate::service::error::Error;
 use crate::service::failpoint;
-use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh, example};
+use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh, decode, example};
 
 /// A mesh to be stored.
 pub(crate) struct NewMesh {
@@ -180,5 +180,5 @@ pub(super) fn read_health(text: &str) -> Result<MeshHealthReport, String> {
     if let Value::Object(fields) = &mut fields {
         fields.extend(stored);
     }
-    serde_json::from_value(fields).map_err(|error| error.to_string())
+    decode(&fields).map_err(|error| error.to_string())
 }
