@@ -1,13 +1,17 @@
 //! Bodies that are files: sent as they are or as a form, hashed and written while they are received.
 
-use axum::body::Body;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Poll, ready};
+
+use axum::BoxError;
+use axum::body::{Body, Bytes};
 use axum::extract::multipart::MultipartError;
 use axum::extract::{FromRequest, Multipart, Request};
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use futures_util::StreamExt;
+use futures_util::{StreamExt, stream};
 
 use crate::http::download::upload_name;
 use crate::http::extract::{UploadRate, body_error, check_encoding, header_text, is_timeout, request_timeout};
@@ -19,6 +23,11 @@ use crate::wire::hex;
 const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
 /// Largest number of characters of an uploaded file's name.
 pub(super) const MAX_NAME_CHARS: usize = 200;
+
+/// Largest number of bytes of a form before its file: the parser keeps a field's name and headers until they are complete.
+const MAX_BEFORE_FILE: usize = 1 << 20;
+/// Bytes of a form that its parser gets at a time.
+const PIECE: usize = 1 << 16;
 
 /// Receives the file of a request, and the name that a form gives it.
 pub(super) async fn received(state: &ApiState, request: Request) -> Result<(FinishedUpload, Option<String>), ApiError> {
@@ -83,19 +92,80 @@ async fn receive_form(
     state: &ApiState,
     announced: Option<&str>,
 ) -> Result<(FinishedUpload, Option<String>), ApiError> {
-    let mut rate = UploadRate::new(state.options.body_idle_timeout);
+    let meter = FormMeter::new(UploadRate::new(state.options.body_idle_timeout));
+    let refused = |error: MultipartError| meter.lock().refusal.take().unwrap_or_else(|| form_error(&error));
+    let request = request.map(|body| meter.metered(body));
     let mut form = Multipart::from_request(request, state).await.map_err(|e| ApiError::new(Code::BadBody, e.body_text()))?;
-    while let Some(mut field) = form.next_field().await.map_err(|error| form_error(&error))? {
+    while let Some(mut field) = form.next_field().await.map_err(refused)? {
         if field.name() == Some("file") {
+            meter.lock().is_in_file = true;
             let file_name = field.file_name().and_then(|name| upload_name(name, MAX_NAME_CHARS));
-            while let Some(chunk) = field.chunk().await.map_err(|error| form_error(&error))? {
-                rate.count(chunk.len())?;
+            while let Some(chunk) = field.chunk().await.map_err(refused)? {
                 upload.write(chunk).await?;
             }
             return Ok((upload.finish(announced).await?, file_name));
         }
     }
     Err(ApiError::at(Code::BadBody, "file", "the form has no field of this name"))
+}
+
+/// Meter of a form's bytes on their way to its parser, which sets them no limit itself.
+#[derive(Clone)]
+struct FormMeter(Arc<Mutex<Metered>>);
+
+struct Metered {
+    rate: UploadRate,
+    before_file: usize,
+    is_in_file: bool,
+    /// Reason why the body was cut off, for which the parser has no words.
+    refusal: Option<ApiError>,
+}
+
+impl FormMeter {
+    fn new(rate: UploadRate) -> Self {
+        Self(Arc::new(Mutex::new(Metered { rate, before_file: 0, is_in_file: false, refusal: None })))
+    }
+
+    /// Whole after every operation, also where a thread died in between.
+    fn lock(&self) -> MutexGuard<'_, Metered> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The body, cut off with a refusal. The parser takes everything that is ready before it looks at it, so small pieces are
+    /// handed on one at a time.
+    fn metered(&self, body: Body) -> Body {
+        let (meter, mut chunks) = (self.clone(), body.into_data_stream());
+        let (mut rest, mut was_handed_on) = (Bytes::new(), false);
+        Body::from_stream(stream::poll_fn(move |cx| {
+            if std::mem::take(&mut was_handed_on) {
+                cx.waker().wake_by_ref();
+                return Poll::Pending;
+            }
+            while rest.is_empty() {
+                match ready!(chunks.poll_next_unpin(cx)) {
+                    Some(Ok(chunk)) => rest = chunk,
+                    Some(Err(error)) => return Poll::Ready(Some(Err(error.into()))),
+                    None => return Poll::Ready(None),
+                }
+            }
+            was_handed_on = true;
+            let piece = rest.split_to(rest.len().min(PIECE));
+            Poll::Ready(Some(meter.lock().count(piece)))
+        }))
+    }
+}
+
+impl Metered {
+    fn count(&mut self, chunk: Bytes) -> Result<Bytes, BoxError> {
+        let is_in_time = self.rate.count(chunk.len());
+        self.before_file += if self.is_in_file { 0 } else { chunk.len() };
+        let detail = || format!("the form has more than {MAX_BEFORE_FILE} bytes before its field \"file\"");
+        let is_in_room = if self.before_file > MAX_BEFORE_FILE { Err(ApiError::new(Code::TooLarge, detail())) } else { Ok(()) };
+        is_in_time.and(is_in_room).map(|()| chunk).map_err(|refusal| {
+            self.refusal = Some(refusal);
+            "the body was cut off".into()
+        })
+    }
 }
 
 fn form_error(error: &MultipartError) -> ApiError {

@@ -57,6 +57,28 @@ async fn a_form_is_taken_by_its_field() {
     api.nothing_is_left().await;
 }
 
+/// What stands before the file is kept by the parser, however long it is.
+#[tokio::test]
+async fn a_form_that_does_not_come_to_its_file_is_cut_off() {
+    let api = Api::start().await;
+    let (headers, body) = form("file");
+    let long = "a".repeat(2 << 20);
+    let endless = [
+        long.clone(),
+        format!("--x\r\ncontent-disposition: form-data; name=\"{long}"),
+        format!("--x\r\ncontent-disposition: form-data; name=\"other\"\r\n\r\n{long}\r\n{body}"),
+    ];
+    for body in endless {
+        let problem = api.send("POST", "/api/v1/meshes?unit=mm", &headers, body).await.problem("too_large");
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("before its field")), "{problem}");
+    }
+    // Half of that before the file and most of it in the file.
+    let file = format!("{}v 1 0 0\nv 0 1 0\nv 0 0 1\nf -1 -2 -3\n", "# a line\n".repeat(1 << 16));
+    let head = "--x\r\ncontent-disposition: form-data; name=\"file\"; filename=\"a.obj\"\r\n\r\n";
+    let half = format!("--x\r\ncontent-disposition: form-data; name=\"other\"\r\n\r\n{}\r\n", &long[..1 << 19]);
+    api.send("POST", "/api/v1/meshes?unit=mm", &headers, format!("{half}{head}{file}\r\n--x--\r\n")).await.ok(201);
+}
+
 #[tokio::test]
 async fn a_digest_is_held_against_the_file() {
     let api = Api::start().await;

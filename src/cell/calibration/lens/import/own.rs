@@ -1,8 +1,5 @@
 //! Scanner specifications of Vantage: lenses and poses as they stand in them.
 
-use serde::Deserialize;
-use serde_json::Value;
-
 use super::super::fault::{LensError, LensFault};
 use super::super::model::LensParameters;
 use super::{ImportedFile, ImportedLens};
@@ -10,8 +7,7 @@ use crate::cell::{DeviceName, ScannerSpec};
 
 pub(super) fn read(text: &str) -> Result<ImportedFile, LensError> {
     let unreadable = |detail: String| LensError::new(LensFault::Unreadable, "", detail);
-    let value: Value = toml::from_str(text).map_err(|error| unreadable(error.to_string().replace('\n', " ")))?;
-    let spec = ScannerSpec::deserialize(&value).map_err(|error| unreadable(error.to_string()))?;
+    let spec: ScannerSpec = toml::from_str(text).map_err(|error| unreadable(error.to_string().replace('\n', " ")))?;
     let scanner = spec.build().map_err(|errors| match errors.into_iter().next() {
         Some(error) if error.pointer.ends_with("/distortion") => LensError::new(LensFault::Folds, error.pointer, error.detail),
         Some(error) => LensError::new(LensFault::OutOfRange, error.pointer, error.detail),
