@@ -11,6 +11,7 @@ COPY .cargo .cargo
 RUN mkdir -p tests/it \
     && echo 'fn main() {}' > src/main.rs \
     && cp src/main.rs tests/it/main.rs \
+    && cp src/main.rs build.rs \
     && touch src/core.rs src/lib.rs \
     && cargo build --locked --release \
     && rm -r src tests
@@ -18,7 +19,7 @@ COPY . .
 # Commit for `vantage --version`: docker build --build-arg VANTAGE_COMMIT=$(git rev-parse HEAD) …
 ARG VANTAGE_COMMIT=
 # The stand-ins above are older than what they stand for only by chance: say that the sources are new.
-RUN touch src/core.rs src/main.rs src/lib.rs \
+RUN touch build.rs src/core.rs src/main.rs src/lib.rs \
     && cargo build --locked --release --bin vantage \
     && install -D -m 0755 target/release/vantage /out/usr/local/bin/vantage \
     && install -d /out/data

@@ -30,7 +30,7 @@ fn main() {
 }
 
 /// Returns true if this machine's C library reads packed relocations, which take 1.3 MB less: glibc 2.36 and later. The program
-/// then needs such a library too.
+/// then needs such a library too. Not where another linker is named, or another target.
 fn has_packed_relocations(target: &str) -> bool {
     let is_native = env::var("HOST").is_ok_and(|host| host == target) && target == "x86_64-unknown-linux-gnu";
     let version = || {
@@ -39,13 +39,13 @@ fn has_packed_relocations(target: &str) -> bool {
         let (major, minor) = told.lines().next()?.split_whitespace().last()?.split_once('.')?;
         Some((major.parse::<u32>().ok()?, minor.parse::<u32>().ok()?))
     };
-    is_native && version().is_some_and(|version| version >= (2, 36))
+    is_native && env::var_os("RUSTC_LINKER").is_none() && version().is_some_and(|version| version >= (2, 36))
 }
 
 /// Compresses every file of `static/dist` and writes `dashboard.rs`, the list of their names and compressed bytes.
 fn dashboard() -> io::Result<()> {
     println!("cargo::rerun-if-changed=static/dist");
-    let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default());
+    let out = PathBuf::from(env::var("OUT_DIR").map_err(io::Error::other)?);
     let mut files = fs::read_dir("static/dist")?.map(|entry| entry.map(|entry| entry.path())).collect::<io::Result<Vec<_>>>()?;
     files.sort();
     let mut list = "&[\n".to_owned();
@@ -53,8 +53,8 @@ fn dashboard() -> io::Result<()> {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
         encoder.write_all(&fs::read(file)?)?;
-        let compressed = out.join(format!("{name}.gz"));
-        fs::write(&compressed, encoder.finish()?)?;
+        let compressed = format!("{name}.gz");
+        fs::write(out.join(&compressed), encoder.finish()?)?;
         let _ = writeln!(list, "    ({name:?}, include_bytes!({compressed:?})),");
     }
     fs::write(out.join("dashboard.rs"), list + "]\n")

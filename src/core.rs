@@ -1,4 +1,4 @@
-//! Planning, inspection and rendering: the rooms of Vantage that know no network, document or command line.
+//! Planning, inspection and rendering: the rooms of Vantage that know no network and no command line.
 #![cfg_attr(test, expect(clippy::float_cmp, reason = "tests hold to the bit what is exact"))]
 
 pub mod cell;

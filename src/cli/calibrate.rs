@@ -20,7 +20,7 @@ use crate::cell::calibration::findings::CalibrationFinding;
 use crate::wire::calibration::{
     CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_easy_handeye, from_pose_samples, from_zivid, sentence,
 };
-use crate::wire::{hex, json_file_bytes};
+use crate::wire::{Distinct, hex, json_file_bytes};
 
 /// Files of observations that are read.
 const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV, MoveIt's pairs of poses, samples of \
@@ -153,7 +153,7 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
         return Ok((from_easy_handeye(&text, read.setup).map_err(below)?, digest));
     }
     let value: Value = if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
-        serde_json::from_slice(&bytes).map_err(|error| refuse(error.to_string()))?
+        serde_json::from_slice(&bytes).map(|Distinct(value)| value).map_err(|error| refuse(error.to_string()))?
     } else {
         files::value(path).map_err(|error| CliError::BadInput(format!("{error}; {READ}")))?
     };

@@ -13,11 +13,10 @@
 
 use std::path::Path;
 
-use serde_json::Value;
-
 use super::CliError;
 use super::files::{from_value, json_fault};
 use crate::planning::params::{FeatureParams, Region};
+use crate::wire::Distinct;
 
 #[cfg(test)]
 mod tests;
@@ -38,7 +37,7 @@ fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
     if !text.trim_start().starts_with(['{', '[']) {
         return csv(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")));
     }
-    let mut value: Value =
+    let Distinct(mut value) =
         serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {}", json_fault(&error))))?;
     let only_field = value.as_object_mut().filter(|fields| fields.len() == 1);
     let list = if let Some(field) = only_field { field.remove("features") } else { Some(value) };

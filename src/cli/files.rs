@@ -21,7 +21,7 @@ use crate::service::plan_job::PLAN_FILE;
 use crate::service::runs::cell_sha256;
 use crate::service::{HashingReader, OperatorCell};
 use crate::settings::Settings;
-use crate::wire::{self, DocumentKind};
+use crate::wire::{self, Distinct, DocumentKind};
 
 /// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -179,7 +179,7 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
     } else {
         toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
     };
-    read.map_err(refuse)
+    read.map(|Distinct(value)| value).map_err(refuse)
 }
 
 /// Error for a file that cannot be read; of one that does not exist it tells a file beside it with nearly the same name.

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::files;
+use crate::wire::Distinct;
 
 /// The value of a parameter `key`.
 ///
@@ -27,7 +28,10 @@ fn of_file(key: &str, path: &Path) -> Result<Value, String> {
     let refuse = |error: String| format!("{}: {error}", path.display());
     let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
     match extension.as_deref() {
-        Some("json") => serde_json::from_str(&text).map_err(|error| refuse(files::json_fault(&error))),
+        Some("json") => {
+            let read = serde_json::from_str(&text).map_err(|error| refuse(files::json_fault(&error)));
+            read.map(|Distinct(value)| value)
+        }
         _ => Ok(json_or_text(text.strip_suffix('\n').map_or(&*text, |line| line.strip_suffix('\r').unwrap_or(line)))),
     }
 }

@@ -12,6 +12,7 @@ use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use super::prefix::Prefix;
+use crate::cell::FieldError;
 use crate::service::{Error, FAILURE_CODES};
 use crate::wire::{self, ParseError, ProblemField, problem_type};
 
@@ -193,7 +194,7 @@ impl From<Vec<ParseError>> for ApiError {
         for error in errors {
             match error {
                 ParseError::Syntax(detail) => return Self::new(Code::BadJson, detail),
-                ParseError::Shape { pointer, detail } => fields.push(ProblemField { pointer, detail }),
+                ParseError::Shape(FieldError { pointer, detail }) => fields.push(ProblemField { pointer, detail }),
             }
         }
         let detail = match &fields[..] {

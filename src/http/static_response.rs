@@ -1,4 +1,4 @@
-//! Responses that never change while the process runs: compressed once, on first use.
+//! Responses that never change while the process runs: compressed once, when the program is built or on first use.
 
 use std::io::{self, Read, Write};
 

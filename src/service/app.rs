@@ -12,11 +12,11 @@ use tokio_util::task::TaskTracker;
 use super::calibrations::Calibrations;
 use super::cells::KeptCells;
 use super::error::{Error, InternalError};
-use super::execute::{JobInput, Planner, execute};
 use super::inspections::Inspections;
 use super::jobs::{self, JobRunner};
 use super::maintenance::maintain;
 use super::options::Options;
+use super::planner::{JobInput, Planner, plan_files};
 use super::runs::Runs;
 use super::size::{Sizer, size_of};
 use super::store::{OpenError, Store};
@@ -66,7 +66,7 @@ impl App {
         // Kept for the next job in the same cell.
         let cells = Arc::new(KeptCells::default());
         let of_planner = Arc::clone(&cells);
-        Self::open_keeping(cells, options, Arc::new(move |input, ctx| execute(input, &of_planner, ctx)), None).await
+        Self::open_keeping(cells, options, Arc::new(move |input, ctx| plan_files(input, &of_planner, ctx)), None).await
     }
 
     /// Opens the service with another planner, for tests. `sizer` tells the sizes of jobs; those of real plans if there is none.

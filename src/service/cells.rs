@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use super::execute::MeshSource;
 use super::kept::Kept;
+use super::planner::MeshSource;
 use crate::cell::{Cell, CellSpec, FieldError, Named, ShapeSpec, SpecLibrary};
 use crate::planning::sequence::Roadmaps;
 use crate::wire::hex;

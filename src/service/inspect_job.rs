@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 
 use super::cells::KeptCells;
-use super::execute::{JobError, JobInput, opened};
 use super::plan_job::{Artifact, plan_sha256};
+use super::planner::{JobError, JobInput, opened};
 use super::rescan_job::RESCAN_STATE_FILE;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::check::read_plan;

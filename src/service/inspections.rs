@@ -11,10 +11,10 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
-use super::execute::JobInput;
 use super::inspect_job::{InspectError, InspectJob, Inspected, ScanSource};
 use super::jobs::failure;
 use super::plan_job::PLAN_FILE;
+use super::planner::JobInput;
 use super::queries::ResultBody;
 use super::rescan_job::RESCAN_STATE_FILE;
 use super::store::{Page, StoredArtifacts, StoredInspection};

@@ -1,4 +1,4 @@
-//! Execution of a job, from its input to its result files: the only place that knows both jobs and planning. Runs on a
+//! Planning of a job, from its input to its result files: the only place that knows both jobs and planning. Runs on a
 //! thread of the planning pool.
 
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ use crate::report::html::NoPlanReason;
 use crate::wire::echo::Echo;
 use crate::wire::words::no_plan_sentence;
 
-/// The function that plans a job: [`execute`], or a test's replacement.
+/// The function that plans a job: [`plan_files`], or a test's replacement.
 pub type Planner = Arc<dyn Fn(&JobInput, &Context<'_>) -> Result<Vec<Artifact>, JobError> + Send + Sync>;
 
 /// A mesh in the store.
@@ -215,7 +215,7 @@ pub(super) fn opened(input: &JobInput, cells: &KeptCells, stop: &dyn Fn() -> boo
 ///
 /// # Errors
 /// [`JobError`].
-pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
+pub fn plan_files(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
     ctx.begin(Stage::Reading).map_err(PlanError::from)?;
     let (meshes, hardware) = opened(input, cells, &|| ctx.check().is_err())?;
     let job = PlanJob {

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::cells::KeptCells;
-use super::execute::{JobError, JobInput, opened};
+use super::planner::{JobError, JobInput, opened};
 use crate::planning::{Estimate, PlanInput};
 
 /// Memory and time that a job takes.

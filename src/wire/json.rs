@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::de::{self, DeserializeOwned, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use serde_json::{Map, Value};
+use serde_json::map::Entry;
+use serde_json::{Map, Number, Value};
 use serde_path_to_error::{Path, Segment};
 use utoipa::ToSchema;
 
@@ -18,18 +19,13 @@ pub enum ParseError {
     #[error("{0}")]
     Syntax(String),
     /// The JSON is valid, but of another shape than expected.
-    #[error("{pointer}: {detail}")]
-    Shape {
-        /// JSON pointer of the value.
-        pointer: String,
-        /// Description of the fault.
-        detail: String,
-    },
+    #[error("{0}")]
+    Shape(FieldError),
 }
 
 impl From<FieldError> for ParseError {
-    fn from(FieldError { pointer, detail }: FieldError) -> Self {
-        Self::Shape { pointer, detail }
+    fn from(error: FieldError) -> Self {
+        Self::Shape(error)
     }
 }
 
@@ -57,7 +53,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ParseError> {
 /// Converts a value to `T`. Every document is read by way of a value, so that a type is compiled for one source of its fields.
 ///
 /// # Errors
-/// The first fault.
+/// The first fault, of the fields of an object in the order of their names.
 pub fn decode<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
     serde_path_to_error::deserialize(value)
         .map_err(|error| FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) })
@@ -73,16 +69,17 @@ fn json_value(bytes: &[u8]) -> Result<Value, ParseError> {
 
 fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -> ParseError {
     let inner = error.inner();
-    // serde_json reports a number too large as a syntax error, though the text is JSON.
+    // serde_json reports a number too large and text nested too deep as syntax errors, though they are JSON.
     let is_json = inner.is_data() || serde_json::from_slice::<IgnoredAny>(bytes).is_ok();
     if !is_json {
         return ParseError::Syntax(inner.to_string());
     }
-    ParseError::Shape { pointer: pointer_of(error.path()), detail: with_suggestion(&inner.to_string()) }
+    ParseError::Shape(FieldError { pointer: pointer_of(error.path()), detail: inner.to_string() })
 }
 
-/// Value of JSON in which a field that an object has twice is an error. [`Value`] itself keeps the last.
-struct Distinct(Value);
+/// Value of a document. A field that an object has twice is an error, of which [`Value`] keeps the last; so is a number of TOML
+/// that is not finite, which becomes `null` in [`Value`].
+pub(crate) struct Distinct(pub(crate) Value);
 
 impl<'de> Deserialize<'de> for Distinct {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -116,7 +113,7 @@ impl<'de> Visitor<'de> for DistinctVisitor {
     }
 
     fn visit_f64<E: de::Error>(self, value: f64) -> Result<Value, E> {
-        Ok(value.into())
+        Number::from_f64(value).map(Value::Number).ok_or_else(|| E::custom(format_args!("{value} is not a finite number")))
     }
 
     fn visit_str<E: de::Error>(self, value: &str) -> Result<Value, E> {
@@ -134,10 +131,12 @@ impl<'de> Visitor<'de> for DistinctVisitor {
     fn visit_map<A: MapAccess<'de>>(self, mut fields: A) -> Result<Value, A::Error> {
         let mut object = Map::new();
         while let Some((name, Distinct(value))) = fields.next_entry::<String, _>()? {
-            if object.contains_key(&name) {
-                return Err(de::Error::custom(format_args!("duplicate field `{name}`")));
-            }
-            object.insert(name, value);
+            match object.entry(name) {
+                Entry::Vacant(place) => place.insert(value),
+                Entry::Occupied(place) => {
+                    return Err(de::Error::custom(format_args!("duplicate field `{}`", place.key())));
+                }
+            };
         }
         Ok(Value::Object(object))
     }

@@ -1,9 +1,10 @@
 use super::*;
+use crate::cell::FieldError;
 
 #[track_caller]
 fn shape(body: &str) -> (String, String) {
     match parse::<JobRequest>(body.as_bytes()) {
-        Err(ParseError::Shape { pointer, detail }) => (pointer, detail),
+        Err(ParseError::Shape(FieldError { pointer, detail })) => (pointer, detail),
         other => panic!("{other:?}"),
     }
 }
@@ -58,7 +59,7 @@ fn a_field_that_an_object_has_twice_is_refused() {
 #[test]
 fn keys_are_escaped_in_pointers() {
     let error = parse::<std::collections::BTreeMap<String, u8>>(br#"{"a/b~c": -1}"#).expect_err("negative");
-    assert!(matches!(error, ParseError::Shape { pointer, .. } if pointer == "/a~1b~0c"));
+    assert!(matches!(error, ParseError::Shape(error) if error.pointer == "/a~1b~0c"));
 }
 
 #[test]

@@ -17,8 +17,8 @@ use crate::cli::scanner::{Dimensions, Span, write_or_print};
 use crate::cli::{CliError, FileFinding, files, output};
 use crate::geometry::LengthUnit;
 use crate::report::scanner_calibration::{CalibrationPictures, html};
-use crate::wire::hex;
 use crate::wire::scanner_calibration::{CalibrationSource, ScannerCalibration};
+use crate::wire::{Distinct, hex};
 
 /// Names of the parameters that can be held at 0.
 const HOLDABLE: std::ops::Range<usize> = 4..10;
@@ -232,7 +232,7 @@ impl CalibrateScannerArgs {
             let size_px = PerDevice { left: camera, right: camera, projector: self.projector_size.map(|size| size.0) };
             return lens::read_csv(text, size_px).map(|observations| (observations, None)).map_err(|error| fault(name, &error));
         }
-        let value = serde_json::from_str(text)
+        let Distinct(value) = serde_json::from_str(text)
             .map_err(|error| CliError::BadInput(format!("{name}: not JSON: {}", files::json_fault(&error))))?;
         let spec: ScannerObservationsSpec = files::from_value(value, name)?;
         let observations = spec.build().map_err(|error| fault(name, &error))?;

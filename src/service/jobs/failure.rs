@@ -4,7 +4,7 @@ use std::any::Any;
 use std::time::Duration;
 
 use super::super::error::Error;
-use super::super::execute::JobError;
+use super::super::planner::JobError;
 use crate::cell::FieldError;
 use crate::wire::{JobProblem, ProblemField, problem_type};
 

@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use tokio::sync::{Notify, oneshot};
 
-use super::super::execute::{Artifact, JobError, JobInput, Planner};
 use super::super::kept::Kept;
 use super::super::options::Options;
+use super::super::planner::{Artifact, JobError, JobInput, Planner};
 use super::super::schedule::{Schedule, Share};
 use super::super::size::{JobSize, Sizer};
 use super::failure::{AttemptError, panic_text};

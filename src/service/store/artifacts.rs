@@ -14,9 +14,9 @@ use sqlx::{Row, SqliteConnection};
 use super::pinned::FilePin;
 use super::{Store, blocking};
 use crate::service::error::{Error, InternalError};
-use crate::service::execute::Artifact;
 use crate::service::failpoint;
 use crate::service::plan_job::{REPORT_DRAFT_FILE, REPORT_FILE};
+use crate::service::planner::Artifact;
 use crate::wire::hex;
 use crate::wire::{JobFile, JobId, JobState};
 

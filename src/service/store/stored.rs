@@ -4,7 +4,7 @@
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::wire::{ParseError, parse};
+use crate::wire::{ParseError, decode, parse};
 
 /// Format version of the documents that this program writes. A change that lenient reading cannot handle increments it and
 /// adds a migration of older documents.
@@ -30,16 +30,16 @@ pub(crate) fn read_leniently<T: DeserializeOwned>(version: i64, text: &str) -> R
     let (mut error, mut unknown) = (error, Vec::new());
     while unknown.len() < MAX_UNKNOWN {
         let pointer = match &error {
-            ParseError::Shape { pointer, detail } if detail.starts_with("unknown field") => pointer.clone(),
-            ParseError::Shape { .. } | ParseError::Syntax(_) => return Err(error.to_string()),
+            ParseError::Shape(error) if error.detail.starts_with("unknown field") => error.pointer.clone(),
+            ParseError::Shape(_) | ParseError::Syntax(_) => return Err(error.to_string()),
         };
         if !remove_field(&mut document, &pointer) {
             break;
         }
         unknown.push(pointer);
-        match parse(document.to_string().as_bytes()) {
+        match decode(&document) {
             Ok(value) => return Ok((value, unknown)),
-            Err(next) => error = next,
+            Err(next) => error = next.into(),
         }
     }
     Err(error.to_string())

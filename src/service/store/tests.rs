@@ -7,7 +7,7 @@ mod summary;
 mod upgrade;
 
 use super::*;
-use crate::service::execute::Artifact;
+use crate::service::planner::Artifact;
 use crate::service::store::specs::Precondition;
 use crate::wire::{EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection};
 

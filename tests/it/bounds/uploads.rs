@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use sha2::Digest as _;
 use vantage::geometry::LengthUnit;
-use vantage::service::execute::{JobError, MeshSource};
+use vantage::service::planner::{JobError, MeshSource};
 use vantage::service::{self, App, Error, FinishedUpload, MeshUpload};
 
 use super::memory::write_soup;

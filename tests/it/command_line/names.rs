@@ -87,3 +87,19 @@ fn a_plan_without_a_folder_is_written_beside_where_it_is_asked_for() {
     let stem = Path::new(&part).file_stem().expect("a name").to_string_lossy().into_owned();
     assert!(folder.path().join(format!("{stem}_plan")).join("plan.json").is_file());
 }
+
+/// What a reader of values would take for something else: the last of two fields, nothing for a number that is not finite.
+#[test]
+fn fields_given_twice_and_infinite_numbers_of_files_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = [
+        ("twice.json", r#"{"selection": {"target": 0.9}, "selection": {"target": 0.8}}"#, "duplicate field `selection`"),
+        ("infinite.toml", "[selection]\ntarget = inf\n", "inf is not a finite number"),
+    ];
+    for (name, text, words) in files {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).expect("written");
+        let ended = run(&["check", &file.display().to_string()]);
+        assert!(ended.code == Some(2) && ended.err.contains(words), "{name}: {}", ended.err);
+    }
+}

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tower::ServiceExt as _;
 use vantage::http::{self, Quota};
 use vantage::planning::context::{Context, Stage};
-use vantage::service::execute::{Artifact, JobError, JobInput};
+use vantage::service::planner::{Artifact, JobError, JobInput};
 use vantage::service::{self, App, Planner, Sizer};
 
 pub(super) struct Api {

@@ -10,8 +10,8 @@ use vantage::geometry::{LengthUnit, mesh_io};
 use vantage::inspection::simulated_scanner::SimulationParams;
 use vantage::planning::context::{Context, Silent};
 use vantage::service::KeptCells;
-use vantage::service::execute::execute;
 use vantage::service::inspect_job::{InspectedPart, PlannedViews};
+use vantage::service::planner::plan_files;
 use vantage::service::simulate_scans::{SimulatedScans, TRUTH_FILE};
 use vantage::wire::plan::PlanDocument;
 use vantage::wire::run::RunRecordDocument;
@@ -25,7 +25,7 @@ pub(super) async fn planning() -> Api {
     let mut options = service_options();
     options.max_upload_bytes = 64 << 20;
     let cells = KeptCells::default();
-    let planner = Arc::new(move |input: &_, ctx: &Context<'_>| execute(input, &cells, ctx));
+    let planner = Arc::new(move |input: &_, ctx: &Context<'_>| plan_files(input, &cells, ctx));
     Api::start_planning(options, http_options(), planner, None).await
 }
 

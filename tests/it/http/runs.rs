@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use vantage::cell::{Presets, SpecLibrary};
 use vantage::planning::context::Context;
-use vantage::service::execute::{Artifact, JobError, JobInput, execute};
+use vantage::service::planner::{Artifact, JobError, JobInput, plan_files};
 use vantage::service::runs::cell_sha256;
 use vantage::service::{KeptCells, OperatorCell, Options};
 
@@ -25,7 +25,7 @@ fn params() -> Value {
 /// Files of a real plan. All jobs that ask for it have the same input, so it is made once.
 pub(super) fn planned(input: &JobInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
     static FILES: OnceLock<Vec<Artifact>> = OnceLock::new();
-    Ok(FILES.get_or_init(|| execute(input, &KeptCells::default(), ctx).expect("a plan")).clone())
+    Ok(FILES.get_or_init(|| plan_files(input, &KeptCells::default(), ctx).expect("a plan")).clone())
 }
 
 /// Id of a job with a program.

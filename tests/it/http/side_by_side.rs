@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use vantage::planning::context::{Context, Stage};
-use vantage::service::execute::{Artifact, JobError, JobInput};
+use vantage::service::planner::{Artifact, JobError, JobInput};
 use vantage::service::{self, JobSize, Planner, Sizer};
 
 use super::api::{Api, http_options, service_options};
