@@ -191,7 +191,9 @@ fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return CliError::BadInput(format!("{}: there is no folder {}", path.display(), folder.display()));
     };
-    let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    // Not folders: one that this command has just made for its results has nearly the same name.
+    let files = entries.flatten().filter(|entry| entry.path().is_file());
+    let mut names: Vec<String> = files.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort_unstable();
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let question = did_you_mean(&name, names.iter().map(String::as_str));

@@ -103,3 +103,12 @@ fn fields_given_twice_and_infinite_numbers_of_files_are_refused() {
         assert!(ended.code == Some(2) && ended.err.contains(words), "{name}: {}", ended.err);
     }
 }
+
+/// The folder for results is made before the part is read, and was once asked about.
+#[test]
+fn a_mesh_without_a_neighbour_is_not_asked_about() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ended = vantage().current_dir(folder.path()).args(["plan", "bunny.stl", "--unit", "mm"]).output().expect("the program");
+    let told = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!((ended.status.code(), told.trim_end()), (Some(2), "error: bunny.stl: there is no such file"), "{told}");
+}
