@@ -32,12 +32,18 @@ const OFF: [[f64; 3]; 13] = [
 
 #[test]
 fn wherever_the_base_lies_within_the_bounds_its_program_is_made_to_fit() {
+    // With tilted views a station of the plan stands so near the forearm that others are taken at seven of the poses.
+    [false, true].into_iter().for_each(fits_wherever_the_base_lies);
+}
+
+fn fits_wherever_the_base_lies(look_closer: bool) {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let mesh = DemoPart::Base.mesh(8_000).expect("a part");
     let input =
         PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let never = AtomicBool::new(false);
-    let params = PlanParams::default();
+    let mut params = PlanParams::default();
+    params.candidates.look_closer = look_closer;
     let plan = plan(&input, &params, &Context::new(&never, &Silent)).expect("a plan").plan;
     let lies = plan.table_from_part.expect("a cell");
     let plan_sha256 = "00".repeat(32);
