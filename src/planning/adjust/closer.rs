@@ -1,9 +1,9 @@
 //! A closer look beside a first choice: its views are tilted to all sides, and views are chosen again among all. The second choice
 //! gives the better grades as much area as the floors of the first ask for.
 //!
-//! Only where `candidates.look_closer` asks for it: of the demo base, displaced within the bounds of a locating scan, 7 of 13 positions
-//! were refused with tilted views, for a move that came too near the arm, and none without. Not for overlap, views that tolerate stated
-//! errors, the plain greedy rule, the best coverage, or other stand-offs.
+//! Only where `candidates.look_closer` asks for it: fewer views look more obliquely. By a scanner that returns all up to 65° and nothing
+//! beyond 80°, 14 views of the gearbox housing with tilted ones among them measure 87.6 %, 17 without 92.6 % (`tests/it/closed_loop.rs`).
+//! Not for overlap, views that tolerate stated errors, the plain greedy rule, the best coverage, or other stand-offs.
 //!
 //! Cost: a choice without its search for the best score, and eight views evaluated for each that it takes.
 

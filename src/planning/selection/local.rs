@@ -24,6 +24,10 @@ use crate::planning::visibility::Row;
 
 /// Work of an attempt with one view less: pairs of sample and row evaluated.
 const ATTEMPT_WORK: u64 = 400_000_000;
+/// Attempts with one view less, each begun without another view, where views are this many; of fewer views there is one. Among tilted
+/// candidates too, one attempt left 18 and 18 views of two public parts where three left 16 and 17, and six no fewer.
+const ATTEMPTS: u64 = 3;
+const MANY_VIEWS: usize = 12;
 /// Steps of an attempt: a minimum however large the table, a maximum, and its increase for each row.
 const MIN_STEPS: u64 = 8;
 const MAX_STEPS: u64 = 100;
@@ -79,7 +83,7 @@ pub(super) fn fewest(
         goals.iter_mut().for_each(|goal| goal.needed = goal.total);
     }
     if limited && !rows.is_empty() {
-        rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, budget, ctx)?;
+        rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, 0, budget, ctx)?;
     }
     let measured = problem.measured(&rows);
     goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
@@ -124,14 +128,22 @@ impl Exchange<'_> {
     pub(super) fn fewer(&self, rows: Vec<RowIndex>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
         let mut best = self.remove_redundant(rows, ctx)?;
         while best.len() > 1 && budget.left > 0 {
-            let Some(start) = self.remove_one(&best) else { break };
-            let found = self.run(start, budget, ctx)?;
-            if self.deficit(&found) > 0 || !self.overlap.connects(&found) {
-                break;
-            }
+            let Some(found) = self.one_fewer(&best, budget, ctx)? else { break };
             best = self.remove_redundant(found, ctx)?;
         }
         Ok(best)
+    }
+
+    /// Meets the goals with one view less, if an attempt finds how.
+    fn one_fewer(&self, rows: &[RowIndex], budget: &mut Budget, ctx: &Context<'_>) -> Result<Option<Vec<RowIndex>>, Cancelled> {
+        let attempts = if rows.len() < MANY_VIEWS { 1 } else { ATTEMPTS };
+        for (attempt, start) in (0..attempts).zip(self.without_one(rows)) {
+            let found = self.run(start, attempt, budget, ctx)?;
+            if self.deficit(&found) == 0 && self.overlap.connects(&found) {
+                return Ok(Some(found));
+            }
+        }
+        Ok(None)
     }
 
     /// Removes redundant views, the last first, as long as the goals stay met.
@@ -151,16 +163,23 @@ impl Exchange<'_> {
         Ok(rows)
     }
 
-    /// Removes the view whose loss leaves the smallest deficit.
-    fn remove_one(&self, rows: &[RowIndex]) -> Option<Vec<RowIndex>> {
+    /// The views without one of them, by the deficit that its loss leaves, the smallest first.
+    fn without_one(&self, rows: &[RowIndex]) -> impl Iterator<Item = Vec<RowIndex>> {
         let state = CoverState::new(self, rows);
         let fewer = (0..rows.len()).map(|at| (state.deficit_without(at), without(rows, at)));
-        let allowed = fewer.filter(|(_, fewer)| self.overlap.connects(fewer));
-        allowed.min_by_key(|(deficit, _)| *deficit).map(|(_, fewer)| fewer)
+        let mut allowed: Vec<_> = fewer.filter(|(_, fewer)| self.overlap.connects(fewer)).collect();
+        allowed.sort_by_key(|(deficit, _)| *deficit);
+        allowed.into_iter().map(|(_, fewer)| fewer)
     }
 
-    /// Tabu search from `rows`; returns the best that it finds.
-    fn run(&self, mut rows: Vec<RowIndex>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
+    /// Tabu search from `rows`, with tenures of its own in each attempt; returns the best that it finds.
+    fn run(
+        &self,
+        mut rows: Vec<RowIndex>,
+        attempt: u64,
+        budget: &mut Budget,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<RowIndex>, Cancelled> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
         let mut best = (CoverState::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
@@ -176,7 +195,7 @@ impl Exchange<'_> {
                 allowed && self.connects(&rows, at, row)
             });
             let Some((at, row, deficit)) = chosen else { continue };
-            let noise = mixed(step);
+            let noise = mixed(step + (attempt << 32));
             tabu[rows[at].index()] = step + 4 + noise % 8;
             tabu[row.index()] = step + 1 + noise / 8 % (rows.len() as u64 / 2 + 1);
             rows[at] = row;
@@ -366,5 +385,31 @@ impl Swaps {
             }
         }
         best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::planning::context::Silent;
+    use crate::planning::ids::SampleId;
+
+    #[test]
+    fn attempts_begin_without_the_views_that_are_missed_least() {
+        let measured: [&[u32]; 4] = [&[0, 1, 2], &[3], &[4, 5], &[0, 3]];
+        let rows = measured.map(|samples| Row::from_samples(6, samples.iter().map(|sample| (SampleId(*sample), 0.0))));
+        let (area_mm2, params) = ([1.0; 6], SelectionParams::default());
+        let problem = CoverProblem::new(rows.iter().collect(), &area_mm2, 6.0, &params);
+        let (goals, overlap) = (Units::of_goals(&problem), Overlap::new(&problem, &params.overlap));
+        let exchange = Exchange { problem: &problem, goals: &goals, overlap: &overlap };
+        let chosen = [0, 1, 2].map(RowIndex::at);
+        let left_out = |fewer: Vec<RowIndex>| chosen.into_iter().find(|row| !fewer.contains(row));
+        let order: Vec<_> = exchange.without_one(&chosen).filter_map(left_out).map(RowIndex::index).collect();
+        assert_eq!(order, [1, 2, 0]);
+        let flag = AtomicBool::new(false);
+        let found = exchange.one_fewer(&chosen, &mut Budget { left: u64::MAX }, &Context::new(&flag, &Silent));
+        assert_eq!(found.expect("not cancelled"), None, "two of the four views measure five samples at most");
     }
 }
