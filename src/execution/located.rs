@@ -19,6 +19,7 @@ use crate::planning::certificate::recheck::{self, TakenView};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{MotionParams, PlanParams, TableMotion};
 use crate::planning::sequence::join;
+use crate::planning::stations;
 use crate::program::{Expected, Finding, Move, Program, Step, check, interlock, scan_configurations, scan_poses};
 
 /// Turn of a joint from the planned station up to which a station stands as planned. One that stands otherwise is taken where none of
@@ -26,8 +27,6 @@ use crate::program::{Expected, Finding, Move, Program, Step, check, interlock, s
 const MAX_TURN_RAD: f64 = FRAC_PI_4;
 /// Table angles that are tried beside the derived one, nearest first, degrees.
 const TABLE_OFFSETS_DEG: [f64; 6] = [10.0, -10.0, 20.0, -20.0, 30.0, -30.0];
-/// Table angles in a turn at which other stations are looked for.
-const TABLE_STEPS: u32 = 72;
 /// Largest difference of coverage, share of the asked area.
 const MAX_COVERAGE_LOSS: f64 = 0.005;
 
@@ -214,6 +213,7 @@ impl Locating {
             Step::Scan { view, .. } => Some(*view),
             Step::Move(_) | Step::Settle { .. } => None,
         });
+        let axes = self.cell.axes();
         let turn_rad = yaw(located, &self.planned.table_from_part);
         let scans = scan_configurations(program).into_iter().zip(poses).zip(views);
         let station = |((planned, part_from_scanner), view): ((Configuration, Pose<Part, ScannerFrame>), _)| {
@@ -221,25 +221,24 @@ impl Locating {
             let derived_rad = planned.table_rad - turn_rad;
             let beside = TABLE_OFFSETS_DEG.map(|offset_deg| derived_rad + offset_deg.to_radians());
             let angles = [derived_rad, planned.table_rad].into_iter().chain(beside);
-            let at = |table_rad, max_turn_rad| self.stations_at((&planned, max_turn_rad), table_rad, &plate_from_scanner);
-            let mut near = angles.flat_map(|table_rad| at(table_rad, MAX_TURN_RAD)).peekable();
+            let mut near = angles.flat_map(|table_rad| self.stations_at(&planned, table_rad, &plate_from_scanner)).peekable();
             let first = near.peek().copied();
             let is_free = |station: &Configuration| scene.check(station).is_none();
             let anywhere = || {
-                let steps = (0..TABLE_STEPS).map(|step| derived_rad + TAU * f64::from(step) / f64::from(TABLE_STEPS));
-                let mut stations: Vec<_> = steps.flat_map(|table_rad| at(table_rad, TAU)).collect();
-                stations.sort_by(|a, b| largest_turn_rad(&planned, a).total_cmp(&largest_turn_rad(&planned, b)));
-                stations.into_iter().find(is_free)
+                let never = AtomicBool::new(false);
+                let found = stations::solve(&[part_from_scanner], &self.cell, scene, located, &Context::new(&never, &Silent));
+                let free = found.ok()?.pop()?.ok()?.into_iter().map(|station| station.configuration());
+                free.min_by(|a, b| axes.move_secs(&planned, a, 1.0).total_cmp(&axes.move_secs(&planned, b, 1.0)))
             };
             near.find(is_free).or_else(anywhere).or(first).ok_or(view)
         };
         scans.map(station).collect::<Result<_, _>>().map_err(|view: crate::planning::plan::ViewId| view.0)
     }
 
-    /// Stations at a table angle with joints that are turned by so much from the planned one at most, nearest first.
+    /// Stations at a table angle that stand as the planned one does, nearest first.
     fn stations_at(
         &self,
-        (planned, max_turn_rad): (&Configuration, f64),
+        planned: &Configuration,
         table_rad: f64,
         plate_from_scanner: &Pose<Plate, ScannerFrame>,
     ) -> Vec<Configuration> {
@@ -254,9 +253,13 @@ impl Locating {
         };
         let solutions = self.cell.robot.kinematics.ik_solutions(&base_from_flange).into_iter().map(wound);
         let axes = self.cell.axes();
-        let fits = |station: &Configuration| axes.allow(station) && largest_turn_rad(planned, station) <= max_turn_rad;
+        let turn = |station: &Configuration| {
+            let joints = planned.joints_rad.iter().zip(station.joints_rad);
+            joints.map(|(planned, joint)| (planned - joint).abs()).fold(0.0, f64::max)
+        };
+        let fits = |station: &Configuration| axes.allow(station) && turn(station) <= MAX_TURN_RAD;
         let mut stations: Vec<_> = solutions.filter(fits).collect();
-        stations.sort_by(|a, b| largest_turn_rad(planned, a).total_cmp(&largest_turn_rad(planned, b)));
+        stations.sort_by(|a, b| turn(a).total_cmp(&turn(b)));
         stations
     }
 
@@ -417,11 +420,6 @@ fn moves_alone(program: &Program) -> bool {
         here = step.target_rad;
         points.windows(2).all(|ends| !(ends[0].turns_table(&ends[1]) && ends[0].moves_arm(&ends[1])))
     })
-}
-
-/// Largest turn of a joint from one configuration to another.
-fn largest_turn_rad(from: &Configuration, to: &Configuration) -> f64 {
-    from.joints_rad.iter().zip(to.joints_rad).map(|(from, to)| (from - to).abs()).fold(0.0, f64::max)
 }
 
 /// Turn about the plate's axis from where the part was planned to where it lies.
