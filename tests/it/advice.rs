@@ -69,6 +69,7 @@ fn hold(advice: &PlanAdvice, made: &Plan) {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_block_whose_underside_is_missed_is_turned_upside_down() {
     let (mesh, params) = (block(), quick(Registration::None));
     let before = plan_viewpoints(&mesh, &nominal_scanner(), &params).plan;
@@ -88,6 +89,7 @@ fn a_block_whose_underside_is_missed_is_turned_upside_down() {
 
 /// The further setup is tried on 10 000 of these samples, and what is promised is what all of them say.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_part_of_many_samples_is_promised_no_more_than_a_plan_of_all_of_them_measures() {
     let (mesh, mut params) = (block(), quick(Registration::None));
     params.part.samples_per_mm2 = Some(3.0);
@@ -100,6 +102,7 @@ fn a_part_of_many_samples_is_promised_no_more_than_a_plan_of_all_of_them_measure
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn setups_and_advice_of_a_plan_are_in_its_document() {
     let (mesh, scanner, params) = (block(), nominal_scanner(), quick(Registration::None));
     let document =
@@ -117,6 +120,7 @@ fn setups_and_advice_of_a_plan_are_in_its_document() {
 
 /// Upside down the block shares its walls alone with how it lay before, along which the two would slide.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn setups_that_have_to_be_registered_by_surface_are_advised_so_that_they_can_be() {
     let (mesh, params) = (block(), quick(Registration::Surface));
     let before = plan_viewpoints(&mesh, &nominal_scanner(), &params).plan;
@@ -127,6 +131,7 @@ fn setups_that_have_to_be_registered_by_surface_are_advised_so_that_they_can_be(
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn setups_that_no_surface_registers_are_advised_with_markers() {
     let mesh = block();
     let mut params = quick(Registration::Surface);
@@ -143,6 +148,7 @@ fn setups_that_no_surface_registers_are_advised_with_markers() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn nothing_is_advised_where_nothing_helps_or_none_is_asked_for() {
     let (mut block, void) = (block(), box_mesh([20.0, 10.0, 10.0], [40.0, 30.0, 20.0]));
     let first = block.vertices_mm.len() as u32;
@@ -184,6 +190,7 @@ fn planned(mesh: &Mesh, cell: &Cell, params: &PlanParams) -> Outcome {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn advice_of_a_cell_tells_its_cycle_and_promises_views_that_the_cell_takes() {
     let cell: Cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let (mesh, params) = (block(), quick(Registration::Markers));

@@ -78,6 +78,7 @@ fn score(candidate: &CandidateDocument, listing: &CandidateListing, columns: &Co
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_matrices_give_the_areas_and_the_scores_of_the_plan() {
     let (mesh, mut params) = (block(), quick());
     // Scores are those on the samples that views are chosen on.
@@ -162,6 +163,7 @@ fn every_candidate_of_a_cell_is_listed_once_with_its_fate() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_listing_is_made_where_asked_for_and_changes_no_plan() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let mesh = block();

@@ -75,6 +75,7 @@ fn the_floor_of_a_pocket_is_measured_by_targeted_views_alone() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_part_of_many_views_is_chosen_on_more_of_its_samples() {
     let chosen_on = |limit_deg: f64| {
         let mut params = PlanParams::default();
@@ -90,6 +91,7 @@ fn a_part_of_many_views_is_chosen_on_more_of_its_samples() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn rejected_and_kept_are_what_was_generated() {
     let (mesh, scanner) = (pocket(), nominal_scanner());
     let outcome = plan_viewpoints(&mesh, &scanner, &params(CandidateParams::default()));
@@ -101,6 +103,7 @@ fn rejected_and_kept_are_what_was_generated() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_candidate_that_measures_nothing_asked_is_dropped_and_nothing_changes() {
     // Two fifths of a metre back nothing is in depth.
     let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 20.0]), nominal_scanner());
@@ -115,6 +118,7 @@ fn a_candidate_that_measures_nothing_asked_is_dropped_and_nothing_changes() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn re_sampling_around_the_best_measures_no_less_with_no_more_views() {
     let (mesh, scanner) = (pocket(), nominal_scanner());
     let plain = plan_viewpoints(&mesh, &scanner, &params(CandidateParams::ellipsoid()));
@@ -126,6 +130,7 @@ fn re_sampling_around_the_best_measures_no_less_with_no_more_views() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn every_strategy_at_once_gives_the_same_plan_on_one_and_two_threads() {
     use Strategy::{Ellipsoid, Even, FacetNormal, Iterative, Reach, SurfacePoints, Targeted, Volume};
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
@@ -155,6 +160,7 @@ fn every_strategy_at_once_gives_the_same_plan_on_one_and_two_threads() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn with_a_cell_the_default_candidates_all_count_and_every_view_has_a_station() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let (mesh, cancel) = (pocket(), AtomicBool::new(false));
@@ -169,6 +175,7 @@ fn with_a_cell_the_default_candidates_all_count_and_every_view_has_a_station() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_closer_look_counts_its_candidates_and_takes_hardly_more_views() {
     let (scanner, mesh) = (nominal_scanner(), demo_parts::base(20_000).expect("a demo part"));
     let planned = |look_closer| {

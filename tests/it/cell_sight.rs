@@ -91,6 +91,7 @@ fn screen_before_first_view(outcome: &Outcome, cell: &Cell) -> BoxMm {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn views_are_taken_past_a_screen_that_stands_before_the_part() {
     let mesh = block();
     let open = cell_with(&[]);
@@ -111,6 +112,7 @@ fn views_are_taken_past_a_screen_that_stands_before_the_part() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_roof_hides_the_middle_of_what_lies_under_it_from_every_station() {
     let mesh = block();
     let (open, roofed) = (cell_with(&[]), cell_with(&[ROOF]));
@@ -142,6 +144,7 @@ fn a_roof_hides_the_middle_of_what_lies_under_it_from_every_station() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_second_opinion_on_a_program_sees_the_roof_too() {
     let (mesh, roofed) = (block(), cell_with(&[ROOF]));
     let Outcome { plan, .. } = planned(&mesh, &roofed);

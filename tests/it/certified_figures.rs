@@ -18,6 +18,7 @@ const NARROW: [usize; 9] = [9, 12, 16, 6, 12, 22, 21, 7, 18];
 const FEW: [&str; 4] = ["rocker", "cogwheel", "fandisk", "gearbox"];
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_fewest_views_are_proved_and_stand_beside_independent_proofs() {
     println!("part         limits      greedy       local   certified  (there)");
     for (place, (name, path, extent_mm)) in PARTS.into_iter().enumerate() {

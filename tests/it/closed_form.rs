@@ -81,6 +81,7 @@ fn caps_of(scanner: &Scanner, pose: &Pose<Part, ScannerFrame>, radius_mm: f64, l
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn sphere_is_measured_where_three_caps_meet() {
     let radius_mm = 20.0;
     let ball = sphere(radius_mm, 6);
@@ -103,6 +104,7 @@ fn sphere_is_measured_where_three_caps_meet() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn sphere_is_measured_up_to_each_device_s_own_limit() {
     let (radius_mm, pose) = (20.0, looking_at_origin(Vector3::new(1.0, -2.0, 0.4), 480.0, 0.7));
     let ball = sphere(radius_mm, 6);
@@ -207,6 +209,7 @@ fn rolled_by_a_quarter_the_scanner_sees_the_whole_floor_of_the_step() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn cube_is_planned_whole_from_opposite_corners() {
     let cube = box_mesh([-30.0; 3], [30.0; 3]);
     let mut params = PlanParams::default();

@@ -74,6 +74,7 @@ fn quick_plan<'a>(part: &'a str, out: &'a str) -> Vec<&'a str> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_reader_that_closes_the_pipe_changes_nothing_but_what_is_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, scanner, params] = inputs(folder.path());
@@ -105,6 +106,7 @@ fn a_reader_that_closes_the_pipe_changes_nothing_but_what_is_read() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_full_disk_is_exit_code_1_with_a_sentence() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, scanner, _] = inputs(folder.path());
@@ -147,6 +149,7 @@ fn a_file_is_written_whole_or_refused() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn quiet_prints_errors_alone_and_writes_the_files() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, scanner, params] = inputs(folder.path());
@@ -164,6 +167,7 @@ fn quiet_prints_errors_alone_and_writes_the_files() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn verbose_logs_the_stages_with_their_times() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, ..] = inputs(folder.path());

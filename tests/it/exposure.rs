@@ -159,6 +159,7 @@ fn simulate(
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn one_material_gets_the_level_of_brute_force() {
     let (mesh, scanner) = (wedge(), nominal_scanner());
     for albedo in [0.05, 0.1, 0.2, 0.4, 0.8, 1.0] {
@@ -191,6 +192,7 @@ fn one_material_gets_the_level_of_brute_force() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_step_wedge_with_a_polished_patch_is_lost_as_simulated_and_auto_is_never_below_level_5() {
     let (mesh, scanner) = (wedge(), nominal_scanner());
     let planned = |brightness: Brightness| {
@@ -237,6 +239,7 @@ fn a_step_wedge_with_a_polished_patch_is_lost_as_simulated_and_auto_is_never_bel
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_polished_part_is_looked_at_off_the_mirror_cone() {
     // A round part: some of it is in the cone of every view.
     let (mesh, scanner) = (DemoPart::Figurine.mesh(8_000).expect("a part"), nominal_scanner());
@@ -265,6 +268,7 @@ fn a_polished_part_is_looked_at_off_the_mirror_cone() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_plan_that_knows_nothing_of_materials_says_nothing_of_brightness() {
     let outcome = plan_viewpoints(&box_mesh([0.0; 3], [60.0, 40.0, 20.0]), &nominal_scanner(), &params(Brightness::Level(5)));
     assert!(outcome.plan.coverage.exposure.is_none() && outcome.plan.views.iter().all(|view| view.exposure.is_none()));

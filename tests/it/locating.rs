@@ -31,6 +31,7 @@ const OFF: [[f64; 3]; 13] = [
 ];
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn wherever_the_base_lies_within_the_bounds_its_program_is_made_to_fit() {
     // With tilted views a station of the plan stands so near the forearm that others are taken at seven of the poses.
     [false, true].into_iter().for_each(fits_wherever_the_base_lies);

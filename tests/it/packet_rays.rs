@@ -57,6 +57,7 @@ fn front_samples(mesh: &Mesh, origin: &Point3<f64>) -> Vec<Point3<f64>> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_sample_is_not_hidden_by_its_own_facet() {
     let Some(bunny) = bunny() else { return };
     let scene = RayScene::new([&bunny]);
@@ -93,6 +94,7 @@ fn differing(mesh: &Mesh, origins: usize, targets: usize) -> usize {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn packets_judge_as_single_segments_do() {
     let parts = [
         ("base", base(20_000).expect("a demo part")),

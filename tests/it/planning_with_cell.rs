@@ -150,6 +150,7 @@ fn the_plate_hides_the_underside_from_views_below_it() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn what_the_scans_of_a_program_measure_is_what_the_plan_says() {
     let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
     let Outcome { plan, .. } = planned(&mesh, None, &cell, &quick()).expect("a plan");
@@ -195,6 +196,7 @@ fn beamed() -> Cell {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() {
     let (cell, mesh) = (beamed(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
     let outcome = planned(&mesh, None, &cell, &quick()).expect("a plan");
@@ -217,6 +219,7 @@ fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() 
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_shortest_cycle_has_as_many_views_meets_the_target_and_moves_less() {
     let (cell, mesh) = (default_cell(), DemoPart::Figurine.mesh(20_000).expect("a part"));
     let mut params = PlanParams::default();
@@ -234,6 +237,7 @@ fn the_shortest_cycle_has_as_many_views_meets_the_target_and_moves_less() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn views_are_rolled_where_moves_are_shorter_then_and_no_less_is_measured() {
     let (cell, mesh) = (default_cell(), DemoPart::Figurine.mesh(20_000).expect("a part"));
     let mut params = PlanParams::default();
@@ -270,6 +274,7 @@ fn posted() -> Cell {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_program_that_passes_corners_stays_sound_through_its_file_and_no_dialect_takes_it() {
     let (cell, mesh) = (posted(), DemoPart::Base.mesh(20_000).expect("a part"));
     let mut params = PlanParams::default();

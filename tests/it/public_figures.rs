@@ -19,6 +19,7 @@ const FIGURES: [(&str, f64, f64, usize, usize, f64); 8] = [
 ];
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn views_and_coverable_area_stand_beside_independent_figures() {
     let scanner = nominal_scanner();
     println!("{:34} limits     views (there)  coverable % (there)", "mesh");

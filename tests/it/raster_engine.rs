@@ -118,6 +118,7 @@ fn shared_part(name: &str) -> Option<Mesh> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn engines_agree_on_open_and_non_manifold_parts() {
     let parts = [
         ("meshes/watering_can_thin_shell_38k.stl", 180.0),
@@ -133,6 +134,7 @@ fn engines_agree_on_open_and_non_manifold_parts() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn engines_agree_through_a_lens_that_distorts() {
     for (name, part) in [("base", base()), ("figurine", figurine())] {
         assert!(assess(&part).watertight);
@@ -143,6 +145,7 @@ fn engines_agree_through_a_lens_that_distorts() {
 /// Where facets are no larger than a few pixels, a map may be nearer than a sample's facet by more than elsewhere. Samples are
 /// so many that maps are drawn.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn engines_agree_on_facets_of_a_few_pixels() {
     let part = demo_parts::figurine(60_000).expect("a part");
     Case::of(part, 40.0, nominal_scanner(), 2).engines_agree_on(150_000.0, "figurine of fine facets");
@@ -170,6 +173,7 @@ fn engines_agree_where_surfaces_reach_behind_a_device() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn every_vector_width_and_number_of_threads_gives_the_same_table() {
     let case = Case::of(figurine(), 120.0, preset_scanner("transcan-c"), 5);
     let surface = case.surface(20_000.0);
@@ -212,6 +216,7 @@ fn views_that_cannot_be_chosen_are_asked_only_what_the_others_leave_open() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_plan_has_the_same_bytes_with_every_vector_width() {
     let scanner = nominal_scanner();
     let part = shapes::step(90.0, 45.0, 40.0);
@@ -244,6 +249,7 @@ fn coarse(spec: &mut DeviceSpec) {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_pixel_set_is_that_of_one_ray_a_pixel() {
     let mut spec = Presets.scanner("transcan-c-nominal").expect("a preset");
     for device in [&mut spec.left, &mut spec.right, &mut spec.projector] {
@@ -275,6 +281,7 @@ fn the_pixel_set_is_that_of_one_ray_a_pixel() {
 /// A box from all sides: pixels hit every face from some view. From one view they hit the faces that it looks at, and
 /// count one view each.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_plan_counts_by_pixels_where_asked_to() {
     let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };

@@ -379,6 +379,7 @@ fn pictures_decode_and_stay_small() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn of_very_many_views_the_first_have_pictures() {
     let mesh = sphere();
     let page = page(&mesh, &with_views(sphere_outcome(&mesh), 130), "sphere", &Echo::default());
@@ -538,6 +539,7 @@ fn a_view_shows_what_it_measures_where_it_looks() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn same_bytes_on_any_number_of_threads() {
     let mesh = sphere();
     let outcome = sphere_outcome(&mesh);

@@ -118,6 +118,7 @@ pub(crate) fn mesh_from_scanned(pair: &ScannedPair) -> Isometry3<f64> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn bunny_and_dragon_are_found_in_their_other_files() {
     for pair in scanned_pairs().unwrap_or_default() {
         let pose = mesh_from_scanned(&pair);

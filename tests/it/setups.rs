@@ -29,6 +29,7 @@ fn planned(mesh: &Mesh, cell: &Cell, params: &PlanParams) -> Outcome {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_box_is_measured_whole_once_it_is_turned_over() {
     let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
     let one = plan_viewpoints(&mesh, &nominal_scanner(), &quick(1));
@@ -72,6 +73,7 @@ fn the_program_of_every_setup_is_sound() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_same_setups_on_one_thread_and_two() {
     let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
     let [one, two] = [1, 2].map(|threads| {
@@ -115,6 +117,7 @@ fn a_block_is_joined_by_the_sides_that_two_setups_share() {
 
 /// Views that join setups count in the bound, and are added where the target alone does not ask for them.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn views_are_added_until_setups_are_joined() {
     let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
     let mut added = 0;
@@ -148,6 +151,7 @@ fn as_filed_and_turned_over(mesh: &Mesh) -> Vec<PoseSpec> {
 /// ellipsoid, the part standing as in its file and turned 180° about x; less what other samples may make of it. A plain run
 /// asks of two parts, `tests/all` of every part.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn two_setups_measure_what_was_found_independently() {
     const OTHER_SAMPLES: f64 = 0.5;
     const LIMITS_DEG: [Option<[f64; 2]>; 2] = [None, Some([60.0, 55.0])];

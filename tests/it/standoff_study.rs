@@ -198,6 +198,7 @@ fn file() -> PathBuf {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn standing_off_is_as_the_table_says() {
     if shared("README.md").is_none() {
         return;

@@ -14,6 +14,7 @@ fn part(folder: &Path) -> String {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn each_study_writes_its_table_two_plots_and_a_page() {
     let folder = tempfile::tempdir().expect("a folder");
     let (part, out) = (part(folder.path()), folder.path().join("out"));
@@ -74,6 +75,7 @@ fn a_study_of_reach_writes_a_table_and_a_map_and_names_the_best_layout() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_study_refuses_like_the_other_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let (part, out) = (part(folder.path()), folder.path().join("out").display().to_string());
@@ -92,6 +94,7 @@ fn a_study_refuses_like_the_other_commands() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_plan_has_the_benchmarks_log_beside_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let (part, out) = (part(folder.path()), folder.path().join("out"));

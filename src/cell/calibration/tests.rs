@@ -221,6 +221,7 @@ fn truth_increment(at: &ChainEstimate, truth: &ChainEstimate) -> super::refine::
 
 /// Row C8: bad poses are named, good ones kept, and the result is as good as without them.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn bad_poses_are_named() {
     let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
@@ -273,6 +274,7 @@ fn bad_poses_are_named() {
 
 /// Deviations that are estimated: hardly a good observation is dropped, and a bad one is.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn estimated_deviations_drop_no_good_observations() {
     let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     for (level, count) in levels().into_iter().zip([30, 15, 20]) {
@@ -302,6 +304,7 @@ fn estimated_deviations_drop_no_good_observations() {
 
 /// Boards fitted to points of clouds that each are off as a whole: the covariance of the scanner's pose counts poses, not points.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn points_are_clustered_by_pose() {
     let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     let (arm, runs) = (levels()[1], 150);
@@ -434,6 +437,7 @@ pub(super) fn task(sightings: Vec<Sighting>, solve: Solve, sigma: Option<Sigma>)
 
 /// Row C10: four poses of the board where it stood, with the scanner as calibrated and with one that drifted.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
     let (truth, level) = (truth(), levels()[1]);
     let nominal = pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]);
@@ -569,6 +573,7 @@ fn plate_off(found: &ChainEstimate, runout: &[RunoutHarmonic], truth: &ChainEsti
 
 /// Runout is found where there is some, is not claimed where there is none, and takes its part of the error away.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn runout_is_identified_as_harmonics() {
     let (truth, level, planted) = (truth(), levels()[0], planted_runout());
     let (mut with, mut without, mut claimed) = (Vec::new(), Vec::new(), 0);

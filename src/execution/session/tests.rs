@@ -392,6 +392,7 @@ async fn at_random(seed: u64) -> RunState {
 }
 
 #[tokio::test(start_paused = true)]
+#[ignore = "long: tests/all runs it"]
 async fn whatever_happens_it_moves_only_when_armed_in_order_within_limits_and_ends() {
     let mut ends = BTreeSet::new();
     for seed in 0..150 {

@@ -90,6 +90,7 @@ impl Rehearsal {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "long: tests/all runs it"]
 async fn a_planned_part_runs_through_both_simulators_in_the_planned_time() {
     let run = rehearsal().await;
     run.begin().await;
@@ -106,6 +107,7 @@ async fn a_planned_part_runs_through_both_simulators_in_the_planned_time() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "long: tests/all runs it"]
 async fn a_fault_of_either_device_stops_both() {
     for (device, fault) in [
         (0, FaultCommand::EmergencyStop(true)),

@@ -118,6 +118,7 @@ fn markdown(rows: &[(&str, Vec<String>)]) -> String {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn every_fault_of_the_real_drivers_ends_as_documented_and_nothing_moves_after() {
     let rows: Vec<Row> = OF_DEVICES.into_iter().chain(OF_NETWORKS).chain(AROUND).collect();
     let in_each_state = |row: Row| ends_of(&row, &in_simulated_time(fault_in_each_state::<RoughCell>(row.1, row.2)));

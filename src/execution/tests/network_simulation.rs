@@ -197,6 +197,7 @@ fn processor_secs() -> f64 {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_every_run_ends() {
     let (first, count) = match std::env::var("SEED").ok().and_then(|seed| seed.parse().ok()) {
         Some(seed) => (seed, 1),
@@ -226,6 +227,7 @@ fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_ev
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_seed_gives_the_same_run_each_time() {
     planned();
     on_deep_stacks(|| (0..20).into_par_iter().for_each(|seed| assert_eq!(simulated(seed), simulated(seed), "seed {seed}")));

@@ -340,8 +340,8 @@ fn no_cut_and_no_flipped_byte_brings_a_reader_down() {
 
 /// Read rates of row I11, printed: run with `--ignored --nocapture` and optimisation.
 #[test]
-#[ignore = "a measurement"]
-fn rates() {
+#[ignore = "a measurement, run by hand"]
+fn rates_measured_by_hand() {
     let cloud = organised(4000, 1000);
     let count = cloud.points_mm.len() as f64 * 1e-6;
     let plain: Vec<_> = cloud.points_mm.iter().filter(|point| !point[0].is_nan()).collect();

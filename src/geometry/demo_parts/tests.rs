@@ -30,6 +30,7 @@ fn underside_mm2(mesh: &Mesh) -> f64 {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_parts_are_sound_at_any_resolution() {
     for (part, target, mesh) in parts() {
         let health = assess(&mesh);
@@ -43,6 +44,7 @@ fn the_parts_are_sound_at_any_resolution() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn every_vertex_lies_on_the_surface() {
     for (part, target, mesh) in parts() {
         let cell_mm = (mesh.area_mm2() / target as f64 * 2.0).sqrt();
@@ -54,6 +56,7 @@ fn every_vertex_lies_on_the_surface() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn quality() {
     for (part, target, mesh) in parts() {
         let mut angles: Vec<f64> = (0..mesh.faces.len())

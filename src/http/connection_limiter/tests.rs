@@ -83,6 +83,7 @@ async fn one_address_does_not_fill_the_reserve() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_body_that_stalls_costs_the_place_when_nothing_is_idle() {
     let limiter = ConnectionLimiter::new(2, 2, Vec::new());
     let slots = [admitted(&limiter, A), admitted(&limiter, A)];

@@ -56,6 +56,7 @@ fn check_unbiased(name: &str, rehearsal: &Rehearsal, sim: &SimulationParams, max
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn coverage_is_measured_as_it_was_planned() {
     check_unbiased("base", base(), &noiseless(4), 0.3);
     check_unbiased("base, noise and poses off", base(), &misplaced(4), 0.3);
@@ -80,6 +81,7 @@ fn sums_by_view_and_by_table_agree() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn neither_threads_nor_the_order_of_files_count() {
     let views = base().scan(&misplaced(8), base().as_planned());
     let judge = |views: &[SimulatedView], threads: usize| {
@@ -97,6 +99,7 @@ fn neither_threads_nor_the_order_of_files_count() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_cloud_without_a_grid_is_put_into_cells() {
     let mut views = base().scan(&misplaced(8), base().as_planned());
     let organised = base().judge(&views, &Knowledge::default());
@@ -112,6 +115,7 @@ fn a_cloud_without_a_grid_is_put_into_cells() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_merged_cloud_is_known_to_about_a_point() {
     let views = base().scan(&noiseless(8), base().as_planned());
     let by_view = base().judge(&views, &Knowledge::default()).coverage;
@@ -139,6 +143,7 @@ fn a_merged_cloud_is_known_to_about_a_point() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_grid_too_coarse_for_a_feature_does_not_measure_it() {
     let mut params = quick_params();
     let faces = crate::planning::params::Region::HalfSpace { point_mm: [0.0, 0.0, 20.0], normal: [0.0, 0.0, 1.0] };
@@ -175,6 +180,7 @@ fn check_explained(name: &str, rehearsal: &Rehearsal, step_px: u32) {
 
 /// Rows I5 and I6 on parts of the public data set.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn six_parts_are_measured_as_planned() {
     let parts = [
         ("gearbox_output_housing_16k.stl", None, 4, 0.3),
@@ -196,6 +202,7 @@ fn six_parts_are_measured_as_planned() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_view_that_was_not_planned_counts_for_what_it_measures() {
     let views = base().scan(&noiseless(8), base().as_planned());
     let mut scan: ViewScan = views[0].scan.clone();

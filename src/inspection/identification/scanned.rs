@@ -41,6 +41,7 @@ fn registered(view: &SimulatedView) -> RegisteredView {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn noise_limit_and_cone_come_back_from_the_clouds_of_a_simulated_scanner() {
     let rehearsal = Rehearsal::new(DemoPart::Base.mesh(8_000).expect("a part"), &quick(None));
     let views = rehearsal.scan(&truth(6), rehearsal.as_planned());
@@ -121,6 +122,7 @@ fn once(mesh: &Mesh, params: &PlanParams, sim: &SimulationParams) -> (usize, f64
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_loop_closes_with_the_simulated_scanner() {
     let (sim, mesh) = (truth(8), DemoPart::Base.mesh(8_000).expect("a part"));
     let rehearsal = Rehearsal::new(mesh.clone(), &quick(None));

@@ -71,6 +71,7 @@ fn codes(ingested: &Ingested) -> Vec<IngestCode> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn unit_and_frame_of_each_file_are_found() {
     let cell = Cell::new();
     for unit in [LengthUnit::Millimetre, LengthUnit::Metre, LengthUnit::Inch] {

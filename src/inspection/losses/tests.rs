@@ -52,6 +52,7 @@ fn check_named(rehearsal: &Rehearsal, judged: &Judged, views: &[SimulatedView], 
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn injected_weaknesses_are_named() {
     let base = base();
     let nothing = IdentifiedLimits::default();
@@ -70,6 +71,7 @@ fn injected_weaknesses_are_named() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn missing_cropped_and_misplaced_views_are_named() {
     let base = base();
     let mut views = base.scan(&sim(), base.as_planned());
@@ -102,6 +104,7 @@ fn missing_cropped_and_misplaced_views_are_named() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn an_unknown_body_is_named() {
     let base = base();
     let aabb = base.mesh.aabb();
@@ -118,6 +121,7 @@ fn an_unknown_body_is_named() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_part_that_deviates_is_named_where_it_does() {
     let base = base();
     let aabb = base.mesh.aabb();
@@ -138,6 +142,7 @@ fn a_part_that_deviates_is_named_where_it_does() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn light_blur_and_filters_are_named_where_something_is_known_of_them() {
     let base = base();
     let dark_sim = SimulationParams { signal: vec![0.4, 100.0], ..sim() };

@@ -30,6 +30,7 @@ fn parts() -> [(&'static str, Mesh); 2] {
 
 /// Row I1.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_part_that_lies_off_by_a_degree_and_a_millimetre_is_found_to_micrometres() {
     for (name, mesh) in parts() {
         let shots = Shots::of(&mesh, 16);
@@ -134,8 +135,9 @@ fn located(mesh: &Mesh, seeds: std::ops::Range<u64>, deg: f64, mm: f64) -> [usiz
     counts
 }
 
-/// Row I2, a few draws; `basin` has them all.
+/// Row I2, a few draws; `basin_measured_by_hand` has them all.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_part_five_degrees_and_ten_millimetres_off_is_found_or_said_to_be_ambiguous() {
     for (name, mesh) in parts() {
         let [right, refused, wrong] = located(&mesh, 0..2, 5.0, 10.0);
@@ -149,8 +151,8 @@ fn a_part_five_degrees_and_ten_millimetres_off_is_found_or_said_to_be_ambiguous(
 
 /// Row I2 in full, over data meshes where they are: run with `--ignored --nocapture` and optimisation.
 #[test]
-#[ignore = "a measurement"]
-fn basin() {
+#[ignore = "a measurement, run by hand"]
+fn basin_measured_by_hand() {
     for (name, mesh) in parts().into_iter().chain(data_parts()) {
         for (deg, mm) in [(5.0, 10.0), (180.0, 50.0)] {
             let [right, refused, wrong] = located(&mesh, 0..20, deg, mm);

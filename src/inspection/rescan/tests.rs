@@ -52,6 +52,7 @@ fn rescanned(x_mm: f64, hopeless_mm: f64, model: &ReturnModel, params: &RescanPa
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn views_are_chosen_for_what_is_missing_and_the_rule_that_ended_them_is_said() {
     let model = ReturnModel::default();
     let (of_end, lost) = rescanned(60.0, 1e3, &model, &RescanParams::default(), 0);
@@ -74,6 +75,7 @@ fn views_are_chosen_for_what_is_missing_and_the_rule_that_ended_them_is_said() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn each_rule_stops_by_its_own() {
     let model = ReturnModel::default();
     let stop = |x_mm: f64, hopeless_mm: f64, params: &RescanParams, rounds: u32| {
@@ -92,6 +94,7 @@ fn each_rule_stops_by_its_own() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_scanner_that_returns_half_is_expected_to_add_half() {
     let half = ReturnModel { easy_rate: 0.5, ..ReturnModel::default() };
     let [(of_all, _), (of_half, _)] = [&ReturnModel::default(), &half]

@@ -217,6 +217,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "long: tests/all runs it"]
     fn draws_are_the_same_on_any_number_of_threads_with_risks_counted_and_not() {
         let mesh = demo_parts::base(8_000).unwrap_or_else(|error| panic!("{error}"));
         for change in [|_: &mut PlanParams| (), |params: &mut PlanParams| params.realism.count_at_risk = false] {

@@ -50,6 +50,7 @@ fn planned(params: &PlanParams) -> Outcome {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn no_error_changes_nothing_and_a_large_one_costs_coverage() {
     let none = planned(&params(Some(PoseErrorParams { angle_deg: 0.0, translation_mm: 0.0 }))).plan.coverage;
     let robust = none.robust.expect("asked for");

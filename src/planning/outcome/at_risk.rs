@@ -104,6 +104,7 @@ mod tests {
     use crate::testing::nominal_scanner;
 
     #[test]
+    #[ignore = "long: tests/all runs it"]
     fn some_samples_tell_the_area_at_risk_that_all_do() {
         let mesh = demo_parts::base(8_000).unwrap_or_else(|error| panic!("{error}"));
         let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));

@@ -243,6 +243,7 @@ fn threads_do_not_change_the_sequence_and_a_cancel_is_heard() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn long_tours_come_with_a_bound_near_them() {
     let long = std::env::var_os("VANTAGE_TESTS").map(|_| (60, 1.02));
     for (count, within) in [(20, 1.0001), (30, 1.0001)].into_iter().chain(long) {

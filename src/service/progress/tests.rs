@@ -57,6 +57,7 @@ fn quick() -> PlanParams {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_share_of_a_real_plan_with_rounds_never_decreases() {
     let mesh = demo_parts::base(8000).expect("a demo part");
     let scanner = Presets.scanner("transcan-c-nominal").expect("a preset").build().expect("valid");

@@ -28,6 +28,7 @@ pub(super) fn write_soup(path: &Path, triangles: u32) -> u64 {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_soup_takes_three_times_its_file_when_it_is_inspected_and_when_it_is_uploaded() {
     if !cfg!(target_os = "linux") {
         return;

@@ -56,6 +56,7 @@ fn what_would_need_too_much_memory_or_time_names_the_parameter() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_speck_and_a_splinter_plan_in_bounded_time() {
     for size in [[0.1, 0.1, 0.1], [100.0, 0.01, 0.01]] {
         let measured = plan(&box_mesh([0.0; 3], size), &WITHOUT_CELL);
@@ -64,27 +65,30 @@ fn a_speck_and_a_splinter_plan_in_bounded_time() {
     }
 }
 
+/// How a part is made, which takes seconds for the large ones, or read, where its file is there.
+type Make = Box<dyn Fn() -> Option<Mesh>>;
+
 /// Parts, and parameters other than the usual ones.
-fn parts() -> Vec<(&'static str, Mesh, Vec<&'static str>)> {
-    let demo = |part: DemoPart, triangles: usize| part.mesh(triangles).expect("a demo part");
-    let mut parts = vec![
+fn parts() -> Vec<(&'static str, Make, Vec<&'static str>)> {
+    let demo = |part: DemoPart, triangles: usize| -> Make { Box::new(move || part.mesh(triangles).ok()) };
+    let cube = |edge_mm: f64| -> Make { Box::new(move || Some(box_mesh([0.0; 3], [edge_mm; 3]))) };
+    let data = |path: &'static str| -> Make { Box::new(move || shared_mesh_scaled(path, 120.0)) };
+    vec![
         ("base 100 000", demo(DemoPart::Base, 100_000), vec![]),
         ("base 400 000", demo(DemoPart::Base, 400_000), vec![]),
         ("base 1 000 000", demo(DemoPart::Base, 1_000_000), vec![]),
         ("figurine 300 000", demo(DemoPart::Figurine, 300_000), vec![]),
         ("figurine 1 000 000", demo(DemoPart::Figurine, 1_000_000), vec![]),
-        ("cube 100 mm, dense", box_mesh([0.0; 3], [100.0; 3]), vec!["part.samples_per_mm2=20"]),
-        ("cube 100 mm, fine", box_mesh([0.0; 3], [100.0; 3]), vec!["part.patch_edge_mm=0.5"]),
-        ("cube 100 mm, many views", box_mesh([0.0; 3], [100.0; 3]), vec!["candidates.even_directions=3000"]),
-        ("cube 1 m", box_mesh([0.0; 3], [1000.0; 3]), vec![]),
-        ("cube 1 m, local", box_mesh([0.0; 3], [1000.0; 3]), vec!["selection.solver=local", "selection.work_limit=200"]),
-        ("cube 2 m", box_mesh([0.0; 3], [2000.0; 3]), vec![]),
-        ("sheet 2 m", box_mesh([0.0; 3], [2000.0, 1000.0, 2.0]), vec![]),
-    ];
-    for (name, path) in [("armadillo", "meshes/armadillo_52k_binary.stl"), ("turbine", "meshes/turbineblade_199k_binary.ply")] {
-        parts.extend(shared_mesh_scaled(path, 120.0).map(|mesh| (name, mesh, vec![])));
-    }
-    parts
+        ("cube 100 mm, dense", cube(100.0), vec!["part.samples_per_mm2=20"]),
+        ("cube 100 mm, fine", cube(100.0), vec!["part.patch_edge_mm=0.5"]),
+        ("cube 100 mm, many views", cube(100.0), vec!["candidates.even_directions=3000"]),
+        ("cube 1 m", cube(1000.0), vec![]),
+        ("cube 1 m, local", cube(1000.0), vec!["selection.solver=local", "selection.work_limit=200"]),
+        ("cube 2 m", cube(2000.0), vec![]),
+        ("sheet 2 m", Box::new(|| Some(box_mesh([0.0; 3], [2000.0, 1000.0, 2.0]))), vec![]),
+        ("armadillo", data("meshes/armadillo_52k_binary.stl"), vec![]),
+        ("turbine", data("meshes/turbineblade_199k_binary.ply"), vec![]),
+    ]
 }
 
 fn estimated(mesh: &Mesh, sets: &[&str], threads: usize) -> Estimate {
@@ -102,6 +106,7 @@ fn estimated(mesh: &Mesh, sets: &[&str], threads: usize) -> Estimate {
 
 /// The estimate of memory is no less than what the process takes, and no more than three times it where that is much.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_estimate_bounds_what_plans_take() {
     if !cfg!(target_os = "linux") {
         return;
@@ -110,10 +115,11 @@ fn the_estimate_bounds_what_plans_take() {
     let parts = parts();
     // Unoptimised builds take half an hour for all of them.
     let some = if long_asked() { parts.len() } else { 1 };
-    for (name, mesh, sets) in &parts[..some] {
+    for (name, make, sets) in &parts[..some] {
+        let Some(mesh) = make() else { continue };
         let options: Vec<&str> = sets.iter().flat_map(|set| ["--set", *set]).chain(["--threads", "2"]).collect();
-        let measured = plan(mesh, &[&WITHOUT_CELL, &options[..]].concat());
-        let estimate = estimated(mesh, sets, 2);
+        let measured = plan(&mesh, &[&WITHOUT_CELL, &options[..]].concat());
+        let estimate = estimated(&mesh, sets, 2);
         let ratio = estimate.bytes.sum() / measured.peak_bytes as f64;
         println!(
             "{name:24} {:6} MiB held, {:6.0} MiB estimated, {ratio:4.2}; {:6.1} s, {:6.1} s of one core estimated",

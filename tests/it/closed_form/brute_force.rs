@@ -56,6 +56,7 @@ fn trough() -> Mesh {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn every_sample_of_every_view_agrees_with_the_plain_loop() {
     let params: PlanParams = limits(85.0, 77.5);
     let limits_rad = PerDevice::of_cameras(85.0_f64, 77.5).map(f64::to_radians);

@@ -18,6 +18,7 @@ fn lines(err: &str) -> Vec<Value> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn every_command_answers_in_json() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, scanner, params] = inputs(folder.path());
@@ -64,6 +65,7 @@ fn the_store_and_the_health_of_a_server_are_told_in_json() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn errors_and_warnings_are_objects_with_place_and_code() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, _, params] = inputs(folder.path());

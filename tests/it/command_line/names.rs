@@ -42,6 +42,7 @@ fn a_misspelled_name_is_answered_with_the_one_that_was_meant() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn keys_within_values_and_whole_groups_are_set_as_before() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, ..] = inputs(folder.path());
@@ -74,6 +75,7 @@ fn a_mesh_that_is_not_there_is_asked_about_and_a_folder_told_as_such() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_plan_without_a_folder_is_written_beside_where_it_is_asked_for() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, ..] = inputs(folder.path());

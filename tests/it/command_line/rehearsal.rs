@@ -71,6 +71,7 @@ fn json(path: &Path) -> Value {
 
 /// A whole program, live on simulated controllers: every step is done, poses are met, and the time is the plan's.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_planned_part_is_run_on_simulated_controllers() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, plan] = planned(folder.path());

@@ -53,6 +53,7 @@ gear_ratio = 40
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_program_runs_to_its_end_and_is_refused_where_it_is_not_sound() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, plan] = planned(folder.path());
@@ -80,6 +81,7 @@ fn a_program_runs_to_its_end_and_is_refused_where_it_is_not_sound() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn ctrl_c_stops_it_in_order_and_says_so() {
     let folder = tempfile::tempdir().expect("a folder");
     let [_, plan] = planned(folder.path());
@@ -103,6 +105,7 @@ fn ctrl_c_stops_it_in_order_and_says_so() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn lines_take_it_step_by_step_and_their_end_stops_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let [_, plan] = planned(folder.path());
@@ -130,6 +133,7 @@ fn lines_take_it_step_by_step_and_their_end_stops_it() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn controllers_are_asked_for_and_checked() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, plan] = planned(folder.path());

@@ -311,6 +311,7 @@ async fn with_cells(live: bool, cells: Vec<OperatorCell>) -> Api {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_live_run_needs_the_setting_the_operator_s_cell_and_the_lease() {
     let api = Api::start().await;
     let job = driven(&api).await;
@@ -335,6 +336,7 @@ async fn a_live_run_needs_the_setting_the_operator_s_cell_and_the_lease() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_cell_has_one_holder_at_a_time() {
     let mut options = service_options();
     (options.execution.lease_ttl, options.execution.heartbeat) = (Duration::from_millis(1500), Duration::from_millis(300));

@@ -111,6 +111,7 @@ fn sides_that_no_view_faces_are_cured_by_tilts() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
     // At the bottom of a narrow hole nothing but straight down helps; the one view stands just right for the face around
     // it, too far for the floor.
@@ -129,6 +130,7 @@ fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_lower_wall_of_a_hole_needs_a_larger_limit() {
     // Past the rim of a hole 60 mm wide and deep its lower wall is seen at an incidence above atan(1): 45°.
     let body = blind_hole(30.0, 60.0);
@@ -139,6 +141,7 @@ fn the_lower_wall_of_a_hole_needs_a_larger_limit() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn no_remedy_raises_a_limit_beyond_the_hardware() {
     // The hole of the test above, seen by hardware that sees no more obliquely than the job asks.
     let body = blind_hole(30.0, 60.0);
@@ -189,6 +192,7 @@ fn what_was_measurable_and_left_out_is_cured_by_choosing_it() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_face_that_a_part_stands_on_is_cured_by_another_setup() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);

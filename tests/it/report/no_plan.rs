@@ -77,6 +77,7 @@ fn report(mesh: &Mesh, cell: Option<&Cell>, params: &PlanParams, finding: &NoPla
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn what_is_in_the_way_is_counted_and_pictured() {
     let (mesh, cell, params) = (block(), walled_cell(), quick());
     let finding = finding(&mesh, &cell, &params);
@@ -140,6 +141,7 @@ fn without_a_cell_the_part_is_shown_alone() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_same_finding_gives_the_same_bytes_on_any_number_of_threads() {
     let (mesh, cell, params) = (block(), walled_cell(), quick());
     let finding = finding(&mesh, &cell, &params);

@@ -110,6 +110,7 @@ fn below_the_floor_new_work_is_refused_and_what_runs_goes_on() {
 
 /// With no floor at all every write meets the full disk itself.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn after_a_full_disk_everything_works_again_without_a_restart() {
     let Some(disk) = Disk::mount(48) else { return };
     let server =

@@ -126,6 +126,7 @@ fn slow_uploads_of_one_client_leave_others_room() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn waits_of_one_client_leave_others_room() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[("VANTAGE_SERVER__MAX_WAITS_PER_ADDRESS", "5")]);
@@ -197,6 +198,7 @@ fn slowest(server: &Server, last: u8, requests: usize, may_repeat: bool) -> [Dur
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn thousands_of_half_sent_requests_do_not_keep_others_waiting() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);
@@ -217,6 +219,7 @@ fn thousands_of_half_sent_requests_do_not_keep_others_waiting() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn bodies_that_do_not_come_hold_no_place_for_long() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[("VANTAGE_SERVER__MAX_CONNECTIONS", "12")]);
@@ -259,6 +262,7 @@ fn http2_get(path: &str) -> Vec<u8> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn idle_connections_of_http_2_are_closed_and_those_in_use_are_not() {
     let data = tempfile::tempdir().expect("a folder");
     let environment = [("VANTAGE_SERVER__IDLE_TIMEOUT_SECS", "1"), ("VANTAGE_SERVER__HEADER_TIMEOUT_SECS", "2")];

@@ -144,6 +144,7 @@ fn lives_with(errno: i64, first: i64, step: usize) {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn any_write_may_fail_in_any_way_and_nothing_acknowledged_is_lost() {
     // Every call in turn in the longest run; a sample of them otherwise, other ones for each error.
     let step = if long_asked() {

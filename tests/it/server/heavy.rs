@@ -48,6 +48,7 @@ fn plant(data: &std::path::Path, job: &str, bytes: &[u8]) {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn sixteen_clients_with_the_largest_result_keep_nobody_waiting() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);

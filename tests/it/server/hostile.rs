@@ -65,6 +65,7 @@ fn dripping_headers_do_not_help() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn an_idle_connection_is_closed_and_a_stalling_body_too() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &IMPATIENT);

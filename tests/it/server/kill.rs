@@ -125,26 +125,31 @@ fn die_at_each(of: impl Fn(&str) -> bool) {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn death_in_an_upload_loses_nothing() {
     die_at_each(|name| name.starts_with("upload."));
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn death_around_a_job_s_acceptance_loses_nothing() {
     die_at_each(|name| name.starts_with("job."));
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn death_in_any_stage_loses_nothing() {
     die_at_each(|name| name.starts_with("stage."));
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn death_while_results_are_written_loses_nothing() {
     die_at_each(|name| name.starts_with("artifact.") || name.starts_with("result."));
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn death_in_a_cancellation_loses_nothing() {
     die_at_each(|name| name.starts_with("cancel."));
 }
@@ -156,6 +161,7 @@ fn no_point_is_left_out() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn death_at_any_moment_loses_nothing() {
     // Not at a point but at a time, by the signal that nobody can catch.
     for millis in [5, 40, 120, 300, 700] {

@@ -8,6 +8,7 @@ use crate::http::api::cube;
 use crate::support::failpoints;
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_part_is_planned_over_a_real_socket() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);
@@ -23,6 +24,7 @@ fn a_part_is_planned_over_a_real_socket() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn sigterm_ends_it_in_order_and_the_next_process_goes_on() {
     let data = tempfile::tempdir().expect("a folder");
     let mut server = Server::start(data.path(), &[]);
@@ -93,6 +95,7 @@ fn hanging(data: &std::path::Path, failpoint: &str) -> Server {
 const HANGS: [&str; 3] = ["upload.before_rename:hang", "stage.visibility:hang", "artifact.before_rename:hang"];
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_thread_that_hangs_does_not_keep_it_from_ending_in_time() {
     if !failpoints() {
         return;
@@ -109,6 +112,7 @@ fn a_thread_that_hangs_does_not_keep_it_from_ending_in_time() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_second_signal_ends_it_at_once_also_while_a_thread_hangs() {
     if !failpoints() {
         return;
@@ -126,6 +130,7 @@ fn a_second_signal_ends_it_at_once_also_while_a_thread_hangs() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn real_work_is_cancelled_within_two_seconds() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);

@@ -176,6 +176,7 @@ impl Moving {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_killed_server_leaves_the_table_to_its_watchdog_and_the_arm_to_one_move() {
     let mut live = live_run();
     let step = |live: &Moving| live.server.get(&format!("/api/v1/runs/{}", live.run)).expect("the run")["step"].as_u64();
@@ -199,6 +200,7 @@ fn a_killed_server_leaves_the_table_to_its_watchdog_and_the_arm_to_one_move() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_server_that_stood_still_stops_its_run_and_moves_nothing_more() {
     let mut live = live_run();
     live.beside[1].wait(true, Duration::from_secs(60));
@@ -214,6 +216,7 @@ fn a_server_that_stood_still_stops_its_run_and_moves_nothing_more() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_controller_that_stands_still_or_is_killed_stops_the_run() {
     for (name, is_arm) in [("STOP", true), ("KILL", true), ("STOP", false), ("KILL", false)] {
         let mut live = live_run();

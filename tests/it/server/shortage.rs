@@ -55,16 +55,19 @@ fn jobs_survive_a_crowd(open_files: u32) {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn jobs_succeed_at_1024_open_files_whatever_connects() {
     jobs_survive_a_crowd(1024);
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn jobs_succeed_at_256_open_files_whatever_connects() {
     jobs_survive_a_crowd(256);
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn without_a_file_to_spare_it_waits_and_the_log_stays_short() {
     let data = tempfile::tempdir().expect("a folder");
     // Fewer than the reserve alone would take.
@@ -92,6 +95,7 @@ fn a_limit_of_open_files_is_raised_as_far_as_the_system_allows() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_locked_database_is_busy_and_not_at_fault() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);

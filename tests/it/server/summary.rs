@@ -123,6 +123,7 @@ fn cell_with_bodies_in_the_way() -> Value {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn views_without_a_path_are_counted_as_chosen_and_not_as_executed_everywhere() {
     let params = json!({
         "candidates": {"strategies": ["even"], "even_directions": 60, "rolls_deg": [0]},

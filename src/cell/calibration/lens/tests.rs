@@ -173,6 +173,7 @@ fn noise_of_a_tenth_of_a_pixel_leaves_every_parameter_within_three_standard_devi
 
 /// Normalised estimation error squared of all 42 unknowns together: χ² of 42 degrees if the covariance is true. 200 runs, 99 % band.
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn the_whole_covariance_is_true() {
     let scanner = thesis();
     let runs = 200;

@@ -132,6 +132,7 @@ async fn nothing_moves_after_a_stop_and_only_arming_starts_again() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn faults_show_in_the_state_stop_the_arm_and_keep_it_from_being_armed() {
     for (fault, shows) in [
         (FaultCommand::EmergencyStop(true), (|condition| condition.emergency_stop) as fn(Condition) -> bool),
@@ -217,6 +218,7 @@ fn servo(addresses: HansAddresses, period_ms: u32) -> Option<HansServoSpec> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "long: tests/all runs it"]
 async fn joints_are_streamed_there_and_back_and_stand_after_a_stop() {
     let mut bench = bench().await;
     bench.arm.spec.servo = servo(bench.addresses, 4);

@@ -103,6 +103,7 @@ impl Bench {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn the_table_goes_there_and_back_behind_either_gateway() {
     for framing in GatewayFraming::ALL {
         let mut bench = ready(framing, DriveSetup::default()).await;
@@ -177,6 +178,7 @@ async fn the_drive_stops_by_itself_when_messages_cease() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn faults_show_in_the_state_stop_the_table_and_keep_it_from_being_armed() {
     for (fault, shows) in [
         (FaultCommand::EmergencyStop(true), (|condition| condition.emergency_stop) as fn(Condition) -> bool),
@@ -237,6 +239,7 @@ async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn without_end_stops_a_move_is_the_one_asked_for_and_not_the_shorter() {
     // Begins 10 degrees before the turn's end, as positions repeat: angle −10.
     let setup = DriveSetup { has_infinite_rotation: true, position: 1_600_000 - 44_444, ..DriveSetup::default() };
@@ -255,6 +258,7 @@ async fn without_end_stops_a_move_is_the_one_asked_for_and_not_the_shorter() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_ramp_slower_than_the_drive_knows_is_its_slowest_and_takes_the_predicted_time() {
     let mut bench = usual().await;
     // 6 degrees in 2 s, speeding up for half of them: 6 degrees a second squared, where the drive knows none below 45.

@@ -160,6 +160,7 @@ async fn without_a_sign_of_life_it_stops_and_is_disarmed() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_dropped_driver_ends_the_program_of_the_arm() {
     for motion in UrMotion::ALL {
         let (mut arm, cell) = ur(motion).await;
@@ -191,6 +192,7 @@ async fn a_safety_stop_of_the_arm_disarms_it() {
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_silent_controller_is_told_as_such() {
     let spec = AbbEgmSpec { address: format!("127.0.0.1:{}", free_port()), controller_host: None, cycle_ms: 4, table_axis: 1 };
     let mut arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));

@@ -76,6 +76,7 @@ proptest! {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_million_inputs_do_no_harm() {
     let (report, guide) = (bytes(REPORT), bytes(GUIDE));
     let mut read = 0;

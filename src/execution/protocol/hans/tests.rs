@@ -104,6 +104,7 @@ fn a_position_has_pose_and_joints_first() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_million_inputs_neither_panic_nor_pile_up() {
     let mut known: Vec<Vec<u8>> = GOLDEN.iter().map(|text| text.as_bytes().to_vec()).collect();
     known.push(b"ReadRobotState,OK,0,1,0,0,0,1,0,0,0,1,1,1,1,;".to_vec());

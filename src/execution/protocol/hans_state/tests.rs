@@ -42,6 +42,7 @@ fn pushed_states_are_read_leniently_and_bounded() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_million_inputs_neither_panic_nor_pile_up() {
     let realtime = HansRealtimeState { cycle_ms: 1, ..HansRealtimeState::default() }.encode();
     let known = [realtime, pushed_frame(r#"{"StateAndError":{"robotState":33}}"#), pushed_frame("{}")];

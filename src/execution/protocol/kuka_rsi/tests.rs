@@ -66,6 +66,7 @@ proptest! {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_million_inputs_do_no_harm() {
     let answer = RsiCorrection { axes_deg: [1.0; 6], table: Some((1, 2.0)), ipoc: 9 }.encode(&names());
     let mut read = 0;

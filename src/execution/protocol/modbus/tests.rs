@@ -71,6 +71,7 @@ fn answers_to_something_else_and_damaged_frames_are_errors() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_million_inputs_neither_panic_nor_pile_up() {
     let requests = golden().map(|(_, request)| request);
     let mut known: Vec<Vec<u8>> = golden().iter().map(|(text, _)| hex(text)).collect();

@@ -63,6 +63,7 @@ fn quantiles_are_those_of_what_was_added() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn jitter_while_all_cores_are_busy_is_measured() {
     let is_over = Arc::new(AtomicBool::new(false));
     let busy = (0..available_parallelism().map_or(1, NonZero::get)).map(|_| {

@@ -104,6 +104,7 @@ fn a_line_continued_a_million_times_is_read_in_linear_time() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_polygon_of_a_million_corners_is_read_in_linear_time() {
     let corners: Vec<u32> = (1..=1_000_000).collect();
     let vertex = |i: &u32| {
@@ -121,6 +122,7 @@ fn a_polygon_of_a_million_corners_is_read_in_linear_time() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn names_headers_and_numbers_without_end_are_refused() {
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     let mut names = String::from(triangle);
@@ -170,6 +172,7 @@ fn long_files() -> Vec<(&'static str, Vec<u8>)> {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_request_to_stop_reading_is_heard_within_milliseconds() {
     for (name, bytes) in long_files() {
         let longest = longest_wait(|poll| read_polled(&bytes, poll));
@@ -186,6 +189,7 @@ fn a_request_to_stop_reading_is_heard_within_milliseconds() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn surfaces_that_meet_in_one_place_are_assessed_and_simplified_in_linear_time() {
     for (name, bytes, survives) in [
         ("soup", soup(400_000), true),

@@ -92,6 +92,7 @@ fn the_scene_of_a_cell_is_kept_and_finds_what_a_new_one_finds() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn roadmaps_are_kept_and_change_no_sequence() {
     let (mut room, params) = (fenced(4, 10), PlanParams::default());
     let routes = Routes::new(&room.cell, &room.scene, &params.motion);
@@ -128,6 +129,7 @@ fn roadmaps_are_kept_and_change_no_sequence() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn a_roadmap_leads_to_stations_that_no_simple_way_leads_to() {
     let (room, params) = (fenced(4, 24), PlanParams::default());
     let routes = Routes::new(&room.cell, &room.scene, &params.motion);

@@ -87,6 +87,7 @@ proptest! {
     }
 
     #[test]
+    #[ignore = "long: tests/all runs it"]
     fn no_tour_is_shorter_than_a_bound_by_landmarks_and_targets(
         sizes in prop::collection::vec(1usize..4, 9..11),
         secs in prop::collection::vec(0.1..10.0f64, 1000),
@@ -101,6 +102,7 @@ proptest! {
     }
 
     #[test]
+    #[ignore = "long: tests/all runs it"]
     fn a_search_reports_the_length_it_has(
         sizes in prop::collection::vec(1usize..4, 13..16),
         secs in prop::collection::vec(0.1..10.0f64, 2300),
@@ -154,6 +156,7 @@ fn the_local_search_comes_close_to_the_optimum_on_points_in_the_plane() {
 }
 
 #[test]
+#[ignore = "long: tests/all runs it"]
 fn long_tours_are_proved_shortest_or_nearly() {
     for seed in 0..3 {
         let (groups, costs) = in_the_plane(seed, 30, 4);

@@ -236,6 +236,7 @@ async fn the_part_of_the_examples_has_its_id_in_whichever_unit_it_comes_first() 
 }
 
 #[tokio::test]
+#[ignore = "long: tests/all runs it"]
 async fn a_page_is_bounded_in_bytes_too() {
     let opened = open().await;
     let store = &opened.store;
