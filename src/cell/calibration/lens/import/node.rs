@@ -1,7 +1,11 @@
 //! YAML, XML and JSON as one tree of values. Depth and size are bounded; aliases of YAML, which let a small file stand for a large
 //! tree, are refused.
 
+use std::fmt;
+
 use saphyr_parser::{Event, Parser, ScalarStyle};
+use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
+use serde_json::error::Category;
 use serde_json::{Map, Value};
 
 use super::super::fault::{LensError, LensFault};
@@ -15,7 +19,73 @@ fn unreadable(detail: impl Into<String>) -> LensError {
 
 /// Reads JSON.
 pub(super) fn json(text: &str) -> Result<Value, LensError> {
-    serde_json::from_str(text).map_err(|error| unreadable(format!("not JSON: {error}")))
+    let read = serde_json::from_str(text).map(|UniqueNames(value)| value);
+    read.map_err(|error| match error.classify() {
+        Category::Data => LensError::new(LensFault::Inconsistent, "", error.to_string()),
+        Category::Io | Category::Syntax | Category::Eof => unreadable(format!("not JSON: {error}")),
+    })
+}
+
+/// A value of which no table holds a name twice; of two, serde_json's own keeps the last.
+struct UniqueNames(Value);
+
+impl<'de> Deserialize<'de> for UniqueNames {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(UniqueNamesVisitor)
+    }
+}
+
+struct UniqueNamesVisitor;
+
+impl<'de> Visitor<'de> for UniqueNamesVisitor {
+    type Value = UniqueNames;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("JSON")
+    }
+
+    fn visit_unit<E>(self) -> Result<UniqueNames, E> {
+        Ok(UniqueNames(Value::Null))
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<UniqueNames, E> {
+        Ok(UniqueNames(value.into()))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<UniqueNames, E> {
+        Ok(UniqueNames(value.into()))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<UniqueNames, E> {
+        Ok(UniqueNames(value.into()))
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<UniqueNames, E> {
+        Ok(UniqueNames(value.into()))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<UniqueNames, E> {
+        Ok(UniqueNames(value.into()))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<UniqueNames, A::Error> {
+        let mut list = Vec::new();
+        while let Some(UniqueNames(value)) = values.next_element()? {
+            list.push(value);
+        }
+        Ok(UniqueNames(list.into()))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<UniqueNames, A::Error> {
+        let mut table = Map::new();
+        while let Some((name, UniqueNames(value))) = entries.next_entry::<String, UniqueNames>()? {
+            if table.contains_key(&name) {
+                return Err(A::Error::custom(format!("`{name}` is given twice")));
+            }
+            table.insert(name, value);
+        }
+        Ok(UniqueNames(table.into()))
+    }
 }
 
 /// Collection that is being read, with the key under which it goes into the one around it.

@@ -24,6 +24,20 @@ fn damaged_files_are_refused_without_a_panic() {
 }
 
 #[test]
+fn a_matrix_that_is_given_twice_is_refused_in_every_notation() {
+    for (notation, text) in [
+        ("JSON", r#"{"K": [[900, 0, 320], [0, 900, 240], [0, 0, 1]], "image_width": 640, "K": 1}"#),
+        ("JSON, nested", r#"{"K": {"rows": 3, "rows": 2}, "image_width": 640}"#),
+        ("YAML", "K: [900, 0, 320, 0, 900, 240, 0, 0, 1]\nimage_width: 640\nK: 1\n"),
+        ("XML", "<opencv_storage><K>1</K><K>2</K></opencv_storage>"),
+    ] {
+        let error = read(text, CalibrationFormat::Opencv, &ImportOptions::default()).expect_err(notation);
+        assert_eq!(error.code, LensFault::Inconsistent, "{notation}");
+        assert!(error.to_string().contains("is given twice"), "{notation}: {error}");
+    }
+}
+
+#[test]
 fn observations_that_are_wrong_are_refused_with_their_place() {
     let valid = serde_json::json!({"schema": "vantage.scanner_observations/1", "board": {"columns": 2, "rows": 2, "square_mm": 10},
         "left": {"width_px": 100, "height_px": 80}, "right": {"width_px": 100, "height_px": 80},
