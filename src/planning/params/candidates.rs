@@ -95,7 +95,7 @@ params! {
         min_elevation_deg: f64 = 1.0, [0.0, 89.0] "°";
         /// Rule for the distance from the part.
         standoff: Standoff = Standoff::Surface;
-        /// Look beside the views of a first choice, each tilted by 6° and 12° to four sides, and choose again: often fewer views, which tolerate less where the part lies otherwise than planned. Solvers `local` and `certified` with `standoff` `surface`.
+        /// Look beside the views of a first choice, each tilted by 6° and 12° to four sides, and choose again: often fewer views, which look more obliquely: a scanner that returns less than its specification measures less with them. Solvers `local` and `certified` with `standoff` `surface`.
         look_closer: bool = false;
         /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own.
         #[schema(value_type = Vec<PoseInput>)]
