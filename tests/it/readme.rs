@@ -182,13 +182,13 @@ fn the_study_runs_as_written() {
 #[ignore = "long: tests/all runs it"]
 fn every_parameter_that_readme_sets_is_one() {
     let folder = tempfile::tempdir().expect("a folder");
-    bash("vantage part base --triangles 2000 --out base.stl", folder.path());
+    bash("vantage part base --triangles 8000 --out base.stl", folder.path());
     let rows = README.lines().filter(|line| line.starts_with("| ") && line.contains("--set"));
     let mut found = 0;
     for row in rows {
         let options: Vec<&str> = row.split('`').skip(1).step_by(2).collect();
         let script = format!(
-            "vantage plan base.stl --unit mm --cell none --set part.samples_per_mm2=0.05 --set candidates.even_directions=20 --set selection.max_views=1 {} --out plan",
+            "vantage plan base.stl --unit mm --cell none --set part.samples_per_mm2=0.05 --set candidates.even_directions=20 --set selection.max_views=1 {} --report none --out plan",
             options.join(" ")
         );
         bash(&script, folder.path());
