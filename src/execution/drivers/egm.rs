@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::datagrams::Datagrams;
-use super::streamed::{StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
+use super::streamed::{ASTRAY_RAD, StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport, apart_rad};
 use crate::cell::AbbEgmSpec;
 use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmRapid, EgmReport, ExternalAxes};
@@ -58,12 +58,12 @@ impl AbbEgmLink {
     }
 
     /// Axes 1 to 6 and the table's, radians.
-    fn axes_rad<const N: usize>(&self, report: &EgmReport) -> Result<[f64; N], DeviceError> {
+    fn axes_rad<const N: usize>(&self, joints_deg: &[f64; 6], external: &ExternalAxes) -> Result<[f64; N], DeviceError> {
         let index = self.table_index();
-        let table = report.external.deg.get(index).filter(|_| index < report.external.count);
+        let table = external.deg.get(index).filter(|_| index < external.count);
         let mut axes_rad = [0.0; N];
         for (axis, rad) in axes_rad.iter_mut().enumerate() {
-            let deg = report.joints_deg.get(axis).or(table);
+            let deg = joints_deg.get(axis).or(table);
             *rad = deg.ok_or_else(|| DeviceError::Malformed { what: format!("no external axis {}", index + 1) })?.to_radians();
         }
         Ok(axes_rad)
@@ -71,16 +71,23 @@ impl AbbEgmLink {
 }
 
 impl<const N: usize> StreamedLink<N> for AbbEgmLink {
+    const ALWAYS_FOLLOWS: bool = true;
+
     fn cycle(&self) -> Duration {
         Duration::from_millis(self.spec.cycle_ms.into())
     }
 
     async fn report(&mut self) -> Result<StreamedReport<N>, DeviceError> {
         let report = EgmReport::decode(self.datagrams.receive().await?)?;
-        let positions_rad = self.axes_rad(&report)?;
+        let positions_rad = self.axes_rad(&report.joints_deg, &report.external)?;
+        let planned = report.planned.map(|(joints_deg, external)| self.axes_rad(&joints_deg, &external));
+        // A report without a plan, or with one of another motion, leaves what is measured.
+        let held_rad = planned.and_then(Result::ok).filter(|held| apart_rad(held, &positions_rad) <= ASTRAY_RAD);
+        let held_rad = held_rad.unwrap_or(positions_rad);
         self.external.get_or_insert(report.external);
         self.latest = report;
-        Ok(StreamedReport { positions_rad, condition: condition(&report), hindrance: hindrance(&report), is_behind: false })
+        let (condition, hindrance) = (condition(&report), hindrance(&report));
+        Ok(StreamedReport { positions_rad, held_rad, condition, hindrance, is_behind: false })
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {

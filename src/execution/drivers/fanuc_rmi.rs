@@ -1,6 +1,7 @@
 //! FANUC arms by the Remote Motion Interface, with the table as the first extended axis where `N` is 7. One instruction is under way
 //! at a time; the controller has no watchdog for it: when this machine is lost, the arm ends that one move and stays.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use tokio::time::Instant;
@@ -121,14 +122,14 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         let session = self.session()?;
-        let sent_at = session.send(&RmiRequest::Pause).await?;
+        let sent_at = session.send_at_once(&RmiRequest::Pause).await?;
         let paused = session.answer(ANSWER).await?;
         let acknowledged_at = Instant::now();
         if session.is_armed {
             // What is held could be continued at the teach pendant: it is forgotten.
             session.is_armed = false;
             session.under_way = None;
-            session.done(&RmiRequest::Abort).await?;
+            session.abort().await?;
         }
         // Nothing to hold is refused, and as good.
         if matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
@@ -141,7 +142,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn release(&mut self) -> Result<(), DeviceError> {
         let Some(mut session) = self.session.take() else { return Ok(()) };
         if session.is_armed {
-            session.done(&RmiRequest::Abort).await?;
+            session.abort().await?;
         }
         session.done(&RmiRequest::Disconnect).await?;
         session.connection.close().await;
@@ -158,8 +159,8 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
 struct Session {
     connection: Connection,
     unread: Vec<u8>,
-    /// Command that was sent and not answered yet.
-    asked: Option<RmiRequest>,
+    /// Commands that were sent and not answered yet, the oldest first.
+    asked: VecDeque<RmiRequest>,
     is_armed: bool,
     /// Extended axes as they stood when it was armed.
     extended_deg: [Option<f64>; 3],
@@ -175,7 +176,7 @@ impl Session {
         Self {
             connection,
             unread: Vec::new(),
-            asked: None,
+            asked: VecDeque::new(),
             is_armed: false,
             extended_deg: [None; 3],
             next_sequence: 1,
@@ -186,24 +187,32 @@ impl Session {
 
     /// Sends a command, after the answer to the one before; returns when it was sent.
     async fn send(&mut self, request: &RmiRequest) -> Result<Instant, DeviceError> {
-        if self.asked.is_some() {
+        if !self.asked.is_empty() {
             self.answer(PROGRAM_ANSWER).await?;
         }
-        self.asked = Some(request.clone());
+        self.send_at_once(request).await
+    }
+
+    /// Sends a command whatever is still to be answered: a stop waits for nothing.
+    async fn send_at_once(&mut self, request: &RmiRequest) -> Result<Instant, DeviceError> {
+        self.asked.push_back(request.clone());
         self.connection.send(request.encode().as_bytes()).await?;
         Ok(Instant::now())
     }
 
-    /// Waits for the answer to the command that was sent; notes what else comes.
+    /// Waits for the answer to the command that was sent last; notes what else comes, and takes answers to those before.
     async fn answer(&mut self, wait: Duration) -> Result<RmiReply, DeviceError> {
         let answer = async {
             loop {
-                let reply = self.next().await.inspect_err(|_| self.asked = None)?;
-                if self.asked.as_ref().is_some_and(|request| reply.answers(request)) {
-                    self.asked = None;
+                let reply = self.next().await.inspect_err(|_| self.asked.clear())?;
+                let Some(answered) = self.asked.iter().position(|request| reply.answers(request)) else {
+                    self.note(&reply)?;
+                    continue;
+                };
+                self.asked.remove(answered);
+                if answered == self.asked.len() {
                     return Ok(reply);
                 }
-                self.note(&reply)?;
             }
         };
         within(wait, answer).await
@@ -217,6 +226,13 @@ impl Session {
     /// Asks for something that has no data for an answer.
     async fn done(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
         let reply = self.ask(request, PROGRAM_ANSWER).await?;
+        if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
+    }
+
+    /// Ends the program, whatever is still to be answered.
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        self.send_at_once(&RmiRequest::Abort).await?;
+        let reply = self.answer(PROGRAM_ANSWER).await?;
         if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }
 

@@ -17,7 +17,7 @@ use tokio::time::{Instant, sleep};
 use self::link::TextLink;
 use self::servo::{ServoStream, realtime_state};
 pub use self::signals::HansSignals;
-use super::stream::{Wiring, not_connected};
+use super::stream::{Wiring, not_connected, reconnected};
 use crate::cell::{HansServoSpec, HansSpec, Kinematics};
 use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};
 use crate::execution::protocol::hans::{
@@ -42,6 +42,8 @@ pub struct HansArm {
     kinematics: Kinematics,
     wiring: Wiring,
     link: Option<TextLink>,
+    /// The controller on the link is the one that connecting checked.
+    is_checked: bool,
     is_armed: bool,
     enabled_here: bool,
     goal_deg: Option<[f64; 6]>,
@@ -52,7 +54,8 @@ impl HansArm {
     /// An arm at the address of its specification, not connected.
     #[must_use]
     pub fn new(spec: HansSpec, kinematics: Kinematics, wiring: Wiring) -> Self {
-        Self { spec, kinematics, wiring, link: None, is_armed: false, enabled_here: false, goal_deg: None, servo: None }
+        let (link, goal_deg, servo) = (None, None, None);
+        Self { spec, kinematics, wiring, link, is_checked: false, is_armed: false, enabled_here: false, goal_deg, servo }
     }
 
     /// Values that a request is answered with. A link that failed is not used again.
@@ -159,6 +162,13 @@ impl HansArm {
         Ok(())
     }
 
+    /// Nothing is pushed from here on.
+    async fn end_servo(&mut self) {
+        if let Some(servo) = self.servo.take() {
+            servo.end().await;
+        }
+    }
+
     async fn position(&mut self) -> Result<ActualPosition, DeviceError> {
         let values = self.command(HansCommand::ReadActPos).await?;
         ActualPosition::read(&values).ok_or_else(|| malformed("ReadActPos", &values))
@@ -177,10 +187,12 @@ impl HansArm {
 
 impl MotionDevice<6> for HansArm {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
-        (self.link, self.is_armed, self.goal_deg, self.servo) = (None, false, None, None);
+        self.end_servo().await;
+        (self.link, self.is_checked, self.is_armed, self.goal_deg) = (None, false, false, None);
         self.open(ms(self.spec.connect_timeout_ms)).await?;
         let identity = self.identity().await?;
         self.check_kinematics().await?;
+        self.is_checked = true;
         Ok(identity)
     }
 
@@ -202,7 +214,11 @@ impl MotionDevice<6> for HansArm {
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
-        (self.goal_deg, self.servo) = (None, None);
+        self.end_servo().await;
+        self.goal_deg = None;
+        if !self.is_checked {
+            return Err(reconnected());
+        }
         let mut fsm = self.fsm().await?;
         if fsm == FSM_DISABLED && self.spec.enables_drives {
             fsm = self.enable().await?;
@@ -249,21 +265,22 @@ impl MotionDevice<6> for HansArm {
     }
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        // Nothing is pushed from here on.
-        (self.is_armed, self.servo) = (false, None);
+        self.is_armed = false;
+        self.end_servo().await;
         let first = self.stop_once().await;
         if first.is_ok() {
             return first;
         }
         // The arm may be moving on a link that is gone: the stop alone is worth a new one. The old one is given up first, so that
         // nothing which waits on it comes after the stop.
-        self.link = None;
+        (self.link, self.is_checked) = (None, false);
         self.open(ms(self.spec.reply_timeout_ms)).await?;
         self.stop_once().await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
-        (self.is_armed, self.servo) = (false, None);
+        self.is_armed = false;
+        self.end_servo().await;
         let disabled = if std::mem::take(&mut self.enabled_here) && self.link.is_some() {
             self.command(HansCommand::GrpPowerOff).await.map(drop)
         } else {

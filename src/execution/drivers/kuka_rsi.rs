@@ -90,6 +90,8 @@ impl<const N: usize> KukaRsiLink<N> {
 }
 
 impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
+    const ALWAYS_FOLLOWS: bool = true;
+
     fn cycle(&self) -> Duration {
         Duration::from_millis(self.spec.cycle_ms.into())
     }
@@ -98,15 +100,16 @@ impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
         let report = RsiReport::decode(self.datagrams.receive().await?)?;
         let measured_deg = self.axes_deg(&report.axes_deg, report.external_deg.as_ref())?;
         self.follow(report.ipoc)?;
-        if self.base_deg.is_none() {
-            let commanded_deg = report.commanded_deg.unwrap_or(report.axes_deg);
-            self.base_deg = Some(self.axes_deg(&commanded_deg, report.external_deg.as_ref())?);
-        }
+        let base_deg = match self.base_deg {
+            Some(base_deg) => base_deg,
+            None => self.axes_deg(&report.commanded_deg.unwrap_or(report.axes_deg), report.external_deg.as_ref())?,
+        };
+        self.base_deg = Some(base_deg);
         let is_behind = self.late.zip(report.late).is_some_and(|(before, late)| late > before);
         self.late = report.late;
         // RSI runs only while the drives are on and the program is under way.
-        let positions_rad = measured_deg.map(f64::to_radians);
-        Ok(StreamedReport { positions_rad, condition: Condition::READY, hindrance: None, is_behind })
+        let [positions_rad, held_rad] = [measured_deg, base_deg].map(|axes_deg| axes_deg.map(f64::to_radians));
+        Ok(StreamedReport { positions_rad, held_rad, condition: Condition::READY, hindrance: None, is_behind })
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {

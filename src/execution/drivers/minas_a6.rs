@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep};
 
 use super::modbus_link::ModbusLink;
 use super::serial;
-use super::stream::{Wiring, not_connected};
+use super::stream::{Wiring, not_connected, reconnected};
 use super::table_units::TableUnits;
 use crate::cell::{GatewayFraming, MinasA6Spec, WordOrder};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
@@ -42,6 +42,8 @@ pub struct MinasA6Table {
     units: TableUnits,
     wiring: Wiring,
     link: Option<ModbusLink>,
+    /// The drive on the link is the one that connecting checked.
+    is_checked: bool,
     /// Position last measured, turns counted.
     position: i64,
     goal: Option<i64>,
@@ -57,13 +59,15 @@ impl MinasA6Table {
     pub fn new(spec: MinasA6Spec, max_acceleration_rad_s2: f64, wiring: Wiring) -> Self {
         let home = i64::from(spec.home_units);
         let units = TableUnits { per_turn: spec.units_per_turn.into(), home, is_reversed: spec.is_reversed };
-        let (link, goal, is_armed, switched_on_here, found_timeout_ms) = (None, None, false, false, None);
+        let (link, is_checked, goal) = (None, false, None);
+        let (is_armed, switched_on_here, found_timeout_ms) = (false, false, None);
         Self {
             spec,
             max_acceleration_rad_s2,
             units,
             wiring,
             link,
+            is_checked,
             position: home,
             goal,
             is_armed,
@@ -284,13 +288,14 @@ impl MinasA6Table {
 
 impl MotionDevice<1> for MinasA6Table {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
-        (self.link, self.is_armed, self.goal) = (None, false, None);
+        (self.link, self.is_checked, self.is_armed, self.goal) = (None, false, false, None);
         self.open(ms(self.spec.connect_timeout_ms)).await?;
         let identity = self.identity().await?;
         self.check_word_order().await?;
         self.check_parameters().await?;
         self.position = self.units.home;
         self.positions().await?;
+        self.is_checked = true;
         Ok(identity)
     }
 
@@ -317,6 +322,9 @@ impl MotionDevice<1> for MinasA6Table {
 
     async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
         self.goal = None;
+        if !self.is_checked {
+            return Err(reconnected());
+        }
         self.check_fault().await?;
         if self.is_busy().await? {
             return Err(DeviceError::NotReady { reason: "a block runs".into() });
@@ -346,7 +354,7 @@ impl MotionDevice<1> for MinasA6Table {
             return first;
         }
         // The table may be moving on a link that is gone: the stop alone is worth a new one.
-        self.link = None;
+        (self.link, self.is_checked) = (None, false);
         self.open(ms(self.spec.reply_timeout_ms)).await?;
         self.stop_once().await
     }

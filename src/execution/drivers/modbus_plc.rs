@@ -6,8 +6,8 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::modbus_link::ModbusLink;
-use super::stream::{Wiring, not_connected};
-use super::table_units::TableUnits;
+use super::stream::{Wiring, not_connected, reconnected};
+use super::table_units::{TableUnits, whole};
 use crate::cell::ModbusPlcSpec;
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
 use crate::execution::protocol::minas_a6::{registers_of, values_of};
@@ -28,6 +28,8 @@ pub struct PlcTable {
     units: TableUnits,
     wiring: Wiring,
     link: Option<ModbusLink>,
+    /// The controller on the link is the one that connecting found.
+    is_checked: bool,
     goal: Option<i64>,
     is_armed: bool,
     beat: u16,
@@ -39,7 +41,7 @@ impl PlcTable {
     pub fn new(spec: ModbusPlcSpec, wiring: Wiring) -> Self {
         let units =
             TableUnits { per_turn: spec.units_per_turn.into(), home: spec.home_units.into(), is_reversed: spec.is_reversed };
-        Self { spec, units, wiring, link: None, goal: None, is_armed: false, beat: 0 }
+        Self { spec, units, wiring, link: None, is_checked: false, goal: None, is_armed: false, beat: 0 }
     }
 
     fn link(&mut self) -> Result<&mut ModbusLink, DeviceError> {
@@ -78,14 +80,9 @@ impl PlcTable {
         Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
     }
 
-    /// Units of a rate, at least one.
-    fn rate(&self, rad: f64) -> Result<i32, DeviceError> {
-        let units = (rad * self.units.per_turn / std::f64::consts::TAU).floor();
-        if (1.0..=f64::from(i32::MAX)).contains(&units) {
-            Ok(units as i32)
-        } else {
-            Err(DeviceError::Unsupported { what: format!("turn at {units} units per second") })
-        }
+    /// Units of a speed or an acceleration.
+    fn rate(&self, rad: f64, unit: &str) -> Result<i32, DeviceError> {
+        whole(rad * self.units.per_turn / std::f64::consts::TAU, unit, f64::from(i32::MAX)).map(|units| units as i32)
     }
 }
 
@@ -113,9 +110,10 @@ impl PlcStatus {
 
 impl MotionDevice<1> for PlcTable {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
-        (self.link, self.is_armed, self.goal) = (None, false, None);
+        (self.link, self.is_checked, self.is_armed, self.goal) = (None, false, false, None);
         self.open(Duration::from_millis(self.spec.connect_timeout_ms.into())).await?;
         self.status().await?;
+        self.is_checked = true;
         Ok(Identity { maker: "PLC".into(), model: "Modbus TCP".into(), serial: None, firmware: None })
     }
 
@@ -148,6 +146,9 @@ impl MotionDevice<1> for PlcTable {
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
         self.goal = None;
+        if !self.is_checked {
+            return Err(reconnected());
+        }
         self.set_command(0).await?;
         let status = self.status().await?;
         if !status.is_ready() || status.is_moving() || status.has_fault() {
@@ -169,7 +170,8 @@ impl MotionDevice<1> for PlcTable {
         if target.max_speed_rad_s[0] <= 0.0 {
             return Ok(());
         }
-        let (speed, acceleration) = (self.rate(target.max_speed_rad_s[0])?, self.rate(target.max_acceleration_rad_s2[0])?);
+        let speed = self.rate(target.max_speed_rad_s[0], "units/s")?;
+        let acceleration = self.rate(target.max_acceleration_rad_s2[0], "units/s²")?;
         self.write(self.spec.target_register, units).await?;
         self.write(self.spec.speed_register, speed).await?;
         if let Some(address) = self.spec.acceleration_register {
@@ -193,7 +195,7 @@ impl MotionDevice<1> for PlcTable {
             return first;
         }
         // The table may be moving on a link that is gone: the stop alone is worth a new one.
-        self.link = None;
+        (self.link, self.is_checked) = (None, false);
         self.open(Duration::from_millis(self.spec.reply_timeout_ms.into())).await?;
         self.stop_once().await
     }

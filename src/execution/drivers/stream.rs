@@ -177,6 +177,13 @@ fn closed(error: &io::Error) -> DeviceError {
     DeviceError::Closed { reason: error.to_string() }
 }
 
+/// Error of a device that was found again for a stop alone: whether it is the one that was checked, nobody knows.
+#[must_use]
+pub fn reconnected() -> DeviceError {
+    let reason = "its connection was lost, and is open anew for the stop alone; begin another run from this step";
+    DeviceError::NotReady { reason: reason.to_owned() }
+}
+
 /// Error of a device that is not connected, or no longer.
 #[must_use]
 pub fn not_connected() -> DeviceError {

@@ -19,7 +19,7 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// Pause after which the thread looks whether it is still wanted.
 const GLANCE: Duration = Duration::from_millis(100);
 /// Largest distance of an axis from its set point at which it may set out, radians: half a degree.
-const ASTRAY_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+pub(super) const ASTRAY_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
 /// A protocol whose controller sets the pace.
 pub trait StreamedProtocol<const N: usize>: Clone + Send + 'static {
@@ -32,6 +32,9 @@ pub trait StreamedProtocol<const N: usize>: Clone + Send + 'static {
 
 /// An open link to a controller that sets the pace.
 pub trait StreamedLink<const N: usize> {
+    /// True of a controller that follows the answers whether armed or not: what holds it is the last of them.
+    const ALWAYS_FOLLOWS: bool;
+
     /// Cycle of the controller.
     fn cycle(&self) -> Duration;
 
@@ -53,6 +56,9 @@ pub trait StreamedLink<const N: usize> {
 pub struct StreamedReport<const N: usize> {
     /// Measured positions, radians.
     pub positions_rad: [f64; N],
+    /// Positions that it is commanded to hold before the first answer, radians; those measured where it does not tell. Its servos
+    /// stand a little beside, and an answer that has it where it was measured would move it.
+    pub held_rad: [f64; N],
     /// Condition, as far as the controller tells it.
     pub condition: Condition,
     /// Reason why it would not follow now, and how to mend it.
@@ -105,6 +111,8 @@ struct Desk<const N: usize> {
     report: Option<(StreamedReport<N>, Instant)>,
     points: Option<SetPoints<N>>,
     order: Option<StreamOrder<N>>,
+    /// True from an order to go until the next order to stop is taken.
+    is_under_order: bool,
     /// Time between reports, while a way is led.
     jitter: Option<Jitter>,
     /// Watchdog that the thread is to arm with, once.
@@ -294,14 +302,18 @@ impl<const N: usize> Desk<N> {
         }
         points.go(target);
         self.order = Some(StreamOrder::Go { target: target.clone(), from_rad });
+        self.is_under_order = true;
         Ok(())
     }
 
+    /// Leaves word to stop, armed or not; it stays until it is taken.
     fn ramp_down(&mut self) {
         if let Some(points) = &mut self.points {
             points.ramp_down();
         }
-        self.order = self.armed.map(|_| StreamOrder::Stop);
+        if self.is_under_order || self.armed.is_some() {
+            self.order = Some(StreamOrder::Stop);
+        }
     }
 
     /// Takes a report, and gives the answer.
@@ -311,11 +323,11 @@ impl<const N: usize> Desk<N> {
             self.ramp_down();
             self.armed = None;
         }
-        let points = self.points.get_or_insert_with(|| SetPoints::still(report.positions_rad));
+        let points = self.points.get_or_insert_with(|| SetPoints::still(report.held_rad));
         if report.hindrance.is_some() {
-            // It does not follow: nothing is led on that it would jump to.
+            // It does not follow: nothing is led on that it would jump to, nor goes on by itself once it follows again.
             *points = SetPoints::still(report.positions_rad);
-            (self.armed, self.order) = (None, None);
+            (self.armed, self.order) = (None, self.is_under_order.then_some(StreamOrder::Stop));
         }
         if points.is_moving()
             && let Some((_, before)) = self.report
@@ -327,12 +339,14 @@ impl<const N: usize> Desk<N> {
         }
         let set_point_rad = points.advance(cycle);
         (self.report, self.malformed) = (Some((report, now)), None);
-        StreamStep { set_point_rad, order: self.order.take() }
+        let order = self.order.take();
+        self.is_under_order &= order != Some(StreamOrder::Stop);
+        StreamStep { set_point_rad, order }
     }
 }
 
 /// Largest distance of an axis.
-fn apart_rad<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+pub(super) fn apart_rad<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
@@ -381,10 +395,18 @@ async fn answer_one<const N: usize, L: StreamedLink<N>>(
 ) -> Result<(), DeviceError> {
     let to_arm = shared.desk().to_arm;
     if let Some(watchdog) = to_arm {
-        let outcome = link.arm(watchdog).await;
+        let is_led = shared.desk().points.as_ref().filter(|_| L::ALWAYS_FOLLOWS).map(SetPoints::at_rad);
+        let outcome = match is_led {
+            Some(led_rad) if apart_rad(&led_rad, &report.positions_rad) > ASTRAY_RAD => {
+                Err(DeviceError::NotReady { reason: "it is not where it was led; bring it there, or connect anew".to_owned() })
+            }
+            _ => link.arm(watchdog).await,
+        };
         let mut desk = shared.desk();
         if outcome.is_ok() {
-            desk.points = Some(SetPoints::still(report.positions_rad));
+            if is_led.is_none() {
+                desk.points = Some(SetPoints::still(report.held_rad));
+            }
             desk.armed = Some(Armed { watchdog, fed_at: Instant::now() });
         }
         (desk.to_arm, desk.arm_outcome) = (None, Some(outcome));

@@ -4,6 +4,27 @@ use std::f64::consts::TAU;
 
 use crate::execution::device::DeviceError;
 
+/// Share of a speed below which its whole number of units must not fall: a table that is slower than told comes late to where the
+/// arm waits for it.
+const MIN_WHOLE_SHARE: f64 = 0.8;
+
+/// Whole number of units of a speed, never above it.
+///
+/// # Errors
+/// [`DeviceError::Unsupported`]: below 1 or above `max`, or much slower once it is a whole number.
+pub(super) fn whole(speed: f64, unit: &str, max: f64) -> Result<u32, DeviceError> {
+    // 8.999999 of 9 is rounding.
+    let whole = (speed * (1.0 + 1e-9)).floor();
+    let refuse = |reason: String| Err(DeviceError::Unsupported { what: format!("turn at {speed:.2} {unit}; {reason}") });
+    if !(1.0..=max).contains(&whole) {
+        return refuse(format!("allowed is 1 to {max}"));
+    }
+    if whole < MIN_WHOLE_SHARE * speed {
+        return refuse(format!("it takes whole numbers, and {whole} is much slower: raise the speed override"));
+    }
+    Ok(whole as u32)
+}
+
 /// Units of a table's drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TableUnits {
@@ -41,5 +62,22 @@ impl TableUnits {
         let turn = self.per_turn as i64;
         let ahead = (raw - near).rem_euclid(turn);
         near + if 2 * ahead > turn { ahead - turn } else { ahead }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_speed_becomes_a_whole_number_or_is_refused() {
+        for (speed, wanted) in [(180.0, 180), (0.05 * 180.0, 9), (8.999_999_999_9, 9), (100.9, 100), (1.2, 1), (1.0, 1)] {
+            assert_eq!(whole(speed, "r/min", 6500.0), Ok(wanted), "{speed}");
+        }
+        for speed in [0.9, 1.8, 2.6, 6501.0, f64::NAN, f64::INFINITY, -3.0] {
+            assert!(whole(speed, "r/min", 6500.0).is_err(), "{speed}");
+        }
+        let error = whole(1.8, "r/min", 6500.0).expect_err("1 would take nearly twice as long").to_string();
+        assert!(error.contains("1.80 r/min") && error.contains("speed override"), "{error}");
     }
 }

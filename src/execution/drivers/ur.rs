@@ -55,6 +55,8 @@ pub struct UrLink {
     stop_rad_s2: f64,
     /// Reports in a row without a running program.
     idle_reports: u32,
+    /// True if by the latest report it would not follow.
+    is_hindered: bool,
 }
 
 impl StreamedProtocol<6> for UniversalRobots {
@@ -67,12 +69,22 @@ impl StreamedProtocol<6> for UniversalRobots {
         let firmware = Some(version.map(|number| number.to_string()).join("."));
         let identity =
             Identity { maker: "Universal Robots".to_owned(), model: "controller with RTDE".to_owned(), serial: None, firmware };
-        let link = UrLink { protocol: self.clone(), rtde, program: None, sequence: 0, stop_rad_s2: STOP_RAD_S2, idle_reports: 0 };
+        let link = UrLink {
+            protocol: self.clone(),
+            rtde,
+            program: None,
+            sequence: 0,
+            stop_rad_s2: STOP_RAD_S2,
+            idle_reports: 0,
+            is_hindered: false,
+        };
         Ok((identity, link))
     }
 }
 
 impl StreamedLink<6> for UrLink {
+    const ALWAYS_FOLLOWS: bool = false;
+
     fn cycle(&self) -> Duration {
         Duration::from_secs_f64(1.0 / f64::from(self.protocol.spec.rate_hz))
     }
@@ -82,7 +94,10 @@ impl StreamedLink<6> for UrLink {
         self.idle_reports = if state.is_program_running() { 0 } else { self.idle_reports.saturating_add(1) };
         let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
         let hindrance = hindrance(&state).or(has_ended.then_some("its program has ended; arm it again"));
-        Ok(StreamedReport { positions_rad: state.joints_rad, condition: condition(&state), hindrance, is_behind: false })
+        self.is_hindered = hindrance.is_some();
+        // The program holds the joints as it finds them measured.
+        let (positions_rad, held_rad) = (state.joints_rad, state.joints_rad);
+        Ok(StreamedReport { positions_rad, held_rad, condition: condition(&state), hindrance, is_behind: false })
     }
 
     async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
@@ -104,6 +119,12 @@ impl StreamedLink<6> for UrLink {
                 let (sequence, joints_rad) = (self.next_sequence(), target.positions_rad);
                 self.send(UrCommand::Move { sequence, joints_rad, speed_rad_s, acceleration_rad_s2 }).await?;
                 self.acknowledged(sequence).await
+            }
+            // A program that the safety system holds answers nothing, and may go on with its move by itself later: without the
+            // connection it ends instead.
+            (UrMotion::Movej, Some(StreamOrder::Stop)) if self.is_hindered => {
+                self.program = None;
+                Ok(())
             }
             (UrMotion::Movej, Some(StreamOrder::Stop)) => {
                 let sequence = self.next_sequence();

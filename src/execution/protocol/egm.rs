@@ -74,6 +74,8 @@ pub struct EgmReport {
     pub joints_deg: [f64; JOINTS],
     /// Measured external axes.
     pub external: ExternalAxes,
+    /// Joints, degrees, and external axes that it is commanded to, where it tells.
+    pub planned: Option<([f64; JOINTS], ExternalAxes)>,
     /// Drives.
     pub motors: EgmMotors,
     /// Guidance.
@@ -109,6 +111,10 @@ impl EgmReport {
             match field? {
                 (1, Value::Bytes(header)) => (report.sequence, report.time_ms) = read_header(header)?,
                 (2, Value::Bytes(feedback)) => (joints, report.external) = read_positions(feedback)?,
+                (3, Value::Bytes(planned)) => {
+                    let (joints, external) = read_positions(planned)?;
+                    report.planned = six(&joints).ok().map(|joints_deg| (joints_deg, external));
+                }
                 (4, Value::Bytes(state)) => report.motors = motors(enumeration(state)?),
                 (5, Value::Bytes(state)) => report.guidance = guidance(enumeration(state)?),
                 (6, Value::Varint(converged)) => report.converged = converged != 0,
@@ -126,6 +132,9 @@ impl EgmReport {
         let mut frame = WireWriter::default();
         frame.message(1, &header(self.sequence, self.time_ms, DATA));
         frame.message(2, &positions(&self.joints_deg, &self.external));
+        if let Some((joints_deg, external)) = &self.planned {
+            frame.message(3, &positions(joints_deg, external));
+        }
         frame.message(
             4,
             &state(match self.motors {

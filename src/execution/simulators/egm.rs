@@ -80,6 +80,7 @@ impl EgmSession {
             time_ms: time.as_millis() as u32,
             joints_deg: self.joints_deg,
             external: self.external,
+            planned: Some((self.joints_deg, self.external)),
             motors: EgmMotors::On,
             guidance: EgmGuidance::Running,
             converged: true,

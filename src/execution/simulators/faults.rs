@@ -49,6 +49,9 @@ pub struct FaultState {
     pub is_silent: bool,
     /// 32-bit values come in the other order of words.
     pub swaps_words: bool,
+    /// Times that everything was reset, as at the device itself.
+    #[serde(skip)]
+    pub resets: u64,
 }
 
 /// A change of the faults.
@@ -68,7 +71,7 @@ pub enum FaultCommand {
     WordOrder(bool),
     /// Cuts every connection.
     Cut,
-    /// Ends all faults.
+    /// Ends all faults, and resets the device as somebody does who stands in front of it.
     Clear,
 }
 
@@ -134,7 +137,7 @@ impl Faults {
             FaultCommand::Silent(on) => state.is_silent = on,
             FaultCommand::WordOrder(on) => state.swaps_words = on,
             FaultCommand::Cut => self.cuts.send_modify(|cuts| *cuts += 1),
-            FaultCommand::Clear => *state = FaultState::default(),
+            FaultCommand::Clear => *state = FaultState { resets: state.resets + 1, ..FaultState::default() },
         }
     }
 
@@ -222,6 +225,6 @@ mod tests {
         faults.apply(FaultCommand::Cut);
         cut.await;
         faults.apply(FaultCommand::Clear);
-        assert_eq!(faults.state(), FaultState::default());
+        assert_eq!(faults.state(), FaultState { resets: 1, ..FaultState::default() });
     }
 }

@@ -22,12 +22,14 @@ pub struct RsiController {
     pub timeout_cycles: u32,
     /// Axes where RSI is switched on, degrees, and external axis 1.
     pub base_deg: ([f64; 6], f64),
+    /// Distance at which the axes stand beside where they are commanded to, degrees.
+    pub beside_deg: [f64; 6],
 }
 
 /// Course of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RsiSession {
-    /// Axes as measured, degrees.
+    /// Axes as commanded, degrees.
     pub axes_deg: [f64; 6],
     /// External axis 1 as measured, degrees.
     pub table_deg: f64,
@@ -54,7 +56,7 @@ impl RsiController {
             due += self.cycle;
             let external_deg = Some([session.table_deg, 0.0, 0.0, 0.0, 0.0, 0.0]);
             let report = RsiReport {
-                axes_deg: session.axes_deg,
+                axes_deg: std::array::from_fn(|axis| session.axes_deg[axis] + self.beside_deg[axis]),
                 commanded_deg: Some(base_deg),
                 external_deg,
                 late: Some(session.late),

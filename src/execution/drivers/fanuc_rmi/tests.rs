@@ -2,7 +2,9 @@
 
 use std::sync::{Arc, Mutex};
 
-use tokio::time::sleep;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpListener;
+use tokio::time::{sleep, timeout};
 
 use super::*;
 use crate::cell::JointThreeOrigin;
@@ -108,7 +110,6 @@ async fn a_dropped_question_leaves_the_next_answer_right() {
 
 #[tokio::test]
 async fn an_answer_that_is_none_does_not_hold_up_the_next_question() {
-    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
     let (mut here, there) = tokio::io::duplex(4096);
     let wiring = Wiring::over_tcp("arm", KeptBytes::new());
     let mut session = Session::over(wiring.connection(Box::new(there)));
@@ -119,4 +120,32 @@ async fn an_answer_that_is_none_does_not_hold_up_the_next_question() {
     let mut sent = vec![0; 1024];
     let length = here.read(&mut sent).await.expect("read");
     assert!(String::from_utf8_lossy(&sent[..length]).contains("FRC_Abort"));
+}
+
+#[tokio::test]
+async fn a_stop_is_sent_whatever_is_still_to_be_answered() {
+    let door = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = door.local_addr().expect("an address").to_string();
+    let seen = Arc::new(Mutex::new(String::new()));
+    let shown = seen.clone();
+    // A controller that connects and answers nothing.
+    tokio::spawn(async move {
+        let (mut stream, _) = door.accept().await.expect("a client");
+        let session = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let reply = RmiReply::Connected { port: session.local_addr().expect("an address").port(), version: (7, 1) };
+        stream.write_all(reply.encode().as_bytes()).await.expect("sent");
+        let (mut stream, _) = session.accept().await.expect("a client");
+        let mut bytes = Vec::new();
+        while stream.read_buf(&mut bytes).await.is_ok_and(|read| read > 0) {
+            shown.lock().expect("text").push_str(&String::from_utf8_lossy(&std::mem::take(&mut bytes)));
+        }
+    });
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, KeptBytes::new());
+    arm.connect().await.expect("connected");
+    assert!(timeout(Duration::from_millis(50), arm.state()).await.is_err(), "not answered");
+    for stops in 1..=2 {
+        assert!(timeout(Duration::from_millis(100), arm.stop()).await.is_err(), "not answered");
+        let sent = seen.lock().expect("text").clone();
+        assert_eq!(sent.matches("FRC_Pause").count(), stops, "{sent}");
+    }
 }

@@ -8,16 +8,20 @@ use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use tokio::time::timeout;
+
 use crate::cell::HansServoSpec;
 use crate::execution::device::{DeviceError, Direction, Target};
+use crate::execution::drivers::set_points::SetPoints;
 use crate::execution::drivers::stream::{Connection, Wiring, within};
-use crate::execution::profile::Trapezoid;
 use crate::execution::protocol::hans::HansRequest;
 use crate::execution::protocol::hans_state::{HansRealtimeState, take_realtime};
 use crate::execution::session::streamer::{Beat, Jitter, Streamer};
 
 /// Longest wait for the servo port to connect and to take a message.
 const SERVO_TIMEOUT: Duration = Duration::from_millis(500);
+/// Longest wait for the last beat of a stream that is ended: several cycles.
+const LAST_BEAT: Duration = Duration::from_millis(30);
 
 /// A stream of joints.
 #[derive(Debug)]
@@ -26,28 +30,11 @@ pub(super) struct ServoStream {
     course: Arc<Mutex<Course>>,
 }
 
-/// Joints as a function of the beat.
+/// Set points of the beats.
 #[derive(Debug)]
 struct Course {
-    from_deg: [f64; 6],
-    to_deg: [f64; 6],
-    way: Option<Trapezoid>,
-    began: Option<Duration>,
+    points: SetPoints<6>,
     failure: Option<String>,
-}
-
-impl Course {
-    /// Joints at a beat; a way begins with the first beat that sees it, and is over when the beat reaches its end.
-    fn at(&mut self, due: Duration) -> [f64; 6] {
-        let Some(way) = self.way else { return self.to_deg };
-        let began = *self.began.get_or_insert(due);
-        let share = way.share((due - began).as_secs_f64());
-        if share >= 1.0 {
-            (self.way, self.began) = (None, None);
-            return self.to_deg;
-        }
-        std::array::from_fn(|axis| self.from_deg[axis] + share * (self.to_deg[axis] - self.from_deg[axis]))
-    }
 }
 
 impl ServoStream {
@@ -60,11 +47,12 @@ impl ServoStream {
             connected.map_err(|error| unreachable(error.to_string()))?.map_err(|error| unreachable(error.to_string()))?;
         let start = HansRequest::StartServo { argument: spec.start_argument, lookahead_secs: spec.lookahead_secs };
         push(&mut stream, &start, wiring).map_err(|error| unreachable(error.to_string()))?;
-        let course =
-            Arc::new(Mutex::new(Course { from_deg: joints_deg, to_deg: joints_deg, way: None, began: None, failure: None }));
-        let (shared, wiring) = (Arc::clone(&course), wiring.clone());
-        let beat = move |Beat { due, .. }: Beat| {
-            let joints_deg = lock(&shared).at(due);
+        let points = SetPoints::still(joints_deg.map(f64::to_radians));
+        let course = Arc::new(Mutex::new(Course { points, failure: None }));
+        let (shared, wiring, period) = (Arc::clone(&course), wiring.clone(), Duration::from_millis(spec.period_ms.into()));
+        // A deadline that was left out makes the way longer, not its next step.
+        let beat = move |_: Beat| {
+            let joints_deg = lock(&shared).points.advance(period).map(f64::to_degrees);
             match push(&mut stream, &HansRequest::PushServoJ { joints_deg }, &wiring) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(error) => {
@@ -73,7 +61,7 @@ impl ServoStream {
                 }
             }
         };
-        let streamer = Streamer::start("hans-servo", Duration::from_millis(spec.period_ms.into()), beat);
+        let streamer = Streamer::start("hans-servo", period, beat);
         Ok(Self { streamer: streamer.map_err(|error| unreachable(error.to_string()))?, course })
     }
 
@@ -83,19 +71,24 @@ impl ServoStream {
         if let Some(reason) = course.failure.clone() {
             return Err(DeviceError::Closed { reason });
         }
-        if course.way.is_some() {
+        if course.points.is_moving() {
             return Err(DeviceError::NotReady { reason: "a target is under way".into() });
         }
-        let to_deg = target.positions_rad.map(f64::to_degrees);
-        let travel = std::array::from_fn(|axis| (to_deg[axis] - course.to_deg[axis]).to_radians());
-        (course.from_deg, course.to_deg, course.began) = (course.to_deg, to_deg, None);
-        course.way = Trapezoid::within(&travel, &target.max_speed_rad_s, &target.max_acceleration_rad_s2);
+        course.points.go(target);
         Ok(())
+    }
+
+    /// Ends the stream, and waits for the beat under way; not longer than [`LAST_BEAT`], so that a port that takes no bytes holds up
+    /// no stop.
+    pub(super) async fn end(self) {
+        let ended = tokio::task::spawn_blocking(move || drop(self));
+        // It ends by itself then.
+        let _ = timeout(LAST_BEAT, ended).await;
     }
 
     /// Returns true while a target is under way.
     pub(super) fn is_under_way(&self) -> bool {
-        lock(&self.course).way.is_some()
+        lock(&self.course).points.is_moving()
     }
 
     /// Error that ended the stream.

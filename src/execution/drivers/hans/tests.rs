@@ -244,6 +244,24 @@ async fn joints_are_streamed_there_and_back_and_stand_after_a_stop() {
     assert!(matches!(bench.arm.start(&target(4, HOME_DEG, 60.0)).await, Err(DeviceError::NotReady { .. })));
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_axis_that_was_measured_beside_the_program_is_not_a_jump() {
+    let mut bench = bench().await;
+    bench.arm.spec.servo = servo(bench.addresses, 4);
+    bench.arm.connect().await.expect("a controller");
+    bench.arm.arm(WATCHDOG).await.expect("armed");
+    // By the program joint 1 turns alone. Joint 4 was measured in its place then, and 0.0004° beside it when it was armed.
+    let mut away_deg = HOME_DEG;
+    (away_deg[0], away_deg[3]) = (20.0, HOME_DEG[3] + 4e-4);
+    let mut target = target(1, away_deg, 0.0);
+    (target.max_speed_rad_s[0], target.max_acceleration_rad_s2) = (0.5, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    bench.arm.start(&target).await.expect("accepted");
+    sleep(Duration::from_millis(150)).await;
+    let turned_deg = (bench.joints)()[0].to_degrees() - HOME_DEG[0];
+    assert!((0.0..8.0).contains(&turned_deg), "{turned_deg}° in 0.15 s");
+    bench.arrive().await;
+}
+
 #[tokio::test]
 async fn another_cycle_than_the_controller_s_is_not_streamed_at() {
     let mut bench = bench().await;

@@ -7,6 +7,7 @@ use tokio::time::{Instant, sleep};
 
 use super::{GOAL_SHARE, MinasA6Table, POLL, START_WAIT};
 use crate::execution::device::{DeviceError, Target};
+use crate::execution::drivers::table_units::whole;
 use crate::execution::protocol::minas_a6::{
     BlockTravel, MAX_RAMP_MS, MoveBlock, RAMP_R_PER_MIN, coil, output, register, registers_of,
 };
@@ -66,19 +67,20 @@ impl MinasA6Table {
         let motor_r_per_min = |rad_s: f64| rad_s / TAU * 60.0 * self.spec.gear_ratio;
         let mut speed = motor_r_per_min(target.max_speed_rad_s[0]);
         let mut ramp_ms = (1e3 * RAMP_R_PER_MIN / motor_r_per_min(target.max_acceleration_rad_s2[0])).ceil();
-        if !(1.0..=f64::from(self.spec.max_motor_r_per_min)).contains(&speed) {
-            let max = self.spec.max_motor_r_per_min;
-            return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max}") });
+        let max_r_per_min = f64::from(self.spec.max_motor_r_per_min);
+        if !(1.0..=max_r_per_min).contains(&speed) {
+            let what = format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max_r_per_min}");
+            return Err(DeviceError::Unsupported { what });
         }
         if ramp_ms > MAX_RAMP_MS || ramp_ms.is_nan() {
             self.check_slowest_ramp()?;
             let turns = distance.abs() as f64 / self.units.per_turn * self.spec.gear_ratio;
-            speed = speed.min(60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).max(1.0);
+            speed = speed.min((60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).ceil()).max(1.0);
             ramp_ms = MAX_RAMP_MS;
         }
+        let speed = whole(speed, "r/min of the motor", max_r_per_min)? as u16;
         let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.clamp(1.0, MAX_RAMP_MS) as u16);
-        for (first, value) in
-            [(register::SPEEDS, speed as u16), (register::ACCELERATIONS, ramp_ms), (register::DECELERATIONS, ramp_ms)]
+        for (first, value) in [(register::SPEEDS, speed), (register::ACCELERATIONS, ramp_ms), (register::DECELERATIONS, ramp_ms)]
         {
             self.link()?.set_register(first + number, value).await?;
         }

@@ -47,6 +47,14 @@ fn abb<const N: usize>() -> (AbbArm<N>, Arc<Mutex<EgmSession>>, tokio::task::Joi
 
 /// A KUKA controller likewise.
 fn kuka<const N: usize>() -> (KukaArm<N>, tokio::task::JoinHandle<RsiSession>) {
+    let (arm, _, run) = kuka_beside([0.0; 6]);
+    (arm, run)
+}
+
+/// A KUKA controller whose axes stand beside where they are commanded to.
+fn kuka_beside<const N: usize>(
+    beside_deg: [f64; 6],
+) -> (KukaArm<N>, Arc<Mutex<RsiSession>>, tokio::task::JoinHandle<RsiSession>) {
     let address = format!("127.0.0.1:{}", free_port());
     let controller = RsiController {
         client: address.parse().expect("an address"),
@@ -54,11 +62,14 @@ fn kuka<const N: usize>() -> (KukaArm<N>, tokio::task::JoinHandle<RsiSession>) {
         cycle: Duration::from_millis(CYCLE_MS.into()),
         timeout_cycles: 40,
         base_deg: ([0.0, -90.0, 90.0, 0.0, 90.0, 0.0], 45.0),
+        beside_deg,
     };
-    let run = async move { controller.run(|_| {}).await.expect("a socket") };
+    let seen = Arc::new(Mutex::new(RsiSession::default()));
+    let shown = seen.clone();
+    let run = async move { controller.run(|session| *shown.lock().expect("a session") = *session).await.expect("a socket") };
     let spec = serde_json::json!({"address": address, "cycle_ms": CYCLE_MS});
     let spec: KukaRsiSpec = serde_json::from_value(spec).expect("a specification");
-    (KukaRsi::arm(&spec, Arc::new(())), tokio::spawn(run))
+    (KukaRsi::arm(&spec, Arc::new(())), seen, tokio::spawn(run))
 }
 
 async fn ur(motion: UrMotion) -> (UrArm, Arc<Mutex<UrCell>>) {
@@ -103,6 +114,74 @@ async fn a_kuka_arm_with_its_table_goes_there_and_back() {
     let session = run.await.expect("RSI broke off by itself");
     assert!(session.max_step_deg > 0.0 && session.max_step_deg <= MAX_STEP_DEG, "{session:?}");
     assert!(session.late > 40, "the answers ceased");
+}
+
+#[tokio::test]
+async fn what_stands_beside_its_command_is_not_moved_before_a_target_is() {
+    let (mut arm, seen, _run) = kuka_beside::<6>([0.0, -0.012, 0.004, 0.0, 0.0, 0.0]);
+    arm.connect().await.expect("connected");
+    for _ in 0..3 {
+        sleep(Duration::from_millis(60)).await;
+        arm.arm(WATCHDOG).await.expect("armed");
+        arm.keep_alive().await.expect("armed");
+    }
+    let session = *seen.lock().expect("a session");
+    assert!(session.answers > 10 && session.max_step_deg < 1e-9, "{session:?}");
+    let goal = arm.state().await.expect("a state").positions_rad.map(|joint| joint + 0.02);
+    arm.start(&target(1, goal, Duration::from_millis(100))).await.expect("accepted");
+    sleep(Duration::from_millis(300)).await;
+    let session = *seen.lock().expect("a session");
+    assert!(session.max_step_deg > 1e-3 && session.max_step_deg <= MAX_STEP_DEG, "{session:?}");
+    let off_deg = (session.axes_deg[1] - goal[1].to_degrees()).abs();
+    assert!(off_deg < 1e-3, "{off_deg}°: the program's place is where it is commanded to");
+}
+
+#[tokio::test]
+async fn a_guard_that_opens_for_a_moment_ends_the_move() {
+    const GUARD: u32 = 1 << 4;
+    let (mut arm, cell) = ur(UrMotion::Movej).await;
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    let start = arm.state().await.expect("a state").positions_rad;
+    arm.start(&target(1, start.map(|joint| joint + 1.0), Duration::from_secs(4))).await.expect("accepted");
+    sleep(Duration::from_millis(200)).await;
+    cell.lock().expect("a cell").safety_bits |= GUARD;
+    sleep(Duration::from_millis(40)).await;
+    cell.lock().expect("a cell").safety_bits &= !GUARD;
+    // Kept alive, as a session does that has not seen the guard.
+    for _ in 0..20 {
+        let _ = arm.keep_alive().await;
+        sleep(Duration::from_millis(20)).await;
+    }
+    let at = cell.lock().expect("a cell").joints_rad();
+    assert!(at[0] - start[0] < 0.3, "{at:?}");
+    assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "disarmed");
+    arm.stop().await.expect("nothing moves");
+    sleep(Duration::from_millis(60)).await;
+    assert_eq!(cell.lock().expect("a cell").joints_rad(), at);
+    arm.arm(WATCHDOG).await.expect("armed anew");
+    arm.start(&target(2, start, Duration::from_millis(500))).await.expect("accepted");
+}
+
+#[test]
+fn an_order_to_stop_stays_until_it_is_taken() {
+    let here = [0.0; 6];
+    let report =
+        StreamedReport { positions_rad: here, held_rad: here, condition: Condition::READY, hindrance: None, is_behind: false };
+    let mut desk = Desk::default();
+    let cycle = Duration::from_millis(8);
+    desk.step(report, cycle);
+    desk.armed = Some(Armed { watchdog: Duration::from_secs(1), fed_at: Instant::now() });
+    desk.set_out(&target(1, [0.5; 6], Duration::from_secs(1))).expect("armed");
+    assert!(matches!(desk.step(report, cycle).order, Some(StreamOrder::Go { .. })));
+    for _ in 0..2 {
+        desk.ramp_down();
+        desk.armed = None;
+    }
+    assert_eq!(desk.step(report, cycle).order, Some(StreamOrder::Stop));
+    assert_eq!(desk.step(report, cycle).order, None);
+    desk.ramp_down();
+    assert_eq!(desk.order, None, "it was stopped");
 }
 
 #[tokio::test]

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::execution::protocol::mangled::each_mangled;
 
-/// A report with fields that are skipped here: pose, clock, planned joints, test signals, utilisation.
+/// A report with fields that are skipped here: pose, clock, test signals, utilisation.
 const REPORT: &str = "0a0908ac0210f0a2041802128e010a3609000000000000f83f0900000000000034c0090000000000003e40090000000000000000\
     090000000000a046400900000000008066c012430a1b09000000000000f03f110000000000000040190000000000000840122409000000000000f03f\
     1100000000000000001900000000000000002100000000000000001a090900000000008056402204080510061a380a36090000000000002240090000\
@@ -30,6 +30,7 @@ fn a_report_of_protobuf_is_read() {
         time_ms: 70_000,
         joints_deg: JOINTS_DEG,
         external: table(),
+        planned: Some(([9.0; 6], ExternalAxes::default())),
         motors: EgmMotors::On,
         guidance: EgmGuidance::Running,
         converged: true,
@@ -70,7 +71,9 @@ proptest! {
         let guide = EgmGuide { sequence, time_ms, joints_deg, external };
         prop_assert_eq!(EgmGuide::decode(&guide.encode()), Ok(guide));
         let (motors, guidance, rapid) = (motors(state), guidance(state), rapid(state));
-        let report = EgmReport { sequence, time_ms, joints_deg, external, motors, guidance, converged: state == 1, rapid };
+        let planned = (state > 1).then_some((joints_deg.map(|deg| deg / 2.0), external));
+        let report =
+            EgmReport { sequence, time_ms, joints_deg, external, planned, motors, guidance, converged: state == 1, rapid };
         prop_assert_eq!(EgmReport::decode(&report.encode()), Ok(report));
     }
 }

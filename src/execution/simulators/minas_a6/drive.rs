@@ -93,6 +93,9 @@ impl SimulatedDrive {
 
     /// Lets time and faults act.
     pub(super) fn pass(&mut self, faults: &FaultState, now: f64) {
+        if faults.resets > self.faults.resets {
+            self.error = 0;
+        }
         self.faults = *faults;
         let timeout_ms = self.parameters.get(&COMMUNICATION_TIMEOUT).copied().unwrap_or(0);
         let silent_ms = 1e3 * (now - self.heard) / self.setup.factor;
