@@ -145,6 +145,11 @@ impl ControllersSpec {
         self.arm.check("/arm", &mut findings);
         self.table.check("/table", &mut findings);
         self.trigger.check("/trigger", &mut findings);
+        // A serial gateway of one address may stand behind several devices; a controller's port may not.
+        let address = self.table.address().map(|address| address.trim_start_matches("tcp://"));
+        findings.require(address != Some(self.arm.address()), "/table/address", || {
+            format!("is {}, the arm's; give the address of the table's own controller", self.arm.address())
+        });
         let is_carried = self.arm.has_external_axis();
         findings.require(is_carried || self.table != TableControllerSpec::WithArm {}, "/table/protocol", || {
             format!("is with_arm; the driver of {} has no external axis: give the table a controller of its own", self.arm.name())
@@ -178,6 +183,18 @@ impl ArmControllerSpec {
         }
     }
 
+    /// Address of the controller.
+    #[must_use]
+    pub fn address(&self) -> &str {
+        match self {
+            Self::Hans(spec) => &spec.address,
+            Self::Ur(spec) => &spec.address,
+            Self::FanucRmi(spec) => &spec.address,
+            Self::KukaRsi(spec) => &spec.address,
+            Self::AbbEgm(spec) => &spec.address,
+        }
+    }
+
     /// True if the driver moves an external axis with the arm.
     fn has_external_axis(&self) -> bool {
         match self {
@@ -198,6 +215,16 @@ impl ArmControllerSpec {
 }
 
 impl TableControllerSpec {
+    /// Address of a controller of its own.
+    #[must_use]
+    pub fn address(&self) -> Option<&str> {
+        match self {
+            Self::MinasA6(spec) => Some(&spec.address),
+            Self::ModbusPlc(spec) => Some(&spec.address),
+            Self::WithArm {} => None,
+        }
+    }
+
     /// Name of the protocol.
     #[must_use]
     pub fn name(&self) -> &'static str {

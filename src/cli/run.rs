@@ -9,11 +9,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sha2::{Digest, Sha256};
-use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use self::outcome::{RecordFile, RunOutcome};
-use self::watch::RunWatch;
+use self::watch::{RunWatch, lines_of_stdin};
 use super::check::ReferenceArgs;
 use super::files::{self, FileLibrary};
 use super::program::{plan_beside, without_program};
@@ -128,11 +127,16 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
     let raised = stop.clone();
     on_signals(move |_| raised.cancel(), None)?;
     run_to_completion(async {
+        let further = further_setups(&args.program);
         let outcome = prepared.carry_out(args, &stop).await?;
         if let Some(file) = &record {
             file.write(&outcome.document)?;
         }
         outcome.print()?;
+        if further > 0 {
+            let (next, setups) = (args.program.join(format!("{}.json", program_stem(1))), further + 1);
+            output::note(format_args!("setup 1 of {setups}; turn the part as its plan says, then run {}", next.display()));
+        }
         outcome.judge()
     })
 }
@@ -313,6 +317,11 @@ fn audit_beside(program: &Path) -> PathBuf {
     folder.join("audit")
 }
 
+/// Setups of a plan's folder after the first, whose program a folder stands for.
+fn further_setups(from: &Path) -> usize {
+    (1..).take_while(|setup| from.join(format!("{}.json", program_stem(*setup))).is_file()).count()
+}
+
 /// The program's file and its bytes.
 fn program_file(from: &Path) -> Result<(PathBuf, Vec<u8>), CliError> {
     let path = if from.is_dir() { from.join(format!("{}.json", program_stem(0))) } else { from.to_owned() };
@@ -321,19 +330,4 @@ fn program_file(from: &Path) -> Result<(PathBuf, Vec<u8>), CliError> {
     }
     let bytes = std::fs::read(&path).map_err(|error| CliError::BadInput(format!("{}: {error}", path.display())))?;
     Ok((path, bytes))
-}
-
-/// Lines of standard input, as they come; the channel closes with it.
-fn lines_of_stdin() -> Result<mpsc::Receiver<()>, CliError> {
-    let (sender, lines) = mpsc::channel(1);
-    let read = move || {
-        for line in stdin().lock().lines() {
-            if line.is_err() || sender.blocking_send(()).is_err() {
-                return;
-            }
-        }
-    };
-    let thread = std::thread::Builder::new().name("lines".to_owned()).spawn(read);
-    thread.map_err(|error| CliError::Failed(format!("the thread for standard input: {error}")))?;
-    Ok(lines)
 }

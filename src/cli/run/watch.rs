@@ -1,12 +1,14 @@
 //! Progress of a run while it is under way: on a terminal a bar over its steps, else a line for each change. A signal stops it in
 //! order; lines of standard input take it on step by step.
 
+use std::io::{BufRead, IsTerminal, stdin};
+
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use crate::cli::output;
+use crate::cli::{CliError, output};
 use crate::execution::session::{Fence, LiveEvent, RunHandle, RunState, StopCause};
 use crate::program::{Program, Step};
 
@@ -17,6 +19,8 @@ pub(super) struct RunWatch {
     stop: CancellationToken,
     token: Option<Fence>,
     lines: Option<mpsc::Receiver<()>>,
+    /// True where lines go on after a pause; false where each takes the run one step on.
+    resumes: bool,
     bar: ProgressBar,
     told: Option<(RunState, Option<usize>)>,
     last_id: u64,
@@ -39,7 +43,7 @@ impl RunWatch {
         if let Ok(style) = ProgressStyle::with_template("{prefix:>9} [{bar:30}] {pos}/{len}  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { handle, steps, stop, token, lines, bar, told: None, last_id: 0 }
+        Self { handle, steps, stop, token, lines, resumes: false, bar, told: None, last_id: 0 }
     }
 
     /// Watches until the run has ended.
@@ -65,6 +69,7 @@ impl RunWatch {
                 }
                 line = next_line(&mut self.lines) => match line {
                     // A line at another moment is no order.
+                    Some(()) if self.resumes => drop(self.handle.resume(self.token).await),
                     Some(()) => drop(self.handle.step(self.token).await),
                     None => {
                         self.lines = None;
@@ -77,6 +82,21 @@ impl RunWatch {
         self.bar.finish_and_clear();
     }
 
+    /// A pause that nobody asked for: standard input decides how it goes on, and without somebody there it does not.
+    fn ask(&mut self) {
+        if self.lines.is_some() {
+            return;
+        }
+        self.lines = stdin().is_terminal().then(lines_of_stdin).and_then(Result::ok);
+        self.resumes = self.lines.is_some();
+        if self.resumes {
+            self.bar.println("press Enter to go on, ctrl-c to stop");
+        } else {
+            output::note("standard input is not a terminal, so that nobody can resume; the run stops");
+            self.handle.stop(StopCause::Client);
+        }
+    }
+
     fn show(&mut self, event: &LiveEvent) {
         self.last_id = event.id;
         let (state, step) = (event.status.state, event.step);
@@ -86,9 +106,13 @@ impl RunWatch {
         }
         let is_new_state = self.told.is_none_or(|(before, _)| before != state);
         self.told = now;
+        if is_new_state && state == RunState::Paused {
+            self.bar.suspend(|| output::note(format_args!("paused: {}", event.status.reason)));
+            self.ask();
+        }
         let words = step.and_then(|step| self.steps.get(step)).map_or("", String::as_str);
         if self.bar.is_hidden() {
-            if is_new_state {
+            if is_new_state && state != RunState::Paused {
                 output::note(format_args!("{}: {}", state.as_str(), event.status.reason));
             }
             if let Some(step) = step.filter(|_| state == RunState::Running) {
@@ -99,6 +123,21 @@ impl RunWatch {
         self.bar.set_message(words.to_owned());
         self.bar.set_position(step.unwrap_or_default() as u64);
     }
+}
+
+/// Lines of standard input, as they come; the channel closes with it.
+pub(super) fn lines_of_stdin() -> Result<mpsc::Receiver<()>, CliError> {
+    let (sender, lines) = mpsc::channel(1);
+    let read = move || {
+        for line in stdin().lock().lines() {
+            if line.is_err() || sender.blocking_send(()).is_err() {
+                return;
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("lines".to_owned()).spawn(read);
+    thread.map_err(|error| CliError::Failed(format!("the thread for standard input: {error}")))?;
+    Ok(lines)
 }
 
 async fn next_line(lines: &mut Option<mpsc::Receiver<()>>) -> Option<()> {

@@ -107,6 +107,12 @@ impl RunHandle {
         self.live.watch_status()
     }
 
+    /// Speed override in force: a program's first live run is capped.
+    #[must_use]
+    pub fn speed_override(&self) -> f64 {
+        self.live.speed_override()
+    }
+
     /// Latest event.
     #[must_use]
     pub fn latest(&self) -> Option<LiveEvent> {
@@ -188,6 +194,12 @@ impl RunHandle {
         request(&self.stop, cause);
     }
 
+    /// Waits for the end of the run, without a handle: it does not keep the run going.
+    pub fn end(&self) -> impl Future<Output = ()> + Send + use<> {
+        let mut record = self.record.clone();
+        async move { drop(record.wait_for(Option::is_some).await) }
+    }
+
     /// Waits for the end; the record tells all.
     pub async fn ended(&self) -> Arc<RunRecord> {
         let mut record = self.record.clone();
@@ -249,7 +261,9 @@ pub(super) struct Control {
     live: Arc<Live>,
     /// Token that the run was armed with.
     token: Option<Fence>,
-    pub(super) speed_override: f64,
+    speed_override: f64,
+    /// The most that the override may be.
+    speed_cap: f64,
     pub(super) single_step: bool,
     pub(super) go_on: bool,
     pub(super) located: Option<Pose<Table, Part>>,
@@ -269,7 +283,7 @@ fn request(stop: &watch::Sender<Option<StopRequest>>, cause: StopCause) {
 pub(super) fn handle_and_control(
     live: &Arc<Live>,
     authority: Option<Authority>,
-    speed_override: f64,
+    (speed_override, speed_cap): (f64, f64),
     single_step: bool,
 ) -> (RunHandle, Control) {
     let (commands, orders) = mpsc::channel(COMMANDS);
@@ -293,6 +307,7 @@ pub(super) fn handle_and_control(
         live: Arc::clone(live),
         token: None,
         speed_override,
+        speed_cap,
         single_step,
         go_on: false,
         located: None,
@@ -391,6 +406,11 @@ impl Control {
         }
     }
 
+    /// Speed override, capped.
+    pub(super) fn speed_in_force(&self) -> f64 {
+        self.speed_override.min(self.speed_cap)
+    }
+
     fn fits(&self, fits: bool, order: &Order) -> Result<(), CommandError> {
         let refused = || CommandError::NotNow { state: self.live.status().state, command: order.verb() };
         if fits { Ok(()) } else { Err(refused()) }
@@ -407,7 +427,7 @@ impl Control {
             Order::Step(_) => (self.single_step, self.go_on) = (true, true),
             Order::Override(_, value) => {
                 self.speed_override = value;
-                self.live.at_override(value);
+                self.live.at_override(self.speed_in_force());
             }
             Order::Located(_, table_from_part) => self.located = Some(*table_from_part),
         }

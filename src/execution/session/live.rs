@@ -120,6 +120,10 @@ impl Live {
         self.tell(|last| last.speed_override = speed_override);
     }
 
+    pub(super) fn speed_override(&self) -> f64 {
+        self.last().speed_override
+    }
+
     pub(super) fn measured(&self, measurement: Measurement) {
         self.tell(|last| last.measurement = measurement);
     }

@@ -134,7 +134,7 @@ where
 #[must_use]
 pub fn dry_run<M: Watch + 'static>(job: RunJob, machine: M, options: RunOptions) -> RunHandle {
     let live = Arc::new(live::Live::new(job.program.steps.len(), options.speed_override));
-    let (handle, control) = handle::handle_and_control(&live, None, options.speed_override, false);
+    let (handle, control) = handle::handle_and_control(&live, None, (options.speed_override, 1.0), false);
     tokio::spawn(dry_run::read(job, machine, control, live, options));
     handle
 }
@@ -157,7 +157,7 @@ where
 {
     let capped = if options.is_first_live { options.safeguards.first_run_speed } else { 1.0 };
     let live = Arc::new(live::Live::new(job.program.steps.len(), options.speed_override.min(capped)));
-    let (handle, control) = handle::handle_and_control(&live, authority, options.speed_override, options.single_step);
+    let (handle, control) = handle::handle_and_control(&live, authority, (options.speed_override, capped), options.single_step);
     tokio::spawn(Runner::new(mode, job, machine, trigger, control, live, options).run());
     handle
 }

@@ -203,7 +203,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
     /// Comes to rest, waits for a client, and takes the right to move again.
     async fn pause(&mut self, cause: PauseCause) -> Result<(), Halt> {
-        self.watcher.segment = None;
+        (self.watcher.segment, self.watcher.standstill) = (None, None);
         let is_locating = cause == PauseCause::Locating;
         self.watcher.control.go_on = false;
         let asked = Instant::now();
@@ -266,8 +266,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 
     pub(super) fn speed_override(&self) -> f64 {
-        let cap = if self.options.is_first_live { self.options.safeguards.first_run_speed } else { 1.0 };
-        self.watcher.control.speed_override.min(cap)
+        self.watcher.control.speed_in_force()
     }
 
     pub(super) fn paced(&self, secs: f64) -> Duration {
@@ -280,13 +279,13 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 
     /// Time of a step in the devices' time, s. The host's own work takes as long whatever the clock of a twin: it is not scaled.
-    fn device_secs(&mut self, wall: Duration) -> f64 {
+    pub(super) fn device_secs(&mut self, wall: Duration) -> f64 {
         wall.as_secs_f64() + std::mem::take(&mut self.scheduled_secs) * (1.0 - 1.0 / self.options.time_factor)
     }
 
     /// Stops, where something may move, and gives back.
     async fn shut_down(&mut self, request: Option<StopRequest>) -> Option<StopReport> {
-        self.watcher.segment = None;
+        (self.watcher.segment, self.watcher.standstill) = (None, None);
         let report = match request {
             Some(StopRequest { cause, at }) => {
                 let asked_secs = at.saturating_duration_since(self.watcher.live.began()).as_secs_f64();

@@ -47,7 +47,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             Step::Move(step) => self.travel(index, step).await,
             Step::Settle { secs } => {
                 let began = Instant::now();
-                let waited = self.watcher.during(tokio::time::sleep(self.paced(*secs))).await;
+                let place = way::commanded_before(&self.job.program, index);
+                let waited = self.watcher.standing_still(&place, tokio::time::sleep(self.paced(*secs))).await;
                 self.count_scheduled(began, *secs);
                 waited?;
                 self.done(StepKind::Settle).await
@@ -64,8 +65,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     /// Follows a polyline from wherever on it the devices stand.
     async fn travel(&mut self, index: usize, step: &Move) -> Result<Done, Halt> {
         let mut here = self.watcher.tick().await?.configuration();
-        let points =
-            if std::mem::take(&mut self.rejoins) { vec![here, step.target_rad] } else { way::points(&self.job.program, index) };
+        let points = if self.rejoins { vec![here, step.target_rad] } else { way::points(&self.job.program, index) };
         let (passed, nearest) = way::nearest(&points, &here);
         refuse(gate::to_start(&here, &nearest, &self.options.safeguards).into_iter().collect())?;
         for (number, to) in points.iter().enumerate().skip(passed + 1) {
@@ -74,6 +74,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             let segment = Segment { from: &points[number - 1], to, speed_fraction: step.speed_fraction, cycles };
             here = self.go(here, segment).await?;
         }
+        // A pause on the way leaves it to rejoin the program.
+        self.rejoins = false;
         Ok(Done { kind: StepKind::Move, view: None, measured: here, taken: None })
     }
 
@@ -135,21 +137,23 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 
     async fn scan(&mut self, index: usize, view: ViewId, capture: &Capture) -> Result<Done, Halt> {
+        let began = Instant::now();
         let to = way::commanded_before(&self.job.program, index);
         let here = self.watcher.tick().await?.configuration();
         refuse(gate::to_start(&here, &to, &self.options.safeguards).into_iter().collect())?;
-        let taken = self.capture(capture).await?;
+        let taken = self.capture(&to, capture).await?;
         let kind = if self.has_to_locate { StepKind::Locate } else { StepKind::Scan };
         let done = Done { kind, view: Some(view), measured: here, taken: Some(taken) };
         if std::mem::take(&mut self.has_to_locate) {
-            self.note(index, done, 1, 0.0);
+            let real_secs = self.device_secs(began.elapsed());
+            self.note(index, done, 1, real_secs);
             return Err(Halt::Pause(PauseCause::Locating));
         }
         Ok(done)
     }
 
-    async fn capture(&mut self, capture: &Capture) -> Result<Captured, Halt> {
-        let trigger = &mut self.trigger;
+    async fn capture(&mut self, place: &Configuration, capture: &Capture) -> Result<Captured, Halt> {
+        let (trigger, watcher) = (&mut self.trigger, &mut self.watcher);
         let deadline = capture.deadline;
         let work = async {
             trigger.set_brightness(capture.brightness).await?;
@@ -158,7 +162,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             timeout(deadline + LATE, trigger.capture(capture)).await.unwrap_or_else(late)
         };
         let began = Instant::now();
-        let taken = self.watcher.during(timeout(deadline + 2 * LATE, work)).await;
+        let taken = watcher.standing_still(place, timeout(deadline + 2 * LATE, work)).await;
         // A trigger that stays silent is waited for in real time.
         if matches!(taken, Ok(Ok(Ok(_)))) {
             self.count_scheduled(began, capture.expected.as_secs_f64());

@@ -15,6 +15,7 @@ use crate::execution::record::{RunRecord, StepKind};
 use crate::execution::tests::fault_table::{FAULTS, FaultyCell, fault_in_each_state};
 use crate::execution::tests::rehearsal::{CELL, Chance, Twins, attend, hashes, job, job_of, planned, twins, until};
 use crate::execution::twin::Planted;
+use crate::program::Step;
 
 /// A live run on twins, armed.
 async fn armed(options: RunOptions) -> (RunHandle, Twins, Leases, Lease) {
@@ -106,6 +107,39 @@ async fn pausing_rests_on_the_way_and_resuming_goes_on_from_there() {
     // The pause is no part of the step's time.
     assert!(record.steps[0].real_secs < record.steps[0].planned_secs + 2.0);
     assert_eq!((access.arm.asked().targets_unarmed, access.table.asked().targets_unarmed), (0, 0));
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_arm_that_moves_while_it_is_to_stand_still_stops_the_run() {
+    let steps = &planned().program.steps;
+    let scan = steps.iter().position(|step| matches!(step, Step::Scan { .. })).expect("a scan");
+    let settle = steps.iter().position(|step| matches!(step, Step::Settle { .. })).expect("a standstill");
+    for during in [scan, settle] {
+        let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+        attend(&handle, &leases, lease.token);
+        while handle.latest().and_then(|event| event.step) != Some(during) {
+            sleep(Duration::from_millis(5)).await;
+        }
+        sleep(Duration::from_millis(60)).await;
+        // Less than what a run may begin beside its program.
+        access.arm.mismeasure([0.0, 0.4_f64.to_radians(), 0.0, 0.0, 0.0, 0.0]);
+        let record = handle.ended().await;
+        assert!(matches!(cause(&record), StopCause::OffPath { axis: 2, .. }), "{:?}", record.status);
+        assert!(record.steps.iter().all(|step| step.step != during), "{:?}", record.steps.last());
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_override_that_is_told_is_the_one_in_force() {
+    let options = RunOptions { is_first_live: true, ..RunOptions::default() };
+    let cap = options.safeguards.first_run_speed;
+    let (handle, _access, leases, lease) = armed(options).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    for (asked, in_force) in [(1.0, cap), (cap / 2.0, cap / 2.0)] {
+        handle.set_override(Some(lease.token), asked).await.expect("runs");
+        assert_eq!((handle.speed_override(), handle.latest().expect("told").speed_override), (in_force, in_force));
+    }
 }
 
 #[tokio::test(start_paused = true)]

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::cause::{DeviceRole, StopCause};
-use super::gate::{Safeguards, unfit};
+use super::gate::{Safeguards, furthest_axis, unfit};
 use super::handle::{Control, Halt};
 use super::live::{Live, Measurement};
 use super::machine::{Drive, MachineError, MachineState, Watch};
@@ -35,6 +35,8 @@ pub(super) struct Watcher<M> {
     pub(super) poll: Duration,
     /// Segment that is under way.
     pub(super) segment: Option<(Configuration, Configuration)>,
+    /// Place in which the devices are to stand still.
+    pub(super) standstill: Option<Configuration>,
     pub(super) last: Option<MachineState>,
     fed: Instant,
     told: Option<Instant>,
@@ -52,8 +54,8 @@ impl<M: Watch> Watcher<M> {
     ) -> Self {
         // Watchdogs are fed after a state, and four times in their time.
         let poll = POLL.min(safeguards.watchdog / 4).div_f64(time_factor).max(MIN_POLL);
-        let (segment, last, fed, told) = (None, None, Instant::now(), None);
-        Self { machine, control, live, cell, safeguards, audit, poll, segment, last, fed, told }
+        let (segment, standstill, last, fed, told) = (None, None, None, Instant::now(), None);
+        Self { machine, control, live, cell, safeguards, audit, poll, segment, standstill, last, fed, told }
     }
 
     /// Reads a state and publishes it.
@@ -148,6 +150,7 @@ impl<M: Drive> Watcher<M> {
             .or_else(lost)
             .or_else(|| self.audit.as_ref().and_then(|audit| audit.failure()).map(StopCause::Audit))
             .or_else(|| self.off_path(state))
+            .or_else(|| self.off_place(state))
     }
 
     fn off_path(&self, state: &MachineState) -> Option<StopCause> {
@@ -155,6 +158,29 @@ impl<M: Drive> Watcher<M> {
         let (axis, off_rad) = off_segment(&from, &to, &state.configuration());
         let (off_deg, allowed_deg) = (off_rad.to_degrees(), self.safeguards.path_tolerance_rad.to_degrees());
         (off_deg > allowed_deg).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
+    }
+
+    /// Objection to a motion of a device that is to stand still: it is not ours, and spoils the pose of a capture.
+    fn off_place(&self, state: &MachineState) -> Option<StopCause> {
+        let (axis, off_rad) = furthest_axis(&self.standstill?, &state.configuration());
+        let (off_deg, allowed_deg) = (off_rad.to_degrees(), self.safeguards.position_tolerance_rad.to_degrees());
+        (off_deg > allowed_deg).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
+    }
+
+    /// The work's output, while the devices stand still: where they are commanded to, or where they are measured now, if that is beside.
+    pub(super) async fn standing_still<T>(
+        &mut self,
+        commanded: &Configuration,
+        work: impl Future<Output = T>,
+    ) -> Result<T, Halt> {
+        let here = self.tick().await?.configuration();
+        let is_there = furthest_axis(commanded, &here).1 <= self.safeguards.position_tolerance_rad;
+        self.standstill = Some(if is_there { *commanded } else { here });
+        let output = self.during(work).await;
+        // The end of the work is not the time of the last state.
+        let ticked = if output.is_ok() { self.tick().await.map(drop) } else { Ok(()) };
+        self.standstill = None;
+        ticked.and(output)
     }
 
     fn with_words(&self, cause: StopCause) -> StopCause {

@@ -33,8 +33,16 @@ impl App {
             )));
         }
         let token = self.check_token(&open.cell, token)?;
-        open.set_armed_by(&request.operator);
-        session.arm(token).await.map_err(|error| refused(id, "armed", error))?;
+        let state = session.status().state;
+        if state != RunState::Ready {
+            return Err(Error::RunStateRefused { run: id, state: state.into(), deed: "armed" });
+        }
+        // Named before the run is armed, so that its event has the name; a refused request changes nothing.
+        let before = open.set_armed_by(Some(request.operator));
+        if let Err(error) = session.arm(token).await {
+            open.set_armed_by(before);
+            return Err(refused(id, "armed", error));
+        }
         self.run_when(id, SETTLING, |run| run.state != ReportedState::Ready).await
     }
 
@@ -85,7 +93,9 @@ impl App {
         let (open, session) = self.session(id, "changed in speed").await?;
         let token = self.fence(&open, token)?;
         session.set_override(token, request.speed_override).await.map_err(|error| refused(id, "changed in speed", error))?;
-        self.run_when(id, SETTLING, |run| run.speed_override.total_cmp(&request.speed_override).is_eq()).await
+        // Of a program's first live run it is capped.
+        let in_force = session.speed_override();
+        self.run_when(id, SETTLING, |run| run.speed_override.total_cmp(&in_force).is_eq()).await
     }
 
     /// Tells a run where the part lies.

@@ -141,7 +141,8 @@ impl OpenRun {
         self.armed_by.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn set_armed_by(&self, operator: &str) {
-        *self.armed_by.lock().unwrap_or_else(PoisonError::into_inner) = Some(operator.to_owned());
+    /// Returns who it was before.
+    fn set_armed_by(&self, operator: Option<String>) -> Option<String> {
+        std::mem::replace(&mut *self.armed_by.lock().unwrap_or_else(PoisonError::into_inner), operator)
     }
 }

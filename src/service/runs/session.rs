@@ -1,15 +1,19 @@
 //! Sessions for the server and the command line alike: from a checked program and the operator's controllers to a run that is under
 //! way. Must be called on the runtime that carries it.
 
+use std::fs::{File, TryLockError};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+
+use sha2::{Digest, Sha256};
 
 use crate::cell::{Cell, CollisionScene, ControllersSpec, TableControllerSpec, WorkspaceSpec};
 use crate::execution::audit::{AuditLimits, AuditLog};
 use crate::execution::located::Relocate;
 use crate::execution::session::{self, Authority, RunHandle, RunJob, RunOptions, Safeguards, Workspace};
 use crate::program::{Program, interlock};
+use crate::wire::hex;
 use crate::wire::run::{RunMode, RunRequest};
 
 use super::devices;
@@ -70,7 +74,14 @@ pub fn begin(order: SessionOrder<'_>) -> Result<RunHandle, String> {
         RunMode::DryRun => devices::dry_run(controllers()?, order.job, options),
         RunMode::Live => {
             let authority = order.authority.ok_or_else(|| "a live run needs the lease of its cell".to_owned())?;
-            devices::live(controllers()?, order.job, authority, options)
+            let locks = lock(controllers()?)?;
+            let handle = devices::live(controllers()?, order.job, authority, options)?;
+            let end = handle.end();
+            tokio::spawn(async move {
+                end.await;
+                drop(locks);
+            });
+            Ok(handle)
         }
     }
 }
@@ -90,6 +101,28 @@ pub fn program_for(
         return Ok(program);
     }
     interlock(&program, cell, scene).map_err(|together| together.to_string())
+}
+
+/// Locks the controllers against other processes of this machine: a lease holds among the clients of one server alone. The system
+/// gives the locks back when the process ends, however it does.
+fn lock(controllers: &ControllersSpec) -> Result<Vec<File>, String> {
+    let folder = std::env::temp_dir().join("vantage-controllers");
+    // Others may have made it, and their locks count too.
+    let _ = std::fs::create_dir_all(&folder);
+    let addresses = std::iter::once(controllers.arm.address()).chain(controllers.table.address());
+    let lock_one = |address: &str| {
+        let path = folder.join(hex(&Sha256::digest(address)));
+        let opened = File::open(&path).or_else(|_| File::create(&path));
+        let file = opened.map_err(|error| format!("the lock of controller {address} ({}): {error}", path.display()))?;
+        match file.try_lock() {
+            Ok(()) => Ok(file),
+            Err(TryLockError::WouldBlock) => {
+                Err(format!("controller {address} is driven by another live run on this machine; stop that run first"))
+            }
+            Err(TryLockError::Error(error)) => Err(format!("the lock of controller {address} ({}): {error}", path.display())),
+        }
+    };
+    addresses.map(lock_one).collect()
 }
 
 /// Limits of the cell file.

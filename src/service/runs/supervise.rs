@@ -184,7 +184,7 @@ impl Supervisor {
         (self.run.step, self.run.speed_override, self.run.armed_by) = (step, event.speed_override, self.open.armed_by());
         let done = handle.steps_from(0);
         // Of the steps alone, as in the record: time in a pause is not theirs.
-        self.run.elapsed_secs = done.iter().map(|step| step.real_secs).sum();
+        self.run.elapsed_secs = done.iter().fold(0.0, |secs, step| secs + step.real_secs);
         self.store(kind, done.get(self.stored_steps..).unwrap_or_default()).await;
         false
     }
