@@ -124,16 +124,26 @@ fn organised(collected: Collected, cells: &[[u32; 2]], limits: &CloudLimits) -> 
     let [rows, columns] = [0, 1].map(|axis| end[axis] - u64::from(begin[axis]).min(end[axis]));
     let size = rows.saturating_mul(columns);
     let fits = rows > 1 && columns > 1 && size <= (cells.len() as u64).saturating_mul(MAX_CELLS_PER_POINT);
-    if !fits || size > limits.max_points as u64 {
+    let grid = CloudGrid { columns: columns as usize, rows: rows as usize };
+    let placed = if fits && size <= limits.max_points as u64 { in_cells(&cloud.points, cells, begin, grid) } else { None };
+    let Some(points) = placed else {
         cloud.points.retain(|point| !point[0].is_nan());
         return Ok(cloud);
-    }
-    let grid = CloudGrid { columns: columns as usize, rows: rows as usize };
-    let mut points = vec![[f32::NAN; 3]; size as usize];
-    for (cell, point) in cells.iter().zip(&cloud.points).filter(|(_, point)| !point[0].is_nan()) {
-        points[(cell[0] - begin[0]) as usize * grid.columns + (cell[1] - begin[1]) as usize] = *point;
-    }
+    };
     Ok(StoredCloud { points, grid: Some(grid), not_finite, ..StoredCloud::default() })
+}
+
+/// The points in their cells; `None` where two have the same, such as several returns of one pulse.
+fn in_cells(points: &[[f32; 3]], cells: &[[u32; 2]], begin: [u32; 2], grid: CloudGrid) -> Option<Vec<[f32; 3]>> {
+    let mut placed = vec![[f32::NAN; 3]; grid.rows * grid.columns];
+    for (cell, point) in cells.iter().zip(points).filter(|(_, point)| !point[0].is_nan()) {
+        let place = &mut placed[(cell[0] - begin[0]) as usize * grid.columns + (cell[1] - begin[1]) as usize];
+        if !place[0].is_nan() {
+            return None;
+        }
+        *place = *point;
+    }
+    Some(placed)
 }
 
 /// Pose of a scan in the file, if it states one other than the identity.
@@ -155,4 +165,17 @@ fn chain(error: &dyn std::error::Error) -> String {
         cause = error.source();
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_one_cell_are_told_apart() {
+        let (points, grid) = ([[0.0_f32; 3], [1.0; 3], [f32::NAN; 3]], CloudGrid { columns: 2, rows: 2 });
+        let placed = in_cells(&points, &[[5, 0], [6, 1], [5, 0]], [5, 0], grid).expect("the third cell has no point");
+        assert!(placed[0] == points[0] && placed[3] == points[1] && placed[1][0].is_nan());
+        assert_eq!(in_cells(&points, &[[5, 0], [5, 0], [6, 1]], [5, 0], grid), None);
+    }
 }

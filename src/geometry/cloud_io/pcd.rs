@@ -149,7 +149,10 @@ struct Columns<'a> {
 impl Columns<'_> {
     fn take(&mut self, part: &[u8]) {
         let count = self.points.len();
-        for (axis, place) in self.header.xyz.iter().enumerate() {
+        // As they follow each other in the file: `half` belongs to the one that the part before ended in.
+        let mut columns = [0, 1, 2].map(|axis| (axis, self.header.xyz[axis]));
+        columns.sort_by_key(|(_, place)| place.byte);
+        for (axis, place) in columns {
             let size = place.scalar.size_bytes();
             let (first, last) = (count * place.byte, count * (place.byte + size));
             let begin = first.max(self.at);

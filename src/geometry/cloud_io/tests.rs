@@ -163,6 +163,28 @@ fn pcd_of_every_encoding_holds_the_same_cloud() {
 }
 
 #[test]
+fn compressed_columns_stand_in_any_order() {
+    let points = organised(83, 61).points_mm;
+    for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+        let names = order.map(|axis| ["x", "y", "z"][axis]).join(" ");
+        let header = format!(
+            "VERSION 0.7\nFIELDS {names}\nSIZE 4 8 4\nTYPE F F F\nWIDTH {0}\nPOINTS {0}\nDATA binary_compressed\n",
+            points.len()
+        );
+        let column = |axis: usize| points.iter().map(move |point| point[axis]);
+        let [first, second, third] = order;
+        let mut columns: Vec<u8> = column(first).flat_map(f32::to_le_bytes).collect();
+        columns.extend(column(second).flat_map(|value| f64::from(value).to_le_bytes()));
+        columns.extend(column(third).flat_map(f32::to_le_bytes));
+        let body = packed(&columns);
+        let lengths = [body.len() as u32, columns.len() as u32].map(u32::to_le_bytes).concat();
+        let found = one(&[header.as_bytes(), &lengths, &body].concat());
+        let wanted: Vec<[f32; 3]> = points.iter().copied().filter(|point| !point[0].is_nan()).collect();
+        assert_eq!(found.points, wanted, "{names}");
+    }
+}
+
+#[test]
 fn text_is_read_in_every_style() {
     let wanted = [[1.0_f32, 2.5, -3.0], [4.0, 5.0, 6.0]];
     for text in [
