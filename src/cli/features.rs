@@ -50,19 +50,57 @@ fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
     if header.contains(';') && !header.contains(',') {
         return Err("its columns are separated by ;, use , and a point as decimal separator".to_owned());
     }
-    let columns: Vec<&str> = header.split(',').map(str::trim).collect();
-    if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(column)) {
+    let columns = cells_of(header)?;
+    if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(&column.as_str())) {
         return Err(format!("has a column {unknown:?}; allowed are {}", COLUMNS.join(", ")));
     }
     lines.map(|(number, line)| feature(&columns, line).map_err(|error| format!("line {number}: {error}"))).collect()
 }
 
-fn feature(columns: &[&str], line: &str) -> Result<FeatureParams, String> {
-    let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+/// Cells of a line (RFC 4180): one in quotes may hold commas, and a quote as two.
+fn cells_of(line: &str) -> Result<Vec<String>, String> {
+    let (mut cells, mut rest) = (Vec::new(), line);
+    loop {
+        let Some(quoted) = rest.trim_start().strip_prefix('"') else {
+            let (cell, after) = rest.split_once(',').map_or((rest, None), |(cell, after)| (cell, Some(after)));
+            cells.push(cell.trim().to_owned());
+            let Some(after) = after else { return Ok(cells) };
+            rest = after;
+            continue;
+        };
+        let mut cell = String::new();
+        let mut after = quoted;
+        loop {
+            let (text, behind) = after.split_once('"').ok_or("has a quote that is not closed")?;
+            cell.push_str(text);
+            match behind.strip_prefix('"') {
+                Some(behind) => {
+                    cell.push('"');
+                    after = behind;
+                }
+                None => {
+                    after = behind.trim_start();
+                    break;
+                }
+            }
+        }
+        cells.push(cell);
+        match after.strip_prefix(',') {
+            Some(after) => rest = after,
+            None if after.is_empty() => return Ok(cells),
+            None => return Err(format!("has {after:?} behind a closing quote; allowed is a comma")),
+        }
+    }
+}
+
+fn feature(columns: &[String], line: &str) -> Result<FeatureParams, String> {
+    let cells = cells_of(line)?;
     if cells.len() != columns.len() {
         return Err(format!("has {} cells; the header has {}", cells.len(), columns.len()));
     }
-    let cell = |name: &str| columns.iter().position(|column| *column == name).map(|at| cells[at]).filter(|cell| !cell.is_empty());
+    let cell = |name: &str| {
+        columns.iter().position(|column| *column == name).map(|at| cells[at].as_str()).filter(|cell| !cell.is_empty())
+    };
     let optional = |name: &str| cell(name).map(|text| number(text).map_err(|error| format!("{name} {error}"))).transpose();
     Ok(FeatureParams {
         name: cell("name").map(str::to_owned),

@@ -63,7 +63,7 @@ impl LimitArgs {
         match result {
             Err(CliError::Cancelled(_)) if late.load(Ordering::Relaxed) => Err(CliError::BadInput(format!(
                 "planning took longer than the {} s that --max-secs allows; use a simpler mesh, a larger part.patch_edge_mm or \
-                 fewer candidates (larger candidates.step_small_deg, fewer rolls_deg), or raise the limit",
+                 fewer candidates (fewer candidates.even_directions or rolls_deg), or raise the limit",
                 self.max_secs
             ))),
             result => result,

@@ -29,7 +29,7 @@ use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 
 /// Times that views without a path are exchanged for others at most; views without one after that carry it as a rejection.
-const MAX_RESELECTIONS: usize = 4;
+const MAX_RESELECTIONS: usize = 12;
 
 /// Times that samples are added at most, where views meet their goals on those that they are chosen on and not on all.
 const MAX_REFINEMENTS: u32 = 3;
@@ -99,7 +99,7 @@ fn finish<'a>(
     let (chosen, bound) = (views.chosen.candidates.len(), Arc::clone(&views.chosen.selection.bound));
     let (outcome, bound) = rayon::join(|| explained(problem, sampled, setups, views, demand, ctx), || bound.compute(ctx));
     let mut outcome = outcome?;
-    outcome.plan.bound = bound?.beside(chosen);
+    outcome.plan.bound = bound?.beside(chosen).of_plan(outcome.plan.coverage.of_asked());
     Ok(outcome)
 }
 

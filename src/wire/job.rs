@@ -108,8 +108,13 @@ fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
         format!("has {} entries; at most {MAX_LABELS} are allowed", labels.len())
     });
     for (key, value) in labels {
-        text(findings, "/labels", key, 1, 64);
-        text(findings, &format!("/labels/{}", key.replace('~', "~0").replace('/', "~1")), value, 0, 256);
+        let at = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
+        let length = key.chars().count();
+        findings.require((1..=64).contains(&length), &*at, || format!("has a key of {length} characters; allowed are 1 to 64"));
+        findings.require(!key.chars().any(char::is_control), &*at, || {
+            "has a control character in its key; none are allowed".to_owned()
+        });
+        text(findings, &at, value, 0, 256);
     }
 }
 

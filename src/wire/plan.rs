@@ -351,11 +351,11 @@ pub struct BoundDocument {
     pub views_lower: u32,
     /// Number of chosen views minus `views_lower`; 0 proves that no selection needs fewer.
     pub gap: u32,
-    /// Upper bound on the share of the asked area that `selection.max_views` views measure; present with `selection.goal`
-    /// `best_coverage`.
+    /// Upper bound on the share of the asked area that `selection.max_views` views measure: the share that the plan measures, and
+    /// `gap_of_asked`. Present with `selection.goal` `best_coverage`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_asked_upper: Option<f64>,
-    /// `of_asked_upper` minus the share that the chosen views measure; 0 proves that no selection measures more.
+    /// Share by which another selection could measure more of the samples that views are chosen on; 0 proves that none does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap_of_asked: Option<f64>,
 }

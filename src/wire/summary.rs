@@ -238,11 +238,14 @@ impl SummaryShares {
 /// Views, setups, their registration and the bound: "10 views in 1 setup; lower bound 9".
 fn views_text(plan: &Plan) -> String {
     let (views, setups) = (counted(plan.executed_views(), "view"), counted(plan.setups.len(), "setup"));
-    let bound = match plan.params.selection.goal {
-        SelectionGoal::BestCoverage => String::new(),
-        SelectionGoal::FewestViews | SelectionGoal::MinTime => format!("; lower bound {}", plan.bound.views_lower),
-    };
     let left_out = no_path(plan).map_or_else(String::new, |left_out| format!("; {left_out}"));
+    let bound = match plan.params.selection.goal {
+        // It is a bound of the views that were chosen.
+        SelectionGoal::FewestViews | SelectionGoal::MinTime if left_out.is_empty() => {
+            format!("; lower bound {}", plan.bound.views_lower)
+        }
+        SelectionGoal::FewestViews | SelectionGoal::MinTime | SelectionGoal::BestCoverage => String::new(),
+    };
     let registered = if plan.setups.len() > 1 { registered(plan.params.registration) } else { "" };
     format!("{views} in {setups}{registered}{bound}{left_out}")
 }

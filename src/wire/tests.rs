@@ -73,7 +73,7 @@ fn a_request_gets_its_defaults_and_its_ranges() {
     bad.labels.insert(String::new(), "line\nbreak".into());
     bad.params.selection.target = 2.0;
     let pointers: Vec<_> = bad.check().expect_err("four faults").into_iter().map(|e| e.pointer).collect();
-    assert_eq!(pointers, ["/labels", "/labels/", "/priority", "/params/selection/target"]);
+    assert_eq!(pointers, ["/labels/", "/labels/", "/priority", "/params/selection/target"]);
 }
 
 #[test]

@@ -42,3 +42,16 @@ fn what_is_wrong_is_named_with_its_line() {
         assert!(error.contains(wanted), "{text:?}: {error}");
     }
 }
+
+#[test]
+fn cells_in_quotes_hold_commas_and_quotes() {
+    let text = "name,region,tolerance_mm\n\"seat, \"\"A\"\"\",\"plane 0 0 15 0 0 1 0.5\",0.2\n plain , sphere 0 0 0 5 ,\"0.3\"\n";
+    let features = csv(text).expect("two features");
+    assert_eq!(features[0].name.as_deref(), Some("seat, \"A\""));
+    assert!(matches!(features[0].region, Region::Plane { within_mm, .. } if within_mm == 0.5));
+    assert_eq!((features[1].name.as_deref(), features[1].tolerance_mm), (Some("plain"), 0.3));
+    for (line, said) in [("\"a,sphere 0 0 0 5,0.2", "not closed"), ("\"a\"b,sphere 0 0 0 5,0.2", "a comma")] {
+        let error = csv(&format!("name,region,tolerance_mm\n{line}\n")).expect_err(line);
+        assert!(error.contains("line 2") && error.contains(said), "{error}");
+    }
+}

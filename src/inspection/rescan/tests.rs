@@ -90,7 +90,7 @@ fn each_rule_stops_by_its_own() {
     assert_eq!(stop(60.0, 1e3, &RescanParams { min_left: 0.9, ..RescanParams::default() }, 0), (RescanStop::LittleLeft, 0));
     assert_eq!(stop(60.0, 1e3, &RescanParams { min_gain: 0.9, ..RescanParams::default() }, 0), (RescanStop::MinGain, 0));
     let bad = RescanParams { max_views: 0, ..RescanParams::default() };
-    assert_eq!(bad.check().expect_err("no views")[0].pointer, "/rescan/max_views");
+    assert_eq!(bad.check().expect_err("no views")[0].pointer, "/max_views");
 }
 
 #[test]

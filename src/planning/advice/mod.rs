@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::{CandidateIndex, SampleId};
-use super::params::{Objective, PlanParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
+use super::params::{Objective, OverlapParams, PlanParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::plan::{Cause, Outcome, PlanAdvice, Verdict};
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::registration::union_of;
@@ -60,8 +60,8 @@ pub(super) struct AdviceScope<'a> {
 
 impl Basis {
     /// Takes from a solved problem what advice needs; `excluded` are candidates that were given up for want of a path. `None` where
-    /// no advice is asked for; nor is any tried where views are chosen by what they measure under errors too, or where area at
-    /// risk does not count.
+    /// no advice is asked for; nor is any tried where views are chosen by what they measure under errors too, where they have to
+    /// overlap, or where area at risk does not count.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -73,7 +73,8 @@ impl Basis {
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
         let params = problem.params;
-        if !params.missed.advice || !params.realism.count_at_risk || problem.tolerates_errors() {
+        let overlaps = params.selection.overlap != OverlapParams::default();
+        if !params.missed.advice || !params.realism.count_at_risk || problem.tolerates_errors() || overlaps {
             return Ok(None);
         }
         let samples = problem.asked_area_mm2.len();
@@ -86,8 +87,10 @@ impl Basis {
             total_mm2: problem.surface.area_where(|_| true),
             more_views: None,
         };
-        let given_up = no_path.union(excluded).copied().collect();
-        basis.more_views = more_views::choose(&basis, problem, ordered, &given_up, ctx)?;
+        // Views that have no path are not mended by asking for more of them.
+        if no_path.is_empty() {
+            basis.more_views = more_views::choose(&basis, problem, ordered, excluded, ctx)?;
+        }
         Ok(Some(basis))
     }
 

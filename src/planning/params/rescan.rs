@@ -19,13 +19,13 @@ params! {
 }
 
 impl RescanParams {
-    /// Checks every range; pointers begin with `/rescan`.
+    /// Checks every range.
     ///
     /// # Errors
     /// Every value that is out of its range.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
-        self.check_ranges("/rescan", &mut findings);
+        self.check_ranges("", &mut findings);
         findings.into_result()
     }
 }

@@ -29,9 +29,10 @@ pub struct Bound {
     pub views_lower: u32,
     /// Views chosen minus `views_lower`.
     pub gap: u32,
-    /// Upper bound of the share of the asked area that `selection.max_views` views can measure; with the best coverage as goal.
+    /// Upper bound of the share of the asked area that `selection.max_views` views can measure; with the best coverage as goal. On the
+    /// samples that views are chosen on; of a plan the share that it measures of all samples, and the gap.
     pub of_asked_upper: Option<f64>,
-    /// `of_asked_upper` minus the share that the plan measures; 0 where the plan is proved best.
+    /// Share by which other views could measure more of the samples that views are chosen on; 0 where the choice is proved best there.
     pub gap_of_asked: Option<f64>,
 }
 
@@ -126,6 +127,11 @@ impl Bound {
     /// The bound beside so many views, at least as many as it was computed for.
     pub(in crate::planning) fn beside(self, views: usize) -> Self {
         Self { gap: (views as u32).saturating_sub(self.views_lower), ..self }
+    }
+
+    /// The bound of a plan that measures this share of the asked area, by all samples.
+    pub(in crate::planning) fn of_plan(self, of_asked: f64) -> Self {
+        Self { of_asked_upper: self.gap_of_asked.map(|gap| (of_asked + gap).min(1.0)), ..self }
     }
 
     /// Adds the bound for the best coverage: `upper` units are possible, and those needed are measured.

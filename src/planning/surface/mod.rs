@@ -120,12 +120,17 @@ pub(super) fn check_asked(asked_area_mm2: &[f64]) -> Result<(), PlanError> {
     Err(PlanError::param("/regions/exclude", "leaves nothing of the part to measure; exclude less".into()))
 }
 
-/// Fills in what [`PartParams`] leaves to the size of the part.
+/// Fills in what [`PartParams`] leaves to the size of the part, within the range of each parameter.
 #[must_use]
 pub fn resolve(params: &PartParams, mesh: &Mesh) -> PartParams {
+    let in_range = |field: &str, value: f64| {
+        let range = PartParams::KNOBS.knobs.iter().find(|knob| knob.field == field).and_then(|knob| knob.range);
+        range.map_or(value, |[min, max]| value.clamp(min, max))
+    };
     let mut resolved = params.clone();
-    resolved.patch_edge_mm.get_or_insert_with(|| mesh.aabb().extent_mm().norm() * PATCH_EDGE_OF_DIAGONAL);
-    resolved.samples_per_mm2.get_or_insert_with(|| SAMPLES_BY_DEFAULT / mesh.area_mm2());
+    let patch_edge_mm = || in_range("patch_edge_mm", mesh.aabb().extent_mm().norm() * PATCH_EDGE_OF_DIAGONAL);
+    resolved.patch_edge_mm.get_or_insert_with(patch_edge_mm);
+    resolved.samples_per_mm2.get_or_insert_with(|| in_range("samples_per_mm2", SAMPLES_BY_DEFAULT / mesh.area_mm2()));
     resolved
 }
 

@@ -9,7 +9,7 @@ use crate::planning::plan::{Drawn, Robust};
 use crate::planning::sequence::Sequence;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
-use crate::wire::words::at_risk_sentence;
+use crate::wire::words::{at_risk_sentence, counted};
 
 /// The section.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
@@ -45,15 +45,22 @@ fn independent(input: &ReportInput<'_>) -> String {
 
 fn bounds(input: &ReportInput<'_>) -> String {
     let bound = &input.outcome.plan.bound;
-    let views = number(f64::from(bound.views_lower), 0);
+    let views = counted(bound.views_lower as usize, "view");
     let proved = match bound.gap {
-        0 => format!(
-            "No choice from the same viewpoints reaches as much with fewer than {views} views: the number is proven best."
+        0 => format!("No choice from the same viewpoints reaches as much with fewer than {views}: the number is proven best."),
+        gap if input.outcome.plan.executed_views() < input.outcome.plan.views.len() => format!(
+            "At least {views} of the viewpoints considered are needed for what the chosen views measure, those without a path among \
+             them; {gap} more were chosen."
         ),
         gap => format!("At least {views} of the viewpoints considered are needed for as much; the plan has {gap} more."),
     };
     let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
-        format!(" No choice of as many views measures more than {} of the asked area, {} more.", percent(upper), percent(gap))
+        format!(
+            " Of the samples that views are chosen on, no choice of as many views measures more than {} more of the asked area: at most \
+             {} in all.",
+            percent(gap),
+            percent(upper)
+        )
     });
     format!("<p>{proved}{area}</p>\n")
 }

@@ -148,7 +148,10 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
         Figure {
             value: number(summary.views as f64, 0),
             name: if summary.views == 1 { "view" } else { "views" },
-            detail: format!("lower bound {}", number(f64::from(plan.bound.views_lower), 0)),
+            detail: match summary.views_chosen - summary.views {
+                0 => format!("lower bound {}", number(f64::from(plan.bound.views_lower), 0)),
+                left_out => format!("{left_out} more were chosen and have no path"),
+            },
         },
     ];
     if summary.setups > 1 {

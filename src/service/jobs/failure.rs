@@ -56,7 +56,7 @@ pub(super) fn input_invalid(errors: Vec<FieldError>) -> JobProblem {
 fn too_long(limit: Duration) -> String {
     format!(
         "planning took longer than the {} s that limits.job_secs allows; simplify the mesh, choose a larger part.patch_edge_mm \
-         or fewer candidates (larger candidates.step_small_deg, fewer rolls_deg), or raise the setting",
+         or fewer candidates (fewer candidates.even_directions or rolls_deg), or raise the setting",
         limit.as_secs_f64()
     )
 }

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 use super::percent;
 use crate::cell::PoseSpec;
 use crate::planning::params::SelectionGoal;
-use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyKind, RemedyView, share};
+use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyKind, RemedyView, StopReason, share};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::words::{area_mm2, cause_phrase, counted, fixed, none_found, partial_percent, rounded_down_deg, turn_phrase};
 
@@ -200,6 +200,8 @@ fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
 /// Parameters that ask for a fix; empty where none does.
 fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView], recovers_mm2: f64) -> BTreeMap<String, Value> {
     match fix.kind {
+        // Neither the target nor the limit ended the choice there.
+        RemedyKind::View if plan.stopped_because == StopReason::NoPath => BTreeMap::new(),
         RemedyKind::View => more_views(plan, views.len(), recovers_mm2),
         RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => poses(plan, views),
         RemedyKind::Setup => further_setup(plan, fix.turn.as_deref()),

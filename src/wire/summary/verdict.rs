@@ -2,7 +2,7 @@
 
 use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
-use crate::planning::params::{SelectionGoal, TargetOf};
+use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
 use crate::planning::plan::{MissedCause, Plan, RegionCoverage, StopReason, share};
 use crate::wire::words::{cause_phrase, counted, fixed};
 
@@ -182,7 +182,9 @@ fn reason(plan: &Plan) -> String {
         },
         StopReason::NoPath => no_path(plan).unwrap_or_else(|| "no collision-free path was found to some candidates".to_owned()),
         StopReason::Target | StopReason::NoGain | StopReason::RegionsUnmet => {
-            "no further view adds anything worth its cost".to_owned()
+            let overlaps = selection.overlap != OverlapParams::default();
+            let overlapping = if overlaps { " and overlaps the others as selection.overlap asks" } else { "" };
+            format!("no further view adds anything worth its cost{overlapping}")
         }
     }
 }
