@@ -15,7 +15,7 @@ const RESERVED: [&str; 13] =
     ["CON", "PRN", "AUX", "NUL", "COM1", "COM2", "COM3", "COM4", "LPT1", "LPT2", "LPT3", "PROGRAM", "END"];
 /// Largest length of a remark.
 const REMARK_CHARS: usize = 32;
-/// Speed of the move home, where the arm already stands, percent.
+/// Speed of the move home, where the arm already stands, percent; that of the slowest other move, if it is lower.
 const HOMING_PERCENT: u32 = 5;
 /// Label that the wait for the scanner jumps to.
 const LATE: u32 = 99;
@@ -81,7 +81,13 @@ fn body(job: &Job<'_>, name: &str) -> Result<Vec<String>, DialectError> {
     let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled]);
     let mut lines: Vec<String> = head.iter().flat_map(|paragraph| remark(paragraph)).collect();
     lines.push(format!("  $WAITTMOUT={}", (100.0 * job.params.timeout_secs).ceil() as u32));
-    lines.push(format!("J P[1] {HOMING_PERCENT}% FINE"));
+    let mut homing_percent = HOMING_PERCENT;
+    for action in &job.actions {
+        if let Action::Go(stretch) = action {
+            homing_percent = homing_percent.min(percent(stretch.speed_fraction, Dialect::Fanuc)?);
+        }
+    }
+    lines.push(format!("J P[1] {homing_percent}% FINE"));
     for action in &job.actions {
         match action {
             Action::Toward(view) => lines.extend(remark(&super::walk::toward(*view))),

@@ -8,6 +8,7 @@ use super::names::{NameRule, identifier};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, points, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
+use crate::planning::params::DialectParams;
 
 const NAME: NameRule = NameRule { longest: 24, reserved: &RESERVED };
 /// Keywords and names of the program's own.
@@ -88,10 +89,15 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     render,
 };
 
+/// Name of the module, which that of its files must be.
+pub(super) fn module_name(params: &DialectParams, setup: usize) -> String {
+    identifier(&params.program_name, setup, &NAME).to_ascii_uppercase()
+}
+
 /// Program and points.
 fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Krl, 1, 4096)?;
-    let name = identifier(&job.params.program_name, job.program.setup, &NAME).to_ascii_uppercase();
+    let name = module_name(job.params, job.program.setup);
     let access = ["&ACCESS RVP".to_owned(), "&REL 1".to_owned()];
     let mut src = access.to_vec();
     src.extend([format!("DEF {name}( )"), "DECL INT I".to_owned()]);

@@ -64,6 +64,15 @@ impl Dialect {
         self.facts().outputs
     }
 
+    /// Name that the files of a setup's program must have on the controller, without extension; `None` of a language that takes any.
+    #[must_use]
+    pub fn file_stem(self, params: &DialectParams, setup: usize) -> Option<String> {
+        match self {
+            Self::Krl => Some(krl::module_name(params, setup)),
+            Self::Hans | Self::Urscript | Self::Rapid | Self::Fanuc | Self::Robodk | Self::Csv => None,
+        }
+    }
+
     /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
     #[must_use]
     pub fn before_first_run(self) -> Option<&'static str> {
