@@ -99,6 +99,15 @@ fn check(state: &ApiState, method: &Method, headers: &HeaderMap) -> Result<Optio
     Ok(name)
 }
 
+/// Digest of the key that a request was admitted with; `None` where none is needed.
+pub(super) fn admitted_key(state: &ApiState, headers: &HeaderMap) -> Option<KeyDigest> {
+    if !state.keys.are_required() {
+        return None;
+    }
+    let of_session = || state.sessions.key_of(session_id(headers)?, Instant::now());
+    bearer_token(headers).map(digest_of).or_else(of_session)
+}
+
 /// The bearer token in `Authorization`.
 pub(super) fn bearer_token(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = header_text(headers, &AUTHORIZATION)?.split_once(' ')?;

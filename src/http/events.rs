@@ -3,14 +3,16 @@
 //! `reset`: the client then reloads the job or the list.
 
 use std::convert::Infallible;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::sse::{Event, KeepAlive};
 use axum::response::{IntoResponse, Response, Sse};
 use futures_util::stream::{self, Stream, StreamExt};
 
+use super::auth::admitted_key;
 use super::client::Client;
+use super::keys::KeyDigest;
 use super::problem::{ApiError, Code};
 use super::quotas::{Permit, Resource};
 use super::router::ApiState;
@@ -19,6 +21,8 @@ use crate::wire::{JobId, RunId};
 
 /// Interval between keep-alive comments.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
+/// Time between two looks whether the key of a stream's client is still one of ours.
+const KEY_LOOK: Duration = Duration::from_secs(2);
 /// Time that a client should wait before it reconnects.
 const RETRY: Duration = Duration::from_secs(3);
 
@@ -41,9 +45,18 @@ pub(super) async fn event_stream(
         first.push(Event::default().event("reset").data("{}"));
     }
     let stream = stream::iter(first).map(Ok::<_, Infallible>).chain(sse_events(events, permit));
+    let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)
+}
+
+/// Ends when the key with which a stream was begun is one of ours no more.
+async fn revoked(state: ApiState, key: Option<KeyDigest>) {
+    let Some(key) = key else { return std::future::pending().await };
+    while state.keys.name_of(&key, Instant::now()).is_some() {
+        tokio::time::sleep(KEY_LOOK).await;
+    }
 }
 
 fn sse_events(events: EventStream, permit: Permit) -> impl Stream<Item = Result<Event, Infallible>> {
@@ -81,6 +94,7 @@ pub(super) async fn run_event_stream(
     }
     let first = stream::once(std::future::ready(Ok::<_, Infallible>(Event::default().retry(RETRY))));
     let stream = first.chain(sse_run_events(events, permit));
+    let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)

@@ -46,7 +46,7 @@ impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for Json<T>
     async fn from_request(request: Request, state: &ApiState) -> Result<Self, ApiError> {
         let (parts, body) = request.into_parts();
         check_json(&parts.headers)?;
-        let bytes = read(body, state.options.max_json_bytes).await?;
+        let bytes = read(body, state.options.max_json_bytes, BodyRate::new(state.options.body_idle_timeout)).await?;
         Ok(Self(wire::parse_document(&bytes)?))
     }
 }
@@ -74,11 +74,13 @@ pub(super) fn check_encoding(headers: &HeaderMap) -> Result<(), ApiError> {
     }
 }
 
-async fn read(body: Body, limit: usize) -> Result<Vec<u8>, ApiError> {
+async fn read(body: Body, limit: usize, mut rate: BodyRate) -> Result<Vec<u8>, ApiError> {
     let mut stream = body.into_data_stream();
     let mut bytes = Vec::new();
     while let Some(chunk) = stream.next().await {
-        bytes.extend_from_slice(&chunk.map_err(|error| body_error(&error))?);
+        let chunk = chunk.map_err(|error| body_error(&error))?;
+        rate.count(chunk.len())?;
+        bytes.extend_from_slice(&chunk);
         if bytes.len() > limit {
             return Err(ApiError::new(Code::TooLarge, format!("the body is larger than the {limit} bytes allowed")));
         }
@@ -101,18 +103,18 @@ pub(super) fn request_timeout() -> ApiError {
     ApiError::new(Code::RequestTimeout, "the body arrived too slowly")
 }
 
-/// Check of an upload's average rate. A few bytes now and then keep a connection alive; for an upload, which holds a
-/// thread, they are not enough.
-pub(super) struct UploadRate {
+/// Check of a body's average rate. A few bytes now and then keep a connection alive; for a body, which holds one of the client's
+/// connections, and of an upload a thread, they are not enough.
+pub(super) struct BodyRate {
     began: Instant,
     grace: Duration,
     received_bytes: u64,
 }
 
-/// Lower bound of an upload's average rate, bytes per second.
-const MIN_UPLOAD_RATE: f64 = 1024.0;
+/// Lower bound of a body's average rate, bytes per second.
+const MIN_BODY_RATE: f64 = 1024.0;
 
-impl UploadRate {
+impl BodyRate {
     /// Starts the clock; the rate is checked once `grace` has passed.
     pub(super) fn new(grace: Duration) -> Self {
         Self { began: Instant::now(), grace, received_bytes: 0 }
@@ -125,7 +127,7 @@ impl UploadRate {
     pub(super) fn count(&mut self, bytes: usize) -> Result<(), ApiError> {
         self.received_bytes += bytes as u64;
         let elapsed = self.began.elapsed();
-        let too_few = (self.received_bytes as f64) < MIN_UPLOAD_RATE * elapsed.as_secs_f64();
+        let too_few = (self.received_bytes as f64) < MIN_BODY_RATE * elapsed.as_secs_f64();
         if elapsed > self.grace && too_few { Err(request_timeout()) } else { Ok(()) }
     }
 }

@@ -86,6 +86,7 @@ codes! {
     RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body arrived too slowly" "The body stalled, or arrived below the minimum rate.";
     MeshInUse "mesh_in_use" CONFLICT "The mesh is in use" "A job that has not ended needs the mesh.";
     JobNotEnded "job_not_ended" CONFLICT "The job has not ended" "Only an ended job can be deleted; cancel it first.";
+    JobInUse "job_in_use" CONFLICT "The job is in use" "An inspection or a run of the job has not ended; cancel or stop it first, or wait.";
     JobEnded "job_ended" CONFLICT "The job has ended" "A job that succeeded or failed cannot be cancelled.";
     JobNotQueued "job_not_queued" CONFLICT "The job does not wait in the queue" "Only a queued job can get another priority.";
     JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
@@ -252,6 +253,7 @@ impl From<Error> for ApiError {
             Error::DigestMismatch { .. } => Self::new(Code::DigestMismatch, detail),
             Error::MeshInUse(_) => Self::new(Code::MeshInUse, detail),
             Error::JobNotEnded { .. } => Self::new(Code::JobNotEnded, detail),
+            Error::JobInUse(_) => Self::new(Code::JobInUse, detail),
             Error::JobEnded { .. } => Self::new(Code::JobEnded, detail),
             Error::JobNotQueued { .. } => Self::new(Code::JobNotQueued, detail),
             Error::SpecIsPreset { .. } => Self::new(Code::SpecIsPreset, detail),

@@ -225,6 +225,9 @@ pub enum Error {
         /// Its state.
         state: JobState,
     },
+    /// An inspection or a run of the job has not ended.
+    #[error("job {0} has an inspection or a run that has not ended; cancel or stop it, or wait until it has ended")]
+    JobInUse(JobId),
     /// The job has ended: there is nothing to cancel.
     #[error("job {job} is {}; there is nothing to cancel", state.as_str())]
     JobEnded {

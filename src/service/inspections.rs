@@ -99,11 +99,21 @@ impl App {
     /// The scans that a request names, or all of the job's.
     async fn chosen_scans(&self, job: JobId, named: Option<&[ScanId]>) -> Result<Vec<Scan>, Error> {
         let all = self.0.store.all_scans(job).await?;
-        let Some(named) = named else {
-            return if all.is_empty() { Err(Error::NoScans(job)) } else { Ok(all) };
-        };
+        if all.is_empty() {
+            return Err(Error::NoScans(job));
+        }
+        let Some(named) = named else { return Ok(all) };
         let (mut chosen, mut errors) = (Vec::new(), Vec::new());
+        if named.is_empty() {
+            let detail = "is empty; name at least one scan, or leave it out for all of the job".to_owned();
+            errors.push(FieldError { pointer: "/scans".to_owned(), detail });
+        }
         for (index, id) in named.iter().enumerate() {
+            if let Some(first) = named[..index].iter().position(|other| other == id) {
+                let detail = format!("is {id}, which is given at /scans/{first} already");
+                errors.push(FieldError { pointer: format!("/scans/{index}"), detail });
+                continue;
+            }
             match all.iter().find(|scan| scan.id == *id) {
                 Some(scan) => chosen.push(scan.clone()),
                 None => errors.push(FieldError {
@@ -112,11 +122,7 @@ impl App {
                 }),
             }
         }
-        match (errors.is_empty(), chosen.is_empty()) {
-            (false, _) => Err(Error::Invalid(errors)),
-            (true, true) => Err(Error::NoScans(job)),
-            (true, false) => Ok(chosen),
-        }
+        if errors.is_empty() { Ok(chosen) } else { Err(Error::Invalid(errors)) }
     }
 
     /// Refuses a run of another job.
@@ -220,7 +226,7 @@ impl App {
     /// [`Error::InspectionNotFound`], [`Error::InspectionNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_inspection(&self, id: InspectionId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.delete_inspection(id).await }).await
+        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_inspection(id)).await }).await
     }
 
     /// Begins again what an earlier process left.
@@ -376,6 +382,6 @@ fn problem_of(error: InspectError) -> Option<JobProblem> {
         InspectError::Refused(errors) => {
             Some(failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect()))
         }
-        InspectError::Damaged(_) => Some(failure("job_file_damaged", detail, Vec::new())),
+        InspectError::Damaged(_) => Some(failure("file_damaged", detail, Vec::new())),
     }
 }

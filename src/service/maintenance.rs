@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::app::App;
 use super::error::Error;
-use super::store::{Due, Policy};
+use super::store::{Due, Policy, blocking};
 use crate::wire::{DamagedItem, Retention, RetentionPolicy, RetiredJob, RetiredMesh, Storage};
 
 /// Interval of the maintenance rounds.
@@ -60,6 +60,12 @@ impl App {
     async fn round(&self) {
         let (store, options) = (&self.0.store, &self.0.options);
         let hours = |hours: u32| Duration::from_secs(u64::from(hours) * HOUR_SECS);
+        let app = self.clone();
+        let keep = move || {
+            app.keep_reserve();
+            Ok(())
+        };
+        log("keeping room for deletions", blocking(keep).await);
         log("scrubbing the rows", store.scrub_rows().await);
         log("pruning old events", store.prune_events(options.event_retention_hours).await);
         log("pruning old events of runs", store.prune_run_events(options.event_retention_hours).await);
@@ -103,14 +109,15 @@ impl App {
             let due = app.0.store.due(&app.policy()?).await?;
             let mut deleted = Due::default();
             for (id, reason, size_bytes) in due.jobs {
-                match app.0.store.delete_job(id, &app.0.options.retention.hold_label, Some(reason.code())).await {
+                let hold = &app.0.options.retention.hold_label;
+                match app.freeing(|| app.0.store.delete_job(id, hold, Some(reason.code()))).await {
                     Ok(()) => deleted.jobs.push((id, reason, size_bytes)),
-                    Err(Error::JobHeld { .. } | Error::JobNotFound(_) | Error::JobNotEnded { .. }) => {}
+                    Err(Error::JobHeld { .. } | Error::JobInUse(_) | Error::JobNotFound(_) | Error::JobNotEnded { .. }) => {}
                     Err(error) => return Err(error),
                 }
             }
             for (id, size_bytes) in due.meshes {
-                match app.0.store.delete_mesh(id).await {
+                match app.freeing(|| app.0.store.delete_mesh(id)).await {
                     Ok(()) => deleted.meshes.push((id, size_bytes)),
                     Err(Error::MeshNotFound(_) | Error::MeshInUse(_)) => {}
                     Err(error) => return Err(error),

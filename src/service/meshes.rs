@@ -45,6 +45,12 @@ enum Piece {
 pub struct FinishedUpload(Received);
 
 impl FinishedUpload {
+    /// Number of its bytes.
+    #[must_use]
+    pub fn size_bytes(&self) -> u64 {
+        self.0.size_bytes
+    }
+
     pub(super) fn into_received(self) -> Received {
         self.0
     }
@@ -227,7 +233,7 @@ impl App {
     /// [`Error::MeshNotFound`], [`Error::MeshInUse`], [`Error::Internal`].
     pub async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.delete_mesh(id).await }).await
+        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_mesh(id)).await }).await
     }
 
     /// Refuses new work once the service stops.

@@ -71,7 +71,7 @@ impl App {
     pub async fn cancel(&self, id: JobId) -> Result<Job, Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            let job = app.0.store.cancel(id).await?;
+            let job = app.freeing(|| app.0.store.cancel(id)).await?;
             app.0.runner.cancel(id);
             // It may be the one that others waited behind.
             app.0.runner.wake();
@@ -80,13 +80,17 @@ impl App {
         .await
     }
 
-    /// Deletes an ended job and its results.
+    /// Deletes an ended job with its results, scans and inspections.
     ///
     /// # Errors
-    /// [`Error::JobNotFound`], [`Error::JobNotEnded`], [`Error::JobHeld`], [`Error::Internal`].
+    /// [`Error::JobNotFound`], [`Error::JobNotEnded`], [`Error::JobInUse`], [`Error::JobHeld`], [`Error::Internal`].
     pub async fn delete_job(&self, id: JobId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.delete_job(id, &app.0.options.retention.hold_label, None).await }).await
+        self.run_to_completion(async move {
+            let hold = &app.0.options.retention.hold_label;
+            app.freeing(|| app.0.store.delete_job(id, hold, None)).await
+        })
+        .await
     }
 
     /// Deletes the selected jobs that have ended and are not held; with `dry_run` only counts them.
@@ -105,12 +109,12 @@ impl App {
                     (false, _) => Err(Error::JobNotEnded { job: job.id, state: JobState::Queued }),
                     (true, true) => Err(Error::JobHeld { job: job.id, label: hold.clone() }),
                     (true, false) if dry_run => Ok(()),
-                    (true, false) => app.0.store.delete_job(job.id, hold, None).await,
+                    (true, false) => app.freeing(|| app.0.store.delete_job(job.id, hold, None)).await,
                 };
                 match deleted {
                     Ok(()) => counts.deleted += 1,
                     Err(Error::JobHeld { .. }) => counts.held += 1,
-                    Err(Error::JobNotEnded { .. }) => counts.not_ended += 1,
+                    Err(Error::JobNotEnded { .. } | Error::JobInUse(_)) => counts.not_ended += 1,
                     // Somebody else deleted it meanwhile.
                     Err(Error::JobNotFound(_)) => {}
                     Err(error) => return Err(error),

@@ -80,6 +80,6 @@ impl App {
     /// [`Error::ScanNotFound`], [`Error::ScanInUse`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_scan(&self, id: ScanId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.delete_scan(id).await }).await
+        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_scan(id)).await }).await
     }
 }

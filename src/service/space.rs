@@ -1,11 +1,17 @@
 //! Free space on the store's disk. A part of it is reserved for running jobs: on a full disk, new uploads and jobs are
-//! refused first.
+//! refused first. What cancels and deletes has room even then: a file is kept that is given up for it.
 
+use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::app::App;
 use super::error::Error;
+
+/// File in the data folder that is given up on a full disk.
+const RESERVE_FILE: &str = "reserve";
+/// Its size: room for what the database writes to delete a job.
+const RESERVE_BYTES: usize = 1 << 20;
 
 /// Free and total space of a disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,5 +45,33 @@ impl App {
             return Err(Error::StorageLow { free_bytes: space.free_bytes, floor_bytes });
         }
         Ok(())
+    }
+
+    fn reserve(&self) -> PathBuf {
+        self.0.options.data_dir.join(RESERVE_FILE)
+    }
+
+    /// Keeps the reserve, where the disk has room for it.
+    pub(super) fn keep_reserve(&self) {
+        let path = self.reserve();
+        if path.exists() || self.check_space(RESERVE_BYTES as u64).is_err() {
+            return;
+        }
+        if let Err(error) = fs::write(&path, vec![0; RESERVE_BYTES]) {
+            tracing::warn!(error = &error as &dyn std::error::Error, "no room is kept for deleting on a full disk");
+            // What there is of it is of no use.
+            let _ = fs::remove_file(&path);
+        }
+    }
+
+    /// Does what cancels or deletes; once more without the reserve where the disk is full.
+    pub(super) async fn freeing<T, F: Future<Output = Result<T, Error>>>(&self, work: impl Fn() -> F) -> Result<T, Error> {
+        match work().await {
+            Err(Error::StorageFull) if fs::remove_file(self.reserve()).is_ok() => {
+                tracing::warn!("the disk is full; the room that was kept for cancelling and deleting is given up");
+                work().await
+            }
+            done => done,
+        }
     }
 }

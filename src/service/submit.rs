@@ -35,9 +35,13 @@ pub struct Submission {
 }
 
 impl Submission {
-    /// The key with the fingerprint of the request, in canonical form with method and path.
+    /// The key with the fingerprint of the request, in canonical form with method and path. Senders with keys of their own do not meet
+    /// each other's.
     fn idempotency(&self, canonical: &str) -> Option<IdempotencyKey> {
-        self.idempotency_key.as_ref().map(|key| IdempotencyKey::new(key, canonical))
+        let key = self.idempotency_key.as_ref()?;
+        // A key is visible ASCII: no line end is part of it.
+        let own = self.submitted_by.as_ref().map_or_else(|| key.clone(), |sender| format!("{sender}\n{key}"));
+        Some(IdempotencyKey::new(&own, canonical))
     }
 }
 

@@ -19,6 +19,7 @@ use crate::http::negotiate::{Representation, accepts_gzip, choose};
 use crate::http::openapi::ProgramDialect;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
+use crate::planning::params::DialectParams;
 use crate::program::dialects::Dialect;
 use crate::service::plan_job::{REFUSED_FILE, foreign_name, program_stem};
 use crate::service::{Error, ResultBody};
@@ -125,8 +126,28 @@ async fn asked_form(
     let file = found(state, id, &chosen.file, asked.force).await?;
     let shown = [JSON, HTML, TEXT].contains(&chosen.media_type);
     let disposition = if shown { Disposition::Inline } else { Disposition::Attachment };
-    let disposition = content_disposition(disposition, &name_of(state, id, &chosen.file).await?);
+    let name = match controller_name(state, id, chosen).await? {
+        Some(name) => name,
+        None => name_of(state, id, &chosen.file).await?,
+    };
+    let disposition = content_disposition(disposition, &name);
     respond(state, &file, headers, chosen.media_type, disposition).await
+}
+
+/// File name that a controller asks for, of a program in a language with such a rule.
+async fn controller_name(state: &ApiState, id: JobId, chosen: &Representation) -> Result<Option<String>, ApiError> {
+    let is_of = |dialect: &Dialect| dialect.outputs().iter().any(|output| output.format == chosen.name);
+    let Some((dialect, (stem, extension))) = Dialect::ALL.into_iter().find(is_of).zip(chosen.file.rsplit_once('.')) else {
+        return Ok(None);
+    };
+    let number = stem.rsplit_once('-').and_then(|(_, number)| number.parse::<usize>().ok());
+    let setup = number.map_or(0, |number| number.saturating_sub(1));
+    // Asked of a few languages alone: for it the job is read.
+    if dialect.file_stem(&DialectParams::default(), setup).is_none() {
+        return Ok(None);
+    }
+    let params = state.app.job(id).await?.params;
+    Ok(dialect.file_stem(&params.dialects, setup).map(|stem| format!("{stem}.{extension}")))
 }
 
 /// File name under which a result is kept.

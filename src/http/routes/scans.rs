@@ -1,20 +1,22 @@
 //! Scans: upload, list, read, download, delete.
 
+use std::io::{Seek, SeekFrom};
+
 use axum::extract::{Path, Request, State};
-use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, LOCATION};
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, LOCATION};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use super::uploads::{self, MAX_NAME_CHARS};
 use super::{immutable, job_id, not_modified, streamed};
 use crate::geometry::LengthUnit;
-use crate::http::download::{Disposition, content_disposition};
+use crate::http::download::{AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range};
 use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::inspection::ingest::ScanFrame;
-use crate::service::ScanUpload;
+use crate::service::{Error, ScanUpload};
 use crate::wire::ScanId;
 use crate::wire::inspection::{Scan, ScanPage};
 
@@ -64,6 +66,9 @@ pub(in crate::http) async fn upload(
     params.deny_unknown()?;
     state.app.check_planned(job).await?;
     let (finished, file_name) = uploads::received(&state, request).await?;
+    if finished.size_bytes() == 0 {
+        return Err(ApiError::new(Code::BadBody, "the file is empty"));
+    }
     let about = ScanUpload { view, name: name.or(file_name), unit: unit.map(|unit| unit.as_str().to_owned()), frame };
     let scan = state.app.add_scan(job, finished, about).await?;
     Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/scans/{}", scan.id)))], Json(scan)))
@@ -111,14 +116,21 @@ pub(in crate::http) async fn get(
 }
 
 /// Download the file of a scan
+///
+/// `Range` gives a part of it (RFC 9110, section 14), so that a download can be resumed.
 #[utoipa::path(
     get,
     path = "/scans/{id}/file",
     tag = "inspections",
     operation_id = "get_scan_file",
-    params(("id" = uuid::Uuid, Path, description = "Id of the scan.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the scan."),
+        ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+    ),
     responses(
         (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 206, description = "The asked part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has the current version."),
     )
 )]
@@ -133,13 +145,24 @@ pub(in crate::http) async fn file(
     if let Some(response) = not_modified(&headers, &scan.sha256) {
         return Ok(response);
     }
-    let file = state.app.open_scan(&scan).await?;
+    let part = asked_part(&headers, &format!("\"{}\"", scan.sha256), scan.size_bytes);
+    if part == AskedPart::BeyondEnd {
+        return Ok(beyond_end(scan.size_bytes));
+    }
+    let mut file = state.app.open_scan(&scan).await?;
     // A browser must never show an uploaded file as a page of ours.
     let name = scan.name.clone().unwrap_or_else(|| scan.id.to_string());
     let attachment = content_disposition(Disposition::Attachment, &name);
-    let length = [(CONTENT_LENGTH, HeaderValue::from(scan.size_bytes))];
-    let body = streamed(Box::new(file), state.downloads.clone());
-    Ok((immutable(&scan.sha256, BYTES), [(CONTENT_DISPOSITION, attachment)], length, body).into_response())
+    let common = (immutable(&scan.sha256, BYTES), [(CONTENT_DISPOSITION, attachment)]);
+    let AskedPart::Bytes(bytes) = part else {
+        let body = streamed(Box::new(file), state.downloads.clone());
+        return Ok((common, [(CONTENT_LENGTH, HeaderValue::from(scan.size_bytes))], body).into_response());
+    };
+    file.seek(SeekFrom::Start(bytes.start)).map_err(Error::from)?;
+    let length = bytes.end - bytes.start;
+    let body = streamed(Box::new(PartReader::new(file, &(0..length))), state.downloads.clone());
+    let about = [(CONTENT_LENGTH, HeaderValue::from(length)), (CONTENT_RANGE, content_range(&bytes, scan.size_bytes))];
+    Ok((StatusCode::PARTIAL_CONTENT, common, about, body).into_response())
 }
 
 /// Delete a scan

@@ -14,7 +14,7 @@ use base64::prelude::BASE64_STANDARD;
 use futures_util::{StreamExt, stream};
 
 use crate::http::download::upload_name;
-use crate::http::extract::{UploadRate, body_error, check_encoding, header_text, is_timeout, request_timeout};
+use crate::http::extract::{BodyRate, body_error, check_encoding, header_text, is_timeout, request_timeout};
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::service::{FinishedUpload, Upload};
@@ -76,7 +76,7 @@ async fn receive_body(
     state: &ApiState,
     announced: Option<&str>,
 ) -> Result<FinishedUpload, ApiError> {
-    let (mut chunks, mut rate) = (body.into_data_stream(), UploadRate::new(state.options.body_idle_timeout));
+    let (mut chunks, mut rate) = (body.into_data_stream(), BodyRate::new(state.options.body_idle_timeout));
     while let Some(chunk) = chunks.next().await {
         let chunk = chunk.map_err(|error| body_error(&error))?;
         rate.count(chunk.len())?;
@@ -92,7 +92,7 @@ async fn receive_form(
     state: &ApiState,
     announced: Option<&str>,
 ) -> Result<(FinishedUpload, Option<String>), ApiError> {
-    let meter = FormMeter::new(UploadRate::new(state.options.body_idle_timeout));
+    let meter = FormMeter::new(BodyRate::new(state.options.body_idle_timeout));
     let refused = |error: MultipartError| meter.lock().refusal.take().unwrap_or_else(|| form_error(&error));
     let request = request.map(|body| meter.metered(body));
     let mut form = Multipart::from_request(request, state).await.map_err(|e| ApiError::new(Code::BadBody, e.body_text()))?;
@@ -114,7 +114,7 @@ async fn receive_form(
 struct FormMeter(Arc<Mutex<Metered>>);
 
 struct Metered {
-    rate: UploadRate,
+    rate: BodyRate,
     before_file: usize,
     is_in_file: bool,
     /// Reason why the body was cut off, for which the parser has no words.
@@ -122,7 +122,7 @@ struct Metered {
 }
 
 impl FormMeter {
-    fn new(rate: UploadRate) -> Self {
+    fn new(rate: BodyRate) -> Self {
         Self(Arc::new(Mutex::new(Metered { rate, before_file: 0, is_in_file: false, refusal: None })))
     }
 

@@ -11,12 +11,26 @@ use super::Store;
 use super::events::{self, EventBody};
 use super::idempotency::IdempotencyKey;
 use super::job_rows::{fetch, state_of};
+use super::runs::not_ended;
 use super::stored::VERSION;
 use crate::cell::Named;
 use crate::service::error::{Error, InternalError};
 use crate::service::failpoint;
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{EventKind, Job, JobBatch, JobEvent, JobId, JobRequest, JobState, MeshId};
+
+/// SQL condition of a job of which an inspection or a run is open.
+macro_rules! is_used {
+    () => {
+        concat!(
+            "(EXISTS (SELECT 1 FROM inspection WHERE job_id = job.id AND inspection.state IN ('queued', 'running', 'cancelling'))
+              OR EXISTS (SELECT 1 FROM run WHERE job_id = job.id AND ",
+            not_ended!(),
+            "))"
+        )
+    };
+}
+pub(super) use is_used;
 
 /// A job to be inserted.
 pub(crate) struct NewJob {
@@ -109,7 +123,8 @@ impl Store {
         Ok(count.unsigned_abs())
     }
 
-    /// Deletes an ended job and its results, unless it has the label `hold`. The event carries `code`, the reason.
+    /// Deletes an ended job with its results, scans and inspections, unless it has the label `hold`, or an inspection or a run of it has
+    /// not ended. The event carries `code`, the reason.
     pub(crate) async fn delete_job(&self, id: JobId, hold: &str, code: Option<&str>) -> Result<(), Error> {
         let orphans = {
             let mut tx = self.writer.begin().await?;
@@ -118,8 +133,10 @@ impl Store {
                 return Err(Error::JobNotEnded { job: id, state });
             }
             check_hold(&mut tx, id, hold).await?;
+            check_idle(&mut tx, id).await?;
             let orphans: Vec<String> = sqlx::query_scalar(
                 "SELECT file_sha256 FROM artifact WHERE job_id = ?1 UNION SELECT sha256 FROM scan WHERE job_id = ?1
+                 UNION SELECT sha256 FROM job_mesh WHERE job_id = ?1 AND sha256 <> ''
                  UNION SELECT file_sha256 FROM inspection_file JOIN inspection ON inspection.id = inspection_id WHERE job_id = ?1",
             )
             .bind(id.to_string())
@@ -173,6 +190,15 @@ async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result
         .fetch_one(tx)
         .await?;
     if held { Err(Error::JobHeld { job: id, label: label.to_owned() }) } else { Ok(()) }
+}
+
+/// Checks that no inspection and no run of the job is open: they read its plan, and a run is continued by it.
+async fn check_idle(tx: &mut SqliteConnection, id: JobId) -> Result<(), Error> {
+    let in_use: bool = sqlx::query_scalar(concat!("SELECT EXISTS (SELECT 1 FROM job WHERE id = ?1 AND ", is_used!(), ")"))
+        .bind(id.to_string())
+        .fetch_one(tx)
+        .await?;
+    if in_use { Err(Error::JobInUse(id)) } else { Ok(()) }
 }
 
 /// Checks that the queue has room for so many more jobs.
@@ -233,11 +259,14 @@ async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<()
         .await?;
     insert_labels(tx, id, &request.labels).await?;
     for mesh in &new.meshes {
-        sqlx::query("INSERT OR IGNORE INTO job_mesh (job_id, mesh_id) VALUES (?1, ?2)")
-            .bind(id.to_string())
-            .bind(mesh.to_string())
-            .execute(&mut *tx)
-            .await?;
+        sqlx::query(
+            "INSERT OR IGNORE INTO job_mesh (job_id, mesh_id, sha256, size_bytes)
+             SELECT ?1, id, sha256, size_bytes FROM mesh WHERE id = ?2",
+        )
+        .bind(id.to_string())
+        .bind(mesh.to_string())
+        .execute(&mut *tx)
+        .await?;
     }
     Ok(())
 }

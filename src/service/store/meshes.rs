@@ -6,7 +6,7 @@ use sqlx::{Row, SqliteConnection};
 
 use super::files::Received;
 use super::pages::{Page, Place};
-use super::{Store, blocking, parsed};
+use super::{Store, blocking, now, parsed};
 use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh, decode, example};
@@ -27,7 +27,7 @@ pub(crate) struct MeshFile {
 }
 
 impl Store {
-    /// Stores a mesh. An upload with the same bytes, unit and name as a stored mesh returns that mesh.
+    /// Stores a mesh. An upload with the same bytes, unit and name as a stored mesh returns that mesh, uploaded now.
     pub(crate) async fn add_mesh(&self, new: NewMesh) -> Result<UploadedMesh, Error> {
         let NewMesh { received, unit, name, health } = new;
         let (sha256, size_bytes) = (received.sha256.clone(), received.size_bytes);
@@ -42,8 +42,10 @@ impl Store {
         .await?;
         let mut tx = self.writer.begin().await?;
         let same = sqlx::query(concat!(
-            "SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh ",
-            "WHERE sha256 = ?1 AND unit = ?2 AND name IS ?3"
+            "UPDATE mesh SET created_at = ",
+            now!(),
+            " WHERE sha256 = ?1 AND unit = ?2 AND name IS ?3
+             RETURNING id, sha256, unit, name, size_bytes, health, created_at"
         ))
         .bind(&sha256)
         .bind(&unit)
@@ -51,6 +53,7 @@ impl Store {
         .fetch_optional(&mut *tx)
         .await?;
         if let Some(row) = same {
+            tx.commit().await?;
             return read(&row);
         }
         let row = sqlx::query(
@@ -121,7 +124,7 @@ impl Store {
         if updated.rows_affected() == 0 { Err(Error::MeshNotFound(id)) } else { Ok(sha256) }
     }
 
-    /// Deletes a mesh that no unfinished job needs.
+    /// Deletes a mesh that no unfinished job needs. Its file stays as long as a job that read it.
     pub(crate) async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
         let orphans = {
             let mut tx = self.writer.begin().await?;

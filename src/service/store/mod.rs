@@ -249,6 +249,7 @@ fn migrator() -> Migrator {
         migration(6, "runs", include_str!("migrations/0006_runs.sql")),
         migration(7, "calibrations", include_str!("migrations/0007_calibrations.sql")),
         migration(8, "inspections", include_str!("migrations/0008_inspections.sql")),
+        migration(9, "job_files", include_str!("migrations/0009_job_files.sql")),
     ])
 }
 

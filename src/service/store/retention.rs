@@ -6,6 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use sqlx::Row;
 
 use super::Store;
+use super::jobs::is_used;
+use super::runs::not_ended;
 use crate::service::error::Error;
 use crate::wire::{JobId, MeshId, RetentionReason};
 
@@ -86,9 +88,9 @@ impl Store {
         Ok(Due { jobs, meshes })
     }
 
-    /// Ended jobs without the hold label, oldest first.
+    /// Ended jobs without the hold label of which no inspection and no run is open, oldest first.
     async fn ended_jobs(&self, policy: &Policy) -> Result<Vec<EndedJob>, Error> {
-        let rows = sqlx::query(
+        let rows = sqlx::query(concat!(
             "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
                 ?1 > 0 AND ended_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
                 (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id)
@@ -96,8 +98,10 @@ impl Store {
                     + (SELECT coalesce(sum(file_bytes), 0) FROM inspection_file JOIN inspection
                         ON inspection.id = inspection_file.inspection_id WHERE inspection.job_id = job.id) AS size_bytes
              FROM job WHERE ended_at IS NOT NULL
-                AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = job.id AND key = ?2) ORDER BY id",
-        )
+                AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = job.id AND key = ?2) AND NOT ",
+            is_used!(),
+            " ORDER BY id"
+        ))
         .bind(policy.job_days)
         .bind(&policy.hold_label)
         .fetch_all(&self.reader)

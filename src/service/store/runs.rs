@@ -21,9 +21,10 @@ const BATCH: u32 = 256;
 /// SQL condition of the states before the end.
 macro_rules! not_ended {
     () => {
-        "state NOT IN ('done', 'stopped', 'failed')"
+        "run.state NOT IN ('done', 'stopped', 'failed')"
     };
 }
+pub(super) use not_ended;
 
 /// Events of a run, in order.
 pub(crate) struct RunEventBatch {

@@ -9,7 +9,9 @@ mod upgrade;
 use super::*;
 use crate::service::planner::Artifact;
 use crate::service::store::specs::Precondition;
-use crate::wire::{EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection};
+use crate::wire::{
+    EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection, UploadedMesh,
+};
 
 struct Opened {
     store: Store,
@@ -39,7 +41,7 @@ fn health() -> MeshHealthReport {
     .expect("a health report")
 }
 
-async fn add_mesh(store: &Store, bytes: &'static [u8]) -> crate::wire::UploadedMesh {
+async fn add_mesh(store: &Store, bytes: &'static [u8]) -> UploadedMesh {
     let mut receiver = store.files().receive().expect("a receiver");
     receiver.write(bytes).expect("written");
     let received = receiver.finish().expect("finished");
@@ -100,11 +102,12 @@ async fn the_same_upload_is_the_same_mesh() {
     let opened = open().await;
     let (a, b, c) =
         (add_mesh(&opened.store, b"one").await, add_mesh(&opened.store, b"one").await, add_mesh(&opened.store, b"two").await);
-    assert_eq!(a, b);
+    assert_eq!(UploadedMesh { created_at: a.created_at.clone(), ..b.clone() }, a, "but for the time of the upload");
+    assert!(b.created_at >= a.created_at);
     assert_ne!(a.id, c.id);
     assert_eq!(stored_files(&opened), 2);
     let opened = opened.reopen().await;
-    assert_eq!(opened.store.mesh(a.id).await.expect("kept"), a);
+    assert_eq!(opened.store.mesh(a.id).await.expect("kept"), b);
     assert_eq!(opened.store.files().read(&a.sha256).expect("its bytes"), b"one");
 }
 
@@ -197,13 +200,40 @@ async fn files_live_as_long_as_something_names_them() {
     }
     assert_eq!(stored_files(&opened), 4);
     store.delete_mesh(mesh).await.expect("free");
-    assert_eq!(stored_files(&opened), 3);
+    assert_eq!(stored_files(&opened), 4, "the jobs' inspections and runs read the file of the mesh");
     store.delete_job(a, "hold", None).await.expect("ended");
-    assert_eq!(stored_files(&opened), 2);
+    assert_eq!(stored_files(&opened), 3);
     assert_eq!(store.result(b, "plan.json").await.expect("kept").result.size_bytes, 6);
     store.delete_job(b, "hold", None).await.expect("ended");
     assert_eq!(stored_files(&opened), 0);
     assert_eq!(kinds(store, b).await.last(), Some(&EventKind::Deleted));
+}
+
+#[tokio::test]
+async fn a_job_that_is_inspected_or_run_is_not_deleted() {
+    let opened = open().await;
+    let store = &opened.store;
+    let id = submit(store, add_mesh(store, b"one").await.id).await;
+    store.claim_next().await.expect("the queue").expect("a job");
+    succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await;
+    let everything = Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, max_bytes: 1, hold_label: "hold".into() };
+    for (open, ended) in [
+        (
+            "INSERT INTO inspection (id, job_id, state, body, input) VALUES ('i', ?1, 'running', '', '')",
+            "UPDATE inspection SET state = 'failed'",
+        ),
+        (
+            "INSERT INTO run (id, job_id, cell, mode, state, body) VALUES ('r', ?1, 'c', 'live', 'paused', '')",
+            "UPDATE run SET state = 'stopped'",
+        ),
+    ] {
+        sqlx::query(open).bind(id.to_string()).execute(&store.reader).await.expect("a row");
+        assert!(matches!(store.delete_job(id, "hold", None).await, Err(Error::JobInUse(_))), "{open}");
+        assert_eq!(store.due(&everything).await.expect("a list").jobs, [], "{open}");
+        sqlx::query(ended).execute(&store.reader).await.expect("a row");
+    }
+    assert_eq!(store.due(&everything).await.expect("a list").jobs.len(), 1);
+    store.delete_job(id, "hold", None).await.expect("idle");
 }
 
 #[tokio::test]

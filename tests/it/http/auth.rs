@@ -180,8 +180,24 @@ async fn keys_of_a_file_are_named_and_exchanged_without_a_restart() {
     let listed: Vec<_> = list["items"].as_array().expect("a list").iter().map(|job| job["submitted_by"].clone()).collect();
     assert_eq!(listed, ["line-3", "api_key", "line-3", "mes"]);
 
-    // One key is exchanged, the other is withdrawn: its session ends with it.
+    // What one calls its first order is none of the other's.
+    let order =
+        |key: &str| [json, ("idempotency-key", "1"), ("authorization", key)].map(|(name, value)| (name, value.to_owned()));
+    let mut orders = Vec::new();
+    for key in [MES, LINE, MES] {
+        let headers = order(&bearer(key));
+        let headers: Vec<(&str, &str)> = headers.iter().map(|(name, value)| (*name, value.as_str())).collect();
+        orders.push(api.send("POST", "/api/v1/jobs", &headers, body.clone()).await.ok(202)["id"].clone());
+    }
+    assert!(orders[0] == orders[2] && orders[0] != orders[1], "{orders:?}");
+
+    // One key is exchanged, the other is withdrawn: its session ends with it, and so does its stream of events.
+    let stream = axum::http::Request::get("/api/v1/events").header("authorization", bearer(LINE));
+    let stream = api.raw(stream.body(axum::body::Body::empty()).expect("a request")).await;
+    assert_eq!(stream.status(), 200);
     std::fs::write(file.path(), "mes = \"fedcba9876543210-mes\"\n").expect("written");
+    let rest = tokio::time::timeout(std::time::Duration::from_secs(8), axum::body::to_bytes(stream.into_body(), 1 << 20));
+    rest.await.expect("it ends").expect("the events so far");
     tokio::time::sleep(std::time::Duration::from_millis(1100)).await;
     for (key, status) in [("fedcba9876543210-mes", 200), (KEY, 200), (MES, 401), (LINE, 401)] {
         assert_eq!(api.send("GET", "/api/v1/jobs", &[("authorization", &bearer(key))], "").await.status, status, "{key}");
