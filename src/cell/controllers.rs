@@ -145,7 +145,7 @@ impl ControllersSpec {
         self.arm.check("/arm", &mut findings);
         self.table.check("/table", &mut findings);
         self.trigger.check("/trigger", &mut findings);
-        // A serial gateway of one address may stand behind several devices; a controller's port may not.
+        // Several tables may share the address of a serial gateway; an arm's controller is none.
         let address = self.table.address().map(|address| address.trim_start_matches("tcp://"));
         findings.require(address != Some(self.arm.address()), "/table/address", || {
             format!("is {}, the arm's; give the address of the table's own controller", self.arm.address())
@@ -215,6 +215,16 @@ impl ArmControllerSpec {
 }
 
 impl TableControllerSpec {
+    /// Number of the device behind the address.
+    #[must_use]
+    pub fn unit(&self) -> Option<u8> {
+        match self {
+            Self::MinasA6(spec) => Some(spec.node),
+            Self::ModbusPlc(spec) => Some(spec.unit),
+            Self::WithArm {} => None,
+        }
+    }
+
     /// Address of a controller of its own.
     #[must_use]
     pub fn address(&self) -> Option<&str> {

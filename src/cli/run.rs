@@ -133,11 +133,12 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
             file.write(&outcome.document)?;
         }
         outcome.print()?;
-        if further > 0 {
+        let judged = outcome.judge();
+        if further > 0 && judged.is_ok() {
             let (next, setups) = (args.program.join(format!("{}.json", program_stem(1))), further + 1);
             output::note(format_args!("setup 1 of {setups}; turn the part as its plan says, then run {}", next.display()));
         }
-        outcome.judge()
+        judged
     })
 }
 

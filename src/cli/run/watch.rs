@@ -19,7 +19,7 @@ pub(super) struct RunWatch {
     stop: CancellationToken,
     token: Option<Fence>,
     lines: Option<mpsc::Receiver<()>>,
-    /// True where lines go on after a pause; false where each takes the run one step on.
+    /// True where a line goes on after a pause; false where each takes the run one step on.
     resumes: bool,
     bar: ProgressBar,
     told: Option<(RunState, Option<usize>)>,
@@ -35,15 +35,19 @@ impl RunWatch {
         token: Option<Fence>,
         lines: Option<mpsc::Receiver<()>>,
     ) -> Self {
+        // Read from the start, so that a line from before a pause is no answer to it.
+        let resumes = lines.is_none() && stdin().is_terminal();
+        let has_bar = lines.is_none();
+        let lines = if resumes { lines_of_stdin().ok() } else { lines };
         let steps: Vec<String> = program.steps.iter().map(words_of).collect();
         // Log lines and JSON would be torn by a bar, and so would the lines that take steps.
-        let has_bar = !output::is_quiet() && !output::is_json() && output::verbosity() == 0 && lines.is_none();
+        let has_bar = !output::is_quiet() && !output::is_json() && output::verbosity() == 0 && has_bar;
         let target = if has_bar { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let bar = ProgressBar::with_draw_target(Some(steps.len() as u64), target);
         if let Ok(style) = ProgressStyle::with_template("{prefix:>9} [{bar:30}] {pos}/{len}  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { handle, steps, stop, token, lines, resumes: false, bar, told: None, last_id: 0 }
+        Self { handle, steps, stop, token, lines, resumes, bar, told: None, last_id: 0 }
     }
 
     /// Watches until the run has ended.
@@ -69,8 +73,13 @@ impl RunWatch {
                 }
                 line = next_line(&mut self.lines) => match line {
                     // A line at another moment is no order.
-                    Some(()) if self.resumes => drop(self.handle.resume(self.token).await),
+                    Some(()) if self.resumes => {
+                        if self.handle.status().state == RunState::Paused {
+                            drop(self.handle.resume(self.token).await);
+                        }
+                    }
                     Some(()) => drop(self.handle.step(self.token).await),
+                    None if self.resumes && self.handle.status().state != RunState::Paused => self.lines = None,
                     None => {
                         self.lines = None;
                         output::note("standard input has ended; the run stops");
@@ -84,16 +93,13 @@ impl RunWatch {
 
     /// A pause that nobody asked for: standard input decides how it goes on, and without somebody there it does not.
     fn ask(&mut self) {
-        if self.lines.is_some() {
-            return;
-        }
-        self.lines = stdin().is_terminal().then(lines_of_stdin).and_then(Result::ok);
-        self.resumes = self.lines.is_some();
-        if self.resumes {
-            self.bar.println("press Enter to go on, ctrl-c to stop");
-        } else {
-            output::note("standard input is not a terminal, so that nobody can resume; the run stops");
-            self.handle.stop(StopCause::Client);
+        match &self.lines {
+            Some(_) if self.resumes => self.bar.suspend(|| output::prompt("press Enter to go on, ctrl-c to stop\n")),
+            Some(_) => {}
+            None => {
+                output::note("nobody can resume: standard input is not a terminal; the run stops");
+                self.handle.stop(StopCause::Client);
+            }
         }
     }
 

@@ -1,5 +1,5 @@
 //! ABB arms by Externally Guided Motion, with the table as an external axis where `N` is 7. The controller's program runs
-//! `EGMActJoint` and `EGMRunJoint`; every report is answered, until a target is given with the position of the first one: the
+//! `EGMActJoint` and `EGMRunJoint`; every report is answered, until a target is given with where the arm is commanded to stand: the
 //! guidance ends without answers, which is the watchdog (`\CommTimeout` of `EGMSetupUC`).
 
 use std::sync::Arc;

@@ -80,9 +80,9 @@ impl PlcTable {
         Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
     }
 
-    /// Units of a speed or an acceleration.
-    fn rate(&self, rad: f64, unit: &str) -> Result<i32, DeviceError> {
-        whole(rad * self.units.per_turn / std::f64::consts::TAU, unit, f64::from(i32::MAX)).map(|units| units as i32)
+    /// Units of a speed or an acceleration, of a turn that is predicted to last so long.
+    fn rate(&self, rad: f64, unit: &str, duration: Duration) -> Result<i32, DeviceError> {
+        whole(rad * self.units.per_turn / std::f64::consts::TAU, unit, f64::from(i32::MAX), duration).map(|units| units as i32)
     }
 }
 
@@ -170,11 +170,15 @@ impl MotionDevice<1> for PlcTable {
         if target.max_speed_rad_s[0] <= 0.0 {
             return Ok(());
         }
-        let speed = self.rate(target.max_speed_rad_s[0], "units/s")?;
-        let acceleration = self.rate(target.max_acceleration_rad_s2[0], "units/s²")?;
+        let speed = self.rate(target.max_speed_rad_s[0], "units/s", target.duration)?;
+        // The ramps are the smaller part of a turn.
+        let acceleration = match self.spec.acceleration_register {
+            Some(address) => Some((address, self.rate(target.max_acceleration_rad_s2[0], "units/s²", Duration::ZERO)?)),
+            None => None,
+        };
         self.write(self.spec.target_register, units).await?;
         self.write(self.spec.speed_register, speed).await?;
-        if let Some(address) = self.spec.acceleration_register {
+        if let Some((address, acceleration)) = acceleration {
             self.write(address, acceleration).await?;
         }
         self.set_command(0).await?;

@@ -326,7 +326,7 @@ impl<const N: usize> Desk<N> {
         let points = self.points.get_or_insert_with(|| SetPoints::still(report.held_rad));
         if report.hindrance.is_some() {
             // It does not follow: nothing is led on that it would jump to, nor goes on by itself once it follows again.
-            *points = SetPoints::still(report.positions_rad);
+            *points = SetPoints::still(report.held_rad);
             (self.armed, self.order) = (None, self.is_under_order.then_some(StreamOrder::Stop));
         }
         if points.is_moving()

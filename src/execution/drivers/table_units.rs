@@ -1,26 +1,32 @@
 //! Angles of a table in the units of its drive.
 
 use std::f64::consts::TAU;
+use std::time::Duration;
 
 use crate::execution::device::DeviceError;
 
-/// Share of a speed below which its whole number of units must not fall: a table that is slower than told comes late to where the
-/// arm waits for it.
-const MIN_WHOLE_SHARE: f64 = 0.8;
+/// Time that a turn may take longer than predicted, beside half of the prediction: what a run waits for, less what the rest may take.
+const LATE: Duration = Duration::from_secs(4);
 
 /// Whole number of units of a speed, never above it.
 ///
 /// # Errors
-/// [`DeviceError::Unsupported`]: below 1 or above `max`, or much slower once it is a whole number.
-pub(super) fn whole(speed: f64, unit: &str, max: f64) -> Result<u32, DeviceError> {
+/// [`DeviceError::Unsupported`]: below 1 or above `max`, or so much slower once it is a whole number that a turn of `duration` comes too
+/// late for the run that waits for it.
+pub(super) fn whole(speed: f64, unit: &str, max: f64, duration: Duration) -> Result<u32, DeviceError> {
     // 8.999999 of 9 is rounding.
     let whole = (speed * (1.0 + 1e-9)).floor();
     let refuse = |reason: String| Err(DeviceError::Unsupported { what: format!("turn at {speed:.2} {unit}; {reason}") });
     if !(1.0..=max).contains(&whole) {
         return refuse(format!("allowed is 1 to {max}"));
     }
-    if whole < MIN_WHOLE_SHARE * speed {
-        return refuse(format!("it takes whole numbers, and {whole} is much slower: raise the speed override"));
+    let takes = duration.mul_f64(speed / whole);
+    if takes > duration + duration / 2 + LATE {
+        let [takes, predicted] = [takes, duration].map(|time| time.as_secs_f64());
+        return refuse(format!(
+            "it takes whole numbers, and at {whole} the turn would take {takes:.0} s in place of {predicted:.0} s: choose a speed that is \
+             nearer to one"
+        ));
     }
     Ok(whole as u32)
 }
@@ -71,13 +77,15 @@ mod tests {
 
     #[test]
     fn a_speed_becomes_a_whole_number_or_is_refused() {
+        let whole = |speed: f64, secs: u64| whole(speed, "r/min", 6500.0, Duration::from_secs(secs));
         for (speed, wanted) in [(180.0, 180), (0.05 * 180.0, 9), (8.999_999_999_9, 9), (100.9, 100), (1.2, 1), (1.0, 1)] {
-            assert_eq!(whole(speed, "r/min", 6500.0), Ok(wanted), "{speed}");
+            assert_eq!(whole(speed, 300), Ok(wanted), "{speed}");
         }
-        for speed in [0.9, 1.8, 2.6, 6501.0, f64::NAN, f64::INFINITY, -3.0] {
-            assert!(whole(speed, "r/min", 6500.0).is_err(), "{speed}");
+        for speed in [0.9, 6501.0, f64::NAN, f64::INFINITY, -3.0] {
+            assert!(whole(speed, 1).is_err(), "{speed}");
         }
-        let error = whole(1.8, "r/min", 6500.0).expect_err("1 would take nearly twice as long").to_string();
-        assert!(error.contains("1.80 r/min") && error.contains("speed override"), "{error}");
+        assert_eq!(whole(1.875, 8), Ok(1), "late by no more than a run waits");
+        let error = whole(1.8, 300).expect_err("late by four minutes").to_string();
+        assert!(error.contains("1.80 r/min") && error.contains("540 s in place of 300 s"), "{error}");
     }
 }

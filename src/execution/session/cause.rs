@@ -226,7 +226,7 @@ impl fmt::Display for StopCause {
             }
             Self::Objections(objections) => write!(f, "{}", Listed(objections)),
             Self::OffPath { axis, off_deg, allowed_deg } => {
-                write!(f, "axis {axis} is {off_deg:.2}° off its straight way, or its place; allowed are {allowed_deg:.2}°")
+                write!(f, "axis {axis} is {off_deg:.2}° from where it should be; allowed are {allowed_deg:.2}°")
             }
             Self::NotReached { axis, off_deg } => write!(f, "axis {axis} stays {off_deg:.3}° off its target"),
             Self::Internal(what) => write!(f, "a fault of this program's own: {what}; please report it"),

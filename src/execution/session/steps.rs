@@ -47,8 +47,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             Step::Move(step) => self.travel(index, step).await,
             Step::Settle { secs } => {
                 let began = Instant::now();
-                let place = way::commanded_before(&self.job.program, index);
-                let waited = self.watcher.standing_still(&place, tokio::time::sleep(self.paced(*secs))).await;
+                let waited = self.watcher.during(tokio::time::sleep(self.paced(*secs))).await;
                 self.count_scheduled(began, *secs);
                 waited?;
                 self.done(StepKind::Settle).await
@@ -141,7 +140,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let to = way::commanded_before(&self.job.program, index);
         let here = self.watcher.tick().await?.configuration();
         refuse(gate::to_start(&here, &to, &self.options.safeguards).into_iter().collect())?;
-        let taken = self.capture(&to, capture).await?;
+        let taken = self.capture(capture).await?;
         let kind = if self.has_to_locate { StepKind::Locate } else { StepKind::Scan };
         let done = Done { kind, view: Some(view), measured: here, taken: Some(taken) };
         if std::mem::take(&mut self.has_to_locate) {
@@ -152,7 +151,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         Ok(done)
     }
 
-    async fn capture(&mut self, place: &Configuration, capture: &Capture) -> Result<Captured, Halt> {
+    async fn capture(&mut self, capture: &Capture) -> Result<Captured, Halt> {
         let (trigger, watcher) = (&mut self.trigger, &mut self.watcher);
         let deadline = capture.deadline;
         let work = async {
@@ -162,7 +161,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             timeout(deadline + LATE, trigger.capture(capture)).await.unwrap_or_else(late)
         };
         let began = Instant::now();
-        let taken = watcher.standing_still(place, timeout(deadline + 2 * LATE, work)).await;
+        let taken = watcher.standing_still(timeout(deadline + 2 * LATE, work)).await;
         // A trigger that stays silent is waited for in real time.
         if matches!(taken, Ok(Ok(Ok(_)))) {
             self.count_scheduled(began, capture.expected.as_secs_f64());

@@ -35,8 +35,8 @@ pub(super) struct Watcher<M> {
     pub(super) poll: Duration,
     /// Segment that is under way.
     pub(super) segment: Option<(Configuration, Configuration)>,
-    /// Place in which the devices are to stand still.
-    pub(super) standstill: Option<Configuration>,
+    /// Place in which the devices are to stand still, and states in a row in which they do not.
+    pub(super) standstill: Option<(Configuration, u32)>,
     pub(super) last: Option<MachineState>,
     fed: Instant,
     told: Option<Instant>,
@@ -104,7 +104,7 @@ impl<M: Drive> Watcher<M> {
     /// Reads a state and holds it, and all else that motion needs, against the conditions.
     pub(super) async fn tick(&mut self) -> Result<MachineState, Halt> {
         let state = self.read().await?;
-        let cause = self.objection(&state);
+        let cause = self.objection(&state).or_else(|| self.off_place(&state));
         if let Some(cause) = cause {
             return Err(Halt::stop(self.with_words(cause)));
         }
@@ -150,7 +150,6 @@ impl<M: Drive> Watcher<M> {
             .or_else(lost)
             .or_else(|| self.audit.as_ref().and_then(|audit| audit.failure()).map(StopCause::Audit))
             .or_else(|| self.off_path(state))
-            .or_else(|| self.off_place(state))
     }
 
     fn off_path(&self, state: &MachineState) -> Option<StopCause> {
@@ -160,27 +159,22 @@ impl<M: Drive> Watcher<M> {
         (off_deg > allowed_deg).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
     }
 
-    /// Objection to a motion of a device that is to stand still: it is not ours, and spoils the pose of a capture.
-    fn off_place(&self, state: &MachineState) -> Option<StopCause> {
-        let (axis, off_rad) = furthest_axis(&self.standstill?, &state.configuration());
+    /// Objection to a motion of a device that is to stand still: it is not ours, and spoils the pose of a capture. As many states in a
+    /// row tell it as tell that a target is reached.
+    fn off_place(&mut self, state: &MachineState) -> Option<StopCause> {
+        let (place, beyond) = self.standstill.as_mut()?;
+        let (axis, off_rad) = furthest_axis(place, &state.configuration());
+        *beyond = if off_rad > self.safeguards.position_tolerance_rad { *beyond + 1 } else { 0 };
         let (off_deg, allowed_deg) = (off_rad.to_degrees(), self.safeguards.position_tolerance_rad.to_degrees());
-        (off_deg > allowed_deg).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
+        (*beyond >= self.safeguards.in_position_cycles.max(1)).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
     }
 
-    /// The work's output, while the devices stand still: where they are commanded to, or where they are measured now, if that is beside.
-    pub(super) async fn standing_still<T>(
-        &mut self,
-        commanded: &Configuration,
-        work: impl Future<Output = T>,
-    ) -> Result<T, Halt> {
-        let here = self.tick().await?.configuration();
-        let is_there = furthest_axis(commanded, &here).1 <= self.safeguards.position_tolerance_rad;
-        self.standstill = Some(if is_there { *commanded } else { here });
+    /// The work's output, while the devices stand still where they are measured now.
+    pub(super) async fn standing_still<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Halt> {
+        self.standstill = Some((self.tick().await?.configuration(), 0));
         let output = self.during(work).await;
-        // The end of the work is not the time of the last state.
-        let ticked = if output.is_ok() { self.tick().await.map(drop) } else { Ok(()) };
         self.standstill = None;
-        ticked.and(output)
+        output
     }
 
     fn with_words(&self, cause: StopCause) -> StopCause {

@@ -38,9 +38,9 @@ impl App {
             return Err(Error::RunStateRefused { run: id, state: state.into(), deed: "armed" });
         }
         // Named before the run is armed, so that its event has the name; a refused request changes nothing.
-        let before = open.set_armed_by(Some(request.operator));
+        let before = open.set_armed_by(&request.operator);
         if let Err(error) = session.arm(token).await {
-            open.set_armed_by(before);
+            open.restore_armed_by(&request.operator, before);
             return Err(refused(id, "armed", error));
         }
         self.run_when(id, SETTLING, |run| run.state != ReportedState::Ready).await

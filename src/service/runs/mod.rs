@@ -142,7 +142,15 @@ impl OpenRun {
     }
 
     /// Returns who it was before.
-    fn set_armed_by(&self, operator: Option<String>) -> Option<String> {
-        std::mem::replace(&mut *self.armed_by.lock().unwrap_or_else(PoisonError::into_inner), operator)
+    fn set_armed_by(&self, operator: &str) -> Option<String> {
+        self.armed_by.lock().unwrap_or_else(PoisonError::into_inner).replace(operator.to_owned())
+    }
+
+    /// Takes an operator back who was refused, unless another has come since.
+    fn restore_armed_by(&self, operator: &str, before: Option<String>) {
+        let mut armed_by = self.armed_by.lock().unwrap_or_else(PoisonError::into_inner);
+        if armed_by.as_deref() == Some(operator) {
+            *armed_by = before;
+        }
     }
 }

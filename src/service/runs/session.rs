@@ -1,11 +1,15 @@
 //! Sessions for the server and the command line alike: from a checked program and the operator's controllers to a run that is under
 //! way. Must be called on the runtime that carries it.
 
-use std::fs::{File, TryLockError};
+#[cfg(target_os = "linux")]
+use std::io::ErrorKind;
+#[cfg(target_os = "linux")]
+use std::os::unix::net::{SocketAddr, UnixListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+#[cfg(target_os = "linux")]
 use sha2::{Digest, Sha256};
 
 use crate::cell::{Cell, CollisionScene, ControllersSpec, TableControllerSpec, WorkspaceSpec};
@@ -13,6 +17,7 @@ use crate::execution::audit::{AuditLimits, AuditLog};
 use crate::execution::located::Relocate;
 use crate::execution::session::{self, Authority, RunHandle, RunJob, RunOptions, Safeguards, Workspace};
 use crate::program::{Program, interlock};
+#[cfg(target_os = "linux")]
 use crate::wire::hex;
 use crate::wire::run::{RunMode, RunRequest};
 
@@ -103,26 +108,31 @@ pub fn program_for(
     interlock(&program, cell, scene).map_err(|together| together.to_string())
 }
 
-/// Locks the controllers against other processes of this machine: a lease holds among the clients of one server alone. The system
-/// gives the locks back when the process ends, however it does.
-fn lock(controllers: &ControllersSpec) -> Result<Vec<File>, String> {
-    let folder = std::env::temp_dir().join("vantage-controllers");
-    // Others may have made it, and their locks count too.
-    let _ = std::fs::create_dir_all(&folder);
-    let addresses = std::iter::once(controllers.arm.address()).chain(controllers.table.address());
-    let lock_one = |address: &str| {
-        let path = folder.join(hex(&Sha256::digest(address)));
-        let opened = File::open(&path).or_else(|_| File::create(&path));
-        let file = opened.map_err(|error| format!("the lock of controller {address} ({}): {error}", path.display()))?;
-        match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(TryLockError::WouldBlock) => {
-                Err(format!("controller {address} is driven by another live run on this machine; stop that run first"))
+/// Locks the controllers against other processes of this machine: a lease holds among the clients of one server alone. A lock is a name
+/// of the system's (unix(7), abstract sockets), which needs no file and ends with the process, however that ends. A container with
+/// a network of its own, or another spelling of an address, is not noticed.
+#[cfg(target_os = "linux")]
+fn lock(controllers: &ControllersSpec) -> Result<Vec<UnixListener>, String> {
+    use std::os::linux::net::SocketAddrExt as _;
+    let table = controllers.table.address().zip(controllers.table.unit());
+    let table = table.map(|(address, unit)| format!("{} unit {unit}", address.trim_start_matches("tcp://")));
+    let lock_one = |device: String| {
+        let name = format!("vantage-controller {device}");
+        let bound = SocketAddr::from_abstract_name(hex(&Sha256::digest(name))).and_then(|name| UnixListener::bind_addr(&name));
+        bound.map_err(|error| {
+            if error.kind() == ErrorKind::AddrInUse {
+                return format!("controller {device} is driven by another live run on this machine; stop that run first");
             }
-            Err(TryLockError::Error(error)) => Err(format!("the lock of controller {address} ({}): {error}", path.display())),
-        }
+            format!("controller {device} cannot be locked: {error}")
+        })
     };
-    addresses.map(lock_one).collect()
+    std::iter::once(controllers.arm.address().to_owned()).chain(table).map(lock_one).collect()
+}
+
+/// Locks nothing: the system has no such names.
+#[cfg(not(target_os = "linux"))]
+fn lock(_: &ControllersSpec) -> Result<Vec<()>, String> {
+    Ok(Vec::new())
 }
 
 /// Limits of the cell file.
@@ -146,4 +156,30 @@ fn open_audit(place: &AuditPlace) -> Result<Arc<AuditLog>, String> {
     let limits = AuditLimits { file_bytes: place.file_bytes, files: place.files };
     AuditLog::open(&place.folder, limits)
         .map_err(|error| format!("the audit log in {} cannot be begun: {error}", place.folder.display()))
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_controller_has_one_live_run_at_a_time() {
+        // Addresses of this test alone: the locks hold for the machine.
+        let cell = |arm: u16, unit: u8| -> ControllersSpec {
+            let host = format!("test-{}.invalid", std::process::id());
+            serde_json::from_value(serde_json::json!({
+                "arm": {"protocol": "hans", "address": format!("{host}:{arm}")},
+                "table": {"protocol": "minas_a6", "address": format!("tcp://{host}:502"), "node": unit,
+                    "units_per_turn": 1_600_000, "gear_ratio": 40},
+            }))
+            .expect("controllers")
+        };
+        let held = lock(&cell(1, 1)).expect("free");
+        for other in [cell(1, 2), cell(2, 1)] {
+            assert!(lock(&other).expect_err("in use").contains("another live run"));
+        }
+        lock(&cell(2, 2)).expect("another arm, and another table of the same gateway");
+        drop(held);
+        lock(&cell(1, 1)).expect("free again");
+    }
 }

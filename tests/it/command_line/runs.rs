@@ -43,7 +43,7 @@ protocol = \"hans\"
 address = \"127.0.0.1:1\"
 [controllers.table]
 protocol = \"minas_a6\"
-address = \"tcp://127.0.0.1:1\"
+address = \"tcp://127.0.0.1:2\"
 units_per_turn = 1600000
 gear_ratio = 40
 ";

@@ -298,7 +298,7 @@ fn operated(is_same: bool) -> OperatorCell {
     }
     let controllers = json!({
         "arm": {"protocol": "hans", "address": "127.0.0.1:1"},
-        "table": {"protocol": "minas_a6", "address": "tcp://127.0.0.1:1", "units_per_turn": 1_600_000, "gear_ratio": 40},
+        "table": {"protocol": "minas_a6", "address": "tcp://127.0.0.1:2", "units_per_turn": 1_600_000, "gear_ratio": 40},
     });
     let controllers = serde_json::from_value(controllers).expect("controllers");
     OperatorCell { name: spec.name.clone(), cell_sha256: cell_sha256(&spec, &|_| None).expect("a hash"), controllers }

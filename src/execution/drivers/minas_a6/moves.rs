@@ -78,7 +78,7 @@ impl MinasA6Table {
             speed = speed.min((60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).ceil()).max(1.0);
             ramp_ms = MAX_RAMP_MS;
         }
-        let speed = whole(speed, "r/min of the motor", max_r_per_min)? as u16;
+        let speed = whole(speed, "r/min of the motor", max_r_per_min, target.duration)? as u16;
         let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.clamp(1.0, MAX_RAMP_MS) as u16);
         for (first, value) in [(register::SPEEDS, speed), (register::ACCELERATIONS, ramp_ms), (register::DECELERATIONS, ramp_ms)]
         {
