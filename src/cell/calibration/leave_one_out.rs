@@ -37,7 +37,7 @@ impl Spread {
     pub fn of(twists: impl IntoIterator<Item = Twist>) -> Self {
         let (mut turns, mut shifts): (Vec<f64>, Vec<f64>) =
             twists.into_iter().map(|each| (rotation_of(&each).norm(), translation_of(&each).norm())).unzip();
-        let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt();
+        let rms = |values: &[f64]| (values.iter().fold(0.0, |sum, v| sum + v * v) / values.len().max(1) as f64).sqrt();
         turns.sort_by(f64::total_cmp);
         shifts.sort_by(f64::total_cmp);
         let (middle, last) = (turns.len() / 2, turns.len().saturating_sub(1));

@@ -300,7 +300,7 @@ impl Task {
             let problem = Adjustment { sightings, free, prior: None };
             let refined = self.start(sightings).and_then(|at| problem.refine(&at, &self.weighting()));
             let screened = refined.map(|refined| Screened { refined, is_used: vec![true; sightings.len()], sigma_scale: 1.0 });
-            return screened.map(|screened| if estimate_sigma { screened } else { screened.inflated() });
+            return screened.map(|screened| if estimate_sigma { screened.widened() } else { screened.inflated() });
         }
         Screening { sightings, free, start: &start, weighting: self.weighting(), estimate_sigma }.screen()
     }

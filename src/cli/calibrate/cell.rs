@@ -122,7 +122,9 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
         ),
     );
     let left_out = &document.leave_one_out.spread;
-    line("predicted by the rest", format!("rms {:.3} mm, {:.4}°", left_out.rms_translation_mm, left_out.rms_rotation_deg));
+    let is_predicted = document.residuals.iter().any(|each| each.predicted_translation_mm.is_some());
+    let predicted = format!("rms {:.3} mm, {:.4}°", left_out.rms_translation_mm, left_out.rms_rotation_deg);
+    line("predicted by the rest", if is_predicted { predicted } else { "cannot be told of so few".to_owned() });
     if let Some(held_out) = &document.held_out {
         line("held out", format!("rms {:.3} mm, {:.4}°", held_out.rms_translation_mm, held_out.rms_rotation_deg));
     }

@@ -66,9 +66,15 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
         _ if axis.is_empty() => "the scanner's pose stays open".to_owned(),
         _ => format!("all turns are about{axis}: the shift along it stays open"),
     };
-    let advice =
-        if code == FindingCode::WeakMotion { "more tilt or more poses would help" } else { "tilt the arm by 20° or more" };
-    format!("turns spread only {spread:.1}° across their main axis: {known}; {advice}")
+    // Wide enough turns leave the residuals for a reason.
+    let is_wide = spread >= 20.0;
+    let advice = match (code, is_wide) {
+        (FindingCode::WeakMotion, _) => "more tilt or more poses would help",
+        (_, true) => "take more poses, and see why they disagree",
+        (_, false) => "tilt the arm by 20° or more",
+    };
+    let only = if is_wide { "" } else { "only " };
+    format!("turns spread {only}{spread:.1}° across their main axis: {known}; {advice}")
 }
 
 /// Axis by name where it is within 15° of one, else its direction.
