@@ -99,7 +99,9 @@ fn finish<'a>(
     let (chosen, bound) = (views.chosen.candidates.len(), Arc::clone(&views.chosen.selection.bound));
     let (outcome, bound) = rayon::join(|| explained(problem, sampled, setups, views, demand, ctx), || bound.compute(ctx));
     let mut outcome = outcome?;
-    outcome.plan.bound = bound?.beside(chosen).of_plan(outcome.plan.coverage.of_asked());
+    let counts_all = outcome.plan.executed_views() == chosen && outcome.plan.params.realism.count_at_risk;
+    let of_asked = counts_all.then(|| outcome.plan.coverage.of_asked());
+    outcome.plan.bound = bound?.beside(chosen).of_plan(of_asked);
     Ok(outcome)
 }
 

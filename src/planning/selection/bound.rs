@@ -129,9 +129,12 @@ impl Bound {
         Self { gap: (views as u32).saturating_sub(self.views_lower), ..self }
     }
 
-    /// The bound of a plan that measures this share of the asked area, by all samples.
-    pub(in crate::planning) fn of_plan(self, of_asked: f64) -> Self {
-        Self { of_asked_upper: self.gap_of_asked.map(|gap| (of_asked + gap).min(1.0)), ..self }
+    /// The bound of a plan that measures this share of the asked area, by all samples; `None` where that is not all that the chosen
+    /// views measure, and so not what the bound is of.
+    pub(in crate::planning) fn of_plan(self, of_asked: Option<f64>) -> Self {
+        let gap_of_asked = self.gap_of_asked.filter(|_| of_asked.is_some());
+        let of_asked_upper = of_asked.zip(gap_of_asked).map(|(of_asked, gap)| (of_asked + gap).min(1.0));
+        Self { of_asked_upper, gap_of_asked, ..self }
     }
 
     /// Adds the bound for the best coverage: `upper` units are possible, and those needed are measured.
