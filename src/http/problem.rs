@@ -84,7 +84,7 @@ codes! {
     NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
     RangeNotSatisfiable "range_not_satisfiable" RANGE_NOT_SATISFIABLE "The range lies beyond the end" "No byte of the requested `Range` exists; `Content-Range` states the length.";
     RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body arrived too slowly" "The body stalled, or arrived below the minimum rate.";
-    MeshInUse "mesh_in_use" CONFLICT "The mesh is in use" "A job that has not ended needs the mesh.";
+    MeshInUse "mesh_in_use" CONFLICT "The mesh is in use" "A job that has not ended needs the mesh, or a stored specification has it for a body.";
     JobNotEnded "job_not_ended" CONFLICT "The job has not ended" "Only an ended job can be deleted; cancel it first.";
     JobInUse "job_in_use" CONFLICT "The job is in use" "An inspection or a run of the job has not ended; cancel or stop it first, or wait.";
     JobEnded "job_ended" CONFLICT "The job has ended" "A job that succeeded or failed cannot be cancelled.";
@@ -110,6 +110,7 @@ codes! {
     CellInUse "cell_in_use" CONFLICT "The cell is in use" "Another run that has not ended holds the cell's controllers.";
     LeaseHeld "lease_held" CONFLICT "The lease is held" "Somebody else may move the cell; `detail` says who, and until when.";
     TokenRefused "token_refused" CONFLICT "The fencing token does not hold" "The token in the query is not that of the cell's lease now: the lease ended, or somebody else has it.";
+    SpecInUse "spec_in_use" CONFLICT "The specification is in use" "A stored cell names the specification; change or delete the cell first.";
     SpecIsPreset "spec_is_preset" CONFLICT "A preset cannot be changed" "The name belongs to a preset that came with the program.";
     PreconditionFailed "precondition_failed" PRECONDITION_FAILED "The precondition failed" "`If-Match` or `If-None-Match` does not hold; read the current version and try again.";
     TooLarge "too_large" PAYLOAD_TOO_LARGE "The body is too large" "The body is larger than the server allows; `detail` states the limit.";
@@ -251,7 +252,8 @@ impl From<Error> for ApiError {
             Error::MeshUnreadable(_) => Self::new(Code::MeshUnreadable, detail),
             Error::UploadTooLarge { .. } => Self::new(Code::TooLarge, detail),
             Error::DigestMismatch { .. } => Self::new(Code::DigestMismatch, detail),
-            Error::MeshInUse(_) => Self::new(Code::MeshInUse, detail),
+            Error::MeshInUse(_) | Error::MeshInSpec { .. } => Self::new(Code::MeshInUse, detail),
+            Error::SpecInUse { .. } => Self::new(Code::SpecInUse, detail),
             Error::JobNotEnded { .. } => Self::new(Code::JobNotEnded, detail),
             Error::JobInUse(_) => Self::new(Code::JobInUse, detail),
             Error::JobEnded { .. } => Self::new(Code::JobEnded, detail),

@@ -217,6 +217,26 @@ pub enum Error {
     /// A job that has not ended needs the mesh.
     #[error("mesh {0} is needed by a job that has not ended")]
     MeshInUse(MeshId),
+    /// A stored specification has the mesh for a body.
+    #[error("mesh {mesh} is a body of the stored {} {name:?}; change or delete that first", kind)]
+    MeshInSpec {
+        /// The mesh.
+        mesh: MeshId,
+        /// Kind of the specification.
+        kind: String,
+        /// Its name.
+        name: String,
+    },
+    /// A stored cell names the specification.
+    #[error("the stored cell {cell:?} names the {} {name:?}; change or delete that first", kind.as_str())]
+    SpecInUse {
+        /// Its kind.
+        kind: SpecCollection,
+        /// Its name.
+        name: String,
+        /// Name of the cell.
+        cell: String,
+    },
     /// The job has not ended.
     #[error("job {job} is {}; cancel it and wait until it has ended", state.as_str())]
     JobNotEnded {

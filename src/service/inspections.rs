@@ -348,7 +348,9 @@ impl App {
         let end = move |job: &mut InspectionJob| {
             (job.state, job.fraction, job.summary) = (JobState::Succeeded, 1.0, Some(summary));
         };
-        self.change_inspection(id, &[JobState::Running, JobState::Cancelling], end, Some(stored)).await.map(drop)
+        let job = self.change_inspection(id, &[JobState::Running], end, Some(stored)).await?;
+        // Whoever cancelled it was told so: it came too late to save the work, and in time to be heard.
+        if job.state == JobState::Cancelling { self.end_inspection(id, None).await } else { Ok(()) }
     }
 
     /// Ends an inspection without a result: failed with a problem, or cancelled.

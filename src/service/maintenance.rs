@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::app::App;
 use super::error::Error;
 use super::store::{Due, Policy, blocking};
-use crate::wire::{DamagedItem, Retention, RetentionPolicy, RetiredJob, RetiredMesh, Storage};
+use crate::wire::{DamagedItem, Retention, RetentionPolicy, RetentionReason, RetiredJob, RetiredMesh, Storage};
 
 /// Interval of the maintenance rounds.
 const ROUND_INTERVAL: Duration = Duration::from_secs(3600);
@@ -106,9 +106,14 @@ impl App {
     pub async fn apply_retention(&self) -> Result<Retention, Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            let due = app.0.store.due(&app.policy()?).await?;
+            let policy = app.policy()?;
+            let due = app.0.store.due(&policy).await?;
             let mut deleted = Due::default();
             for (id, reason, size_bytes) in due.jobs {
+                // What jobs share goes with the last of them: how much room there is shows only then.
+                if reason == RetentionReason::Disk && app.0.store.stored_bytes().await? <= policy.max_bytes {
+                    continue;
+                }
                 let hold = &app.0.options.retention.hold_label;
                 match app.freeing(|| app.0.store.delete_job(id, hold, Some(reason.code()))).await {
                     Ok(()) => deleted.jobs.push((id, reason, size_bytes)),
@@ -119,7 +124,7 @@ impl App {
             for (id, size_bytes) in due.meshes {
                 match app.freeing(|| app.0.store.delete_mesh(id)).await {
                     Ok(()) => deleted.meshes.push((id, size_bytes)),
-                    Err(Error::MeshNotFound(_) | Error::MeshInUse(_)) => {}
+                    Err(Error::MeshNotFound(_) | Error::MeshInUse(_) | Error::MeshInSpec { .. }) => {}
                     Err(error) => return Err(error),
                 }
             }

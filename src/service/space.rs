@@ -54,10 +54,16 @@ impl App {
     /// Keeps the reserve, where the disk has room for it.
     pub(super) fn keep_reserve(&self) {
         let path = self.reserve();
-        if path.exists() || self.check_space(RESERVE_BYTES as u64).is_err() {
+        let is_whole = fs::metadata(&path).is_ok_and(|about| about.len() == RESERVE_BYTES as u64);
+        if is_whole || self.check_space(RESERVE_BYTES as u64).is_err() {
             return;
         }
-        if let Err(error) = fs::write(&path, vec![0; RESERVE_BYTES]) {
+        // Zeros take no room on a file system that compresses.
+        let mut bytes = vec![0; RESERVE_BYTES];
+        if getrandom::fill(&mut bytes).is_err() {
+            return;
+        }
+        if let Err(error) = fs::write(&path, bytes) {
             tracing::warn!(error = &error as &dyn std::error::Error, "no room is kept for deleting on a full disk");
             // What there is of it is of no use.
             let _ = fs::remove_file(&path);

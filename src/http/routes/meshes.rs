@@ -101,7 +101,7 @@ pub(in crate::http) async fn get(
 
 /// Delete a mesh
 ///
-/// Refused while a job that has not ended needs the mesh. Ended jobs keep their results, and the file of the mesh for inspections
+/// Refused while a job that has not ended needs the mesh, or a stored specification names it. Ended jobs keep their results, and the file of the mesh for inspections
 /// and runs.
 #[utoipa::path(
     delete,

@@ -136,10 +136,14 @@ impl Store {
             .bind(through)
             .execute(&mut *tx)
             .await?;
-            sqlx::query("INSERT OR REPLACE INTO event_retention (only_row, pruned_through) VALUES (1, ?1)")
-                .bind(through)
-                .execute(&mut *tx)
-                .await?;
+            // Events of a job that was open longer are pruned after later ones.
+            sqlx::query(
+                "INSERT INTO event_retention (only_row, pruned_through) VALUES (1, ?1)
+                 ON CONFLICT (only_row) DO UPDATE SET pruned_through = max(pruned_through, excluded.pruned_through)",
+            )
+            .bind(through)
+            .execute(&mut *tx)
+            .await?;
             tx.commit().await?;
         }
     }

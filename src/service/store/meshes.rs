@@ -124,7 +124,7 @@ impl Store {
         if updated.rows_affected() == 0 { Err(Error::MeshNotFound(id)) } else { Ok(sha256) }
     }
 
-    /// Deletes a mesh that no unfinished job needs. Its file stays as long as a job that read it.
+    /// Deletes a mesh that no unfinished job needs and no stored specification names. Its file stays as long as a job that read it.
     pub(crate) async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
         let orphans = {
             let mut tx = self.writer.begin().await?;
@@ -137,6 +137,16 @@ impl Store {
             .await?;
             if in_use {
                 return Err(Error::MeshInUse(id));
+            }
+            let named = sqlx::query(
+                "SELECT kind, name FROM spec, json_tree(CASE WHEN json_valid(spec.body) THEN spec.body ELSE '{}' END) AS node
+                 WHERE node.key = 'mesh' AND node.type = 'text' AND lower(node.value) = ?1 LIMIT 1",
+            )
+            .bind(id.to_string())
+            .fetch_optional(&mut *tx)
+            .await?;
+            if let Some(spec) = named {
+                return Err(Error::MeshInSpec { mesh: id, kind: spec.try_get("kind")?, name: spec.try_get("name")? });
             }
             let row = sqlx::query("DELETE FROM mesh WHERE id = ?1 RETURNING sha256, preview")
                 .bind(id.to_string())

@@ -96,7 +96,10 @@ impl Store {
                 (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id)
                     + (SELECT coalesce(sum(size_bytes), 0) FROM scan WHERE job_id = job.id)
                     + (SELECT coalesce(sum(file_bytes), 0) FROM inspection_file JOIN inspection
-                        ON inspection.id = inspection_file.inspection_id WHERE inspection.job_id = job.id) AS size_bytes
+                        ON inspection.id = inspection_file.inspection_id WHERE inspection.job_id = job.id)
+                    + (SELECT coalesce(sum(size_bytes), 0) FROM job_mesh AS own WHERE job_id = job.id
+                        AND NOT EXISTS (SELECT 1 FROM mesh WHERE mesh.sha256 = own.sha256) AND NOT EXISTS
+                            (SELECT 1 FROM job_mesh AS other WHERE other.sha256 = own.sha256 AND other.job_id <> own.job_id)) AS size_bytes
              FROM job WHERE ended_at IS NOT NULL
                 AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = job.id AND key = ?2) AND NOT ",
             is_used!(),

@@ -114,7 +114,7 @@ impl Store {
         Ok(PutResult { created: now.is_none(), etag: etag(version) })
     }
 
-    /// Deletes a specification.
+    /// Deletes a specification that no stored cell names.
     pub(crate) async fn delete_spec(&self, kind: SpecCollection, name: &str, only_if: &Precondition) -> Result<(), Error> {
         let mut tx = self.writer.begin().await?;
         let now = etag_now(&mut tx, kind, name).await?;
@@ -123,6 +123,17 @@ impl Store {
         }
         if !only_if.holds(now.as_deref()) {
             return Err(Error::PreconditionFailed(now));
+        }
+        let cell: Option<String> = sqlx::query_scalar(
+            "SELECT name FROM spec WHERE kind = ?1 AND CASE WHEN json_valid(body) THEN body ->> ('$.' || ?2) END = ?3 LIMIT 1",
+        )
+        .bind(SpecCollection::Cell.as_str())
+        .bind(kind.as_str())
+        .bind(name)
+        .fetch_optional(&mut *tx)
+        .await?;
+        if let Some(cell) = cell {
+            return Err(Error::SpecInUse { kind, name: name.to_owned(), cell });
         }
         sqlx::query("DELETE FROM spec WHERE kind = ?1 AND name = ?2").bind(kind.as_str()).bind(name).execute(&mut *tx).await?;
         tx.commit().await?;

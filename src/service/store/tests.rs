@@ -330,6 +330,10 @@ async fn a_version_is_never_given_twice() {
     let second = put(Precondition::Match(vec![first.etag.clone()])).await.expect("replaced");
     assert!(!second.created);
     assert!(matches!(put(Precondition::Match(vec![first.etag.clone()])).await, Err(Error::PreconditionFailed(_))));
+    store.put_spec(SpecCollection::Cell, "c", r#"{"robot": "r"}"#, &Precondition::None).await.expect("a cell");
+    let named = store.delete_spec(SpecCollection::Robot, "r", &Precondition::None).await;
+    assert!(matches!(named, Err(Error::SpecInUse { cell, .. }) if cell == "c"));
+    store.delete_spec(SpecCollection::Cell, "c", &Precondition::None).await.expect("gone");
     store.delete_spec(SpecCollection::Robot, "r", &Precondition::None).await.expect("gone");
     assert!(matches!(put(Precondition::Match(vec![])).await, Err(Error::PreconditionFailed(None))));
     let third = put(Precondition::Absent).await.expect("new again");

@@ -75,6 +75,7 @@ async fn only_meshes_that_nothing_names_are_unused() {
     let back = "UPDATE mesh SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 days')";
     sqlx::query(back).execute(&store.reader).await.expect("days pass");
     assert_eq!(store.due(&policy).await.expect("a list").meshes, [(unused, 5)]);
+    assert!(matches!(store.delete_mesh(named).await, Err(Error::MeshInSpec { name, .. }) if name == "c"));
     // Uploaded again, it is as new.
     assert_eq!(add_mesh(store, b"three").await.id, unused);
     assert_eq!(store.due(&policy).await.expect("a list").meshes, []);
