@@ -1,22 +1,20 @@
 //! Meshes: upload, list, read, download, delete.
 
-use std::io::{Seek as _, SeekFrom};
-
 use axum::extract::{Path, Request, State};
-use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, LOCATION, VARY};
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_RANGE, LOCATION, VARY};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use super::uploads::{self, MAX_NAME_CHARS};
-use super::{immutable, mesh_id, not_modified, streamed};
+use super::{UploadedFile, immutable, mesh_id, not_modified, uploaded};
 use crate::geometry::LengthUnit;
-use crate::http::download::{AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range};
+use crate::http::download::{AskedPart, Disposition, asked_part, beyond_end, content_disposition, content_range};
 use crate::http::extract::{Json, Params};
 use crate::http::negotiate::{Representation, choose};
 use crate::http::prefix::Prefix;
 use crate::http::problem::ApiError;
 use crate::http::router::ApiState;
-use crate::service::{Error, MeshUpload};
+use crate::service::MeshUpload;
 use crate::wire::{MeshPage, UploadedMesh};
 
 const BYTES: &str = "application/octet-stream";
@@ -148,26 +146,8 @@ pub(in crate::http) async fn file(
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
     let mesh = state.app.mesh(mesh_id(&id)?).await?;
-    if let Some(response) = not_modified(&headers, &mesh.sha256) {
-        return Ok(response);
-    }
-    let part = asked_part(&headers, &format!("\"{}\"", mesh.sha256), mesh.size_bytes);
-    if part == AskedPart::BeyondEnd {
-        return Ok(beyond_end(mesh.size_bytes));
-    }
-    let mut file = state.app.open_mesh(&mesh).await?;
-    // A browser must never show an uploaded file as a page of ours.
-    let attachment = content_disposition(Disposition::Attachment, &file_name(&mesh));
-    let common = (immutable(&mesh.sha256, BYTES), [(CONTENT_DISPOSITION, attachment)]);
-    let AskedPart::Bytes(bytes) = part else {
-        let body = streamed(Box::new(file), state.downloads.clone());
-        return Ok((common, [(CONTENT_LENGTH, HeaderValue::from(mesh.size_bytes))], body).into_response());
-    };
-    file.seek(SeekFrom::Start(bytes.start)).map_err(Error::from)?;
-    let length = bytes.end - bytes.start;
-    let body = streamed(Box::new(PartReader::new(file, &(0..length))), state.downloads.clone());
-    let about = [(CONTENT_LENGTH, HeaderValue::from(length)), (CONTENT_RANGE, content_range(&bytes, mesh.size_bytes))];
-    Ok((StatusCode::PARTIAL_CONTENT, common, about, body).into_response())
+    let about = UploadedFile { sha256: &mesh.sha256, size_bytes: mesh.size_bytes, name: &file_name(&mesh) };
+    uploaded(&state, &headers, &about, state.app.open_mesh(&mesh)).await
 }
 
 /// Name of a mesh's file: that of the mesh, else its id, with the extension of its format.

@@ -19,19 +19,23 @@ mod uploads;
 
 pub(super) use specs::{cells, robots, scanners, turntables};
 
-use std::io::{self, Read};
+use std::fs::File;
+use std::io::{self, Read, Seek as _, SeekFrom};
 use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
-use axum::http::header::{ACCEPT_RANGES, CACHE_CONTROL, CONTENT_TYPE, ETAG};
+use axum::http::header::{ACCEPT_RANGES, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE, ETAG};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use futures_util::stream;
 
+use super::download::{AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range};
 use super::extract::etag_matches;
 use super::pacer::Pacer;
 use super::problem::{ApiError, Code};
+use super::router::ApiState;
+use crate::service::Error;
 use crate::wire::{JobId, MeshId};
 
 /// Parses the mesh id in a path. A malformed id is answered like an unknown one.
@@ -57,6 +61,45 @@ fn immutable(sha256: &str, media_type: &'static str) -> [(axum::http::HeaderName
 fn not_modified(headers: &HeaderMap, sha256: &str) -> Option<Response> {
     let etag = format!("\"{sha256}\"");
     etag_matches(headers, &etag).then(|| (StatusCode::NOT_MODIFIED, [(ETAG, etag)], Body::empty()).into_response())
+}
+
+/// A file that a client uploaded.
+struct UploadedFile<'a> {
+    sha256: &'a str,
+    size_bytes: u64,
+    /// Name under which a browser keeps it.
+    name: &'a str,
+}
+
+/// Responds with an uploaded file as it came, or with the part that is asked for; it is opened where it is sent.
+async fn uploaded(
+    state: &ApiState,
+    headers: &HeaderMap,
+    about: &UploadedFile<'_>,
+    open: impl Future<Output = Result<File, Error>>,
+) -> Result<Response, ApiError> {
+    let UploadedFile { sha256, size_bytes, name } = *about;
+    if let Some(response) = not_modified(headers, sha256) {
+        return Ok(response);
+    }
+    let bytes = match asked_part(headers, &format!("\"{sha256}\""), size_bytes) {
+        AskedPart::BeyondEnd => return Ok(beyond_end(size_bytes)),
+        AskedPart::Whole => None,
+        AskedPart::Bytes(bytes) => Some(bytes),
+    };
+    let mut file = open.await?;
+    // A browser must never show an uploaded file as a page of ours.
+    let attachment = content_disposition(Disposition::Attachment, name);
+    let common = (immutable(sha256, "application/octet-stream"), [(CONTENT_DISPOSITION, attachment)]);
+    let Some(bytes) = bytes else {
+        let body = streamed(Box::new(file), state.downloads.clone());
+        return Ok((common, [(CONTENT_LENGTH, HeaderValue::from(size_bytes))], body).into_response());
+    };
+    file.seek(SeekFrom::Start(bytes.start)).map_err(Error::from)?;
+    let length = bytes.end - bytes.start;
+    let body = streamed(Box::new(PartReader::new(file, &(0..length))), state.downloads.clone());
+    let about = [(CONTENT_LENGTH, HeaderValue::from(length)), (CONTENT_RANGE, content_range(&bytes, size_bytes))];
+    Ok((StatusCode::PARTIAL_CONTENT, common, about, body).into_response())
 }
 
 /// Size of a chunk of a file, bytes; each is read on a thread that may block.

@@ -1,26 +1,22 @@
 //! Scans: upload, list, read, download, delete.
 
-use std::io::{Seek, SeekFrom};
-
 use axum::extract::{Path, Request, State};
-use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, LOCATION};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::http::header::LOCATION;
+use axum::http::{HeaderMap, HeaderName, StatusCode};
+use axum::response::Response;
 
 use super::uploads::{self, MAX_NAME_CHARS};
-use super::{immutable, job_id, not_modified, streamed};
+use super::{UploadedFile, job_id, uploaded};
 use crate::geometry::LengthUnit;
-use crate::http::download::{AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range};
 use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::inspection::ingest::ScanFrame;
-use crate::service::{Error, ScanUpload};
+use crate::service::ScanUpload;
 use crate::wire::ScanId;
 use crate::wire::inspection::{Scan, ScanPage};
 
-const BYTES: &str = "application/octet-stream";
 /// Largest number of a viewpoint that an upload may state.
 const MAX_VIEW: u32 = 99_999;
 
@@ -142,27 +138,9 @@ pub(in crate::http) async fn file(
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
     let scan = state.app.scan(scan_id(&id)?).await?;
-    if let Some(response) = not_modified(&headers, &scan.sha256) {
-        return Ok(response);
-    }
-    let part = asked_part(&headers, &format!("\"{}\"", scan.sha256), scan.size_bytes);
-    if part == AskedPart::BeyondEnd {
-        return Ok(beyond_end(scan.size_bytes));
-    }
-    let mut file = state.app.open_scan(&scan).await?;
-    // A browser must never show an uploaded file as a page of ours.
     let name = scan.name.clone().unwrap_or_else(|| scan.id.to_string());
-    let attachment = content_disposition(Disposition::Attachment, &name);
-    let common = (immutable(&scan.sha256, BYTES), [(CONTENT_DISPOSITION, attachment)]);
-    let AskedPart::Bytes(bytes) = part else {
-        let body = streamed(Box::new(file), state.downloads.clone());
-        return Ok((common, [(CONTENT_LENGTH, HeaderValue::from(scan.size_bytes))], body).into_response());
-    };
-    file.seek(SeekFrom::Start(bytes.start)).map_err(Error::from)?;
-    let length = bytes.end - bytes.start;
-    let body = streamed(Box::new(PartReader::new(file, &(0..length))), state.downloads.clone());
-    let about = [(CONTENT_LENGTH, HeaderValue::from(length)), (CONTENT_RANGE, content_range(&bytes, scan.size_bytes))];
-    Ok((StatusCode::PARTIAL_CONTENT, common, about, body).into_response())
+    let about = UploadedFile { sha256: &scan.sha256, size_bytes: scan.size_bytes, name: &name };
+    uploaded(&state, &headers, &about, state.app.open_scan(&scan)).await
 }
 
 /// Delete a scan
