@@ -23,7 +23,7 @@ pub(super) fn check(estimate: &Estimate, allowed: &Allowance) -> Result<(), Plan
     }
     let least_secs = core_secs.sum() / ROUGHLY;
     if least_secs > allowed.core_secs {
-        let most = format!("{:.0} s of one core, by the time allowed and the threads ({MORE_SECS})", allowed.core_secs);
+        let most = format!("{:.0} s of one core, which is the time limit times the threads ({MORE_SECS})", allowed.core_secs);
         return Err(refuse(counts, core_secs, &format!("{least_secs:.0} s of one core"), &most));
     }
     Ok(())

@@ -68,7 +68,11 @@ fn what_is_refused_names_figure_limit_and_parameter() {
     many.candidates.even_directions = Some(9_000);
     let second = Allowance { core_secs: 1.0, ..free };
     let (pointer, detail) = refusal(&cube, &many, &second);
-    assert!(pointer == "/candidates" && detail.contains("1 s (limits.job_secs, --max-secs)"), "{detail}");
+    assert!(
+        pointer == "/candidates"
+            && detail.contains("1 s of one core, which is the time limit times the threads (limits.job_secs, --max-secs)"),
+        "{detail}"
+    );
 }
 
 #[test]
