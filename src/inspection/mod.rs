@@ -32,7 +32,7 @@ pub struct ViewScan {
     /// Pose at which it was taken, as far as the robot knows: the plan's, or that of a run's record.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Points in the scanner's frame. Cell (c, r) of an organised cloud of W/n × H/n cells is the ray of the left camera's
-    /// pixel position ((c + ½)·n − ½, (r + ½)·n − ½), in the convention of [`crate::cell::Lens`].
+    /// pixel position ((c + ½)·n, (r + ½)·n), in the convention of [`crate::cell::Lens`].
     pub scanner_cloud: PointCloud,
 }
 

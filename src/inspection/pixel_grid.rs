@@ -55,7 +55,7 @@ impl PixelGrid {
     #[must_use]
     pub fn device_ray(&self, cell: usize) -> Vector3<f64> {
         let (column, row) = (cell % self.size.columns, cell / self.size.columns);
-        let middle = |number: usize| (number as f64 + 0.5) * self.step_px - 0.5;
+        let middle = |number: usize| (number as f64 + 0.5) * self.step_px;
         self.lens.unproject(&Vector2::new(middle(column), middle(row)))
     }
 
@@ -92,12 +92,38 @@ impl PixelGrid {
     #[must_use]
     pub fn place_of(&self, scanner_mm: &Point3<f64>) -> Option<[f64; 2]> {
         let pixel = self.lens.project(&(self.device_from_scanner * scanner_mm))?;
-        Some([pixel.x, pixel.y].map(|position| (position + 0.5) / self.step_px))
+        Some([pixel.x, pixel.y].map(|position| position / self.step_px))
     }
 
     /// Number of a cell in a cloud of this grid.
     #[must_use]
     pub fn number(&self, [column, row]: [usize; 2]) -> usize {
         row * self.size.columns + column
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::nominal_scanner;
+
+    #[test]
+    fn cells_have_the_rays_of_their_middles_on_both_sides_of_the_principal_point_alike() {
+        let scanner = nominal_scanner();
+        let lens = scanner.devices.left.lens;
+        assert_eq!([lens.cx, lens.cy], [0.5 * lens.width_px, 0.5 * lens.height_px], "the principal point is the image's middle");
+        for step_px in [1, 2, 3, 4] {
+            let grid = PixelGrid::new(&scanner, step_px);
+            let [columns, rows] = [grid.size.columns, grid.size.rows];
+            let pixel = lens.project(&Point3::from(grid.device_ray(grid.number([2, 1])))).expect("inside the image");
+            let middle_px = [2.5, 1.5].map(|cells| cells * f64::from(step_px));
+            assert!((pixel - Vector2::from(middle_px)).norm() < 1e-9, "{pixel}");
+            let ray = grid.ray(grid.number([2, 1]));
+            assert_eq!(grid.cell_of(&(grid.centre_mm() + ray * 400.0)), Some([2, 1]));
+            if columns as f64 * grid.step_px == lens.width_px && rows as f64 * grid.step_px == lens.height_px {
+                let [first, last] = [[0, 0], [columns - 1, rows - 1]].map(|cell| grid.device_ray(grid.number(cell)));
+                assert!((first.xy() + last.xy()).norm() < 1e-12, "{first} {last}");
+            }
+        }
     }
 }

@@ -73,7 +73,7 @@ impl<'m> Shots<'m> {
         let grid = CloudGrid { columns: cells(left.lens.width_px), rows: cells(left.lens.height_px) };
         let part_from_left = *part_from_scanner * left.scanner_from_device;
         let eye = part_from_left.origin_mm();
-        let middle = |number: usize| (number as f64 + 0.5) * self.step_px as f64 - 0.5;
+        let middle = |number: usize| (number as f64 + 0.5) * self.step_px as f64;
         let ray = |cell: usize| {
             let pixel = Vector2::new(middle(cell % grid.columns), middle(cell / grid.columns));
             part_from_left.direction(&left.lens.unproject(&pixel))

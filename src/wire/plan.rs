@@ -190,9 +190,9 @@ pub struct DeviceDocument {
     pub fx: f64,
     /// Focal length along v, pixels.
     pub fy: f64,
-    /// Principal point, u, pixels.
+    /// Principal point, u, pixels from the outer corner of the first pixel.
     pub cx: f64,
-    /// Principal point, v, pixels.
+    /// Principal point, v, pixels from that corner.
     pub cy: f64,
     /// Skew coefficient α (Bouguet).
     pub skew: f64,

@@ -3,7 +3,7 @@
 //!
 //! Device frame: origin = optical centre, +z = optical axis, +x right and +y down in the image. With x = X/Z, y = Y/Z
 //! and r² = x² + y²: x_d = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²), y_d alike, u = fx(x_d + α y_d) + cx,
-//! v = fy y_d + cy. Inside the image: 0 ≤ u < width, 0 ≤ v < height.
+//! v = fy y_d + cy. Inside the image: 0 ≤ u < width, 0 ≤ v < height; the centre of the first pixel is at (½, ½).
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 

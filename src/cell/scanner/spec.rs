@@ -104,10 +104,11 @@ pub struct DeviceSpec {
     pub fx: f64,
     /// Focal length along v, pixels, 1 to 1e6; the image may show up to 150°.
     pub fy: f64,
-    /// Principal point, u, pixels, inside the image: 0 to `width_px`.
+    /// Principal point, u, pixels from the outer corner of the first pixel, inside the image: 0 to `width_px`. OpenCV counts from
+    /// the centre of that pixel: its value plus 0.5.
     pub cx: f64,
-    /// Principal point, v, pixels, inside the image: 0 to `height_px`; of a projector, whose lens is often shifted, -2 to 3 times
-    /// `height_px`.
+    /// Principal point, v, pixels from that corner, inside the image: 0 to `height_px`; of a projector, whose lens is often
+    /// shifted, -2 to 3 times `height_px`.
     pub cy: f64,
     /// Bouguet's α, -0.1 to 0.1. Default 0.
     #[serde(default)]

@@ -1,5 +1,5 @@
 //! The left camera, whose image clouds are organised in: cell (c, r) of a grid of W/n × H/n cells has the ray of the pixel position
-//! ((c + ½)·n − ½, (r + ½)·n − ½).
+//! ((c + ½)·n, (r + ½)·n).
 
 use nalgebra::{Isometry3, Point3};
 
@@ -48,7 +48,7 @@ impl<'a> LeftCamera<'a> {
     /// Cell of a pixel position: the one whose own position is nearest.
     #[inline]
     pub(in crate::inspection) fn cell([u, v]: [f64; 2], pixels: f64, grid: CloudGrid) -> Option<[usize; 2]> {
-        let (column, row) = ((u + 0.5) / pixels, (v + 0.5) / pixels);
+        let (column, row) = (u / pixels, v / pixels);
         let is_inside = column >= 0.0 && row >= 0.0 && (column as usize) < grid.columns && (row as usize) < grid.rows;
         is_inside.then_some([column as usize, row as usize])
     }
