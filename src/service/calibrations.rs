@@ -11,10 +11,10 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::cells::BuiltCell;
-use super::error::Error;
+use super::error::{Error, InternalError};
 use super::jobs::failure;
 use super::library::Library;
-use super::store::{CalibrationInput, Page};
+use super::store::{CalibrationInput, LeftOver, Page};
 use super::submit::{Lookup, Submission};
 use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch};
 use crate::cell::{CellSpec, FieldError};
@@ -240,10 +240,22 @@ impl App {
 
     /// Begins again what an earlier process left.
     pub(super) async fn recover_calibrations(&self) -> Result<(), Error> {
-        for id in self.0.store.open_calibrations().await? {
-            let again = |job: &mut CalibrationJob| job.state = CalibrationState::Queued;
-            self.change_calibration(id, &[CalibrationState::Running], again, None).await?;
-            self.spawn(self.clone().carry_out_calibration(id));
+        let exhausted = self.exhausted();
+        for LeftOver { id, attempts } in self.0.store.calibrations_left_over().await? {
+            let problem = (attempts >= self.0.options.max_attempts).then(|| exhausted.clone());
+            let again = |job: &mut CalibrationJob| {
+                job.state = if problem.is_some() { CalibrationState::Failed } else { CalibrationState::Queued };
+                job.problem = problem;
+            };
+            match self.change_calibration(id, &[CalibrationState::Running], again, None).await {
+                Ok(job) if job.state == CalibrationState::Queued => self.spawn(self.clone().carry_out_calibration(id)),
+                Ok(_) => {}
+                Err(Error::Internal(InternalError::Row(reason))) => {
+                    tracing::error!(calibration = %id, reason, "a stored calibration cannot be read; it counts as failed");
+                    self.0.store.give_up_calibration(id).await?;
+                }
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
     }

@@ -10,14 +10,14 @@ use tokio::sync::{Mutex, Notify};
 use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
-use super::error::Error;
+use super::error::{Error, InternalError};
 use super::inspect_job::{InspectError, InspectJob, Inspected, ScanSource};
 use super::jobs::failure;
 use super::plan_job::PLAN_FILE;
 use super::planner::JobInput;
 use super::queries::ResultBody;
 use super::rescan_job::RESCAN_STATE_FILE;
-use super::store::{Page, StoredArtifacts, StoredInspection};
+use super::store::{LeftOver, Page, StoredArtifacts, StoredInspection};
 use super::submit::{StoredRescan, Submission, job_input};
 use crate::cell::FieldError;
 use crate::planning::context::Context;
@@ -231,12 +231,26 @@ impl App {
 
     /// Begins again what an earlier process left.
     pub(super) async fn recover_inspections(&self) -> Result<(), Error> {
-        for id in self.0.store.open_inspections().await? {
+        let exhausted = self.exhausted();
+        for LeftOver { id, attempts } in self.0.store.inspections_left_over().await? {
+            let problem = (attempts >= self.0.options.max_attempts).then(|| exhausted.clone());
             let again = |job: &mut InspectionJob| {
-                job.state = if job.state == JobState::Cancelling { JobState::Cancelled } else { JobState::Queued };
+                job.state = match (job.state, &problem) {
+                    (JobState::Cancelling, _) => JobState::Cancelled,
+                    (_, Some(_)) => JobState::Failed,
+                    (_, None) => JobState::Queued,
+                };
+                job.problem = problem.filter(|_| job.state == JobState::Failed);
             };
-            self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again, None).await?;
-            self.spawn(self.clone().carry_out_inspection(id));
+            match self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again, None).await {
+                Ok(job) if job.state == JobState::Queued => self.spawn(self.clone().carry_out_inspection(id)),
+                Ok(_) => {}
+                Err(Error::Internal(InternalError::Row(reason))) => {
+                    tracing::error!(inspection = %id, reason, "a stored inspection cannot be read; it counts as failed");
+                    self.0.store.give_up_inspection(id).await?;
+                }
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
     }
@@ -301,7 +315,11 @@ impl App {
         };
         match computed {
             Ok(Ok(inspected)) => self.store_inspection(id, inspected).await,
-            Ok(Err(InspectError::Cancelled)) if self.0.stopping.is_cancelled() => Ok(()),
+            Ok(Err(InspectError::Cancelled)) if self.0.stopping.is_cancelled() => {
+                // The next process computes it; this attempt does not count.
+                let again = |job: &mut InspectionJob| job.state = JobState::Queued;
+                self.change_inspection(id, &[JobState::Running], again, None).await.map(drop)
+            }
             Ok(Err(error)) => self.end_inspection(id, problem_of(error)).await,
             Err(panic) => {
                 let problem = failure("job_panicked", format!("internal error: {panic}"), Vec::new());

@@ -87,14 +87,19 @@ impl Drop for SeatGuard {
 impl App {
     /// Recovers the jobs that an earlier process left unfinished.
     pub(super) async fn recover(&self) -> Result<(), Error> {
-        let attempts = self.0.options.max_attempts;
-        let detail =
-            format!("the process died in each of {attempts} attempts; the job may need more memory than the machine has");
-        let found = self.0.store.recover(attempts, &failure("job_attempts_exhausted", detail, Vec::new())).await?;
+        let found = self.0.store.recover(self.0.options.max_attempts, &self.exhausted()).await?;
         if found > 0 {
             tracing::warn!(jobs = found, "an earlier process died while jobs were running; they are recovered");
         }
         Ok(())
+    }
+
+    /// Problem of what the process died of in every attempt.
+    pub(super) fn exhausted(&self) -> JobProblem {
+        let attempts = self.0.options.max_attempts;
+        let detail =
+            format!("the process died in each of {attempts} attempts; the job may need more memory than the machine has");
+        failure("job_attempts_exhausted", detail, Vec::new())
     }
 
     /// Starts the first job of the queue that may, or finds out the size of one; false if nothing is left to do.

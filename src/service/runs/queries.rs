@@ -140,8 +140,9 @@ impl App {
     pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            let event = app.0.store.delete_run(id).await?;
-            app.0.runs.publish(event);
+            if let Some(event) = app.0.store.delete_run(id).await? {
+                app.0.runs.publish(event);
+            }
             let folder = app.audit_folder(id);
             blocking(move || match std::fs::remove_dir_all(folder) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::pages::Place;
+use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
 use crate::cell::CellSpec;
@@ -108,25 +108,16 @@ impl Store {
     /// A page of calibrations, newest first. Rows that cannot be read are left out.
     pub(crate) async fn calibrations(&self, selection: &CalibrationSelection, page: &Page) -> Result<CalibrationPage, Error> {
         let rows = query(selection, page).build().fetch_all(&self.reader).await?;
-        let mut items: Vec<CalibrationJob> = rows.iter().filter_map(|row| read(row, "body").ok()).collect();
-        let next_page_token = page.cut(&mut items, |job| Place::of_id(job.id))?;
+        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, |row| read(row, "body"))))?;
         Ok(CalibrationPage { items, next_page_token })
-    }
-
-    /// Ids of the calibrations that an earlier process left, oldest first.
-    pub(crate) async fn open_calibrations(&self) -> Result<Vec<CalibrationId>, Error> {
-        let ids: Vec<String> = sqlx::query_scalar("SELECT id FROM calibration WHERE state IN ('queued', 'running') ORDER BY id")
-            .fetch_all(&self.reader)
-            .await?;
-        Ok(ids.iter().filter_map(|id| id.parse().ok()).collect())
     }
 
     /// Deletes an ended calibration.
     pub(crate) async fn delete_calibration(&self, id: CalibrationId) -> Result<(), Error> {
         let mut tx = self.writer.begin().await?;
-        let job = job_of(&mut tx, id).await?;
-        if !job.state.is_ended() {
-            return Err(Error::CalibrationNotEnded { calibration: id, state: job.state });
+        let state = state_of(&mut tx, id).await?;
+        if !state.is_ended() {
+            return Err(Error::CalibrationNotEnded { calibration: id, state });
         }
         sqlx::query("DELETE FROM calibration WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
         tx.commit().await
@@ -138,6 +129,13 @@ async fn job_of(tx: &mut SqliteConnection, id: CalibrationId) -> Result<Calibrat
     read(&row.ok_or(Error::CalibrationNotFound(id))?, "body")
 }
 
+/// State of a calibration. An unreadable one counts as failed, so that the calibration can be deleted.
+async fn state_of(tx: &mut SqliteConnection, id: CalibrationId) -> Result<CalibrationState, Error> {
+    let state: Option<String> =
+        sqlx::query_scalar("SELECT state FROM calibration WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
+    Ok(state.ok_or(Error::CalibrationNotFound(id))?.parse().unwrap_or(CalibrationState::Failed))
+}
+
 /// The document in a column.
 fn read<T: serde::de::DeserializeOwned>(row: &SqliteRow, column: &str) -> Result<T, Error> {
     let (document, _) = read_leniently(VERSION, &row.try_get::<String, _>(column)?).map_err(InternalError::Row)?;
@@ -146,7 +144,7 @@ fn read<T: serde::de::DeserializeOwned>(row: &SqliteRow, column: &str) -> Result
 
 /// Query of a page.
 fn query(selection: &CalibrationSelection, page: &Page) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new("SELECT body FROM calibration WHERE id < ");
+    let mut query = QueryBuilder::new("SELECT id, body FROM calibration WHERE id < ");
     query.push_bind(page.before().to_owned());
     for (condition, value) in
         [("state = ", selection.state.map(|state| state.as_str().to_owned())), ("cell = ", selection.cell.clone())]

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::artifacts::{ResultFile, StoredArtifacts, read_file};
-use super::pages::{Page, Place};
+use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, now};
 use crate::service::error::{Error, InternalError};
@@ -124,27 +124,17 @@ impl Store {
     /// A page of inspections, newest first. Rows that cannot be read are left out.
     pub(crate) async fn inspections(&self, selection: &InspectionSelection, page: &Page) -> Result<InspectionPage, Error> {
         let rows = query(selection, page).build().fetch_all(&self.reader).await?;
-        let mut items: Vec<InspectionJob> = rows.iter().filter_map(|row| read(row).ok()).collect();
-        let next_page_token = page.cut(&mut items, |job| Place::of_id(job.id))?;
+        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, read)))?;
         Ok(InspectionPage { items, next_page_token })
-    }
-
-    /// Ids of the inspections that an earlier process left, oldest first.
-    pub(crate) async fn open_inspections(&self) -> Result<Vec<InspectionId>, Error> {
-        let ids: Vec<String> =
-            sqlx::query_scalar("SELECT id FROM inspection WHERE state IN ('queued', 'running', 'cancelling') ORDER BY id")
-                .fetch_all(&self.reader)
-                .await?;
-        Ok(ids.iter().filter_map(|id| id.parse().ok()).collect())
     }
 
     /// Deletes an ended inspection and its files.
     pub(crate) async fn delete_inspection(&self, id: InspectionId) -> Result<(), Error> {
         let orphans: Vec<String> = {
             let mut tx = self.writer.begin().await?;
-            let job = job_of(&mut tx, id).await?;
-            if !job.state.is_ended() {
-                return Err(Error::InspectionNotEnded { inspection: id, state: job.state });
+            let state = state_of(&mut tx, id).await?;
+            if !state.is_ended() {
+                return Err(Error::InspectionNotEnded { inspection: id, state });
             }
             let orphans = sqlx::query_scalar("SELECT file_sha256 FROM inspection_file WHERE inspection_id = ?1")
                 .bind(id.to_string())
@@ -162,6 +152,13 @@ async fn job_of(tx: &mut SqliteConnection, id: InspectionId) -> Result<Inspectio
     let row =
         sqlx::query("SELECT body AS document FROM inspection WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
     read(&row.ok_or(Error::InspectionNotFound(id))?)
+}
+
+/// State of an inspection. An unreadable one counts as failed, so that the inspection can be deleted.
+async fn state_of(tx: &mut SqliteConnection, id: InspectionId) -> Result<JobState, Error> {
+    let state: Option<String> =
+        sqlx::query_scalar("SELECT state FROM inspection WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
+    Ok(state.ok_or(Error::InspectionNotFound(id))?.parse().unwrap_or(JobState::Failed))
 }
 
 async fn insert_file(tx: &mut SqliteConnection, id: InspectionId, file: &ResultFile) -> Result<(), Error> {
@@ -188,7 +185,7 @@ fn read<T: DeserializeOwned>(row: &SqliteRow) -> Result<T, Error> {
 
 /// Query of a page.
 fn query(selection: &InspectionSelection, page: &Page) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new("SELECT body AS document FROM inspection WHERE id < ");
+    let mut query = QueryBuilder::new("SELECT id, body AS document FROM inspection WHERE id < ");
     query.push_bind(page.before().to_owned());
     let state = selection.state.map(|state| state.as_str().to_owned());
     for (condition, value) in [("state = ", state), ("job_id = ", selection.job_id.map(|id| id.to_string()))] {

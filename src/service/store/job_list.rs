@@ -5,7 +5,6 @@
 use std::collections::HashMap;
 
 use futures_util::TryStreamExt;
-use serde::{Serialize, Serializer};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite};
 
@@ -25,19 +24,6 @@ pub struct JobQuery {
     pub sort: JobSort,
 }
 
-/// A row of a listing.
-struct ListRow {
-    place: Place,
-    /// The job; `None` if it cannot be read.
-    job: Option<JobListItem>,
-}
-
-impl Serialize for ListRow {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.job.serialize(serializer)
-    }
-}
-
 /// A job that filters match.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MatchingJob {
@@ -54,10 +40,7 @@ impl Store {
     /// A page of jobs. Rows that cannot be read are left out, and the next page begins behind the last row, readable or not.
     pub(crate) async fn jobs(&self, asked: &JobQuery, page: &Page) -> Result<JobPage, Error> {
         let rows = query(asked, page).build().fetch_all(&self.reader).await?;
-        let row = |row: &SqliteRow| ListRow { place: place(row, asked.sort.key), job: read(row) };
-        let mut rows: Vec<ListRow> = rows.iter().map(row).collect();
-        let next_page_token = page.cut(&mut rows, |row| row.place.clone())?;
-        let mut items: Vec<JobListItem> = rows.into_iter().filter_map(|row| row.job).collect();
+        let (mut items, next_page_token) = page.cut(rows.iter().map(|row| (place(row, asked.sort.key), read(row))))?;
         if items.iter().any(|job| job.state == JobState::Queued) {
             let positions = self.queue_positions(&items).await?;
             for job in &mut items {

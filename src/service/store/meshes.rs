@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::files::Received;
-use super::pages::{Page, Place};
+use super::pages::{Page, entry};
 use super::{Store, blocking, now, parsed};
 use crate::service::error::Error;
 use crate::service::failpoint;
@@ -82,7 +82,7 @@ impl Store {
         read(&row.ok_or(Error::MeshNotFound(id))?)
     }
 
-    /// A page of meshes, newest first.
+    /// A page of meshes, newest first. Rows that cannot be read are left out.
     pub(crate) async fn meshes(&self, page: &Page) -> Result<MeshPage, Error> {
         let rows = sqlx::query(
             "SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh
@@ -92,8 +92,7 @@ impl Store {
         .bind(page.limit())
         .fetch_all(&self.reader)
         .await?;
-        let mut items = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let next_page_token = page.cut(&mut items, |mesh| Place::of_id(mesh.id))?;
+        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, read)))?;
         Ok(MeshPage { items, next_page_token })
     }
 

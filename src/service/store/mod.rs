@@ -16,6 +16,7 @@ mod inspections;
 mod job_list;
 mod job_rows;
 mod jobs;
+mod left_over;
 mod meshes;
 mod pages;
 mod pinned;
@@ -48,6 +49,7 @@ pub(crate) use idempotency::IdempotencyKey;
 pub(crate) use inspections::StoredInspection;
 pub use job_list::JobQuery;
 pub(crate) use jobs::NewJob;
+pub(crate) use left_over::LeftOver;
 pub(crate) use meshes::{MeshFile, NewMesh};
 pub(crate) use pages::Page;
 pub(crate) use retention::{Due, Policy};
@@ -250,6 +252,7 @@ fn migrator() -> Migrator {
         migration(7, "calibrations", include_str!("migrations/0007_calibrations.sql")),
         migration(8, "inspections", include_str!("migrations/0008_inspections.sql")),
         migration(9, "job_files", include_str!("migrations/0009_job_files.sql")),
+        migration(10, "attempts", include_str!("migrations/0010_attempts.sql")),
     ])
 }
 

@@ -3,6 +3,8 @@
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
+use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
 
 use crate::service::error::Error;
 use crate::wire::hex;
@@ -15,6 +17,19 @@ pub(crate) struct Page {
     /// Place of the last entry of the previous page.
     pub after: Option<Place>,
     filters: String,
+}
+
+/// Row of a listing: its place, and what is read of it, if it can be read.
+pub(crate) type Entry<T> = (Place, Option<T>);
+
+/// Entry of a row in a listing that is sorted by the column `id`; one that cannot be read is logged.
+pub(crate) fn entry<T>(row: &SqliteRow, read: impl Fn(&SqliteRow) -> Result<T, Error>) -> Entry<T> {
+    let place = Place::of_id(row.try_get::<String, _>("id").unwrap_or_default());
+    let item = read(row).inspect_err(|error| {
+        tracing::error!(id = place.id, error = error as &dyn std::error::Error, "a row is missing in a list: it cannot be read");
+    });
+    let item = item.ok();
+    (place, item)
 }
 
 /// Place of an entry in a listing.
@@ -75,21 +90,19 @@ impl Page {
         i64::from(self.size) + 1
     }
 
-    /// Truncates the rows to the page's size and to [`MAX_PAGE_BYTES`]; returns the token of the next page, if any.
-    pub(crate) fn cut<T: Serialize>(&self, rows: &mut Vec<T>, place: impl Fn(&T) -> Place) -> Result<Option<String>, Error> {
-        let (mut bytes, mut length) = (0, 0);
-        for row in rows.iter().take(self.size as usize) {
-            bytes += serde_json::to_vec(row)?.len();
-            if length > 0 && bytes > MAX_PAGE_BYTES {
-                break;
+    /// The items of a page of at most [`MAX_PAGE_BYTES`], and the token of the next page, if any. Rows that cannot be read are left
+    /// out, and the next page begins behind the last row, readable or not.
+    pub(crate) fn cut<T: Serialize>(&self, rows: impl IntoIterator<Item = Entry<T>>) -> Result<(Vec<T>, Option<String>), Error> {
+        let (mut items, mut bytes, mut last) = (Vec::new(), 0, None);
+        for (number, (place, item)) in rows.into_iter().enumerate() {
+            bytes += serde_json::to_vec(&item)?.len();
+            if number == self.size as usize || (number > 0 && bytes > MAX_PAGE_BYTES) {
+                return Ok((items, last.map(|place| self.token(&place))));
             }
-            length += 1;
+            items.extend(item);
+            last = Some(place);
         }
-        if rows.len() <= length {
-            return Ok(None);
-        }
-        rows.truncate(length);
-        Ok(rows.last().map(|last| self.token(&place(last))))
+        Ok((items, None))
     }
 
     fn token(&self, place: &Place) -> String {

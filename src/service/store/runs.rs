@@ -6,7 +6,7 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::pages::Place;
+use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
 use crate::service::error::{Error, InternalError};
@@ -119,8 +119,7 @@ impl Store {
     /// A page of runs, newest first. Rows that cannot be read are left out.
     pub(crate) async fn runs(&self, selection: &RunSelection, page: &Page) -> Result<RunPage, Error> {
         let rows = query(selection, page).build().fetch_all(&self.reader).await?;
-        let mut items: Vec<Run> = rows.iter().filter_map(|row| read(row).ok()).collect();
-        let next_page_token = page.cut(&mut items, |run| Place::of_id(run.id))?;
+        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, read)))?;
         Ok(RunPage { items, next_page_token })
     }
 
@@ -131,8 +130,8 @@ impl Store {
         Ok(count.unsigned_abs())
     }
 
-    /// Deletes an ended run with its record; its last event tells so.
-    pub(crate) async fn delete_run(&self, id: RunId) -> Result<Arc<RunEventDocument>, Error> {
+    /// Deletes an ended run with its record; its last event tells so, unless the run cannot be read.
+    pub(crate) async fn delete_run(&self, id: RunId) -> Result<Option<Arc<RunEventDocument>>, Error> {
         let mut tx = self.writer.begin().await?;
         let state = state_of(&mut tx, id).await?;
         if !state.is_ended() {
@@ -140,7 +139,10 @@ impl Store {
         }
         let row = sqlx::query("DELETE FROM run WHERE id = ?1 RETURNING body").bind(id.to_string()).fetch_one(&mut *tx).await?;
         sqlx::query("DELETE FROM run_event WHERE run_id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
-        let event = append(&mut tx, &read(&row)?, RunEventKind::Deleted).await?;
+        let event = match read::<Run>(&row) {
+            Ok(run) => Some(append(&mut tx, &run, RunEventKind::Deleted).await?),
+            Err(_) => None,
+        };
         tx.commit().await?;
         Ok(event)
     }
@@ -274,7 +276,7 @@ fn read_event(row: &SqliteRow) -> Result<RunEventDocument, Error> {
 
 /// Query of a page.
 fn query(selection: &RunSelection, page: &Page) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new("SELECT body FROM run WHERE id < ");
+    let mut query = QueryBuilder::new("SELECT id, body FROM run WHERE id < ");
     query.push_bind(page.before().to_owned());
     let time = |time: &Option<UtcTime>| time.as_ref().map(|time| time.as_str().to_owned());
     for (condition, value) in [

@@ -4,7 +4,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::files::Received;
-use super::pages::{Page, Place};
+use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, blocking, now};
 use crate::service::error::{Error, InternalError};
@@ -25,9 +25,8 @@ impl Store {
             .bind(&scan.sha256)
             .fetch_all(&mut *tx)
             .await?;
-        let stored = same.iter().map(read).collect::<Result<Vec<_>, _>>()?;
         let facts = |scan: &Scan| (scan.view, scan.name.clone(), scan.unit.clone(), scan.frame);
-        if let Some(stored) = stored.into_iter().find(|stored| facts(stored) == facts(&scan)) {
+        if let Some(stored) = same.iter().filter_map(|row| read(row).ok()).find(|stored| facts(stored) == facts(&scan)) {
             return Ok(stored);
         }
         scan.created_at = sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?;
@@ -50,16 +49,15 @@ impl Store {
         Ok(scan)
     }
 
-    /// A page of a job's scans, oldest first.
+    /// A page of a job's scans, oldest first. Rows that cannot be read are left out.
     pub(crate) async fn scans(&self, job: JobId, page: &Page) -> Result<ScanPage, Error> {
-        let rows = sqlx::query("SELECT body FROM scan WHERE job_id = ?1 AND id > ?2 ORDER BY id LIMIT ?3")
+        let rows = sqlx::query("SELECT id, body FROM scan WHERE job_id = ?1 AND id > ?2 ORDER BY id LIMIT ?3")
             .bind(job.to_string())
             .bind(page.after.as_ref().map_or("", |place| &place.id))
             .bind(page.limit())
             .fetch_all(&self.reader)
             .await?;
-        let mut items = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let next_page_token = page.cut(&mut items, |scan| Place::of_id(scan.id))?;
+        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, read)))?;
         Ok(ScanPage { items, next_page_token })
     }
 

@@ -17,6 +17,8 @@ use crate::wire::JobRequest;
 const BATCH_ROWS: i64 = 500;
 /// Ratio of pause to reading time when files are scrubbed: at 9, scrubbing takes at most a tenth of the disk's bandwidth.
 const PAUSE_PER_READ: u32 = 9;
+/// What is wrong with a file that is not there.
+const MISSING: &str = "is missing";
 /// Max number of findings kept.
 const MAX_KEPT: usize = 1000;
 
@@ -58,19 +60,35 @@ impl Store {
         self.damage.lock().iter().map(|(name, reason)| Damage { name: name.clone(), reason: reason.clone() }).collect()
     }
 
-    /// Checks that every row can be read and that every file that rows refer to exists.
+    /// Checks that every row can be read and that every file that rows refer to exists. Damage to what has been deleted, and
+    /// files that are there again, are forgotten.
     pub(crate) async fn scrub_rows(&self) -> Result<(), Error> {
         self.scrub_jobs().await?;
         self.scrub_meshes().await?;
         let (files, referenced) = (self.files.clone(), self.referenced_files().await?);
         let found = blocking(move || Ok(files.list()?)).await?;
         let existing: std::collections::HashSet<_> = found.into_iter().map(|file| file.sha256).collect();
-        for sha256 in referenced {
-            if !existing.contains(&sha256) {
-                self.damage.set(format!("file {sha256}"), Some("is missing".to_owned()));
+        for sha256 in &referenced {
+            if !existing.contains(sha256) {
+                self.damage.set(format!("file {sha256}"), Some(MISSING.to_owned()));
+            }
+        }
+        for Damage { name, reason } in self.damage() {
+            let is_gone = match name.split_once(' ') {
+                Some(("file", sha256)) => !referenced.contains(sha256) || (reason == MISSING && existing.contains(sha256)),
+                Some(("job", id)) => !self.has_row("SELECT EXISTS (SELECT 1 FROM job_body WHERE job_id = ?1)", id).await?,
+                Some(("mesh", id)) => !self.has_row("SELECT EXISTS (SELECT 1 FROM mesh WHERE id = ?1)", id).await?,
+                _ => false,
+            };
+            if is_gone {
+                self.damage.set(name, None);
             }
         }
         Ok(())
+    }
+
+    async fn has_row(&self, query: &'static str, id: &str) -> Result<bool, Error> {
+        Ok(sqlx::query_scalar(query).bind(id).fetch_one(&self.reader).await?)
     }
 
     async fn scrub_jobs(&self) -> Result<(), Error> {
@@ -124,7 +142,7 @@ impl Store {
                 Err(Error::FileDamaged { missing, .. }) => {
                     // The file may have been deleted since it was listed.
                     let is_referenced = self.is_referenced(&sha256).await?;
-                    let reason = if missing { "is missing" } else { "has bytes that do not match its hash" };
+                    let reason = if missing { MISSING } else { "has bytes that do not match its hash" };
                     self.damage.set(format!("file {sha256}"), is_referenced.then(|| reason.to_owned()));
                 }
                 Err(error) => return Err(error),

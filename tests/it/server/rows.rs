@@ -98,6 +98,48 @@ fn one_unreadable_row_stops_nothing_else() {
 }
 
 #[test]
+fn calibrations_that_kill_every_process_or_cannot_be_read_are_given_up_and_the_others_go_on() {
+    let data = tempfile::tempdir().expect("a folder");
+    let server = Server::start(data.path(), &[]);
+    let request = serde_json::to_vec(&vantage::wire::example::calibration()).expect("JSON");
+    let ended = |server: &Server, id: &str| server.get(&format!("/api/v1/calibrations/{id}?wait=60s")).expect("it");
+    let ids: Vec<String> = (0..4)
+        .map(|_| {
+            let (status, _, job) = server.ask("POST", "/api/v1/calibrations", &request);
+            assert_eq!(status, 202, "{job}");
+            let id = job["id"].as_str().expect("an id").to_owned();
+            assert_eq!(ended(&server, &id)["state"], "succeeded");
+            id
+        })
+        .collect();
+    server.stop();
+    let died = |id: &str, times: u32| {
+        format!(
+            "UPDATE calibration SET state = 'running', body = json_set(body, '$.state', 'running'), attempts = {times} \
+             WHERE id = '{id}'"
+        )
+    };
+    let broken = format!("UPDATE calibration SET state = 'running', body = '{{' WHERE id = '{}'", ids[3]);
+    database::execute(data.path(), [died(&ids[0], 0), died(&ids[1], 1), died(&ids[2], 2), broken]);
+    let server = Server::start(data.path(), &[]);
+    for id in &ids[..2] {
+        assert_eq!(ended(&server, id)["state"], "succeeded");
+    }
+    let job = ended(&server, &ids[2]);
+    assert_eq!((&job["state"], &job["problem"]["code"]), (&"failed".into(), &"job_attempts_exhausted".into()), "{job}");
+    // The newest cannot be read: the list goes on behind it.
+    let page = server.get("/api/v1/calibrations?page_size=1").expect("a page");
+    assert_eq!(page["items"], serde_json::json!([]));
+    let token = page["next_page_token"].as_str().expect("more");
+    let page = server.get(&format!("/api/v1/calibrations?page_size=10&page_token={token}")).expect("a page");
+    let listed: Vec<&str> = page["items"].as_array().expect("a list").iter().filter_map(|job| job["id"].as_str()).collect();
+    assert_eq!(listed, [&ids[2], &ids[1], &ids[0]]);
+    for id in &ids {
+        assert_eq!(server.ask("DELETE", &format!("/api/v1/calibrations/{id}"), b"").0, 204);
+    }
+}
+
+#[test]
 fn a_damaged_mesh_file_is_refused_with_the_reason_until_it_is_uploaded_again() {
     let data = tempfile::tempdir().expect("a folder");
     let (mesh, _) = used_store(data.path());
@@ -155,5 +197,7 @@ fn a_job_reads_what_it_names_and_nothing_else() {
     assert_eq!(server.ended(job["id"].as_str().expect("an id"))["state"], "succeeded");
     // The rows are as bad as they are meant to be.
     assert_eq!(submit("other").0, 500);
-    assert_eq!(server.ask("GET", "/api/v1/meshes", b"").0, 500);
+    assert_eq!(server.ask("GET", &format!("/api/v1/meshes/{}", id(0)), b"").0, 500);
+    let listed = server.get("/api/v1/meshes").expect("a list");
+    assert_eq!(listed["items"].as_array().expect("a list").iter().map(|item| &item["id"]).collect::<Vec<_>>(), [&mesh]);
 }

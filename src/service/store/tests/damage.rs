@@ -164,6 +164,26 @@ async fn a_damaged_file_is_not_given_out_and_is_healed_by_the_same_upload() {
     }
 }
 
+#[tokio::test]
+async fn damage_to_what_was_deleted_and_files_that_are_there_again_are_forgotten() {
+    let opened = open().await;
+    let store = &opened.store;
+    let (kept, deleted) = (add_mesh(store, b"one").await, add_mesh(store, b"two").await);
+    for mesh in [&kept, &deleted] {
+        std::fs::remove_file(store.files().path(&mesh.sha256)).expect("gone");
+    }
+    let unreadable = "UPDATE mesh SET health = '?' WHERE id = ?1";
+    sqlx::query(unreadable).bind(deleted.id.to_string()).execute(&store.reader).await.expect("damaged");
+    store.scrub_rows().await.expect("a look");
+    assert_eq!(store.damage().len(), 3);
+    store.delete_mesh(deleted.id).await.expect("free");
+    store.scrub_rows().await.expect("a look");
+    assert_eq!(store.damage().iter().map(|damage| damage.name.clone()).collect::<Vec<_>>(), [format!("file {}", kept.sha256)]);
+    std::fs::write(store.files().path(&kept.sha256), b"one").expect("put back");
+    store.scrub_rows().await.expect("a look");
+    assert_eq!(store.damage(), []);
+}
+
 /// Meshes and jobs of a store, for comparison.
 async fn content(data: &Path) -> (Vec<crate::wire::UploadedMesh>, Vec<JobId>) {
     let store = Store::open(data).await.expect("a store");
