@@ -116,7 +116,7 @@ pub struct PlanningSettings {
     pub threads: u32,
     /// Number of jobs planned concurrently; 0 for as many as there are planning threads.
     pub concurrent_jobs: u32,
-    /// Number of attempts after which a job that keeps crashing the server fails.
+    /// Number of attempts after which a job, an inspection or a calibration that keeps crashing the server fails.
     pub max_attempts: u32,
 }
 

@@ -17,7 +17,7 @@ use crate::wire::JobRequest;
 const BATCH_ROWS: i64 = 500;
 /// Ratio of pause to reading time when files are scrubbed: at 9, scrubbing takes at most a tenth of the disk's bandwidth.
 const PAUSE_PER_READ: u32 = 9;
-/// What is wrong with a file that is not there.
+/// Reason that is given for a file that is not there.
 const MISSING: &str = "is missing";
 /// Max number of findings kept.
 const MAX_KEPT: usize = 1000;

@@ -72,7 +72,9 @@ fn walk(prefix: &str, parts: &[(&str, &str)]) {
     let [before, after] = ["before", "after"].map(|round| reached["inspection"][round].as_f64().unwrap_or_default());
     assert!(before > 0.1 && after > before + 0.01, "{reached}");
     assert!(reached["rig_off_mm"].as_f64().is_some_and(|mm| mm < 0.001), "{reached}");
-    assert!(reached["axe"].as_u64().is_some_and(|pages| pages > 6) && reached["requests"].as_u64() > Some(20), "{reached}");
+    // Accessibility and layout are looked at without the prefix.
+    assert!(!prefix.is_empty() || reached["axe"].as_u64().is_some_and(|pages| pages > 6), "{reached}");
+    assert!(reached["requests"].as_u64() > Some(20), "{reached}");
 }
 
 #[test]
