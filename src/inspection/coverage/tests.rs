@@ -185,7 +185,8 @@ fn six_parts_are_measured_as_planned() {
     let parts = [
         ("gearbox_output_housing_16k.stl", None, 4, 0.3),
         ("piboy_rear_case_15k_binary.stl", None, 4, 0.3),
-        // Long sharp edges: along them every cell counts whole or not at all. 0.1 points at every second pixel, 0.2 and 0.3 at every third and fourth.
+        // Along its long sharp edges a cell counts whole or not at all, which costs 0.1, 0.2 and 0.3 points at every second, third
+        // and fourth pixel.
         ("fandisk_13k.obj", Some(100.0), 3, 0.3),
         ("valve_housing_27k.stl", Some(140.0), 4, 0.3),
         ("rocker-arm_20k.obj", Some(120.0), 4, 0.5),
