@@ -1,4 +1,5 @@
-//! The grid of an organised cloud over the left camera's image: every n-th pixel ([`super::ViewScan::scanner_cloud`]).
+//! The grid of an organised cloud over the left camera's image: cell (c, r) of W/n × H/n cells has the ray of the pixel position
+//! ((c + ½)·n, (r + ½)·n), in the convention of [`crate::cell::Lens`].
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
@@ -23,7 +24,7 @@ impl PixelGrid {
     pub fn new(scanner: &Scanner, step_px: u32) -> Self {
         let left = &scanner.devices.left;
         let step_px = f64::from(step_px.max(1));
-        let cells = |size_px: f64| (size_px / step_px).floor() as usize;
+        let cells = |size_px: f64| ((size_px / step_px).floor() as usize).max(1);
         let size = CloudGrid { columns: cells(left.lens.width_px), rows: cells(left.lens.height_px) };
         let scanner_from_device = *left.scanner_from_device.isometry();
         Self { step_px, size, lens: left.lens, device_from_scanner: scanner_from_device.inverse(), scanner_from_device }
@@ -68,31 +69,31 @@ impl PixelGrid {
     /// Column and row in which a point of the scanner's frame is imaged; `None` outside of the grid.
     #[must_use]
     pub fn cell_of(&self, scanner_mm: &Point3<f64>) -> Option<[usize; 2]> {
-        let [column, row] = self.place_of(scanner_mm)?.map(f64::floor);
-        let is_inside = column < self.size.columns as f64 && row < self.size.rows as f64;
+        self.cell_at(self.image_of(scanner_mm)?.0)
+    }
+
+    /// Column and row at a place, in cells; `None` outside of the grid.
+    #[inline]
+    #[must_use]
+    pub fn cell_at(&self, [column, row]: [f64; 2]) -> Option<[usize; 2]> {
+        let is_inside = column >= 0.0 && row >= 0.0 && (column as usize) < self.size.columns && (row as usize) < self.size.rows;
         is_inside.then_some([column as usize, row as usize])
     }
 
-    /// Number of the cell at a place, in cells; `None` outside of the grid.
+    /// Length that a cell spans on a surface at a depth, mm.
     #[must_use]
-    pub fn cell_at(&self, place: [f64; 2]) -> Option<usize> {
-        let [column, row] = place.map(f64::floor);
-        let (columns, rows) = (self.size.columns as f64, self.size.rows as f64);
-        let is_inside = 0.0 <= column && column < columns && 0.0 <= row && row < rows;
-        is_inside.then(|| self.number([column as usize, row as usize]))
+    pub fn cell_mm(&self, depth_mm: f64) -> f64 {
+        self.step_px * depth_mm / self.lens.focal_px()
     }
 
-    /// Focal length of the left camera, px.
+    /// Place of the image of a point in the scanner's frame, in cells, and its depth along the camera's axis, mm; `None` outside
+    /// of the image.
+    #[inline]
     #[must_use]
-    pub fn focal_px(&self) -> f64 {
-        self.lens.focal_px()
-    }
-
-    /// Place of the image of a point in the scanner's frame, in cells; `None` outside of the image.
-    #[must_use]
-    pub fn place_of(&self, scanner_mm: &Point3<f64>) -> Option<[f64; 2]> {
-        let pixel = self.lens.project(&(self.device_from_scanner * scanner_mm))?;
-        Some([pixel.x, pixel.y].map(|position| position / self.step_px))
+    pub fn image_of(&self, scanner_mm: &Point3<f64>) -> Option<([f64; 2], f64)> {
+        let at = self.device_from_scanner * scanner_mm;
+        let (u, v, is_inside) = self.lens.image(at.x, at.y, at.z);
+        is_inside.then_some(([u, v].map(|position| position / self.step_px), at.z))
     }
 
     /// Number of a cell in a cloud of this grid.

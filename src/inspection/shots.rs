@@ -1,10 +1,10 @@
 //! Scans for tests: a part seen by the nominal scanner, cell by cell, without or with noise.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::ViewScan;
+use super::{PixelGrid, ViewScan};
 use crate::cell::Scanner;
-use crate::geometry::{CloudGrid, Mesh, Part, PointCloud, Pose, RayScene, ScannerFrame, SimdLevel};
+use crate::geometry::{Mesh, Part, PointCloud, Pose, RayScene, ScannerFrame, SimdLevel};
 use crate::testing::nominal_scanner;
 
 /// Largest incidence at which a device returns a point, degrees.
@@ -43,11 +43,11 @@ pub(super) struct Shots<'m> {
     pub(super) scanner: Scanner,
     mesh: &'m Mesh,
     scene: RayScene,
-    step_px: usize,
+    step_px: u32,
 }
 
 impl<'m> Shots<'m> {
-    pub(super) fn of(mesh: &'m Mesh, step_px: usize) -> Self {
+    pub(super) fn of(mesh: &'m Mesh, step_px: u32) -> Self {
         Self { scanner: nominal_scanner(), mesh, scene: RayScene::new([mesh]), step_px }
     }
 
@@ -68,17 +68,9 @@ impl<'m> Shots<'m> {
 
     /// Cloud taken from a pose, with noise along each ray.
     pub(super) fn cloud(&self, part_from_scanner: &Pose<Part, ScannerFrame>, noise_mm: f64, seed: u64) -> PointCloud {
-        let left = &self.scanner.devices.left;
-        let cells = |size: f64| (size / self.step_px as f64) as usize;
-        let grid = CloudGrid { columns: cells(left.lens.width_px), rows: cells(left.lens.height_px) };
-        let part_from_left = *part_from_scanner * left.scanner_from_device;
-        let eye = part_from_left.origin_mm();
-        let middle = |number: usize| (number as f64 + 0.5) * self.step_px as f64;
-        let ray = |cell: usize| {
-            let pixel = Vector2::new(middle(cell % grid.columns), middle(cell / grid.columns));
-            part_from_left.direction(&left.lens.unproject(&pixel))
-        };
-        let directions: Vec<Vector3<f64>> = (0..grid.columns * grid.rows).map(ray).collect();
+        let grid = PixelGrid::new(&self.scanner, self.step_px);
+        let eye = part_from_scanner.point(&grid.centre_mm());
+        let directions: Vec<Vector3<f64>> = (0..grid.cells()).map(|cell| part_from_scanner.direction(&grid.ray(cell))).collect();
         let mut hits = Vec::new();
         self.scene.first_hits_from(SimdLevel::widest(), &eye, &directions, &mut hits);
         let found: Vec<Option<(Point3<f64>, Vector3<f64>)>> = hits
@@ -91,7 +83,7 @@ impl<'m> Shots<'m> {
                 Some((eye + direction * share, normal))
             })
             .collect();
-        let mut cloud = PointCloud { points_mm: vec![[f32::NAN; 3]; directions.len()], grid: Some(grid) };
+        let mut cloud = PointCloud { points_mm: vec![[f32::NAN; 3]; directions.len()], grid: Some(grid.size) };
         let scanner_from_part = part_from_scanner.inverse();
         for (cell, (point, _)) in
             self.seen(part_from_scanner, &found).iter().enumerate().filter_map(|(cell, seen)| seen.map(|seen| (cell, seen)))

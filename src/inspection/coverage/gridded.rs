@@ -122,8 +122,8 @@ const QUADRANTS: [[isize; 2]; 4] = [[1, 1], [-1, 1], [1, -1], [-1, -1]];
 /// Distance between points along the rows of the image that is met most often, in cells of a grid of single pixels.
 fn lattice_step(pixels: &PixelGrid, cloud: &PointCloud) -> u32 {
     // Rays through middles of cells meet the borders of pixels: a quarter beside them no rounding counts.
-    let place = |(_, point): (usize, Point3<f64>)| pixels.cell_at(pixels.place_of(&point)?.map(|place| place + 0.25));
-    let mut cells: Vec<u32> = cloud.finite().filter_map(place).map(|cell| cell as u32).collect();
+    let place = |(_, point): (usize, Point3<f64>)| pixels.cell_at(pixels.image_of(&point)?.0.map(|place| place + 0.25));
+    let mut cells: Vec<u32> = cloud.finite().filter_map(place).map(|cell| pixels.number(cell) as u32).collect();
     cells.sort_unstable();
     let columns = pixels.size.columns as u32;
     let mut counts = [0_usize; MAX_STEP_PX as usize + 1];

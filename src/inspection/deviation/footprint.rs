@@ -3,8 +3,9 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{DeviationOptions, LeftCamera, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{CloudGrid, Hit, Part, Pose, ScannerFrame, nearest_of_triangle};
+use super::{DeviationOptions, Nominal, PlacedScan, SimdLevel};
+use crate::geometry::{Hit, Part, Pose, ScannerFrame, nearest_of_triangle};
+use crate::inspection::PixelGrid;
 use crate::planning::ids::SampleId;
 
 /// Rays that are cast together.
@@ -18,7 +19,8 @@ const OFF_STEP: usize = 2;
 
 /// Distance of each cell of a view.
 pub(super) struct ViewDistances {
-    grid: CloudGrid,
+    /// `None` where the cloud has none.
+    grid: Option<PixelGrid>,
     found: Vec<Found>,
     /// Points off the surface: position in the part's frame, and distance.
     pub(super) off_surface: Vec<(Point3<f64>, f64)>,
@@ -49,19 +51,20 @@ impl ViewDistances {
         placed: &PlacedScan<'_>,
         nominal: &Nominal<'_>,
         normals: &[Vector3<f64>],
-        camera: &LeftCamera<'_>,
         options: &DeviationOptions,
     ) -> Self {
         let cloud = &placed.scan.scanner_cloud;
         // Points without a grid are left out: ingest gives every cloud one.
-        let grid = cloud.grid.unwrap_or(CloudGrid { columns: 0, rows: 0 });
+        let Some(grid) = cloud.grid.and_then(|size| PixelGrid::of_size(nominal.scanner, size)) else {
+            return Self { grid: None, found: Vec::new(), off_surface: Vec::new(), compared: 0 };
+        };
         let part_from_scanner = &placed.part_from_scanner;
-        let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&camera.centre_mm));
+        let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&grid.centre_mm()));
         let view = View { placed, nominal, normals, options, scanner_from_part, eye_mm, grid };
-        let cells = grid.columns * grid.rows;
+        let cells = grid.cells();
         let mut found = vec![Found::NOTHING; cells];
         found.par_chunks_mut(RAYS).enumerate().for_each(|(piece, found)| view.meet(piece * RAYS, found));
-        let ring = view.ring(camera);
+        let ring = view.ring();
         // None is judged by what another one has been taken for.
         let is_beyond: Vec<bool> =
             (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
@@ -69,7 +72,7 @@ impl ViewDistances {
             found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
         let compared = pieces.iter().map(|(_, compared)| compared).sum();
         let off_surface = pieces.into_iter().flat_map(|(off_surface, _)| off_surface).collect();
-        Self { grid, found, off_surface, compared }
+        Self { grid: Some(grid), found, off_surface, compared }
     }
 }
 
@@ -83,7 +86,7 @@ struct View<'a> {
     scanner_from_part: Pose<ScannerFrame, Part>,
     /// Optical centre of the left camera, part frame.
     eye_mm: Point3<f64>,
-    grid: CloudGrid,
+    grid: PixelGrid,
 }
 
 impl View<'_> {
@@ -124,7 +127,7 @@ impl View<'_> {
                 continue;
             }
             *found = Found::NOTHING;
-            let [column, row] = [cell % self.grid.columns, cell / self.grid.columns];
+            let [column, row] = [cell % self.grid.size.columns, cell / self.grid.size.columns];
             let is_kept = column.is_multiple_of(OFF_STEP) && row.is_multiple_of(OFF_STEP);
             if let Some(point) = self.point(cell).filter(|_| is_kept && !is_beyond[cell]) {
                 off_surface.push((self.placed.part_from_scanner.point(&point), distance_mm));
@@ -155,9 +158,8 @@ impl View<'_> {
     }
 
     /// Offsets, in columns and rows, to the cells that are asked for another face: eight directions, at half and at whole distance.
-    fn ring(&self, camera: &LeftCamera<'_>) -> Vec<[isize; 2]> {
-        let scanner = self.nominal.scanner;
-        let cell_mm = camera.pixels_of(self.grid) * scanner.best_mm / scanner.devices.left.lens.focal_px();
+    fn ring(&self) -> Vec<[isize; 2]> {
+        let cell_mm = self.grid.cell_mm(self.nominal.scanner.best_mm);
         let whole = ((self.options.rim_mm / cell_mm).ceil() as isize).clamp(1, MAX_RING);
         let mut distances = vec![(whole + 1) / 2, whole];
         distances.dedup();
@@ -178,11 +180,12 @@ impl View<'_> {
         let mesh = self.nominal.mesh;
         let normal = self.normals[face as usize];
         let Some(point) = self.point(cell).map(|point| self.placed.part_from_scanner.point(&point)) else { return false };
-        let (column, row) = ((cell % self.grid.columns) as isize, (cell / self.grid.columns) as isize);
+        let (column, row) = ((cell % self.grid.size.columns) as isize, (cell / self.grid.size.columns) as isize);
         ring.iter().any(|[right, down]| {
             let (column, row) = (column + right, row + down);
-            let is_in = (0..self.grid.columns as isize).contains(&column) && (0..self.grid.rows as isize).contains(&row);
-            let other = if is_in { found[row as usize * self.grid.columns + column as usize].face } else { NO_FACE };
+            let is_in =
+                (0..self.grid.size.columns as isize).contains(&column) && (0..self.grid.size.rows as isize).contains(&row);
+            let other = if is_in { found[row as usize * self.grid.size.columns + column as usize].face } else { NO_FACE };
             other != NO_FACE && other != face && {
                 let corners = mesh.corners(other as usize);
                 let other_normal = self.normals[other as usize];
@@ -200,11 +203,11 @@ impl View<'_> {
     /// sides, or with the point itself at a rim.
     fn normal(&self, cell: usize) -> Option<Vector3<f64>> {
         let own = self.point(cell)?;
-        let (column, row) = (cell % self.grid.columns, cell / self.grid.columns);
+        let (column, row) = (cell % self.grid.size.columns, cell / self.grid.size.columns);
         let left = (column > 0).then(|| self.point(cell - 1)).flatten();
-        let right = (column + 1 < self.grid.columns).then(|| self.point(cell + 1)).flatten();
-        let above = (row > 0).then(|| self.point(cell - self.grid.columns)).flatten();
-        let below = (row + 1 < self.grid.rows).then(|| self.point(cell + self.grid.columns)).flatten();
+        let right = (column + 1 < self.grid.size.columns).then(|| self.point(cell + 1)).flatten();
+        let above = (row > 0).then(|| self.point(cell - self.grid.size.columns)).flatten();
+        let below = (row + 1 < self.grid.size.rows).then(|| self.point(cell + self.grid.size.columns)).flatten();
         let along = right.unwrap_or(own) - left.unwrap_or(own);
         let down = below.unwrap_or(own) - above.unwrap_or(own);
         let normal = along.cross(&down).try_normalize(1e-12)?;
@@ -219,7 +222,6 @@ pub(super) struct Footprints<'a> {
     /// Unit normals of the mesh's faces.
     pub(super) normals: &'a [Vector3<f64>],
     pub(super) scanner_from_part: Pose<ScannerFrame, Part>,
-    pub(super) camera: &'a LeftCamera<'a>,
     pub(super) distances: &'a ViewDistances,
     pub(super) footprint_mm: f64,
 }
@@ -241,20 +243,18 @@ impl Footprints<'_> {
         let surface = self.nominal.surface;
         let (at, patch) = (surface.sample_mm[sample.index()], surface.patch_of(sample));
         let in_scanner = self.scanner_from_part.point(&at);
-        let towards = self.placed.part_from_scanner.point(&self.camera.centre_mm) - at;
-        if towards.dot(&patch.normal) <= 0.0 || self.distances.found.is_empty() {
+        let grid = self.distances.grid.as_ref()?;
+        let towards = self.placed.part_from_scanner.point(&grid.centre_mm()) - at;
+        if towards.dot(&patch.normal) <= 0.0 {
             return None;
         }
-        let (pixel, depth) = self.camera.pixel(&in_scanner)?;
-        let grid = self.distances.grid;
-        let pixels = self.camera.pixels_of(grid);
-        let [column, row] = LeftCamera::cell(pixel, pixels, grid)?;
-        let cell_mm = pixels * depth / self.nominal.scanner.devices.left.lens.focal_px();
-        let half = ((self.footprint_mm / cell_mm).ceil() as usize).clamp(1, MAX_HALF_WIDTH);
+        let (place, depth_mm) = grid.image_of(&in_scanner)?;
+        let [column, row] = grid.cell_at(place)?;
+        let half = ((self.footprint_mm / grid.cell_mm(depth_mm)).ceil() as usize).clamp(1, MAX_HALF_WIDTH);
         let mut footprint = MeasuredFootprint::default();
-        for row in row.saturating_sub(half)..=(row + half).min(grid.rows - 1) {
-            for column in column.saturating_sub(half)..=(column + half).min(grid.columns - 1) {
-                self.take(row * grid.columns + column, [&at, &in_scanner], (patch.face, &patch.normal), &mut footprint);
+        for row in row.saturating_sub(half)..=(row + half).min(grid.size.rows - 1) {
+            for column in column.saturating_sub(half)..=(column + half).min(grid.size.columns - 1) {
+                self.take(grid.number([column, row]), [&at, &in_scanner], (patch.face, &patch.normal), &mut footprint);
             }
         }
         (footprint.points > 0).then_some(footprint)

@@ -27,8 +27,7 @@ mod tests;
 use nalgebra::{Matrix6, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::ingest::LeftCamera;
-use super::{RegisteredView, ViewScan};
+use super::{PixelGrid, RegisteredView, ViewScan};
 use crate::cell::Scanner;
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
@@ -160,20 +159,19 @@ pub struct Deviation {
 /// Compares scans with the model.
 #[must_use]
 pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &DeviationOptions) -> Deviation {
-    let camera = LeftCamera::of(nominal.scanner);
-    let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal, &camera));
+    let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal));
     let (mut sums, mut heaps, mut compared_points) = (vec![Sum::default(); nominal.surface.sample_mm.len()], Vec::new(), 0);
     let mut seen: Vec<Vec<SampleId>> = Vec::with_capacity(scans.len());
     let mesh = nominal.mesh;
     let normals: Vec<Vector3<f64>> =
         (0..mesh.faces.len()).into_par_iter().map(|face| mesh.scaled_normal(face).normalize()).collect();
     for placed in scans {
-        let distances = ViewDistances::of(placed, nominal, &normals, &camera, options);
+        let distances = ViewDistances::of(placed, nominal, &normals, options);
         compared_points += distances.compared;
         heaps.extend_from_slice(&distances.off_surface);
         let scanner_from_part = placed.part_from_scanner.inverse();
-        let (normals, camera, distances) = (&normals[..], &camera, &distances);
-        let footprints = Footprints { placed, nominal, normals, scanner_from_part, camera, distances, footprint_mm };
+        let (normals, distances) = (&normals[..], &distances);
+        let footprints = Footprints { placed, nominal, normals, scanner_from_part, distances, footprint_mm };
         let measured = |sample: usize| {
             let id = SampleId::at(sample);
             footprints
@@ -198,13 +196,13 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
 }
 
 /// Half the distance between samples, and at least 1.5 times that between points at the best focus.
-fn default_footprint_mm(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, camera: &LeftCamera<'_>) -> f64 {
+fn default_footprint_mm(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>) -> f64 {
     let surface = nominal.surface;
     let area_mm2: f64 = surface.patches.iter().map(|patch| patch.area_mm2).sum();
     let between_samples = (area_mm2 / surface.sample_mm.len().max(1) as f64).sqrt();
-    let grids = scans.iter().filter_map(|placed| placed.scan.scanner_cloud.grid);
-    let pixels = grids.map(|grid| camera.pixels_of(grid)).fold(1.0, f64::max);
-    let between_points = pixels * nominal.scanner.best_mm / nominal.scanner.devices.left.lens.focal_px();
+    let sizes = scans.iter().filter_map(|placed| placed.scan.scanner_cloud.grid);
+    let grids = sizes.filter_map(|size| PixelGrid::of_size(nominal.scanner, size));
+    let between_points = grids.map(|grid| grid.cell_mm(nominal.scanner.best_mm)).fold(0.0, f64::max);
     (0.5 * between_samples).max(1.5 * between_points)
 }
 

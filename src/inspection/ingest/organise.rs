@@ -2,60 +2,65 @@
 
 use nalgebra::Point3;
 
-use super::camera::LeftCamera;
 use super::clean::{Removed, RemovedBecause};
-use crate::geometry::PointCloud;
+use crate::cell::Scanner;
+use crate::geometry::{CloudGrid, PointCloud};
+use crate::inspection::PixelGrid;
 
 /// Cell sizes that are tried, pixels.
-const CELL_PIXELS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
+const CELL_PIXELS: [u32; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Share of the neighbours of occupied cells that are occupied, from which on a cloud is dense in its grid: with less the spacing of the
 /// points exceeds the cell.
 const DENSE_SHARE: f64 = 0.85;
 
 /// Organises points in the scanner's frame. The cells are the smallest that the points fill: a cell of n pixels spans n·z/f on a
 /// surface at depth z, as much as the points' spacing.
-pub(super) fn project(points_mm: &[[f32; 3]], camera: &LeftCamera<'_>, removed: &mut Removed) -> PointCloud {
-    let pixels: Vec<Option<([f32; 2], f32)>> = points_mm.iter().map(|point| pixel_of(point, camera)).collect();
+pub(super) fn project(points_mm: &[[f32; 3]], scanner: &Scanner, removed: &mut Removed) -> PointCloud {
+    let image = PixelGrid::new(scanner, 1);
+    let pixels: Vec<Option<([f32; 2], f32)>> = points_mm.iter().map(|point| pixel_of(point, &image)).collect();
     let missing = points_mm.iter().zip(&pixels).filter(|(point, pixel)| !point[0].is_nan() && pixel.is_none()).count();
     removed.count(RemovedBecause::OutsideImage, missing);
-    let dense = CELL_PIXELS.into_iter().find(|size| fill(&pixels, camera, *size) >= DENSE_SHARE);
-    let size = dense.unwrap_or(CELL_PIXELS[CELL_PIXELS.len() - 1]);
-    let grid = camera.grid(size);
-    let mut depth = vec![f32::INFINITY; grid.columns * grid.rows];
-    let mut cells = vec![[f32::NAN; 3]; grid.columns * grid.rows];
+    let mut grids = CELL_PIXELS.map(|step_px| PixelGrid::new(scanner, step_px)).into_iter();
+    let largest = PixelGrid::new(scanner, CELL_PIXELS[CELL_PIXELS.len() - 1]);
+    let grid = grids.find(|grid| fill(&pixels, grid) >= DENSE_SHARE).unwrap_or(largest);
+    let mut depth = vec![f32::INFINITY; grid.cells()];
+    let mut cells = vec![[f32::NAN; 3]; grid.cells()];
     for (point, pixel) in points_mm.iter().zip(&pixels) {
         let Some((pixel, own_depth)) = pixel else { continue };
-        if let Some([column, row]) = LeftCamera::cell(pixel.map(f64::from), size as f64, grid) {
-            let cell = row * grid.columns + column;
-            if *own_depth < depth[cell] {
-                (depth[cell], cells[cell]) = (*own_depth, *point);
-            }
+        if let Some(cell) = cell_in(&grid, *pixel).filter(|cell| *own_depth < depth[*cell]) {
+            (depth[cell], cells[cell]) = (*own_depth, *point);
         }
     }
-    PointCloud { points_mm: cells, grid: Some(grid) }
+    PointCloud { points_mm: cells, grid: Some(grid.size) }
 }
 
-fn pixel_of(point: &[f32; 3], camera: &LeftCamera<'_>) -> Option<([f32; 2], f32)> {
-    let (pixel, depth) = camera.pixel(&Point3::from(point.map(f64::from)))?;
+fn pixel_of(point: &[f32; 3], image: &PixelGrid) -> Option<([f32; 2], f32)> {
+    let (pixel, depth) = image.image_of(&Point3::from(point.map(f64::from)))?;
     Some((pixel.map(|value| value as f32), depth as f32))
 }
 
+/// Cell of a pixel position.
+fn cell_in(grid: &PixelGrid, pixel: [f32; 2]) -> Option<usize> {
+    let cell = grid.cell_at(pixel.map(|position| f64::from(position) / grid.step_px))?;
+    Some(grid.number(cell))
+}
+
 /// Share of the right and lower neighbours of occupied cells that are occupied.
-fn fill(pixels: &[Option<([f32; 2], f32)>], camera: &LeftCamera<'_>, size: usize) -> f64 {
-    let grid = camera.grid(size);
-    let mut is_occupied = vec![false; grid.columns * grid.rows];
+fn fill(pixels: &[Option<([f32; 2], f32)>], grid: &PixelGrid) -> f64 {
+    let mut is_occupied = vec![false; grid.cells()];
     for (pixel, _) in pixels.iter().flatten() {
-        if let Some([column, row]) = LeftCamera::cell(pixel.map(f64::from), size as f64, grid) {
-            is_occupied[row * grid.columns + column] = true;
+        if let Some(cell) = cell_in(grid, *pixel) {
+            is_occupied[cell] = true;
         }
     }
+    let CloudGrid { columns, rows } = grid.size;
     let (mut neighbours, mut occupied) = (0_usize, 0_usize);
-    for row in 0..grid.rows.saturating_sub(1) {
-        for column in 0..grid.columns.saturating_sub(1) {
-            let cell = row * grid.columns + column;
+    for row in 0..rows.saturating_sub(1) {
+        for column in 0..columns.saturating_sub(1) {
+            let cell = grid.number([column, row]);
             if is_occupied[cell] {
                 neighbours += 2;
-                occupied += usize::from(is_occupied[cell + 1]) + usize::from(is_occupied[cell + grid.columns]);
+                occupied += usize::from(is_occupied[cell + 1]) + usize::from(is_occupied[cell + columns]);
             }
         }
     }

@@ -171,7 +171,7 @@ impl<'a> ScanLosses<'a> {
         let outside = [f64::NEG_INFINITY; 2];
         let place_of = |sample: SampleId| {
             let scanner_mm = lookup.scanner_from_part * compared.surface.sample_mm[sample.index()];
-            lookup.cloud.grid().place_of(&scanner_mm).unwrap_or(outside)
+            lookup.cloud.grid().image_of(&scanner_mm).map_or(outside, |(place, _)| place)
         };
         let pairs: Vec<(Return, [f64; 2])> = input.returns.of_view(place).map(|pair| (pair, place_of(pair.sample))).collect();
         Self {
@@ -216,7 +216,7 @@ impl<'a> ScanLosses<'a> {
         let grid = self.lookup.cloud.grid();
         let pose = &self.compared().scanned[self.place].registered.part_from_scanner;
         let points: Vec<_> = block.iter().map(|(pair, _)| self.sample(pair.sample)).collect();
-        let cells: Vec<Option<usize>> = block.iter().map(|(_, place)| grid.cell_at(*place)).collect();
+        let cells: Vec<Option<usize>> = block.iter().map(|(_, place)| Some(grid.number(grid.cell_at(*place)?))).collect();
         let known: Vec<usize> = cells.iter().flatten().copied().collect();
         let mut on_model = self.input.model.at_cells(pose, grid, &known, ctx).into_iter();
         let near = self.near_steps(&points, ctx);
@@ -331,7 +331,8 @@ impl<'a> ScanLosses<'a> {
         if is_noisier || matches!(footprint, Footprint::Off(_) | Footprint::Turned) {
             return LossCause::Noisy;
         }
-        let cell = self.lookup.cloud.grid().cell_at(lost.place).map(|cell| cell as u32);
+        let grid = self.lookup.cloud.grid();
+        let cell = grid.cell_at(lost.place).map(|cell| grid.number(cell) as u32);
         let filtered = self.input.filtered_cells.get(self.place);
         let is_filtered = filtered.zip(cell).is_some_and(|(cells, cell)| cells.binary_search(&cell).is_ok());
         if is_filtered {

@@ -54,7 +54,7 @@ impl Foreign {
         let points_mm: Vec<Point3<f64>> = points_mm.into_iter().step_by(every).collect();
         let depth_mm = points_mm.first().map_or(0.0, |point| (point - centre_mm).norm());
         // f · spacing = stride · z; the square root of `every` makes up for what was left out.
-        let spacing_mm = stride as f64 * grid.step_px * depth_mm / cloud.grid().focal_px() * (every as f64).sqrt();
+        let spacing_mm = stride as f64 * grid.cell_mm(depth_mm) * (every as f64).sqrt();
         Self { points_mm, reach_mm: REACH * spacing_mm }
     }
 
