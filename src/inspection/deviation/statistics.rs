@@ -19,6 +19,8 @@ closed_list! {
 
 /// Share of samples at a limit that falls beyond it by more than U with no deviation beyond: one side of k = 2.
 const TAIL: f64 = 0.025;
+/// Multiple of the region's median U beyond which a sample has few points or turned ones: rims and corners. Our choice.
+const UNCOMMON: f32 = 2.0;
 
 /// Figures of the deviation of some samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,14 +141,16 @@ pub fn judge(
     let mut expanded: Vec<f32> =
         own().map(|sample| samples[sample.index()]).filter(|s| s.points > 0).map(|s| s.expanded_mm).collect();
     expanded.sort_by(f32::total_cmp);
-    let verdict = region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, options.min_measured * all));
+    let median_mm = expanded.get(expanded.len() / 2).copied();
+    let enough = (options.min_measured * all, median_mm.unwrap_or_default());
+    let verdict = region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, enough));
     RegionDeviation {
         name: region.name.clone(),
         tolerance_mm: region.tolerance_mm,
         measured,
         statistics: found,
         verdict,
-        expanded_mm: expanded.get(expanded.len() / 2).map(|value| f64::from(*value)),
+        expanded_mm: median_mm.map(f64::from),
     }
 }
 
@@ -164,14 +168,14 @@ pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
 }
 
 /// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
-/// `pass` where samples of at least `min_area_mm2` pass and no other one could have passed, save for those whose U is above T/4, which
-/// say little either way; else undecided.
+/// `pass` where samples of at least `min_area_mm2` pass and no other lies beyond the limit or could have passed: one of an uncommonly
+/// large U says little either way; else undecided. What passes so passes with any larger tolerance.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
     region: &RegionToJudge,
     tolerance: f64,
-    min_area_mm2: f64,
+    (min_area_mm2, median_expanded_mm): (f64, f32),
 ) -> Conformity {
     let (mut measured, mut failed, mut open, mut passed_mm2) = (0.0, 0.0, 0_usize, 0.0);
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])).filter(|(_, sample)| sample.points > 0) {
@@ -179,7 +183,10 @@ fn verdict(
         match verdict_of(sample, tolerance) {
             Conformity::Pass => passed_mm2 += surface.sample_area_mm2(*id),
             Conformity::Fail => failed += 1.0,
-            Conformity::Undecided => open += usize::from(f64::from(sample.expanded_mm) <= 0.25 * tolerance),
+            Conformity::Undecided => {
+                let is_beyond = f64::from(sample.distance_mm.abs()) > 0.5 * tolerance;
+                open += usize::from(is_beyond || sample.expanded_mm <= UNCOMMON * median_expanded_mm);
+            }
         }
     }
     let by_noise: f64 = TAIL * measured + 2.0 * (TAIL * (1.0 - TAIL) * measured).sqrt();

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3};
 use super::{IngestWorld, MIN_SHARE};
 use crate::cell::closed_list;
 use crate::geometry::cloud_io::StoredCloud;
-use crate::geometry::{Aabb, Base, Cloud, LengthUnit, NearestFace, Part, Plate, Pose, ScannerFrame, Table};
+use crate::geometry::{Aabb, Base, Cloud, LengthUnit, NearestFace, Part, Plate, PointCloud, Pose, ScannerFrame, Table};
 
 /// Points that are tried.
 const TRIED_POINTS: usize = 1500;
@@ -195,6 +195,14 @@ fn shares(
     // A view may show much plate and little part; but points on the plate alone are no scan of the part.
     let others = if on_plate < 0.9 * all { all - on_plate } else { all };
     (inside / all, on_part / others)
+}
+
+/// Share of a scan's points within 5 mm of the part, from a pose of the scanner.
+pub(super) fn share_on_part(cloud: &PointCloud, mesh_from_scanner: &Pose<Part, ScannerFrame>, world: &IngestWorld<'_>) -> f64 {
+    let every = cloud.finite().count().div_ceil(TRIED_POINTS).max(1);
+    let near: Vec<bool> =
+        cloud.finite().step_by(every).map(|(_, point)| is_near(world.nearest, &mesh_from_scanner.point(&point))).collect();
+    near.iter().filter(|near| **near).count() as f64 / near.len().max(1) as f64
 }
 
 fn is_near(nearest: &NearestFace<'_>, point: &Point3<f64>) -> bool {

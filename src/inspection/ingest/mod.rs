@@ -2,7 +2,6 @@
 //! found by where the points then lie, views by the numbers in names, clouds put into the left camera's grid, and cleaned. All that is
 //! refused or removed is counted under a closed name, with what was tried.
 
-mod camera;
 mod clean;
 mod frames;
 mod holes;
@@ -15,11 +14,10 @@ use rayon::prelude::*;
 use crate::cell::{Scanner, closed_list};
 use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::{LengthUnit, NearestFace, Part, PointCloud, Pose};
-use crate::inspection::ViewScan;
 use crate::inspection::registration::RegistrationOptions;
 use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, place};
+use crate::inspection::{PixelGrid, ViewScan};
 
-pub(super) use camera::LeftCamera;
 pub use clean::{CleanOptions, Removed, RemovedBecause};
 pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
 use frames::{best_of, try_all};
@@ -172,20 +170,28 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     let clouds = files.len();
     let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, world, options)).collect();
     let mut ingested = Ingested::default();
-    let mut astray = Vec::new();
+    let (mut astray, mut swapped) = (Vec::new(), Vec::new());
     for file in read {
-        let others: &[&[TakenScan]] = if file.is_astray { &[&ingested.scans, &astray] } else { &[&ingested.scans] };
+        let others: &[&[TakenScan]] = match file.fit {
+            ViewFit::OnPart => &[&ingested.scans],
+            ViewFit::OffPart | ViewFit::OtherView => &[&ingested.scans, &astray, &swapped],
+        };
         let is_of = |viewpoint: u32| others.iter().copied().flatten().any(|other| other.scan.viewpoint == viewpoint);
         if file.viewpoint.is_some_and(is_of) {
             ingested.findings.push(IngestFinding::of(IngestCode::ViewDouble, Some(file.name), file.viewpoint));
             continue;
         }
         ingested.findings.extend(file.findings);
-        if file.is_astray { astray.extend(file.scans) } else { ingested.scans.extend(file.scans) }
+        match file.fit {
+            ViewFit::OnPart => ingested.scans.extend(file.scans),
+            ViewFit::OffPart => astray.extend(file.scans),
+            ViewFit::OtherView => swapped.extend(file.scans),
+        }
     }
-    ingested.scans.sort_by_key(|taken| taken.scan.viewpoint);
-    astray.sort_by_key(|taken| taken.scan.viewpoint);
-    ingested.place_part(astray, world);
+    for scans in [&mut ingested.scans, &mut astray, &mut swapped] {
+        scans.sort_by_key(|taken| taken.scan.viewpoint);
+    }
+    ingested.place_part(astray, swapped, world);
     for capture in world.captures {
         if !ingested.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
             ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
@@ -197,7 +203,10 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
 impl Ingested {
     /// Finds the part where it lies elsewhere than planned: by all scans together, and where that comes to nothing, by those that lie
     /// on it as planned. `astray` are the others. Several setups have a place of the part each, and none is searched for.
-    fn place_part(&mut self, astray: Vec<TakenScan>, world: &IngestWorld<'_>) {
+    ///
+    /// `swapped` are scans that lie on the part from another view, as those of a turned part may too. They do not tell where it is, and
+    /// are looked at again once it was found.
+    fn place_part(&mut self, astray: Vec<TakenScan>, swapped: Vec<TakenScan>, world: &IngestWorld<'_>) {
         let is_one_setup = world.captures.iter().all(|capture| capture.part_from_plate == world.captures[0].part_from_plate);
         let is_merged = self.scans.iter().any(|taken| taken.is_approximate);
         if !is_one_setup || is_merged || (self.scans.is_empty() && astray.is_empty()) {
@@ -218,8 +227,11 @@ impl Ingested {
                 if takes_all {
                     self.findings.retain(|finding| finding.code != IngestCode::NoPart);
                     self.scans.extend(astray);
-                    self.scans.sort_by_key(|taken| taken.scan.viewpoint);
                 }
+                for taken in swapped {
+                    self.take_again(taken, &found.mesh_from_stated, world);
+                }
+                self.scans.sort_by_key(|taken| taken.scan.viewpoint);
                 self.mesh_from_stated = found.mesh_from_stated;
                 self.findings.push(IngestFinding::of(IngestCode::PartElsewhere, None, None));
             }
@@ -233,6 +245,22 @@ impl Ingested {
             PartPlace::AsStated | PartPlace::Unknown(_) => {}
         }
     }
+
+    /// Takes a scan that seemed to be of another view, if it lies on the part where that was found.
+    fn take_again(&mut self, taken: TakenScan, mesh_from_stated: &Pose<Part, Part>, world: &IngestWorld<'_>) {
+        let mesh_from_scanner = *mesh_from_stated * taken.scan.part_from_scanner;
+        let viewpoint = taken.scan.viewpoint;
+        let is_known = self.scans.iter().any(|other| other.scan.viewpoint == viewpoint);
+        if !is_known && frames::share_on_part(&taken.scan.scanner_cloud, &mesh_from_scanner, world) >= MIN_SHARE {
+            let is_of = |finding: &IngestFinding| {
+                finding.code == IngestCode::WrongView
+                    && finding.viewpoint == Some(viewpoint)
+                    && finding.file.as_ref() == Some(&taken.file)
+            };
+            self.findings.retain(|finding| !is_of(finding));
+            self.scans.push(taken);
+        }
+    }
 }
 
 /// A file as it was read: its scans, and what was found about it.
@@ -242,8 +270,18 @@ struct ReadFile {
     viewpoint: Option<u32>,
     scans: Vec<TakenScan>,
     findings: Vec<IngestFinding>,
-    /// True where the points lie where the view looks, and not on the part.
-    is_astray: bool,
+    fit: ViewFit,
+}
+
+/// Place of a file's points, seen from the view that it is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ViewFit {
+    /// On the part.
+    OnPart,
+    /// Inside the view's volume, and not on the part.
+    OffPart,
+    /// Inside the view's volume, and on the part from another view alone.
+    OtherView,
 }
 
 fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &IngestOptions) -> ReadFile {
@@ -252,7 +290,7 @@ fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &I
     // The only file is of the only view, whatever its name.
     let capture = capture.or_else(|| world.captures.first().filter(|_| world.captures.len() == 1 && clouds == 1));
     let viewpoint = capture.map(|capture| capture.viewpoint);
-    let mut read = ReadFile { name: label(&file), viewpoint, scans: Vec::new(), findings: Vec::new(), is_astray: false };
+    let mut read = ReadFile { name: label(&file), viewpoint, scans: Vec::new(), findings: Vec::new(), fit: ViewFit::OnPart };
     match capture {
         Some(capture) => take_view(file, capture, world, options, &mut read),
         None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, world, options, &mut read),
@@ -286,14 +324,16 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, 
     let seen = seen.fold(None, |best: Option<FrameAttempt>, attempt| {
         best.filter(|best| best.in_frusta >= attempt.in_frusta).or(Some(*attempt))
     });
-    let (best, is_astray) = match (on_part, seen.filter(|seen| seen.in_frusta >= MIN_SHARE)) {
-        (Some(best), _) => (best, false),
+    let (best, fit) = match (on_part, seen.filter(|seen| seen.in_frusta >= MIN_SHARE)) {
+        (Some(best), _) => (best, ViewFit::OnPart),
         (None, seen) => {
             let (code, fits_viewpoint) = diagnosis(&file, capture, world, &tried);
             let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));
             into.findings.push(IngestFinding { fits_viewpoint, tried, ..finding });
-            let Some(seen) = seen.filter(|_| code == IngestCode::NoPart) else { return };
-            (seen, true)
+            let fit = if code == IngestCode::WrongView { ViewFit::OtherView } else { ViewFit::OffPart };
+            let is_placed = [IngestCode::NoPart, IngestCode::WrongView].contains(&code);
+            let Some(seen) = seen.filter(|_| is_placed) else { return };
+            (seen, fit)
         }
     };
     let (cloud, mut removed, longest_mm) = prepared(file, &best, capture);
@@ -302,13 +342,13 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, 
         into.findings.push(IngestFinding { longest_mm: Some(longest_mm), ..finding });
     }
     let points = cloud.finite().count() + removed.total();
-    let camera = LeftCamera::of(world.scanner);
-    let cloud = if camera.fits(cloud.grid) { cloud } else { organise::project(&cloud.points_mm, &camera, &mut removed) };
+    let fits = cloud.grid.is_some_and(|size| PixelGrid::of_size(world.scanner, size).is_some());
+    let cloud = if fits { cloud } else { organise::project(&cloud.points_mm, world.scanner, &mut removed) };
     let scanner_cloud = clean::clean(cloud, capture, world, &options.clean, &mut removed);
     let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
     let (unit, frame) = (best.unit, best.frame);
     into.scans.push(TakenScan { scan, file: name, unit, frame, fit: best, points, removed, is_approximate: false });
-    into.is_astray = is_astray;
+    into.fit = fit;
 }
 
 /// Points in millimetres and in the scanner's frame, without those that only close holes; the longest triangle that did.
@@ -374,14 +414,13 @@ fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions,
     };
     let (cloud, removed, longest_mm) = prepared(file, &best, first);
     let points = cloud.finite().count() + removed.total();
-    let camera = LeftCamera::of(world.scanner);
     for capture in world.captures {
         // The points are in the frame of the first view's scanner.
         let scanner_from_first = *(capture.part_from_scanner.inverse() * first.part_from_scanner).isometry();
         let mut own_points = cloud.points_mm.clone();
         frames::transform(&mut own_points, &scanner_from_first);
         let mut own = removed.clone();
-        let seen = organise::project(&own_points, &camera, &mut own);
+        let seen = organise::project(&own_points, world.scanner, &mut own);
         let scanner_cloud = clean::clean(seen, capture, world, &options.clean, &mut own);
         let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
         let (unit, frame, file) = (best.unit, best.frame, name.clone());
