@@ -97,7 +97,12 @@ fn finish<'a>(
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     let (chosen, bound) = (views.chosen.candidates.len(), Arc::clone(&views.chosen.selection.bound));
-    let (outcome, bound) = rayon::join(|| explained(problem, sampled, setups, views, demand, ctx), || bound.compute(ctx));
+    let explained = || {
+        let outcome = explained(problem, sampled, setups, views, demand, ctx)?;
+        ctx.begin(Stage::Bound)?;
+        Ok::<_, PlanError>(outcome)
+    };
+    let (outcome, bound) = rayon::join(explained, || bound.compute(ctx));
     let mut outcome = outcome?;
     let counts_all = outcome.plan.executed_views() == chosen && outcome.plan.params.realism.count_at_risk;
     let of_asked = counts_all.then(|| outcome.plan.coverage.of_asked());

@@ -7,7 +7,7 @@
 //! `artifact.written`, `result.before_commit`, `result.committed`, `cancel.before_commit`, `cancel.committed`.
 
 /// Names of all failpoints, for tests that go through them.
-pub const NAMES: [&str; 24] = [
+pub const NAMES: [&str; 25] = [
     "upload.before_rename",
     "upload.after_rename",
     "upload.committed",
@@ -25,6 +25,7 @@ pub const NAMES: [&str; 24] = [
     "stage.sequence",
     "stage.missed",
     "stage.certificate",
+    "stage.bound",
     "stage.report",
     "artifact.before_rename",
     "artifact.written",

@@ -21,7 +21,7 @@ export const text = {
   stages: { reading: "reading the mesh", surface: "cutting patches", collision_scene: "building the scene",
     candidates: "proposing viewpoints", stations: "reaching viewpoints", visibility: "casting visibility", selection: "choosing views",
     roadmap: "building the roadmap", sequence: "ordering the tour", missed: "explaining misses", certificate: "independent check",
-    report: "writing results" } as Record<string, string>,
+    bound: "proving the lower bound", report: "writing results" } as Record<string, string>,
   jobs: {
     title: "Jobs", empty: "No jobs yet. Drop a mesh here or start a new plan.", noneFit: "No job fits the filter.",
     state: "State", all: "all", search: "Part, number or label", searchHint: "name, part number, key=value",

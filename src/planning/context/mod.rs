@@ -35,6 +35,9 @@ closed_list! {
         Missed = "missed",
         /// Coverage of the chosen views on other samples, and with poses that are off.
         Certificate = "certificate",
+        /// The sets that views were chosen from to the bound of their number, as far as it is not known yet: it is computed beside the
+        /// stages since the choice.
+        Bound = "bound",
         /// The outcome to files.
         Report = "report",
     }

@@ -8,6 +8,7 @@
 mod tests;
 
 use super::sample_set::SampleSet;
+use crate::geometry::{floor_to_i32, simd_max, simd_min};
 use crate::planning::ids::SampleId;
 use crate::planning::params::ScoreParams;
 use crate::planning::surface::Surface;
@@ -47,9 +48,9 @@ impl QualityScale {
     #[must_use]
     pub fn quantise(self, quality: f32) -> i16 {
         let steps = quality / self.max * STEPS;
-        // The conversion rounds towards zero; unlike `f32::round` this is plain arithmetic, which vectorises.
-        let away = if steps < 0.0 { steps - 0.5 } else { steps + 0.5 };
-        (away as i32).clamp(-i32::from(i16::MAX), i32::from(i16::MAX)) as i16
+        // The nearest whole number, halves away from zero; unlike `f32::round` and `as` this is plain arithmetic, which vectorises.
+        let size = floor_to_i32(simd_min(simd_max(steps.abs(), 0.0), STEPS) + 0.5) as i16;
+        if steps < 0.0 { -size } else { size }
     }
 
     /// Quality of a step.

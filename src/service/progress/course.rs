@@ -25,7 +25,8 @@ fn cost(stage: Stage) -> f64 {
         Stage::Selection => 0.40,
         Stage::Sequence => 0.05,
         Stage::Missed => 0.08,
-        Stage::Certificate => 0.06,
+        Stage::Certificate => 0.05,
+        Stage::Bound => 0.01,
         Stage::Report => 0.08,
     }
 }
@@ -43,7 +44,7 @@ impl Course {
         (0..params.setups.max(1)).for_each(|_| legs.extend(rounds(&params.candidates)));
         legs.push(leg(Stage::Selection));
         legs.extend(with_cell.then(|| leg(Stage::Sequence)));
-        legs.extend([Stage::Missed, Stage::Certificate, Stage::Report].map(leg));
+        legs.extend([Stage::Missed, Stage::Certificate, Stage::Bound, Stage::Report].map(leg));
         Self { legs }
     }
 

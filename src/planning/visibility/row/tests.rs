@@ -77,6 +77,18 @@ fn the_ends_and_the_middle_of_the_scale_are_exact() {
 }
 
 #[test]
+fn a_quality_goes_to_the_nearest_step_and_halves_away_from_zero() {
+    let scale = QualityScale::default();
+    for number in (-40_000..=40_000).flat_map(|step| [-0.5_f32, -0.25, 0.0, 0.25, 0.5].map(|off| step as f32 + off)) {
+        let quality = number / i16::MAX as f32;
+        let steps = quality * i16::MAX as f32;
+        let nearest = ((steps + 0.5_f32.copysign(steps)) as i32).clamp(-i32::from(i16::MAX), i32::from(i16::MAX));
+        assert_eq!(i32::from(scale.quantise(quality)), nearest, "{number}");
+    }
+    assert_eq!([f32::INFINITY, f32::NEG_INFINITY, f32::NAN].map(|quality| scale.quantise(quality)), [i16::MAX, -i16::MAX, 0]);
+}
+
+#[test]
 fn five_hundred_views_of_a_million_samples_fit() {
     const VIEWS: usize = 500;
     const GIB: usize = 1 << 30;

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-TWBEUZ2U.js";import"./chunk-WLVDOSYS.js";import"./chunk-5ILNKSER.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-VMNRE7VR.js";export{a as drawThumbnail,b as drawTurned};
