@@ -21,6 +21,8 @@ const SHARE_TOLERANCE: f64 = 1e-9;
 const AREA_TOLERANCE: f64 = 1e-6;
 /// Tolerance of depths, mm: they went through a file.
 const ROUNDING_MM: f64 = 1e-6;
+/// Tolerance of times, s: they are sums in different orders.
+const ROUNDING_SECS: f64 = 1e-6;
 /// Tolerance of angles, °: they were converted to degrees and back.
 const ROUNDING_DEG: f64 = 1e-6;
 /// Causes for which a chosen view may measure nothing.
@@ -39,6 +41,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     check_coverage(&document.coverage, &mut findings);
     regions::check(document, &mut findings);
     check_views(document, &mut findings);
+    check_motion(document, &mut findings);
     check_missed(document, &mut findings);
     check_advice(document, &mut findings);
     check_bound(document, &mut findings);
@@ -172,6 +175,13 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
             format!("is {value}; by measured_area_mm2 it is {derived}")
         });
     }
+    if coverage.visible_area_mm2 > 0.0 {
+        let derived = coverage.measured_area_mm2 / coverage.visible_area_mm2;
+        let value = coverage.visible.of_visible;
+        findings.require((value - derived).abs() <= SHARE_TOLERANCE, "/coverage/of_visible", || {
+            format!("is {value}; by measured_area_mm2 and visible_area_mm2 it is {derived}")
+        });
+    }
     check_grades(coverage, findings);
     check_curve(coverage, findings);
     check_certificate(coverage, findings);
@@ -216,6 +226,10 @@ fn check_certificate(coverage: &CoverageDocument, findings: &mut Findings) {
         share("/coverage/independent/of_asked", independent.of_asked, findings);
         share("/coverage/independent/of_total", independent.of_total, findings);
         check_visible("/coverage/independent", &independent.visible, findings);
+        let (of_asked, of_visible) = (independent.of_asked, independent.visible.of_visible);
+        findings.require(of_asked <= of_visible + SHARE_TOLERANCE, "/coverage/independent/of_asked", || {
+            format!("is {of_asked}; allowed is up to of_visible, {of_visible}: what is visible is part of what is asked")
+        });
     }
     let Some(robust) = &coverage.robust else { return };
     let mut cases =
@@ -285,6 +299,15 @@ fn check_views(document: &PlanDocument, findings: &mut Findings) {
     let entries = document.coverage.curve.len();
     findings.require(entries == measuring, "/coverage/curve", || {
         format!("has {entries} entries; allowed is one for each of the {measuring} viewpoints that are not rejected")
+    });
+}
+
+/// Requires that the parts of the cycle time add up to it; files of earlier releases have no sum.
+fn check_motion(document: &PlanDocument, findings: &mut Findings) {
+    let Some(motion) = document.motion.as_ref().filter(|motion| motion.cycle_secs != 0.0) else { return };
+    let sum_secs = motion.moving_secs + motion.settling_secs + motion.scanning_secs;
+    findings.require((motion.cycle_secs - sum_secs).abs() <= ROUNDING_SECS, "/motion/cycle_secs", || {
+        format!("is {} s; moving, settling and scanning add up to {sum_secs} s", motion.cycle_secs)
     });
 }
 

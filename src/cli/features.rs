@@ -34,6 +34,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<FeatureParams>, CliError> {
 }
 
 fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
+    // Spreadsheets begin their UTF-8 with a byte order mark.
+    let text = text.trim_start_matches('\u{feff}');
     if !text.trim_start().starts_with(['{', '[']) {
         return csv(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")));
     }
@@ -54,6 +56,8 @@ fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
     if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(&column.as_str())) {
         return Err(format!("has a column {unknown:?}; allowed are {}", COLUMNS.join(", ")));
     }
+    let mut lines = lines.peekable();
+    lines.peek().ok_or("has no line below the one that names the columns: no feature")?;
     lines.map(|(number, line)| feature(&columns, line).map_err(|error| format!("line {number}: {error}"))).collect()
 }
 

@@ -188,6 +188,7 @@ impl<'a> PartPlanner<'a> {
         args.scanner.iter().for_each(|name| doubts::warn_of_file(SpecKind::Scanner, name));
         params.check_limits(&scanner).map_err(|errors| named_by_sets(files::findings("parameters", &errors), &args.sets))?;
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
+        echo.check().map_err(|errors| files::findings("--label, --part-number, --serial", &errors))?;
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
         Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, watch, cancel })
     }
@@ -435,14 +436,15 @@ pub(super) fn now() -> String {
 }
 
 fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>, CliError> {
-    pairs
-        .iter()
-        .map(|pair| {
-            let (key, value) =
-                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: not of the form KEY=VALUE")))?;
-            Ok((key.to_owned(), value.to_owned()))
-        })
-        .collect()
+    let mut labels = std::collections::BTreeMap::new();
+    for pair in pairs {
+        let refused = |said: &str| CliError::BadInput(format!("--label {pair}: {said}"));
+        let (key, value) = pair.split_once('=').ok_or_else(|| refused("not of the form KEY=VALUE"))?;
+        if labels.insert(key.to_owned(), value.to_owned()).is_some() {
+            return Err(refused("the key is given twice"));
+        }
+    }
+    Ok(labels)
 }
 
 /// Error of the command for an error of planning.

@@ -148,10 +148,14 @@ impl FromRequestParts<ApiState> for Params {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, ApiError> {
-        let unreadable = |_| ApiError::new(Code::BadQuery, "The query is not UTF-8 text in the form name=value&name=value.");
-        let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri).map_err(unreadable)?;
+        let unreadable = || ApiError::new(Code::BadQuery, "The query is not UTF-8 text in the form name=value&name=value.");
+        let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri).map_err(|_| unreadable())?;
         let mut given = BTreeMap::new();
         for (name, value) in pairs.0 {
+            // What the parser makes of other bytes.
+            if [&name, &value].iter().any(|text| text.contains(char::REPLACEMENT_CHARACTER)) {
+                return Err(unreadable());
+            }
             if given.contains_key(&name) {
                 return Err(ApiError::query(&name, "is given more than once"));
             }

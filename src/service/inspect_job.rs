@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::cells::KeptCells;
 use super::plan_job::{Artifact, plan_sha256};
 use super::planner::{JobError, JobInput, opened};
-use super::rescan_job::RESCAN_STATE_FILE;
+use super::rescan_job::{RESCAN_STATE_FILE, check_words};
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::check::read_plan;
 use crate::geometry::cloud_io::{self, CloudLimits};
@@ -17,6 +17,7 @@ use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, Poll, Pose, Table, pl
 use crate::inspection::ingest::{IngestOptions, IngestWorld, PlannedCapture, ScanFile, ScanFrame, ingest};
 use crate::inspection::{InspectedView, InspectionInput, InspectionParams, inspect};
 use crate::planning::context::{Context, PlanError};
+use crate::planning::visibility::SampleSet;
 use crate::report::html::{InspectionReport, inspection_html};
 use crate::report::inspection_text;
 use crate::wire::inspection::{
@@ -174,6 +175,15 @@ pub struct Inspected {
 }
 
 impl InspectJob {
+    /// Samples that the round before measured.
+    fn measured_before(&self, now: &SampleSet) -> Result<Option<SampleSet>, InspectError> {
+        let refused = |error| InspectError::Refused(vec![error]);
+        let Some(before) = &self.before else { return Ok(None) };
+        let measured = before.measured().map_err(refused)?;
+        check_words(&measured, now.words().len()).map_err(refused)?;
+        Ok(Some(measured))
+    }
+
     /// Inspects the part of a job; `progress` is told the share done.
     ///
     /// # Errors
@@ -239,13 +249,12 @@ impl InspectJob {
             params: &self.params,
         };
         let inspection = inspect(&input, &|share| progress(0.2 + 0.7 * share), ctx)?;
+        let before = self.measured_before(&inspection.coverage.measured)?;
         let plan_sha256 = plan_sha256(&self.plan);
         let state = RescanState::new(&inspection, &plan, &plan_sha256, self.before.as_ref());
         let taken = InspectedFiles::new(&taken);
         let document = InspectionDocument::new(&inspection, &taken, &self.params, part.mesh, (&plan_sha256, &state));
         let learned = LearnedDocument::new(inspection.learned.as_ref(), &inspection.offer, &plan_sha256);
-        let words = inspection.coverage.measured.words().len();
-        let before = self.before.as_ref().and_then(|before| before.measured().ok()).filter(|set| set.words().len() == words);
         let report = InspectionReport {
             inspection: &inspection,
             document: &document,

@@ -48,6 +48,15 @@ impl App {
         if state == JobState::Succeeded { Ok(()) } else { Err(Error::NoResults { job, state }) }
     }
 
+    /// Number of viewpoints of a job's plan, which are numbered from 0; `None` where its summary cannot be read.
+    ///
+    /// # Errors
+    /// Those of [`App::check_planned`].
+    pub async fn planned_views(&self, job: JobId) -> Result<Option<usize>, Error> {
+        self.check_planned(job).await?;
+        Ok(self.job(job).await?.summary.map(|summary| summary.views_chosen))
+    }
+
     /// One scan.
     ///
     /// # Errors

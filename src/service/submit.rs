@@ -255,8 +255,9 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let mesh = lookup.mesh("/mesh_id", &request.mesh_id.to_string());
     let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| lookup.mesh("/params/part/fixture_mesh", id));
     let cell = lookup.cell(&request.cell);
-    if let (Some(_), Named::Inline(unused)) = (&cell, &request.scanner) {
-        lookup.built("/scanner", unused.build());
+    if cell.is_some() {
+        // It is not used, and must exist all the same.
+        let _ = lookup.scanner(&request.scanner);
     }
     let scanner = match &cell {
         Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name).ok()),

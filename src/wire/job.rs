@@ -82,21 +82,29 @@ impl JobRequest {
     /// # Errors
     /// All invalid fields.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut errors = self.echo().check().err().unwrap_or_default();
         let mut findings = Findings::default();
-        self.check_echo(&mut findings);
         findings.range("/priority", f64::from(self.priority), -100.0, 100.0, "");
-        let mut errors = findings.into_result().err().unwrap_or_default();
+        errors.extend(findings.into_result().err().into_iter().flatten());
         errors.extend(self.params.check().err().into_iter().flatten().map(|e| below("/params", e)));
         if errors.is_empty() { Ok(()) } else { Err(errors) }
     }
+}
 
-    fn check_echo(&self, findings: &mut Findings) {
-        check_labels(findings, &self.labels);
+impl Echo {
+    /// Checks the lengths of labels and numbers, and that they have no control characters.
+    ///
+    /// # Errors
+    /// All invalid fields.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        check_labels(&mut findings, &self.labels);
         for (pointer, value) in [("/part_number", &self.part_number), ("/serial", &self.serial)] {
             if let Some(value) = value {
-                text(findings, pointer, value, 0, 128);
+                text(&mut findings, pointer, value, 0, 128);
             }
         }
+        findings.into_result()
     }
 }
 

@@ -71,6 +71,8 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/coverage/of_coverable", json!(-0.1), "is -0.1; allowed is 0 to 1"),
         ("/coverage/of_total", json!(2), "is 2; allowed is 0 to 1"),
         ("/coverage/independent/of_asked", json!(1.1), "is 1.1; allowed is 0 to 1"),
+        ("/coverage/independent/of_asked", json!(1.0), "is 1; allowed is up to of_visible"),
+        ("/coverage/visible_area_mm2", json!(1), "/coverage/of_visible: is 0."),
         ("/coverage/robust/of_asked/mean", json!(1.1), "is 1.1; allowed is 0 to 1"),
         ("/coverage/robust/part/of_asked/worst", json!(0.99), "allowed is 0 ≤ worst ≤ p5 ≤ 1"),
         ("/coverage/of_coverable", json!(0.5), "by measured_area_mm2 it is"),

@@ -22,6 +22,7 @@ fn a_table_and_a_document_say_the_same() {
          "tolerance_mm": 0.1}]}"#;
     assert_eq!(read(table), read(document));
     assert_eq!(read(table).len(), 3);
+    assert_eq!(read(&format!("\u{feff}{table}")), read(table), "as a spreadsheet writes it");
 }
 
 #[test]
@@ -29,6 +30,7 @@ fn what_is_wrong_is_named_with_its_line() {
     for (text, wanted) in [
         ("", "is empty"),
         ("region,tolerance\n", "\"tolerance\""),
+        ("region,tolerance_mm\n\n", "no feature"),
         ("name;region;tolerance_mm\nbore;sphere 1 2 3 4;0,05\n", "separated by ;, use ,"),
         ("region,tolerance_mm\nsphere 1 2 3 4,x\n", "line 2: tolerance_mm is \"x\""),
         ("region,tolerance_mm\n\nsphere 1 2 3,0.1\n", "line 3: region sphere has 3 numbers; it takes 4"),

@@ -28,8 +28,8 @@ static PREVIEW: [Representation; 2] = [
 /// Upload a mesh
 ///
 /// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`. STL, OBJ and PLY
-/// are recognised by content. The same file with the same unit and name is the same mesh: uploading it again has no
-/// effect and gives the same response. The file of the example always gets the id that other examples name.
+/// are recognised by content. The same file with the same unit and name is the same mesh: uploading it again
+/// gives the same mesh, with the time of the last upload as `created_at`. The file of the example always gets the id that other examples name.
 #[utoipa::path(
     post,
     path = "/meshes",

@@ -60,7 +60,10 @@ pub(in crate::http) async fn upload(
     let frame = params.value("frame", &ScanFrame::ALL.map(ScanFrame::as_str).join(", "))?;
     let name = params.name("name", MAX_NAME_CHARS)?;
     params.deny_unknown()?;
-    state.app.check_planned(job).await?;
+    let views = state.app.planned_views(job).await?;
+    if let Some((view, views)) = view.zip(views).filter(|(view, views)| *view as usize >= *views) {
+        return Err(ApiError::query("view", &format!("is {view}; the plan has {views} viewpoints, numbered from 0")));
+    }
     let (finished, file_name) = uploads::received(&state, request).await?;
     if finished.size_bytes() == 0 {
         return Err(ApiError::new(Code::BadBody, "the file is empty"));

@@ -24,8 +24,8 @@ const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
 /// Largest number of characters of an uploaded file's name.
 pub(super) const MAX_NAME_CHARS: usize = 200;
 
-/// Largest number of bytes of a form before its file: the parser keeps a field's name and headers until they are complete.
-const MAX_BEFORE_FILE: usize = 1 << 20;
+/// Largest number of bytes of a form beside its file: the parser keeps a field's name and headers until they are complete.
+const MAX_BESIDE_FILE: usize = 1 << 20;
 /// Bytes of a form that its parser gets at a time.
 const PIECE: usize = 1 << 16;
 
@@ -96,17 +96,32 @@ async fn receive_form(
     let refused = |error: MultipartError| meter.lock().refusal.take().unwrap_or_else(|| form_error(&error));
     let request = request.map(|body| meter.metered(body));
     let mut form = Multipart::from_request(request, state).await.map_err(|e| ApiError::new(Code::BadBody, e.body_text()))?;
-    while let Some(mut field) = form.next_field().await.map_err(refused)? {
-        if field.name() == Some("file") {
-            meter.lock().is_in_file = true;
-            let file_name = field.file_name().and_then(|name| upload_name(name, MAX_NAME_CHARS));
-            while let Some(chunk) = field.chunk().await.map_err(refused)? {
-                upload.write(chunk).await?;
-            }
-            return Ok((upload.finish(announced).await?, file_name));
-        }
+    let Some(mut field) = form.next_field().await.map_err(refused)? else {
+        return Err(ApiError::at(Code::BadBody, "file", "the form has no field of this name"));
+    };
+    check_only_file(field.name())?;
+    meter.lock().is_in_file = true;
+    let file_name = field.file_name().and_then(|name| upload_name(name, MAX_NAME_CHARS));
+    while let Some(chunk) = field.chunk().await.map_err(refused)? {
+        upload.write(chunk).await?;
     }
-    Err(ApiError::at(Code::BadBody, "file", "the form has no field of this name"))
+    drop(field);
+    meter.lock().is_in_file = false;
+    if let Some(second) = form.next_field().await.map_err(refused)? {
+        check_only_file(second.name())?;
+        return Err(ApiError::at(Code::BadBody, "file", "the form has this field twice; send one file a request"));
+    }
+    Ok((upload.finish(announced).await?, file_name))
+}
+
+/// Refuses a field that a form has beside its file.
+fn check_only_file(name: Option<&str>) -> Result<(), ApiError> {
+    let name = name.unwrap_or_default();
+    if name == "file" {
+        return Ok(());
+    }
+    let said = "the form has a field of this name; it may have one field, \"file\": all else belongs into the query";
+    Err(ApiError::at(Code::BadBody, name, said))
 }
 
 /// Meter of a form's bytes on their way to its parser, which sets them no limit itself.
@@ -115,7 +130,7 @@ struct FormMeter(Arc<Mutex<Metered>>);
 
 struct Metered {
     rate: BodyRate,
-    before_file: usize,
+    beside_file: usize,
     is_in_file: bool,
     /// Reason why the body was cut off, for which the parser has no words.
     refusal: Option<ApiError>,
@@ -123,7 +138,7 @@ struct Metered {
 
 impl FormMeter {
     fn new(rate: BodyRate) -> Self {
-        Self(Arc::new(Mutex::new(Metered { rate, before_file: 0, is_in_file: false, refusal: None })))
+        Self(Arc::new(Mutex::new(Metered { rate, beside_file: 0, is_in_file: false, refusal: None })))
     }
 
     /// Whole after every operation, also where a thread died in between.
@@ -158,9 +173,9 @@ impl FormMeter {
 impl Metered {
     fn count(&mut self, chunk: Bytes) -> Result<Bytes, BoxError> {
         let is_in_time = self.rate.count(chunk.len());
-        self.before_file += if self.is_in_file { 0 } else { chunk.len() };
-        let detail = || format!("the form has more than {MAX_BEFORE_FILE} bytes before its field \"file\"");
-        let is_in_room = if self.before_file > MAX_BEFORE_FILE { Err(ApiError::new(Code::TooLarge, detail())) } else { Ok(()) };
+        self.beside_file += if self.is_in_file { 0 } else { chunk.len() };
+        let detail = || format!("the form has more than {MAX_BESIDE_FILE} bytes beside its field \"file\"");
+        let is_in_room = if self.beside_file > MAX_BESIDE_FILE { Err(ApiError::new(Code::TooLarge, detail())) } else { Ok(()) };
         is_in_time.and(is_in_room).map(|()| chunk).map_err(|refusal| {
             self.refusal = Some(refusal);
             "the body was cut off".into()

@@ -109,7 +109,9 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     let area_mm2 = total(spots.iter().map(|spot| spot.area_mm2));
     let recovers_mm2 = total(remedies.iter().map(|remedy| remedy.area_mm2));
     let views = views_of(&remedies);
-    let set = fix.map_or_else(BTreeMap::new, |fix| settings(plan, fix, &remedies, &views, recovers_mm2));
+    // Further views of a part are planned with the first plan's parameters, and take none of their own.
+    let settable = fix.filter(|_| !plan.coverage.is_of_open);
+    let set = settable.map_or_else(BTreeMap::new, |fix| settings(plan, fix, &remedies, &views, recovers_mm2));
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),

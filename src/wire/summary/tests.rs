@@ -431,6 +431,12 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         "turn it upside down and scan again; recovers 9.50 mm² (95 %)",
         "a fixture holds one setup"
     );
+    let of_open = |plan: &mut Plan| plan.coverage.is_of_open = true;
+    assert_eq!(
+        fixed(0.75, RemedyKind::Setup, &[4], &of_open),
+        "turn it upside down and scan again; recovers 7.50 mm² (75 %)",
+        "further views take no parameters of a plan"
+    );
     assert_eq!(
         fixed(1.0, RemedyKind::Limit, &[4], &as_it_is),
         "1 more view with larger limits of incidence: --set limits.camera_deg=60.0; recovers 10.0 mm² (100 %)"

@@ -57,6 +57,26 @@ fn keys_within_values_and_whole_groups_are_set_as_before() {
 }
 
 #[test]
+fn labels_and_numbers_are_held_to_what_the_server_takes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [part, ..] = inputs(folder.path());
+    let out = folder.path().join("out").display().to_string();
+    let (long, longer) = ("x".repeat(65), "x".repeat(129));
+    for (options, said) in [
+        (&["--label", "a"][..], "not of the form KEY=VALUE"),
+        (&["--label", "=x"], "allowed are 1 to 64"),
+        (&["--label", &format!("{long}=x")], "a key of 65 characters"),
+        (&["--label", "a=b\nc"], "a control character"),
+        (&["--label", "a=b", "--label", "a=c"], "given twice"),
+        (&["--part-number", &longer], "129 characters; allowed are 0 to 128"),
+        (&["--serial", "a\tb"], "a control character"),
+    ] {
+        let ended = run(&[&["plan", &part, "--unit", "mm", "--out", &out][..], options].concat());
+        assert!(ended.code == Some(2) && ended.err.contains(said), "{options:?}: {:?} {}", ended.code, ended.err);
+    }
+}
+
+#[test]
 fn a_mesh_that_is_not_there_is_asked_about_and_a_folder_told_as_such() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, ..] = inputs(folder.path());

@@ -178,10 +178,14 @@ async fn what_cannot_be_inspected_is_refused_with_its_reason() {
 }
 
 #[tokio::test]
-async fn scans_and_inspections_go_with_their_job() {
+async fn scans_are_of_a_view_of_the_plan_and_go_with_their_job_as_inspections_do() {
     let api = Api::start().await;
     let job = super::runs::driven(&api).await;
-    let path = format!("/api/v1/jobs/{job}/scans?view=0&name=a.xyz");
+    let views = api.get(&format!("/api/v1/jobs/{job}")).await.ok(200)["summary"]["views_chosen"].as_u64().expect("a number");
+    let of_view = |view: u64| format!("/api/v1/jobs/{job}/scans?view={view}&name=a.xyz");
+    let refused = api.send("POST", &of_view(views), &[], "1 2 3\n4 5 6\n").await.problem_at("bad_query", &["view"]);
+    assert!(refused["detail"].as_str().is_some_and(|said| said.contains(&format!("has {views} viewpoints"))), "{refused}");
+    let path = of_view(views - 1);
     let scan = api.send("POST", &path, &[], "1 2 3\n4 5 6\n").await.ok(201);
     let inspection = inspected(&api, &job, &json!({})).await;
     assert!(inspection["ended_at"].is_string(), "{inspection}");

@@ -117,6 +117,7 @@ async fn a_request_is_refused_with_every_pointer() {
             ],
         ),
         (json!({"scanner": "nothing"}), "invalid_fields", &["/scanner"]),
+        (json!({"cell": "e05-transcan", "scanner": "nothing"}), "invalid_fields", &["/scanner"]),
         (json!({"scanner": crossed}), "invalid_fields", &["/scanner/depth_mm"]),
         (json!({"colour": 1}), "bad_shape", &["/colour"]),
         (json!({"params": {"selection": {"tarket": 1}}}), "bad_shape", &["/params/selection/tarket"]),

@@ -34,10 +34,7 @@ async fn a_file_is_taken_under_any_type() {
 
 fn form(field: &str) -> ([(&'static str, &'static str); 1], String) {
     let head = format!("--x\r\ncontent-disposition: form-data; name=\"{field}\"; filename=\"../../a.stl\"\r\n\r\n");
-    (
-        [("content-type", "multipart/form-data; boundary=x")],
-        format!("--x\r\ncontent-disposition: form-data; name=\"other\"\r\n\r\n1\r\n{head}{}\r\n--x--\r\n", cube(10.0)),
-    )
+    ([("content-type", "multipart/form-data; boundary=x")], format!("{head}{}\r\n--x--\r\n", cube(10.0)))
 }
 
 #[tokio::test]
@@ -50,32 +47,38 @@ async fn a_form_is_taken_by_its_field() {
     assert_eq!(mesh["name"], "a.stl");
     let named = api.send("POST", "/api/v1/meshes?unit=mm&name=housing", &headers, body.clone()).await.ok(201);
     assert_eq!(named["name"], "housing");
-    let (headers, other) = form("mesh");
-    api.send("POST", "/api/v1/meshes?unit=mm", &headers, other).await.problem_at("bad_body", &["file"]);
+    api.send("POST", "/api/v1/meshes?unit=mm", &headers, "--x--\r\n").await.problem_at("bad_body", &["file"]);
+    // A unit in the form would else be passed over without a word.
+    let unit = "--x\r\ncontent-disposition: form-data; name=\"unit\"\r\n\r\nmm\r\n";
+    let (before, after) = (format!("{unit}{body}"), body.replace("--x--\r\n", &format!("{unit}--x--\r\n")));
+    let twice = body.replace("--x--\r\n", &body);
+    for (body, field) in [(form("mesh").1, "mesh"), (before, "unit"), (after, "unit"), (twice, "file")] {
+        api.send("POST", "/api/v1/meshes?unit=mm", &headers, body).await.problem_at("bad_body", &[field]);
+    }
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, body[..150].to_owned()).await.problem("bad_body");
     api.send("POST", "/api/v1/meshes?unit=mm", &[("content-type", "multipart/form-data")], body).await.problem("bad_body");
     api.nothing_is_left().await;
 }
 
-/// What stands before the file is kept by the parser, however long it is.
+/// What stands beside the file is kept by the parser, however long it is.
 #[tokio::test]
-async fn a_form_that_does_not_come_to_its_file_is_cut_off() {
+async fn a_form_with_more_than_its_file_is_cut_off() {
     let api = Api::start().await;
     let (headers, body) = form("file");
     let long = "a".repeat(2 << 20);
     let endless = [
         long.clone(),
         format!("--x\r\ncontent-disposition: form-data; name=\"{long}"),
-        format!("--x\r\ncontent-disposition: form-data; name=\"other\"\r\n\r\n{long}\r\n{body}"),
+        body.replace("--x--\r\n", &format!("--x\r\ncontent-disposition: form-data; name=\"{long}")),
     ];
     for body in endless {
         let problem = api.send("POST", "/api/v1/meshes?unit=mm", &headers, body).await.problem("too_large");
-        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("before its field")), "{problem}");
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("beside its field")), "{problem}");
     }
-    // Half of that before the file and most of it in the file.
+    // Half of that in the preamble and most of it in the file.
     let file = format!("{}v 1 0 0\nv 0 1 0\nv 0 0 1\nf -1 -2 -3\n", "# a line\n".repeat(1 << 16));
     let head = "--x\r\ncontent-disposition: form-data; name=\"file\"; filename=\"a.obj\"\r\n\r\n";
-    let half = format!("--x\r\ncontent-disposition: form-data; name=\"other\"\r\n\r\n{}\r\n", &long[..1 << 19]);
+    let half = format!("{}\r\n", &long[..1 << 19]);
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, format!("{half}{head}{file}\r\n--x--\r\n")).await.ok(201);
 }
 

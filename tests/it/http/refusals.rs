@@ -22,6 +22,7 @@ const CASES: &[Case] = &[
     ("/api/v1/meshes", "/api/v1/meshes?unit=mm&size=1", "POST", "", "x", "bad_query"),
     ("/api/v1/meshes", "/api/v1/meshes?unit=mm&name=", "POST", "", "x", "bad_query"),
     ("/api/v1/meshes", "/api/v1/meshes?unit=mm&name=a%0ab", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=mm&name=%ff%fe", "POST", "", "x", "bad_query"),
     ("/api/v1/meshes", "/api/v1/meshes?unit=mm", "POST", "", "x", "mesh_unreadable"),
     ("/api/v1/meshes", "/api/v1/meshes?page_size=0", "GET", "", "", "bad_query"),
     ("/api/v1/meshes", "/api/v1/meshes?page_size=1001", "GET", "", "", "bad_query"),
