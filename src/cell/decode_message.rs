@@ -49,7 +49,8 @@ pub fn found_value(found: &str) -> String {
 pub fn expected_value(expected: &str) -> String {
     let known = match expected {
         "f32" | "f64" | "a float" | "a floating point" => "a number",
-        "i8" | "i16" | "i32" | "i64" | "isize" | "an integer" => "a whole number",
+        "i8" | "i16" | "i64" | "isize" | "an integer" => "a whole number",
+        "i32" => "a whole number from -2147483648 to 2147483647",
         "u8" => "a whole number from 0 to 255",
         "u16" => "a whole number from 0 to 65535",
         "u32" | "u64" | "usize" => "a whole number, 0 or more",

@@ -420,6 +420,21 @@ impl Cell {
     }
 }
 
+impl LinkBody {
+    /// Returns true if a capsule of its link holds a triangle of it; what is not a mesh has one box around it.
+    #[must_use]
+    pub(super) fn is_in_part_of(&self, capsule: &LinkCapsule) -> bool {
+        let body = &self.body;
+        let holds = |corners: &[Point3<f64>]| corners.iter().all(|corner| capsule.outside_mm(corner) <= OUT_OF_CAPSULES_MM);
+        match &body.shape {
+            Shape::Mesh(mesh) => {
+                mesh.faces.iter().any(|face| holds(&face.map(|vertex| body.owner_from_body * mesh.vertices_mm[vertex as usize])))
+            }
+            Shape::Box { .. } | Shape::Cylinder { .. } | Shape::Capsule { .. } => holds(&body.corners_mm()),
+        }
+    }
+}
+
 /// Distance by which the triangle of a surface that its link's capsules hold worst stands out of the one that holds it best,
 /// mm, and where, in the link's frame. What is no mesh counts by the box around it.
 fn out_of_capsules(surface: &LinkBody, capsules: &[LinkCapsule]) -> (f64, Point3<f64>) {

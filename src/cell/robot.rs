@@ -60,6 +60,9 @@ pub struct LinkSpec {
     pub radius_mm: f64,
 }
 
+/// Windings of the joints with which an arm may stand at a pose: four joints of four turns each. All of them are looked at.
+const MAX_WINDINGS: f64 = 256.0;
+
 impl RobotSpec {
     /// Checks every field and builds the robot.
     ///
@@ -90,6 +93,14 @@ impl RobotSpec {
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(&format!("/joints/{index}"), findings);
         }
+        let windings =
+            self.joints.iter().map(|joint| ((joint.max_deg - joint.min_deg) / 360.0).floor().max(1.0)).product::<f64>();
+        findings.require(windings <= MAX_WINDINGS, "/joints", || {
+            format!(
+                "reach every pose in {windings} windings, the whole turns of their ranges multiplied; allowed are {MAX_WINDINGS}: give \
+                 the joints no more turns than they need"
+            )
+        });
         findings.require(!self.links.is_empty(), "/links", || "is empty; collisions need at least one capsule".into());
         for (index, link) in self.links.iter().enumerate() {
             link.check(&format!("/links/{index}"), findings);

@@ -18,6 +18,8 @@ const GRID_OF_A_BEND: usize = 32;
 const NOTHING_RAD: f64 = 1e-12;
 /// Shares of the grid that differ by less are the same, whatever a file did to the points.
 const ROUNDING: f64 = 1e-6;
+/// Largest distance of a chord from a bend in any axis, radians: a tenth of a millimetre at the end of a long arm.
+const CHORD_RAD: f64 = 1e-5;
 /// Directions that differ by less are one: what is left of a straight way that went through a file.
 const STRAIGHT: f64 = 1e-7;
 
@@ -43,6 +45,17 @@ pub struct Piece {
 impl Piece {
     fn is_straight(&self) -> bool {
         self.bend_per_rad.iter().all(|bend| *bend == 0.0)
+    }
+
+    fn at(&self, t: f64) -> Configuration {
+        self.start_rad.along(&self.slope, t).along(&self.bend_per_rad, 0.5 * t * t)
+    }
+
+    /// Points from end to end; a chord over h leaves the curve by h² · q'' / 8.
+    fn chords(&self) -> Vec<Configuration> {
+        let bend_per_rad = self.bend_per_rad.iter().map(|bend| bend.abs()).fold(0.0, f64::max);
+        let chords = (self.length_rad * (bend_per_rad / (8.0 * CHORD_RAD)).sqrt()).ceil().max(1.0);
+        (0..=chords as u32).map(|chord| self.at(self.length_rad * f64::from(chord) / chords)).collect()
     }
 }
 
@@ -84,6 +97,12 @@ impl SmoothPath {
     #[must_use]
     pub fn pieces(&self) -> &[Piece] {
         &self.pieces
+    }
+
+    /// Points on each bend, so many that straight moves from one to the next stay on the curve, but for a tenth of a millimetre. Between
+    /// bends the curve is that of its points.
+    pub fn bends(&self) -> impl Iterator<Item = Vec<Configuration>> {
+        self.pieces.iter().filter(|piece| !piece.is_straight()).map(Piece::chords)
     }
 
     /// Seconds that the axes need at least, from rest to rest; `speed_fraction` scales rated speeds and accelerations.

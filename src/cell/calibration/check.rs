@@ -85,8 +85,9 @@ impl Check<'_> {
     pub fn check(&self) -> Option<Checked> {
         let held = self.prior(0)?;
         let drifted = self.prior(TABLE_COLUMN)?;
-        let without = self.problem(&held).refine(&self.calibrated, &self.weighting)?;
-        let with = self.problem(&drifted).refine(&self.calibrated, &self.weighting)?;
+        // A scanner's pose that was held when the cell was calibrated has no covariance, and is held here too.
+        let without = self.problem(&held, self.is_known(0)).refine(&self.calibrated, &self.weighting)?;
+        let with = self.problem(&drifted, true).refine(&self.calibrated, &self.weighting)?;
         let statistic = (without.cost - with.cost).max(0.0);
         let threshold = quantile(self.limits.false_alarm, 6);
         // The prior tells as many numbers as it leaves unknowns besides the scanner's six.
@@ -105,8 +106,8 @@ impl Check<'_> {
         Some(Checked { verdict, statistic, threshold, p, drift, compensated: with.estimate, covariance, residual_p })
     }
 
-    fn problem<'p>(&'p self, prior: &'p Prior) -> Adjustment<'p> {
-        let free = Free { hand_eye: true, table: self.is_known(TABLE_COLUMN), board: true, scale: false };
+    fn problem<'p>(&'p self, prior: &'p Prior, hand_eye: bool) -> Adjustment<'p> {
+        let free = Free { hand_eye, table: self.is_known(TABLE_COLUMN), board: true, scale: false };
         Adjustment { sightings: self.sightings, free, prior: Some(prior) }
     }
 

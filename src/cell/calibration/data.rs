@@ -129,9 +129,23 @@ pub struct Weighting {
     pub setup: HandEyeSetup,
     /// Deviations.
     pub sigma: Sigma,
+    /// Factor on the covariances that the points of boards tell; 1 unless residuals ask for more.
+    pub points_factor: f64,
 }
 
 impl Weighting {
+    /// Weights with these deviations, and the covariances of points as they are told.
+    #[must_use]
+    pub fn new(setup: HandEyeSetup, sigma: Sigma) -> Self {
+        Self { setup, sigma, points_factor: 1.0 }
+    }
+
+    /// Weights with all variances times a factor.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self { sigma: self.sigma.scaled(factor.sqrt()), points_factor: self.points_factor * factor, ..self }
+    }
+
     /// Propagates an error of the arm to the residual: the adjoint of the flange seen from the board, times a sign.
     #[must_use]
     pub fn arm_jacobian(&self, at: &ChainEstimate, sighting: &Sighting) -> Matrix6<f64> {
@@ -166,6 +180,6 @@ impl Weighting {
         let parts = self.parts(at, sighting);
         let variances = self.sigma.components().map(|sigma| sigma * sigma);
         let sum: Matrix6<f64> = parts.iter().zip(variances).map(|(part, variance)| part * variance).sum();
-        sum + sighting.seen_covariance.unwrap_or_else(Matrix6::zeros)
+        sum + sighting.seen_covariance.map_or_else(Matrix6::zeros, |points| points * self.points_factor)
     }
 }

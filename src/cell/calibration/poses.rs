@@ -77,7 +77,7 @@ impl PosePlanner<'_> {
     }
 
     fn weighting(&self) -> Weighting {
-        Weighting { setup: HandEyeSetup::EyeInHand, sigma: self.sigma }
+        Weighting::new(HandEyeSetup::EyeInHand, self.sigma)
     }
 
     /// The cell with the board on its plate.

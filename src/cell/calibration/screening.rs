@@ -71,7 +71,7 @@ impl Screened {
 
     /// Variances and covariance times a factor.
     fn scaled(self, factor: f64) -> Self {
-        let weighting = Weighting { sigma: self.refined.weighting.sigma.scaled(factor.sqrt()), ..self.refined.weighting };
+        let weighting = self.refined.weighting.scaled(factor);
         let refined = Refined { covariance: self.refined.covariance * factor, weighting, ..self.refined };
         Self { refined, ..self }
     }
@@ -158,7 +158,7 @@ impl Screening<'_> {
         let expected = quantile(0.5, 6);
         let scale = (median / expected).sqrt();
         let sigma_scale = if self.estimate_sigma || scale > MAX_SCALE { scale.max(1e-9) } else { 1.0 };
-        let weighting = Weighting { sigma: self.weighting.sigma.scaled(sigma_scale), ..self.weighting };
+        let weighting = self.weighting.scaled(sigma_scale.powi(2));
         let mut refined = self.refined_by(&self.chosen(first), &weighting)?;
         let mut is_used = vec![false; self.sightings.len()];
         first.iter().for_each(|index| is_used[*index] = true);

@@ -123,7 +123,7 @@ impl Task {
     }
 
     fn weighting(&self) -> Weighting {
-        Weighting { setup: self.setup, sigma: sigma_or_default(self.sigma) }
+        Weighting::new(self.setup, sigma_or_default(self.sigma))
     }
 
     /// The plate in the base by the nominal table; the identity where the board stands still.

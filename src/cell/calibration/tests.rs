@@ -106,7 +106,7 @@ pub(super) fn quantile_of(mut values: Vec<f64>, share: f64) -> f64 {
 }
 
 pub(super) fn in_hand(sigma: Sigma) -> Weighting {
-    Weighting { setup: HandEyeSetup::EyeInHand, sigma }
+    Weighting::new(HandEyeSetup::EyeInHand, sigma)
 }
 
 /// Row C1.
@@ -477,6 +477,29 @@ fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
             _ => assert!(claimed * 100 >= 99 * runs as usize && left <= 0.12, "{claimed} {left}"),
         }
     }
+}
+
+/// The scanner's pose is held when the table alone is calibrated, and may drift all the same.
+#[test]
+fn a_calibration_of_the_table_alone_finds_a_scanner_that_drifted() {
+    let (truth, level) = (truth(), levels()[1]);
+    let nominal = pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]);
+    let mut noise = Noise(7);
+    let mut sightings = exact(&truth, 20, 40.0, true, &mut noise);
+    disturb(&mut sightings, &level, &mut noise);
+    let problem = Adjustment { sightings: &sightings, free: Free::TABLE, prior: None };
+    let start = start_table(&sightings, &truth.hand_eye, &nominal).expect("a start");
+    let refined = problem.refine(&start, &in_hand(level)).expect("refines");
+    let mut verdict = |drift_mm: f64| {
+        let drift = twist(&Vector3::zeros(), &Vector3::new(drift_mm, 0.0, 0.0));
+        let drifted = ChainEstimate { hand_eye: truth.hand_eye * exp(&drift), ..truth };
+        let mut seen = exact(&drifted, 4, 30.0, true, &mut noise);
+        disturb(&mut seen, &level, &mut noise);
+        let (covariance, limits) = (&refined.covariance, CheckLimits::default());
+        let check = Check { sightings: &seen, calibrated: refined.estimate, covariance, weighting: in_hand(level), limits };
+        check.check().expect("four poses").verdict
+    };
+    assert_eq!((verdict(0.0), verdict(5.0)), (CheckVerdict::Ok, CheckVerdict::Compensate));
 }
 
 /// A fault planted in observations.

@@ -79,6 +79,8 @@ pub struct CollisionScene {
     bodies: Vec<SceneBody>,
     pairs: Vec<BodyPair>,
     clearance_mm: f64,
+    /// Part of the clearance that the plate may run out by, mm.
+    runout_mm: f64,
 }
 
 /// A straight way in joint space.
@@ -141,7 +143,8 @@ impl CollisionScene {
     #[must_use]
     pub fn without_part(cell: &Cell, clearance_mm: f64) -> Self {
         // Bodies turn about the fixed axis here: what the plate runs out by is kept free beside.
-        let clearance_mm = clearance_mm + cell.turntable.runout_displacement_mm();
+        let runout_mm = cell.turntable.runout_displacement_mm();
+        let clearance_mm = clearance_mm + runout_mm;
         let bodies = assemble(cell);
         let pairs = body_pairs(&bodies, 0, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
         let mut scene = Self {
@@ -151,6 +154,7 @@ impl CollisionScene {
             bodies,
             pairs,
             clearance_mm,
+            runout_mm,
         };
         scene.apply_allowed_collision_matrix(cell);
         scene.relax_rotation_symmetric_links();
@@ -179,10 +183,12 @@ impl CollisionScene {
         scene
     }
 
-    /// The scene with a clearance of at most `clearance_mm`: for poses as they are measured, which are off the planned ones.
+    /// The scene with half of the clearance, beside what the plate runs out by: for poses as they are measured, which are off the
+    /// planned ones.
     #[must_use]
-    pub fn at_most_clearance(&self, clearance_mm: f64) -> Self {
+    pub fn with_half_clearance(&self) -> Self {
         let mut scene = self.clone();
+        let clearance_mm = 0.5 * (self.clearance_mm - self.runout_mm) + self.runout_mm;
         scene.clearance_mm = scene.clearance_mm.min(clearance_mm);
         for pair in &mut scene.pairs {
             pair.clearance_mm = pair.clearance_mm.min(clearance_mm);
@@ -191,8 +197,8 @@ impl CollisionScene {
     }
 
     /// The clearance that is kept.
-    #[must_use]
-    pub fn clearance_mm(&self) -> f64 {
+    #[cfg(test)]
+    pub(super) fn clearance_mm(&self) -> f64 {
         self.clearance_mm
     }
 
@@ -309,8 +315,14 @@ impl CollisionScene {
         if let Some(pair) = open.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])) {
             return Err(self.contact_of(pair));
         }
-        open.retain(|pair| pair.motion_mm(&sweep_rad) > pair.clearance_mm);
+        open.retain(|pair| pair.motion_mm(&sweep_rad) > self.free_motion_mm(pair));
         Ok(open)
+    }
+
+    /// Motion of a pair that may not bring its bodies together from the distance that they keep: less what the plate runs out by.
+    fn free_motion_mm(&self, pair: &BodyPair) -> f64 {
+        let is_on_plate = [pair.a, pair.b].into_iter().any(|body| self.bodies[body].parent == ParentLink::Plate);
+        if is_on_plate && pair.clearance_mm > self.runout_mm { pair.clearance_mm - self.runout_mm } else { pair.clearance_mm }
     }
 
     /// Returns true if a point lies in a body that does not move (obstacle, table, floor, the robot's foot).

@@ -178,7 +178,8 @@ fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {
     let shape = Shape::Capsule { radius_mm: link.radius_mm, length_mm: axis.norm() };
     let link_from_capsule = Isometry3::from_parts(middle, along);
     let capsule_from_link = link_from_capsule.inverse();
-    let own = surfaces.iter().filter(|(surface, _)| surface.link == link.link);
+    // A capsule without a surface in it decides by itself, beside others of its link that have some.
+    let own = surfaces.iter().filter(|(surface, _)| surface.link == link.link && surface.is_in_part_of(link));
     let inside = own.map(|(surface, solid)| (parry_pose(&(capsule_from_link * surface.body.owner_from_body)), solid.clone()));
     SceneBody {
         inside: inside.collect(),

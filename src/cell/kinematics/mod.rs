@@ -139,10 +139,16 @@ impl Kinematics {
         std::array::from_fn(|joint| frames[joint + 1].rotation * Vector3::from(axes[joint]))
     }
 
+    /// Returns true if joint 3 is counted from the ground: it keeps its slope as joint 2 turns.
+    #[must_use]
+    pub(crate) fn counts_joint_3_from_ground(&self) -> bool {
+        matches!(self, Self::Opw(arm) if arm.joint_3_from_ground)
+    }
+
     /// Motion bounds for a radian of each of the vendor's joints, where `motion_bound_mm` is that of the joints of the chain.
     #[must_use]
     pub(super) fn of_vendor_joints(&self, mut motion_bound_mm: [f64; 7]) -> [f64; 7] {
-        if matches!(self, Self::Opw(arm) if arm.joint_3_from_ground) {
+        if self.counts_joint_3_from_ground() {
             motion_bound_mm[1] += motion_bound_mm[2];
         }
         motion_bound_mm

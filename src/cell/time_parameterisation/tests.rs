@@ -28,7 +28,7 @@ fn the_curve_passes_its_corners_within_the_tolerance_and_has_no_kink() {
     for tolerance_rad in [1e-3, 2e-2] {
         let points = spread(12);
         let path = SmoothPath::through(&points, tolerance_rad);
-        let place = |piece: &super::Piece, t: f64| piece.start_rad.along(&piece.slope, t).along(&piece.bend_per_rad, 0.5 * t * t);
+        let place = super::Piece::at;
         let end = |piece: &super::Piece| {
             let t = piece.length_rad;
             (place(piece, t), super::map(|a| piece.slope[a] + t * piece.bend_per_rad[a]))
@@ -43,6 +43,13 @@ fn the_curve_passes_its_corners_within_the_tolerance_and_has_no_kink() {
         for (corner, piece) in points[1..11].iter().zip(path.pieces().iter().filter(|piece| !piece.is_straight())) {
             let off = corner.max_turn_rad(&place(piece, 0.5 * piece.length_rad));
             assert!(off <= tolerance_rad * (1.0 + 1e-9) && off > 0.9 * tolerance_rad, "{off}");
+            let chords = piece.chords();
+            assert!(chords.len() > 5 && chords[0] == piece.start_rad, "{}", chords.len());
+            for (chord, ends) in chords.windows(2).enumerate() {
+                let share = (chord as f64 + 0.5) / (chords.len() - 1) as f64;
+                let off = ends[0].toward(&ends[1], 0.5).max_turn_rad(&place(piece, share * piece.length_rad));
+                assert!(off <= super::CHORD_RAD * (1.0 + 1e-6), "{off}");
+            }
         }
     }
 }

@@ -145,6 +145,8 @@ fn base(
     poses: &PerDevice<Isometry3<f64>>,
     assumptions: &mut Vec<Assumption>,
 ) -> Result<ScannerSpec, LensError> {
+    // Distances count from there; the cameras' axes meet at a depth of the scanner's frame.
+    let origin_mm = figures.depth_origin_mm.unwrap_or_default();
     let mut spec = match &figures.like {
         Some(like) => like.clone(),
         None => {
@@ -152,21 +154,27 @@ fn base(
                 Some([_, _, best_mm]) => best_mm,
                 None => {
                     assumptions.push(Assumption::BestFocus);
-                    meeting_mm(&poses.left, &poses.right)?
+                    meeting_mm(&poses.left, &poses.right)? - origin_mm
                 }
             };
-            let field_mm = figures.field_mm.map_or_else(|| seen_mm(rig, poses, best_mm, assumptions), |[w, h, _]| Ok([w, h]))?;
+            let depth_of_best_mm = best_mm + origin_mm;
+            let seen_mm = |assumptions: &mut Vec<Assumption>| seen_mm(rig, poses, depth_of_best_mm, assumptions);
+            let field_mm = figures.field_mm.map_or_else(|| seen_mm(assumptions), |[w, h, _]| Ok([w, h]))?;
             let depth_mm = figures.depth_mm.unwrap_or_else(|| {
                 assumptions.push(Assumption::Depth);
                 [best_mm * (1.0 - DEPTH_SHARE), best_mm * (1.0 + DEPTH_SHARE)].map(|mm| mm.round())
             });
             assumptions.push(Assumption::Housing);
-            let sheet = DataSheet::new(field_mm, best_mm, depth_mm, rig.right_from_left.translation.vector.norm());
-            sheet.spec().map_err(|errors| {
+            let baseline_mm = rig.right_from_left.translation.vector.norm();
+            let sheet = DataSheet::new(field_mm, depth_of_best_mm, depth_mm.map(|mm| mm + origin_mm), baseline_mm);
+            let mut spec = sheet.spec().map_err(|errors| {
                 let first = errors.into_iter().next();
                 let (pointer, detail) = first.map_or_else(Default::default, |error| (error.pointer, error.detail));
                 LensError::new(LensFault::OutOfRange, pointer, detail)
-            })?
+            })?;
+            let depth = &mut spec.depth_mm;
+            [&mut depth.near, &mut depth.best, &mut depth.far].into_iter().for_each(|mm| *mm -= origin_mm);
+            spec
         }
     };
     if let Some(name) = &figures.name {

@@ -11,6 +11,7 @@ use super::super::fault::{LensError, LensFault};
 use super::node;
 use super::{ImportedFile, ImportedLens, any_rotation, image_size, of_matrix, pose, rotation};
 use crate::cell::DeviceName;
+use crate::geometry::{LengthUnit, UnknownUnit};
 
 /// Pixel at which MATLAB's count begins.
 const FIRST_PIXEL: f64 = 1.0;
@@ -18,7 +19,7 @@ const FIRST_PIXEL: f64 = 1.0;
 pub(super) fn read(text: &str) -> Result<ImportedFile, LensError> {
     let root = node::json(text)?;
     let root = root.get("stereoParams").or_else(|| root.get("cameraParams")).unwrap_or(&root);
-    let mut file = ImportedFile::default();
+    let mut file = ImportedFile { named_unit: world_units(root)?, ..ImportedFile::default() };
     let Some(left) = root.get("CameraParameters1") else {
         add(&mut file, root, None, "")?;
         return Ok(file);
@@ -28,6 +29,15 @@ pub(super) fn read(text: &str) -> Result<ImportedFile, LensError> {
     add(&mut file, right, Some(DeviceName::Right), "/CameraParameters2")?;
     file.right_from_left = relative(root)?;
     Ok(file)
+}
+
+/// Unit of lengths, where the file names one; MATLAB leaves that to the user.
+fn world_units(root: &Value) -> Result<Option<LengthUnit>, LensError> {
+    let Some(name) = root.get("WorldUnits").and_then(Value::as_str).filter(|name| !name.trim().is_empty()) else {
+        return Ok(None);
+    };
+    let unknown = |error: UnknownUnit| LensError::new(LensFault::OutOfRange, "WorldUnits", error.to_string());
+    name.parse().map(Some).map_err(unknown)
 }
 
 fn missing(name: &str) -> LensError {

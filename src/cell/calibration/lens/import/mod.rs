@@ -60,7 +60,7 @@ pub struct ImportOptions {
     pub image_size_px: Option<[u32; 2]>,
     /// Width and height of the projector's image, px; default that of the cameras.
     pub projector_size_px: Option<[u32; 2]>,
-    /// Unit of lengths in the files. Default: metres for Kalibr, millimetres for the others.
+    /// Unit of lengths in the files. Default: that which the file names (MATLAB), metres for Kalibr, millimetres for the others.
     pub unit: Option<LengthUnit>,
 }
 
@@ -90,6 +90,8 @@ pub struct ImportedFile {
     pub projector_from_left: Option<Isometry3<f64>>,
     /// Poses of boards by the number of the view, of the device with this place in `lenses`: camera_from_board; mm.
     pub boards: Vec<(usize, BTreeMap<u32, Isometry3<f64>>)>,
+    /// Unit of lengths that the file names.
+    pub named_unit: Option<LengthUnit>,
     /// Length of the file's unit, mm.
     pub unit_mm: f64,
     /// The specification, if the file is one.
@@ -145,7 +147,14 @@ pub fn read(text: &str, format: CalibrationFormat, options: &ImportOptions) -> R
         }
     }?;
     let native = if format == CalibrationFormat::Kalibr { LengthUnit::Metre } else { LengthUnit::Millimetre };
-    let unit = if format == CalibrationFormat::Toml { native } else { options.unit.unwrap_or(native) };
+    let asked = options.unit.filter(|_| format != CalibrationFormat::Toml);
+    if let (Some(named), Some(asked)) = (file.named_unit, asked)
+        && named != asked
+    {
+        let detail = format!("lengths are in {}, and {} was given", named.as_str(), asked.as_str());
+        return Err(LensError::new(LensFault::OutOfRange, "WorldUnits", detail));
+    }
+    let unit = asked.or(file.named_unit).unwrap_or(native);
     file.unit_mm = unit.mm();
     file.scale_lengths();
     for (index, lens) in file.lenses.iter_mut().enumerate() {

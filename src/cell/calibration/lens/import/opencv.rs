@@ -71,10 +71,12 @@ fn text_of(root: &Map<String, Value>, names: &[&'static str]) -> Option<String> 
 }
 
 fn refuse_fisheye(root: &Map<String, Value>) -> Result<(), LensError> {
-    let has_fisheye_name = root.keys().any(|name| name.to_lowercase().contains("fisheye"));
+    // OpenCV's own sample writes `fisheye_model: 0` for a pinhole camera.
+    let is_off = |value: &Value| value.as_f64() == Some(0.0) || value.as_bool() == Some(false);
+    let has_fisheye_name = root.iter().any(|(name, value)| name.to_lowercase().contains("fisheye") && !is_off(value));
     let model = text_of(root, &MODELS).map(|model| model.to_lowercase());
     let is_fisheye =
-        |model: &String| ["fisheye", "equi", "omni", "kannala", "ds", "eucm"].iter().any(|word| model.contains(word));
+        |model: &String| model == "ds" || ["fisheye", "equi", "omni", "kannala", "eucm"].iter().any(|word| model.contains(word));
     if has_fisheye_name || model.as_ref().is_some_and(is_fisheye) {
         return Err(super::fisheye(model.as_deref().unwrap_or("fisheye")));
     }

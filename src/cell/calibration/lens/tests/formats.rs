@@ -1,6 +1,7 @@
 //! One rig in every format: the same lens, whatever each program means by its numbers.
 
 use super::*;
+use crate::geometry::LengthUnit;
 
 const OPENCV_YAML: &str = "%YAML:1.0
 M1: !!opencv-matrix
@@ -120,6 +121,36 @@ fn rig(text: &str) -> Rig {
 fn refused(text: &str, options: &ImportOptions) -> LensError {
     let format = detect(text).expect("a known format");
     read(text, format, options).and_then(|file| assemble(&[file])).expect_err("refused")
+}
+
+#[test]
+fn matlab_s_world_units_count() {
+    let read = |units: &str, unit: Option<LengthUnit>| {
+        let text = MATLAB.replace("\"millimeters\"", &format!("{units:?}"));
+        super::super::import::read(&text, CalibrationFormat::Matlab, &ImportOptions { unit, ..ImportOptions::default() })
+    };
+    let shift_mm = |file: ImportedFile| file.right_from_left.expect("a pose").translation.vector.x;
+    for (units, given, wanted_mm) in [
+        ("millimeters", None, -205.0),
+        ("centimeters", None, -2050.0),
+        ("inches", Some(LengthUnit::Inch), -205.0 * 25.4),
+        ("", Some(LengthUnit::Centimetre), -2050.0),
+        ("", None, -205.0),
+    ] {
+        let found_mm = shift_mm(read(units, given).unwrap_or_else(|error| panic!("{units}: {error}")));
+        assert!((found_mm - wanted_mm).abs() < 1e-9, "{units} {given:?}: {found_mm}");
+    }
+    for (units, given) in [("centimeters", Some(LengthUnit::Millimetre)), ("squares", None)] {
+        assert_eq!(read(units, given).expect_err(units).pointer, "WorldUnits");
+    }
+}
+
+#[test]
+fn opencv_s_own_sample_names_a_fisheye_model_that_is_off() {
+    let with = |line: &str| format!("{}{line}\n", OPENCV_YAML.trim_end_matches("...\n"));
+    let read = |line: &str| super::super::import::read(&with(line), CalibrationFormat::Opencv, &ImportOptions::default());
+    assert!(read("fisheye_model: 0").is_ok() && read("model: DS-2CD").is_ok());
+    assert!(read("fisheye_model: 1").is_err() && read("model: ds").is_err());
 }
 
 #[test]
