@@ -290,7 +290,18 @@ fn select_and_order<'a>(
         let ordered: Vec<Ordered> = SetupIndex::number(&scenes).map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
         if no_path.is_empty() && problem.params.selection.goal == SelectionGoal::MinTime {
-            let (chosen, ordered) = adjust::exchange_views(problem, &scenes, (chosen, ordered), &excluded, ctx)?;
+            let mut is_permitted = |chosen: &ChosenViews| {
+                if chosen.selection.stopped_because != StopReason::Target
+                    || problem.strata.is_none()
+                    || problem.tolerates_errors()
+                {
+                    return Ok(true);
+                }
+                let of_chosen = problem.on_every_sample(sampled, setups, &problem.at_any_station(chosen), every.take(), ctx)?;
+                Ok(every.insert(of_chosen).meets_goals(&chosen.candidates, &excluded))
+            };
+            let known = (chosen, ordered);
+            let (chosen, ordered) = adjust::exchange_views(problem, &scenes, known, &excluded, &mut is_permitted, ctx)?;
             return Ok(OrderedViews { chosen, ordered, excluded, expected, every });
         }
         if no_path.is_empty() || reselections == MAX_RESELECTIONS {

@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::{Move, Program, ProgramCalibration, Step};
+use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{Axes, CalibrationObjection, Cell, CollisionScene, Configuration, Contact, UseConditions};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 use crate::planning::plan::ViewId;
@@ -127,7 +128,7 @@ pub enum Fault {
         /// 0 leads to the first via point, or to the target.
         segment: usize,
     },
-    /// Two bodies too close on the way.
+    /// Two bodies too close on the way: on a segment, or on the curve that passes the point at its end.
     #[error("collides on segment {segment}: {contact}")]
     Collision {
         /// 0 leads to the first via point, or to the target.
@@ -335,6 +336,21 @@ impl Linter<'_> {
             if let Some(contact) = self.scene.check_segment(&ends[0], &ends[1]) {
                 self.find(Some(index), Fault::Collision { segment, contact });
             }
+        }
+        if let Some(within_rad) = step.passed_within_rad {
+            self.pass(index, &points, within_rad);
+        }
+    }
+
+    /// Checks the curve that passes points without stopping, beside the straight segments, which executors may follow too.
+    fn pass(&mut self, index: usize, points: &[Configuration], within_rad: f64) {
+        for bend in SmoothPath::through(points, within_rad).bends() {
+            let Some(contact) = bend.windows(2).find_map(|ends| self.scene.check_segment(&ends[0], &ends[1])) else { continue };
+            let middle = &bend[bend.len() / 2];
+            let corners = points.iter().enumerate().skip(1);
+            let nearest = corners.min_by(|(_, a), (_, b)| a.distance_rad(middle).total_cmp(&b.distance_rad(middle)));
+            let segment = nearest.map_or(0, |(corner, _)| corner - 1);
+            self.find(Some(index), Fault::Collision { segment, contact });
         }
     }
 

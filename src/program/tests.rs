@@ -3,6 +3,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{Expected, Fault, Program, ProgramCalibration, Step, check, check_calibration, compile};
+use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{
     CalibrationProvenance, Cell, CollisionScene, CompensationProvenance, Configuration, PoseSpec, Presets, SpecLibrary,
     UseConditions,
@@ -102,6 +103,49 @@ fn a_view_with_two_levels_is_captured_twice_at_one_pose() {
     assert!(matches!(job.fault_after(|p| p.steps.insert(3, again(4))), Fault::Twice(v) if v == view.0), "levels ascend");
     let later = job.program.steps.len() - 1;
     assert!(matches!(job.fault_after(|p| p.steps.insert(later, again(7))), Fault::OffPose { .. } | Fault::Twice(_)));
+}
+
+#[test]
+fn the_curve_that_passes_a_point_is_checked_beside_the_segments() {
+    let job = job();
+    let home = job.program.home_rad;
+    let within_rad = 2_f64.to_radians();
+    let near = |number: usize| {
+        let share = |axis: usize| (number as f64 * [2.0_f64, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0][axis].sqrt()).fract() - 0.5;
+        Configuration::from_axes_rad(std::array::from_fn(|axis| home.axes_rad()[axis] + 2.0 * share(axis)))
+    };
+    let is_free = |ends: &[Configuration]| job.scene.check_segment(&ends[0], &ends[1]).is_none();
+    let touches = |points: &[Configuration; 3]| {
+        let curve = SmoothPath::through(points, within_rad);
+        points.windows(2).all(is_free) && curve.bends().any(|bend| !bend.windows(2).all(is_free))
+    };
+    // A way around what blocks the straight one, its corner brought as near to that as is free.
+    let around = |number: usize| {
+        let [target, corner] = [near(2 * number), near(2 * number + 1)];
+        let (middle, is_way) =
+            (home.toward(&target, 0.5), |corner: &Configuration| [home, *corner, target].windows(2).all(is_free));
+        if is_free(&[home, target]) || !is_way(&corner) {
+            return None;
+        }
+        let (mut from, mut to) = (0.0, 1.0);
+        for _ in 0..16 {
+            let share = 0.5 * (from + to);
+            if is_way(&corner.toward(&middle, share)) { from = share } else { to = share }
+        }
+        Some([home, corner.toward(&middle, from), target]).filter(touches)
+    };
+    let found = (1..4_000).find_map(around);
+    let [_, corner, target] = found.expect("some corner is as near to a body as the curve leaves it");
+    let passing = |passed_within_rad: Option<f64>| {
+        let mut program = job.program.clone();
+        let step = first_move(&mut program);
+        (step.via_rad, step.target_rad, step.passed_within_rad) = (vec![corner], target, passed_within_rad);
+        step.duration_secs = step.derived_secs(&home, &job.cell.axes());
+        program.steps.truncate(1);
+        job.faults(&program).into_iter().filter(|fault| matches!(fault, Fault::Collision { .. })).collect::<Vec<_>>()
+    };
+    assert_eq!(passing(None), [], "the segments are free");
+    assert!(matches!(passing(Some(within_rad))[..], [Fault::Collision { segment: 0, .. }]));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex, ViewId};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::scene::PlanningScene;
-use crate::planning::selection;
+use crate::planning::selection::{Exchanges, GradeFloor};
 use crate::planning::sequence::{Ordered, Sequence, straight_secs};
 
 /// Times that all is ordered anew, at most.
@@ -24,15 +24,16 @@ const MIN_SAVING_SECS: f64 = 0.02;
 /// A plan's views in the order visited, by setup: the view and where the cell takes it.
 type Tours = Vec<Vec<(ViewId, Configuration)>>;
 
-/// The selection, or a quicker one, with its order.
+/// The selection, or a quicker one that is permitted, with its order.
 ///
 /// # Errors
-/// The errors of [`ViewPlanningProblem::chosen_of`].
+/// The errors of [`ViewPlanningProblem::chosen_of`], and those of `is_permitted`.
 pub(in crate::planning) fn exchange_views(
     problem: &ViewPlanningProblem<'_>,
     scenes: &[&PlanningScene<'_>],
     (mut chosen, mut ordered): (ChosenViews, Vec<Ordered>),
     excluded: &BTreeSet<CandidateIndex>,
+    is_permitted: &mut dyn FnMut(&ChosenViews) -> Result<bool, PlanError>,
     ctx: &Context<'_>,
 ) -> Result<(ChosenViews, Vec<Ordered>), PlanError> {
     let moving = |ordered: &[Ordered]| ordered.iter().map(|ordered| ordered.sequence.motion_secs()).sum::<f64>();
@@ -47,6 +48,9 @@ pub(in crate::planning) fn exchange_views(
         };
         let again: Vec<Ordered> = SetupIndex::number(scenes).map(order).collect::<Result<_, _>>()?;
         if again.iter().any(|ordered| !ordered.no_path.is_empty()) || moving(&again) >= moving(&ordered) - MIN_SAVING_SECS {
+            break;
+        }
+        if !is_permitted(&other)? {
             break;
         }
         (chosen, ordered) = (other, again);
@@ -66,13 +70,17 @@ fn exchanged(
     let exchange = TourExchange { problem, cell, axes: cell.axes() };
     let choosable = problem.choosable(excluded);
     let cover = problem.cover_problem(&choosable);
+    let params = &problem.params.selection;
+    let floor = GradeFloor::of(&cover, params, &problem.params.score, None, ctx)?;
+    let with_floor = floor.as_ref().map(|floor| floor.problem(&cover));
+    let exchanges = Exchanges::new(with_floor.as_ref().unwrap_or(&cover), params);
     // Every chosen candidate is choosable, so that the places among these are the views.
     let row_of = |candidate: &CandidateIndex| choosable.binary_search(candidate).ok().map(RowIndex::at);
     let mut rows: Vec<RowIndex> = chosen.candidates.iter().filter_map(row_of).collect();
     let mut tours = tours(ordered.iter().map(|ordered| &ordered.sequence));
     let mut found = false;
     for _ in 0..MAX_EXCHANGES {
-        let allowed = selection::exchanges(&cover, &problem.params.selection, &rows, ctx)?;
+        let allowed = exchanges.of(&rows, ctx)?;
         let savings = allowed.into_iter().filter_map(|(view, row)| {
             let (saved_secs, tours) = exchange.evaluate(&tours, view, choosable[row.index()])?;
             Some((saved_secs, view, row, tours))

@@ -165,8 +165,12 @@ impl Slide<'_, '_> {
         if let (Some(scene), Some(stations)) = (&setup.scene, &mut stations) {
             scene.keep_in_sight(&problem.surface, &pose, stations, &mut row, ctx)?;
         }
-        let candidate =
-            Candidate { id: CandidateId::at(problem.candidates.generated), part_from_scanner: pose, ..self.of().clone() };
+        let candidate = Candidate {
+            id: CandidateId::at(problem.candidates.generated),
+            part_from_scanner: pose,
+            slid_from: Some(self.candidate),
+            ..self.of().clone()
+        };
         Ok(Some(Slid { candidate, stations, row }))
     }
 }

@@ -221,9 +221,10 @@ fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context
 fn cycle_secs(outcome: &Outcome, params: &PlanParams, added_views: usize, added_secs: f64) -> Option<f64> {
     let plan = &outcome.plan;
     plan.sequences().next()?;
-    let visits = (plan.visits().count() + added_views) as f64;
+    // A view may be captured at two levels of brightness; a further one is taken to be captured once.
+    let [visits, captures] = [plan.visits().count(), plan.captures()].map(|count| (count + added_views) as f64);
     let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
-    Some(moving_secs + added_secs + visits * (params.scan.settle_secs + params.scan.capture_secs))
+    Some(moving_secs + added_secs + visits * params.scan.settle_secs + captures * params.scan.capture_secs)
 }
 
 /// Views of a plan that measure something.

@@ -32,8 +32,14 @@ pub(super) fn judge(
         .map(|(number, (table_from_scanner, label))| {
             ctx.check()?;
             let part_from_scanner = part_from_table * table_from_scanner;
-            let candidate =
-                Candidate { id: CandidateId::at(number), part_from_scanner, label, setup: SetupIndex(0), is_given: false };
+            let candidate = Candidate {
+                id: CandidateId::at(number),
+                part_from_scanner,
+                label,
+                setup: SetupIndex(0),
+                is_given: false,
+                slid_from: None,
+            };
             Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
         })
         .collect::<Result<_, Cancelled>>()?;

@@ -62,6 +62,8 @@ pub struct Candidate {
     pub setup: SetupIndex,
     /// True if the job gives its pose, which is then not slid.
     pub is_given: bool,
+    /// Candidate that was slid to it once it was chosen; `None` for one that was generated.
+    pub slid_from: Option<CandidateIndex>,
 }
 
 /// Part, surface, scanner and cell that candidates are generated for.

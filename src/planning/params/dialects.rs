@@ -1,7 +1,7 @@
 //! Names and signals between robot programs, scanner and table.
 
 use super::knob::params;
-use crate::cell::Findings;
+use crate::cell::{Findings, JointThreeOrigin};
 
 /// Largest length of a program's name, characters; each language shortens it to what it allows.
 const MAX_NAME_CHARS: usize = 64;
@@ -23,6 +23,9 @@ params! {
         table_axis: u32 = 1, [1.0, 6.0] "";
         /// Largest length of a FANUC program's name: 8 fits every controller, 36 those since R-30iA.
         fanuc_name_chars: u32 = 8, [8.0, 36.0] "characters";
+        /// Link from which the model of a FANUC arm counts joint 3: `upper_arm` for models in URDF. Not needed for a robot with
+        /// `joint_3_from_ground`. Default: no FANUC program of another model.
+        fanuc_joint_3_from: Option<JointThreeOrigin> = None;
     }
 }
 

@@ -17,7 +17,7 @@ use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use crate::planning::registration::union_of;
-use crate::planning::selection::{CoverProblem, Goal};
+use crate::planning::selection::{CoverProblem, Goal, StopReason};
 use crate::planning::sequence::Ordered;
 use crate::planning::setups::Setup;
 use crate::planning::surface::Surface;
@@ -255,11 +255,11 @@ impl<'a> ViewPlanningProblem<'a> {
     }
 
     /// The chosen views with as many more as meet the goals on every sample, each the one that adds most to the first goal that is
-    /// not met.
+    /// not met; where the goals stay unmet, with the rule that ended it.
     pub(in crate::planning) fn topped_up(
         &self,
         every: &ViewPlanningProblem<'_>,
-        chosen: ChosenViews,
+        mut chosen: ChosenViews,
         excluded: &BTreeSet<CandidateIndex>,
         ctx: &Context<'_>,
     ) -> Result<ChosenViews, PlanError> {
@@ -278,6 +278,10 @@ impl<'a> ViewPlanningProblem<'a> {
             let Some((_, candidate)) = best.filter(|best| best.0 > 0.0) else { break };
             measured.insert_all(every.row(candidate).measured());
             views.push(candidate);
+        }
+        if unmet(&cover, &measured).is_some() {
+            let ended_by = if views.len() < max_views { StopReason::NoGain } else { StopReason::MaxViews };
+            chosen.selection.stopped_because = ended_by;
         }
         if views.len() == chosen.candidates.len() {
             return Ok(chosen);

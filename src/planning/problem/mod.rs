@@ -135,20 +135,10 @@ impl ViewPlanningProblem<'_> {
         KnownCandidates { remaining: remaining.len(), rejected: rejected.len(), generated: *generated }
     }
 
-    /// The one of the `known` candidates that a candidate is, or that was slid along its axis to it.
+    /// The one of the `known` candidates that a candidate is, or that was slid to it.
     pub(in crate::planning) fn original_of(&self, candidate: CandidateIndex, known: KnownCandidates) -> Option<CandidateIndex> {
-        /// Angle in radians, and share of a distance, by which a slid pose may differ.
-        const ROUNDING: f64 = 1e-6;
-        let pose = &self.candidates[candidate].part_from_scanner;
-        let is_slid = |original: &CandidateIndex| {
-            let moved = self.candidates[*original].part_from_scanner.inverse() * *pose;
-            let (angle_rad, offset_mm) = (moved.isometry().rotation.angle(), moved.origin_mm());
-            angle_rad < ROUNDING && offset_mm.x.hypot(offset_mm.y) < ROUNDING * offset_mm.z.abs().max(1.0)
-        };
-        match candidate.index() < known.remaining {
-            true => Some(candidate),
-            false => CandidateIndex::first(known.remaining).find(is_slid),
-        }
+        let from = |candidate: &CandidateIndex| self.candidates[*candidate].slid_from;
+        std::iter::successors(Some(candidate), from).find(|candidate| candidate.index() < known.remaining)
     }
 
     /// Takes out the candidates that joined the `known` ones.

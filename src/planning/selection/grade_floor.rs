@@ -23,7 +23,7 @@ const FLOORS: [Grade; 2] = [Grade::A, Grade::B];
 const MAX_TWINNED: usize = 50_000;
 
 /// A problem with twins, and the views that greedy takes.
-pub(super) struct GradeFloor {
+pub(in crate::planning) struct GradeFloor {
     rows: Vec<Row>,
     asked_area_mm2: Vec<f64>,
     weighted_area_mm2: Vec<f64>,
@@ -34,7 +34,7 @@ pub(super) struct GradeFloor {
 impl GradeFloor {
     /// The floor of `problem`, or that of a first choice, from which greedy then goes on; `None` where none is asked for, or
     /// quality does not count.
-    pub(super) fn of(
+    pub(in crate::planning) fn of(
         problem: &CoverProblem<'_>,
         params: &SelectionParams,
         weights: &ScoreParams,
@@ -74,7 +74,7 @@ impl GradeFloor {
     }
 
     /// The problem with twins; its rows are those of `problem`.
-    pub(super) fn problem<'a>(&'a self, problem: &CoverProblem<'a>) -> CoverProblem<'a> {
+    pub(in crate::planning) fn problem<'a>(&'a self, problem: &CoverProblem<'a>) -> CoverProblem<'a> {
         CoverProblem {
             rows: self.rows.iter().collect(),
             asked_area_mm2: &self.asked_area_mm2,

@@ -36,7 +36,7 @@ use super::visibility::{Row, SampleSet};
 
 pub use bound::Bound;
 pub(in crate::planning) use bound::OpenBound;
-use grade_floor::GradeFloor;
+pub(in crate::planning) use grade_floor::GradeFloor;
 
 /// Seconds that the cell needs from the view of one row to that of another.
 pub type TravelSecs<'a> = &'a (dyn Fn(RowIndex, RowIndex) -> f64 + Sync);
@@ -243,19 +243,6 @@ impl<'a> Exchanges<'a> {
         let allowed = swaps.all().filter(|(at, row, deficit)| *deficit == 0 && exchange.connects(rows, *at, *row));
         Ok(allowed.map(|(at, row, _)| (ViewId::at(at), row)).collect())
     }
-}
-
-/// Lists the exchanges of `rows`, see [`Exchanges::of`].
-///
-/// # Errors
-/// [`Cancelled`].
-pub(in crate::planning) fn exchanges(
-    problem: &CoverProblem<'_>,
-    params: &SelectionParams,
-    rows: &[RowIndex],
-    ctx: &Context<'_>,
-) -> Result<Vec<(ViewId, RowIndex)>, Cancelled> {
-    Exchanges::new(problem, params).of(rows, ctx)
 }
 
 /// Makes the selection of `rows` in greedy's order, with the bound of `like`, whose views may be fewer.

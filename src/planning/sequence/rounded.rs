@@ -1,5 +1,5 @@
 //! Paths that are run without stopping: each corner is cut by a parabola, as wide as is free, and what is emitted is the
-//! polyline beside it, every segment of which was checked. The curve itself is nowhere further from it than the tolerance.
+//! polyline beside it. The curve itself is nowhere further from it than the tolerance. Both are checked: executors run either.
 
 use super::moves::Moves;
 use crate::cell::Configuration;
@@ -17,7 +17,7 @@ pub(super) struct Rounded {
     pub(super) secs: f64,
 }
 
-/// Cuts the corners of a path; `None` where it has none, or would not be quicker.
+/// Cuts the corners of a path; `None` where it has none, or would not be free, or not quicker.
 pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad: f64) -> Option<Rounded> {
     let [first, .., last] = points else { return None };
     let mut path = vec![*first];
@@ -28,7 +28,11 @@ pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad
     if path.len() < 3 || !path.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {
         return None;
     }
-    let secs = SmoothPath::through(&path, tolerance_rad).secs(&moves.axes, moves.motion.speed_fraction);
+    let curve = SmoothPath::through(&path, tolerance_rad);
+    if !curve.bends().all(|bend| bend.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1]))) {
+        return None;
+    }
+    let secs = curve.secs(&moves.axes, moves.motion.speed_fraction);
     (secs < moves.secs(points)).then_some(Rounded { points: path, secs })
 }
 

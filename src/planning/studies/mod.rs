@@ -17,6 +17,7 @@ use super::context::{Context, NoPlan, PlanError};
 use super::params::{Objective, PlanParams, ScoreParams, Strategy};
 use super::scene::PlanInput;
 use super::selection::StopReason;
+use crate::cell::FieldError;
 use ground::StudyBase;
 
 /// The thesis's five values of a (§3.3), b = 1 − a.
@@ -100,6 +101,34 @@ impl Study {
         }
     }
 
+    /// Findings on parameters that the study sets by itself.
+    fn set_by_itself(self, params: &PlanParams) -> Vec<FieldError> {
+        let default = PlanParams::default();
+        let (own, of_default) = (&params.score, &default.score);
+        let (selection, default_selection) = (&params.selection, &default.selection);
+        let mut given = vec![
+            ("/selection/max_views", selection.max_views.is_some()),
+            ("/selection/solver", selection.solver != default_selection.solver),
+            ("/selection/target", selection.target.to_bits() != default_selection.target.to_bits()),
+            ("/selection/target_of", selection.target_of != default_selection.target_of),
+        ];
+        given.extend(match self {
+            Self::Weights => vec![
+                ("/score/a", own.a.to_bits() != of_default.a.to_bits()),
+                ("/score/b", own.b.to_bits() != of_default.b.to_bits()),
+                ("/selection/objective", selection.objective != default_selection.objective),
+            ],
+            Self::Limits => vec![
+                ("/limits/camera_deg", params.limits.camera_deg.is_some()),
+                ("/limits/projector_deg", params.limits.projector_deg.is_some()),
+            ],
+            Self::Candidates => Vec::new(),
+        });
+        let finding =
+            |pointer: &str| FieldError { pointer: pointer.to_owned(), detail: "is set by the study; leave it out".to_owned() };
+        given.into_iter().filter(|(_, is_given)| *is_given).map(|(pointer, _)| finding(pointer)).collect()
+    }
+
     fn cases(self, params: &PlanParams) -> Vec<StudyCase> {
         match self {
             Self::Weights => WEIGHTS_A.map(|a| weights(params, a)).into(),
@@ -129,7 +158,7 @@ impl Series {
 /// Runs a study: at most `max_views` views a value.
 ///
 /// # Errors
-/// [`PlanError`], where no value can be used at all or none measures anything.
+/// [`PlanError`], where no value can be used at all or none measures anything, and for a parameter that the study sets by itself.
 pub fn run(
     study: Study,
     input: &PlanInput<'_>,
@@ -138,6 +167,10 @@ pub fn run(
     ctx: &Context<'_>,
 ) -> Result<StudyResult, PlanError> {
     params.check().map_err(PlanError::BadParams)?;
+    let given = study.set_by_itself(params);
+    if !given.is_empty() {
+        return Err(PlanError::BadParams(given));
+    }
     let mut findings = StudyResult { study, series: Vec::new(), skipped: Vec::new() };
     let mut shared: Option<StudyBase> = None;
     let mut refused = None;

@@ -1,20 +1,23 @@
 //! FANUC TP program in ASCII, `.LS` (*R-30iB Operator's Manual*, B-83284EN). `J P[n] p% FINE ACCp` stops at each point; speed
 //! and acceleration are whole percents. The table is the first axis of motion group 2, which the program takes along. Angles
-//! are the controller's own: on arms whose third joint is coupled to the second the program's joints already are as the
-//! vendor shows them, and nothing is converted here. Remarks have 32 characters, comments 16, positions three decimals.
+//! are the controller's own, which counts joint 3 from the ground. The program's joint 3 is counted so where the robot's model has
+//! `joint_3_from_ground`; where it is counted from the upper arm, as `dialects.fanuc_joint_3_from` tells, joint 2 is taken from it.
+//! Remarks have 32 characters, comments 16, positions three decimals.
 
 use super::header::paragraphs;
 use super::names::{NameRule, identifier, wrap};
-use super::numbers::{DEGREE, angles};
+use super::numbers::{DEGREE, fixed, rounded};
 use super::walk::{Action, Stretch, points};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
-use crate::cell::Configuration;
+use crate::cell::{Configuration, JointThreeOrigin};
 
 /// Names that the controller refuses.
 const RESERVED: [&str; 13] =
     ["CON", "PRN", "AUX", "NUL", "COM1", "COM2", "COM3", "COM4", "LPT1", "LPT2", "LPT3", "PROGRAM", "END"];
 /// Largest length of a remark.
 const REMARK_CHARS: usize = 32;
+/// Decimals of an angle.
+const DECIMALS: usize = 3;
 /// Speed of the move home, where the arm already stands, percent; that of the slowest other move, if it is lower.
 const HOMING_PERCENT: u32 = 5;
 /// Label that the wait for the scanner jumps to.
@@ -31,6 +34,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
 /// The program.
 fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Fanuc, 1, 4096)?;
+    let joint_3_from = joint_3_from(job)?;
     let rule = NameRule { longest: job.params.fanuc_name_chars as usize, reserved: &RESERVED };
     let name = identifier(&job.params.program_name, job.program.setup, &rule).to_ascii_uppercase();
     let body = body(job, &name)?;
@@ -38,10 +42,18 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     lines.extend(body.iter().enumerate().map(|(index, line)| format!("{:>4}:{line} ;", index + 1)));
     lines.push("/POS".to_owned());
     for (index, point) in points(job.program, &job.actions).iter().enumerate() {
-        lines.extend(position(index, point, job));
+        lines.extend(position(index, point, joint_3_from, job));
     }
     lines.push("/END".to_owned());
     Ok(vec![Job::file(&name, "ls", &lines)])
+}
+
+/// Link from which the program's joint 3 is counted. Another maker's arm is not converted: the header warns.
+fn joint_3_from(job: &Job<'_>) -> Result<JointThreeOrigin, DialectError> {
+    if job.foreign.is_some() || job.cell.robot.kinematics.counts_joint_3_from_ground() {
+        return Ok(JointThreeOrigin::Ground);
+    }
+    job.params.fanuc_joint_3_from.ok_or(DialectError::JointThree)
 }
 
 fn attributes(name: &str, job: &Job<'_>, lines: usize) -> Vec<String> {
@@ -134,8 +146,12 @@ fn scan(job: &Job<'_>) -> [String; 4] {
     ]
 }
 
-fn position(index: usize, point: &Configuration, job: &Job<'_>) -> Vec<String> {
-    let [joints @ .., table] = angles(point, &job.axes, DEGREE, 3);
+fn position(index: usize, point: &Configuration, joint_3_from: JointThreeOrigin, job: &Job<'_>) -> Vec<String> {
+    let mut angles_deg = rounded(point, &job.axes, DEGREE, DECIMALS);
+    if joint_3_from == JointThreeOrigin::UpperArm {
+        angles_deg[2] -= angles_deg[1];
+    }
+    let [joints @ .., table] = angles_deg.map(|angle| fixed(angle, DECIMALS));
     let joint = |joint: usize| format!("J{}= {:>9} deg", joint + 1, joints[joint]);
     let text = format!(
         "P[{}{}]{{

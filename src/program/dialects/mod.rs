@@ -119,6 +119,12 @@ pub enum DialectError {
     /// Whole percents cannot say it without being quicker than was checked.
     #[error("the speed is {0} of the rated; {1} cannot go below 1 %")]
     TooSlow(f64, &'static str),
+    /// The controller counts joint 3 from the ground, and the robot's model does not say that it does.
+    #[error(
+        "the robot's model does not count joint 3 from the ground, as the controller does; set dialects.fanuc_joint_3_from = \"upper_arm\" \
+         if it counts it from the upper arm, as models in URDF do"
+    )]
+    JointThree,
     /// Moves are passed through that every dialect stops in.
     #[error(
         "the program passes points without stopping, which is for executors that stream set points; plan it with motion.corners = \"stop\""

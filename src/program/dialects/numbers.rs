@@ -13,7 +13,7 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
 
 /// The angles rounded to so many decimals of `unit_rad`, and kept within the axes' limits, which rounding could leave by
 /// half a digit.
-pub(super) fn angles(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimals: usize) -> [String; 7] {
+pub(super) fn rounded(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimals: usize) -> [f64; 7] {
     let scale = 10_f64.powi(decimals as i32) / unit_rad;
     let at_rad = at_rad.axes_rad();
     std::array::from_fn(|axis| {
@@ -21,8 +21,13 @@ pub(super) fn angles(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimal
         // Limits that came from degrees are off by the last digit of a double.
         let lowest = (limits.min_rad * scale - 1e-6).ceil();
         let highest = (limits.max_rad * scale + 1e-6).floor();
-        fixed((at_rad[axis] * scale).round().clamp(lowest, highest) / 10_f64.powi(decimals as i32), decimals)
+        (at_rad[axis] * scale).round().clamp(lowest, highest) / 10_f64.powi(decimals as i32)
     })
+}
+
+/// Texts of the [`rounded`] angles.
+pub(super) fn angles(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimals: usize) -> [String; 7] {
+    rounded(at_rad, axes, unit_rad, decimals).map(|angle| fixed(angle, decimals))
 }
 
 /// One degree in radians: the unit of most languages.

@@ -2,7 +2,7 @@ use super::names::{NameRule, comment, identifier, wrap};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, actions};
 use super::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
-use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecKind, SpecLibrary};
+use crate::cell::{Cell, CollisionScene, Configuration, JointThreeOrigin, Presets, SpecKind, SpecLibrary};
 use crate::planning::params::DialectParams;
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, Step};
@@ -50,6 +50,11 @@ fn program(cell: &Cell) -> Program {
         cycle_secs: steps.iter().map(Step::secs).sum(),
         steps,
     }
+}
+
+/// Parameters with which every dialect renders the default cell.
+fn params() -> DialectParams {
+    DialectParams { fanuc_joint_3_from: Some(JointThreeOrigin::Ground), ..DialectParams::default() }
 }
 
 fn rendered(program: &Program, cell: &Cell, dialect: Dialect, params: &DialectParams) -> Result<Vec<String>, DialectError> {
@@ -132,10 +137,10 @@ fn signals_that_a_controller_lacks_are_refused() {
     let cell = cell();
     let program = program(&cell);
     let refused = |dialect, params: DialectParams| rendered(&program, &cell, dialect, &params).expect_err("refused").to_string();
-    let far = DialectParams { scan_output: 8, ..DialectParams::default() };
+    let far = DialectParams { scan_output: 8, ..params() };
     assert_eq!(refused(Dialect::Urscript, far.clone()), "dialects.scan_output is 8; urscript has 0 to 7");
     assert!(rendered(&program, &cell, Dialect::Krl, &far).is_ok());
-    let none = DialectParams { scan_input: 0, ..DialectParams::default() };
+    let none = DialectParams { scan_input: 0, ..params() };
     assert_eq!(refused(Dialect::Krl, none), "dialects.scan_input is 0; krl has 1 to 4096");
 }
 
@@ -154,7 +159,7 @@ fn speeds_below_a_percent_are_refused_where_percents_are_whole() {
     }
     slow.cycle_secs = slow.steps.iter().map(Step::secs).sum();
     for dialect in Dialect::ALL {
-        let slow = rendered(&slow, &cell, dialect, &DialectParams::default());
+        let slow = rendered(&slow, &cell, dialect, &params());
         assert_eq!(slow.is_err(), matches!(dialect, Dialect::Krl | Dialect::Fanuc), "{dialect:?}");
     }
 }
@@ -167,7 +172,7 @@ fn hostile_names_stay_comments_and_strings() {
     let tame = program(&self::cell());
     let mut program = tame.clone();
     program.robot = nasty.to_owned();
-    let params = DialectParams { program_name: nasty.replace(['\r', '\n'], " "), ..DialectParams::default() };
+    let params = DialectParams { program_name: nasty.replace(['\r', '\n'], " "), ..params() };
     for dialect in Dialect::ALL {
         let wild = rendered(&program, &cell, dialect, &params).expect("renders");
         let calm = rendered(&tame, &self::cell(), dialect, &params).expect("renders");
@@ -210,8 +215,8 @@ fn a_robot_gets_its_makers_language_and_neutral_ones_and_others_by_force_with_a_
         let checked = CheckedProgram::new(&program, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
         for dialect in Dialect::ALL {
             let takes = dialect == own || dialect.is_neutral();
-            let rendered = checked.render(dialect, &DialectParams::default());
-            let forced = checked.render_forced(dialect, &DialectParams::default()).expect("renders");
+            let rendered = checked.render(dialect, &params());
+            let forced = checked.render_forced(dialect, &params()).expect("renders");
             let warns = |file: &DialectFile| file.text.contains("WARNING: FORCED");
             assert_eq!(takes, !forced.iter().any(warns), "{robot}, {dialect:?}");
             assert_eq!(takes, !forced.iter().all(warns), "every file of it warns: {robot}, {dialect:?}");
@@ -229,6 +234,32 @@ fn a_robot_gets_its_makers_language_and_neutral_ones_and_others_by_force_with_a_
 }
 
 #[test]
+fn joint_3_of_a_fanuc_program_is_counted_from_the_ground() {
+    let mut cell = cell();
+    cell.robot.dialect = None;
+    let program = program(&cell);
+    let error = rendered(&program, &cell, Dialect::Fanuc, &DialectParams::default()).expect_err("the model does not say");
+    assert!(error.to_string().contains("dialects.fanuc_joint_3_from"), "{error}");
+    let points_deg = |joint_3_from: JointThreeOrigin| -> Vec<[f64; 2]> {
+        let params = DialectParams { fanuc_joint_3_from: Some(joint_3_from), ..params() };
+        let text = rendered(&program, &cell, Dialect::Fanuc, &params).expect("renders").remove(0);
+        let angle = |line: &str, joint: &str| -> Option<f64> {
+            let after = line.split_once(joint)?.1.trim_start();
+            after.split_whitespace().next()?.parse().ok()
+        };
+        let arm = text.lines().filter(|line| line.contains("J2="));
+        arm.filter_map(|line| Some([angle(line, "J2=")?, angle(line, "J3=")?])).collect()
+    };
+    let [ground, upper_arm] = [JointThreeOrigin::Ground, JointThreeOrigin::UpperArm].map(points_deg);
+    assert!(ground.iter().any(|[joint_2, _]| joint_2.abs() > 1.0), "{ground:?}");
+    for ([joint_2, joint_3], [same, converted]) in ground.iter().zip(&upper_arm) {
+        assert!((joint_2 - same).abs() < 1e-9 && (joint_3 - joint_2 - converted).abs() < 2e-3, "{ground:?} {upper_arm:?}");
+    }
+    cell.robot.kinematics = Presets.robot("fanuc-m20ia").expect("a preset").kinematics.build();
+    assert!(cell.robot.kinematics.counts_joint_3_from_ground(), "such a model needs no parameter");
+}
+
+#[test]
 fn every_preset_names_its_language() {
     for name in Presets.names(SpecKind::Robot) {
         assert!(Presets.robot(&name).expect("a preset").dialect.is_some(), "{name}");
@@ -242,7 +273,7 @@ fn every_file_names_its_plan() {
     let (first, last) = program.plan_sha256.split_at(32);
     for dialect in Dialect::ALL {
         // FANUC has 32 characters a remark.
-        for text in rendered(&program, &cell, dialect, &DialectParams::default()).expect("renders") {
+        for text in rendered(&program, &cell, dialect, &params()).expect("renders") {
             assert!(text.contains(first) && text.matches(last).count() > 0, "{dialect:?}: {text}");
         }
     }
@@ -261,7 +292,7 @@ fn dialects_are_found_by_name() {
 fn the_table_has_a_row_a_point_and_action() {
     let cell = cell();
     let program = program(&cell);
-    let text = rendered(&program, &cell, Dialect::Csv, &DialectParams::default()).expect("renders").remove(0);
+    let text = rendered(&program, &cell, Dialect::Csv, &params()).expect("renders").remove(0);
     let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
     let ops: Vec<_> = rows.iter().map(|row| row[1]).collect();
     assert_eq!(ops, ["op", "home", "via", "via", "move_joints", "settle", "scan", "move_joints"]);
@@ -290,7 +321,7 @@ fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     let checked = CheckedProgram::new(&program, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
     let secs = |dialect: Dialect| checked.cycle_secs(dialect).expect("renders");
     for dialect in Dialect::ALL.into_iter().filter(|dialect| *dialect != Dialect::Csv) {
-        let files = checked.render(dialect, &DialectParams::default()).expect("renders");
+        let files = checked.render(dialect, &params()).expect("renders");
         let told = format!("predicted cycle {:.1} s", secs(dialect));
         // Comments of FANUC's lines are short, so that they break.
         let said = |text: &str| {
