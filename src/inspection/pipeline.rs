@@ -13,6 +13,7 @@ use super::ingest::Ingested;
 use super::losses::{LossInput, Losses, attribute};
 use super::registration::{RegistrationOptions, ScanRegistration, register};
 use super::{InspectionParams, RegisteredView, ViewScan};
+use crate::cell::calibration::se3::Twist;
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, NearestFace, Part, Pose, ScannerFrame, Table};
 use crate::planning::certificate::recheck::{Rechecked, TakenView, recheck};
@@ -22,6 +23,7 @@ use crate::planning::params::PlanParams;
 use crate::planning::surface::{Surface, requirements};
 use crate::planning::visibility::Row;
 use crate::planning::{PlanInput, plate};
+use nalgebra::Matrix6;
 
 /// Spots that are listed as the worst.
 const WORST_SPOTS: usize = 20;
@@ -137,11 +139,18 @@ impl InspectionInput<'_> {
         }
     }
 
-    /// Samples that views from `poses` measure: `poses` belong to the views at the same places.
+    /// Motion from where the part was planned to where it was found: none where it lies as planned but for what poses are off.
+    fn moved_part(&self, registration: &ScanRegistration) -> Pose<Part, Part> {
+        let is_elsewhere = self.taken.mesh_from_stated != Pose::identity();
+        if is_elsewhere { registration.mesh_from_stated } else { Pose::identity() }
+    }
+
+    /// Samples that views from `poses` measure of the part where it was found: `poses` belong to the views at the same places.
     fn measured_from(
         &self,
         views: &[&InspectedView],
         poses: &[Pose<Part, ScannerFrame>],
+        mesh_from_stated: &Pose<Part, Part>,
         ctx: &Context<'_>,
     ) -> Result<Rechecked, PlanError> {
         let mut rows: Vec<Option<Row>> = vec![None; views.len()];
@@ -154,7 +163,8 @@ impl InspectionInput<'_> {
             }
             let taken = |place: &usize| TakenView { part_from_scanner: poses[*place], table_rad: views[*place].table_rad };
             let taken: Vec<TakenView> = places.iter().map(taken).collect();
-            let mut checked = recheck(&self.plan_input(), self.plan_params, table_from_part, &taken, ctx)?;
+            let table_from_part = *table_from_part * mesh_from_stated.inverse();
+            let mut checked = recheck(&self.plan_input(), self.plan_params, &table_from_part, &taken, ctx)?;
             places.iter().zip(std::mem::take(&mut checked.rows)).for_each(|(place, row)| rows[*place] = Some(row));
             whole.get_or_insert(checked);
         }
@@ -178,7 +188,7 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
     progress(0.25);
     let poses: Vec<_> = input.views.iter().map(|view| view.part_from_scanner).collect();
     let views: Vec<&InspectedView> = input.views.iter().collect();
-    let planned = input.measured_from(&views, &poses, ctx)?;
+    let planned = input.measured_from(&views, &poses, &Pose::identity(), ctx)?;
     let to_row = |(view, row): (&InspectedView, &Row)| PlannedRow { viewpoint: view.viewpoint, row: row.clone() };
     let rows: Vec<PlannedRow> = input.views.iter().zip(&planned.rows).map(to_row).collect();
     progress(0.4);
@@ -197,12 +207,14 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
     let mut coverage = coverage::measure(&compared, ctx)?;
     coverage.is_approximate |= input.taken.scans.iter().any(|taken| taken.is_approximate);
     progress(0.55);
+    let part_from_found = input.moved_part(&registration).inverse();
+    let plate = |cell: &Cell, table_from_part: &Pose<Table, Part>| plate(cell, &(*table_from_part * part_from_found));
     let plates: Vec<Mesh> = input.cell.iter().flat_map(|cell| input.setups.iter().map(|pose| plate(cell, pose))).collect();
     // Of several setups each has its own plate, and only one is there at a time: then none of them hides.
     let one_plate = plates.iter().filter(|_| plates.len() == 1);
     let surroundings: Vec<&Mesh> = input.fixture.into_iter().chain(one_plate).collect();
     let model = NominalModel::new(input.part, &surroundings, input.scanner, ctx)?;
-    let judged = Judged { input, compared: &compared, coverage: &coverage, model: &model };
+    let judged = Judged { input, compared: &compared, coverage: &coverage, model: &model, registration: &registration };
     let returns = coverage::returns(&compared, &coverage, &model, ctx)?;
     let learned = judged.learned(&returns, ctx)?;
     progress(0.7);
@@ -232,6 +244,7 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
 struct Judged<'a> {
     input: &'a InspectionInput<'a>,
     compared: &'a ComparedViews<'a>,
+    registration: &'a ScanRegistration,
     coverage: &'a MeasuredCoverage,
     model: &'a NominalModel<'a>,
 }
@@ -254,7 +267,8 @@ impl Judged<'_> {
             Some((view, scanned.registered.part_from_scanner))
         };
         let (views, poses): (Vec<&InspectedView>, Vec<_>) = self.compared.scanned.iter().filter_map(of).unzip();
-        let registered_rows = self.input.measured_from(&views, &poses, ctx)?.rows;
+        let moved_part = self.input.moved_part(self.registration);
+        let registered_rows = self.input.measured_from(&views, &poses, &moved_part, ctx)?.rows;
         let filtered_cells: Vec<Vec<u32>> = self.input.taken.scans.iter().map(|taken| taken.removed.cells.clone()).collect();
         let losses = LossInput {
             compared: self.compared,
@@ -306,15 +320,24 @@ impl Judged<'_> {
         Ok((aligned, figures))
     }
 
-    /// A scan as its pose is stated, with the prior as its uncertainty.
+    /// A scan as its pose is stated, with the prior as its uncertainty. What a calibration leaves open is off alike in every view; where
+    /// it is not known which part that is, all of it is taken to be.
     fn as_stated<'s>(&self, scanned: &ScannedView<'s>) -> PlacedScan<'s> {
-        let options = self.input.registration_options();
-        let (rotation, translation) = (options.prior_deg.to_radians().powi(2), options.prior_mm.powi(2));
-        let variances = nalgebra::Vector6::new(rotation, rotation, rotation, translation, translation, translation);
+        let (options, align) = (self.input.registration_options(), &self.input.params.align);
+        let calibrated = self.input.cell.and_then(|cell| cell.calibrated.as_ref());
+        let own_deg = calibrated.filter(|_| align.prior_deg.is_none()).map_or(0.0, |known| known.rms_rotation_deg);
+        let own_mm = calibrated.filter(|_| align.prior_mm.is_none()).map_or(0.0, |known| known.rms_translation_mm);
+        let six = |rotation_deg: f64, translation_mm: f64| {
+            let (rotation, translation) = (rotation_deg.to_radians(), translation_mm);
+            Twist::new(rotation, rotation, rotation, translation, translation, translation)
+        };
+        let shared = |prior: f64, own: f64| (prior.powi(2) - own.powi(2)).max(0.0).sqrt();
+        let own = Matrix6::from_diagonal(&six(own_deg, own_mm).map(|sd| sd * sd));
         PlacedScan {
             scan: scanned.scan,
             part_from_scanner: scanned.scan.part_from_scanner,
-            covariance: nalgebra::Matrix6::from_diagonal(&variances),
+            covariance: if scanned.registered.is_in_prior { own } else { scanned.registered.covariance },
+            shared_sd: six(shared(options.prior_deg, own_deg), shared(options.prior_mm, own_mm)),
         }
     }
 

@@ -31,6 +31,8 @@ pub(super) struct ViewDistances {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MeasuredFootprint {
     pub(super) points: u32,
+    /// Points off the surface.
+    pub(super) off: u32,
     pub(super) sum_mm: f64,
     pub(super) square_mm2: f64,
 }
@@ -40,10 +42,12 @@ pub(super) struct MeasuredFootprint {
 struct Found {
     face: u32,
     distance_mm: f32,
+    /// True if the point is off the surface: it measures nothing of the face.
+    is_off: bool,
 }
 
 impl Found {
-    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0 };
+    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0, is_off: false };
 }
 
 impl ViewDistances {
@@ -116,8 +120,8 @@ impl View<'_> {
         }
     }
 
-    /// Forgets the distances of points off the surface, of the cells from `first` on; returns those points with their distances, and
-    /// the number of the others.
+    /// Marks the points off the surface, of the cells from `first` on; returns those points with their distances, and the number of the
+    /// others. What belongs to the other side of a step is forgotten.
     fn sort(&self, first: usize, found: &mut [Found], is_beyond: &[bool]) -> (Vec<(Point3<f64>, f64)>, u64) {
         let (mut off_surface, mut compared) = (Vec::new(), 0);
         for (place, found) in found.iter_mut().enumerate().filter(|(_, found)| found.face != NO_FACE) {
@@ -126,7 +130,7 @@ impl View<'_> {
                 compared += 1;
                 continue;
             }
-            *found = Found::NOTHING;
+            *found = if is_beyond[cell] { Found::NOTHING } else { Found { is_off: true, ..*found } };
             let [column, row] = [cell % self.grid.size.columns, cell / self.grid.size.columns];
             let is_kept = column.is_multiple_of(OFF_STEP) && row.is_multiple_of(OFF_STEP);
             if let Some(point) = self.point(cell).filter(|_| is_kept && !is_beyond[cell]) {
@@ -148,7 +152,7 @@ impl View<'_> {
         if f64::from(distance_mm.abs()) > MAX_OFF_MM || !is_off && self.is_turned(cell, &normal) {
             return Found::NOTHING;
         }
-        Found { face, distance_mm }
+        Found { face, distance_mm, is_off: false }
     }
 
     /// Returns true if the surface around a cell is turned too far against a face of this normal.
@@ -171,7 +175,7 @@ impl View<'_> {
     /// and twice as well. One of the same side, the other level of a step, is taken for its plane, and one of another side, a wall, for
     /// itself.
     fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
-        let Found { face, distance_mm } = found[cell];
+        let Found { face, distance_mm, .. } = found[cell];
         let distance_mm = f64::from(distance_mm);
         let least_gain_mm = (STEP_NOISES * self.options.noise_mm).max(0.5 * distance_mm.abs());
         if face == NO_FACE || distance_mm.abs() <= least_gain_mm {
@@ -238,13 +242,14 @@ const ROUNDING_MM: f64 = 1e-6;
 const SAME_SIDE_COS: f64 = 0.866;
 
 impl Footprints<'_> {
-    /// Points of a sample; `None` where it has none.
+    /// Points of a sample; `None` where it has none, on the surface or off it.
     pub(super) fn of(&self, sample: SampleId) -> Option<MeasuredFootprint> {
         let surface = self.nominal.surface;
         let (at, patch) = (surface.sample_mm[sample.index()], surface.patch_of(sample));
         let in_scanner = self.scanner_from_part.point(&at);
         let grid = self.distances.grid.as_ref()?;
-        let towards = self.placed.part_from_scanner.point(&grid.centre_mm()) - at;
+        let eye_mm = self.placed.part_from_scanner.point(&grid.centre_mm());
+        let towards = eye_mm - at;
         if towards.dot(&patch.normal) <= 0.0 {
             return None;
         }
@@ -254,34 +259,42 @@ impl Footprints<'_> {
         let mut footprint = MeasuredFootprint::default();
         for row in row.saturating_sub(half)..=(row + half).min(grid.size.rows - 1) {
             for column in column.saturating_sub(half)..=(column + half).min(grid.size.columns - 1) {
-                self.take(grid.number([column, row]), [&at, &in_scanner], (patch.face, &patch.normal), &mut footprint);
+                self.take(grid.number([column, row]), [&at, &in_scanner, &eye_mm], (patch.face, &patch.normal), &mut footprint);
             }
         }
-        (footprint.points > 0).then_some(footprint)
+        (footprint.points + footprint.off > 0).then_some(footprint)
     }
 
     /// Takes the point of a cell, if its foot lies within the footprint of the sample at `at` in the part's frame and `in_scanner` in
-    /// the scanner's.
+    /// the scanner's; `eye_mm` is the left camera's optical centre.
     fn take(
         &self,
         cell: usize,
-        [at, in_scanner]: [&Point3<f64>; 2],
+        [at, in_scanner, eye_mm]: [&Point3<f64>; 3],
         (own_face, normal): (u32, &Vector3<f64>),
         into: &mut MeasuredFootprint,
     ) {
-        let Found { face, distance_mm } = self.distances.found[cell];
+        let Found { face, distance_mm, is_off } = self.distances.found[cell];
         if face == NO_FACE {
             return;
         }
         let distance = f64::from(distance_mm);
         let Some(point) = self.placed.scan.scanner_cloud.points_mm.get(cell) else { return };
         let point = Point3::from(point.map(f64::from));
+        let face_normal = if face == own_face { *normal } else { self.normals[face as usize] };
+        if is_off {
+            // Far from the face, its foot lies elsewhere than where its ray meets the face.
+            let point = self.placed.part_from_scanner.point(&point);
+            let along = point - eye_mm;
+            let met = point - along * (distance / face_normal.dot(&along));
+            into.off += u32::from((met - at).norm() <= self.footprint_mm && face_normal.dot(normal) >= SAME_SIDE_COS);
+            return;
+        }
         // The foot is no farther from the point than the distance: most cells of the square around the disc end here.
         if (point - in_scanner).norm_squared() > (self.footprint_mm + distance.abs() + ROUNDING_MM).powi(2) {
             return;
         }
         let point = self.placed.part_from_scanner.point(&point);
-        let face_normal = if face == own_face { *normal } else { self.normals[face as usize] };
         // The foot of the point on the face stands for where its ray meets it: both are the same but for the deviation itself.
         let foot = point - face_normal * distance;
         if (foot - at).norm() <= self.footprint_mm && face_normal.dot(normal) >= SAME_SIDE_COS {

@@ -9,7 +9,8 @@
 //!
 //! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U = 2·sqrt(σ²/n_eff + σ_reg² + σ_pose²), σ the points' own spread and σ_reg,
 //! σ_pose the standard deviation along n of where the views lie, after registration or as stated. Points of one view share its
-//! pose: the mean over views has Σ (n_v/n)² σ_v². Few points show their σ badly, so that their variance is pooled with the median of all
+//! pose: the mean over views has Σ (n_v/n)² σ_v²; what all poses are off alike does not average out (JCGM 100:2008, F.1.2.3): its
+//! levers are summed over views before they are squared. Few points show their σ badly, so that their variance is pooled with the median of all
 //! samples, which counts for ten, and Student's factor takes the place of 2 before it where that is larger (JCGM 100:2008, G.3). Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its
 //! contrary where |d| − U > T/2, and nothing in between.
 //!
@@ -102,6 +103,8 @@ pub struct SampleDeviation {
     pub expanded_mm: f32,
     /// Number of points; 0 where it was not measured.
     pub points: u32,
+    /// True if most points before it or behind it are farther from it than is searched: material is missing there, or extra.
+    pub is_off: bool,
 }
 
 /// A scan with the pose at which it is compared.
@@ -111,15 +114,18 @@ pub struct PlacedScan<'a> {
     pub scan: &'a ViewScan,
     /// Pose of the scanner.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
-    /// Covariance of the pose: right perturbation, rad and mm.
+    /// Covariance of what this pose is off by itself: right perturbation, rad and mm.
     pub covariance: Matrix6<f64>,
+    /// Standard deviations of what the poses of all scans are off alike, scanner frame, rad and mm.
+    pub shared_sd: Twist,
 }
 
 impl<'a> PlacedScan<'a> {
     /// A scan at its registered pose.
     #[must_use]
     pub fn registered(scan: &'a ViewScan, view: &RegisteredView) -> Self {
-        Self { scan, part_from_scanner: view.part_from_scanner, covariance: view.covariance }
+        let (part_from_scanner, covariance) = (view.part_from_scanner, view.covariance);
+        Self { scan, part_from_scanner, covariance, shared_sd: Twist::zeros() }
     }
 
     /// Moves the part's coordinates.
@@ -174,16 +180,16 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
         let footprints = Footprints { placed, nominal, normals, scanner_from_part, distances, footprint_mm };
         let measured = |sample: usize| {
             let id = SampleId::at(sample);
-            footprints
-                .of(id)
-                .map(|footprint| (footprint, pose_variance(&placed.covariance, &scanner_from_part, nominal.surface, id)))
+            footprints.of(id).map(|footprint| (footprint, PoseError::of(placed, &scanner_from_part, nominal.surface, id)))
         };
         let found: Vec<Option<_>> = (0..sums.len()).into_par_iter().with_min_len(1024).map(measured).collect();
         let mut own = Vec::new();
         for (sample, footprint) in found.iter().enumerate() {
-            if let Some((footprint, variance)) = footprint {
-                sums[sample].add(footprint, *variance);
-                own.push(SampleId::at(sample));
+            if let Some((footprint, error)) = footprint {
+                sums[sample].add(footprint, error);
+                if footprint.points > 0 {
+                    own.push(SampleId::at(sample));
+                }
             }
         }
         seen.push(own);
@@ -206,17 +212,23 @@ fn default_footprint_mm(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>) -> f64 
     (0.5 * between_samples).max(1.5 * between_points)
 }
 
-/// Variance along a sample's normal of where the view's pose puts it: jᵀ Σ j with j = (s × n, n) in the scanner's frame.
-fn pose_variance(
-    covariance: &Matrix6<f64>,
-    scanner_from_part: &Pose<ScannerFrame, Part>,
-    surface: &Surface,
-    sample: SampleId,
-) -> f64 {
-    let at = scanner_from_part.point(&surface.sample_mm[sample.index()]);
-    let normal = scanner_from_part.direction(&surface.patch_of(sample).normal);
-    let row = lever(&at, &normal);
-    (row.transpose() * covariance * row)[0].max(0.0)
+/// Error along a sample's normal of where the view's pose puts it, by j = (s × n, n) in the scanner's frame.
+#[derive(Clone, Copy)]
+struct PoseError {
+    /// Variance of the pose's own error, jᵀ Σ j.
+    own_mm2: f64,
+    /// Error by one standard deviation of each component that all poses share.
+    shared_mm: Twist,
+}
+
+impl PoseError {
+    fn of(placed: &PlacedScan<'_>, scanner_from_part: &Pose<ScannerFrame, Part>, surface: &Surface, sample: SampleId) -> Self {
+        let at = scanner_from_part.point(&surface.sample_mm[sample.index()]);
+        let normal = scanner_from_part.direction(&surface.patch_of(sample).normal);
+        let row = lever(&at, &normal);
+        let own_mm2 = (row.transpose() * placed.covariance * row)[0].max(0.0);
+        Self { own_mm2, shared_mm: row.component_mul(&placed.shared_sd) }
+    }
 }
 
 /// Derivative of a point's distance along `normal` by a small motion of the point: (p × n, n).
@@ -231,17 +243,23 @@ struct Sum {
     points: f64,
     sum_mm: f64,
     square_mm2: f64,
+    /// Points off the surface.
+    off: f64,
     /// Σ n_v² σ_v² of the views' poses.
     pose: f64,
+    /// Σ n_v times what all poses are off alike.
+    shared_mm: Twist,
 }
 
 impl Sum {
-    fn add(&mut self, footprint: &footprint::MeasuredFootprint, pose_variance: f64) {
+    fn add(&mut self, footprint: &footprint::MeasuredFootprint, error: &PoseError) {
         let points = f64::from(footprint.points);
         self.points += points;
+        self.off += f64::from(footprint.off);
         self.sum_mm += footprint.sum_mm;
         self.square_mm2 += footprint.square_mm2;
-        self.pose += points * points * pose_variance;
+        self.pose += points * points * error.own_mm2;
+        self.shared_mm += points * error.shared_mm;
     }
 
     /// Variance of its points about their mean.
@@ -251,24 +269,28 @@ impl Sum {
     }
 
     fn finish(&self, pooled_mm2: f64, options: &DeviationOptions) -> SampleDeviation {
+        let is_off = self.off >= MIN_OFF_POINTS && self.off > self.points;
         if self.points < 1.0 {
-            return SampleDeviation::default();
+            return SampleDeviation { is_off, ..SampleDeviation::default() };
         }
         let own = self.variance_mm2();
         let freedoms = self.points - 1.0 + POOLED_FREEDOMS;
         let variance = ((self.points - 1.0) * own + POOLED_FREEDOMS * pooled_mm2) / freedoms;
         let effective = (self.points / options.correlated_points.max(1.0)).max(1.0);
         let of_points = student_factor(freedoms).powi(2) * variance / effective;
-        let of_pose = 4.0 * self.pose / (self.points * self.points);
+        let of_pose = 4.0 * (self.pose + self.shared_mm.norm_squared()) / (self.points * self.points);
         SampleDeviation {
             distance_mm: (self.sum_mm / self.points) as f32,
             sigma_mm: own.sqrt() as f32,
             expanded_mm: (of_points + of_pose).sqrt() as f32,
             points: self.points as u32,
+            is_off,
         }
     }
 }
 
+/// Points off the surface from which on they are more than stray ones.
+const MIN_OFF_POINTS: f64 = 3.0;
 /// Freedoms that the pooled variance counts for.
 const POOLED_FREEDOMS: f64 = 10.0;
 /// Points from which on a sample's own variance goes into the pool.

@@ -169,7 +169,8 @@ pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
 
 /// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
 /// `pass` where samples of at least `min_area_mm2` pass and no other lies beyond the limit or could have passed: one of an uncommonly
-/// large U says little either way; else undecided. What passes so passes with any larger tolerance.
+/// large U says little either way; else undecided. A sample before or behind which material is missing or extra could not have passed.
+/// What passes so passes with any larger tolerance.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
@@ -177,7 +178,8 @@ fn verdict(
     tolerance: f64,
     (min_area_mm2, median_expanded_mm): (f64, f32),
 ) -> Conformity {
-    let (mut measured, mut failed, mut open, mut passed_mm2) = (0.0, 0.0, 0_usize, 0.0);
+    let (mut measured, mut failed, mut passed_mm2) = (0.0, 0.0, 0.0);
+    let mut open = region.samples.iter().filter(|id| samples[id.index()].is_off).count();
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])).filter(|(_, sample)| sample.points > 0) {
         measured += 1.0;
         match verdict_of(sample, tolerance) {

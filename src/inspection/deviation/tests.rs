@@ -34,8 +34,12 @@ impl Model {
 
 /// Scans with the poses that are stated, which are known to this precision.
 fn placed(scans: &[ViewScan], sd: f64) -> Vec<PlacedScan<'_>> {
-    let covariance = Matrix6::identity() * (sd * sd);
-    scans.iter().map(|scan| PlacedScan { scan, part_from_scanner: scan.part_from_scanner, covariance }).collect()
+    placed_with(scans, Matrix6::identity() * (sd * sd), Twist::zeros())
+}
+
+fn placed_with(scans: &[ViewScan], covariance: Matrix6<f64>, shared_sd: Twist) -> Vec<PlacedScan<'_>> {
+    let placed = |scan| PlacedScan { scan, part_from_scanner: scan.part_from_scanner, covariance, shared_sd };
+    scans.iter().map(placed).collect()
 }
 
 /// The mesh with its vertices moved.
@@ -233,6 +237,29 @@ fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
     let heap = found.off_surface.first().expect("a heap");
     assert_eq!(heap.kind, MaterialKind::Missing);
     assert!((heap.centre_mm.x - 25.0).abs() < 4.0 && (heap.mean_mm + 5.0).abs() < 2.0, "{heap:?}");
+    // Its top cannot pass with the rest of the plate: points were found there, but none that is compared.
+    let flat = |z_mm: f64, [near_mm, far_mm]: [f64; 2]| -> Vec<SampleId> {
+        let is_there = |sample: &SampleId| {
+            let at = tall.surface.sample_mm[sample.index()];
+            (at.z - z_mm).abs() < 1e-3 && (near_mm..far_mm).contains(&(at.x - 25.0).hypot(at.y))
+        };
+        tall.surface.samples().filter(is_there).collect()
+    };
+    let (top, around) = (flat(5.0, [0.0, 6.0]), flat(0.0, [15.0, 22.0]));
+    let is_off = |sample: &&SampleId| found.samples[sample.index()].is_off;
+    assert!(
+        top.len() > 50 && top.iter().filter(is_off).count() > top.len() * 9 / 10,
+        "{} of {}",
+        top.iter().filter(is_off).count(),
+        top.len()
+    );
+    let verdict = |samples: Vec<SampleId>| {
+        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples };
+        let options = DeviationOptions { min_measured: 0.3, ..DeviationOptions::default() };
+        judge(&found.samples, &tall.surface, &region, &options).verdict
+    };
+    assert_eq!(verdict(around.clone()), Some(Conformity::Pass));
+    assert_eq!(verdict([around, top].concat()), Some(Conformity::Undecided));
 }
 
 /// A plate in front of the part was once taken for a face of it.
@@ -357,10 +384,10 @@ fn uncertainty_holds_noise_and_pose() {
     println!("{inside} of {count} samples within U");
     assert!(inside as f64 > 0.9 * count as f64 && count > 500);
     // A shift along the normal of 0.1 mm, standard deviation, that one view cannot average away and two independent ones halve.
-    let covariance = Matrix6::from_diagonal(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.01, 0.01, 0.01));
-    let with = |scans: &[ViewScan]| {
-        let placed: Vec<PlacedScan<'_>> =
-            scans.iter().map(|scan| PlacedScan { scan, part_from_scanner: scan.part_from_scanner, covariance }).collect();
+    let shift = Twist::new(0.0, 0.0, 0.0, 0.1, 0.1, 0.1);
+    let with = |scans: &[ViewScan], is_shared: bool| {
+        let [own, shared] = if is_shared { [Twist::zeros(), shift] } else { [shift, Twist::zeros()] };
+        let placed = placed_with(scans, Matrix6::from_diagonal(&own.component_mul(&own)), shared);
         let found = compare(&placed, &model.nominal(), &DeviationOptions::default());
         let wanted: Vec<f32> = model
             .surface
@@ -370,6 +397,9 @@ fn uncertainty_holds_noise_and_pose() {
             .collect();
         f64::from(wanted.iter().sum::<f32>()) / wanted.len() as f64
     };
-    let (one, two) = (with(&scans[..1]), with(&scans));
+    let (one, two) = (with(&scans[..1], false), with(&scans, false));
     assert!((one - 0.2).abs() < 0.01 && (two - 0.2 / 2.0_f64.sqrt()).abs() < 0.01, "{one} {two}");
+    // What both views are off alike does not average out but by their angle, of 2 φ: cos φ of it is left along the normal.
+    let shared = with(&scans, true);
+    assert!(shared > 0.85 * one && shared <= one + 0.01, "{one} {shared}");
 }

@@ -29,7 +29,7 @@ impl CountedRate {
         self.returned / self.pairs
     }
 
-    fn place(&self) -> f64 {
+    pub(super) fn place(&self) -> f64 {
         self.place_sum / self.pairs
     }
 }

@@ -3,7 +3,7 @@
 
 use super::{Identified, Learned, LimitEstimate};
 use crate::cell::{DeviceName, Scanner, closed_list};
-use crate::planning::params::NoiseParams;
+use crate::planning::params::{Knob, NoiseParams};
 
 /// Change of a limit that is worth an offer: degrees, and mm of depth.
 const MIN_CHANGE_DEG: f64 = 1.0;
@@ -78,6 +78,13 @@ pub struct Offer {
     pub changes: Vec<OfferedChange>,
 }
 
+/// The value of the parameter's range that is nearest to a value of the noise.
+fn in_range_of(field: OfferedField, value: f64) -> f64 {
+    let is_of_field = |knob: &&Knob| field.parameter().is_some_and(|key| key.strip_prefix("regions.noise.") == Some(knob.field));
+    let range = NoiseParams::KNOBS.knobs.iter().find(is_of_field).and_then(|knob| knob.range);
+    range.map_or(value, |[min, max]| value.clamp(min, max))
+}
+
 /// Holds what was learned against the specification and the noise in force.
 #[must_use]
 pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offer {
@@ -107,8 +114,8 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
     if let Some(known) = learned.noise {
         let mut noise_of = |field: OfferedField, from: f64, identified: Identified| {
             let [low, high] = identified.interval;
-            if !(low..=high).contains(&from) {
-                let to = (identified.value * 1e5).round() / 1e5;
+            let to = in_range_of(field, (identified.value * 1e5).round() / 1e5);
+            if !(low..=high).contains(&from) && to.to_bits() != from.to_bits() {
                 changes.push(OfferedChange { field, from: Some(from), to, identified, count: known.triples as u64 });
             }
         };

@@ -41,6 +41,8 @@ const MIRROR_BINS: usize = 60;
 const DEPTH_BINS: usize = 64;
 /// Fewest pairs from which a rate is known.
 const MIN_PAIRS: f64 = 200.0;
+/// Fewest pairs beyond a limit: a few that happen to be lost at the end of an axis are not a limit.
+const MIN_PAIRS_BEYOND: f64 = 50.0;
 
 /// Counts between two places.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -177,6 +179,12 @@ impl Binned {
         self.all.iter().map(|bin| bin.pairs).sum()
     }
 
+    /// The estimate, if enough pairs lie at the places that it leaves outside.
+    fn told_by(&self, estimate: Identified, is_outside: impl Fn(f64, f64) -> bool) -> Option<Identified> {
+        let outside = self.all.iter().filter(|bin| bin.pairs > 0.0 && is_outside(bin.place(), estimate.value));
+        (outside.map(|bin| bin.pairs).sum::<f64>() >= MIN_PAIRS_BEYOND).then_some(estimate)
+    }
+
     /// The figure of all pairs with its interval by the jackknife.
     fn estimate(&self, figure: impl Fn(&[CountedRate]) -> Option<f64>) -> Option<Identified> {
         let value = figure(&self.all)?;
@@ -307,6 +315,7 @@ fn falling_limit(binned: &Binned, easy_rate: f64) -> Option<LimitEstimate> {
         return None;
     }
     let limit = binned.estimate(|bins| crossing(&falling(bins), LIMIT_RATE * easy_rate))?;
+    let limit = binned.told_by(limit, |place, limit| place > limit)?;
     let plan_with = crossing(&falling(&binned.all), PLAN_RATE * easy_rate).unwrap_or(limit.value);
     Some(LimitEstimate { limit, plan_with: plan_with.min(limit.value), pairs: pairs as u64 })
 }
@@ -318,6 +327,7 @@ fn rising_limit(binned: &Binned, easy_rate: f64) -> Option<LimitEstimate> {
         return None;
     }
     let limit = binned.estimate(|bins| last_below(&rising(bins), LIMIT_RATE * easy_rate))?;
+    let limit = binned.told_by(limit, |place, limit| place < limit)?;
     let plan_with = last_below(&rising(&binned.all), PLAN_RATE * easy_rate).unwrap_or(limit.value);
     Some(LimitEstimate { limit, plan_with: plan_with.max(limit.value), pairs: pairs as u64 })
 }
@@ -329,6 +339,7 @@ fn lobe_of(binned: &Binned, easy_rate: f64) -> Option<LimitEstimate> {
         return None;
     }
     let limit = binned.estimate(|bins| last_below(&rising(bins), LOBE_RATE * easy_rate))?;
+    let limit = binned.told_by(limit, |place, limit| place < limit)?;
     let plan_with = last_below(&rising(&binned.all), PLAN_RATE * easy_rate).unwrap_or(limit.value);
     Some(LimitEstimate { limit, plan_with: plan_with.max(limit.value), pairs: pairs as u64 })
 }

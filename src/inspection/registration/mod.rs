@@ -310,11 +310,16 @@ impl State {
             let kept_pose = judged[view].kept_pose(options).or(beyond);
             let pose = if kept_pose.is_some() { self.part * views[view].part_from_scanner } else { self.pose(views, view) };
             let prior = priors[view].try_inverse().unwrap_or_else(Matrix6::identity);
-            let fitted = covariances.as_ref().map_or(prior, |found| found.views[view]);
+            let covariance = match kept_pose {
+                // The stated pose stays, and is shown to be off by as much.
+                Some(KeptPose::PoseOutOfPrior) => prior + correction * correction.transpose(),
+                Some(_) => prior,
+                None => covariances.as_ref().map_or(prior, |found| found.views[view]),
+            };
             registered.push(RegisteredView {
                 viewpoint: scan.viewpoint,
                 part_from_scanner: Pose::claim(pose),
-                covariance: if kept_pose.is_some() { prior } else { fitted },
+                covariance,
                 is_in_prior: beyond.is_none(),
             });
             let (inlier_share, rms_mm) = (judged[view].inlier_share(), judged[view].rms_mm());

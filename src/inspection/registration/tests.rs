@@ -93,6 +93,9 @@ fn a_view_far_off_or_of_few_points_keeps_its_pose_and_says_so() {
     let kept: Vec<Option<KeptPose>> = found.found.iter().map(|view| view.kept_pose).collect();
     assert_eq!(kept, [None, None, Some(KeptPose::PoseOutOfPrior), None, Some(KeptPose::FewPoints)], "{:?}", found.found);
     assert!(!found.views[2].is_in_prior && found.views[2].part_from_scanner == scans[2].part_from_scanner);
+    // What it was found to be off is part of its uncertainty.
+    let (off, along) = (&found.found[2].correction, found.found[2].correction.normalize());
+    assert!((along.transpose() * found.views[2].covariance * along)[0] >= off.norm_squared(), "{off}");
     // The correction that was not taken is the right one all the same, but for what the prior holds back.
     let fitted = scans[2].part_from_scanner.isometry() * exp(&found.found[2].correction);
     assert!(corner_mm(&mesh, &(fitted * poses[2].isometry().inverse()), &Isometry3::identity()) < 0.1);
