@@ -102,6 +102,9 @@ pub struct StopAcknowledged {
     pub acknowledged_at: Instant,
 }
 
+/// Time of an attempt to stop a device.
+pub const STOP_ATTEMPT: Duration = Duration::from_millis(500);
+
 /// A motion device with `N` axes: an arm (6), a table (1), or an arm whose controller turns the table as well (7, the table last).
 ///
 /// Futures are `Send` and may be dropped at any point; a device is then still able to `stop`, and to read its `state`.
@@ -113,18 +116,21 @@ pub trait MotionDevice<const N: usize>: Send {
     /// Reads a fresh state.
     fn state(&mut self) -> impl Future<Output = Result<DeviceState<N>, DeviceError>> + Send;
 
-    /// Takes the right to move: servo on, execution right, the device's watchdog set to `watchdog` where it has one.
+    /// Takes the right to move: servo on, execution right, the device's watchdog set to `watchdog` where it has one. May take
+    /// seconds, in which a device that has its right already is kept alive.
     fn arm(&mut self, watchdog: Duration) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
     /// Puts one target on the wire; returns when the controller has accepted it, not when it is reached. A device that streams its
     /// way leads it there in the background, and no further once `stop` was called or the device was dropped.
     fn start(&mut self, target: &Target<N>) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
-    /// Feeds the device's watchdog; called at least every third of its time while armed.
+    /// Feeds the device's watchdog; called at least every third of its time while armed. It is called after a stop too, until the
+    /// device is armed again: that there is nothing to feed then is no error.
     fn keep_alive(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
-    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again. From then on
-    /// no target is taken until the device is armed again, which a session does when a client resumes.
+    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again: a session
+    /// drops an attempt after [`STOP_ATTEMPT`] and makes another, so a link that may be dead is given up well within it. From
+    /// then on no target is taken until the device is armed again, which a session does when a client resumes.
     fn stop(&mut self) -> impl Future<Output = Result<StopAcknowledged, DeviceError>> + Send;
 
     /// Gives the right to move back, where it was taken, and closes. Sends nothing that moves.

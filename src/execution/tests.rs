@@ -6,4 +6,4 @@ pub(in crate::execution) mod fault_table;
 mod network_simulation;
 pub(crate) mod rehearsal;
 mod rough_cell;
-mod simulated_network;
+pub(in crate::execution) mod simulated_network;

@@ -1,5 +1,6 @@
 //! Datagrams from one controller, which sends first, and answers to it.
 
+use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
@@ -16,7 +17,10 @@ pub(super) struct Datagrams {
     /// Host that may send; without one, the first that does.
     host: Option<IpAddr>,
     peer: Option<SocketAddr>,
-    buffer: Vec<u8>,
+    /// The newest datagram.
+    newest: Vec<u8>,
+    /// Room for the next.
+    next: Vec<u8>,
     log: Arc<dyn WireLog>,
     device: &'static str,
 }
@@ -29,20 +33,29 @@ impl Datagrams {
         log: Arc<dyn WireLog>,
         device: &'static str,
     ) -> Result<Self, DeviceError> {
-        let unreachable =
-            |error: std::io::Error| DeviceError::Unreachable { address: address.to_owned(), reason: error.to_string() };
+        let unreachable = |error: io::Error| DeviceError::Unreachable { address: address.to_owned(), reason: error.to_string() };
         let socket = UdpSocket::bind(address).await.map_err(unreachable)?;
-        Ok(Self { socket, host, peer: None, buffer: vec![0; MAX_BYTES], log, device })
+        Ok(Self { socket, host, peer: None, newest: vec![0; MAX_BYTES], next: vec![0; MAX_BYTES], log, device })
     }
 
-    /// Waits for the controller's next datagram; may be dropped while it waits. Those of others are skipped.
+    /// Waits for the controller's next datagram, and returns the newest of those that are here: an answer to one that another has
+    /// overtaken comes too late. May be dropped while it waits. Those of others are skipped.
     pub(super) async fn receive(&mut self) -> Result<&[u8], DeviceError> {
+        let mut newest_bytes = None;
         loop {
-            let (length, from) = self.socket.recv_from(&mut self.buffer).await.map_err(|error| closed(&error))?;
-            if *self.host.get_or_insert_with(|| from.ip()) == from.ip() {
-                self.peer = Some(from);
-                self.log.record(self.device, Direction::Received, &self.buffer[..length]);
-                return Ok(&self.buffer[..length]);
+            let received = match newest_bytes {
+                None => self.socket.recv_from(&mut self.next).await,
+                Some(_) => self.socket.try_recv_from(&mut self.next),
+            };
+            match (received, newest_bytes) {
+                (Ok((length, from)), _) if *self.host.get_or_insert_with(|| from.ip()) == from.ip() => {
+                    self.log.record(self.device, Direction::Received, &self.next[..length]);
+                    std::mem::swap(&mut self.newest, &mut self.next);
+                    (self.peer, newest_bytes) = (Some(from), Some(length));
+                }
+                (Ok(_), _) => {}
+                (Err(error), Some(length)) if error.kind() == io::ErrorKind::WouldBlock => return Ok(&self.newest[..length]),
+                (Err(error), _) => return Err(closed(&error)),
             }
         }
     }
@@ -57,6 +70,6 @@ impl Datagrams {
     }
 }
 
-fn closed(error: &std::io::Error) -> DeviceError {
+fn closed(error: &io::Error) -> DeviceError {
     DeviceError::Closed { reason: error.to_string() }
 }

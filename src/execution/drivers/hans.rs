@@ -17,7 +17,7 @@ use tokio::time::{Instant, sleep};
 use self::link::TextLink;
 use self::servo::{ServoStream, realtime_state};
 pub use self::signals::HansSignals;
-use super::stream::{Wiring, not_connected, reconnected};
+use super::stream::{STOP_WAIT, Wiring, not_connected, reconnected, within};
 use crate::cell::{HansServoSpec, HansSpec, Kinematics};
 use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};
 use crate::execution::protocol::hans::{
@@ -115,8 +115,9 @@ impl HansArm {
 
     /// Waits until the drives are enabled.
     async fn enable(&mut self) -> Result<i32, DeviceError> {
-        self.command(HansCommand::GrpPowerOn).await?;
+        // Before it is sent: whoever gives the reply up, or gets none, leaves drives that are enabled all the same.
         self.enabled_here = true;
+        self.command(HansCommand::GrpPowerOn).await?;
         let deadline = Instant::now() + ENABLE_WAIT;
         loop {
             let fsm = self.fsm().await?;
@@ -267,7 +268,7 @@ impl MotionDevice<6> for HansArm {
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         self.is_armed = false;
         self.end_servo().await;
-        let first = self.stop_once().await;
+        let first = within(STOP_WAIT, self.stop_once()).await;
         if first.is_ok() {
             return first;
         }

@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep};
 
 use super::modbus_link::ModbusLink;
 use super::serial;
-use super::stream::{Wiring, not_connected, reconnected};
+use super::stream::{STOP_WAIT, Wiring, not_connected, reconnected};
 use super::table_units::TableUnits;
 use crate::cell::{GatewayFraming, MinasA6Spec, WordOrder};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
@@ -239,8 +239,9 @@ impl MinasA6Table {
         if !self.spec.switches_servo {
             return Err(DeviceError::NotReady { reason: "the servo is off; switch it on at the drive".into() });
         }
-        self.link()?.set_coil(coil::SERVO_ON, true).await?;
+        // Before it is sent: whoever gives the answer up, or gets none, leaves a servo that comes on all the same.
         self.switched_on_here = true;
+        self.link()?.set_coil(coil::SERVO_ON, true).await?;
         let deadline = Instant::now() + SERVO_WAIT;
         while self.outputs().await?[output::MOTOR_FREE] {
             if Instant::now() >= deadline {
@@ -253,13 +254,9 @@ impl MinasA6Table {
         Ok(())
     }
 
-    async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        let link = self.link()?;
+    async fn stop_once(&mut self, patience: Duration) -> Result<StopAcknowledged, DeviceError> {
         let stop = ModbusRequest::WriteCoil { address: coil::DECELERATION_STOP, on: true };
-        link.send(&stop).await?;
-        let sent_at = Instant::now();
-        link.answer(&stop).await?;
-        Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+        self.link()?.stop(&stop, patience).await
     }
 
     /// Stops without deceleration: the coil H-STOP.
@@ -273,10 +270,12 @@ impl MinasA6Table {
 
     /// Gives back what arming took.
     async fn give_back(&mut self) -> Result<(), DeviceError> {
-        self.link()?.set_coil(coil::STROBE, false).await?;
+        let cleared = self.link()?.set_coil(coil::STROBE, false).await;
+        // The servo is switched off whatever became of the strobe.
         if std::mem::take(&mut self.switched_on_here) {
             self.link()?.set_coil(coil::SERVO_ON, false).await?;
         }
+        cleared?;
         if let Some(found) = self.found_timeout_ms.take() {
             self.set_value(COMMUNICATION_TIMEOUT, found).await?;
             self.link()?.set_register(register::EXECUTION_RIGHT, RELEASE_RIGHT).await?;
@@ -349,14 +348,15 @@ impl MotionDevice<1> for MinasA6Table {
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         self.is_armed = false;
-        let first = self.stop_once().await;
+        let first = self.stop_once(STOP_WAIT).await;
         if first.is_ok() {
             return first;
         }
         // The table may be moving on a link that is gone: the stop alone is worth a new one.
         (self.link, self.is_checked) = (None, false);
-        self.open(ms(self.spec.reply_timeout_ms)).await?;
-        self.stop_once().await
+        let patience = ms(self.spec.reply_timeout_ms);
+        self.open(patience).await?;
+        self.stop_once(patience).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
 use super::stream::{Connection, within};
-use crate::execution::device::DeviceError;
+use crate::execution::device::{DeviceError, StopAcknowledged};
 use crate::execution::protocol::modbus::{
     ModbusAdu, ModbusError, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide, exception_text,
 };
@@ -91,11 +91,27 @@ impl ModbusLink {
         self.answer(request).await
     }
 
+    /// Sends a stop and waits for its answer, for `patience` at most; an answer that is owed from before is waited out for half
+    /// of it, and the stop goes out whether it came or not.
+    ///
+    /// # Errors
+    /// [`DeviceError`]; an exception is [`DeviceError::Refused`].
+    pub async fn stop(&mut self, stop: &ModbusRequest, patience: Duration) -> Result<StopAcknowledged, DeviceError> {
+        self.owed_until = self.owed_until.map(|until| until.min(Instant::now() + patience / 2));
+        let stopped = async {
+            self.send(stop).await?;
+            let sent_at = Instant::now();
+            self.answer(stop).await?;
+            Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+        };
+        within(patience, stopped).await
+    }
+
     /// Hands a request to the wire.
     ///
     /// # Errors
     /// [`DeviceError`].
-    pub async fn send(&mut self, request: &ModbusRequest) -> Result<(), DeviceError> {
+    async fn send(&mut self, request: &ModbusRequest) -> Result<(), DeviceError> {
         self.wait_out().await?;
         self.transaction = self.transaction.wrapping_add(1);
         self.owed_until = Some(Instant::now() + self.wait);
@@ -107,7 +123,7 @@ impl ModbusLink {
     ///
     /// # Errors
     /// [`DeviceError`]; an exception is [`DeviceError::Refused`].
-    pub async fn answer(&mut self, request: &ModbusRequest) -> Result<ModbusReply, DeviceError> {
+    async fn answer(&mut self, request: &ModbusRequest) -> Result<ModbusReply, DeviceError> {
         let adu = within(self.wait, self.own_frame()).await?;
         self.owed_until = None;
         match request.parse_reply(&adu.pdu).map_err(|error| malformed(&error.to_string()))? {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::modbus_link::ModbusLink;
-use super::stream::{Wiring, not_connected, reconnected};
+use super::stream::{STOP_WAIT, Wiring, not_connected, reconnected};
 use super::table_units::{TableUnits, whole};
 use crate::cell::ModbusPlcSpec;
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
@@ -71,13 +71,9 @@ impl PlcTable {
         self.link()?.set_register(address, command).await
     }
 
-    async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop_once(&mut self, patience: Duration) -> Result<StopAcknowledged, DeviceError> {
         let stop = ModbusRequest::WriteRegister { address: self.spec.command_register, value: STOP };
-        let link = self.link()?;
-        link.send(&stop).await?;
-        let sent_at = Instant::now();
-        link.answer(&stop).await?;
-        Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+        self.link()?.stop(&stop, patience).await
     }
 
     /// Units of a speed or an acceleration, of a turn that is predicted to last so long.
@@ -194,14 +190,15 @@ impl MotionDevice<1> for PlcTable {
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         self.is_armed = false;
-        let first = self.stop_once().await;
+        let first = self.stop_once(STOP_WAIT).await;
         if first.is_ok() {
             return first;
         }
         // The table may be moving on a link that is gone: the stop alone is worth a new one.
         (self.link, self.is_checked) = (None, false);
-        self.open(Duration::from_millis(self.spec.reply_timeout_ms.into())).await?;
-        self.stop_once().await
+        let patience = Duration::from_millis(self.spec.reply_timeout_ms.into());
+        self.open(patience).await?;
+        self.stop_once(patience).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

@@ -10,7 +10,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
-use crate::execution::device::{DeviceError, Direction, WireLog};
+use crate::execution::device::{DeviceError, Direction, STOP_ATTEMPT, WireLog};
 
 /// Bytes read at once.
 const CHUNK: usize = 4096;
@@ -19,6 +19,10 @@ const MAX_UNSENT_BYTES: usize = 64 << 10;
 /// Pauses between attempts to connect.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const MAX_PAUSE: Duration = Duration::from_secs(1);
+
+/// Longest time that a stop waits on the link that there is, which may be dead and not say so: the rest of the attempt is for a
+/// new one.
+pub const STOP_WAIT: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() as u64 * 2 / 5);
 
 /// Bytes both ways, over whatever carries them.
 pub trait ByteStream: AsyncRead + AsyncWrite + Send + Unpin {}

@@ -118,6 +118,8 @@ struct Desk<const N: usize> {
     /// Watchdog that the thread is to arm with, once.
     to_arm: Option<Duration>,
     armed: Option<Armed>,
+    /// True from a commanded stop of what was armed until it is to be armed again: it needs no feeding, and nothing is wrong.
+    is_stopped: bool,
     arm_outcome: Option<Result<(), DeviceError>>,
     failure: Option<DeviceError>,
     /// The latest report that could not be read, while none could since.
@@ -186,7 +188,8 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
             if let Some(reason) = report.hindrance {
                 return Err(DeviceError::NotReady { reason: reason.to_owned() });
             }
-            (desk.armed, desk.arm_outcome, desk.to_arm) = (None, None, Some(watchdog));
+            (desk.armed, desk.is_stopped) = (None, false);
+            (desk.arm_outcome, desk.to_arm) = (None, Some(watchdog));
         }
         shared.wait(PATIENCE, |desk| desk.arm_outcome.clone()).await
     }
@@ -200,7 +203,12 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
     async fn keep_alive(&mut self) -> Result<(), DeviceError> {
         let mut desk = self.shared()?.desk();
         desk.fail_if_failed()?;
-        desk.armed.as_mut().ok_or_else(not_armed)?.fed_at = Instant::now();
+        let is_stopped = desk.is_stopped;
+        match &mut desk.armed {
+            Some(armed) => armed.fed_at = Instant::now(),
+            None if is_stopped => {}
+            None => return Err(not_armed()),
+        }
         Ok(())
     }
 
@@ -209,7 +217,8 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
         {
             let mut desk = shared.desk();
             desk.ramp_down();
-            desk.armed = None;
+            // A watchdog that lapsed before stays an error.
+            desk.is_stopped |= desk.armed.take().is_some();
         }
         shared.next_cycle().await?;
         let sent_at = Instant::now();

@@ -93,7 +93,7 @@ impl StreamedLink<6> for UrLink {
         let state = self.rtde.state().await?;
         self.idle_reports = if state.is_program_running() { 0 } else { self.idle_reports.saturating_add(1) };
         let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
-        let hindrance = hindrance(&state).or(has_ended.then_some("its program has ended; arm it again"));
+        let hindrance = hindrance(&state).or(has_ended.then_some("its program has ended; begin a new run"));
         self.is_hindered = hindrance.is_some();
         // The program holds the joints as it finds them measured.
         let (positions_rad, held_rad) = (state.joints_rad, state.joints_rad);

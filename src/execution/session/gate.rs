@@ -45,8 +45,11 @@ pub struct Safeguards {
     pub trigger_timeout: Duration,
     /// Time to connect.
     pub connect_timeout: Duration,
-    /// Time that a request may take which is not a state.
+    /// Time that a request may take which is neither a state nor arming.
     pub request_timeout: Duration,
+    /// Time that arming may take. Han's driver waits 10 s for the drives, FANUC's as long for the end of a program and for the
+    /// start of another.
+    pub arm_timeout: Duration,
     /// Time that a run may stay armed without being told to move.
     pub arm_expiry: Duration,
     /// Time without a heartbeat of the client after which a live run stops.
@@ -68,6 +71,7 @@ impl Default for Safeguards {
             trigger_timeout: Duration::from_secs(2),
             connect_timeout: Duration::from_secs(10),
             request_timeout: Duration::from_secs(2),
+            arm_timeout: Duration::from_secs(30),
             arm_expiry: Duration::from_secs(60),
             heartbeat_timeout: Duration::from_millis(500),
         }
@@ -124,7 +128,7 @@ impl RunJob {
         if !findings.is_empty() {
             return Err(findings);
         }
-        let scene = Arc::new(scene.at_most_clearance(0.5 * scene.clearance_mm()));
+        let scene = Arc::new(scene.with_half_clearance());
         let (conditions, made_at) = (UseConditions::default(), Instant::now());
         Ok(Self { program: Arc::new(program), cell, scene, approved, present, conditions, made_at })
     }

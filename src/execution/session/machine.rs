@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use tokio::sync::Notify;
 use tokio::time::timeout;
 
 use super::cause::DeviceRole;
@@ -12,6 +13,9 @@ use crate::execution::device::{
     ArmState, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Observed, StopAcknowledged, TableState,
     Target,
 };
+
+/// Time between two feeds of a device that waits for its partner: a fifth of the shortest watchdog that a cell file may have.
+const FEED: Duration = Duration::from_millis(10);
 
 /// States of both, read at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,10 +107,10 @@ pub trait Watch: Send {
 
 /// A machine that can be moved.
 pub trait Drive: Watch {
-    /// Takes the right to move both.
+    /// Takes the right to move both; the first to have it is kept alive until the other does.
     fn arm(&mut self, watchdog: Duration) -> impl Future<Output = Result<(), MachineError>> + Send;
 
-    /// Starts those that the target moves.
+    /// Starts those that the target moves; the first to have accepted it is kept alive until the other has.
     fn start(&mut self, target: &Target<7>) -> impl Future<Output = Result<(), MachineError>> + Send;
 
     /// Feeds the watchdogs.
@@ -152,14 +156,34 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for Pair<A, T> {
 
 impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
     async fn arm(&mut self, watchdog: Duration) -> Result<(), MachineError> {
-        let (arm, table) = tokio::join!(self.arm.arm(watchdog), self.table.arm(watchdog));
+        let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+        let arm = async {
+            let armed = self.arm.arm(watchdog).await;
+            await_partner(&mut self.arm, &arm_is_done, &table_is_done).await;
+            armed
+        };
+        let table = async {
+            let armed = self.table.arm(watchdog).await;
+            await_partner(&mut self.table, &table_is_done, &arm_is_done).await;
+            armed
+        };
+        let (arm, table) = tokio::join!(arm, table);
         both(arm, table).map(|_| ())
     }
 
     async fn start(&mut self, target: &Target<7>) -> Result<(), MachineError> {
         let (arm, table) = halves(target);
-        let start_arm = async { if is_motion(&arm) { self.arm.start(&arm).await } else { Ok(()) } };
-        let start_table = async { if is_motion(&table) { self.table.start(&table).await } else { Ok(()) } };
+        let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+        let start_arm = async {
+            let started = if is_motion(&arm) { self.arm.start(&arm).await } else { Ok(()) };
+            await_partner(&mut self.arm, &arm_is_done, &table_is_done).await;
+            started
+        };
+        let start_table = async {
+            let started = if is_motion(&table) { self.table.start(&table).await } else { Ok(()) };
+            await_partner(&mut self.table, &table_is_done, &arm_is_done).await;
+            started
+        };
         let (arm, table) = tokio::join!(start_arm, start_table);
         both(arm, table).map(|_| ())
     }
@@ -281,6 +305,16 @@ impl<D: MotionDevice<7>> Watch for ObservedJoined<D> {
     async fn states(&mut self, within: Duration) -> StateAnswers {
         let state = in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state));
         StateAnswers { arm: state.clone().map(|state| state.arm), table: state.map(|state| state.table) }
+    }
+}
+
+/// Says that a device is done, and keeps it alive until its partner is. A feed that has begun is waited for: on a serial line its answer
+/// would hold up the next request.
+async fn await_partner<const N: usize, D: MotionDevice<N>>(device: &mut D, is_done: &Notify, partner_is_done: &Notify) {
+    is_done.notify_one();
+    while timeout(FEED, partner_is_done.notified()).await.is_err() {
+        // What is not armed has nothing to feed; a link that is lost, and a watchdog that lapsed, show in the next tick.
+        let _ = device.keep_alive().await;
     }
 }
 

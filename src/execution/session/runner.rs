@@ -146,7 +146,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 
     async fn take_right(&mut self) -> Result<(), Halt> {
-        let (watchdog, within) = (self.options.safeguards.watchdog, self.options.safeguards.request_timeout);
+        let (watchdog, within) = (self.options.safeguards.watchdog, self.options.safeguards.arm_timeout);
         let heartbeat = self.options.safeguards.heartbeat_timeout;
         let Watcher { machine, control, .. } = &mut self.watcher;
         let armed = control.guard_motion(heartbeat, timeout(within, machine.arm(watchdog))).await?;
@@ -239,7 +239,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let relocated = self.watcher.during(work).await?.map_err(|error| internal(&error))?;
         let relocated = relocated.map_err(|misplaced| Halt::stop(StopCause::Misplaced(misplaced.to_string())))?;
         self.job.program = Arc::new(relocated.program);
-        self.job.scene = Arc::new(relocated.scene.at_most_clearance(0.5 * relocated.scene.clearance_mm()));
+        self.job.scene = Arc::new(relocated.scene.with_half_clearance());
         self.located = Some(table_from_part);
         // The view that located the part is taken again, from its new place.
         let before = self.job.program.steps.iter().take(self.next_step).rposition(|step| matches!(step, Step::Move(_)));

@@ -6,13 +6,11 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::machine::{Drive, StateAnswers, StopAnswers};
-use crate::execution::device::{DeviceError, StopAcknowledged};
+use crate::execution::device::{DeviceError, STOP_ATTEMPT, StopAcknowledged};
 use crate::execution::record::DeviceStop;
 
 /// Times that a stop is asked for where it is not acknowledged.
 const ATTEMPTS: u32 = 3;
-/// Time of an attempt.
-const ATTEMPT: Duration = Duration::from_millis(500);
 /// Time in which both have to be at rest.
 const REST: Duration = Duration::from_secs(5);
 /// Time between two states.
@@ -24,7 +22,7 @@ const STILL_RAD: f64 = 1e-4;
 pub(super) async fn stop<M: Drive>(machine: &mut M, asked: Instant) -> ([DeviceStop; 2], [Option<Vec<f64>>; 2]) {
     let mut stops = [DeviceStop::default(), DeviceStop::default()];
     for _ in 0..ATTEMPTS {
-        let StopAnswers { arm, table } = machine.stop(ATTEMPT).await;
+        let StopAnswers { arm, table } = machine.stop(STOP_ATTEMPT).await;
         note(&mut stops[0], arm, asked);
         note(&mut stops[1], table, asked);
         if stops.iter().all(|stop| stop.acknowledged.is_some()) {
@@ -60,7 +58,7 @@ fn note(stop: &mut DeviceStop, answer: Result<StopAcknowledged, DeviceError>, as
 /// Reads until both were found at rest in two states in a row, each for itself.
 async fn verify<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], found: &mut [Option<Vec<f64>>; 2], asked: Instant) {
     while stops.iter().any(|stop| stop.at_rest.is_none()) {
-        let StateAnswers { arm, table } = machine.states(ATTEMPT).await;
+        let StateAnswers { arm, table } = machine.states(STOP_ATTEMPT).await;
         let arm = arm.map(|state| (state.condition.moving, state.positions_rad.to_vec()));
         let table = table.map(|state| (state.condition.moving, state.positions_rad.to_vec()));
         for ((stop, former), answer) in stops.iter_mut().zip(found.iter_mut()).zip([arm, table]) {
@@ -74,7 +72,7 @@ async fn verify<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], found: &
             }
         }
         // A watchdog that is not fed would make a fault of a pause.
-        let _ = timeout(ATTEMPT, machine.keep_alive()).await;
+        let _ = timeout(STOP_ATTEMPT, machine.keep_alive()).await;
         sleep(POLL).await;
     }
 }

@@ -6,15 +6,18 @@ use tokio::time::{Instant, sleep};
 
 use super::{
     Authority, CommandError, DeviceRole, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair,
-    PauseCause, RunHandle, RunOptions, RunReason, RunState, StopCause, dry_run, live, simulate, simulate_with,
+    PauseCause, RunHandle, RunOptions, RunReason, RunState, Safeguards, StopCause, dry_run, live, simulate, simulate_with,
 };
-use crate::cell::Configuration;
+use crate::cell::{AbbEgmSpec, Configuration};
 use crate::execution::audit::tests::log_on_full_disk;
-use crate::execution::device::{Direction, WireLog};
+use crate::execution::device::{DeviceError, DeviceState, Direction, Identity, MotionDevice, StopAcknowledged, Target, WireLog};
+use crate::execution::drivers::egm::{AbbArm, AbbEgm};
+use crate::execution::protocol::egm::ExternalAxes;
 use crate::execution::record::{RunRecord, StepKind};
+use crate::execution::simulators::egm::EgmController;
 use crate::execution::tests::fault_table::{FAULTS, FaultyCell, fault_in_each_state};
-use crate::execution::tests::rehearsal::{CELL, Chance, Twins, attend, hashes, job, job_of, planned, twins, until};
-use crate::execution::twin::Planted;
+use crate::execution::tests::rehearsal::{CELL, Chance, Twins, attend, hashes, job, job_of, planned, short_job, twins, until};
+use crate::execution::twin::{Planted, Twin, TwinTrigger};
 use crate::program::Step;
 
 /// A live run on twins, armed.
@@ -107,6 +110,119 @@ async fn pausing_rests_on_the_way_and_resuming_goes_on_from_there() {
     // The pause is no part of the step's time.
     assert!(record.steps[0].real_secs < record.steps[0].planned_secs + 2.0);
     assert_eq!((access.arm.asked().targets_unarmed, access.table.asked().targets_unarmed), (0, 0));
+}
+
+/// Real time passes: the driver streams from a thread of its own.
+#[tokio::test]
+async fn an_arm_that_is_streamed_to_is_paused_on_the_way_and_goes_on() {
+    // Longer than a busy machine takes, and fed four times in it.
+    const WATCHDOG: Duration = Duration::from_secs(1);
+    let home = planned().program.home_rad;
+    let free = tokio::net::UdpSocket::bind("127.0.0.1:0").await.expect("a port");
+    let client = free.local_addr().expect("an address");
+    drop(free);
+    let controller = EgmController {
+        client,
+        cycle: Duration::from_millis(12),
+        comm_timeout: Duration::from_secs(5),
+        joints_deg: home.joints_rad.map(f64::to_degrees),
+        external: ExternalAxes::default(),
+    };
+    tokio::spawn(async move { controller.run(|_| {}).await });
+    let spec = AbbEgmSpec { address: client.to_string(), controller_host: None, cycle_ms: 12, table_axis: 1 };
+    let arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
+    let machine = Pair { arm, table: Twin::at([home.table_rad], 1.0) };
+    let safeguards = Safeguards { watchdog: WATCHDOG, state_max_age: WATCHDOG, ..Safeguards::default() };
+    let options = RunOptions { safeguards, ..RunOptions::default() };
+    let handle = simulate_with(short_job(0.3, [hashes(), hashes()]), machine, TwinTrigger::new(1.0), options);
+    let (_, mut events) = handle.events_after(0);
+    while events.recv().await.expect("told").off_path_rad.is_none() {
+        assert!(!handle.status().state.is_final(), "{}", handle.status().reason);
+    }
+    handle.pause().await.expect("runs");
+    assert_eq!(until(&handle, RunState::Paused).await, RunState::Paused, "{}", handle.status().reason);
+    let paused = Instant::now();
+    while paused.elapsed() < WATCHDOG / 2 {
+        events.recv().await.expect("told");
+        assert_eq!(handle.status().state, RunState::Paused, "{}", handle.status().reason);
+    }
+    handle.resume(None).await.expect("paused");
+    let record = handle.ended().await;
+    assert_eq!(record.status.state, RunState::Done, "{}", record.status.reason);
+    assert!(record.steps.iter().any(|step| step.attempts == 2), "{:?}", record.steps);
+}
+
+/// A device that takes its time to arm and to start, and is asked all the while, as drivers do that wait for an outcome.
+struct Slow<D> {
+    device: D,
+    arming: Duration,
+    starting: Duration,
+}
+
+impl<const N: usize, D: MotionDevice<N>> MotionDevice<N> for Slow<D> {
+    async fn connect(&mut self) -> Result<Identity, DeviceError> {
+        self.device.connect().await
+    }
+
+    async fn state(&mut self) -> Result<DeviceState<N>, DeviceError> {
+        self.device.state().await
+    }
+
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
+        ask_for(&mut self.device, self.arming).await?;
+        self.device.arm(watchdog).await
+    }
+
+    async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
+        ask_for(&mut self.device, self.starting).await?;
+        self.device.start(target).await
+    }
+
+    async fn keep_alive(&mut self) -> Result<(), DeviceError> {
+        self.device.keep_alive().await
+    }
+
+    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+        self.device.stop().await
+    }
+
+    async fn release(&mut self) -> Result<(), DeviceError> {
+        self.device.release().await
+    }
+}
+
+async fn ask_for<const N: usize>(device: &mut impl MotionDevice<N>, time: Duration) -> Result<(), DeviceError> {
+    let began = Instant::now();
+    while began.elapsed() < time {
+        device.keep_alive().await?;
+        sleep(Duration::from_millis(20)).await;
+    }
+    Ok(())
+}
+
+/// Runs of twins, the arm and then the table of which is slow.
+async fn run_with_slow(arming: Duration, starting: Duration) {
+    for slow in [DeviceRole::Arm, DeviceRole::Table] {
+        let (Pair { arm, table }, trigger, access) = twins();
+        let times = |device| if device == slow { (arming, starting) } else { (Duration::ZERO, Duration::ZERO) };
+        let ((arm_arming, arm_starting), (table_arming, table_starting)) = (times(DeviceRole::Arm), times(DeviceRole::Table));
+        let arm = Slow { device: arm, arming: arm_arming, starting: arm_starting };
+        let table = Slow { device: table, arming: table_arming, starting: table_starting };
+        let job = short_job(0.1, [hashes(), hashes()]);
+        let record = simulate_with(job, Pair { arm, table }, trigger, RunOptions::default()).ended().await;
+        assert_eq!(record.status.state, RunState::Done, "slow {slow}: {}", record.status.reason);
+        assert_eq!((access.arm.asked().targets_unarmed, access.table.asked().targets_unarmed), (0, 0));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_stays_armed_while_its_partner_enables_its_drives() {
+    run_with_slow(Duration::from_secs(10), Duration::ZERO).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_stays_armed_while_its_partner_takes_its_target() {
+    run_with_slow(Duration::ZERO, Duration::from_millis(300)).await;
 }
 
 #[tokio::test(start_paused = true)]
@@ -229,12 +345,9 @@ async fn a_stopped_run_is_taken_up_by_a_new_one_that_stands_on_its_way() {
     assert_eq!(record.next_step, 3);
     let here = record.last_measured.expect("read");
     let begin = |here: Configuration, from_step: usize| {
-        let machine = Pair {
-            arm: crate::execution::twin::Twin::at(here.joints_rad, 1.0),
-            table: crate::execution::twin::Twin::at([here.table_rad], 1.0),
-        };
+        let machine = Pair { arm: Twin::at(here.joints_rad, 1.0), table: Twin::at([here.table_rad], 1.0) };
         let options = RunOptions { from_step, ..RunOptions::default() };
-        simulate_with(job(), machine, crate::execution::twin::TwinTrigger::new(1.0), options)
+        simulate_with(job(), machine, TwinTrigger::new(1.0), options)
     };
     drop(access);
     let taken_up = begin(here, 3).ended().await;

@@ -7,8 +7,10 @@ use tokio::time::timeout;
 
 use super::*;
 use crate::cell::{Presets, Robot, SpecLibrary};
+use crate::execution::device::STOP_ATTEMPT;
 use crate::execution::simulators::faults::{FaultCommand, Faults};
-use crate::execution::simulators::hans::{HansAddresses, HansSimulator};
+use crate::execution::simulators::hans::{HansAddresses, HansController, HansSimulator};
+use crate::execution::tests::simulated_network::{NetworkDialer, Passage, RoughNetwork};
 
 /// Joints where the simulated arm begins, degrees.
 const HOME_DEG: [f64; 6] = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0];
@@ -183,6 +185,32 @@ async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
     assert!(rest[0] < 45.0, "{rest:?}");
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_stop_gets_past_a_half_open_link_within_an_attempt_however_long_replies_are_waited_for() {
+    let controller = HansController::new(robot("hans-e05"), HOME_DEG.map(f64::to_radians), 1.0);
+    let served = controller.clone();
+    let network = RoughNetwork::new(1, move |end| {
+        let served = served.clone();
+        tokio::spawn(async move { served.talk(end).await });
+    });
+    let wiring = Wiring { dialer: Arc::new(NetworkDialer(Arc::clone(&network))), log: Arc::new(()), device: "arm" };
+    let spec = HansSpec { reply_timeout_ms: 1000, ..spec("arm:10003".to_owned()) };
+    let mut arm = HansArm::new(spec, robot("hans-e05").kinematics, wiring);
+    arm.connect().await.expect("a controller");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.start(&target(1, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 30.0)).await.expect("accepted");
+    // What is sent over the link that there is is lost from here on.
+    network.set_passage(Passage::Lost);
+    network.set_passage(Passage::Open);
+    let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
+    stopped.expect("acknowledged over a new link");
+    sleep(Duration::from_secs(1)).await;
+    let rest = controller.joints_rad();
+    assert!(rest[0].to_degrees() < 45.0, "{rest:?}");
+    sleep(Duration::from_secs(1)).await;
+    assert_eq!(controller.joints_rad(), rest);
+}
+
 #[tokio::test]
 async fn another_robot_and_nobody_are_refused_at_connect() {
     let mut other = bench().await;
@@ -207,6 +235,17 @@ async fn drives_that_are_disabled_are_enabled_by_arming_and_disabled_at_release(
     assert!(!bench.arm.state().await.expect("a state").condition.powered);
     bench.arm.arm(WATCHDOG).await.expect("armed");
     assert!(bench.arm.state().await.expect("a state").condition.powered);
+    bench.arm.release().await.expect("released");
+    bench.arm.connect().await.expect("again");
+    assert!(!bench.arm.state().await.expect("a state").condition.powered);
+}
+
+#[tokio::test]
+async fn drives_whose_enabling_was_given_up_before_its_reply_are_disabled_at_release() {
+    let mut bench = bench().await;
+    bench.arm.connect().await.expect("a controller");
+    bench.arm.command(HansCommand::GrpPowerOff).await.expect("off");
+    assert!(timeout(Duration::ZERO, bench.arm.enable()).await.is_err(), "asked for, not answered");
     bench.arm.release().await.expect("released");
     bench.arm.connect().await.expect("again");
     assert!(!bench.arm.state().await.expect("a state").condition.powered);

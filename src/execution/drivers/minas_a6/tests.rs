@@ -6,9 +6,11 @@ use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
 use super::*;
+use crate::execution::device::{Direction, STOP_ATTEMPT, WireLog};
 use crate::execution::protocol::minas_a6::ERROR_TIMEOUT;
 use crate::execution::simulators::faults::{FaultCommand, Faults};
 use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
+use crate::execution::tests::simulated_network::{NetworkDialer, Passage, RoughNetwork};
 
 const WATCHDOG: Duration = Duration::from_millis(200);
 /// 180°/s², the rating of the table that the presets describe.
@@ -51,6 +53,29 @@ async fn ready(framing: GatewayFraming, setup: DriveSetup) -> Bench {
     bench.table.connect().await.expect("a drive");
     bench.table.arm(WATCHDOG).await.expect("armed");
     bench
+}
+
+/// A table behind a gateway on a simulated network.
+fn on_network(spec: MinasA6Spec, simulator: &MinasA6Simulator, log: Arc<dyn WireLog>) -> (MinasA6Table, Arc<RoughNetwork>) {
+    let served = simulator.clone();
+    let network = RoughNetwork::new(1, move |end| {
+        let served = served.clone();
+        tokio::spawn(async move { served.talk(end, ModbusFraming::Rtu).await });
+    });
+    let wiring = Wiring { dialer: Arc::new(NetworkDialer(Arc::clone(&network))), log, device: "table" };
+    (MinasA6Table::new(spec, RATED_RAD_S2, wiring), network)
+}
+
+/// A log that makes the drive's answer to servo-on a late one.
+struct LateServoOn(Arc<Faults>);
+
+impl WireLog for LateServoOn {
+    fn record(&self, _device: &'static str, direction: Direction, bytes: &[u8]) {
+        let servo_on = ModbusRequest::WriteCoil { address: coil::SERVO_ON, on: true }.pdu();
+        if direction == Direction::Sent && bytes.windows(servo_on.len()).any(|part| part == servo_on) {
+            self.0.apply(FaultCommand::Late(Duration::from_millis(150)));
+        }
+    }
 }
 
 async fn usual() -> Bench {
@@ -236,6 +261,37 @@ async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
     bench.table.stop().await.expect("acknowledged over a new connection");
     let rest = bench.resting().await;
     assert!(rest < 100.0, "{rest}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_gets_past_a_half_open_link_and_an_answer_that_is_owed_within_an_attempt() {
+    let simulator = MinasA6Simulator::new(&DriveSetup::default());
+    let spec = MinasA6Spec { reply_timeout_ms: 1000, ..spec("tcp://table:502") };
+    let (mut table, network) = on_network(spec, &simulator, Arc::new(()));
+    table.connect().await.expect("a drive");
+    table.arm(WATCHDOG).await.expect("armed");
+    table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
+    // What is sent over the link that there is is lost from here on: an answer is owed, and never comes.
+    network.set_passage(Passage::Lost);
+    assert!(timeout(Duration::from_millis(10), table.is_busy()).await.is_err());
+    network.set_passage(Passage::Open);
+    let stopped = timeout(STOP_ATTEMPT, table.stop()).await.expect("within an attempt");
+    stopped.expect("acknowledged over a new link");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_servo_that_comes_on_by_a_command_without_an_answer_is_switched_off_at_release() {
+    let simulator = MinasA6Simulator::new(&DriveSetup::default());
+    let log = Arc::new(LateServoOn(simulator.faults()));
+    let (mut table, _network) = on_network(spec("tcp://table:502"), &simulator, log);
+    table.connect().await.expect("a drive");
+    assert!(matches!(table.arm(WATCHDOG).await, Err(DeviceError::Silent { .. })), "answered too late");
+    simulator.faults().apply(FaultCommand::Late(Duration::ZERO));
+    table.stop().await.expect("stopped, as a session does before it gives back");
+    table.release().await.expect("released");
+    table.connect().await.expect("again");
+    sleep(Duration::from_secs(1)).await;
+    assert!(!table.state().await.expect("a state").condition.powered);
 }
 
 #[tokio::test]

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use tokio::net::UdpSocket;
 use tokio::time::sleep;
 
 use super::*;
@@ -11,7 +12,7 @@ use crate::execution::drivers::kuka_rsi::{KukaArm, KukaRsi};
 use crate::execution::drivers::stream::Wiring;
 use crate::execution::drivers::there_and_back::{WATCHDOG, target, there_and_back};
 use crate::execution::drivers::ur::{UniversalRobots, UrArm};
-use crate::execution::protocol::egm::ExternalAxes;
+use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmReport, ExternalAxes};
 use crate::execution::protocol::kuka_rsi::RsiNames;
 use crate::execution::simulators::egm::{EgmController, EgmSession};
 use crate::execution::simulators::kuka_rsi::{RsiController, RsiSession};
@@ -218,6 +219,52 @@ async fn a_stop_is_a_ramp_and_nothing_goes_on() {
     assert_eq!(arm.state().await.expect("a state").positions_rad, at.positions_rad);
     let session = *seen.lock().expect("a session");
     assert!(session.max_step_deg <= MAX_STEP_DEG, "{session:?}");
+}
+
+#[tokio::test]
+async fn there_is_nothing_to_keep_alive_after_a_stop_and_nothing_wrong_with_that() {
+    let (mut arm, _seen, _run) = abb::<6>();
+    arm.connect().await.expect("connected");
+    assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "never armed");
+    arm.arm(WATCHDOG).await.expect("armed");
+    for _ in 0..2 {
+        arm.stop().await.expect("stopped");
+        arm.keep_alive().await.expect("stopped on command");
+    }
+    let start = arm.state().await.expect("a state").positions_rad;
+    assert!(matches!(arm.start(&target(1, start, Duration::from_secs(1))).await, Err(DeviceError::NotReady { .. })), "disarmed");
+    arm.arm(Duration::ZERO).await.expect("armed");
+    arm.state().await.expect("a further cycle, in which the watchdog lapses");
+    arm.stop().await.expect("stopped");
+    assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "it lapsed before the stop");
+}
+
+#[tokio::test]
+async fn of_reports_that_queued_the_newest_alone_is_answered_with_the_travel_of_one_cycle() {
+    let address = format!("127.0.0.1:{}", free_port());
+    let spec = AbbEgmSpec { address: address.clone(), controller_host: None, cycle_ms: CYCLE_MS, table_axis: 1 };
+    let arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
+    let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
+    let mut points = SetPoints::still([0.0; 6]);
+    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
+    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
+    let shared = Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) };
+    let cycle = Duration::from_millis(CYCLE_MS.into());
+    let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+    for time_ms in 1..=5 {
+        let report = EgmReport { time_ms, motors: EgmMotors::On, guidance: EgmGuidance::Running, ..EgmReport::default() };
+        controller.send_to(&report.encode(), &address).await.expect("sent");
+    }
+    let report = StreamedLink::<6>::report(&mut link).await.expect("a report");
+    answer_one(&mut link, &shared, report, cycle).await.expect("answered");
+    let mut answer = [0; 4096];
+    let (length, _) = controller.recv_from(&mut answer).await.expect("an answer");
+    let guide = EgmGuide::decode(&answer[..length]).expect("guidance");
+    assert_eq!(guide.time_ms, 5, "to the newest");
+    let step_deg = points.advance(cycle)[0].to_degrees();
+    assert!((guide.joints_deg[0] - step_deg).abs() < 1e-9, "{guide:?} for {step_deg}°");
+    let further = StreamedLink::<6>::report(&mut link);
+    assert!(timeout(Duration::ZERO, further).await.is_err(), "nothing is left to answer");
 }
 
 #[tokio::test]
