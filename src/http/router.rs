@@ -77,7 +77,7 @@ fn quick() -> OpenApiRouter<ApiState> {
 /// Routes of runs and of leases.
 fn execution() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
-        .routes(routes!(runs::create, runs::list))
+        .routes(routes!(runs::list))
         .routes(routes!(runs::delete))
         .routes(routes!(runs::events))
         .routes(routes!(run_commands::arm))
@@ -100,7 +100,6 @@ fn inspection() -> OpenApiRouter<ApiState> {
         .routes(routes!(scans::list))
         .routes(routes!(scans::get, scans::delete))
         .routes(routes!(scans::file))
-        .routes(routes!(inspections::create))
         .routes(routes!(inspections::list))
         .routes(routes!(inspections::delete))
         .routes(routes!(inspections::cancel))
@@ -142,9 +141,11 @@ fn slow() -> OpenApiRouter<ApiState> {
         .routes(routes!(meshes::file))
         .routes(routes!(meshes::preview))
         // The lookups of a new job may time out, but once it is being stored the response waits for it: else a 503 could
-        // hide an accepted job.
+        // hide an accepted job, run or inspection.
         .routes(routes!(jobs::create))
         .routes(routes!(jobs::create_batch))
+        .routes(routes!(runs::create))
+        .routes(routes!(inspections::create))
         .routes(routes!(jobs::delete_selected))
         .routes(routes!(checks::check))
         .routes(routes!(calibrations::create))

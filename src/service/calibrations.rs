@@ -17,7 +17,7 @@ use super::library::Library;
 use super::store::{CalibrationInput, LeftOver, Page};
 use super::submit::{Lookup, Submission};
 use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch};
-use crate::cell::{CellSpec, FieldError};
+use crate::cell::{CellSpec, FieldError, SpecKind, preset_text};
 use crate::planning::context::Context;
 use crate::report::calibration::calibration_html;
 use crate::wire::calibration::{
@@ -196,14 +196,18 @@ impl App {
         self.calibration_result(id).await.map(|document| calibration_html(&document))
     }
 
-    /// The cell of a calibration with the poses that it found.
+    /// The cell of a calibration with the poses that it found. A preset, which cannot be replaced, gets a name of its own.
     ///
     /// # Errors
     /// Those of [`App::calibration_result`], [`Error::NotOnFlange`].
     pub async fn calibrated_cell(&self, id: CalibrationId) -> Result<CellSpec, Error> {
         let document = self.calibration_result(id).await?;
         let input = self.0.store.calibration_input(id).await?;
-        document.calibrated(input.cell).ok_or(Error::NotOnFlange(id))
+        let mut cell = document.calibrated(input.cell).ok_or(Error::NotOnFlange(id))?;
+        if preset_text(SpecKind::Cell, &cell.name).is_some() {
+            cell.name.push_str("-calibrated");
+        }
+        Ok(cell)
     }
 
     /// Cancels a calibration that waits or is computed. One that ends before it hears of it stays as it ended.
@@ -212,7 +216,7 @@ impl App {
     /// [`Error::CalibrationNotFound`], [`Error::CalibrationNotQueued`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn cancel_calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
         let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
-        let job = self.change_calibration(id, &[CalibrationState::Queued], cancel, None).await?;
+        let job = self.freeing(|| self.change_calibration(id, &[CalibrationState::Queued], cancel, None)).await?;
         let job = match self.0.calibrations.watch_of(id).filter(|_| job.state == CalibrationState::Running) {
             None => job,
             Some(watch) => {
@@ -235,7 +239,7 @@ impl App {
     /// [`Error::CalibrationNotFound`], [`Error::CalibrationNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_calibration(&self, id: CalibrationId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.delete_calibration(id).await }).await
+        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_calibration(id)).await }).await
     }
 
     /// Begins again what an earlier process left.
@@ -276,22 +280,39 @@ impl App {
         changed
     }
 
+    /// Changes a calibration that is carried out; tries again while the store is temporarily unavailable.
+    async fn advance_calibration(
+        &self,
+        id: CalibrationId,
+        from: &'static [CalibrationState],
+        change: impl FnOnce(&mut CalibrationJob) + Clone + Send + 'static,
+        result: Option<CalibrationDocument>,
+    ) -> Result<CalibrationJob, Error> {
+        let change = move || self.change_calibration(id, from, change.clone(), result.clone());
+        self.retried("storing the state of a calibration", || false, change).await
+    }
+
     /// Computes a calibration when its turn comes. What the service's stop leaves is computed by the next process.
     async fn carry_out_calibration(self, id: CalibrationId) {
         let _turn = tokio::select! {
             turn = self.0.calibrations.turn.lock() => turn,
             () = self.0.stopping.cancelled() => return,
         };
-        if let Err(error) = self.compute_calibration(id).await {
-            tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "a calibration cannot be computed");
-            let problem = failure("internal", error.to_string(), Vec::new());
-            let fail = move |job: &mut CalibrationJob| (job.state, job.problem) = (CalibrationState::Failed, Some(problem));
-            if let Err(error) = self.change_calibration(id, &OPEN, fail, None).await {
-                tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "its failure cannot be stored");
+        let ended = match self.compute_calibration(id).await {
+            Err(error) if !error.is_transient() => {
+                tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "a calibration cannot be computed");
+                let problem = failure("internal", error.to_string(), Vec::new());
+                let fail = move |job: &mut CalibrationJob| (job.state, job.problem) = (CalibrationState::Failed, Some(problem));
+                self.advance_calibration(id, &OPEN, fail, None).await.map(drop)
             }
+            ended => ended,
+        };
+        if let Err(error) = ended {
+            tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "the end of a calibration cannot be stored");
         }
     }
 
+    /// Computes a calibration; an error is transient only where the service stops.
     async fn compute_calibration(&self, id: CalibrationId) -> Result<(), Error> {
         // Before its state says so: whoever sees that it runs can cancel it.
         let watch = Arc::new(Watch::default());
@@ -303,13 +324,17 @@ impl App {
 
     async fn compute_watched(&self, id: CalibrationId, watch: Arc<Watch>) -> Result<(), Error> {
         let run = |job: &mut CalibrationJob| job.state = CalibrationState::Running;
-        let job = self.change_calibration(id, &[CalibrationState::Queued], run, None).await?;
+        let job = self.advance_calibration(id, &[CalibrationState::Queued], run, None).await?;
         if job.state != CalibrationState::Running {
             return Ok(());
         }
-        let input = self.0.store.calibration_input(id).await?;
-        let spec = input.cell.clone();
-        let cell = self.with_library(None, move |library| library.built(&spec).map_err(Error::Invalid)).await?;
+        let read = || self.0.store.calibration_input(id);
+        let input = self.retried("reading the observations of a calibration", || false, read).await?;
+        let build = || {
+            let spec = input.cell.clone();
+            self.with_library(None, move |library| library.built(&spec).map_err(Error::Invalid))
+        };
+        let cell = self.retried("building the cell of a calibration", || false, build).await?;
         let (how, digest, at) = ((job.solve, usize::from(job.hold_out)), job.data_sha256.clone(), job.created_at.clone());
         let cancel = Arc::clone(&watch.cancel);
         let compute = move |_: &Context<'_>| -> Computed {
@@ -319,7 +344,7 @@ impl App {
         let computed = self.0.runner.compute(cancel, compute).await;
         if matches!(computed, Ok(Err(CalibrationError::Cancelled))) {
             let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
-            return self.change_calibration(id, &[CalibrationState::Running], cancel, None).await.map(drop);
+            return self.advance_calibration(id, &[CalibrationState::Running], cancel, None).await.map(drop);
         }
         let ended = ended(computed);
         let result = ended.as_ref().ok().cloned();
@@ -333,7 +358,7 @@ impl App {
                 (job.state, job.problem, job.findings) = (CalibrationState::Failed, Some(problem), findings);
             }
         };
-        self.change_calibration(id, &[CalibrationState::Running], end, result).await.map(drop)
+        self.advance_calibration(id, &[CalibrationState::Running], end, result).await.map(drop)
     }
 }
 
@@ -379,3 +404,6 @@ fn ended(computed: Result<Computed, String>) -> Result<CalibrationDocument, (Job
         Err(panic) => Err((failure("job_panicked", format!("internal error: {panic}"), Vec::new()), Vec::new())),
     }
 }
+
+#[cfg(test)]
+mod tests;

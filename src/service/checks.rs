@@ -33,7 +33,7 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
     let mut errors = Vec::new();
     let mut lookup = Lookup::new(library, &mut errors);
     let cell = cell.and_then(|cell| {
-        let spec = lookup.find("/cell", &cell, SpecKind::Cell, |name| library.cell(name).ok())?;
+        let spec = lookup.find("/cell", &cell, SpecKind::Cell, |name| library.cell(name))?;
         lookup.built("/cell", spec.build(library))
     });
     let mut read = |pointer: &str, id: MeshId| {

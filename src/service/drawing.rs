@@ -1,6 +1,6 @@
 //! Reports drawn when somebody asks for them. A job leaves a draft, which holds all that its pictures need: neither the mesh nor the
 //! plan is read again, so a report can be drawn after they were deleted, and by a later version. The first request draws it
-//! on the planning pool and stores it in place of the draft; requests that come meanwhile wait for that. One report is drawn at a
+//! on threads of its own and stores it in place of the draft; requests that come meanwhile wait for that. One report is drawn at a
 //! time, which bounds the memory: that of the draft, 50 MB at most for parts of any size, and 25 MB for each thread of the pool.
 
 use std::sync::Arc;

@@ -401,6 +401,17 @@ fn is_resource_shortage(error: &std::io::Error) -> bool {
     error.raw_os_error().is_some_and(|code| shortages.contains(&code))
 }
 
+/// Returns true if the disk did not give back what it holds.
+#[cfg(unix)]
+pub(super) fn is_read_failure(error: &std::io::Error) -> bool {
+    error.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error())
+}
+
+#[cfg(not(unix))]
+pub(super) fn is_read_failure(_: &std::io::Error) -> bool {
+    false
+}
+
 #[cfg(not(unix))]
 fn is_resource_shortage(_: &std::io::Error) -> bool {
     false

@@ -1,18 +1,20 @@
 //! Inspection of scans against a plan, with all result files: shared by the server and the command line.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{self, BufReader, Seek as _};
 use std::path::PathBuf;
 
 use rayon::prelude::*;
 
 use super::cells::KeptCells;
+use super::error::is_transient_io;
+use super::hashing_reader::HashingReader;
 use super::plan_job::{Artifact, plan_sha256};
-use super::planner::{JobError, JobInput, opened};
+use super::planner::{JobError, JobInput, opened, read_with_retry};
 use super::rescan_job::{RESCAN_STATE_FILE, check_words};
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::check::read_plan;
-use crate::geometry::cloud_io::{self, CloudLimits};
+use crate::geometry::cloud_io::{self, CloudError, CloudLimits};
 use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, Poll, Pose, Table, plate_from_placed, table_from_plate};
 use crate::inspection::ingest::{IngestOptions, IngestWorld, PlannedCapture, ScanFile, ScanFrame, ingest};
 use crate::inspection::{InspectedView, InspectionInput, InspectionParams, inspect};
@@ -26,7 +28,7 @@ use crate::wire::inspection::{
 };
 use crate::wire::json_file_bytes;
 use crate::wire::plan::PlanDocument;
-use crate::wire::run::RunRecordDocument;
+use crate::wire::run::{RunRecordDocument, RunStepOp, RunStepRecord};
 
 /// The result of an inspection.
 pub const INSPECTION_FILE: &str = "inspection.json";
@@ -76,16 +78,39 @@ pub struct ScanSource {
 }
 
 impl ScanSource {
-    /// Reads the clouds of the file, which stands at `pointer` in the list of scans.
+    /// Reads the clouds of the file, which stands at `pointer` in the list of scans. A stored file that is temporarily unreadable is tried
+    /// again until `ctx` is cancelled.
     fn read(&self, pointer: &str, ctx: &Context<'_>) -> Result<Vec<ScanFile>, InspectError> {
+        let read = || self.read_once(pointer, ctx);
+        let clouds = if self.sha256.is_empty() { read() } else { read_with_retry(read, &|| ctx.check().is_err()) };
+        Ok(clouds?)
+    }
+
+    /// Reads the clouds of the file, once its bytes have been compared with its hash: readers of clouds go back and forth in it.
+    fn read_once(&self, pointer: &str, ctx: &Context<'_>) -> Result<Vec<ScanFile>, JobError> {
         let stop = || ctx.check().is_err();
+        let poll = Poll::new(&stop);
         let refused =
-            |error: &dyn std::fmt::Display| InspectError::Refused(vec![refusal(pointer, format!("{}: {error}", self.name))]);
-        let opened = File::open(&self.path).map(BufReader::new);
-        let mut file = opened.map_err(|error| InspectError::Damaged(format!("{}: {error}", self.name)))?;
-        let clouds = cloud_io::read_from(&mut file, &CloudLimits::default(), &Poll::new(&stop));
+            |error: &dyn std::fmt::Display| JobError::BadInput(vec![refusal(pointer, format!("{}: {error}", self.name))]);
+        let unread = |error: io::Error| {
+            let reason = format!("{}: {error}", self.name);
+            if is_transient_io(&error) { JobError::Unavailable(reason) } else { JobError::Damaged(reason) }
+        };
+        let mut file = File::open(&self.path).map_err(unread)?;
+        if !self.sha256.is_empty() {
+            let sha256 = HashingReader::new(&file).finish(&poll).map_err(unread)?.ok_or(JobError::Cancelled)?;
+            if sha256 != self.sha256 {
+                let reason = "is damaged; upload the same file again and start another inspection";
+                return Err(JobError::Damaged(format!("the stored file of scan {} {reason}", self.name)));
+            }
+            file.rewind().map_err(unread)?;
+        }
+        let clouds = cloud_io::read_from(&mut BufReader::new(file), &CloudLimits::default(), &poll);
         ctx.check().map_err(PlanError::from)?;
-        let clouds = clouds.map_err(|error| refused(&error))?;
+        let clouds = match clouds {
+            Err(CloudError::Io(error)) if is_transient_io(&error) => return Err(unread(error)),
+            clouds => clouds.map_err(|error| refused(&error))?,
+        };
         let declared = self.unit.as_deref().map(str::parse::<LengthUnit>).transpose();
         let unit = declared.map_err(|error| refused(&error))?.or(clouds.unit);
         let of_cloud = |cloud| ScanFile { file: self.name.clone(), cloud, unit, frame: self.frame, viewpoint: self.view };
@@ -301,7 +326,7 @@ impl PlannedViews {
                 part_from_scanner: view.part_from_scanner.pose(),
                 table_rad: view.station.as_ref().map(|station| station.table_angle_deg.to_radians()),
             };
-            let step = record.iter().flat_map(|record| &record.steps).find(|step| step.viewpoint == Some(view.id));
+            let step = record.and_then(|record| scan_of(&record.steps, view.id));
             if let (Some(step), Some(cell)) = (step, cell) {
                 let configuration = step.measured.configuration();
                 let part_from_plate = plate_from_placed(&setups[planned.setup]).inverse();
@@ -312,6 +337,11 @@ impl PlannedViews {
         });
         Self { views: views.collect(), setups }
     }
+}
+
+/// Step of a run that scanned a viewpoint; not the capture before it by which the part was located, from elsewhere.
+fn scan_of(steps: &[RunStepRecord], viewpoint: u32) -> Option<&RunStepRecord> {
+    steps.iter().find(|step| step.op == RunStepOp::Scan && step.viewpoint == Some(viewpoint))
 }
 
 impl InspectedPart<'_> {
@@ -395,3 +425,6 @@ fn files_of(report: &InspectionReport<'_>, plan_sha256: &str, ctx: &Context<'_>)
     ];
     Ok(files.into_iter().map(|(name, bytes)| Artifact { name: name.into(), bytes }).collect())
 }
+
+#[cfg(test)]
+mod tests;

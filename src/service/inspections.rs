@@ -210,7 +210,7 @@ impl App {
         let cancel = |job: &mut InspectionJob| {
             job.state = if job.state == JobState::Queued { JobState::Cancelled } else { JobState::Cancelling };
         };
-        let job = self.change_inspection(id, &[JobState::Queued, JobState::Running], cancel, None).await?;
+        let job = self.freeing(|| self.change_inspection(id, &[JobState::Queued, JobState::Running], cancel, None)).await?;
         if let Some((flag, _)) = self.0.inspections.running().get(&id) {
             flag.store(true, Ordering::Relaxed);
         }
@@ -260,15 +260,27 @@ impl App {
         id: InspectionId,
         from: &'static [JobState],
         change: impl FnOnce(&mut InspectionJob) + Send + 'static,
-        files: Option<StoredArtifacts>,
+        files: Option<Arc<StoredArtifacts>>,
     ) -> Result<InspectionJob, Error> {
         let app = self.clone();
         // One type for all changes, so that what follows is compiled once.
         let change: Box<dyn FnOnce(&mut InspectionJob) + Send> = Box::new(change);
         let changed =
-            self.run_to_completion(async move { app.0.store.change_inspection(id, from, change, files.as_ref()).await }).await;
+            self.run_to_completion(async move { app.0.store.change_inspection(id, from, change, files.as_deref()).await }).await;
         self.0.inspections.changed.notify_waiters();
         changed
+    }
+
+    /// Changes an inspection that is carried out; tries again while the store is temporarily unavailable.
+    async fn advance_inspection(
+        &self,
+        id: InspectionId,
+        from: &'static [JobState],
+        change: impl FnOnce(&mut InspectionJob) + Clone + Send + 'static,
+        files: Option<Arc<StoredArtifacts>>,
+    ) -> Result<InspectionJob, Error> {
+        let change = move || self.change_inspection(id, from, change.clone(), files.clone());
+        self.retried("storing the state of an inspection", || false, change).await
     }
 
     /// Computes an inspection when its turn comes. What the service's stop leaves is computed by the next process.
@@ -281,44 +293,52 @@ impl App {
         self.0.inspections.running().insert(id, (Arc::clone(&flag), 0.0));
         let computed = self.compute_inspection(id, flag).await;
         self.0.inspections.running().remove(&id);
-        if let Err(error) = computed {
-            tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "an inspection cannot be computed");
-            let problem = failure("internal", error.to_string(), Vec::new());
-            let fail = move |job: &mut InspectionJob| (job.state, job.problem) = (JobState::Failed, Some(problem));
-            if let Err(error) = self.change_inspection(id, &OPEN, fail, None).await {
-                tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "its failure cannot be stored");
+        let ended = match computed {
+            // It was cancelled while it waited for the store.
+            Err(error) if error.is_transient() && !self.0.stopping.is_cancelled() => self.end_inspection(id, None).await,
+            Err(error) if !error.is_transient() => {
+                tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "an inspection cannot be computed");
+                let problem = failure("internal", error.to_string(), Vec::new());
+                let fail = move |job: &mut InspectionJob| (job.state, job.problem) = (JobState::Failed, Some(problem));
+                self.advance_inspection(id, &OPEN, fail, None).await.map(drop)
             }
+            ended => ended,
+        };
+        if let Err(error) = ended {
+            tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "the end of an inspection cannot be stored");
         }
     }
 
+    /// Computes an inspection; an error is transient only where the service stops or the inspection is cancelled.
     async fn compute_inspection(&self, id: InspectionId, flag: Arc<AtomicBool>) -> Result<(), Error> {
         let run = |job: &mut InspectionJob| job.state = JobState::Running;
-        let job = self.change_inspection(id, &[JobState::Queued], run, None).await?;
+        let job = self.advance_inspection(id, &[JobState::Queued], run, None).await?;
         if job.state != JobState::Running {
             return Ok(());
         }
-        let order = self.inspection_order(&job).await?;
+        let is_cancelled = || flag.load(Ordering::Relaxed);
+        let order = self.retried("reading the plan of an inspection", is_cancelled, || self.inspection_order(&job)).await?;
         let (cells, app) = (Arc::clone(&self.0.cells), self.clone());
         let compute = move |ctx: &Context<'_>| {
             let progress = |fraction: f64| app.0.inspections.set_fraction(id, fraction);
             order.job.execute(&order.input, &cells, &progress, ctx)
         };
-        let stopping = Arc::clone(&flag);
+        let cancel = Arc::clone(&flag);
         let computed = self.0.runner.compute(flag, compute);
         tokio::pin!(computed);
         let computed = tokio::select! {
             computed = &mut computed => computed,
             () = self.0.stopping.cancelled() => {
-                stopping.store(true, Ordering::Relaxed);
+                cancel.store(true, Ordering::Relaxed);
                 (&mut computed).await
             }
         };
         match computed {
-            Ok(Ok(inspected)) => self.store_inspection(id, inspected).await,
+            Ok(Ok(inspected)) => self.store_inspection(id, inspected, &cancel).await,
             Ok(Err(InspectError::Cancelled)) if self.0.stopping.is_cancelled() => {
                 // The next process computes it; this attempt does not count.
                 let again = |job: &mut InspectionJob| job.state = JobState::Queued;
-                self.change_inspection(id, &[JobState::Running], again, None).await.map(drop)
+                self.advance_inspection(id, &[JobState::Running], again, None).await.map(drop)
             }
             Ok(Err(error)) => self.end_inspection(id, problem_of(error)).await,
             Err(panic) => {
@@ -360,13 +380,15 @@ impl App {
         })
     }
 
-    async fn store_inspection(&self, id: InspectionId, inspected: Inspected) -> Result<(), Error> {
-        let stored = self.0.store.put_artifacts(Arc::new(inspected.files)).await?;
+    async fn store_inspection(&self, id: InspectionId, inspected: Inspected, cancel: &AtomicBool) -> Result<(), Error> {
+        let files = Arc::new(inspected.files);
+        let put = || self.0.store.put_artifacts(Arc::clone(&files));
+        let stored = self.retried("storing an inspection", || cancel.load(Ordering::Relaxed), put).await?;
         let summary = inspected.summary;
         let end = move |job: &mut InspectionJob| {
             (job.state, job.fraction, job.summary) = (JobState::Succeeded, 1.0, Some(summary));
         };
-        let job = self.change_inspection(id, &[JobState::Running], end, Some(stored)).await?;
+        let job = self.advance_inspection(id, &[JobState::Running], end, Some(Arc::new(stored))).await?;
         // Whoever cancelled it was told so: it came too late to save the work, and in time to be heard.
         if job.state == JobState::Cancelling { self.end_inspection(id, None).await } else { Ok(()) }
     }
@@ -377,7 +399,7 @@ impl App {
             job.state = if problem.is_some() { JobState::Failed } else { JobState::Cancelled };
             job.problem = problem;
         };
-        self.change_inspection(id, &[JobState::Running, JobState::Cancelling], end, None).await.map(drop)
+        self.advance_inspection(id, &[JobState::Running, JobState::Cancelling], end, None).await.map(drop)
     }
 }
 
@@ -405,3 +427,6 @@ fn problem_of(error: InspectError) -> Option<JobProblem> {
         InspectError::Damaged(_) => Some(failure("file_damaged", detail, Vec::new())),
     }
 }
+
+#[cfg(test)]
+mod tests;

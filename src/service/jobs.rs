@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use sha2::{Digest, Sha256};
 use tokio::sync::mpsc;
@@ -25,6 +25,7 @@ use super::error::Error;
 use super::failpoint;
 use super::planner::{Artifact, JobError};
 use super::progress::Course;
+use super::retry::{MAX_STORE_RETRY, STORE_RETRY};
 use super::schedule::{Ahead, Share};
 use super::size::JobSize;
 use super::store::{Attempt, AttemptOutcome, blocking};
@@ -32,10 +33,6 @@ use super::submit::job_input;
 use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{JobId, JobProblem, JobState, hex, parse};
 
-/// First pause after the store failed; each further one is twice as long, up to [`MAX_STORE_RETRY`].
-const STORE_RETRY: Duration = Duration::from_secs(1);
-/// Max pause after the store failed.
-const MAX_STORE_RETRY: Duration = Duration::from_secs(10);
 /// Jobs of the queue that are looked at for one that may start.
 const LOOKED_AT: u32 = 64;
 
@@ -277,44 +274,17 @@ impl App {
             }
         }
         let (summary, artifacts) = (summary_of(&artifacts), Arc::new(artifacts));
-        let mut pause = STORE_RETRY;
-        let outcome = loop {
-            match self.0.store.put_artifacts(Arc::clone(&artifacts)).await {
-                // `stored` pins its files until their rows are written.
-                Ok(stored) => {
-                    let files = stored.files.clone();
-                    let outcome = match &problem {
-                        None => AttemptOutcome::Succeeded { files, summary },
-                        Some(problem) => AttemptOutcome::Failed(problem.clone(), files),
-                    };
-                    return self.record_outcome(id, outcome, timings).await;
-                }
-                Err(error) if error.is_transient() => {
-                    tracing::warn!(error = &error as &dyn std::error::Error, "results cannot be stored at the moment; retrying");
-                }
-                Err(error) => {
-                    let problem = problem.unwrap_or_else(|| internal(&error));
-                    break AttemptOutcome::Failed(problem, Vec::new());
-                }
-            }
-            self.pause(pause).await;
-            pause = (pause * 2).min(MAX_STORE_RETRY);
-            if self.0.stopping.is_cancelled() {
-                break AttemptOutcome::Interrupted;
-            }
-            if cancel.load(Ordering::Relaxed) {
-                break AttemptOutcome::Cancelled;
-            }
+        let put = || self.0.store.put_artifacts(Arc::clone(&artifacts));
+        // Held until the rows are written: it pins the files.
+        let stored = self.retried("storing the results of a job", || cancel.load(Ordering::Relaxed), put).await;
+        let outcome = match (&stored, problem) {
+            (Ok(stored), None) => AttemptOutcome::Succeeded { files: stored.files.clone(), summary },
+            (Ok(stored), Some(problem)) => AttemptOutcome::Failed(problem, stored.files.clone()),
+            (Err(error), _) if error.is_transient() && self.0.stopping.is_cancelled() => AttemptOutcome::Interrupted,
+            (Err(error), _) if error.is_transient() => AttemptOutcome::Cancelled,
+            (Err(error), problem) => AttemptOutcome::Failed(problem.unwrap_or_else(|| internal(error)), Vec::new()),
         };
         self.record_outcome(id, outcome, timings).await
-    }
-
-    /// Sleeps, but returns when the service stops.
-    async fn pause(&self, pause: Duration) {
-        tokio::select! {
-            () = self.0.stopping.cancelled() => {}
-            () = tokio::time::sleep(pause) => {}
-        }
     }
 
     /// Records the outcome of an attempt. Retries until the service stops: else the job would stay `running` forever.

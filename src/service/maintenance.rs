@@ -122,7 +122,8 @@ impl App {
                 }
             }
             for (id, size_bytes) in due.meshes {
-                match app.freeing(|| app.0.store.delete_mesh(id)).await {
+                // One that was uploaded again meanwhile is as new.
+                match app.freeing(|| app.0.store.delete_mesh(id, policy.unused_mesh_days)).await {
                     Ok(()) => deleted.meshes.push((id, size_bytes)),
                     Err(Error::MeshNotFound(_) | Error::MeshInUse(_) | Error::MeshInSpec { .. }) => {}
                     Err(error) => return Err(error),

@@ -233,7 +233,7 @@ impl App {
     /// [`Error::MeshNotFound`], [`Error::MeshInUse`], [`Error::Internal`].
     pub async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_mesh(id)).await }).await
+        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_mesh(id, 0)).await }).await
     }
 
     /// Refuses new work once the service stops.

@@ -27,6 +27,7 @@ mod presets;
 pub mod progress;
 mod queries;
 pub mod rescan_job;
+mod retry;
 pub mod runs;
 mod scans;
 mod schedule;

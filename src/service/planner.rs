@@ -1,6 +1,7 @@
 //! Planning of a job, from its input to its result files: the only place that knows both jobs and planning. Runs on a
 //! thread of the planning pool.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
@@ -147,24 +148,27 @@ impl MeshSource {
         let reason = format!("mesh {}: {error}", self.sha256);
         if is_transient_io(error) { JobError::Unavailable(reason) } else { JobError::Damaged(reason) }
     }
+}
 
-    /// Reads the mesh of a running job: while the process is out of file descriptors or the disk fails temporarily, it
-    /// retries until the job is cancelled.
-    fn read_with_retry(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, JobError> {
-        loop {
-            match self.read(pointer, max_triangles, stop) {
-                Err(JobError::Unavailable(reason)) => {
-                    if stop() {
-                        return Err(JobError::Cancelled);
-                    }
-                    tracing::warn!(reason, "a mesh cannot be read at the moment; retrying");
-                    std::thread::sleep(READ_RETRY);
+/// Reads a file of a running job: while the process is out of file descriptors or the disk fails temporarily, it retries until the
+/// job is cancelled.
+pub(super) fn read_with_retry<T>(read: impl Fn() -> Result<T, JobError>, stop: &dyn Fn() -> bool) -> Result<T, JobError> {
+    loop {
+        match read() {
+            Err(JobError::Unavailable(reason)) => {
+                if stop() {
+                    return Err(JobError::Cancelled);
                 }
-                read => return read,
+                tracing::warn!(reason, "a file cannot be read at the moment; retrying");
+                std::thread::sleep(READ_RETRY);
             }
+            read => return read,
         }
     }
 }
+
+/// The function that reads a mesh of a job; an error of the request is at the pointer.
+type MeshReader<'a> = dyn Fn(&MeshSource, &str) -> Result<Mesh, JobError> + 'a;
 
 /// Meshes of a job.
 pub(super) struct JobMeshes {
@@ -191,18 +195,32 @@ impl JobHardware {
     }
 }
 
-/// Reads the meshes of a job and builds its cell, or takes it from `cells`, until `stop` returns true.
+/// Reads the meshes of a running job and builds its cell, or takes it from `cells`, until `stop` returns true.
 pub(super) fn opened(input: &JobInput, cells: &KeptCells, stop: &dyn Fn() -> bool) -> Result<(JobMeshes, JobHardware), JobError> {
-    let read = |source: &MeshSource, pointer: &str| source.read_with_retry(pointer, input.max_triangles, stop);
+    let read = |source: &MeshSource, pointer: &str| read_with_retry(|| source.read(pointer, input.max_triangles, stop), stop);
+    opened_with(&read, input, cells, stop)
+}
+
+/// Reads the meshes of a job with `read` and builds its cell, or takes it from `cells`, until `stop` returns true.
+pub(super) fn opened_with(
+    read: &MeshReader<'_>,
+    input: &JobInput,
+    cells: &KeptCells,
+    stop: &dyn Fn() -> bool,
+) -> Result<(JobMeshes, JobHardware), JobError> {
     let mesh = read(&input.mesh, "/mesh_id")?;
     let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
-    let library = JobLibrary { input, stop };
+    let library = JobLibrary { input, read, unavailable: RefCell::default() };
     let hardware = match &input.cell {
         Some(cell) => {
             let built = cells.built(cell, &input.body_meshes, &library);
             // After a cancellation, an unread mesh of a body is not an error of the cell.
             if stop() {
                 return Err(JobError::Cancelled);
+            }
+            // Nor is one that cannot be read at the moment.
+            if let Some(reason) = library.unavailable.take() {
+                return Err(JobError::Unavailable(reason));
             }
             JobHardware::Cell(built.map_err(|errors| below("/cell", errors))?)
         }
@@ -266,8 +284,9 @@ fn blamed(job: &PlanJob<'_>, errors: Vec<FieldError>, ctx: &Context<'_>) -> JobE
 /// version does not change accepted jobs.
 struct JobLibrary<'a> {
     input: &'a JobInput,
-    /// Returns true to stop reading.
-    stop: &'a dyn Fn() -> bool,
+    read: &'a MeshReader<'a>,
+    /// Reason for which a mesh is temporarily unreadable, if one is.
+    unavailable: RefCell<Option<String>>,
 }
 
 impl SpecLibrary for JobLibrary<'_> {
@@ -289,8 +308,12 @@ impl SpecLibrary for JobLibrary<'_> {
 
     fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
         let source = self.input.body_meshes.get(name).ok_or(NotFound::Unknown)?;
-        let read = source.read_with_retry("/cell", self.input.max_triangles, self.stop);
-        read.map(Arc::new).map_err(|error| NotFound::Unusable(error.to_string()))
+        (self.read)(source, "/cell").map(Arc::new).map_err(|error| {
+            if let JobError::Unavailable(reason) = &error {
+                self.unavailable.replace(Some(reason.clone()));
+            }
+            NotFound::Unusable(error.to_string())
+        })
     }
 
     fn names(&self, _: SpecKind) -> Vec<String> {

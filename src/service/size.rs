@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::cells::KeptCells;
-use super::planner::{JobError, JobInput, opened};
+use super::planner::{JobError, JobInput, MeshSource, opened_with};
 use crate::planning::{Estimate, PlanInput};
 
 /// Memory and time that a job takes.
@@ -26,9 +26,11 @@ impl JobSize {
     pub const NOTHING: Self = Self { core_secs: 0.0, bytes: 0.0 };
 }
 
-/// Size of a job on `threads` threads: reads its meshes and builds its cell unless `cells` has it; stops once `stop` returns true.
+/// Size of a job on `threads` threads: reads its meshes and builds its cell unless `cells` has it; stops once `stop` returns true. A mesh
+/// that is temporarily unreadable is not waited for, since other jobs wait for the size.
 pub(super) fn size_of(input: &JobInput, cells: &KeptCells, threads: usize, stop: &dyn Fn() -> bool) -> JobSize {
-    let (part, hardware) = match opened(input, cells, stop) {
+    let read = |source: &MeshSource, pointer: &str| source.read(pointer, input.max_triangles, stop);
+    let (part, hardware) = match opened_with(&read, input, cells, stop) {
         Ok(opened) => opened,
         Err(JobError::Cancelled | JobError::Unavailable(_)) => return JobSize::UNKNOWN,
         Err(JobError::BadInput(_) | JobError::PartRefused { .. } | JobError::NoPlan { .. } | JobError::Damaged(_)) => {
@@ -47,3 +49,6 @@ pub(super) fn size_of(input: &JobInput, cells: &KeptCells, threads: usize, stop:
     let estimate = Estimate::of(&plan, &params, threads);
     JobSize { core_secs: estimate.core_secs.sum(), bytes: estimate.bytes.sum() }
 }
+
+#[cfg(test)]
+mod tests;

@@ -129,7 +129,7 @@ impl App {
     pub async fn delete_spec(&self, collection: SpecCollection, name: &str, only_if: Precondition) -> Result<(), Error> {
         refuse_preset(collection, name)?;
         let (app, name) = (self.clone(), name.to_owned());
-        self.run_to_completion(async move { app.0.store.delete_spec(collection, &name, &only_if).await }).await
+        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_spec(collection, &name, &only_if)).await }).await
     }
 }
 

@@ -16,7 +16,7 @@ use super::library::Library;
 use super::planner::{JobInput, MeshSource};
 use super::rescan_job::RescanJob;
 use super::store::{Attempt, Files, IdempotencyKey, JobQuery, MeshFile, NewJob, Page, blocking, read_leniently};
-use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, SpecKind, SpecLibrary, did_you_mean};
+use crate::cell::{CellSpec, FieldError, Named, NotFound, ScannerSpec, SpecKind, SpecLibrary, did_you_mean};
 use crate::planning::params::RescanParams;
 use crate::wire::inspection::{InspectionJob, RescanState};
 use crate::wire::part_size::SizeLimits;
@@ -153,7 +153,8 @@ impl App {
             return Ok(answer);
         }
         let resolve = move |library: &Library| {
-            let (mut input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
+            let (mut input, meshes) =
+                resolve(&request, library).map_err(|errors| Error::Invalid(errors.into_iter().map(of_scanned_job).collect()))?;
             input.rescan = Some(rescan);
             Resolved::new(request, &input, meshes)
         };
@@ -236,6 +237,15 @@ impl App {
     }
 }
 
+/// A finding on the job that was scanned, whose fields the request for further views does not have.
+fn of_scanned_job(error: FieldError) -> FieldError {
+    let FieldError { pointer, detail } = error;
+    FieldError {
+        pointer: String::new(),
+        detail: format!("{} of the job that was scanned {detail}", pointer.trim_start_matches('/')),
+    }
+}
+
 /// Resolves and checks everything that the requests of a batch name; findings of all of them together.
 fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<Resolved>, Error> {
     let (mut resolved, mut errors) = (Vec::with_capacity(jobs.len()), Vec::new());
@@ -260,7 +270,7 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
         let _ = lookup.scanner(&request.scanner);
     }
     let scanner = match &cell {
-        Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name).ok()),
+        Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name)),
         None => lookup.scanner(&request.scanner),
     };
     // Without a cell, the scanner's body is kept with the job all the same.
@@ -343,24 +353,32 @@ impl<'a> Lookup<'a> {
         pointer: &str,
         named: &Named<T>,
         kind: SpecKind,
-        stored: impl Fn(&str) -> Option<T>,
+        stored: impl Fn(&str) -> Result<T, NotFound>,
     ) -> Option<T> {
         let name = match named {
             Named::Inline(spec) => return Some((**spec).clone()),
             Named::Name(name) => name,
         };
-        let found = stored(name);
-        if found.is_none() {
-            let names = self.library.names(kind);
-            let question = did_you_mean(name, names.iter().map(String::as_str));
-            let known = names.join(", ");
-            self.refuse(pointer, format!("no {} is named {name:?}; known names are {known}{question}", kind.as_str()));
-        }
-        found
+        let kind_name = kind.as_str();
+        let detail = match stored(name) {
+            Ok(spec) => return Some(spec),
+            Err(NotFound::Unknown) => {
+                let names = self.library.names(kind);
+                let question = did_you_mean(name, names.iter().map(String::as_str));
+                format!("no {kind_name} is named {name:?}; known names are {}{question}", names.join(", "))
+            }
+            Err(NotFound::Unusable(reason)) => {
+                format!(
+                    "the stored {kind_name} {name:?} cannot be used: {reason}; store it again with PUT /api/v1/{kind_name}s/{name}"
+                )
+            }
+        };
+        self.refuse(pointer, detail);
+        None
     }
 
     fn scanner(&mut self, named: &Named<ScannerSpec>) -> Option<ScannerSpec> {
-        let spec = self.find("/scanner", named, SpecKind::Scanner, |name| self.library.scanner(name).ok())?;
+        let spec = self.find("/scanner", named, SpecKind::Scanner, |name| self.library.scanner(name))?;
         self.built("/scanner", spec.build()).map(|_| spec)
     }
 
@@ -370,7 +388,7 @@ impl<'a> Lookup<'a> {
             return None;
         }
         let library = self.library;
-        let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name).ok())?;
+        let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name))?;
         cell.inline_devices(library);
         self.built_cell = Some(self.built("/cell", library.built(&cell))?);
         Some(cell)
@@ -412,3 +430,6 @@ pub(super) fn job_input(attempt: &Attempt, files: &Files, max_triangles: usize) 
         accepted_at: Some(attempt.created_at.clone()),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -171,7 +171,8 @@ pub(in crate::http) async fn result(
 
 /// Get the calibrated cell
 ///
-/// The cell that was observed with the poses that were found and their provenance, for `PUT /cells/{name}`.
+/// The cell that was observed with the poses that were found and their provenance, for `PUT /cells/{name}`. A preset cannot be replaced:
+/// its name is followed by `-calibrated`.
 #[utoipa::path(
     get,
     path = "/calibrations/{id}/cell",

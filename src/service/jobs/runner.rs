@@ -1,4 +1,5 @@
-//! The planning pool, and its running jobs.
+//! The planning pool, and its running jobs. A pool has one task at a time: a worker that waits for a part of its task takes up whatever
+//! else is in its pool, and would come back to the first task only at the end of the other.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -85,19 +86,26 @@ impl JobRunner {
         self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs `work` on the planning pool, and waits for it.
-    pub(in crate::service) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        self.pool.install(work)
+    /// A pool for one task beside the jobs, with as many threads as the planning pool; `None` where the machine has no threads left.
+    fn own_pool(&self) -> Option<rayon::ThreadPool> {
+        let pool = planning_threads(self.pool.current_num_threads());
+        pool.inspect_err(|error| tracing::warn!(%error, "no threads can be started; the task is left to the planning pool")).ok()
     }
 
-    /// Runs `work` on a thread of the planning pool; an error if it panics.
+    /// Runs `work` on threads of its own, and waits for it.
+    pub(in crate::service) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.own_pool().as_ref().unwrap_or(&self.pool).install(work)
+    }
+
+    /// Runs `work` on threads of its own; an error if it panics.
     pub(in crate::service) async fn compute<T: Send + 'static>(
         &self,
         cancel: Arc<AtomicBool>,
         work: impl FnOnce(&Context<'_>) -> T + Send + 'static,
     ) -> Result<T, String> {
         let (sender, receiver) = oneshot::channel();
-        self.pool.spawn(move || {
+        let own = self.own_pool();
+        own.as_ref().unwrap_or(&self.pool).spawn(move || {
             // Unwind safe: nothing that the closure uses is used again after a panic.
             let result = catch_unwind(AssertUnwindSafe(|| work(&Context::new(&cancel, &Silent))));
             // The receiver is gone when the process stops.
@@ -183,3 +191,6 @@ fn lower_priority() {
         tracing::debug!(%error, "the priority of a planning thread cannot be lowered");
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -140,7 +140,7 @@ impl App {
     pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            if let Some(event) = app.0.store.delete_run(id).await? {
+            if let Some(event) = app.freeing(|| app.0.store.delete_run(id)).await? {
                 app.0.runs.publish(event);
             }
             let folder = app.audit_folder(id);

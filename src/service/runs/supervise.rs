@@ -51,6 +51,8 @@ impl FlagOf {
 
 impl Drop for FlagOf {
     fn drop(&mut self) {
+        // Nobody waits for that work any more, and its task may not have come to raise the flag.
+        self.0.store(true, Ordering::Relaxed);
         self.1.abort();
     }
 }
@@ -121,8 +123,11 @@ impl Supervisor {
     /// Stores what the session tells until its end.
     async fn follow(&mut self, handle: &RunHandle) {
         let stopping = self.app.stopping();
-        let (mut last_id, mut live) = (0, self.replayed(handle, 0).await.1);
-        let mut is_stopping = false;
+        let (mut last_id, mut is_stopping) = (0, false);
+        let (is_over, mut live) = self.replayed(handle, 0).await;
+        if is_over {
+            return;
+        }
         while !self.run.state.is_ended() {
             let told = tokio::select! {
                 told = live.recv() => told,
@@ -228,15 +233,27 @@ impl Supervisor {
         }
     }
 
-    /// Stores the run as it stands, and tells those who follow it.
+    /// Stores the run as it stands, and tells those who follow it. While the store is temporarily unavailable, its end is tried again;
+    /// a change before that is not, since a stop must not wait for it, and the next change stores as much.
     async fn store(&mut self, kind: RunEventKind, steps: &[StepRecord]) {
         let rows: Vec<RunStepRecord> = steps.iter().map(RunStepRecord::from).collect();
-        match self.app.0.store.update_run(&mut self.run, kind, (self.stored_steps, &rows)).await {
-            Ok(Some(event)) => {
+        let (store, rows, first) = (&self.app.0.store, &rows, self.stored_steps);
+        let update = || {
+            let mut run = self.run.clone();
+            async move { store.update_run(&mut run, kind, (first, rows)).await.map(|event| (run, event)) }
+        };
+        let stored = if self.run.state.is_ended() {
+            self.app.retried("storing the end of a run", || false, update).await
+        } else {
+            update().await
+        };
+        match stored {
+            Ok((run, Some(event))) => {
+                self.run = run;
                 self.stored_steps += rows.len();
                 self.app.0.runs.publish(event);
             }
-            Ok(None) => {}
+            Ok((_, None)) => {}
             Err(error) => warn(&self.run, "storing the run", Err(error)),
         }
     }
@@ -279,3 +296,6 @@ fn warn(run: &Run, what: &str, result: Result<(), Error>) {
         tracing::error!(run = %run.id, error = &error as &dyn std::error::Error, "{what} failed");
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -32,6 +32,9 @@ pub enum BackupError {
     /// The folder is not that of a store.
     #[error("{0} is not the folder of a store: it has no vantage.db")]
     NoStore(PathBuf),
+    /// The target folder of a backup is the store itself.
+    #[error("{0} is the folder of the store itself; choose another folder for the backup")]
+    OntoItself(PathBuf),
     /// The target folder of a restore is not empty.
     #[error("{0} is not empty; restore into a new folder")]
     NotEmpty(PathBuf),
@@ -83,12 +86,17 @@ pub async fn backup(data: &Path, to: &Path) -> Result<BackupReport, BackupError>
     }
     let mut source = open_database(&connect_options(&database), &database).await?;
     let id = id_of(&mut source).await?;
+    fs::create_dir_all(to).map_err(at(to))?;
+    if fs::canonicalize(to).map_err(at(to))? == fs::canonicalize(data).map_err(at(data))? {
+        return Err(BackupError::OntoItself(to.to_owned()));
+    }
+    // Against another backup into the folder, and a server whose store it is.
+    let _in_use = lock(to)?;
     if let (Some(there), Some(id)) = (identity::read(to).map_err(at(to))?, &id)
         && there != *id
     {
         return Err(BackupError::OtherStore(to.to_owned()));
     }
-    fs::create_dir_all(to).map_err(at(to))?;
     let (from, into, mut report) = (Files::at(data), Files::at(to), BackupReport::default());
     for _ in 0..MAX_ROUNDS {
         let snapshot = to.join("snapshot.db");

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant, SystemTime};
 use sha2::{Digest, Sha256};
 use tempfile::{NamedTempFile, TempPath};
 
-use crate::service::error::Error;
+use crate::service::error::{Error, is_read_failure};
 use crate::service::failpoint;
 use crate::wire::hex;
 
@@ -135,7 +135,7 @@ impl Files {
         self.files.join(sha256.get(..2).unwrap_or_default()).join(sha256)
     }
 
-    /// Opens a file for reading, after its bytes were compared with its hash.
+    /// Opens a file for reading, after its bytes were compared with its hash. One whose bytes the disk does not give back is damaged too.
     pub(crate) fn open_checked(&self, sha256: &str) -> Result<File, Error> {
         let damaged = |missing| Error::FileDamaged { sha256: sha256.to_owned(), missing };
         let mut file = match File::open(self.path(sha256)) {
@@ -147,9 +147,14 @@ impl Files {
         if self.is_checked(sha256, &now) {
             return Ok(file);
         }
-        if hash_of(&mut file)? != sha256 {
-            self.lock().remove(sha256);
-            return Err(damaged(false));
+        match hash_of(&mut file) {
+            Ok(found) if found == sha256 => {}
+            // A sector that cannot be read stays so until the file is written anew.
+            Err(error) if !is_read_failure(&error) => return Err(error.into()),
+            Ok(_) | Err(_) => {
+                self.lock().remove(sha256);
+                return Err(damaged(false));
+            }
         }
         io::Seek::rewind(&mut file)?;
         let mut checked = self.lock();

@@ -123,8 +123,9 @@ impl Store {
         if updated.rows_affected() == 0 { Err(Error::MeshNotFound(id)) } else { Ok(sha256) }
     }
 
-    /// Deletes a mesh that no unfinished job needs and no stored specification names. Its file stays as long as a job that read it.
-    pub(crate) async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
+    /// Deletes a mesh that no unfinished job needs and no stored specification names, unless it was uploaded in the last `min_days` days:
+    /// then it is not found. Its file stays as long as a job that read it.
+    pub(crate) async fn delete_mesh(&self, id: MeshId, min_days: u32) -> Result<(), Error> {
         let orphans = {
             let mut tx = self.writer.begin().await?;
             let in_use: bool = sqlx::query_scalar(
@@ -147,11 +148,16 @@ impl Store {
             if let Some(spec) = named {
                 return Err(Error::MeshInSpec { mesh: id, kind: spec.try_get("kind")?, name: spec.try_get("name")? });
             }
-            let row = sqlx::query("DELETE FROM mesh WHERE id = ?1 RETURNING sha256, preview")
-                .bind(id.to_string())
-                .fetch_optional(&mut *tx)
-                .await?
-                .ok_or(Error::MeshNotFound(id))?;
+            let row = sqlx::query(
+                "DELETE FROM mesh WHERE id = ?1
+                    AND (?2 = 0 OR created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?2 || ' days'))
+                 RETURNING sha256, preview",
+            )
+            .bind(id.to_string())
+            .bind(min_days)
+            .fetch_optional(&mut *tx)
+            .await?
+            .ok_or(Error::MeshNotFound(id))?;
             tx.commit().await?;
             let preview: Option<String> = row.try_get("preview")?;
             preview.into_iter().chain([row.try_get::<String, _>("sha256")?]).collect()

@@ -131,8 +131,10 @@ impl Store {
         }
     }
 
-    /// Compares every file that rows refer to with its hash, at a tenth of the disk's bandwidth.
+    /// Compares every file that rows refer to with its hash, at a tenth of the disk's bandwidth. An error at one of them is returned once
+    /// the others are checked.
     pub(crate) async fn scrub_files(&self) -> Result<(), Error> {
+        let mut scrubbed = Ok(());
         for sha256 in self.referenced_files().await? {
             let (files, hash) = (self.files.clone(), sha256.clone());
             let began = Instant::now();
@@ -142,13 +144,13 @@ impl Store {
                 Err(Error::FileDamaged { missing, .. }) => {
                     // The file may have been deleted since it was listed.
                     let is_referenced = self.is_referenced(&sha256).await?;
-                    let reason = if missing { MISSING } else { "has bytes that do not match its hash" };
+                    let reason = if missing { MISSING } else { "has bytes that cannot be read or do not match its hash" };
                     self.damage.set(format!("file {sha256}"), is_referenced.then(|| reason.to_owned()));
                 }
-                Err(error) => return Err(error),
+                Err(error) => scrubbed = scrubbed.and(Err(error)),
             }
             tokio::time::sleep(began.elapsed() * PAUSE_PER_READ).await;
         }
-        Ok(())
+        scrubbed
     }
 }

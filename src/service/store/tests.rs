@@ -6,6 +6,8 @@ mod retention;
 mod summary;
 mod upgrade;
 
+use sqlx::{QueryBuilder, Sqlite};
+
 use super::*;
 use crate::service::planner::Artifact;
 use crate::service::store::specs::Precondition;
@@ -66,6 +68,20 @@ impl Store {
             }
         }
         Ok(None)
+    }
+
+    /// Lets the disk be full at the next change such as `UPDATE ON run`, once: what a full disk refuses closes the connection, and the
+    /// trigger with it.
+    pub(in crate::service) async fn fill_disk_at(&self, change: &str) {
+        let mut tx = self.writer.begin().await.expect("a transaction");
+        let pages: i64 = sqlx::query_scalar("PRAGMA page_count").fetch_one(&mut *tx).await.expect("a number");
+        let limit = format!("PRAGMA max_page_count = {}", pages + 100);
+        let grow = "INSERT INTO run_event (run_id, body) VALUES ('', hex(zeroblob(1000000)))";
+        let trigger = format!("CREATE TEMP TRIGGER out_of_room AFTER {change} BEGIN {grow}; END");
+        for statement in [limit, trigger] {
+            QueryBuilder::<Sqlite>::new(statement).build().execute(&mut *tx).await.expect("done");
+        }
+        tx.commit().await.expect("committed");
     }
 
     /// Inserts a job of its own.
@@ -192,14 +208,14 @@ async fn files_live_as_long_as_something_names_them() {
     let store = &opened.store;
     let mesh = add_mesh(store, b"one").await.id;
     let (a, b) = (submit(store, mesh).await, submit(store, mesh).await);
-    assert!(matches!(store.delete_mesh(mesh).await, Err(Error::MeshInUse(_))));
+    assert!(matches!(store.delete_mesh(mesh, 0).await, Err(Error::MeshInUse(_))));
     for id in [a, b] {
         assert!(matches!(store.delete_job(id, "hold", None).await, Err(Error::JobNotEnded { .. })));
         store.claim_next().await.expect("the queue").expect("a job");
         succeed(store, id, vec![("plan.json", b"shared".to_vec()), ("report.txt", id.to_string().into_bytes())]).await;
     }
     assert_eq!(stored_files(&opened), 4);
-    store.delete_mesh(mesh).await.expect("free");
+    store.delete_mesh(mesh, 0).await.expect("free");
     assert_eq!(stored_files(&opened), 4, "the jobs' inspections and runs read the file of the mesh");
     store.delete_job(a, "hold", None).await.expect("ended");
     assert_eq!(stored_files(&opened), 3);

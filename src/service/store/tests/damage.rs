@@ -164,6 +164,30 @@ async fn a_damaged_file_is_not_given_out_and_is_healed_by_the_same_upload() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[tokio::test]
+async fn a_file_that_the_disk_does_not_give_back_is_damaged_and_the_others_are_checked_all_the_same() {
+    let opened = open().await;
+    let store = &opened.store;
+    let (bad, other, gone) = (add_mesh(store, b"one").await, add_mesh(store, b"two").await, add_mesh(store, b"three").await);
+    let path = |mesh: &UploadedMesh| store.files().path(&mesh.sha256);
+    for mesh in [&bad, &other, &gone] {
+        std::fs::remove_file(path(mesh)).expect("gone");
+    }
+    // Reading it fails with EIO: nothing lies at the first address of a process.
+    std::os::unix::fs::symlink("/proc/self/mem", path(&bad)).expect("a link");
+    // Reading it fails with another error, of which nothing is known.
+    std::fs::create_dir(path(&other)).expect("a folder");
+    store.scrub_files().await.expect_err("one cannot be checked");
+    let damaged: Vec<String> = store.damage().into_iter().map(|damage| damage.name).collect();
+    let mut wanted = [&bad, &gone].map(|mesh| format!("file {}", mesh.sha256));
+    wanted.sort();
+    assert_eq!(damaged, wanted);
+    assert!(matches!(store.files().read(&bad.sha256), Err(Error::FileDamaged { missing: false, .. })));
+    assert_eq!(add_mesh(store, b"one").await.id, bad.id);
+    assert_eq!(store.files().read(&bad.sha256).expect("healed"), b"one");
+}
+
 #[tokio::test]
 async fn damage_to_what_was_deleted_and_files_that_are_there_again_are_forgotten() {
     let opened = open().await;
@@ -176,7 +200,7 @@ async fn damage_to_what_was_deleted_and_files_that_are_there_again_are_forgotten
     sqlx::query(unreadable).bind(deleted.id.to_string()).execute(&store.reader).await.expect("damaged");
     store.scrub_rows().await.expect("a look");
     assert_eq!(store.damage().len(), 3);
-    store.delete_mesh(deleted.id).await.expect("free");
+    store.delete_mesh(deleted.id, 0).await.expect("free");
     store.scrub_rows().await.expect("a look");
     assert_eq!(store.damage().iter().map(|damage| damage.name.clone()).collect::<Vec<_>>(), [format!("file {}", kept.sha256)]);
     std::fs::write(store.files().path(&kept.sha256), b"one").expect("put back");
@@ -211,7 +235,7 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
     assert_eq!((report.files, report.copied), (3, 3));
 
     // After a deletion and an upload, only the new file is copied, and the deleted one is removed.
-    store.delete_mesh(other.id).await.expect("deleted");
+    store.delete_mesh(other.id, 0).await.expect("deleted");
     let third = add_mesh(store, b"three").await;
     let report = backup(opened.folder.path(), &backup_dir).await.expect("a backup");
     assert_eq!((report.files, report.copied), (3, 1));
@@ -227,6 +251,26 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
     assert!(matches!(restore(&to.path().join("nothing"), &restored).await, Err(BackupError::NoStore(_))));
     let foreign = open().await;
     assert!(matches!(backup(foreign.folder.path(), &backup_dir).await, Err(BackupError::OtherStore(_))));
+}
+
+#[tokio::test]
+async fn a_backup_goes_neither_onto_its_store_nor_into_a_folder_in_use() {
+    let opened = open().await;
+    let data = opened.folder.path();
+    for same in [data.to_owned(), data.join("files/..")] {
+        let refused = backup(data, &same).await.expect_err("itself");
+        assert!(
+            matches!(refused, BackupError::OntoItself(_)) && refused.to_string().contains("choose another folder"),
+            "{refused}"
+        );
+    }
+    let to = tempfile::tempdir().expect("a folder");
+    backup(data, to.path()).await.expect("a backup");
+    let live = Store::open(to.path()).await.expect("a store");
+    assert!(matches!(backup(data, to.path()).await, Err(BackupError::Open(OpenError::InUse(_)))));
+    live.close().await.expect("closed");
+    drop(live);
+    backup(data, to.path()).await.expect("free again");
 }
 
 #[tokio::test]

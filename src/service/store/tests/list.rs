@@ -228,7 +228,7 @@ async fn the_part_of_the_examples_has_its_id_in_whichever_unit_it_comes_first() 
     assert_eq!(add("inch").await.id, MeshId::EXAMPLE);
     assert_ne!(add("mm").await.id, MeshId::EXAMPLE);
     assert_eq!(add("inch").await.id, MeshId::EXAMPLE, "uploaded again");
-    store.delete_mesh(MeshId::EXAMPLE).await.expect("free");
+    store.delete_mesh(MeshId::EXAMPLE, 0).await.expect("free");
     assert_eq!(add("cm").await.id, MeshId::EXAMPLE);
     // Its digest stands beside it.
     let digest = <sha2::Sha256 as sha2::Digest>::digest(crate::wire::example::MESH);

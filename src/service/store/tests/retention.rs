@@ -75,8 +75,11 @@ async fn only_meshes_that_nothing_names_are_unused() {
     let back = "UPDATE mesh SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 days')";
     sqlx::query(back).execute(&store.reader).await.expect("days pass");
     assert_eq!(store.due(&policy).await.expect("a list").meshes, [(unused, 5)]);
-    assert!(matches!(store.delete_mesh(named).await, Err(Error::MeshInSpec { name, .. }) if name == "c"));
-    // Uploaded again, it is as new.
+    assert!(matches!(store.delete_mesh(named, 0).await, Err(Error::MeshInSpec { name, .. }) if name == "c"));
+    // Uploaded again, it is as new, also for a policy that has just found it unused.
     assert_eq!(add_mesh(store, b"three").await.id, unused);
     assert_eq!(store.due(&policy).await.expect("a list").meshes, []);
+    assert!(matches!(store.delete_mesh(unused, 2).await, Err(Error::MeshNotFound(_))));
+    sqlx::query(back).execute(&store.reader).await.expect("days pass");
+    store.delete_mesh(unused, 2).await.expect("unused again");
 }

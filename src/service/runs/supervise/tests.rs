@@ -1,0 +1,62 @@
+//! Ends of runs while the disk is full, and of the work for them.
+
+use super::*;
+use crate::cell::Configuration;
+use crate::program::Program;
+use crate::service::tests::service;
+use crate::wire::JobId;
+use crate::wire::run::RunRequest;
+
+async fn supervisor(app: &App) -> Supervisor {
+    let program = Program {
+        plan_sha256: String::new(),
+        setup: 0,
+        calibration: None,
+        robot: String::new(),
+        turntable: String::new(),
+        home_rad: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+        steps: Vec::new(),
+        cycle_secs: 0.0,
+    };
+    let run = Run::new(&RunRequest::new(JobId::generate()), None, "cell", &program, "");
+    let open = app.0.runs.enter(run.id, &run.cell, run.mode).expect("free");
+    let (run, _) = app.0.store.insert_run(&run, 1).await.expect("stored");
+    Supervisor { app: app.clone(), run, open, stored_steps: 0 }
+}
+
+#[tokio::test]
+async fn an_end_is_stored_once_the_disk_has_room_and_a_run_is_deleted_on_what_is_kept_for_it() {
+    let (app, folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    let id = supervisor.run.id;
+    app.0.store.fill_disk_at("UPDATE ON run WHEN NEW.state = 'failed'").await;
+    supervisor.end_early((ReportedState::Failed, ReportedReason::NotAllowed, None)).await;
+    let run = app.run(id).await.expect("it");
+    assert_eq!((run.state, run.reason), (ReportedState::Failed, ReportedReason::NotAllowed));
+    assert!(run.ended_at.is_some() && run.ended_at == supervisor.run.ended_at);
+    std::fs::write(folder.path().join("reserve"), b"room").expect("a file");
+    app.0.store.fill_disk_at("DELETE ON run").await;
+    app.delete_run(id).await.expect("deleted");
+}
+
+/// A stop waits for no store: the session's next change tells as much.
+#[tokio::test]
+async fn a_change_before_the_end_is_not_tried_again() {
+    let (app, _folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    app.0.store.fill_disk_at("UPDATE ON run WHEN NEW.state = 'ready'").await;
+    supervisor.run.state = ReportedState::Ready;
+    supervisor.store(RunEventKind::State, &[]).await;
+    assert_eq!(app.run(supervisor.run.id).await.expect("it").state, ReportedState::Preparing);
+    supervisor.store(RunEventKind::State, &[]).await;
+    assert_eq!(app.run(supervisor.run.id).await.expect("it").state, ReportedState::Ready);
+}
+
+#[tokio::test]
+async fn work_that_nobody_waits_for_is_stopped() {
+    let flag = FlagOf::new(CancellationToken::new());
+    let raised = Arc::clone(&flag.0);
+    assert!(!raised.load(Ordering::Relaxed));
+    drop(flag);
+    assert!(raised.load(Ordering::Relaxed));
+}
