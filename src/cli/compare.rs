@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::pool;
-use super::scanned_part::{ScannedPartArgs, read_state, with_sets};
+use super::scanned_part::{RecordArgs, ScannedPartArgs, read_state, with_sets};
 use super::{CliError, files, output};
 use crate::geometry::LengthUnit;
 use crate::inspection::InspectionParams;
@@ -37,6 +37,8 @@ Exit codes: 0 success, 1 system error, 2 bad input, 4 interrupted.")]
 pub struct CompareArgs {
     #[command(flatten)]
     part: ScannedPartArgs,
+    #[command(flatten)]
+    run: RecordArgs,
     /// Scans: files, or folders of files.
     #[arg(required = true, value_name = "SCANS")]
     scans: Vec<PathBuf>,
@@ -68,11 +70,12 @@ pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let params: InspectionParams = with_sets(&args.sets)?;
     params.check().map_err(|errors| files::findings("parameters", &errors))?;
     let scans = sources(args)?;
+    let record = args.run.load()?;
     let before = args.after.as_deref().map(read_state).transpose()?;
     let folder = OutputFolder::prepare(&args.out, OutputWriter::Inspection, &INSPECTION_FILES)?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
-    let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record: scanned.record.clone(), before };
+    let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before };
     let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
     let inspected = pool.install(|| job.inspect(&scanned.part(), &progress, &Context::new(cancel, &Silent)));
     let inspected = inspected.map_err(to_cli_error)?;

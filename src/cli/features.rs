@@ -56,6 +56,10 @@ fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
     if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(&column.as_str())) {
         return Err(format!("has a column {unknown:?}; allowed are {}", COLUMNS.join(", ")));
     }
+    if let Some(twice) = columns.iter().enumerate().find(|(at, column)| columns[..*at].contains(column)).map(|(_, column)| column)
+    {
+        return Err(format!("has the column {twice:?} twice"));
+    }
     let mut lines = lines.peekable();
     lines.peek().ok_or("has no line below the one that names the columns: no feature")?;
     lines.map(|(number, line)| feature(&columns, line).map_err(|error| format!("line {number}: {error}"))).collect()

@@ -265,6 +265,9 @@ impl OutputFolder {
                 match recorded.is_empty() {
                     true if !old.has_record && is_program_text(&bytes) => None,
                     true => Some(format!("{name} (not written by Vantage)")),
+                    false if self.writer == OutputWriter::Program && is_of_plan_alone(name) => {
+                        Some(format!("{name} (a result of `vantage plan`)"))
+                    }
                     false if recorded.iter().any(|file| file.sha256 == sha256(&bytes)) => None,
                     false => Some(format!("{name} (changed since Vantage wrote it)")),
                 }
@@ -412,6 +415,14 @@ pub(super) fn programs(setups: usize, takes: impl Fn(Dialect) -> bool) -> Vec<St
         extensions.iter().map(move |extension| format!("{stem}.{extension}"))
     };
     (0..setups).flat_map(of_setup).collect()
+}
+
+/// Returns true for the name of a plan's file that is not a program for a controller.
+fn is_of_plan_alone(name: &str) -> bool {
+    let has_name = |known: &[&str]| known.contains(&name);
+    has_name(&FILES_OF_EVERY_PLAN)
+        || has_name(&FILES_OF_SOME_PLANS)
+        || programs(MAX_SETUPS, |_| false).iter().any(|program| program == name)
 }
 
 fn is_plan(bytes: &[u8]) -> bool {

@@ -165,6 +165,13 @@ struct ErrorLine<'a> {
     errors: &'a [FileFinding],
 }
 
+/// Prints the error of one part of several to standard error, with `--quiet` too; nothing with `--json`, where its line has it.
+pub(super) fn error_of_part(line: impl Display) {
+    if !is_json() {
+        to_stderr(&line.to_string());
+    }
+}
+
 /// Prints the error that ends the command to standard error.
 pub(super) fn error(error: &CliError) {
     if !is_json() {

@@ -81,7 +81,7 @@ fn plan_part(planner: &PartPlanner<'_>, mesh: &Path, folder: &OutputFolder) -> P
         let (mesh, error) = (mesh.display().to_string(), error.to_string());
         // Most errors name the file.
         let named = if error.contains(&mesh) { error } else { format!("{mesh}: {error}") };
-        output::note(format_args!("error: {named}"));
+        output::error_of_part(format_args!("error: {named}"));
     }
     let artifacts = planned.as_ref().map_or(&[][..], |planned| &planned.artifacts);
     let printed = match planner.args.json {
@@ -198,14 +198,16 @@ fn worst(rows: &[PartRow]) -> Result<(), CliError> {
         rows.iter().filter(|row| row.error.is_some()).map(|row| format!("{} ({})", row.mesh.display(), row.result())).collect();
     let detail = format!("{} of {} parts failed: {}", failed.len(), rows.len(), failed.join(", "));
     let worst = rows.iter().filter_map(|row| row.error.as_ref()).max_by_key(|error| match error {
-        CliError::NoPlan(_) | CliError::RegionsUnmet(_) | CliError::NotCalibrated(_) => 0,
-        CliError::BadInput(_) | CliError::Findings(_) => 1,
-        CliError::Failed(_) => 2,
-        CliError::Cancelled(_) => 3,
+        CliError::RegionsUnmet(_) => 0,
+        CliError::NoPlan(_) | CliError::NotCalibrated(_) => 1,
+        CliError::BadInput(_) | CliError::Findings(_) => 2,
+        CliError::Failed(_) => 3,
+        CliError::Cancelled(_) => 4,
     });
     Err(match worst {
         None => return Ok(()),
-        Some(CliError::NoPlan(_) | CliError::RegionsUnmet(_) | CliError::NotCalibrated(_)) => CliError::NoPlan(detail),
+        Some(CliError::RegionsUnmet(_)) => CliError::RegionsUnmet(detail),
+        Some(CliError::NoPlan(_) | CliError::NotCalibrated(_)) => CliError::NoPlan(detail),
         Some(CliError::BadInput(_) | CliError::Findings(_)) => CliError::BadInput(detail),
         Some(CliError::Failed(_)) => CliError::Failed(detail),
         Some(CliError::Cancelled(_)) => CliError::Cancelled(detail),

@@ -58,6 +58,13 @@ pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let state = read_state(&args.inspection)?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
+    // The state of a later round is that of several plans.
+    if state.rounds == 0 && state.plan_sha256 != scanned.plan_sha256 {
+        return Err(CliError::BadInput(format!(
+            "{}: its inspection is of another plan\n  → name the plan that `vantage compare` was given",
+            args.inspection.display()
+        )));
+    }
     let setups = scanned.plan.setups.len().max(1);
     let names: Vec<String> =
         scanned.cell.as_ref().map_or_else(Vec::new, |cell| programs(setups, |dialect| cell.robot.takes(dialect)));

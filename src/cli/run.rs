@@ -286,10 +286,11 @@ impl PreparedRun {
         let heart = tokio::spawn(beat(leases, self.cell.name.clone(), token, handle.clone()));
         let lines = if args.step { Some(lines_of_stdin()?) } else { None };
         let watch = RunWatch::new(handle.clone(), self.job.program(), stop.clone(), token, lines);
-        watch.until_the_end().await;
+        let gave_up = watch.until_the_end().await;
         let record = handle.ended().await;
         heart.abort();
-        RunOutcome::new(self.run, &self.cell, &self.reference, &record)
+        let outcome = RunOutcome::new(self.run, &self.cell, &self.reference, &record)?;
+        Ok(RunOutcome { gave_up, ..outcome })
     }
 }
 

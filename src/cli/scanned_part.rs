@@ -42,9 +42,21 @@ pub(super) struct ScannedPartArgs {
     /// Scanner of a plan without a cell: name of a preset, or a file [default: the preset that the plan names].
     #[arg(long)]
     scanner: Option<String>,
+}
+
+/// The run in which the scans are taken.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct RecordArgs {
     /// Record of the run in which the scans are taken (`vantage run --record`): its measured poses count in place of the plan's.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+}
+
+impl RecordArgs {
+    /// Reads the record, where there is one.
+    pub(super) fn load(&self) -> Result<Option<RunRecordDocument>, CliError> {
+        self.record.as_deref().map(read_record).transpose()
+    }
 }
 
 /// A plan that was read, with part and hardware.
@@ -57,7 +69,6 @@ pub(super) struct ScannedPart {
     pub(super) name: String,
     pub(super) scanner: Scanner,
     pub(super) cell: Option<Cell>,
-    pub(super) record: Option<RunRecordDocument>,
 }
 
 impl ScannedPartArgs {
@@ -83,7 +94,6 @@ impl ScannedPartArgs {
         let name = self.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let scanned = ScannedPart {
             plan_sha256: plan_sha256(&plan_bytes),
-            record: self.record.as_deref().map(read_record).transpose()?,
             fixture: fixture.map(|(fixture, _)| fixture.mesh),
             mesh: part.mesh,
             plan,

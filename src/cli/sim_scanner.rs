@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_mesh, pool};
-use super::scanned_part::{ScannedPartArgs, with_sets};
+use super::scanned_part::{RecordArgs, ScannedPartArgs, with_sets};
 use super::{CliError, files, output};
 use crate::geometry::LengthUnit;
 use crate::inspection::simulated_scanner::SimulationParams;
@@ -28,6 +28,8 @@ part_error_mm, with_surroundings. Nothing simulated here is a proof that a real 
 pub(super) struct SimScannerArgs {
     #[command(flatten)]
     part: ScannedPartArgs,
+    #[command(flatten)]
+    run: RecordArgs,
     /// Part as it was built, where it differs from the planned one: an STL, OBJ or PLY file in the same coordinates.
     #[arg(long, value_name = "MESH")]
     part_as_built: Option<PathBuf>,
@@ -56,7 +58,8 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     let scanned = pool.install(|| args.part.load(cancel))?;
     let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(args.as_built_unit), cancel)).transpose()?;
     let as_built = as_built.map(|(read, _)| read.mesh);
-    let planned = PlannedViews::new(&scanned.plan, scanned.record.as_ref(), scanned.cell.as_ref());
+    let record = args.run.load()?;
+    let planned = PlannedViews::new(&scanned.plan, record.as_ref(), scanned.cell.as_ref());
     let names: Vec<String> = planned.views.iter().map(|view| scan_file(view.viewpoint)).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).chain([TRUTH_FILE]).collect();
     let folder = OutputFolder::prepare(&args.out, OutputWriter::Scans, &names)?;

@@ -19,6 +19,9 @@ use crate::planning::{PlanInput, UpAxis};
 use crate::report::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 use crate::service::plan_job::Artifact;
 
+/// Number of views at which grades are compared where none is given.
+const DEFAULT_AT: u32 = 8;
+
 /// Vary one parameter with the others fixed, and compare coverage and grades; or vary the layout of a cell, and compare its reach.
 #[derive(Debug, clap::Args)]
 #[command(
@@ -59,8 +62,8 @@ enum StudyCommand {
 all of them.
 
 Example:
-  vantage study weights part.stl --unit mm --set selection.objective=coverage \\
-      --at 10 --out study"
+  vantage study weights part.stl --unit mm --at 10 --out study \\
+      --set candidates.even_directions=100"
 )]
 struct SeriesArgs {
     /// Part: an STL, OBJ or PLY file.
@@ -87,9 +90,9 @@ struct SeriesArgs {
     /// Maximum number of views in a series.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
     views: u32,
-    /// Number of views at which grades are compared.
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    at: u32,
+    /// Number of views at which grades are compared, no more than --views [default: 8, or --views where that is fewer].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    at: Option<u32>,
     /// Folder for the results; created if it does not exist.
     #[arg(long, default_value = "study")]
     out: PathBuf,
@@ -115,6 +118,10 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
 fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let params = load_params(args.params.as_deref(), &args.sets)?;
     check_up(args.up, &params)?;
+    let at = args.at.unwrap_or(DEFAULT_AT.min(args.views));
+    if at > args.views {
+        return Err(CliError::BadInput(format!("--at {at}: is beyond the {} views of a series (--views)", args.views)));
+    }
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
     let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
@@ -132,9 +139,8 @@ fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<()
     let (name, names) = names(study);
     let folder = OutputFolder::prepare(&args.out, OutputWriter::Study(name), &names)?;
     let progress = Progress::start(&Course::of_study(study, &params));
-    let max_views = args.views.max(args.at);
     let findings =
-        pool(args.threads)?.install(|| studies::run(study, &input, &params, max_views, &Context::new(cancel, &progress)));
+        pool(args.threads)?.install(|| studies::run(study, &input, &params, args.views, &Context::new(cancel, &progress)));
     // The seconds of the stages are not a result.
     let _ = progress.finish();
     let findings = findings.map_err(to_cli_error)?;
@@ -144,7 +150,7 @@ fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<()
         part_name: &args.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         scanner_name: &scanner.name,
         cell_name: cell.as_ref().map(|cell| cell.name.as_str()),
-        at: args.at as usize,
+        at: at as usize,
     };
     folder.replace(&artifacts(&results, names), &FileOrigin::default())?;
     let words = format!("{}Report: {}\n", text(&results), args.out.join(names[3]).display());

@@ -6,7 +6,7 @@ use crate::service::plan_job::Artifact;
 use crate::wire::parse;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
-use crate::wire::words::{area_mm2, at_risk_sentence, counted, stability_sentence};
+use crate::wire::words::{area_mm2, at_risk_sentence, counted, percent_below, stability_sentence};
 
 /// Lines on a plan, by its files.
 ///
@@ -68,12 +68,12 @@ pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
     };
     let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n  missed: {why}"));
     format!(
-        "Region {:?} ({}{tolerance}; {} mm², {} samples): {:.2} %, {target}{why}",
+        "Region {:?} ({}{tolerance}; {} mm², {} samples): {} %, {target}{why}",
         region.name,
         region.kind,
         area_mm2(region.asked_area_mm2),
         region.samples,
-        100.0 * region.of_asked
+        percent_below(region.of_asked, region.target.unwrap_or(1.0), 2)
     )
 }
 

@@ -19,7 +19,7 @@ use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, of_robust};
 use crate::wire::words::{
     NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fix_sentence, fixed, freedom,
-    headline, lie_phrase, noise_remark, risk_meaning, treated_spots,
+    headline, lie_phrase, noise_remark, percent_below, risk_meaning, treated_spots,
 };
 
 /// The text of a plan without a program. Same plan, same text; every line ends with a newline.
@@ -365,5 +365,5 @@ fn point(p: &Point3<f64>) -> String {
 }
 
 fn percent(fraction: f64) -> String {
-    fixed(fraction * 100.0, 2)
+    percent_below(fraction, 1.0, 2)
 }

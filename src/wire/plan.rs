@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-pub(in crate::wire) use advice::options;
+pub(crate) use advice::options;
 pub use advice::{AdviceDocument, TurnDocument};
 pub use at_risk::{AtRiskDocument, RiskReasonDocument};
 pub use coverage::{

@@ -1,4 +1,4 @@
-//! Shape of a document against the schema of its type: everything that it lacks and everything that it has too much, at once.
+//! Shape of a document against the schema of its type: everything that it lacks, that it has too much or of another kind, at once.
 //! serde stops at the first fault; the schema, which the API document is made of, tells the others, with their units and ranges.
 
 use std::any::TypeId;
@@ -12,7 +12,7 @@ use utoipa::openapi::{RefOr, Schema};
 
 use super::json::decode;
 use super::parameters::without_links;
-use crate::cell::{ControllersSpec, FieldError, closest};
+use crate::cell::{ControllersSpec, FieldError, closest, with_suggestion};
 
 /// Findings beyond which no more are looked for.
 const MAX_FINDINGS: usize = 100;
@@ -22,7 +22,7 @@ const MAX_VALUES: usize = 10_000;
 /// Converts a value to `T`.
 ///
 /// # Errors
-/// What serde refuses, and every field that is missing or unknown.
+/// What serde refuses, and every field that is missing, unknown or of another kind.
 pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Result<T, Vec<FieldError>> {
     decode(value).map_err(|first| refused::<T>(value, first))
 }
@@ -43,6 +43,7 @@ pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -
         below == Some("") || name.is_some_and(|name| first.detail.contains(&format!("`{name}`")))
     };
     if !(names_field && findings.iter().any(is_named)) {
+        findings.retain(|finding| finding.pointer != first.pointer);
         findings.insert(0, first);
     }
     findings
@@ -53,7 +54,8 @@ pub(crate) fn lists_for_objects<T: ToSchema + 'static>(value: &Value) -> Vec<Fie
     walked::<T>(value, true).findings
 }
 
-/// Outcome of the walk through `value`: fields that are missing or unknown by the schema of `T`, and lists that are too long.
+/// Outcome of the walk through `value`: fields that are missing, unknown or of another kind by the schema of `T`, and lists that are
+/// too long.
 struct Walked {
     findings: Vec<FieldError>,
     long_lists: BTreeMap<String, [u64; 2]>,
@@ -94,6 +96,55 @@ impl TypeSchema {
         let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
         Self { root: to_json(root), components }
     }
+}
+
+/// Kinds of value that a schema without variants has, as JSON Schema names them; `None` where it says nothing of them.
+fn kinds_of(schema: &Value) -> Option<Vec<&str>> {
+    let of_type = &schema["type"];
+    match of_type.as_array() {
+        Some(names) => names.iter().map(Value::as_str).collect(),
+        None => Some(vec![of_type.as_str()?]),
+    }
+}
+
+fn is_of_kind(value: &Value, kind: &str) -> bool {
+    match kind {
+        "null" => value.is_null(),
+        "boolean" => value.is_boolean(),
+        "integer" => value.is_i64() || value.is_u64(),
+        "number" => value.is_number(),
+        "string" => value.is_string(),
+        "array" => value.is_array(),
+        _ => value.is_object(),
+    }
+}
+
+fn words(kind: &str) -> &str {
+    match kind {
+        "boolean" => "true or false",
+        "integer" => "a whole number",
+        "number" => "a number",
+        "string" => "a string",
+        "array" => "a list",
+        "object" => "an object",
+        other => other,
+    }
+}
+
+/// A value as a message quotes it: lists and objects by their kind.
+fn found(value: &Value) -> String {
+    match value {
+        Value::Array(_) => words("array").to_owned(),
+        Value::Object(_) => words("object").to_owned(),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => value.to_string(),
+    }
+}
+
+/// Kinds that are allowed, in words; `null` is not asked for where there are others.
+fn expected(kinds: &[&str]) -> String {
+    let mut allowed: Vec<&str> = kinds.iter().filter(|kind| **kind != "null").map(|kind| words(kind)).collect();
+    allowed.dedup();
+    allowed.join(" or ")
 }
 
 /// Walk through a value along its schema.
@@ -152,6 +203,10 @@ impl Walk<'_> {
             return;
         }
         let schema = self.resolve(schema);
+        if let Some(detail) = self.other_kind(value, &schema) {
+            self.push(at.to_owned(), detail);
+            return;
+        }
         match value {
             Value::Object(object) => {
                 if let Some(shape) = self.shape_for(object, &schema, at) {
@@ -175,6 +230,23 @@ impl Walk<'_> {
         }
     }
 
+    /// Finding for a value of a kind, or a name, that its schema does not have; `None` where the schema leaves it open. A list in the
+    /// place of an object is told elsewhere.
+    fn other_kind(&self, value: &Value, schema: &Value) -> Option<String> {
+        let variants = self.variants(schema);
+        let kinds = variants.iter().map(kinds_of).collect::<Option<Vec<_>>>()?.concat();
+        if !kinds.iter().any(|kind| is_of_kind(value, kind)) {
+            let is_told = value.is_array() && self.is_object(schema);
+            return (!is_told).then(|| format!("is {}; expected {}", found(value), expected(&kinds)));
+        }
+        let name = value.as_str()?;
+        let with_names = variants.iter().filter(|variant| kinds_of(variant).is_some_and(|kinds| kinds.contains(&"string")));
+        let lists: Vec<&Vec<Value>> = with_names.map(|variant| variant["enum"].as_array()).collect::<Option<_>>()?;
+        let known: Vec<&str> = lists.into_iter().flatten().filter_map(Value::as_str).collect();
+        let quoted = || known.iter().map(|known| format!("`{known}`")).collect::<Vec<_>>().join(", ");
+        (!known.contains(&name)).then(|| with_suggestion(&format!("unknown variant `{name}`, expected one of {}", quoted())))
+    }
+
     /// A schema's variants, resolved; itself, if it has none.
     fn variants(&self, schema: &Value) -> Vec<Value> {
         let Some(variants) = schema["oneOf"].as_array() else { return vec![schema.clone()] };
@@ -194,10 +266,13 @@ impl Walk<'_> {
         let fitting = shapes.iter().filter(|shape| !shape.contradicts(object));
         let mut best = fitting.min_by_key(|shape| shape.missing(object).count() + shape.unknown(object).count())?.clone();
         // A field of another variant is not unknown: serde says what is wrong with it.
-        let others: Vec<String> = shapes.iter().flat_map(|shape| shape.properties.keys().cloned()).collect();
+        let others: Vec<(String, Value)> = shapes.iter().flat_map(|shape| shape.properties.clone()).collect();
         if common_tag(&shapes).is_none() {
-            for name in others {
-                best.properties.entry(name).or_default();
+            for (name, schema) in others {
+                let known = best.properties.entry(name).or_default();
+                if *known != schema {
+                    *known = Value::Null;
+                }
             }
         }
         Some(best)
@@ -306,7 +381,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::from_value;
-    use crate::cell::{BodySpec, CellSpec, FieldError, KinematicsSpec, Presets, ScannerSpec, SpecLibrary};
+    use crate::cell::{BodySpec, CellSpec, FieldError, KinematicsSpec, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary};
     use crate::planning::params::PlanParams;
 
     fn pointers(errors: &[FieldError]) -> Vec<&str> {
@@ -364,7 +439,7 @@ mod tests {
         fields.insert("colour".into(), json!("white"));
         fields.insert("depth_mm".into(), json!({"near": "410", "far": 565.0}));
         let errors = from_value::<ScannerSpec>(&spec).expect_err("wrong");
-        for pointer in ["/colour", "/mass_kg", "/depth_mm/best"] {
+        for pointer in ["/colour", "/mass_kg", "/depth_mm/best", "/depth_mm/near"] {
             assert_eq!(pointers(&errors).iter().filter(|found| **found == pointer).count(), 1, "{pointer}: {errors:#?}");
         }
     }
@@ -379,6 +454,39 @@ mod tests {
         assert!(errors[0].detail.contains("is \"heavy\"; expected a number"), "{errors:?}");
         let whole = from_value::<ScannerSpec>(&json!(3)).expect_err("wrong");
         assert_eq!(pointers(&whole), [""]);
+    }
+
+    #[test]
+    fn every_field_of_another_kind_is_named() {
+        let params = json!({
+            "setups": "two", "selection": {"target": "high", "max_views": 1.5, "solver": "gredy"}, "candidates": {"rolls_deg": [0, "90"]},
+        });
+        let errors = from_value::<PlanParams>(&params).expect_err("wrong");
+        let at = |pointer: &str| errors.iter().find(|error| error.pointer == pointer).map(|error| error.detail.as_str());
+        assert_eq!(at("/selection/target"), Some("is \"high\"; expected a number"), "{errors:#?}");
+        assert_eq!(at("/selection/max_views"), Some("is 1.5; expected a whole number"), "{errors:#?}");
+        assert!(at("/selection/solver").is_some_and(|told| told.ends_with("did you mean `greedy`?")), "{errors:#?}");
+        assert_eq!(at("/candidates/rolls_deg/1"), Some("is \"90\"; expected a number"), "{errors:#?}");
+        assert!(at("/setups").is_some_and(|told| told.starts_with("is \"two\"; expected a whole number")), "{errors:#?}");
+        assert_eq!(errors.len(), 5, "{errors:#?}");
+    }
+
+    #[test]
+    fn what_is_taken_has_no_findings() {
+        fn is_taken<T: utoipa::ToSchema + 'static>(document: &impl serde::Serialize) {
+            let value = serde_json::to_value(document).expect("JSON");
+            assert_eq!(super::walked::<T>(&value, false).findings, [], "{value}");
+        }
+        for name in Presets.names(SpecKind::Cell) {
+            is_taken::<CellSpec>(&Presets.cell(&name).expect("a preset"));
+        }
+        for name in Presets.names(SpecKind::Scanner) {
+            is_taken::<ScannerSpec>(&Presets.scanner(&name).expect("a preset"));
+        }
+        for name in Presets.names(SpecKind::Robot) {
+            is_taken::<RobotSpec>(&Presets.robot(&name).expect("a preset"));
+        }
+        is_taken::<PlanParams>(&PlanParams::default());
     }
 
     #[test]

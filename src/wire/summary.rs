@@ -16,10 +16,11 @@ use utoipa::ToSchema;
 pub use action::SummaryAction;
 pub use cycle::{CycleParts, ProgramCycle};
 pub use missed::MissedGroup;
+pub(crate) use missed::further_setup;
 pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
-use super::words::{counted, fixed, headline};
+use super::words::{counted, headline, percent_below};
 use crate::planning::params::{Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage};
 
@@ -289,7 +290,8 @@ fn unmet_regions(regions: &[RegionCoverage]) -> String {
     let unmet: Vec<&RegionCoverage> = regions.iter().filter(|region| region.is_unmet()).collect();
     // Quoted, so that no name breaks a line.
     let named = unmet.iter().take(NAMED).map(|region| {
-        format!("{:?} {}, target {}", region.name, percent(region.of_asked()), percent(region.target.unwrap_or_default()))
+        let target = region.target.unwrap_or_default();
+        format!("{:?} {} %, target {}", region.name, percent_below(region.of_asked(), target, 2), percent(target))
     });
     let named = named.collect::<Vec<_>>().join("; ");
     match unmet.len() {
@@ -300,5 +302,5 @@ fn unmet_regions(regions: &[RegionCoverage]) -> String {
 
 /// Formats a share as a percentage with two decimals.
 fn percent(share: f64) -> String {
-    format!("{} %", fixed(100.0 * share, 2))
+    format!("{} %", percent_below(share, 1.0, 2))
 }

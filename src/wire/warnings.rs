@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
-use super::words::{area_mm2, fixed, rounded_up_mm};
+use super::words::{area_mm2, fixed, percent_below, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, closed_list};
 use crate::geometry::{Aabb, Mesh, stable_poses};
 use crate::planning::UpAxis;
@@ -259,9 +259,9 @@ fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning 
         code: WarningCode::RegionUnmet,
         pointer: format!("{pointer}/target"),
         detail: format!(
-            "is {}, and {:.2} % of the {} mm² of {:?} are measured; missed: {}",
+            "is {}, and {} % of the {} mm² of {:?} are measured; missed: {}",
             region.target.unwrap_or_default(),
-            100.0 * region.of_asked,
+            percent_below(region.of_asked, region.target.unwrap_or_default(), 2),
             area_mm2(region.asked_area_mm2),
             region.name,
             region.why_unmet.as_deref().unwrap_or("not known")

@@ -328,6 +328,18 @@ pub fn advice_sentence(advice: &Advice) -> String {
     text.to_owned()
 }
 
+/// A share as a percentage, without the sign. A share below `limit`, a target or the whole, is not rounded up to it.
+#[must_use]
+pub fn percent_below(share: f64, limit: f64, decimals: usize) -> String {
+    let [text, of_limit] = [share, limit].map(|share| fixed(100.0 * share, decimals));
+    if share < limit - 1e-9 && text == of_limit {
+        let steps = 10_f64.powi(decimals as i32);
+        fixed((100.0 * share * steps).floor() / steps, decimals)
+    } else {
+        text
+    }
+}
+
 /// Share of a spot that a remedy measures, in whole percent; `None` where it works.
 #[must_use]
 pub fn partial_percent(of_spot: f64) -> Option<String> {

@@ -21,6 +21,7 @@ use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::wire::calibration::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
 use crate::wire::echo::Echo;
 use crate::wire::json_file_bytes;
+use crate::wire::output_record::RECORD_FILE;
 use crate::wire::program::ProgramDocument;
 
 /// Plan calibration poses: reachable, free of collisions, the board in view, the most informative first.
@@ -150,12 +151,12 @@ impl Linted {
         Ok(Self { files: files.into(), program })
     }
 
-    /// Writes poses and program into one folder; a folder with a plan in it has a program of its own.
+    /// Writes poses and program into one folder; a folder with a plan or with programs in it has files of the same names.
     fn write(&self, path: &Path, poses: &[u8], dialect: Option<Dialect>) -> Result<(), CliError> {
         let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if folder.join(PLAN_FILE).is_file() {
+        if [PLAN_FILE, RECORD_FILE].iter().any(|name| folder.join(name).is_file()) {
             return Err(CliError::BadInput(format!(
-                "--out {}: its folder has a plan with a program.json of its own; name a file in another folder",
+                "--out {}: its folder has a plan or programs, whose files have the same names; name a file in another folder",
                 path.display()
             )));
         }

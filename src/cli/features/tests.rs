@@ -31,6 +31,7 @@ fn what_is_wrong_is_named_with_its_line() {
         ("", "is empty"),
         ("region,tolerance\n", "\"tolerance\""),
         ("region,tolerance_mm\n\n", "no feature"),
+        ("region,tolerance_mm,tolerance_mm\nsphere 1 2 3 4,0.1,0.2\n", "\"tolerance_mm\" twice"),
         ("name;region;tolerance_mm\nbore;sphere 1 2 3 4;0,05\n", "separated by ;, use ,"),
         ("region,tolerance_mm\nsphere 1 2 3 4,x\n", "line 2: tolerance_mm is \"x\""),
         ("region,tolerance_mm\n\nsphere 1 2 3,0.1\n", "line 3: region sphere has 3 numbers; it takes 4"),

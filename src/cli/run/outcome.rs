@@ -42,6 +42,8 @@ impl RecordFile {
 /// End of a run.
 pub(super) struct RunOutcome {
     pub(super) document: RunRecordDocument,
+    /// Reason for which the command stopped it though nobody asked for that.
+    pub(super) gave_up: Option<String>,
 }
 
 impl RunOutcome {
@@ -56,7 +58,7 @@ impl RunOutcome {
             run.coverage = covered.map_err(|error| CliError::Failed(format!("coverage at the measured poses: {error}")))?;
         }
         let steps = record.steps.iter().map(RunStepRecord::from).collect();
-        Ok(Self { document: RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps } })
+        Ok(Self { document: RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps }, gave_up: None })
     }
 
     /// Prints how it ended.
@@ -68,11 +70,13 @@ impl RunOutcome {
     pub(super) fn judge(&self) -> Result<(), CliError> {
         let run = &self.document.run;
         let detail = run.detail.clone().unwrap_or_default();
+        let stopped = || format!("stopped at step {} of {}", run.step, run.steps);
         match (run.state, run.reason) {
             (ReportedState::Done, _) => Ok(()),
-            (ReportedState::Stopped, ReportedReason::ByClient) => {
-                Err(CliError::Cancelled(format!("stopped at step {} of {}", run.step, run.steps)))
-            }
+            (ReportedState::Stopped, ReportedReason::ByClient) => match &self.gave_up {
+                Some(reason) => Err(CliError::Failed(format!("{}: {reason}", stopped()))),
+                None => Err(CliError::Cancelled(stopped())),
+            },
             (state, _) => Err(CliError::Failed(format!("{} at step {} of {}: {detail}", state.as_str(), run.step, run.steps))),
         }
     }

@@ -24,6 +24,8 @@ pub(super) struct RunWatch {
     bar: ProgressBar,
     told: Option<(RunState, Option<usize>)>,
     last_id: u64,
+    /// Reason for which the run was stopped though nobody asked for that.
+    gave_up: Option<String>,
 }
 
 impl RunWatch {
@@ -47,11 +49,11 @@ impl RunWatch {
         if let Ok(style) = ProgressStyle::with_template("{prefix:>9} [{bar:30}] {pos}/{len}  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { handle, steps, stop, token, lines, resumes, bar, told: None, last_id: 0 }
+        Self { handle, steps, stop, token, lines, resumes, bar, told: None, last_id: 0, gave_up: None }
     }
 
-    /// Watches until the run has ended.
-    pub(super) async fn until_the_end(mut self) {
+    /// Watches until the run has ended; returns the reason for which it was stopped where nobody asked for that.
+    pub(super) async fn until_the_end(mut self) -> Option<String> {
         let (kept, mut live) = self.handle.events_after(0);
         kept.iter().for_each(|event| self.show(event));
         let mut is_stopping = false;
@@ -89,6 +91,7 @@ impl RunWatch {
             }
         }
         self.bar.finish_and_clear();
+        self.gave_up
     }
 
     /// A pause that nobody asked for: standard input decides how it goes on, and without somebody there it does not.
@@ -98,6 +101,8 @@ impl RunWatch {
             Some(_) => {}
             None => {
                 output::note("nobody can resume: standard input is not a terminal; the run stops");
+                let paused = self.handle.status().reason;
+                self.gave_up = Some(format!("paused: {paused}; nobody could resume: standard input is not a terminal"));
                 self.handle.stop(StopCause::Client);
             }
         }

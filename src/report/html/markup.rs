@@ -38,8 +38,11 @@ pub(in crate::report) fn prose(text: &str) -> String {
 
 /// Formats a number with so many decimals, a narrow space between thousands, and a true minus sign.
 pub(in crate::report) fn number(value: f64, decimals: usize) -> String {
-    let text = fixed(value, decimals);
-    let (sign, digits) = text.strip_prefix('-').map_or(("", text.as_str()), |digits| ("−", digits));
+    by_thousands(&fixed(value, decimals))
+}
+
+fn by_thousands(text: &str) -> String {
+    let (sign, digits) = text.strip_prefix('-').map_or(("", text), |digits| ("−", digits));
     let (whole, fraction) = digits.split_at(digits.find('.').unwrap_or(digits.len()));
     let mut grouped = String::from(sign);
     for (position, digit) in whole.chars().enumerate() {
@@ -71,7 +74,8 @@ pub(in crate::report) fn edges(edges_mm: [f64; 3]) -> String {
 
 /// Formats a share as a percentage with two decimals.
 pub(in crate::report) fn percent(share: f64) -> String {
-    format!("{}\u{a0}%", number(share * 100.0, 2))
+    // One below the whole is not rounded up to it.
+    format!("{}\u{a0}%", by_thousands(&words::percent_below(share, 1.0, 2)))
 }
 
 /// Formats an area, with three digits or one decimal if it is small.

@@ -8,11 +8,11 @@ use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, unmeasured};
 use super::words;
 use crate::geometry::SimdLevel;
-use crate::planning::params::PlanParams;
-use crate::planning::plan::{Cause, Remedy, RemedyKind, share};
+use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
-use crate::wire::plan::AdviceDocument;
-use crate::wire::words::turn_phrase;
+use crate::wire::plan::{AdviceDocument, options};
+use crate::wire::summary::further_setup;
+use crate::wire::words::{rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
 struct FixGroup {
@@ -77,7 +77,7 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let plan = &input.outcome.plan;
     let mut groups: Vec<FixGroup> = Vec::new();
     for spot in spots {
-        let (action, options, is_help) = fix(spot, &plan.params);
+        let (action, options, is_help) = fix(spot, plan);
         let at = groups.iter().position(|group| group.action == action).unwrap_or_else(|| {
             groups.push(FixGroup { action, options, is_help, numbers: Vec::new(), area_mm2: 0.0 });
             groups.len() - 1
@@ -124,14 +124,18 @@ fn unnumbered(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
 }
 
 /// Fix of a spot: what to do, the options that do it, and whether it is any help.
-fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
-    let turn_over = || if params.setups == 1 { "--set setups=2".to_owned() } else { String::new() };
+fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
+    let turned = |turn: Option<&str>| options(&further_setup(plan, turn));
     let told = |action: &str, options: &str| (action.to_owned(), options.to_owned(), true);
     match &spot.spot.remedy {
         Some(remedy) => match remedy.kind {
             RemedyKind::Setup => {
-                let turn = remedy.turn.as_ref().map_or_else(|| "turn it onto another side".to_owned(), turn_phrase);
-                (format!("{} and scan again", words::capitalised(&turn)), turn_over(), true)
+                let turn = remedy.turn.as_ref().map(turn_phrase);
+                let action = words::capitalised(turn.as_deref().unwrap_or("turn it onto another side"));
+                (format!("{action} and scan again"), turned(turn.as_deref()), true)
+            }
+            RemedyKind::View if plan.stopped_because == StopReason::Growth => {
+                told("Choose more views, which add less than selection.min_growth", "--set selection.min_growth=0.0")
             }
             RemedyKind::View => told("Choose more views: raise selection.target or selection.max_views", ""),
             RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses", ""),
@@ -144,7 +148,7 @@ fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
         },
         None => match MissGroup::of(spot.cause) {
             MissGroup::Resting if spot.cause != Cause::Enclosed => {
-                ("Turn the part over: it stands on this surface, or the surface faces the table".to_owned(), turn_over(), true)
+                ("Turn the part over: it stands on this surface, or the surface faces the table".to_owned(), turned(None), true)
             }
             MissGroup::Shadow
             | MissGroup::Incidence
@@ -162,7 +166,7 @@ fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
 
 /// Fix by a larger limit.
 fn limits(remedy: &Remedy) -> (String, String, bool) {
-    let option = |name: &str, deg: Option<f64>| deg.map(|deg| format!("--set limits.{name}={:.1}", (deg * 10.0).floor() / 10.0));
+    let option = |name: &str, deg: Option<f64>| deg.map(|deg| format!("--set limits.{name}={:.1}", rounded_down_deg(deg)));
     let options = [option("camera_deg", remedy.camera_deg), option("projector_deg", remedy.projector_deg)];
     let options = options.into_iter().flatten().collect::<Vec<_>>().join(" ");
     (format!("Allow a larger angle of incidence ({options})"), options, true)

@@ -126,7 +126,11 @@ impl NoPlanInput<'_> {
                 "look at the size of the part: was it read in the right unit?".to_owned()
             }
             (Some(Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector), None) => {
-                "allow a larger angle of incidence (limits.camera_deg, limits.projector_deg)".to_owned()
+                let limits = &self.params.limits;
+                let is_of_job = limits.camera_deg.is_some() || limits.projector_deg.is_some();
+                let of_job = "allow a larger angle of incidence (limits.camera_deg, limits.projector_deg)";
+                let own = "look at the limits of incidence in the scanner's specification (incidence_max_deg)";
+                (if is_of_job { of_job } else { own }).to_owned()
             }
             (_, None) => "look at the causes, and at the size of the part: was it read in the right unit?".to_owned(),
         })

@@ -63,6 +63,9 @@ pub struct CalibrationDocument {
     pub sigma: SigmaDocument,
     /// They were estimated from the residuals.
     pub sigma_estimated: bool,
+    /// Factor on the covariances that the points of boards tell: above 1 where residuals ask for more. Default 1.
+    #[serde(default = "one")]
+    pub points_factor: f64,
     /// Every observation.
     pub residuals: Vec<ResidualDocument>,
     /// Residuals of those used.
@@ -284,6 +287,10 @@ fn pose(isometry: &Isometry3<f64>) -> PoseSpec {
     PoseSpec::from(&Pose::<ScannerFrame, Cloud>::claim(*isometry))
 }
 
+fn one() -> f64 {
+    1.0
+}
+
 impl CalibrationDocument {
     /// Document of a calibration; `data_sha256` is that of the observations' bytes. Its id is empty.
     #[must_use]
@@ -318,6 +325,7 @@ impl CalibrationDocument {
             },
             sigma: found.refined.weighting.sigma.into(),
             sigma_estimated: found.is_sigma_estimated,
+            points_factor: found.refined.weighting.points_factor,
             residuals: residuals(found),
             summary: ResidualSummary {
                 used: of_role(Role::Used),
@@ -369,7 +377,8 @@ impl CalibrationDocument {
         };
         let of = |row: usize, column: usize| self.covariance.joint.get(row).and_then(|row| row.get(column)).copied();
         let covariance = Square::from_fn(|row, column| of(row, column).unwrap_or(0.0));
-        (estimate, covariance, Weighting { setup: self.setup, sigma: Sigma::from(self.sigma) })
+        let weighting = Weighting { points_factor: self.points_factor, ..Weighting::new(self.setup, Sigma::from(self.sigma)) };
+        (estimate, covariance, weighting)
     }
 
     /// Covariance of X.

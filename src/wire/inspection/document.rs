@@ -15,6 +15,7 @@ use crate::geometry::Mesh;
 use crate::inspection::ingest::Ingested;
 use crate::inspection::losses::LossCause;
 use crate::inspection::{Inspection, InspectionParams};
+use crate::wire::words::percent_below;
 
 /// Schema name in the document.
 pub const INSPECTION_SCHEMA: &str = "vantage.inspection/1";
@@ -124,7 +125,7 @@ impl InspectionDocument {
 }
 
 fn percent(share: f64) -> String {
-    format!("{:.2} %", 100.0 * share)
+    format!("{} %", percent_below(share, 1.0, 2))
 }
 
 /// Sentences on a result: what was planned, what was measured, and where the difference is lost.
@@ -142,7 +143,7 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         .map(|loss| format!("{} {}", percent(loss.of_asked), loss.cause.as_str().replace('_', " ")))
         .collect();
     if !named.is_empty() {
-        text += &format!(" {} of what was planned is lost: {}", percent(coverage.lost_of_asked), named.join(", "));
+        text += &format!(" Planned and lost are {}: {}", percent(coverage.lost_of_asked), named.join(", "));
         text += if document.losses.len() > named.len() { ", and smaller losses." } else { "." };
     }
     if coverage.gained_of_asked > 0.0 {

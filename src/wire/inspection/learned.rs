@@ -132,19 +132,24 @@ impl From<&OfferedChange> for OfferedChangeDocument {
 pub fn offer_sentence(change: &OfferedChange) -> String {
     let (value, to) = (change.identified.value, change.to);
     match change.field {
-        OfferedField::CameraLimit => {
-            format!("the cameras return little beyond {value:.0}°: plan with {to}° (limits.camera_deg={to})")
-        }
-        OfferedField::ProjectorLimit => {
-            format!("little returns beyond {value:.0}° to the projector: plan with {to}° (limits.projector_deg={to})")
-        }
+        OfferedField::CameraLimit => format!(
+            "the cameras return fewer points from {to}° on, three quarters at {value:.0}°: plan with limits.camera_deg={to}"
+        ),
+        OfferedField::ProjectorLimit => format!(
+            "fewer points return from {to}° to the projector on, three quarters at {value:.0}°: plan with \
+             limits.projector_deg={to}"
+        ),
         OfferedField::Lobe => format!("glare takes points within {value:.1}° of the mirror direction: plan with a lobe of {to}°"),
         OfferedField::NoiseBest => format!("points scatter by {value:.4} mm at best focus: plan with regions.noise.best_mm={to}"),
         OfferedField::NoiseDepthGain => {
             format!("the noise grows by {value:.2} to the ends of the depth: plan with regions.noise.depth_gain={to}")
         }
-        OfferedField::DepthNear => format!("little returns nearer than {value:.0} mm: set depth_mm.near of the scanner to {to}"),
-        OfferedField::DepthFar => format!("little returns beyond {value:.0} mm: set depth_mm.far of the scanner to {to}"),
+        OfferedField::DepthNear => format!(
+            "fewer points return nearer than {to} mm, three quarters at {value:.0} mm: set depth_mm.near of the scanner to {to}"
+        ),
+        OfferedField::DepthFar => format!(
+            "fewer points return beyond {to} mm, three quarters at {value:.0} mm: set depth_mm.far of the scanner to {to}"
+        ),
     }
 }
 

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 use crate::cell::PoseSpec;
 use crate::planning::plan::{AdviceKind, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
 use crate::wire::angle::degrees;
-use crate::wire::words::{fixed, turn_phrase};
+use crate::wire::words::{fixed, percent_below, turn_phrase};
 
 /// Turn of the part from one way of lying to another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -110,7 +110,7 @@ impl AdviceDocument {
             (AdviceKind::TurnOver, None) => format!("turn it onto another side and scan again, {more}"),
             (AdviceKind::MoreViews, _) => format!("choose {more}"),
         };
-        let percent = |share: f64| fixed(100.0 * share, 1);
+        let percent = |share: f64| percent_below(share, 1.0, 1);
         let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle {} s", fixed(secs, 1)));
         let regions = match self.regions_met.len() {
             0 => String::new(),
@@ -146,7 +146,7 @@ impl AdviceDocument {
 }
 
 /// Options of the command line that set parameters, given by their dotted names.
-pub(in crate::wire) fn options(set: &BTreeMap<String, Value>) -> String {
+pub(crate) fn options(set: &BTreeMap<String, Value>) -> String {
     let option = |(name, value): (&String, &Value)| match value {
         Value::Array(_) | Value::Object(_) => format!("--set '{name}={value}'"),
         Value::String(text) => format!("--set {name}={text}"),

@@ -204,6 +204,9 @@ fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView],
     match fix.kind {
         // Neither the target nor the limit ended the choice there.
         RemedyKind::View if plan.stopped_because == StopReason::NoPath => BTreeMap::new(),
+        RemedyKind::View if plan.stopped_because == StopReason::Growth => {
+            BTreeMap::from([("selection.min_growth".to_owned(), json!(0.0))])
+        }
         RemedyKind::View => more_views(plan, views.len(), recovers_mm2),
         RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => poses(plan, views),
         RemedyKind::Setup => further_setup(plan, fix.turn.as_deref()),
@@ -246,16 +249,23 @@ fn rounded(pose: PoseSpec) -> PoseSpec {
     }
 }
 
-/// One more setup: as the advice on the plan has it, where that turns the part the same way.
-fn further_setup(plan: &Plan, turn: Option<&str>) -> BTreeMap<String, Value> {
-    let same_turn = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
-        advice.kind == AdviceKind::TurnOver && document.turn.as_ref().map(|turn| turn.text.as_str()) == turn
+/// Parameters of one more setup, in which the part is turned as said, or onto any other side: as the advice on the plan has it. Empty
+/// where it is not known how a setup more would turn the part.
+pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> BTreeMap<String, Value> {
+    let advised = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
+        let advised = document.turn.as_ref().map(|turn| turn.text.as_str());
+        advice.kind == AdviceKind::TurnOver && (turn.is_none() || advised == turn)
     });
     let uses_all = plan.setups.len() == plan.params.setups as usize;
-    match same_turn {
+    match advised {
         Some((_, document)) => document.set,
         // A fixture holds one setup.
-        None if uses_all && plan.params.setups < MAX_SETUPS && plan.params.part.fixture_mesh.is_none() => {
+        None if turn.is_none()
+            && uses_all
+            && plan.params.setups < MAX_SETUPS
+            && plan.params.part.fixture_mesh.is_none()
+            && !plan.coverage.is_of_open =>
+        {
             BTreeMap::from([("setups".to_owned(), json!(plan.params.setups + 1))])
         }
         None => BTreeMap::new(),

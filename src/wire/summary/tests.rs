@@ -233,7 +233,10 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     let doubted = Summary::of(&plan_of_all(990.0)).with_unit_question(Some("Check the unit".to_owned()));
     assert_eq!((doubted.level, doubted.title.as_str()), (PlanLevel::Limited, "Check the unit"));
     let (level, _, title) = first(&plan(3, 3, 0.0));
-    assert_eq!((level, title.as_str()), (PlanLevel::NotExecutable, "Cannot be scanned: no view is within reach"));
+    assert_eq!(
+        (level, title.as_str()),
+        (PlanLevel::NotExecutable, "Cannot be scanned: no collision-free path leads to any view")
+    );
 }
 
 #[test]
@@ -377,6 +380,7 @@ fn a_share_that_an_independent_check_gives_otherwise_names_its_samples() {
 fn one_command_has_one_line_and_one_effect() {
     let mut plan = plan(3, 0, 700.0);
     let turn = |of_spot| Some(remedy(RemedyKind::Setup, of_spot, &[4]));
+    plan.advice = vec![PlanAdvice { changes: vec![ParamChange::Setups(2)], ..advice() }];
     plan.missed = vec![missed(Cause::FacesTable, vec![turn(1.0), turn(0.75), None]), missed(Cause::Facing, vec![turn(1.0)])];
     let texts: Vec<String> = Summary::of(&plan).missed.into_iter().map(|group| group.text).collect();
     assert_eq!(
@@ -421,10 +425,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         fixed(1.0, RemedyKind::View, &[4, 5], &limited),
         "2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
     );
-    assert_eq!(
-        fixed(0.75, RemedyKind::Setup, &[4], &as_it_is),
-        "turn it upside down and scan again: --set setups=2; recovers 7.50 mm² (75 %)"
-    );
+    assert_eq!(fixed(0.75, RemedyKind::Setup, &[4], &as_it_is), "turn it upside down and scan again; recovers 7.50 mm² (75 %)");
     let fixture = |plan: &mut Plan| plan.params.part.fixture_mesh = Some("clamp.stl".to_owned());
     assert_eq!(
         fixed(0.95, RemedyKind::Setup, &[4], &fixture),

@@ -4,7 +4,7 @@ use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
 use crate::planning::plan::{MissedCause, Plan, RegionCoverage, StopReason, share};
-use crate::wire::words::{cause_phrase, counted, fixed};
+use crate::wire::words::{cause_phrase, counted, fixed, percent_below};
 
 closed_list! {
     /// Verdict on a plan: the first of these that holds.
@@ -104,7 +104,7 @@ pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares:
     };
     match (level, verdict) {
         (PlanLevel::Ready, _) => format!("Ready to scan: {measured}"),
-        (PlanLevel::NotExecutable, _) => "Cannot be scanned: no view is within reach".to_owned(),
+        (PlanLevel::NotExecutable, _) => "Cannot be scanned: no collision-free path leads to any view".to_owned(),
         (PlanLevel::Limited, PlanVerdict::PartlyMeasured | PlanVerdict::BestCoverage) => {
             format!("Can be scanned, but {not_measured}: {measured}")
         }
@@ -166,7 +166,8 @@ fn reached(plan: &Plan) -> String {
         false if coverage.at_risk.area_mm2 > 0.0 => " with the area at risk",
         _ => "",
     };
-    format!("{} {of}{at_risk}, target {}", percent(coverage.of_target(selection.target_of)), percent(selection.target))
+    let (reached, target) = (coverage.of_target(selection.target_of), selection.target);
+    format!("{} % {of}{at_risk}, target {}", percent_below(reached, target, 2), percent(target))
 }
 
 /// Rule that ended the choice of views before the target, in a clause.
