@@ -10,7 +10,8 @@ export class Refused extends Error {
   status: number;
   fields: ProblemField[];
 
-  constructor(problem: { code?: string; title?: string; detail?: string; errors?: ProblemField[] }, status: number) {
+  /** `etag`: that of the version which is stored, where the refusal names it. */
+  constructor(problem: { code?: string; title?: string; detail?: string; errors?: ProblemField[] }, status: number, readonly etag = "") {
     const fields = problem.errors ?? [];
     super([problem.detail || problem.title, ...fields.map((field) => `${field.pointer}: ${field.detail}`)].join("\n"));
     this.code = problem.code ?? "";
@@ -31,9 +32,11 @@ export const isSignedIn = signal(localStorage.getItem(SIGNED_IN) !== null);
 /** Set while the server asks for its key: the dialog answers it. */
 export const keyRequest = signal<{ answer: (key: string) => void; problem: string } | null>(null);
 
+const etagOf = (response: Response): string => response.headers.get("etag") ?? "";
+
 async function refusal(response: Response): Promise<Refused> {
   const problem = await response.json().catch(() => ({ title: `${response.status} ${response.statusText}` }));
-  return new Refused(problem, response.status);
+  return new Refused(problem, response.status, etagOf(response));
 }
 
 async function send(path: string, options: RequestInit): Promise<Response> {
@@ -92,6 +95,16 @@ export async function ask<T>(path: string, options: RequestInit = {}): Promise<T
   const response = await request(path, options);
   return (response.status === 204 ? null : await response.json()) as T;
 }
+
+/** A document with the entity tag of its version. */
+export async function askVersion<T>(path: string): Promise<{ value: T; etag: string }> {
+  const response = await request(path);
+  return { value: await response.json() as T, etag: etagOf(response) };
+}
+
+/** Stores a specification: a new one, or in place of the version that has the tag. Answers the tag of what is stored then. */
+export const putVersion = (path: string, body: unknown, etag: string): Promise<string> =>
+  request(path, { method: "PUT", headers: { "Content-Type": "application/json", ...(etag && { "If-Match": etag }) }, body: JSON.stringify(body) }).then(etagOf);
 
 export const post = <T>(path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> =>
   ask<T>(path, body === undefined ? { method: "POST", headers }
@@ -191,6 +204,8 @@ export interface Page<T> { items: T[]; next_page_token?: string | null }
 export interface Device {
   name: string; scanner_from_device: Pose; width_px: number; height_px: number; fx: number; fy: number; cx: number; cy: number;
   skew: number; distortion: number[]; incidence_max_deg: number;
+  /** Ends of its depth of field along its axis, mm, where that limits it. */
+  in_focus_from_mm?: number | null; in_focus_to_mm?: number | null;
 }
 
 export interface Scanner { name: string; depth_mm: { near: number; best: number; far: number }; devices: Device[] }
@@ -228,7 +243,7 @@ export interface Plan {
   setups?: { table_from_part: Pose; viewpoints: number[]; turn?: { text: string } | null }[];
   advice?: { kind: string; set: Record<string, unknown>; turn?: { text: string } | null }[];
   params: { score: { c: number; d: number; angle: string }; limits: { camera_deg: number | null; projector_deg: number | null };
-    motion: { clearance_mm: number }; part: { fixture_mesh?: unknown }; selection: { max_views?: number | null } }
+    motion: { clearance_mm: number }; part: { fixture_mesh?: string | null }; selection: { max_views?: number | null } }
     & Record<string, unknown>;
   motion?: Record<string, number>; stopped_because: string;
 }

@@ -1,13 +1,13 @@
 // Calibrations: those that the server keeps, a new one from a file of observations, and one with its verdict, residuals and poses.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { apiPath, ask, post, put, remove, request, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
+import { apiPath, ask, post, putVersion, Refused, remove, request, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
 import { Chart, type Line } from "./chart";
 import { UnitNote } from "./job";
 import { LINES } from "./palette";
 import { fixed, goTo, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when } from "./settings";
 import { text } from "./text";
-import { Button, known, Select, useLoaded } from "./widgets";
+import { Button, Dialog, known, Select, useLoaded } from "./widgets";
 
 const words = text.calibrations;
 const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
@@ -154,24 +154,36 @@ function Result({ job, result }: { job: CalibrationJob; result: Calibration }) {
   );
 }
 
-/** Stores the calibrated cell under a name. */
+/** Stores the calibrated cell under a name; in place of another one only if the operator says so. */
 function Adopt({ job }: { job: CalibrationJob }) {
-  const [name, setName] = useState(`${job.cell}-calibrated`.slice(0, 128));
+  const { value: cell, error } = useLoaded(() => ask<{ name: string }>(`/calibrations/${job.id}/cell`), [job.id]);
+  const [given, setName] = useState<string | null>(null);
   const [said, setSaid] = useState("");
-  const save = async (): Promise<void> => {
-    const cell = await ask<Record<string, unknown>>(`/calibrations/${job.id}/cell`);
-    const path = `/cells/${encodeURIComponent(name)}`;
-    const known = await request(path).catch(() => null);
-    const etag = known?.headers.get("etag");
-    await put(path, { ...cell, name }, etag ? { "If-Match": etag } : {});
-    setSaid(words.adopted);
+  const [replaced, setReplaced] = useState<string | null>(null);
+  const name = given ?? cell?.name ?? "";
+  const save = async (etag = ""): Promise<void> => {
+    setReplaced(null);
+    try {
+      await putVersion(`/cells/${encodeURIComponent(name)}`, { ...cell, name }, etag);
+      setSaid(words.adopted);
+    } catch (error) {
+      if (!(error instanceof Refused) || error.code !== "precondition_required") throw error;
+      setReplaced(error.etag);
+    }
   };
+  if (error) return <p class="warning" role="alert">{error}</p>;
   return (
-    <p class="actions">
-      <label><span>{words.adoptAs}</span><input type="text" maxLength={128} value={name} onInput={(event) => { setName(event.currentTarget.value); setSaid(""); }} /></label>
-      <Button kind="primary" disabled={!name} onClick={save}>{words.adopt}</Button>
+    <div class="actions">
+      <label><span>{words.adoptAs}</span><input type="text" name="adopt" maxLength={128} value={name} onInput={(event) => { setName(event.currentTarget.value); setSaid(""); }} /></label>
+      <Button kind="primary" disabled={!cell || !name} onClick={() => save()}>{words.adopt}</Button>
       {said && <a href={hrefOf(["specs", "cells", name])}>{said}</a>}
-    </p>
+      {replaced !== null && (
+        <Dialog title={words.adopt} onClose={() => setReplaced(null)}>
+          <p>{words.replaceSure(name)}</p>
+          <p class="actions"><Button kind="danger" onClick={() => save(replaced)}>{words.replace}</Button><Button onClick={() => setReplaced(null)}>{text.close}</Button></p>
+        </Dialog>
+      )}
+    </div>
   );
 }
 

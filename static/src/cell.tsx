@@ -5,7 +5,7 @@ import { ask, type Job, type Plan, type Pose, type Program } from "./api";
 import { CellScene, cellModelOf, type CellModel } from "./cellscene";
 import { FARTHEST_MM, type Clearance } from "./collide";
 import { Chart } from "./chart";
-import { ClearanceTracer, coverageBytes, preview, type Preview } from "./mesh";
+import { ClearanceTracer, coverageBytes, fixtureOf, preview, type Preview } from "./mesh";
 import { LINES } from "./palette";
 import { ReachPanel } from "./reachpanel";
 import { fine, length, lengthIn, lengthUnit, percent, seconds, unit } from "./settings";
@@ -17,7 +17,7 @@ import { View3d } from "./view3d";
 
 const words = text.cell;
 
-interface Loaded { model: CellModel; plan: Plan; mesh: Preview; bytes: Uint8Array; programs: Program[] }
+interface Loaded { model: CellModel; plan: Plan; mesh: Preview; fixture: Preview | null; bytes: Uint8Array; programs: Program[] }
 
 /** Programs of all setups that have one. */
 export async function programsOf(job: Job): Promise<Program[]> {
@@ -29,7 +29,7 @@ async function load(job: Job): Promise<Loaded> {
   const [model, plan, mesh, bytes, programs] = await Promise.all([
     cellModelOf(job), ask<Plan>(`/jobs/${job.id}/plan`), preview(job.mesh_id), coverageBytes(job.id), programsOf(job),
   ]);
-  return { model, plan, mesh, bytes, programs };
+  return { model, plan, mesh, fixture: await fixtureOf(plan), bytes, programs };
 }
 
 interface Props { job: Job; query: URLSearchParams; setQuery: (changes: Record<string, string | undefined>) => void }
@@ -78,7 +78,7 @@ function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, 
   wanted.current = configuration;
   useEffect(() => {
     const { cell, robot, table, scanner, meshes } = loaded.model;
-    const tracer = new ClearanceTracer({ cell, robot, table, scanner, clearanceMm: minMm, part: loaded.mesh.positions, tableFromPart,
+    const tracer = new ClearanceTracer({ cell, robot, table, scanner, clearanceMm: minMm, part: loaded.mesh.positions, fixture: loaded.fixture?.positions ?? null, tableFromPart,
       meshes: Object.fromEntries(Object.entries(meshes).map(([id, mesh]) => [id, mesh.positions])) });
     state.value = { curve: null, now: null, share: 0, minMm };
     let isBusy = false;
@@ -122,15 +122,17 @@ function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
   const tableFromPart = loaded.plan.setups?.[setup]?.table_from_part ?? loaded.plan.cell!.table_from_part;
   const clearances = useClearances(loaded, timeline, tableFromPart, configuration);
   useEffect(() => {
-    if (!stage) { scene.current = null; return; }
-    scene.current = new CellScene(stage, loaded.model, loaded.plan);
-    scene.current.showPart(loaded.mesh, loaded.bytes, tableFromPart);
-    stage.look(scene.current.box(), STANDARD_VIEWS.iso!);
-    window.vantage.cell = { scene: scene.current, timeline, loaded, configurationAt: (at: number) => configurationAt(timeline, at), seek: (at: number) => { time.value = at; } };
+    if (!stage) return undefined;
+    const made = new CellScene(stage, loaded.model, loaded.plan);
+    scene.current = made;
+    made.showPart(loaded.mesh, loaded.bytes, loaded.fixture, tableFromPart);
+    stage.look(made.box(), STANDARD_VIEWS.iso!);
+    window.vantage.cell = { scene: made, timeline, loaded, configurationAt: (at: number) => configurationAt(timeline, at), seek: (at: number) => { time.value = at; } };
+    return () => { made.dispose(); scene.current = null; };
   }, [stage, setup]);
   useEffect(() => scene.current?.pose(configuration), [stage, now, setup]);
-  useEffect(() => scene.current?.showBeams(beams.value), [stage, beams.value]);
-  useEffect(() => scene.current?.showGap(clearances.now, (clearances.now?.mm ?? FARTHEST_MM) < 2 * clearances.minMm), [stage, clearances.now]);
+  useEffect(() => scene.current?.showBeams(beams.value), [stage, setup, beams.value]);
+  useEffect(() => scene.current?.showGap(clearances.now, (clearances.now?.mm ?? FARTHEST_MM) < 2 * clearances.minMm), [stage, setup, clearances.now]);
   // The address follows where playback rests; while it runs that would be sixty addresses a second.
   useEffect(() => { if (!playing.value) setQuery({ t: now > 0 ? now.toFixed(2) : undefined }); }, [playing.value, now]);
 

@@ -6,7 +6,7 @@ import type { Clearance } from "./collide";
 import type { Preview } from "./mesh";
 import { matrixOf, turnZ } from "./poses";
 import { length } from "./settings";
-import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
+import { Arm, bodyMesh, bodyMeshes, FIXTURE_COLOUR, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { PartMesh, Stage } from "./stage";
 
 const RAD = Math.PI / 180;
@@ -28,6 +28,8 @@ export async function cellModelOf(job: Pick<Job, "cell">): Promise<CellModel> {
 const GHOST = { colour: 0x00a37a, opacity: 0.25 };
 
 export class CellScene {
+  /** Everything that it shows. */
+  readonly root = new Group();
   private readonly arm: Arm;
   private ghost: Arm | null = null;
   private readonly onPlate = new Group();
@@ -52,7 +54,7 @@ export class CellScene {
     obstacles.name = "obstacles";
     (cell.obstacles ?? []).forEach((body) => obstacles.add(bodyMesh(body, { colour: 0xa08f7a }, meshes)));
     (cell.cable ?? []).forEach((body) => this.arm.carry(body.link!, bodyMesh(body, { colour: 0x2f3640 }, meshes)));
-    stage.scene.add(this.gap, this.arm.object, this.onPlate, still, obstacles, floorLines(cell.floor_mm ?? null));
+    stage.scene.add(this.root.add(this.gap, this.arm.object, this.onPlate, still, obstacles, floorLines(cell.floor_mm ?? null)));
     this.pose(cell.home_deg);
   }
 
@@ -64,11 +66,18 @@ export class CellScene {
     return group;
   }
 
-  showPart(mesh: Preview, bytes: Uint8Array | null, tableFromPart: Pose): void {
+  /** Takes it off the stage. */
+  dispose(): void {
+    this.stage.clear(this.root);
+    this.stage.scene.remove(this.root);
+  }
+
+  showPart(mesh: Preview, bytes: Uint8Array | null, fixture: Preview | null, tableFromPart: Pose): void {
     this.stage.clear(this.partHolder);
     const part = new PartMesh(mesh);
     if (bytes) part.paint((face) => colourOfByte(bytes[face]!));
-    this.partHolder.add(place(new Group().add(part.mesh), matrixOf(tableFromPart)));
+    const held = fixture ? [bodyMesh({ name: "fixture", shape: { kind: "mesh", mesh: "fixture" } }, { colour: FIXTURE_COLOUR }, { fixture })] : [];
+    this.partHolder.add(place(new Group().add(part.mesh, ...held), matrixOf(tableFromPart)));
     this.stage.invalidate();
   }
 
@@ -84,7 +93,7 @@ export class CellScene {
     if (configurationDeg && !this.ghost) {
       this.ghost = new Arm(this.model.robot, GHOST, this.model.meshes);
       this.ghost.flange.add(this.carried(GHOST));
-      this.stage.scene.add(this.ghost.object);
+      this.root.add(this.ghost.object);
     }
     if (this.ghost) this.ghost.object.visible = configurationDeg !== null;
     if (configurationDeg) this.ghost!.pose(configurationDeg);

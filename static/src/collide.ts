@@ -9,7 +9,7 @@ import { linkFrames, matrixOf, shift, turnZ } from "./poses";
 type Point = [number, number, number];
 
 export interface ClearanceCell {
-  cell: Cell; robot: Robot; table: Turntable; scanner: ScannerSpec; clearanceMm: number; part: Float32Array; tableFromPart: Pose;
+  cell: Cell; robot: Robot; table: Turntable; scanner: ScannerSpec; clearanceMm: number; part: Float32Array; fixture: Float32Array | null; tableFromPart: Pose;
   /** Corners of the meshes that bodies name, by their id. */
   meshes: Record<string, Float32Array>;
 }
@@ -179,7 +179,7 @@ function mayMeet(a: SceneBody, b: SceneBody): boolean {
   return !(isStill(a.parent) && isStill(b.parent));
 }
 
-function bodiesOf({ cell, robot, table, scanner, part, tableFromPart, meshes }: ClearanceCell): SceneBody[] {
+function bodiesOf({ cell, robot, table, scanner, part, fixture, tableFromPart, meshes }: ClearanceCell): SceneBody[] {
   const solids = Object.fromEntries(Object.entries(meshes).map(([id, positions]) => [id, solidOfMesh(positions)]));
   const made: SceneBody[] = [];
   const add = (body: Body, parent: Parent, owner: Matrix4, more: Partial<SceneBody> = {}): void => {
@@ -210,7 +210,9 @@ function bodiesOf({ cell, robot, table, scanner, part, tableFromPart, meshes }: 
     add({ name: "floor", shape: { kind: "box", size_mm: [...FLOOR_MM] } }, "still", shift(0, 0, cell.floor_mm - FLOOR_MM[2] / 2), { holdsPart: true });
   }
   (cell.obstacles ?? []).forEach((body) => add(body, "still", own));
-  if (part.length) made.push({ name: "part", parent: "plate", pose: matrixOf(tableFromPart), solid: solidOfMesh(part) });
+  for (const [name, held] of [["part", part], ["fixture", fixture]] as const) {
+    if (held?.length) made.push({ name, parent: "plate", pose: matrixOf(tableFromPart), solid: solidOfMesh(held) });
+  }
   return made;
 }
 

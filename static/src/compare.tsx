@@ -193,7 +193,7 @@ export function Compare({ first: one, second: two }: { first: string; second: st
         <Button onClick={() => goTo(pair(second, first))}>{words.swap}</Button>
       </div>
       {error && <p class="problem" role="alert">{error}</p>}
-      {value && <Pair key={`${first}${second}`} sides={value} />}
+      {value && <Pair key={value.map(({ job }) => job.id).join()} sides={value} />}
     </section>
   );
 }

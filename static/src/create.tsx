@@ -56,7 +56,7 @@ function verdictOf(size: number[], { field, plate }: Bounds): { fits: boolean; w
   return isTooLarge ? { fits: false, words: text.create.fitsNot } : { fits: true, words: text.create.fits };
 }
 
-function UnitTable({ read, bounds, unit, onUnit }: { read: Read; bounds: Bounds; unit: string; onUnit: (unit: string) => void }) {
+function UnitTable({ read, bounds, unit, isFixed, onUnit }: { read: Read; bounds: Bounds; unit: string; isFixed: boolean; onUnit: (unit: string) => void }) {
   const raw = read.max.map((max, i) => max - read.min[i]!);
   return (
     <table class="units">
@@ -67,7 +67,7 @@ function UnitTable({ read, bounds, unit, onUnit }: { read: Read; bounds: Bounds;
           const { fits, words } = verdictOf(size, bounds);
           return (
             <tr key={name} class={name === unit ? "chosen" : ""}>
-              <th scope="row"><button type="button" class="link" onClick={() => onUnit(name)}>{name}</button></th>
+              <th scope="row"><button type="button" class="link" disabled={isFixed} onClick={() => onUnit(name)}>{name}</button></th>
               <td class="number">{sizes(size)}</td><td class={fits ? "good" : "bad"}>{words}</td>
             </tr>
           );
@@ -352,6 +352,8 @@ function showField(name: string): void {
 export function Create({ from, set, at: field }: { from: string | null; set: string | null; at: string | null }) {
   const entries = useSignal<Entry[]>([]);
   const unit = useSignal("");
+  /** Uploads and starts under way, for which the unit stays as it is. */
+  const sending = useSignal(0);
   const params = useSignal<Record<string, unknown>>({});
   const place = useSignal<Placement | null>(null);
   const choice = useSignal<Choice>({ cell: "", scanner: "", partNumber: "", serial: "", labels: "", priority: 0 });
@@ -371,13 +373,18 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
     entries.value = [...entries.value, ...fresh];
     fresh.forEach((entry) => void entry.reading.then((read) => replace(entry, read ? { read } : { problem: text.create.notDrawn })));
   };
+  const whileSending = async <T,>(work: () => Promise<T>): Promise<T> => {
+    sending.value += 1;
+    return work().finally(() => { sending.value -= 1; });
+  };
   const upload = async (entry: Entry): Promise<Mesh> => {
     const known = entries.value.find((other) => other.file === entry.file)?.mesh;
     if (known) return known;
+    const asked = unit.value;
     replace(entry, { share: 0.001, problem: "" });
     try {
-      const mesh = await uploadMesh(entry.file, unit.value, (share) => replace(entry, { share: Math.max(0.001, share) }));
-      replace(entry, { mesh });
+      const mesh = await uploadMesh(entry.file, asked, (share) => replace(entry, { share: Math.max(0.001, share) }));
+      replace(entry, unit.value === asked ? { mesh } : { share: 0 });
       return mesh;
     } catch (error) {
       replace(entry, { share: 0, problem: (error as Error).message });
@@ -467,16 +474,16 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
         {base && <p>{text.create.from} <a href={hrefOf(["jobs", base.job.id])}>{base.mesh.name ?? base.job.id}</a></p>}
         {!base && !from && (
           <>
-            <Files entries={entries} unit={unit.value} onFiles={take} onUpload={upload}
+            <Files entries={entries} unit={unit.value} onFiles={take} onUpload={(entry) => whileSending(() => upload(entry))}
               onDrop={(entry) => { entries.value = entries.value.filter((other) => other.file !== entry.file); }} />
             {entries.value.length > 0 && (
               <>
-                <Select label={text.create.unit} name="unit" required value={unit.value} onChange={chooseUnit}
+                <Select label={text.create.unit} name="unit" required disabled={sending.value > 0} value={unit.value} onChange={chooseUnit}
                   options={[["", text.create.unitChoose], ...Object.keys(MM).map((name): [string, string] => [name, name])]} />
                 <p class="soft">{text.create.unitWhy}</p>
               </>
             )}
-            {first?.read && <UnitTable read={first.read} bounds={bounds} unit={unit.value} onUnit={chooseUnit} />}
+            {first?.read && <UnitTable read={first.read} bounds={bounds} unit={unit.value} isFixed={sending.value > 0} onUnit={chooseUnit} />}
           </>
         )}
         {meshShown && <Health mesh={meshShown} />}
@@ -492,7 +499,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
           </details>
         )}
         <p class="actions sticky">
-          <Button kind="primary" disabled={!canStart} onClick={start}>{entries.value.length > 1 ? text.create.startAll(entries.value.length) : text.create.start}</Button>
+          <Button kind="primary" disabled={!canStart} onClick={() => whileSending(start)}>{entries.value.length > 1 ? text.create.startAll(entries.value.length) : text.create.start}</Button>
           {first && !unit.value && <span class="soft">{text.create.readFirst}</span>}
         </p>
       </div>

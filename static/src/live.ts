@@ -22,6 +22,13 @@ const MAX_DELAY_MS = 10_000;
 /** A comment comes every 15 s; longer silence is a dead connection that nobody closed. */
 const SILENCE_MS = 40_000;
 
+/** The streams of this page. A browser has six connections to a server for all its pages; a stream holds one of them. */
+const streams = new Set<Stream>();
+/** Gives the connections of the streams to requests that wait for one; the streams are taken up again a moment later. */
+export const giveWay = (): void => streams.forEach((stream) => stream.rest());
+// Nobody looks at a hidden page.
+document.addEventListener("visibilitychange", () => (document.hidden ? giveWay() : streams.forEach((stream) => stream.hurry())));
+
 /** A stream of events that lives until it is closed. */
 export class Stream {
   readonly connection = signal<Connection>("connecting");
@@ -32,21 +39,30 @@ export class Stream {
 
   constructor(private readonly options: Options) {
     void this.run();
+    streams.add(this);
     addEventListener("online", this.hurry);
   }
 
   close(): void {
     this.isOver = true;
     this.controller.abort();
+    streams.delete(this);
     removeEventListener("online", this.hurry);
   }
 
-  private hurry = (): void => { this.delay = FIRST_DELAY_MS; this.wake(); };
+  /** Closes the connection until the page is seen, or for a moment. */
+  rest(): void {
+    this.connection.value = "connecting";
+    this.controller.abort();
+  }
+
+  readonly hurry = (): void => { this.delay = FIRST_DELAY_MS; this.wake(); };
   private wake: () => void = () => {};
 
   private async run(): Promise<void> {
     let isFirst = true;
     while (!this.isOver) {
+      if (document.hidden) { await this.pause(); continue; }
       try {
         this.controller = new AbortController();
         const headers: Record<string, string> = { Accept: "text/event-stream" };
@@ -64,7 +80,7 @@ export class Stream {
         if (error instanceof Refused && error.status === 404) return;
       }
       if (this.isOver) return;
-      this.connection.value = "lost";
+      if (!this.controller.signal.aborted) this.connection.value = "lost";
       await this.pause();
     }
   }
@@ -82,7 +98,7 @@ export class Stream {
     const reader = response.body!.pipeThrough(new TextDecoderStream()).getReader();
     let rest = "";
     for (;;) {
-      const silence = setTimeout(() => this.controller.abort(), SILENCE_MS);
+      const silence = setTimeout(() => { this.connection.value = "lost"; this.controller.abort(); }, SILENCE_MS);
       const { value, done } = await reader.read().finally(() => clearTimeout(silence));
       if (done) return;
       const parts = (rest + value).split(/\r?\n\r?\n/);

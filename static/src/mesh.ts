@@ -1,5 +1,5 @@
 // The preview of a mesh: its triangles, the faces of the uploaded file that each stands for, and the worker that holds its tree.
-import { request } from "./api";
+import { request, type Plan } from "./api";
 import type { Read } from "./readmesh";
 import type { Clearance, ClearanceCell } from "./collide";
 import type { ReachMap } from "./reach";
@@ -101,6 +101,9 @@ export function preview(meshId: string): Promise<Preview> {
   return asked;
 }
 
+/** The fixture that holds the part of a plan, in the part's coordinates. */
+export const fixtureOf = async ({ params: { part } }: Plan): Promise<Preview | null> => (part.fixture_mesh ? preview(part.fixture_mesh) : null);
+
 export async function coverageBytes(jobId: string): Promise<Uint8Array> {
   return new Uint8Array(await (await request(`/jobs/${jobId}/coverage.bin`)).arrayBuffer());
 }
@@ -159,10 +162,11 @@ export class Tracer {
   private worker: Asked | null = null;
   private begin!: (worker: Asked) => void;
 
-  constructor(private readonly positions: Float32Array) {
+  /** `fixture`: what hides the mesh besides itself. */
+  constructor(private readonly positions: Float32Array, fixture: Float32Array | null = null) {
     this.ready = new Promise<Asked>((begin) => { this.begin = begin; }).then((worker) => {
       const copy = this.positions.slice();
-      return worker.send({ kind: "load", positions: copy }, [copy.buffer]);
+      return worker.send({ kind: "load", positions: copy, fixture }, [copy.buffer]);
     });
   }
 

@@ -6,7 +6,9 @@ export type Rigid = Float64Array; // Rows of a 3 × 4 matrix.
 
 export interface Optics {
   near: number; best: number; far: number;
-  devices: { lens: Lens; scannerCentre: [number, number, number]; deviceFromScanner: Rigid; minCos: number }[];
+  /** Half ranges of the working depth below and above best focus, in which all devices are in focus. */
+  halves: [number, number];
+  devices: { lens: Lens; scannerCentre: [number, number, number]; deviceFromScanner: Rigid; minCos: number; inFocus: [number, number] }[];
   angleWeight: number; distanceWeight: number; isRayAngle: boolean; referenceRad: number;
 }
 
@@ -16,6 +18,7 @@ interface Lens {
 
 const NAMES = ["left", "right", "projector"] as const;
 const RAD = Math.PI / 180;
+const MIN_HALF_RANGE_MM = 1e-3;
 
 export function rigid({ translation_mm: [x, y, z], quaternion_xyzw: [a, b, c, w] }: Pose): Rigid {
   return Float64Array.of(
@@ -52,7 +55,8 @@ function fieldRadius2(k: number[]): number {
 
 /** Optics of a plan: its scanner, whose limits are those in force. */
 export function opticsOf(scanner: Scanner, score: { c: number; d: number; angle: string }): Optics {
-  const devices = NAMES.map((name) => {
+  const { near, best, far } = scanner.depth_mm;
+  const devices = NAMES.map((name): Optics["devices"][number] => {
     const device = scanner.devices.find((device) => device.name === name)!;
     const k = device.distortion;
     return {
@@ -61,12 +65,16 @@ export function opticsOf(scanner: Scanner, score: { c: number; d: number; angle:
       scannerCentre: device.scanner_from_device.translation_mm,
       deviceFromScanner: inverse(rigid(device.scanner_from_device)),
       minCos: Math.cos(device.incidence_max_deg * RAD),
+      inFocus: [device.in_focus_from_mm ?? -Infinity, device.in_focus_to_mm ?? Infinity],
     };
   });
+  // On the scanner's axis a device's own depth is a line of the scanner's: its third row.
+  const ends = (end: 0 | 1): number[] => devices.map(({ inFocus, deviceFromScanner: m }) => (inFocus[end] - m[11]!) / m[10]!);
+  const halves = [best - Math.max(near, ...ends(0)), Math.min(far, ...ends(1)) - best].map((half) => Math.max(half, MIN_HALF_RANGE_MM)) as [number, number];
   const projector = scanner.devices.find((device) => device.name === "projector")! as { incidence_own_deg?: number } &
     Scanner["devices"][number];
   return {
-    ...scanner.depth_mm, devices, angleWeight: score.c, distanceWeight: score.d, isRayAngle: score.angle === "ray",
+    near, best, far, halves, devices, angleWeight: score.c, distanceWeight: score.d, isRayAngle: score.angle === "ray",
     referenceRad: (projector.incidence_own_deg ?? projector.incidence_max_deg) * RAD,
   };
 }
@@ -122,6 +130,7 @@ export function evaluate(optics: Optics, view: View, p: number[], n: number[]): 
   let frame: string | null = null;
   let incidence: string | null = null;
   let minCos = 1;
+  let isInDepth = optics.near <= s[2] && s[2] <= optics.far;
   for (let i = 0; i < 3; i += 1) {
     const device = optics.devices[i]!;
     const [cx, cy, cz] = view.centres[i]!;
@@ -130,14 +139,15 @@ export function evaluate(optics: Optics, view: View, p: number[], n: number[]): 
     minCos = Math.min(minCos, cos);
     faces &&= cos > 0;
     if (cos < device.minCos) incidence ??= `incidence_${NAMES[i]}`;
-    if (!frame && !images(device.lens, ...apply(device.deviceFromScanner, ...s))) frame = `frame_${NAMES[i]}`;
+    const [x, y, z] = apply(device.deviceFromScanner, ...s);
+    isInDepth &&= device.inFocus[0] <= z && z <= device.inFocus[1];
+    if (!frame && !images(device.lens, x, y, z)) frame = `frame_${NAMES[i]}`;
   }
-  const isInDepth = optics.near <= s[2] && s[2] <= optics.far;
   const cause = !faces ? "facing" : !isInDepth ? "depth" : frame ?? incidence;
   const t = turn(view.scannerFromPart, nx, ny, nz);
   const cos = optics.isRayAngle ? -(t[0] * s[0] + t[1] * s[1] + t[2] * s[2]) / Math.hypot(...s) : -t[2];
   const off = Math.abs(s[2] - optics.best);
-  const half = s[2] < optics.best ? optics.best - optics.near : optics.far - optics.best;
+  const half = optics.halves[s[2] < optics.best ? 0 : 1];
   const quality = optics.angleWeight * within(1 - (2 * Math.acos(within(cos))) / optics.referenceRad)
     + optics.distanceWeight * within(1 - (2 * off) / half);
   return { cause, incidenceDeg: Math.acos(within(minCos)) / RAD, depthMm: s[2], quality };

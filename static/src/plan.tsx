@@ -41,7 +41,7 @@ export function PlanView({ job, query, setQuery }: { job: Job } & Query) {
 }
 
 function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
-  const tracer = useMemo(() => new Tracer(model.mesh.positions), [model]);
+  const tracer = useMemo(() => new Tracer(model.mesh.positions, model.fixture?.positions), [model]);
   useEffect(() => () => tracer.close(), [tracer]);
   const state = {
     views: useSignal<EditedView[]>([]), chosen: useSignal<number | null>(null), hovered: useSignal<number | null>(null), scores: useSignal<Scores | null>(null),

@@ -3,7 +3,7 @@ import { Matrix4, Vector3 } from "three";
 import { ask, type Cell, type Job, type MissedListing, type Plan, type Pose, type Remedy, type Spot, type Turntable } from "./api";
 import { meaningOf } from "./bytes";
 import { cellName } from "./jobs";
-import { coverageBytes, preview, type Preview } from "./mesh";
+import { coverageBytes, fixtureOf, preview, type Preview } from "./mesh";
 import { opticsOf, type Optics } from "./optics";
 import { matrixOf, poseOf, product, shift, turnX, turnY, turnZ } from "./poses";
 import type { Plate } from "./worker";
@@ -11,7 +11,7 @@ import type { Plate } from "./worker";
 export interface MissedAt { reason: string; spot: Spot }
 
 export interface Model {
-  job: Job; plan: Plan; mesh: Preview; bytes: Uint8Array; missed: MissedListing; optics: Optics; plateRadius: number;
+  job: Job; plan: Plan; mesh: Preview; fixture: Preview | null; bytes: Uint8Array; missed: MissedListing; optics: Optics; plateRadius: number;
   /** Missed spot of a face of the preview. */
   missedAt: (face: number) => MissedAt | null;
 }
@@ -37,7 +37,7 @@ export async function modelOf(job: Job): Promise<Model> {
     }
     return null;
   };
-  return { job, plan, mesh, bytes, missed, optics: opticsOf(plan.scanner, plan.params.score), plateRadius, missedAt };
+  return { job, plan, mesh, fixture: await fixtureOf(plan), bytes, missed, optics: opticsOf(plan.scanner, plan.params.score), plateRadius, missedAt };
 }
 
 /** A viewpoint as the reader has it: planned, moved, dropped or added. */

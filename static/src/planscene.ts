@@ -1,13 +1,14 @@
 // What the plan view draws: part by colour mode, viewpoints, frustums, marked faces, chosen spot, section and measure.
 import {
-  type Box3, CircleGeometry, Color, Group, type InstancedMesh, Matrix4, Mesh, MeshBasicMaterial, type Object3D, Plane,
-  SphereGeometry, Vector3,
+  type Box3, BufferAttribute, BufferGeometry, CircleGeometry, Color, EdgesGeometry, Group, type InstancedMesh, Matrix4, Mesh,
+  MeshBasicMaterial, type Object3D, Plane, SphereGeometry, Vector3,
 } from "three";
 import { colourOf, isGrade, meaningOf } from "./bytes";
+import type { Preview } from "./mesh";
 import { causeColour, MARKED, MISSED, NOT_ASKED, BELOW, onScale, PLAIN, viewColour, type Rgb } from "./palette";
 import type { EditedView, Model } from "./planmodel";
 import { matrixOf } from "./poses";
-import { frustums, lines, place, viewGlyphs } from "./solids";
+import { FIXTURE_COLOUR, frustums, lines, place, viewGlyphs } from "./solids";
 import { PartMesh, Stage, STANDARD_VIEWS, type Label, type PointerPick } from "./stage";
 import type { Scores } from "./worker";
 
@@ -81,6 +82,7 @@ export class PlanScene {
     this.pins.name = "pins";
     this.plate.name = "plate";
     this.root.add(this.part.mesh, this.overlay, this.frustum, this.pins);
+    if (model.fixture) this.root.add(edgesOf(model.fixture));
     stage.scene.add(this.root, this.plate);
     this.lay(shownFromPart);
   }
@@ -242,6 +244,16 @@ function plateDisc(radius: number): Object3D[] {
   disc.position.z = -0.2;
   const at = (i: number): number[] => [radius * Math.cos((i * Math.PI) / 36), radius * Math.sin((i * Math.PI) / 36), -0.2];
   return [disc, lines(Array.from({ length: 72 }, (_, i) => [...at(i), ...at(i + 1)]).flat(), 0x5b6673)];
+}
+
+const SHARP_DEG = 15;
+
+/** Edges of a fixture: a surface would hide the part, or tint its colours. */
+function edgesOf({ positions }: Preview): Object3D {
+  const surface = new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3));
+  const made = lines([...new EdgesGeometry(surface, SHARP_DEG).getAttribute("position").array], FIXTURE_COLOUR);
+  made.name = "fixture";
+  return made;
 }
 
 function boxLines(min: number[], max: number[]): number[] {

@@ -65,7 +65,7 @@ export function ReachPanel({ stage, load }: { stage: Stage | null; load: () => P
       const model = await load();
       const { cell, robot, table, scanner, meshes } = model;
       const half = edge / 2;
-      const found = await made.count({ cell, robot, table, scanner, clearanceMm: CLEARANCE_MM, part: cube(edge),
+      const found = await made.count({ cell, robot, table, scanner, clearanceMm: CLEARANCE_MM, part: cube(edge), fixture: null,
         tableFromPart: { translation_mm: [-half, -half, 0], quaternion_xyzw: [0, 0, 0, 1] },
         meshes: Object.fromEntries(Object.entries(meshes).map(([id, mesh]) => [id, mesh.positions])) }, edge, setShare);
       setMap(found);

@@ -2,13 +2,13 @@
 import { useSignal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { apiPath, ask, post, Refused, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
-import { CellScene, cellModelOf, type CellModel } from "./cellscene";
+import { CellScene, cellModelOf } from "./cellscene";
 import { programsOf } from "./cell";
 import { Chart } from "./chart";
-import { keepJob, partName } from "./jobs";
+import { partName, readJob } from "./jobs";
 import { giveBack, lease, takeLease, withToken } from "./lease";
-import { Stream, type LiveEvent } from "./live";
-import { coverageBytes, preview, type Preview } from "./mesh";
+import { giveWay, Stream, type LiveEvent } from "./live";
+import { coverageBytes, fixtureOf, preview } from "./mesh";
 import { LINES } from "./palette";
 import { hrefOf, percent, seconds, when } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
@@ -50,25 +50,30 @@ export function RunList(_: object) {
   );
 }
 
-interface Loaded { run: Run; job: Job | null; plan: Plan | null; programs: Program[]; model: CellModel | null; mesh: Preview | null; bytes: Uint8Array | null; record: StepRecord[] }
-
-async function load(id: string): Promise<Loaded> {
-  const run = await ask<Run>(`/runs/${id}`);
-  const record = await ask<{ steps: StepRecord[] }>(`/runs/${id}/record`).then(({ steps }) => steps, () => []);
-  const job = run.job_id ? await ask<Job>(`/jobs/${run.job_id}`).catch(() => null) : null;
-  if (!job) return { run, job, plan: null, programs: [], model: null, mesh: null, bytes: null, record };
-  keepJob(job);
-  const [plan, programs, model, mesh, bytes] = await Promise.all([
-    ask<Plan>(`/jobs/${job.id}/plan`), programsOf(job), cellModelOf(job), preview(job.mesh_id).catch(() => null), coverageBytes(job.id),
-  ]);
-  return { run, job, plan, programs, model, mesh, bytes, record };
-}
-
+/** The run alone is waited for: its controls need nothing else. */
 export function RunView({ id }: { id: string }) {
-  const { value, error } = useLoaded(() => load(id), [id]);
+  const { value, error } = useLoaded(() => ask<Run>(`/runs/${id}`), [id]);
   if (error) return <p class="problem" role="alert">{error}</p>;
   if (!value) return <p class="soft" role="status">{text.loading}</p>;
-  return <Live key={id} loaded={value} />;
+  return <Live key={id} first={value} />;
+}
+
+const orNull = <T,>(asked: Promise<T>): Promise<T | null> => asked.catch(() => null);
+
+/** What is drawn: the cell, and on it what can be read of part, fixture and coverage. */
+async function sceneryOf(job: Job) {
+  const [model, plan, mesh, bytes] = await Promise.all([
+    cellModelOf(job), orNull(ask<Plan>(`/jobs/${job.id}/plan`)), orNull(preview(job.mesh_id)), orNull(coverageBytes(job.id)),
+  ]);
+  return { model, plan, mesh, bytes, fixture: plan && await orNull(fixtureOf(plan)) };
+}
+
+/** What is shown around the controls: each comes, or fails, by itself. */
+function useAround(id: string | null) {
+  const { value: job, error: noJob } = useLoaded(async () => (id ? readJob(id) : null), [id]);
+  const { value: programs } = useLoaded(async () => (job ? programsOf(job) : []), [job]);
+  const { value: scenery, error } = useLoaded(async () => (job ? sceneryOf(job) : null), [job]);
+  return { job, programs: programs ?? [], scenery, problem: id ? noJob || error : text.notFound };
 }
 
 interface LogEntry { at: string; kind: string; state: string; reason: string; step: number; detail?: string | null }
@@ -88,35 +93,44 @@ function pointsOf(record: StepRecord[]): Point[] {
 const MAX_LOG = 300;
 
 /** Live state of a run: its document, samples and events. */
-function useRun(loaded: Loaded) {
-  const run = useSignal(loaded.run);
-  const samples = useSignal<Point[]>(useMemo(() => pointsOf(loaded.record), [loaded]));
+function useRun(first: Run) {
+  const run = useSignal(first);
+  const samples = useSignal<Point[]>([]);
   const heard = useRef<{ sequence: number; secs: number } | null>(null);
   const log = useSignal<LogEntry[]>([]);
   // The end is told before the record with the coverage is stored; the server answers when it is.
   // On a busy machine that may take longer than one wait.
   const isShown = useRef(true);
-  useEffect(() => () => { isShown.current = false; }, []);
+  // What was measured before the page was opened stands in the record, up to this step.
+  const recorded = useRef(-1);
+  const readRecord = (isWhole: boolean): Promise<void> => ask<{ steps: StepRecord[] }>(`/runs/${first.id}/record`).then(({ steps }) => {
+    const past = pointsOf(steps);
+    const { step, secs } = past.at(-1) ?? { step: -1, secs: 0 };
+    const since = isWhole ? [] : samples.peek().filter((point) => point.step > step);
+    recorded.current = step;
+    samples.value = [...past, ...since.map((point) => ({ ...point, secs: point.secs - since[0]!.secs + secs }))];
+  }, () => {});
+  useEffect(() => {
+    void readRecord(false);
+    return () => { isShown.current = false; };
+  }, []);
   const read = async (isEnd = false): Promise<void> => {
     for (;;) {
-      const fresh = await ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).catch((error: unknown) => error);
+      const fresh = await ask<Run>(`/runs/${first.id}${isEnd ? "?wait=20s" : ""}`).catch((error: unknown) => error);
       if (isGone(fresh)) return;
       if (!(fresh instanceof Error)) {
         const told = fresh as Run;
         // An answer that was under way at the end is older than the end.
         if (OVER.includes(told.state) || !OVER.includes(run.peek().state)) run.value = told;
-        if (OVER.includes(told.state)) {
-          // The record has the time of each step; the curves so far are as the page counted it.
-          await ask<{ steps: StepRecord[] }>(`/runs/${told.id}/record`).then(({ steps }) => { samples.value = pointsOf(steps); }, () => {});
-          return;
-        }
+        // The record has the time of each step; the curves so far are as the page counted it.
+        if (OVER.includes(told.state)) return readRecord(true);
       }
       if (!isEnd || !isShown.current) return;
       await new Promise((tried) => { setTimeout(tried, 1000); });
     }
   };
   const stream = useMemo(() => new Stream({
-    path: `/runs/${loaded.run.id}/events`, numbered: false, onReset: () => void read(),
+    path: `/runs/${first.id}/events`, numbered: false, onReset: () => void read(),
     onEvent: ({ kind, data }: LiveEvent) => {
       if (kind === "live") {
         const { sequence, elapsed_secs: real, step, state, deviation_deg, measured } = data as RunSample;
@@ -124,7 +138,7 @@ function useRun(loaded: Loaded) {
         if (sequence <= (before?.sequence ?? -1)) return;
         heard.current = { sequence, secs: real };
         // The record has it.
-        if (step <= (loaded.record.at(-1)?.step ?? -1)) return;
+        if (step <= recorded.current) return;
         const spent = before && state === "running" ? (real - before.secs) * run.peek().time_factor : 0;
         // Half of the samples goes when there are too many, so that an hour takes no more memory than a minute; a pause takes one.
         const kept = known.length >= MAX_SAMPLES ? known.filter((_, i) => i % 2 === 0) : spent > 0 ? known : known.slice(0, -1);
@@ -135,42 +149,46 @@ function useRun(loaded: Loaded) {
       log.value = [...log.peek().slice(-MAX_LOG), { ...(data as LogEntry), kind }];
       void read(OVER.includes((data as LogEntry).state));
     },
-  }), [loaded.run.id]);
+  }), [first.id]);
   useEffect(() => () => stream.close(), [stream]);
   return { run, samples, log, stream, read };
 }
 
-function Live({ loaded }: { loaded: Loaded }) {
-  const { run, samples, log, stream, read } = useRun(loaded);
+function Live({ first }: { first: Run }) {
+  const { run, samples, log, stream, read } = useRun(first);
+  const { job, programs, scenery, problem } = useAround(first.job_id);
   const scene = useRef<CellScene | null>(null);
   const [stage, setStage] = useState<Stage | null>(null);
-  const program = loaded.programs[run.value.setup] ?? loaded.programs[0];
+  const program = programs[run.value.setup] ?? programs[0];
   const last = samples.value.at(-1);
+  useEffect(() => { window.vantage.run = { scene, run, samples }; }, []);
   useEffect(() => {
-    if (!stage || !loaded.model) { scene.current = null; return; }
-    scene.current = new CellScene(stage, loaded.model, loaded.plan);
-    if (loaded.mesh && loaded.plan?.cell) {
-      scene.current.showPart(loaded.mesh, loaded.bytes, loaded.plan.setups?.[run.peek().setup]?.table_from_part ?? loaded.plan.cell.table_from_part);
-    }
-    stage.look(scene.current.box(), STANDARD_VIEWS.iso!);
-    window.vantage.run = { scene: scene.current, run, samples };
-  }, [stage]);
+    if (!stage || !scenery) return undefined;
+    const { model, plan, mesh, bytes, fixture } = scenery;
+    const made = new CellScene(stage, model, plan);
+    scene.current = made;
+    const tableFromPart = plan?.cell && (plan.setups?.[run.peek().setup]?.table_from_part ?? plan.cell.table_from_part);
+    if (mesh && tableFromPart) made.showPart(mesh, bytes, fixture, tableFromPart);
+    stage.look(made.box(), STANDARD_VIEWS.iso!);
+    return () => { made.dispose(); scene.current = null; };
+  }, [stage, scenery]);
   useEffect(() => {
     if (last) scene.current?.pose([...last.measured.joints_deg, last.measured.table_angle_deg]);
     const target = program && targetOf(program, run.value.step);
     scene.current?.showGhost(OVER.includes(run.value.state) ? null : target ?? null);
-  }, [stage, last, run.value.step, run.value.state]);
+  }, [stage, scenery, program, last, run.value.step, run.value.state]);
   return (
     <div class="runview">
       <div class="left">
-        {loaded.model ? <View3d label={text.cell.scene} name="run" box={() => scene.current?.box() ?? null} onStage={setStage} /> : <p class="empty">{text.notFound}</p>}
+        {scenery ? <View3d label={text.cell.scene} name="run" box={() => scene.current?.box() ?? null} onStage={setStage} />
+          : problem ? <p class="empty" role="alert">{problem}</p> : <p class="empty" role="status">{text.loading}</p>}
         <p class="soft">{words.ghost}</p>
       </div>
       <aside class="side">
-        <h1>{loaded.job ? <a href={hrefOf(["jobs", loaded.job.id])}>{partName(loaded.job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
+        <h1>{job ? <a href={hrefOf(["jobs", job.id])}>{partName(job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
         <p class="safety">{words.safety}</p>
         {stream.connection.value === "lost" && !OVER.includes(run.value.state) && <p class="problem" role="alert">{text.connection.lostLong}</p>}
-        <Controls run={run} setups={loaded.programs.length} onDone={() => read()} />
+        <Controls run={run} setups={programs.length} read={() => read()} />
         <RunFacts run={run.value} program={program} elapsed={OVER.includes(run.value.state) ? run.value.elapsed_secs : last?.secs ?? run.value.elapsed_secs} />
         <Plots samples={samples} />
         <h3>{words.log}</h3>
@@ -194,43 +212,83 @@ function targetOf(program: Program, step: number): number[] {
 
 function LeaseBox({ run }: { run: Run }) {
   const { value, reload } = useLoaded(() => ask<{ items: { cell: string; holder: string }[] }>("/leases"), [lease.value]);
-  const name = useSignal("");
+  const [name, cell] = [useSignal(""), useSignal("")];
   const held = value?.items.find((item) => item.cell === run.cell);
   const isMine = lease.value?.cell === run.cell;
+  const isToArm = run.mode === "live" && run.state === "ready";
   return (
     <fieldset>
       <legend>{words.lease}</legend>
       <p id="lease-state">{isMine ? words.mine : held ? words.held(held.holder) : words.free}. <span class="soft">{words.noLease}</span></p>
-      <label><span>{words.operator}</span><input type="text" value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
+      <label><span>{words.operator}</span><input type="text" name="operator" maxLength={128} value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
+      {isToArm && <label><span>{words.armCell}</span><input type="text" name="cell" maxLength={128} autocomplete="off" value={cell.value} onInput={(event) => { cell.value = event.currentTarget.value; }} /></label>}
       <p class="actions">
         {isMine ? <Button onClick={() => giveBack().then(reload)}>{words.give}</Button> : <Button onClick={() => takeLease(run.cell, name.value).then(reload)}>{words.take}</Button>}
-        {run.mode === "live" && run.state === "ready" && (
-          <Button kind="danger" disabled={!isMine || !name.value} onClick={() => post(withToken(`/runs/${run.id}/arm`), { cell: run.cell, operator: name.value })}>{words.arm}</Button>
+        {isToArm && (
+          <Button kind="danger" disabled={!isMine || !name.value || !cell.value} onClick={() => post(withToken(`/runs/${run.id}/arm`), { cell: cell.value, operator: name.value })}>{words.arm}</Button>
         )}
       </p>
     </fieldset>
   );
 }
 
-function Controls({ run, setups, onDone }: { run: Signal<Run>; setups: number; onDone: () => Promise<void> }) {
-  const { id, state, mode, job_id: job, single_step: isStepped, speed_override: speed } = run.value;
+/** Time after which the reader hears that Stop is not answered; the server answers within 2 s. */
+const STOP_ANSWER_MS = 4000;
+
+interface Commanded { run: Signal<Run>; read: () => Promise<void> }
+
+/** The speed in force; while one is asked for, that. One request is under way at a time, and the last value wins. */
+function Speed({ run, read }: Commanded) {
+  const wanted = useSignal<number | null>(null);
+  const { id, mode, cell, speed_override: inForce } = run.value;
+  const send = async (value: number): Promise<void> => {
+    const told = await guarded(() => post<Run>(withToken(`/runs/${id}/override`), { speed_override: value }));
+    if (told) run.value = { ...run.peek(), speed_override: told.speed_override };
+    else await read();
+    const next = wanted.peek()!;
+    if (next !== value) return send(next);
+    wanted.value = null;
+  };
+  const choose = (value: number): void => {
+    const isFirst = wanted.peek() === null;
+    wanted.value = value;
+    if (isFirst) void send(value);
+  };
+  const speed = wanted.value ?? inForce;
+  return <Slider label={words.override} min={0.01} max={1} step={0.01} value={speed} show={percent(speed, 0)} disabled={mode === "live" && lease.value?.cell !== cell} onInput={choose} />;
+}
+
+function Controls({ run, setups, read }: Commanded & { setups: number }) {
+  const said = useSignal("");
+  const { id, state, mode, job_id: job, single_step: isStepped } = run.value;
   // Told where the part lies, the run goes on by itself.
-  const isWaiting = state === "paused" && run.value.reason !== "locating";
-  const command = (name: string, token: boolean) => () => post(token ? withToken(`/runs/${id}/${name}`) : `/runs/${id}/${name}`).then(onDone);
+  const isWaiting = (state === "armed" && isStepped) || (state === "paused" && run.value.reason !== "locating");
+  const command = (name: string, token: boolean) => () => post(token ? withToken(`/runs/${id}/${name}`) : `/runs/${id}/${name}`).then(read);
   const isActive = !OVER.includes(state);
+  // It can be pressed again as long as the run is not over, whatever waits.
+  const stop = async (): Promise<void> => {
+    said.value = words.stopping;
+    const timer = setTimeout(() => { said.value = words.stopLate; }, STOP_ANSWER_MS);
+    const stopped = guarded(() => post(`/runs/${id}/stop`));
+    giveWay();
+    await stopped;
+    clearTimeout(timer);
+    said.value = "";
+    await read();
+  };
   return (
     <>
       <div class="controls" role="group" aria-label={words.title}>
         <Button disabled={state !== "running"} onClick={command("pause", false)}>{words.pause}</Button>
         <Button kind="primary" disabled={!isWaiting} onClick={command("resume", true)}>{words.resume}</Button>
-        <Button kind="danger" disabled={!isActive} onClick={command("stop", false)}>{words.stop}</Button>
+        <Button kind="danger" disabled={!isActive} onClick={() => { void stop(); }}>{words.stop}</Button>
         {isStepped && <Button disabled={!isWaiting} onClick={command("step", true)}>{words.step}</Button>}
         {!isActive && job && setups > 0 && (
           <StartRun job={job} setups={setups} setup={run.value.setup} timeFactor={run.value.time_factor} fromStep={state === "done" ? 0 : run.value.step} />
         )}
       </div>
-      {isActive && <Slider label={words.override} min={0.01} max={1} step={0.01} value={speed} show={percent(speed, 0)}
-        onInput={(value) => { run.value = { ...run.value, speed_override: value }; void guarded(() => post(withToken(`/runs/${id}/override`), { speed_override: value })); }} />}
+      {isActive && said.value && <p class={said.value === words.stopLate ? "problem" : "soft"} role="alert">{said.value}</p>}
+      {isActive && <Speed run={run} read={read} />}
       {(mode === "live" || lease.value) && <LeaseBox run={run.value} />}
       {state === "failed" || state === "stopped" || state === "paused" ? <Reason run={run.value} /> : null}
     </>
@@ -256,7 +314,7 @@ function RunFacts({ run, program, elapsed }: { run: Run; program: Program | unde
         <dt>{words.mode}</dt><dd>{words.modes[run.mode]}{run.mode === "simulate" && run.time_factor !== 1 ? `, ${run.time_factor}×` : ""}</dd>
         <dt>{text.cell.setupLabel}</dt><dd id="run-setup">{run.setup + 1}</dd>
         <dt>{words.progress}</dt><dd id="run-progress">{run.step} {words.of} {run.steps}, {words.scans(scans)}</dd>
-        <dt>{words.elapsed}</dt><dd>{seconds(elapsed)} {words.of} {seconds(run.planned_secs)}</dd>
+        <dt>{words.elapsed}</dt><dd>{seconds(elapsed)} {words.of} {seconds(run.planned_secs)}{run.speed_override < 1 && ` ${words.atFullSpeed}`}</dd>
         {run.coverage && <><dt>{words.coverage}</dt><dd>{percent(run.coverage.measured_of_asked, 2)} ({words.planned} {percent(run.coverage.planned_of_asked, 2)})</dd></>}
         {run.jitter && <><dt>{words.jitter}</dt><dd>{run.jitter.p99_ms?.toFixed(2)} ms</dd></>}
         {run.armed_by && <><dt>{words.arm}</dt><dd>{run.armed_by}</dd></>}

@@ -61,6 +61,7 @@ function capsule(from: Vector3, to: Vector3, radius: number, look: Look): Mesh {
   return place(made, new Matrix4().compose(from.clone().add(to).multiplyScalar(0.5), turn, new Vector3(1, 1, 1)));
 }
 
+export const FIXTURE_COLOUR = 0x8f6fa8;
 const LINK_COLOURS = [0x5b6673, 0xb9c2cc, 0xd98a3d];
 
 /** The arm as surfaces where they are known, else as capsules, moved by its joints. */

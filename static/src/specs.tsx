@@ -2,7 +2,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { Box3, BoxGeometry, EdgesGeometry, Group, LineBasicMaterial, LineSegments, Matrix4 } from "three";
-import { ask, post, put, remove, request, type Body, type Cell, type Device, type Note, type Page, type ProblemField, type Robot, type Scanner, type ScannerSpec, type Turntable } from "./api";
+import { ask, askVersion, post, putVersion, Refused, remove, type Body, type Cell, type Device, type Note, type Page, type ProblemField, type Robot, type Scanner, type ScannerSpec, type Turntable } from "./api";
 import { CellScene, cellModelOf } from "./cellscene";
 import { commonField, opticsOf } from "./optics";
 import { matrixOf, poseOf, rigOf, type BoardPose } from "./poses";
@@ -19,7 +19,7 @@ const words = text.specs;
 const KINDS = ["scanners", "robots", "turntables", "cells"] as const;
 const SCHEMAS: Record<string, string> = { scanners: "ScannerSpec", robots: "RobotSpec", turntables: "TurntableSpec", cells: "CellSpec" };
 
-interface Item { name: string; preset: boolean; etag: string }
+interface Item { name: string; preset: boolean }
 interface Report { sound: boolean; findings: ProblemField[]; warnings?: Note[]; description?: string | null }
 
 const listAll = async (): Promise<Record<string, Item[]>> => Object.fromEntries(await Promise.all(
@@ -50,22 +50,31 @@ export function Specs({ kind: named, name }: { kind: string; name: string }) {
   );
 }
 
+/** What a refusal for another version means to the reader. */
+function inWords(refused: unknown): never {
+  const reason = refused instanceof Refused && words.refused[refused.code];
+  throw reason ? new Error(reason) : refused;
+}
+
 function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged: () => void }) {
   const path = `/${kind}/${encodeURIComponent(item.name)}`;
-  const { value: loaded, error } = useLoaded(() => ask<Record<string, unknown>>(path), [path]);
+  const { value: loaded, error } = useLoaded(() => askVersion<Record<string, unknown>>(path), [path]);
+  /** Tag of the version that this page stored last. */
+  const [stored, setStored] = useState("");
   const { value: api } = useLoaded(apiDocument, []);
   const draft = useSignal<Record<string, unknown> | null>(null);
   const [tab, setTab] = useState("form");
   const [saveAs, setSaveAs] = useState(item.name);
   const [said, setSaid] = useState("");
-  const spec = draft.value ?? loaded;
+  const spec = draft.value ?? loaded?.value ?? null;
   const report = useCheck(spec);
   if (error) return <p class="problem" role="alert">{error}</p>;
   if (!spec || !api) return <p class="soft" role="status">{text.loading}</p>;
+  const etag = stored || loaded!.etag;
   const save = async (): Promise<void> => {
     const isSame = saveAs === item.name;
-    const headers: Record<string, string> = isSame && !item.preset ? { "If-Match": (await request(path)).headers.get("etag") ?? item.etag } : {};
-    await put(`/${kind}/${encodeURIComponent(saveAs)}`, { ...spec, name: saveAs }, headers);
+    const tag = await putVersion(`/${kind}/${encodeURIComponent(saveAs)}`, { ...spec, name: saveAs }, isSame ? etag : "").catch(inWords);
+    if (isSame) setStored(tag);
     setSaid(words.saved);
     onChanged();
     if (!isSame) goTo(hrefOf(["specs", kind, saveAs]));
@@ -82,7 +91,7 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
         <p class="actions sticky">
           <label><span>{words.saveAs}</span><input type="text" maxLength={128} value={saveAs} onInput={(event) => setSaveAs(event.currentTarget.value)} /></label>
           <Button kind="primary" disabled={report?.sound === false || !saveAs || (item.preset && saveAs === item.name)} onClick={save}>{words.save}</Button>
-          {!item.preset && <Button onClick={() => remove(path, { "If-Match": item.etag }).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })}>{words.remove}</Button>}
+          {!item.preset && <Button onClick={() => remove(path, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })}>{words.remove}</Button>}
           <span class="good" role="status">{said}</span>
         </p>
       </div>
@@ -200,10 +209,7 @@ async function draw(stage: Stage, group: Group, kind: string, spec: Record<strin
   }
   if (kind === "cells") {
     const model = await cellModelOf({ cell: spec as unknown as Cell & string });
-    // The scene adds to the stage itself.
-    const before = new Set(stage.scene.children);
-    new CellScene(stage, model, null);
-    [...stage.scene.children].filter((child) => !before.has(child)).forEach((child) => group.add(child));
+    group.add(new CellScene(stage, model, null).root);
   }
 }
 

@@ -60,7 +60,7 @@ export function Tabs({ names, chosen, onChoose, label }: {
 
 export function Select({ label, value, options, onChange, hideLabel, ...rest }: {
   label: string; value: string; options: [string, string][]; onChange: (value: string) => void; hideLabel?: boolean; required?: boolean;
-  name?: string;
+  name?: string; disabled?: boolean;
 }) {
   return (
     <label class={hideLabel ? "quiet" : ""}>
@@ -72,13 +72,14 @@ export function Select({ label, value, options, onChange, hideLabel, ...rest }: 
   );
 }
 
-export function Slider({ label, value, min, max, step = 1, onInput, show }: {
-  label: string; value: number; min: number; max: number; step?: number; onInput: (value: number) => void; show?: string;
+export function Slider({ label, value, min, max, step = 1, onInput, show, disabled = false }: {
+  label: string; value: number; min: number; max: number; step?: number; onInput: (value: number) => void; show?: string; disabled?: boolean;
 }) {
   return (
     <label class="slider">
       <span>{label}{show !== undefined && <output>{show}</output>}</span>
-      <input type="range" min={min} max={max} step={step} value={value} aria-valuetext={show}
+      {/* The label around both names the first of them, the output. */}
+      <input type="range" aria-label={label} min={min} max={max} step={step} value={value} aria-valuetext={show} disabled={disabled}
         onInput={(event) => onInput(event.currentTarget.valueAsNumber)} />
     </label>
   );

@@ -13,7 +13,7 @@ export interface Plate { tableFromPart: Pose; radius: number }
 
 export type Ask =
   | { kind: "read"; file: ArrayBuffer }
-  | { kind: "load"; positions: Float32Array }
+  | { kind: "load"; positions: Float32Array; fixture: Float32Array | null }
   | { kind: "pick"; origin: number[]; direction: number[]; section: number[] | null }
   | { kind: "judge"; optics: Optics; views: Pose[]; plates: (Plate | null)[]; point: number[]; normal: number[] }
   | { kind: "score"; optics: Optics; views: Pose[]; plates: (Plate | null)[] }
@@ -37,6 +37,8 @@ export interface Scores {
 
 let positions = new Float32Array(0);
 let tree: MeshBVH | null = null;
+/** What hides the mesh besides itself. */
+let fixtureTree: MeshBVH | null = null;
 let lift = 1e-3;
 let neighbours: Int32Array | null = null;
 
@@ -64,17 +66,19 @@ function centreOf(face: number): [number, number, number] {
   return [(p[i]! + p[i + 3]! + p[i + 6]!) / 3, (p[i + 1]! + p[i + 4]! + p[i + 7]!) / 3, (p[i + 2]! + p[i + 5]! + p[i + 8]!) / 3];
 }
 
-function load(given: Float32Array): { faces: number; secs: number } {
+const geometryOf = (corners: Float32Array): BufferGeometry => new BufferGeometry().setAttribute("position", new BufferAttribute(corners, 3));
+
+function load(given: Float32Array, fixture: Float32Array | null): { faces: number; secs: number } {
   const began = performance.now();
   positions = given as Float32Array<ArrayBuffer>;
   neighbours = null;
   sights.clear();
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+  const geometry = geometryOf(positions);
   geometry.computeBoundingSphere();
   lift = 1e-5 * (geometry.boundingSphere?.radius ?? 100);
   // `indirect` leaves the faces in their order, by which coverage is given.
   tree = new MeshBVH(geometry, { indirect: true, targetLeafSize: 8 });
+  fixtureTree = fixture && new MeshBVH(geometryOf(fixture), { targetLeafSize: 8 });
   return { faces: positions.length / 9, secs: (performance.now() - began) / 1000 };
 }
 
@@ -115,7 +119,7 @@ function shadowOf(view: View, plate: Occluder | null, p: number[], n: number[]):
     ray.direction.set(centre[0] - ray.origin.x, centre[1] - ray.origin.y, centre[2] - ray.origin.z);
     const distance = ray.direction.length();
     ray.direction.divideScalar(distance);
-    if (tree!.raycastFirst(ray, DoubleSide, lift, distance)) return `shadow_${NAMES[i]}`;
+    if ([tree!, fixtureTree].some((surfaces) => surfaces?.raycastFirst(ray, DoubleSide, lift, distance))) return `shadow_${NAMES[i]}`;
   }
   return null;
 }
@@ -289,7 +293,7 @@ async function reachOf(id: number, given: ClearanceCell, edge: number): Promise<
 async function answer(id: number, ask: Ask): Promise<unknown> {
   switch (ask.kind) {
     case "read": return readMesh(ask.file);
-    case "load": return load(ask.positions);
+    case "load": return load(ask.positions, ask.fixture);
     case "pick": return pick(ask.origin, ask.direction, ask.section);
     case "judge": return judge(ask.optics, ask.views, ask.plates, ask.point, ask.normal);
     case "score": return score(id, ask.optics, ask.views, ask.plates);

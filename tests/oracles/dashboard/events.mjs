@@ -72,6 +72,17 @@ for (let round = 0; dropped < drops; round += 1) {
 }
 assert.ok(lost > 0, "the page says that the server is lost");
 await page.locator("#connection[data-connection=live]").waitFor();
+// A page that nobody sees holds no connection, and takes up what happened when it is seen.
+const hide = (isHidden) => page.evaluate((isHidden) => {
+  Object.defineProperty(document, "hidden", { configurable: true, get: () => isHidden });
+  document.dispatchEvent(new Event("visibilitychange"));
+}, isHidden);
+await hide(true);
+await pause(1500);
+assert.equal(streams.size, 0, "a hidden page holds no stream");
+await startJob();
+await hide(false);
+await page.locator("#connection[data-connection=live]").waitFor();
 const jobs = await (await fetch(`${api}/jobs?page_size=1000`)).json();
 for (const { id } of jobs.items) await fetch(`${api}/jobs/${id}?wait=60s`);
 await pause(3000);

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-DPLCLJAI.js";import"./chunk-WLVDOSYS.js";import"./chunk-S53NYOSF.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-Z4ZAC6I7.js";export{a as drawThumbnail,b as drawTurned};
