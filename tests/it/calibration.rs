@@ -65,7 +65,7 @@ fn the_fifty_poses_of_moveit_give_the_known_answer() {
     let Some(sightings) = moveit() else { return };
     let began = Instant::now();
     let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
-    let weighting = Weighting { setup: HandEyeSetup::EyeToHand, sigma: Sigma::CALIBRATED_ARM };
+    let weighting = Weighting::new(HandEyeSetup::EyeToHand, Sigma::CALIBRATED_ARM);
     let start = start_fixed(&sightings).expect("a start");
     let refined = problem.refine_with_sigma(&start, &weighting).expect("refines");
     let left_out: Vec<Twist> = leave_one_out(&refined, &sightings).iter().flatten().map(|left| left.residual).collect();
@@ -202,7 +202,7 @@ fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
         meet(1, apart(&daniilidis(&frames, &seen).expect("found"), &from_rows(&answer["daniilidis"])));
         if !answer["refined"].is_null() {
             let problem = Adjustment { sightings, free: Free::HAND_EYE, prior: None };
-            let weighting = Weighting { setup: *setup, sigma };
+            let weighting = Weighting::new(*setup, sigma);
             let mut refined = problem.refine(&start_fixed(sightings).expect("a start"), &weighting).expect("refines");
             for _ in 0..3 {
                 refined = problem.refine(&refined.estimate, &weighting).expect("refines");
@@ -453,7 +453,7 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
                 Sighting { seen, ..planned.sighting.clone() }
             })
             .collect();
-        let weighting = Weighting { setup: HandEyeSetup::EyeInHand, sigma };
+        let weighting = Weighting::new(HandEyeSetup::EyeInHand, sigma);
         let limits = CheckLimits::default();
         let check = Check { sightings: &sightings, calibrated: nominal, covariance: &covariance, weighting, limits };
         let checked = check.check().expect("four poses");

@@ -12,7 +12,7 @@ fn every_answer_is_as_the_document_says() {
     let mut command = Command::new(script);
     command
         .arg(env!("CARGO_BIN_EXE_vantage"))
-        .args(["--max-examples", if long_asked() { "25" } else { "8" }, "--generation-deterministic"])
+        .args(["--max-examples", if long_asked() { "25" } else { "5" }, "--generation-deterministic"])
         .env("VANTAGE_ORACLE_PYTHON", python);
     let output = command.output().expect("it runs");
     let text = String::from_utf8_lossy(&output.stdout);

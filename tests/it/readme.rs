@@ -188,7 +188,7 @@ fn every_parameter_that_readme_sets_is_one() {
     for row in rows {
         let options: Vec<&str> = row.split('`').skip(1).step_by(2).collect();
         let script = format!(
-            "vantage plan base.stl --unit mm --cell none --set part.samples_per_mm2=0.05 --set candidates.even_directions=20 --set selection.max_views=1 {} --report none --out plan",
+            "vantage plan base.stl --unit mm --cell none --set part.samples_per_mm2=0.02 --set candidates.even_directions=12 --set selection.max_views=1 {} --report none --out plan",
             options.join(" ")
         );
         bash(&script, folder.path());

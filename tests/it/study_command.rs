@@ -87,6 +87,10 @@ fn a_study_refuses_like_the_other_commands() {
     assert!(code == Some(2) && said.contains("nowhere.stl"), "{said}");
     let (code, said) = refused(&["colours", &part]);
     assert!(code == Some(2) && said.contains("weights"), "{said}");
+    let (code, said) = refused(&["weights", &part, "--unit", "mm", "--set", "score.a=0.3"]);
+    assert!(code == Some(2) && said.contains("/score/a: is set by the study"), "{said}");
+    let (code, said) = refused(&["weights", &part, "--unit", "mm", "--views", "5", "--at", "6"]);
+    assert!(code == Some(2) && said.contains("--at 6"), "{said}");
     // Read in metres a figurine is as large as a house: nothing of it is ever in depth from around it at this distance.
     let far = ["limits", &part, "--unit", "mm", "--set", "candidates.standoffs_mm=[500]", "--set", "part.samples_per_mm2=0.02"];
     let (code, said) = refused(&far);

@@ -56,4 +56,19 @@ fn a_part_that_was_put_elsewhere_is_found_and_compared() {
     let wanted = pose(&planned["cell"]["table_from_part"]) * turned;
     let apart_mm = (pose(&alignment["table_from_part"]).translation.vector - wanted.translation.vector).norm();
     assert!(apart_mm < 0.05, "{apart_mm} mm");
+
+    // Further views are planned for the plan that was compared, and added up with rounds of the same part.
+    let [other_plan, out] = ["other plan", "out"].map(|name| at(name).display().to_string());
+    let ended = run(&[&["plan", &part, "--unit", "mm", "--out", &other_plan, "--set", "seed=2"][..], &quick].concat());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let ended = run(&[&["rescan", &inspection, &other_plan, "--out", &out][..], &of_part].concat());
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    assert!(ended.err.contains("another plan") && ended.err.contains("was given"), "{}", ended.err);
+    let finer = written(&at("finer.stl"), &DemoPart::Base.mesh(20_000).expect("a part"), &Isometry3::identity());
+    let of_finer = ["--mesh", &finer, "--unit", "mm"];
+    let ended = run(&[&["plan", &finer, "--unit", "mm", "--out", &other_plan][..], &quick].concat());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let ended = run(&[&["compare", &other_plan, &scans, "--after", &inspection, "--out", &out][..], &of_finer].concat());
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    assert!(ended.err.contains("is of another part"), "{}", ended.err);
 }

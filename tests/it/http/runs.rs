@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 use std::time::Duration;
 
+use axum::body::Body;
 use serde_json::{Value, json};
 use vantage::cell::{Presets, SpecLibrary};
 use vantage::planning::context::Context;
@@ -111,6 +112,25 @@ async fn a_program_runs_on_the_twin_to_its_end_and_its_record_tells_of_each_step
     assert_eq!(api.send("DELETE", &format!("/api/v1/jobs/{job}"), &[], "").await.status, 204);
     assert_eq!(api.send("DELETE", &format!("/api/v1/runs/{run}"), &[], "").await.status, 204);
     api.get(&format!("/api/v1/runs/{run}")).await.problem("run_not_found");
+}
+
+/// A 503 would hide that they were accepted.
+#[tokio::test]
+async fn the_answers_to_new_runs_and_inspections_are_waited_for() {
+    let mut http = http_options();
+    http.request_timeout = Duration::ZERO;
+    let api = Api::start_with(service_options(), http).await;
+    let nobody = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
+    let inspections = format!("/api/v1/jobs/{nobody}/inspections");
+    for (path, body) in [("/api/v1/runs", json!({"job_id": nobody})), (inspections.as_str(), json!({}))] {
+        // Arrives only once the time for an answer is over.
+        let late = async move {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+            Ok::<_, std::io::Error>(body.to_string())
+        };
+        let body = Body::from_stream(futures_util::stream::once(late));
+        api.send("POST", path, &[("content-type", "application/json")], body).await.problem("job_not_found");
+    }
 }
 
 #[tokio::test]
