@@ -1,6 +1,8 @@
 //! One inspection from beginning to end: where the scans lie, what they measured, why the rest is missing, how the surface deviates,
 //! and what the scanner is like.
 
+use nalgebra::Matrix6;
+
 use super::coverage::{self, ComparedViews, IdentifiedLimits, MeasuredCoverage, NominalModel, PlannedRow, Returns, ScannedView};
 use super::deviation::align::{Aligned, as_placed, best_fit};
 use super::deviation::statistics::{histogram, judge, statistics};
@@ -23,7 +25,6 @@ use crate::planning::params::PlanParams;
 use crate::planning::surface::{Surface, requirements};
 use crate::planning::visibility::Row;
 use crate::planning::{PlanInput, plate};
-use nalgebra::Matrix6;
 
 /// Spots that are listed as the worst.
 const WORST_SPOTS: usize = 20;

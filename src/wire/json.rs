@@ -153,6 +153,7 @@ pub fn pointer_of(path: &Path) -> String {
     })
 }
 
-fn escape(key: &str) -> String {
+/// A key as a token of a JSON pointer.
+pub(super) fn escape(key: &str) -> String {
     key.replace('~', "~0").replace('/', "~1")
 }

@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
-use super::json::decode;
+use super::json::{decode, escape};
 use super::parameters::without_links;
 use crate::cell::{ControllersSpec, FieldError, closest, with_suggestion};
 
@@ -370,10 +370,6 @@ fn first_paragraph(schema: &Value) -> String {
         told = format!("{told} {}", range.trim().replace('\n', " "));
     }
     without_links(told.trim_end_matches('.'))
-}
-
-fn escape(key: &str) -> String {
-    key.replace('~', "~0").replace('/', "~1")
 }
 
 #[cfg(test)]
