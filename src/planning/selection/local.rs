@@ -2,8 +2,9 @@
 //! another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number of views: Resende
 //! 1998, Galinier and Hertz 2007). The best views are exchanged for a higher score at last (`improve_score.rs`).
 //!
-//! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: a step
-//! passes over the open and the singly covered samples of every row, 64 at a time.
+//! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: the first step
+//! passes over the open and the singly covered samples of every row, 64 at a time; each further step over those that the exchange before
+//! it opened, covered, or left to one view. The limit counts every step as the first.
 
 use std::ops::Range;
 
@@ -183,17 +184,24 @@ impl Exchange<'_> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
         let mut best = (CoverState::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
+        let mut known: Option<(SwapPricer<'_>, Swaps)> = None;
         for step in 1..=MAX_STEPS + STEPS_A_ROW * tabu.len() as u64 {
             if best.0 == 0 || (spent > ATTEMPT_WORK || budget.left == 0) && step > MIN_STEPS {
                 break;
             }
-            let swaps = Swaps::new(self, &rows, ctx)?;
-            spent += swaps.work;
-            budget.spend(swaps.work);
+            let pricer = SwapPricer::new(self, &rows);
+            let swaps = match known.take() {
+                Some((before, swaps)) => swaps.updated(&before, &pricer, self.problem, &rows, ctx)?,
+                None => Swaps::of(&pricer, self.problem, &rows, ctx)?,
+            };
+            let work = pricer.work(swaps.deficits.len());
+            spent += work;
+            budget.spend(work);
             let chosen = swaps.best(|at, row, deficit| {
                 let allowed = deficit < best.0 || (tabu[row.index()] < step && tabu[rows[at].index()] < step);
                 allowed && self.connects(&rows, at, row)
             });
+            known = Some((pricer, swaps));
             let Some((at, row, deficit)) = chosen else { continue };
             let noise = mixed(step + (attempt << 32));
             tabu[rows[at].index()] = step + 4 + noise % 8;
@@ -324,8 +332,17 @@ impl<'a> SwapPricer<'a> {
 
     /// Deficit after the exchange of each view for a row.
     pub(super) fn deficits(&self, row: &Row, level: SimdLevel) -> Vec<i64> {
-        let CoverState { goals, segments, lost, covered } = &self.state;
-        let regained = segment_sums(row.words(), segments, &self.units, level);
+        self.deficits_of(&self.regained(row, level))
+    }
+
+    /// Units that a row measures of each sum of the segments.
+    fn regained(&self, row: &Row, level: SimdLevel) -> Vec<i64> {
+        segment_sums(row.words(), &self.state.segments, &self.units, level)
+    }
+
+    /// Deficit after the exchange of each view for a row that measures these units of the segments.
+    fn deficits_of(&self, regained: &[i64]) -> Vec<i64> {
+        let CoverState { goals, lost, covered, .. } = &self.state;
         let deficit = |view: usize| {
             let of_goals = goals.iter().zip(covered).zip(lost).zip(regained.chunks_exact(self.views + 1));
             of_goals
@@ -343,11 +360,24 @@ impl<'a> SwapPricer<'a> {
     }
 }
 
+/// Samples of segments that other segments of the same block and sum do not have. Both ascend by block and sum.
+fn beyond(segments: &[BlockSegment], others: &[BlockSegment]) -> Vec<BlockSegment> {
+    let place = |segment: &BlockSegment| (segment.block, segment.sum);
+    let mut others = others.iter().peekable();
+    let mut without = |segment: &BlockSegment| {
+        while others.next_if(|other| place(other) < place(segment)).is_some() {}
+        let known = others.peek().filter(|other| place(other) == place(segment)).map_or(0, |other| other.mask);
+        BlockSegment { mask: segment.mask & !known, ..*segment }
+    };
+    segments.iter().map(&mut without).filter(|segment| segment.mask != 0).collect()
+}
+
 /// Deficits that every exchange would leave.
 pub(super) struct Swaps {
     /// Deficit after the exchange of each view (inner) for each row (outer); of rows that are views none.
     pub(super) deficits: Vec<Vec<i64>>,
-    work: u64,
+    /// Units that each row (outer) measures of each sum of the segments.
+    regained: Vec<Vec<i64>>,
 }
 
 impl Swaps {
@@ -362,12 +392,38 @@ impl Swaps {
         rows: &[RowIndex],
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
-        let of_row = |row: &&Row| ctx.check().map(|()| pricer.deficits(row, ctx.simd_level()));
+        let of_row = |row: &&Row| ctx.check().map(|()| pricer.regained(row, ctx.simd_level()));
         let of_rows = problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row);
-        let mut deficits = of_rows.collect::<Result<Vec<Vec<i64>>, Cancelled>>()?;
-        let work = pricer.work(deficits.len());
+        Ok(Self::priced(pricer, of_rows.collect::<Result<_, Cancelled>>()?, rows))
+    }
+
+    /// The deficits after views were exchanged: `before` priced the views that these are of, `pricer` prices those of now, as many.
+    pub(super) fn updated(
+        mut self,
+        before: &SwapPricer<'_>,
+        pricer: &SwapPricer<'_>,
+        problem: &CoverProblem<'_>,
+        rows: &[RowIndex],
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let joined = beyond(&pricer.state.segments, &before.state.segments);
+        let left = beyond(&before.state.segments, &pricer.state.segments);
+        let update = |(row, regained): (&&Row, &mut Vec<i64>)| {
+            ctx.check()?;
+            let sums = |segments| segment_sums(row.words(), segments, &pricer.units, ctx.simd_level());
+            let changes = sums(&joined).into_iter().zip(sums(&left));
+            regained.iter_mut().zip(changes).for_each(|(units, (joined, left))| *units += joined - left);
+            Ok::<(), Cancelled>(())
+        };
+        let of_rows = problem.rows.par_iter().zip(&mut self.regained).with_min_len(ROWS_A_TASK);
+        of_rows.try_for_each(update)?;
+        Ok(Self::priced(pricer, self.regained, rows))
+    }
+
+    fn priced(pricer: &SwapPricer<'_>, regained: Vec<Vec<i64>>, rows: &[RowIndex]) -> Self {
+        let mut deficits: Vec<Vec<i64>> = regained.iter().map(|regained| pricer.deficits_of(regained)).collect();
         rows.iter().for_each(|row| deficits[row.index()].clear());
-        Ok(Self { deficits, work })
+        Self { deficits, regained }
     }
 
     /// Lists every exchange of a view for a row that is not chosen: position of the view, row, and the deficit after it.

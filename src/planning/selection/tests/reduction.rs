@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::planning::selection::classes::Classes;
-use crate::planning::selection::local::{Exchange, Swaps};
+use crate::planning::selection::local::{Exchange, SwapPricer, Swaps};
 use crate::planning::selection::overlap::Overlap;
 use crate::planning::selection::units::Units;
 
@@ -95,6 +95,37 @@ proptest! {
             count += 1;
         }
         prop_assert_eq!(count, chosen.len() * (rows.len() - chosen.len()));
+    }
+
+    #[test]
+    fn deficits_that_are_kept_up_are_those_computed_anew(
+        runs in rows_of_runs(),
+        areas in proptest::collection::vec(0_u8..20, 200),
+        views in 1_usize..5,
+        exchanges in proptest::collection::vec((any::<u8>(), any::<u8>()), 1..6),
+    ) {
+        let rows = built(&runs, 200);
+        let area_mm2: Vec<f64> = areas.iter().map(|area| f64::from(*area) * 0.73).collect();
+        let problem = CoverProblem::new(rows.iter().collect(), &area_mm2, 1e9, &coverage());
+        let (goals, params) = (Units::of_goals(&problem), coverage());
+        let overlap = Overlap::new(&problem, &params.overlap);
+        let exchange = Exchange { problem: &problem, goals: &goals, overlap: &overlap };
+        let mut chosen: Vec<RowIndex> = RowIndex::first(views.min(rows.len())).collect();
+        let mut pricer = SwapPricer::new(&exchange, &chosen);
+        let mut kept_up = silent(|ctx| Swaps::of(&pricer, &problem, &chosen, ctx));
+        for (at, row) in exchanges {
+            let row = RowIndex::at(usize::from(row) % rows.len());
+            if chosen.contains(&row) {
+                continue;
+            }
+            let at = usize::from(at) % chosen.len();
+            chosen[at] = row;
+            let now = SwapPricer::new(&exchange, &chosen);
+            kept_up = silent(|ctx| kept_up.updated(&pricer, &now, &problem, &chosen, ctx));
+            let anew = silent(|ctx| Swaps::of(&now, &problem, &chosen, ctx));
+            prop_assert!(kept_up.all().eq(anew.all()));
+            pricer = now;
+        }
     }
 }
 
