@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::stream::{Connection, Wiring, not_connected, within};
+use super::stream::{Connection, STOP_WAIT, Wiring, not_connected, reconnected, within};
 use crate::cell::FanucRmiSpec;
 use crate::execution::device::{
     Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target,
@@ -22,6 +22,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const ANSWER: Duration = Duration::from_secs(2);
 /// Longest wait for a program to be created or ended.
 const PROGRAM_ANSWER: Duration = Duration::from_secs(10);
+/// Longest wait for a program to end before its session is given back; less than a run waits for both.
+const END_WAIT: Duration = Duration::from_secs(1);
 
 /// An arm by FANUC, with the table in place 7 where `N` is 7.
 #[derive(Debug)]
@@ -29,13 +31,19 @@ pub struct FanucArm<const N: usize> {
     spec: FanucRmiSpec,
     wiring: Wiring,
     session: Option<Session>,
+    /// The controller of the session is the one that connecting found.
+    is_checked: bool,
+    is_armed: bool,
+    /// A program of this driver may be on the controller.
+    has_program: bool,
 }
 
 impl<const N: usize> FanucArm<N> {
     /// The arm of a specification, not connected yet.
     #[must_use]
     pub fn new(spec: &FanucRmiSpec, wiring: Wiring) -> Self {
-        Self { spec: spec.clone(), wiring, session: None }
+        let (is_checked, is_armed, has_program) = (false, false, false);
+        Self { spec: spec.clone(), wiring, session: None, is_checked, is_armed, has_program }
     }
 
     fn session(&mut self) -> Result<&mut Session, DeviceError> {
@@ -46,17 +54,43 @@ impl<const N: usize> FanucArm<N> {
     fn group(&self) -> Option<u8> {
         self.spec.group_mask.map(|mask| mask.trailing_zeros() as u8 + 1)
     }
+
+    /// Opens a session; returns the version of the protocol.
+    async fn open(&mut self, patience: Duration) -> Result<(u16, u16), DeviceError> {
+        let mut door = Session::over(self.wiring.connect(&self.spec.address, patience).await?);
+        let reply = door.ask(&RmiRequest::Connect, ANSWER).await?;
+        let RmiReply::Connected { port, version } = reply else { return Err(unexpected(&reply)) };
+        let host = self.spec.address.rsplit_once(':').map_or(self.spec.address.as_str(), |(host, _)| host);
+        let connection = self.wiring.connect(&format!("{host}:{port}"), patience).await?;
+        self.session = Some(Session::over(connection));
+        Ok(version)
+    }
+
+    /// Holds the program over the session that there is, and has it forgotten: what is held could be continued at the teach pendant.
+    async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
+        let session = self.session()?;
+        let sent_at = session.send_at_once(&RmiRequest::Pause).await?;
+        let paused = session.answer(ANSWER).await?;
+        let acknowledged_at = Instant::now();
+        // Nothing to hold is refused, and as good.
+        if !matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
+            return Err(unexpected(&paused));
+        }
+        session.under_way = None;
+        if self.has_program {
+            // Its end may take seconds, which the stop does not wait for.
+            self.session()?.send_at_once(&RmiRequest::Abort).await?;
+            self.has_program = false;
+        }
+        Ok(StopAcknowledged { sent_at, acknowledged_at })
+    }
 }
 
 impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
-        self.session = None;
-        let mut door = Session::over(self.wiring.connect(&self.spec.address, PATIENCE).await?);
-        let reply = door.ask(&RmiRequest::Connect, ANSWER).await?;
-        let RmiReply::Connected { port, version } = reply else { return Err(unexpected(&reply)) };
-        let host = self.spec.address.rsplit_once(':').map_or(self.spec.address.as_str(), |(host, _)| host);
-        let connection = self.wiring.connect(&format!("{host}:{port}"), PATIENCE).await?;
-        self.session = Some(Session::over(connection));
+        (self.session, self.is_checked, self.is_armed, self.has_program) = (None, false, false, false);
+        let version = self.open(PATIENCE).await?;
+        self.is_checked = true;
         let firmware = Some(format!("RMI {}.{}", version.0, version.1));
         Ok(Identity { maker: "FANUC".to_owned(), model: "controller with RMI".to_owned(), serial: None, firmware })
     }
@@ -66,14 +100,19 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         let session = self.session()?;
         let status = session.status().await?;
         let fault = if status.servo_ready { None } else { session.latest_fault().await? };
+        // Measured later than this.
+        let at = Instant::now();
         let joints = session.joints(group).await?;
         let positions_rad = joints
             .to_program(origin)
             .ok_or_else(|| DeviceError::Malformed { what: "joint angles without J7 for the table".to_owned() })?;
-        Ok(DeviceState { at: Instant::now(), positions_rad, condition: session.condition(&status, fault.as_ref()) })
+        Ok(DeviceState { at, positions_rad, condition: session.condition(&status, fault.as_ref()) })
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
+        if !self.is_checked {
+            return Err(reconnected());
+        }
         let (group, group_mask) = (self.group(), self.spec.group_mask);
         let session = self.session()?;
         let status = session.status().await?;
@@ -88,17 +127,22 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
             session.done(&RmiRequest::Abort).await?;
         }
         session.extended_deg = session.joints(group).await?.extended_deg;
+        // Before it is sent: whoever gives the answer up, or gets none, leaves a program all the same.
+        self.has_program = true;
+        let session = self.session()?;
         session.done(&RmiRequest::Initialize { group_mask }).await?;
-        (session.is_armed, session.next_sequence, session.under_way, session.failure) = (true, 1, None, None);
+        (session.next_sequence, session.under_way, session.failure) = (1, None, None);
+        self.is_armed = true;
         Ok(())
     }
 
     async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
         let (origin, speed) = (self.spec.joint_3_from, RmiSpeed::lasting(target.duration)?);
+        let is_armed = self.is_armed;
         let session = self.session()?;
         let joints = RmiJoints::of_program(&target.positions_rad, origin, session.extended_deg);
         session.look_for_failure()?;
-        if !session.is_armed || session.under_way.is_some() {
+        if !is_armed || session.under_way.is_some() {
             return Err(DeviceError::NotReady { reason: "it is not armed, or still under way".to_owned() });
         }
         let sequence = session.next_sequence;
@@ -121,32 +165,29 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     }
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        let session = self.session()?;
-        let sent_at = session.send_at_once(&RmiRequest::Pause).await?;
-        let paused = session.answer(ANSWER).await?;
-        let acknowledged_at = Instant::now();
-        if session.is_armed {
-            // What is held could be continued at the teach pendant: it is forgotten.
-            session.is_armed = false;
-            session.under_way = None;
-            session.abort().await?;
+        self.is_armed = false;
+        // A controller that makes or ends a program may answer late, and moves nothing: its session is not given up for that.
+        let wait = if self.session.as_ref().is_some_and(Session::is_changing_program) { ANSWER } else { STOP_WAIT };
+        let first = within(wait, self.stop_once()).await;
+        if first.is_ok() {
+            return first;
         }
-        // Nothing to hold is refused, and as good.
-        if matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
-            Ok(StopAcknowledged { sent_at, acknowledged_at })
-        } else {
-            Err(unexpected(&paused))
-        }
+        // The arm may be moving on a link that is gone: the stop alone is worth a new one. The old one is given up first, as the
+        // controller has one session.
+        (self.session, self.is_checked) = (None, false);
+        self.open(ANSWER).await?;
+        self.stop_once().await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
+        self.is_armed = false;
         let Some(mut session) = self.session.take() else { return Ok(()) };
-        if session.is_armed {
-            session.abort().await?;
-        }
-        session.done(&RmiRequest::Disconnect).await?;
+        let has_program = std::mem::take(&mut self.has_program);
+        let aborted = if has_program { within(END_WAIT, session.done_at_once(&RmiRequest::Abort)).await } else { Ok(()) };
+        // The session is given back whatever became of the program.
+        let disconnected = session.done_at_once(&RmiRequest::Disconnect).await;
         session.connection.close().await;
-        Ok(())
+        aborted.and(disconnected)
     }
 
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {
@@ -161,7 +202,6 @@ struct Session {
     unread: Vec<u8>,
     /// Commands that were sent and not answered yet, the oldest first.
     asked: VecDeque<RmiRequest>,
-    is_armed: bool,
     /// Extended axes as they stood when it was armed.
     extended_deg: [Option<f64>; 3],
     next_sequence: u32,
@@ -177,12 +217,16 @@ impl Session {
             connection,
             unread: Vec::new(),
             asked: VecDeque::new(),
-            is_armed: false,
             extended_deg: [None; 3],
             next_sequence: 1,
             under_way: None,
             failure: None,
         }
+    }
+
+    /// Returns true while the making or the end of a program is to be answered.
+    fn is_changing_program(&self) -> bool {
+        self.asked.iter().any(|request| matches!(request, RmiRequest::Initialize { .. } | RmiRequest::Abort))
     }
 
     /// Sends a command, after the answer to the one before; returns when it was sent.
@@ -229,9 +273,9 @@ impl Session {
         if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }
 
-    /// Ends the program, whatever is still to be answered.
-    async fn abort(&mut self) -> Result<(), DeviceError> {
-        self.send_at_once(&RmiRequest::Abort).await?;
+    /// Asks for something that has no data for an answer, whatever is still to be answered.
+    async fn done_at_once(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
+        self.send_at_once(request).await?;
         let reply = self.answer(PROGRAM_ANSWER).await?;
         if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }

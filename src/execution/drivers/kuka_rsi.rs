@@ -5,13 +5,15 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use tokio::time::Instant;
+
 use super::datagrams::Datagrams;
 use super::streamed::{StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
 use crate::cell::KukaRsiSpec;
 use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
 use crate::execution::protocol::kuka_rsi::{RsiCorrection, RsiNames, RsiReport};
 
-/// Jump of the time stamp after which RSI was switched off and on again, ms.
+/// Jump of the time stamp after which RSI was switched off and on again, unless this machine stood still for as long, ms.
 const RESTARTED_MS: u64 = 1000;
 
 /// An arm by KUKA, with the table in place 7 where `N` is 7.
@@ -42,6 +44,10 @@ pub struct KukaRsiLink<const N: usize> {
     ipoc: u64,
     /// Late answers by the latest telegram, where it counts them.
     late: Option<u32>,
+    /// Time at which this machine was last seen to run.
+    awake_at: Instant,
+    /// Longest time since the latest telegram in which it was not.
+    held_up: Duration,
 }
 
 impl<const N: usize> StreamedProtocol<N> for KukaRsi {
@@ -58,7 +64,8 @@ impl<const N: usize> StreamedProtocol<N> for KukaRsi {
         // RSI tells nothing of itself.
         let identity =
             Identity { maker: "KUKA".to_owned(), model: "controller with RSI".to_owned(), serial: None, firmware: None };
-        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg: None, ipoc: 0, late: None }))
+        let (awake_at, held_up) = (Instant::now(), Duration::ZERO);
+        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg: None, ipoc: 0, late: None, awake_at, held_up }))
     }
 }
 
@@ -75,16 +82,28 @@ impl<const N: usize> KukaRsiLink<N> {
         Ok(axes_deg)
     }
 
+    /// Notes that this machine runs: the thread asks for a telegram again and again while none comes.
+    fn note_awake(&mut self) {
+        let now = Instant::now();
+        self.held_up = self.held_up.max(now.duration_since(self.awake_at));
+        self.awake_at = now;
+    }
+
     /// Skips a telegram that was overtaken, and refuses one of another start of RSI: its corrections are counted from other axes.
     fn follow(&mut self, ipoc: u64) -> Result<(), DeviceError> {
-        let before = self.ipoc;
+        let (before, held_up_ms) = (self.ipoc, self.held_up.as_millis());
         if before > 0 && ipoc.abs_diff(before) > RESTARTED_MS {
-            return Err(DeviceError::Closed { reason: format!("RSI was restarted: its time went from {before} to {ipoc}") });
+            let reason = if held_up_ms > u128::from(RESTARTED_MS) {
+                format!("this machine stood still for {held_up_ms} ms, in which RSI was not answered and may have been restarted")
+            } else {
+                format!("RSI was restarted: its time went from {before} to {ipoc}")
+            };
+            return Err(DeviceError::Closed { reason });
         }
         if ipoc < before {
             return Err(DeviceError::Malformed { what: format!("a telegram of {ipoc} after that of {before}") });
         }
-        self.ipoc = ipoc;
+        (self.ipoc, self.held_up) = (ipoc, Duration::ZERO);
         Ok(())
     }
 }
@@ -97,7 +116,9 @@ impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
     }
 
     async fn report(&mut self) -> Result<StreamedReport<N>, DeviceError> {
+        self.note_awake();
         let report = RsiReport::decode(self.datagrams.receive().await?)?;
+        self.note_awake();
         let measured_deg = self.axes_deg(&report.axes_deg, report.external_deg.as_ref())?;
         self.follow(report.ipoc)?;
         let base_deg = match self.base_deg {

@@ -8,6 +8,7 @@ use std::time::Duration;
 use futures_util::future::BoxFuture;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
+use tokio::task::unconstrained;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 
 use crate::execution::device::{DeviceError, Direction, STOP_ATTEMPT, WireLog};
@@ -145,6 +146,22 @@ impl Connection {
         self.wiring.log.record(self.wiring.device, Direction::Received, &chunk[..read]);
         into.extend_from_slice(&chunk[..read]);
         Ok(())
+    }
+
+    /// Appends bytes that are here already to `into`, at most 4096; returns false where none are.
+    ///
+    /// # Errors
+    /// [`DeviceError::Closed`].
+    pub async fn receive_ready(&mut self, into: &mut Vec<u8>) -> Result<bool, DeviceError> {
+        let received = async {
+            tokio::select! {
+                biased;
+                received = self.receive(into) => received.map(|()| true),
+                () = std::future::ready(()) => Ok(false),
+            }
+        };
+        // A task that has used up its budget is told that nothing is here, whatever is.
+        unconstrained(received).await
     }
 
     /// The stream below, whose bytes are not logged from here on.

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::watch;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, sleep, timeout};
 
 use super::set_points::SetPoints;
 use super::stream::not_connected;
@@ -20,6 +20,10 @@ const SILENCE: Duration = Duration::from_secs(1);
 const GLANCE: Duration = Duration::from_millis(100);
 /// Largest distance of an axis from its set point at which it may set out, radians: half a degree.
 pub(super) const ASTRAY_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Words for a device that has no right to move, and nothing took it.
+const NOT_ARMED: &str = "it is not armed, or was not kept alive in time; arm it again";
+/// Words for a watchdog that lapsed.
+const NOT_FED: &str = "it was not kept alive in time, as this machine was too busy or stood still; arm it again";
 
 /// A protocol whose controller sets the pace.
 pub trait StreamedProtocol<const N: usize>: Clone + Send + 'static {
@@ -41,10 +45,11 @@ pub trait StreamedLink<const N: usize> {
     /// Waits for the next report; may be dropped while it waits. What is malformed is reported and skipped.
     fn report(&mut self) -> impl Future<Output = Result<StreamedReport<N>, DeviceError>>;
 
-    /// Takes the right to move.
+    /// Takes the right to move; dropped where a stop comes before it is had.
     fn arm(&mut self, watchdog: Duration) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// Answers the report.
+    /// Answers the report. [`DeviceError::NotReady`]: it does not follow any more, but reports on and may be armed again; other errors
+    /// end the link.
     fn answer(&mut self, step: &StreamStep<N>) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// Gives the right to move back and closes.
@@ -120,6 +125,8 @@ struct Desk<const N: usize> {
     armed: Option<Armed>,
     /// True from a commanded stop of what was armed until it is to be armed again: it needs no feeding, and nothing is wrong.
     is_stopped: bool,
+    /// Reason why the right to move was lost, since it was armed last.
+    disarmed_by: Option<String>,
     arm_outcome: Option<Result<(), DeviceError>>,
     failure: Option<DeviceError>,
     /// The latest report that could not be read, while none could since.
@@ -188,28 +195,27 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
             if let Some(reason) = report.hindrance {
                 return Err(DeviceError::NotReady { reason: reason.to_owned() });
             }
-            (desk.armed, desk.is_stopped) = (None, false);
+            (desk.armed, desk.is_stopped, desk.disarmed_by) = (None, false, None);
             (desk.arm_outcome, desk.to_arm) = (None, Some(watchdog));
         }
-        shared.wait(PATIENCE, |desk| desk.arm_outcome.clone()).await
+        shared.wait(PATIENCE, |desk| desk.points.as_ref().and(desk.arm_outcome.clone())).await
     }
 
     async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
         let shared = self.shared()?;
         shared.desk().set_out(target)?;
-        shared.next_cycle().await
+        shared.next_cycle().await?;
+        // The controller may not have taken it.
+        shared.desk().fail_if_not_armed()
     }
 
     async fn keep_alive(&mut self) -> Result<(), DeviceError> {
         let mut desk = self.shared()?.desk();
         desk.fail_if_failed()?;
-        let is_stopped = desk.is_stopped;
-        match &mut desk.armed {
-            Some(armed) => armed.fed_at = Instant::now(),
-            None if is_stopped => {}
-            None => return Err(not_armed()),
+        if let Some(armed) = &mut desk.armed {
+            armed.fed_at = Instant::now();
         }
-        Ok(())
+        if desk.is_stopped { Ok(()) } else { desk.fail_if_not_armed() }
     }
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
@@ -217,6 +223,7 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
         {
             let mut desk = shared.desk();
             desk.ramp_down();
+            desk.to_arm = None;
             // A watchdog that lapsed before stays an error.
             desk.is_stopped |= desk.armed.take().is_some();
         }
@@ -238,10 +245,6 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
     }
 }
 
-fn not_armed() -> DeviceError {
-    DeviceError::NotReady { reason: "it is not armed, or was not kept alive in time; arm it again".to_owned() }
-}
-
 impl<const N: usize> Shared<N> {
     fn desk(&self) -> MutexGuard<'_, Desk<N>> {
         // A holder that panicked left whole values.
@@ -251,8 +254,7 @@ impl<const N: usize> Shared<N> {
     fn close(&self) {
         let mut desk = self.desk();
         desk.ramp_down();
-        desk.armed = None;
-        desk.is_closing = true;
+        (desk.armed, desk.to_arm, desk.is_closing) = (None, None, true);
     }
 
     /// Waits until `found` finds something, looking after every cycle.
@@ -277,6 +279,13 @@ impl<const N: usize> Shared<N> {
         timeout(patience, search).await.unwrap_or_else(|_| Err(silent()))
     }
 
+    /// Waits until it is no longer to be armed.
+    async fn arming_given_up(&self) {
+        while self.desk().to_arm.is_some() {
+            sleep(GLANCE).await;
+        }
+    }
+
     /// Waits until a cycle that begins from now on was answered.
     async fn next_cycle(&self) -> Result<(), DeviceError> {
         let asked_at = Instant::now();
@@ -294,9 +303,17 @@ impl<const N: usize> Desk<N> {
         }
     }
 
+    fn fail_if_not_armed(&self) -> Result<(), DeviceError> {
+        if self.armed.is_some() {
+            return Ok(());
+        }
+        let reason = self.disarmed_by.clone().unwrap_or_else(|| NOT_ARMED.to_owned());
+        Err(DeviceError::NotReady { reason })
+    }
+
     fn set_out(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
         self.fail_if_failed()?;
-        self.armed.ok_or_else(not_armed)?;
+        self.fail_if_not_armed()?;
         let ((report, _), points) = (self.report.ok_or_else(not_connected)?, self.points.as_mut().ok_or_else(not_connected)?);
         let refuse = |reason: &str| Err(DeviceError::NotReady { reason: reason.to_owned() });
         if let Some(reason) = report.hindrance {
@@ -325,19 +342,31 @@ impl<const N: usize> Desk<N> {
         }
     }
 
+    /// Takes the right to move away; the first reason is the one that is told.
+    fn disarm(&mut self, reason: &str) {
+        if self.armed.take().is_some() {
+            self.disarmed_by = Some(reason.to_owned());
+        }
+    }
+
+    /// Gives up what does not follow: nothing is led on that it would jump to, nor goes on by itself once it follows again.
+    fn let_go(&mut self, held_rad: [f64; N], reason: &str) {
+        self.disarm(reason);
+        self.points = Some(SetPoints::still(held_rad));
+        self.order = self.is_under_order.then_some(StreamOrder::Stop);
+    }
+
     /// Takes a report, and gives the answer.
     fn step(&mut self, report: StreamedReport<N>, cycle: Duration) -> StreamStep<N> {
         let now = Instant::now();
         if self.armed.is_some_and(|armed| now.duration_since(armed.fed_at) > armed.watchdog) {
             self.ramp_down();
-            self.armed = None;
+            self.disarm(NOT_FED);
+        }
+        if let Some(reason) = report.hindrance {
+            self.let_go(report.held_rad, reason);
         }
         let points = self.points.get_or_insert_with(|| SetPoints::still(report.held_rad));
-        if report.hindrance.is_some() {
-            // It does not follow: nothing is led on that it would jump to, nor goes on by itself once it follows again.
-            *points = SetPoints::still(report.held_rad);
-            (self.armed, self.order) = (None, self.is_under_order.then_some(StreamOrder::Stop));
-        }
         if points.is_moving()
             && let Some((_, before)) = self.report
         {
@@ -404,26 +433,48 @@ async fn answer_one<const N: usize, L: StreamedLink<N>>(
 ) -> Result<(), DeviceError> {
     let to_arm = shared.desk().to_arm;
     if let Some(watchdog) = to_arm {
-        let is_led = shared.desk().points.as_ref().filter(|_| L::ALWAYS_FOLLOWS).map(SetPoints::at_rad);
-        let outcome = match is_led {
-            Some(led_rad) if apart_rad(&led_rad, &report.positions_rad) > ASTRAY_RAD => {
-                Err(DeviceError::NotReady { reason: "it is not where it was led; bring it there, or connect anew".to_owned() })
-            }
-            _ => link.arm(watchdog).await,
-        };
-        let mut desk = shared.desk();
-        if outcome.is_ok() {
-            if is_led.is_none() {
-                desk.points = Some(SetPoints::still(report.held_rad));
-            }
-            desk.armed = Some(Armed { watchdog, fed_at: Instant::now() });
+        arm_one(link, shared, &report, watchdog).await;
+        if !L::ALWAYS_FOLLOWS {
+            return Ok(());
         }
-        (desk.to_arm, desk.arm_outcome) = (None, Some(outcome));
     }
     let step = shared.desk().step(report, cycle);
-    link.answer(&step).await?;
+    match link.answer(&step).await {
+        Err(DeviceError::NotReady { reason }) => shared.desk().let_go(report.held_rad, &reason),
+        answered => answered?,
+    }
     shared.cycles.send_modify(|cycles| *cycles += 1);
     Ok(())
+}
+
+/// Takes the right to move, unless a stop comes before it is had.
+async fn arm_one<const N: usize, L: StreamedLink<N>>(
+    link: &mut L,
+    shared: &Shared<N>,
+    report: &StreamedReport<N>,
+    watchdog: Duration,
+) {
+    let not_ready = |reason: &str| Err(DeviceError::NotReady { reason: reason.to_owned() });
+    let led_rad = shared.desk().points.as_ref().filter(|_| L::ALWAYS_FOLLOWS).map(SetPoints::at_rad);
+    let is_astray = led_rad.is_some_and(|led_rad| apart_rad(&led_rad, &report.positions_rad) > ASTRAY_RAD);
+    let outcome = if is_astray {
+        not_ready("it is not where it was led; bring it there, or connect anew")
+    } else {
+        tokio::select! {
+            biased;
+            () = shared.arming_given_up() => not_ready(NOT_ARMED),
+            outcome = link.arm(watchdog) => outcome,
+        }
+    };
+    let mut desk = shared.desk();
+    if desk.to_arm.take().is_some() && outcome.is_ok() {
+        desk.armed = Some(Armed { watchdog, fed_at: Instant::now() });
+    }
+    desk.arm_outcome = Some(outcome);
+    if !L::ALWAYS_FOLLOWS {
+        // Arming takes its time: the arm holds what it reports next, not what was reported before.
+        desk.points = None;
+    }
 }
 
 #[cfg(test)]

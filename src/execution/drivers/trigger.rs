@@ -23,6 +23,9 @@ use crate::execution::device::{Capture, Captured, DeviceError, Direction, Trigge
 
 /// Name of the trigger in the log.
 const DEVICE: &str = "trigger";
+/// Longest time in which the output of a capture that nothing acknowledged is taken back; less than a run gives a trigger beyond its
+/// deadline.
+const TAKEN_BACK: Duration = Duration::from_millis(150);
 /// Largest answer to a request, bytes.
 const MAX_ANSWER_BYTES: usize = 64 << 10;
 
@@ -78,7 +81,14 @@ impl Trigger for ScannerTrigger {
                 }
             }
         });
-        Ok(Captured { id: id.await?, took: began.elapsed() })
+        let (id, took) = (id.await, began.elapsed());
+        if id.is_err()
+            && let Self::Digital(spec, signals) = self
+        {
+            // A scanner that goes by the level would take captures from here on. The error that is told is the first.
+            let _ = within(TAKEN_BACK, signals.set_output(spec.output, false)).await;
+        }
+        Ok(Captured { id: id?, took })
     }
 }
 

@@ -8,7 +8,7 @@ use tokio::net::TcpListener;
 use tokio::time::timeout;
 
 use super::set_points::Rates;
-use super::stream::{Connection, Wiring, within};
+use super::stream::{Connection, STOP_WAIT, Wiring, within};
 use super::streamed::{StreamOrder, StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
 use crate::cell::{UrControllerSpec, UrMotion};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, Target};
@@ -19,8 +19,13 @@ use crate::execution::protocol::ur::{ServoTuning, UrCommand, program_text};
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Longest wait for an answer.
 const ANSWER: Duration = Duration::from_secs(2);
+/// Longest time in which the program takes a command and acknowledges it: a stop waits behind it.
+const COMMAND_TAKEN: Duration = STOP_WAIT;
 /// Reports in a row without a running program after which it has ended.
 const ENDED_REPORTS: u32 = 25;
+/// Words for a program that is lost, while the arm was to follow it.
+const PROGRAM_LOST: &str = "its program on the controller has ended, was stopped there or takes no more commands; see the \
+    controller's log, then begin another run from this step, which sends the program anew";
 /// Speed below which a joint rests, rad/s.
 const REST_RAD_S: f64 = 1e-3;
 /// Deceleration of a stop that no target says one for, rad/s².
@@ -48,7 +53,7 @@ impl UniversalRobots {
 pub struct UrLink {
     protocol: UniversalRobots,
     rtde: Rtde,
-    /// The program on the controller, once it was armed.
+    /// The program on the controller, from when it was armed until it is found to have ended.
     program: Option<Connection>,
     /// Number of the latest command that is acknowledged.
     sequence: u32,
@@ -92,8 +97,7 @@ impl StreamedLink<6> for UrLink {
     async fn report(&mut self) -> Result<StreamedReport<6>, DeviceError> {
         let state = self.rtde.state().await?;
         self.idle_reports = if state.is_program_running() { 0 } else { self.idle_reports.saturating_add(1) };
-        let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
-        let hindrance = hindrance(&state).or(has_ended.then_some("its program has ended; begin a new run"));
+        let hindrance = hindrance(&state);
         self.is_hindered = hindrance.is_some();
         // The program holds the joints as it finds them measured.
         let (positions_rad, held_rad) = (state.joints_rad, state.joints_rad);
@@ -104,10 +108,30 @@ impl StreamedLink<6> for UrLink {
         self.program = None;
         self.program = Some(self.protocol.start_program(watchdog).await?);
         self.idle_reports = 0;
-        self.rtde.catch_up().await
+        Ok(())
     }
 
     async fn answer(&mut self, step: &StreamStep<6>) -> Result<(), DeviceError> {
+        let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
+        if !has_ended && self.instruct(step).await.is_ok() {
+            return Ok(());
+        }
+        // The state is read on, and the program is sent anew when the arm is armed again.
+        self.program = None;
+        Err(DeviceError::NotReady { reason: PROGRAM_LOST.to_owned() })
+    }
+
+    async fn close(mut self) {
+        // The program may have ended before.
+        let _ = self.send(UrCommand::End).await;
+        let _ = self.rtde.connection.send(&RtdeRequest::Pause.encode()).await;
+        self.rtde.connection.close().await;
+    }
+}
+
+impl UrLink {
+    /// Tells the program what to do in this cycle.
+    async fn instruct(&mut self, step: &StreamStep<6>) -> Result<(), DeviceError> {
         match (self.protocol.spec.motion, &step.order) {
             (UrMotion::Servoj, _) => self.send(UrCommand::SetPoint(step.set_point_rad)).await,
             (UrMotion::Movej, None) => self.send(UrCommand::KeepAlive).await,
@@ -120,8 +144,8 @@ impl StreamedLink<6> for UrLink {
                 self.send(UrCommand::Move { sequence, joints_rad, speed_rad_s, acceleration_rad_s2 }).await?;
                 self.acknowledged(sequence).await
             }
-            // A program that the safety system holds answers nothing, and may go on with its move by itself later: without the
-            // connection it ends instead.
+            // A program that is held answers nothing, and may go on with its move by itself later: without the connection it ends
+            // instead.
             (UrMotion::Movej, Some(StreamOrder::Stop)) if self.is_hindered => {
                 self.program = None;
                 Ok(())
@@ -134,11 +158,33 @@ impl StreamedLink<6> for UrLink {
         }
     }
 
-    async fn close(mut self) {
-        // The program may have ended before.
-        let _ = self.send(UrCommand::End).await;
-        let _ = self.rtde.connection.send(&RtdeRequest::Pause.encode()).await;
-        self.rtde.connection.close().await;
+    async fn send(&mut self, command: UrCommand) -> Result<(), DeviceError> {
+        match &mut self.program {
+            Some(program) => within(COMMAND_TAKEN, program.send(&command.encode())).await,
+            None => Ok(()),
+        }
+    }
+
+    fn next_sequence(&mut self) -> u32 {
+        self.sequence = (self.sequence + 1) & i32::MAX as u32;
+        self.sequence
+    }
+
+    /// Waits until the program answers with the number of a command.
+    async fn acknowledged(&mut self, sequence: u32) -> Result<(), DeviceError> {
+        let Some(program) = &mut self.program else { return Ok(()) };
+        let mut answer = Vec::new();
+        let read = async {
+            while answer.len() < 4 {
+                program.receive(&mut answer).await?;
+            }
+            Ok(())
+        };
+        within(COMMAND_TAKEN, read).await?;
+        if answer == sequence.to_be_bytes() {
+            return Ok(());
+        }
+        Err(DeviceError::Malformed { what: format!("{answer:?} as the acknowledgement of {sequence}") })
     }
 }
 
@@ -166,37 +212,6 @@ impl UniversalRobots {
     fn program(&self, reverse: SocketAddr, watchdog: Duration) -> String {
         let tuning = ServoTuning { lookahead_ms: self.spec.lookahead_ms, gain: self.spec.gain };
         program_text(self.spec.motion, tuning, reverse, watchdog)
-    }
-}
-
-impl UrLink {
-    async fn send(&mut self, command: UrCommand) -> Result<(), DeviceError> {
-        match &mut self.program {
-            Some(program) => program.send(&command.encode()).await,
-            None => Ok(()),
-        }
-    }
-
-    fn next_sequence(&mut self) -> u32 {
-        self.sequence = (self.sequence + 1) & i32::MAX as u32;
-        self.sequence
-    }
-
-    /// Waits until the program answers with the number of a command.
-    async fn acknowledged(&mut self, sequence: u32) -> Result<(), DeviceError> {
-        let Some(program) = &mut self.program else { return Ok(()) };
-        let mut answer = Vec::new();
-        let read = async {
-            while answer.len() < 4 {
-                program.receive(&mut answer).await?;
-            }
-            Ok(())
-        };
-        within(ANSWER, read).await?;
-        if answer == sequence.to_be_bytes() {
-            return Ok(());
-        }
-        Err(DeviceError::Malformed { what: format!("{answer:?} as the acknowledgement of {sequence}") })
     }
 }
 
@@ -243,41 +258,49 @@ impl Rtde {
     /// The next reply; may be dropped while it waits.
     async fn next(&mut self) -> Result<RtdeReply, DeviceError> {
         loop {
-            if let Some((frame, length)) = RtdeFrame::first(&self.unread)? {
-                let reply = RtdeReply::decode(frame);
-                self.unread.drain(..length);
-                return reply;
+            if let Some(reply) = self.take()? {
+                return Ok(reply);
             }
             self.connection.receive(&mut self.unread).await?;
         }
     }
 
-    /// The latest state; may be dropped while it waits.
-    async fn state(&mut self) -> Result<RtdeState, DeviceError> {
-        loop {
-            if let RtdeReply::Data { recipe, values } = self.next().await?
-                && recipe == self.recipe
-                && !self.has_more()?
-            {
-                return RtdeState::decode(&values);
-            }
-        }
-    }
-
-    /// Returns true if a further frame is here already.
-    fn has_more(&self) -> Result<bool, DeviceError> {
-        RtdeFrame::first(&self.unread).map(|frame| frame.is_some())
-    }
-
-    /// Reads what came while nobody read.
-    async fn catch_up(&mut self) -> Result<(), DeviceError> {
-        while let Ok(read) = timeout(Duration::ZERO, self.connection.receive(&mut self.unread)).await {
-            read?;
-            while let Some((_, length)) = RtdeFrame::first(&self.unread)? {
+    /// Takes the first reply out of what was received. Bytes that are no frame are thrown away: nothing tells where the next begins.
+    fn take(&mut self) -> Result<Option<RtdeReply>, DeviceError> {
+        let first = RtdeFrame::first(&self.unread).map(|first| first.map(|(frame, length)| (RtdeReply::decode(frame), length)));
+        match first {
+            Ok(None) => Ok(None),
+            Ok(Some((reply, length))) => {
                 self.unread.drain(..length);
+                reply.map(Some)
+            }
+            Err(malformed) => {
+                self.unread.clear();
+                Err(malformed)
             }
         }
-        Ok(())
+    }
+
+    /// The newest state: those before it, which came while nobody read, are old. May be dropped while it waits.
+    async fn state(&mut self) -> Result<RtdeState, DeviceError> {
+        let mut newest = None;
+        loop {
+            while let Some(reply) = self.take()? {
+                if let RtdeReply::Data { recipe, values } = reply
+                    && recipe == self.recipe
+                {
+                    newest = Some(values);
+                }
+            }
+            match &newest {
+                None => self.connection.receive(&mut self.unread).await?,
+                Some(values) => {
+                    if !self.connection.receive_ready(&mut self.unread).await? {
+                        return RtdeState::decode(values);
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -313,6 +336,9 @@ fn hindrance(state: &RtdeState) -> Option<&'static str> {
     }
     if state.is_emergency_stopped() || state.is_guard_stopped() || state.fault_bit().is_some() {
         return Some("its safety system has stopped it; clear that at the controller");
+    }
+    if state.is_paused() {
+        return Some("its program is paused at the controller; let it go on or stop it there");
     }
     state.is_hand_guided().then_some("it is guided by hand")
 }

@@ -15,6 +15,9 @@ pub struct Fence(pub u64);
 pub const MIN_TTL: Duration = Duration::from_millis(200);
 /// Longest time of a lease.
 pub const MAX_TTL: Duration = Duration::from_secs(30);
+/// Time for which an ended lease is known, so that its holder is told that it ran out. Any name of a cell may be asked for: none is kept
+/// for ever.
+const KEPT_AFTER_END: Duration = Duration::from_secs(60);
 
 /// A lease that was given.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -95,6 +98,7 @@ impl Leases {
             let (cell, holder, remaining) = (held.cell.clone(), held.holder.clone(), held.expires_at - now);
             return Err(LeaseError::Held { cell, holder, remaining });
         }
+        book.of_cell.retain(|_, lease| now < lease.expires_at + KEPT_AFTER_END);
         book.last += 1;
         let (token, expires_at) = (Fence(book.last), now + ttl);
         let lease = Lease { cell: cell.to_owned(), holder: holder.to_owned(), token, ttl, expires_at };

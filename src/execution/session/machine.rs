@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use tokio::sync::Notify;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout, timeout_at};
 
 use super::cause::DeviceRole;
 use super::streamer::Jitter;
@@ -116,7 +116,11 @@ pub trait Drive: Watch {
     /// Feeds the watchdogs.
     fn keep_alive(&mut self) -> impl Future<Output = Result<(), MachineError>> + Send;
 
-    /// Asks both to stop, each within that time.
+    /// Reads fresh states of both as [`Watch::states`] does, and feeds the watchdogs of those that answer; the first to have answered is
+    /// kept alive until the other has.
+    fn states_fed(&mut self, within: Duration) -> impl Future<Output = StateAnswers> + Send;
+
+    /// Asks both to stop, each within that time; the first to have answered is kept alive until the other has.
     fn stop(&mut self, within: Duration) -> impl Future<Output = StopAnswers> + Send;
 
     /// Gives the right to move back.
@@ -193,8 +197,21 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
         both(arm, table).map(|_| ())
     }
 
+    async fn states_fed(&mut self, within: Duration) -> StateAnswers {
+        let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+        let (arm, table) = tokio::join!(
+            read_and_feed(&mut self.arm, within, &arm_is_done, &table_is_done),
+            read_and_feed(&mut self.table, within, &table_is_done, &arm_is_done),
+        );
+        StateAnswers { arm, table }
+    }
+
     async fn stop(&mut self, within: Duration) -> StopAnswers {
-        let (arm, table) = tokio::join!(in_time(within, self.arm.stop()), in_time(within, self.table.stop()));
+        let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+        let (arm, table) = tokio::join!(
+            stop_and_feed(&mut self.arm, within, &arm_is_done, &table_is_done),
+            stop_and_feed(&mut self.table, within, &table_is_done, &arm_is_done),
+        );
         StopAnswers { arm, table }
     }
 
@@ -239,6 +256,15 @@ impl<D: MotionDevice<7>> Drive for Joined<D> {
 
     async fn keep_alive(&mut self) -> Result<(), MachineError> {
         self.0.keep_alive().await.map_err(of_arm)
+    }
+
+    async fn states_fed(&mut self, within: Duration) -> StateAnswers {
+        let states = self.states(within).await;
+        if states.arm.is_ok() {
+            // What is not armed has nothing to feed.
+            let _ = timeout(within, self.0.keep_alive()).await;
+        }
+        states
     }
 
     async fn stop(&mut self, within: Duration) -> StopAnswers {
@@ -316,6 +342,38 @@ async fn await_partner<const N: usize, D: MotionDevice<N>>(device: &mut D, is_do
         // What is not armed has nothing to feed; a link that is lost, and a watchdog that lapsed, show in the next tick.
         let _ = device.keep_alive().await;
     }
+}
+
+/// Stops a device within that time, and keeps it alive until its partner has answered too, which has no longer either.
+async fn stop_and_feed<const N: usize, D: MotionDevice<N>>(
+    device: &mut D,
+    within: Duration,
+    is_done: &Notify,
+    partner_is_done: &Notify,
+) -> Result<StopAcknowledged, DeviceError> {
+    let deadline = Instant::now() + within;
+    let stopped = in_time(within, device.stop()).await;
+    let _ = timeout_at(deadline, await_partner(device, is_done, partner_is_done)).await;
+    stopped
+}
+
+/// Reads a device within that time, feeds it if it answers, and keeps it alive until its partner has answered too.
+async fn read_and_feed<const N: usize, D: MotionDevice<N>>(
+    device: &mut D,
+    within: Duration,
+    is_done: &Notify,
+    partner_is_done: &Notify,
+) -> Result<DeviceState<N>, DeviceError> {
+    let deadline = Instant::now() + within;
+    let state = in_time(within, device.state()).await;
+    let fed = async {
+        if state.is_ok() {
+            let _ = device.keep_alive().await;
+        }
+        await_partner(device, is_done, partner_is_done).await;
+    };
+    let _ = timeout_at(deadline, fed).await;
+    state
 }
 
 /// The answer, or [`DeviceError::Silent`] where it takes longer.

@@ -58,7 +58,8 @@ fn note(stop: &mut DeviceStop, answer: Result<StopAcknowledged, DeviceError>, as
 /// Reads until both were found at rest in two states in a row, each for itself.
 async fn verify<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], found: &mut [Option<Vec<f64>>; 2], asked: Instant) {
     while stops.iter().any(|stop| stop.at_rest.is_none()) {
-        let StateAnswers { arm, table } = machine.states(STOP_ATTEMPT).await;
+        // A watchdog that is not fed would make a fault of a pause.
+        let StateAnswers { arm, table } = machine.states_fed(STOP_ATTEMPT).await;
         let arm = arm.map(|state| (state.condition.moving, state.positions_rad.to_vec()));
         let table = table.map(|state| (state.condition.moving, state.positions_rad.to_vec()));
         for ((stop, former), answer) in stops.iter_mut().zip(found.iter_mut()).zip([arm, table]) {
@@ -71,8 +72,6 @@ async fn verify<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], found: &
                 Err(error) => stop.error = Some(error.to_string()),
             }
         }
-        // A watchdog that is not fed would make a fault of a pause.
-        let _ = timeout(STOP_ATTEMPT, machine.keep_alive()).await;
         sleep(POLL).await;
     }
 }

@@ -5,12 +5,14 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::{
-    Authority, CommandError, DeviceRole, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair,
+    Authority, CommandError, DeviceRole, Drive, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair,
     PauseCause, RunHandle, RunOptions, RunReason, RunState, Safeguards, StopCause, dry_run, live, simulate, simulate_with,
 };
 use crate::cell::{AbbEgmSpec, Configuration};
 use crate::execution::audit::tests::log_on_full_disk;
-use crate::execution::device::{DeviceError, DeviceState, Direction, Identity, MotionDevice, StopAcknowledged, Target, WireLog};
+use crate::execution::device::{
+    DeviceError, DeviceState, Direction, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target, WireLog,
+};
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::protocol::egm::ExternalAxes;
 use crate::execution::record::{RunRecord, StepKind};
@@ -223,6 +225,37 @@ async fn a_device_stays_armed_while_its_partner_enables_its_drives() {
 #[tokio::test(start_paused = true)]
 async fn a_device_stays_armed_while_its_partner_takes_its_target() {
     run_with_slow(Duration::ZERO, Duration::from_millis(300)).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_is_fed_while_its_partner_takes_its_time_to_stop_and_to_be_read() {
+    const LATE: Duration = Duration::from_millis(400);
+    let watchdog = Safeguards::default().watchdog;
+    let (mut machine, _, access) = twins();
+    Drive::arm(&mut machine, watchdog).await.expect("armed");
+    access.arm.plant(Some(Planted::Late(LATE)));
+    let enough = LATE.as_millis() as u64 / (watchdog.as_millis() as u64 / 4);
+    let fed_before = access.table.asked().keep_alives;
+    let stopped = machine.stop(STOP_ATTEMPT).await;
+    assert!(stopped.arm.is_ok() && stopped.table.is_ok(), "{stopped:?}");
+    let fed = access.table.asked().keep_alives;
+    assert!(fed - fed_before >= enough, "fed {} times while the arm stopped", fed - fed_before);
+    let read = machine.states_fed(STOP_ATTEMPT).await;
+    assert!(read.arm.is_ok() && read.table.is_ok(), "{read:?}");
+    let fed_on = access.table.asked().keep_alives;
+    assert!(fed_on - fed >= enough, "fed {} times while the arm was read", fed_on - fed);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_that_is_slow_to_feed_does_not_lengthen_a_stop() {
+    let (mut machine, _, access) = twins();
+    Drive::arm(&mut machine, Safeguards::default().watchdog).await.expect("armed");
+    access.arm.plant(Some(Planted::Late(Duration::from_millis(300))));
+    access.table.plant(Some(Planted::Silent));
+    let asked = Instant::now();
+    let stopped = machine.stop(STOP_ATTEMPT).await;
+    assert!(stopped.arm.is_ok() && stopped.table.is_err(), "{stopped:?}");
+    assert!(asked.elapsed() <= STOP_ATTEMPT + Duration::from_millis(10), "{:?}", asked.elapsed());
 }
 
 #[tokio::test(start_paused = true)]

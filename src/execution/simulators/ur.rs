@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::time::{Instant, interval, timeout};
+use tokio::sync::Notify;
+use tokio::time::{Instant, interval, sleep, timeout};
 
 use crate::execution::device::Target;
 use crate::execution::drivers::set_points::SetPoints;
@@ -23,6 +24,8 @@ const MAX_RATE_HZ: f64 = 500.0;
 const POWER_BIT: u32 = 1;
 const PROGRAM_BIT: u32 = 1 << 1;
 const NORMAL_BIT: u32 = 1;
+/// Pause after which a program that is paused looks whether it still is.
+const GLANCE: Duration = Duration::from_millis(2);
 
 /// A controller that listens.
 pub struct UrController {
@@ -39,6 +42,9 @@ pub struct UrCell {
     speeds_rad_s: [f64; 6],
     start: Instant,
     is_program_running: bool,
+    stop_button: Arc<Notify>,
+    /// The program is paused at the pendant: the arm stands, and no command is obeyed.
+    pub is_paused: bool,
     /// Bits of the safety system.
     pub safety_bits: u32,
     /// Times that the program stopped because no command came.
@@ -170,8 +176,15 @@ async fn run_program(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<
     let (reverse, watchdog) = address_and_watchdog(&text).ok_or_else(invalid)?;
     let mut client = TcpStream::connect(reverse).await?;
     client.set_nodelay(true)?;
-    lock(cell).is_program_running = true;
-    let outcome = obey(&mut client, cell, watchdog).await;
+    let stop_button = {
+        let mut cell = lock(cell);
+        cell.is_program_running = true;
+        Arc::clone(&cell.stop_button)
+    };
+    let outcome = tokio::select! {
+        outcome = obey(&mut client, cell, watchdog) => outcome,
+        () = stop_button.notified() => Ok(()),
+    };
     let mut cell = lock(cell);
     cell.points.ramp_down();
     cell.is_program_running = false;
@@ -192,7 +205,12 @@ async fn obey(client: &mut TcpStream, cell: &Mutex<UrCell>, watchdog: Duration) 
     let mut wait = Duration::from_secs(5);
     loop {
         let mut bytes = [0; UrCommand::BYTES];
-        let Ok(read) = timeout(wait, client.read_exact(&mut bytes)).await else {
+        let read = timeout(wait, client.read_exact(&mut bytes)).await;
+        // A program that is paused notices nothing, the end of its connection neither.
+        while lock(cell).is_paused {
+            sleep(GLANCE).await;
+        }
+        let Ok(read) = read else {
             lock(cell).starved += 1;
             return Ok(());
         };
@@ -229,6 +247,8 @@ impl UrCell {
             speeds_rad_s: [0.0; 6],
             start: now,
             is_program_running: false,
+            stop_button: Arc::default(),
+            is_paused: false,
             safety_bits: NORMAL_BIT,
             starved: 0,
             max_step_rad: 0.0,
@@ -240,11 +260,16 @@ impl UrCell {
         let (now, before, was_moving) = (Instant::now(), self.points.at_rad(), self.points.is_moving());
         let elapsed = now.duration_since(self.moved_at);
         self.moved_at = now;
-        let after = self.points.advance(elapsed);
+        let after = if self.is_paused { before } else { self.points.advance(elapsed) };
         let secs = elapsed.as_secs_f64().max(1e-4);
         let speed = |joint: usize| if was_moving { (after[joint] - before[joint]) / secs } else { 0.0 };
         self.speeds_rad_s = std::array::from_fn(speed);
         after
+    }
+
+    /// Presses the stop button of the pendant: the program ends.
+    pub fn press_stop(&self) {
+        self.stop_button.notify_waiters();
     }
 
     /// Goes to a set point at once.
@@ -274,7 +299,11 @@ impl UrCell {
             timestamp_secs: self.start.elapsed().as_secs_f64(),
             joints_rad,
             speeds_rad_s: self.speeds_rad_s,
-            runtime: if self.is_program_running { 2 } else { 1 },
+            runtime: match (self.is_program_running, self.is_paused) {
+                (false, _) => 1,
+                (true, false) => 2,
+                (true, true) => 4,
+            },
             robot_bits: POWER_BIT | program,
             safety_bits: self.safety_bits,
         };

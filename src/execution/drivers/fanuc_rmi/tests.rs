@@ -8,8 +8,11 @@ use tokio::time::{sleep, timeout};
 
 use super::*;
 use crate::cell::JointThreeOrigin;
+use crate::execution::device::STOP_ATTEMPT;
+use crate::execution::drivers::stream::ByteStream;
 use crate::execution::drivers::there_and_back::{KeptBytes, WATCHDOG, arrive, target, there_and_back};
 use crate::execution::simulators::fanuc_rmi::{RmiCell, RmiController};
+use crate::execution::tests::simulated_network::{NetworkDialer, Passage, RoughNetwork};
 
 async fn simulator() -> (String, Arc<Mutex<RmiCell>>) {
     let controller = RmiController::bind("127.0.0.1:0").await.expect("a port");
@@ -21,6 +24,117 @@ async fn simulator() -> (String, Arc<Mutex<RmiCell>>) {
 fn arm<const N: usize>(address: &str, joint_3_from: JointThreeOrigin, log: Arc<KeptBytes>) -> FanucArm<N> {
     let spec = FanucRmiSpec { address: address.to_owned(), joint_3_from, group_mask: None };
     FanucArm::new(&spec, Wiring::over_tcp("arm", log))
+}
+
+/// Packets that a controller of some lines was sent, in order.
+type Seen = Arc<Mutex<Vec<RmiRequest>>>;
+
+/// Answers one client until it goes, at the door and in a session alike: it takes a move, and does not end it.
+async fn talk(mut stream: impl ByteStream, answer: impl Fn(&RmiRequest) -> Option<RmiReply>, seen: Seen) {
+    let (mut unread, mut chunk) = (Vec::new(), [0; 512]);
+    while let Ok(read @ 1..) = stream.read(&mut chunk).await {
+        unread.extend_from_slice(&chunk[..read]);
+        while let Some(end) = unread.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = unread.drain(..=end).collect();
+            let request = RmiRequest::decode(&line).expect("a packet");
+            seen.lock().expect("packets").push(request.clone());
+            if let Some(reply) = answer(&request) {
+                let _ = stream.write_all(reply.encode().as_bytes()).await;
+            }
+        }
+    }
+}
+
+fn answer(request: &RmiRequest) -> Option<RmiReply> {
+    let running = RmiStatus { servo_ready: true, program: RmiProgram::Running, ..RmiStatus::default() };
+    Some(match request {
+        RmiRequest::Connect => RmiReply::Connected { port: 16002, version: (7, 1) },
+        RmiRequest::GetStatus => RmiReply::Status(running),
+        RmiRequest::ReadJointAngles { .. } => RmiReply::Joints(RmiJoints::default()),
+        RmiRequest::ReadError => RmiReply::ErrorText("No Error".to_owned()),
+        RmiRequest::JointMotion(_) => return None,
+        RmiRequest::Disconnect
+        | RmiRequest::Initialize { .. }
+        | RmiRequest::SetOverRide(_)
+        | RmiRequest::Abort
+        | RmiRequest::Pause
+        | RmiRequest::Continue
+        | RmiRequest::Reset => RmiReply::Done { command: request.name().to_owned() },
+    })
+}
+
+/// The network of a controller that answers so, and an arm that dials into it.
+fn over_a_network(
+    answer: impl Fn(&RmiRequest) -> Option<RmiReply> + Copy + Send + Sync + 'static,
+) -> (FanucArm<6>, Arc<RoughNetwork>, Seen) {
+    let seen = Seen::default();
+    let shown = Arc::clone(&seen);
+    let network = RoughNetwork::new(1, move |end| {
+        tokio::spawn(talk(end, answer, Arc::clone(&shown)));
+    });
+    let wiring = Wiring { dialer: Arc::new(NetworkDialer(Arc::clone(&network))), log: Arc::new(()), device: "arm" };
+    let spec = FanucRmiSpec { address: "arm:16001".to_owned(), joint_3_from: JointThreeOrigin::Ground, group_mask: None };
+    (FanucArm::new(&spec, wiring), network, seen)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_gets_past_a_half_open_link_within_an_attempt() {
+    let (mut arm, network, seen) = over_a_network(answer);
+    arm.connect().await.expect("a controller");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.start(&target(1, [1.0; 6], Duration::from_secs(2))).await.expect("accepted");
+    // What is sent over the session that there is is lost from here on.
+    network.set_passage(Passage::Lost);
+    network.set_passage(Passage::Open);
+    let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
+    stopped.expect("acknowledged over a new session");
+    arm.state().await.expect("a state");
+    let seen = seen.lock().expect("packets").clone();
+    let opened = seen.iter().rposition(|request| *request == RmiRequest::Connect).expect("a new session");
+    assert_eq!(seen[opened + 1..opened + 3], [RmiRequest::Pause, RmiRequest::Abort], "held, and forgotten");
+    assert_eq!(arm.arm(WATCHDOG).await, Err(reconnected()), "a controller that nobody checked");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_gets_past_a_session_that_was_cut() {
+    let (mut arm, network, _) = over_a_network(answer);
+    arm.connect().await.expect("a controller");
+    arm.arm(WATCHDOG).await.expect("armed");
+    network.cut();
+    assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })));
+    timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("acknowledged over a new session");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_state_is_no_younger_than_the_question_for_it() {
+    let (mut arm, _network, _) = over_a_network(answer);
+    arm.connect().await.expect("a controller");
+    let state = arm.state().await.expect("a state");
+    assert!(state.at.elapsed() >= Duration::from_millis(1), "{:?}", state.at.elapsed());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_program_whose_making_was_given_up_is_ended_at_release() {
+    let unmade = |request: &RmiRequest| answer(request).filter(|_| !matches!(request, RmiRequest::Initialize { .. }));
+    let (mut arm, _network, seen) = over_a_network(unmade);
+    arm.connect().await.expect("a controller");
+    assert!(timeout(Duration::from_millis(500), arm.arm(WATCHDOG)).await.is_err(), "not answered");
+    arm.release().await.expect("released");
+    let seen = seen.lock().expect("packets").clone();
+    assert!(seen.ends_with(&[RmiRequest::Abort, RmiRequest::Disconnect]), "{seen:?}");
+}
+
+#[tokio::test]
+async fn a_session_is_given_back_whatever_becomes_of_its_program() {
+    let (address, _) = simulator().await;
+    let log = KeptBytes::new();
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, log.clone());
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.session().expect("open").done(&RmiRequest::Abort).await.expect("ended by somebody else");
+    assert!(matches!(arm.release().await, Err(DeviceError::Refused { .. })), "there is nothing to end");
+    let last = log.sent().pop().expect("sent");
+    assert!(String::from_utf8_lossy(&last).contains("FRC_Disconnect"), "{last:?}");
 }
 
 #[tokio::test]

@@ -2,21 +2,25 @@
 
 use std::sync::Arc;
 
-use tokio::net::UdpSocket;
-use tokio::time::sleep;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, UdpSocket};
+use tokio::time::advance;
 
 use super::*;
 use crate::cell::{AbbEgmSpec, KukaRsiSpec, UrControllerSpec, UrMotion};
+use crate::execution::device::STOP_ATTEMPT;
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::drivers::kuka_rsi::{KukaArm, KukaRsi};
 use crate::execution::drivers::stream::Wiring;
 use crate::execution::drivers::there_and_back::{WATCHDOG, target, there_and_back};
 use crate::execution::drivers::ur::{UniversalRobots, UrArm};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmReport, ExternalAxes};
-use crate::execution::protocol::kuka_rsi::RsiNames;
+use crate::execution::protocol::kuka_rsi::{RsiNames, RsiReport};
+use crate::execution::protocol::ur::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
 use crate::execution::simulators::egm::{EgmController, EgmSession};
 use crate::execution::simulators::kuka_rsi::{RsiController, RsiSession};
 use crate::execution::simulators::ur::{UrCell, UrController};
+use crate::execution::tests::simulated_network::{NetworkDialer, NetworkEnd, RoughNetwork};
 
 /// Cycle that a busy machine keeps.
 const CYCLE_MS: u32 = 12;
@@ -77,16 +81,39 @@ async fn ur(motion: UrMotion) -> (UrArm, Arc<Mutex<UrCell>>) {
     let controller = UrController::bind("127.0.0.1:0", "127.0.0.1:0", [0.1, -1.5, 1.5, 0.0, 0.5, 0.0]).await.expect("ports");
     let ((rtde, script), cell) = (controller.addresses().expect("addresses"), controller.cell());
     tokio::spawn(controller.serve());
-    let spec = UrControllerSpec {
-        address: rtde.to_string(),
-        script_address: script.to_string(),
-        reverse_address: "127.0.0.1:0".parse().expect("an address"),
-        motion,
-        rate_hz: 125,
-        lookahead_ms: 100,
-        gain: 300,
-    };
+    let spec = ur_spec(rtde.to_string(), script.to_string(), motion);
     (UniversalRobots::arm(&spec, Wiring::over_tcp("arm", Arc::new(()))), cell)
+}
+
+fn ur_spec(address: String, script_address: String, motion: UrMotion) -> UrControllerSpec {
+    let reverse_address = "127.0.0.1:0".parse().expect("an address");
+    UrControllerSpec { address, script_address, reverse_address, motion, rate_hz: 125, lookahead_ms: 100, gain: 300 }
+}
+
+/// Waits until the arm is no longer armed; the reason.
+async fn disarmed(arm: &mut UrArm) -> String {
+    let found = async {
+        loop {
+            if let Err(error) = arm.keep_alive().await {
+                return error.to_string();
+            }
+            sleep(Duration::from_millis(5)).await;
+        }
+    };
+    timeout(Duration::from_secs(5), found).await.expect("disarmed")
+}
+
+/// Waits until the arm rests.
+async fn at_rest(arm: &mut UrArm) -> [f64; 6] {
+    let found = async {
+        loop {
+            let state = arm.state().await.expect("a state");
+            if !state.condition.moving {
+                return state.positions_rad;
+            }
+        }
+    };
+    timeout(Duration::from_secs(5), found).await.expect("at rest")
 }
 
 #[tokio::test]
@@ -162,6 +189,137 @@ async fn a_guard_that_opens_for_a_moment_ends_the_move() {
     assert_eq!(cell.lock().expect("a cell").joints_rad(), at);
     arm.arm(WATCHDOG).await.expect("armed anew");
     arm.start(&target(2, start, Duration::from_millis(500))).await.expect("accepted");
+}
+
+#[tokio::test]
+async fn a_program_that_ended_is_told_as_such_and_sent_anew_by_the_next_arming() {
+    for motion in UrMotion::ALL {
+        let (mut arm, cell) = ur(motion).await;
+        arm.connect().await.expect("connected");
+        arm.arm(WATCHDOG).await.expect("armed");
+        let start = arm.state().await.expect("a state").positions_rad;
+        // Stopped at the pendant in a pause: there is nothing wrong with that.
+        arm.stop().await.expect("stopped");
+        cell.lock().expect("a cell").press_stop();
+        sleep(Duration::from_millis(60)).await;
+        arm.keep_alive().await.expect("nothing to feed");
+        arm.arm(WATCHDOG).await.expect("its program is sent anew");
+        arm.start(&target(1, start.map(|joint| joint + 1.0), Duration::from_secs(4))).await.expect("accepted");
+        // Stopped at the pendant on the way.
+        cell.lock().expect("a cell").press_stop();
+        let reason = disarmed(&mut arm).await;
+        assert!(reason.contains("its program on the controller has ended"), "{motion:?}: {reason}");
+        let back = target(2, start, Duration::from_millis(300));
+        assert_eq!(arm.start(&back).await.map_err(|error| error.to_string()), Err(reason), "{motion:?}");
+        arm.stop().await.expect("nothing moves");
+        let rest = at_rest(&mut arm).await;
+        assert!(rest[0] - start[0] < 0.5, "{motion:?}: {rest:?}");
+        arm.arm(WATCHDOG).await.expect("its program is sent anew");
+        arm.start(&back).await.expect("accepted");
+    }
+}
+
+#[tokio::test]
+async fn an_arm_whose_program_is_paused_at_the_pendant_is_led_no_further() {
+    for motion in UrMotion::ALL {
+        let (mut arm, cell) = ur(motion).await;
+        arm.connect().await.expect("connected");
+        arm.arm(WATCHDOG).await.expect("armed");
+        let start = arm.state().await.expect("a state").positions_rad;
+        arm.start(&target(1, start.map(|joint| joint + 1.0), Duration::from_secs(1))).await.expect("accepted");
+        sleep(Duration::from_millis(300)).await;
+        cell.lock().expect("a cell").is_paused = true;
+        let reason = disarmed(&mut arm).await;
+        assert!(reason.contains("paused at the controller"), "{motion:?}: {reason}");
+        timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("stopped");
+        assert!(matches!(arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })), "{motion:?}");
+        let before = cell.lock().expect("a cell").joints_rad();
+        cell.lock().expect("a cell").is_paused = false;
+        sleep(Duration::from_millis(300)).await;
+        let after = cell.lock().expect("a cell").joints_rad();
+        // A move of the controller's own goes on until the program sees that nobody is there, and brakes.
+        let allowed_rad = match motion {
+            UrMotion::Servoj => 0.05,
+            UrMotion::Movej => 0.2,
+        };
+        assert!(apart_rad(&before, &after) < allowed_rad, "{motion:?}: {before:?}, {after:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_stop_does_not_wait_for_a_program_that_is_still_to_connect() {
+    let controller = UrController::bind("127.0.0.1:0", "127.0.0.1:0", [0.0; 6]).await.expect("ports");
+    let (rtde, _) = controller.addresses().expect("addresses");
+    tokio::spawn(controller.serve());
+    // Takes programs and runs none.
+    let script = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let script_address = script.local_addr().expect("an address").to_string();
+    let spec = ur_spec(rtde.to_string(), script_address, UrMotion::Servoj);
+    let mut arm = UniversalRobots::arm(&spec, Wiring::over_tcp("arm", Arc::new(())));
+    arm.connect().await.expect("connected");
+    assert!(timeout(Duration::from_millis(100), arm.arm(WATCHDOG)).await.is_err(), "given up");
+    timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("acknowledged");
+    let start = arm.state().await.expect("a state").positions_rad;
+    assert!(matches!(arm.start(&target(1, start, Duration::from_secs(1))).await, Err(DeviceError::NotReady { .. })));
+}
+
+/// Greets a client of RTDE, and has so many states for it at once, behind some bytes; in each the joints stand a milliradian further.
+async fn queue_states(mut end: NetworkEnd, noise: &[u8], states: u32) {
+    let mut unread = Vec::new();
+    while end.read_buf(&mut unread).await.is_ok_and(|read| read > 0) {
+        while let Some((frame, length)) = RtdeFrame::first(&unread).expect("a frame") {
+            let request = RtdeRequest::decode(frame).expect("a request");
+            unread.drain(..length);
+            let reply = match request {
+                RtdeRequest::Version(_) => RtdeReply::Version(true),
+                RtdeRequest::ControlVersion => RtdeReply::ControlVersion([5, 11, 0, 108]),
+                RtdeRequest::Outputs { .. } => RtdeReply::Outputs { recipe: 1, types: OUTPUTS.map(|(_, kind)| kind).join(",") },
+                RtdeRequest::Start => RtdeReply::Start(true),
+                RtdeRequest::Inputs { .. } | RtdeRequest::Pause | RtdeRequest::Data { .. } => return,
+            };
+            end.write_all(&reply.encode()).await.expect("taken");
+            if reply == RtdeReply::Start(true) {
+                let queued: Vec<u8> = (1..=states).flat_map(state_frame).collect();
+                end.write_all(noise).await.expect("taken");
+                end.write_all(&queued).await.expect("taken");
+            }
+        }
+    }
+}
+
+fn state_frame(milliradians: u32) -> Vec<u8> {
+    let joints_rad = [1e-3 * f64::from(milliradians); 6];
+    let values = RtdeState { joints_rad, robot_bits: 1, safety_bits: 1, ..RtdeState::default() }.encode();
+    RtdeReply::Data { recipe: 1, values }.encode()
+}
+
+/// An arm whose controller queues states.
+fn ur_with_queue(noise: &'static [u8], states: u32) -> UrArm {
+    let network = RoughNetwork::new(1, move |end| {
+        tokio::spawn(queue_states(end, noise, states));
+    });
+    let wiring = Wiring { dialer: Arc::new(NetworkDialer(network)), log: Arc::new(()), device: "arm" };
+    UniversalRobots::arm(&ur_spec("arm:30004".to_owned(), "arm:30002".to_owned(), UrMotion::Servoj), wiring)
+}
+
+#[tokio::test(start_paused = true)]
+async fn of_states_that_queued_the_newest_alone_is_read() {
+    let arm = ur_with_queue(&[], 300);
+    let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("greeted");
+    let report = StreamedLink::<6>::report(&mut link).await.expect("a state");
+    assert!((report.positions_rad[0] - 0.3).abs() < 1e-9, "{report:?}");
+    let further = StreamedLink::<6>::report(&mut link);
+    assert!(timeout(Duration::from_millis(50), further).await.is_err(), "nothing is left to read");
+}
+
+#[tokio::test(start_paused = true)]
+async fn bytes_that_are_no_frame_are_told_once_and_states_are_read_on() {
+    // A frame shorter than its own header.
+    let arm = ur_with_queue(&[0, 2, b'U'], 1);
+    let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("greeted");
+    assert!(matches!(StreamedLink::<6>::report(&mut link).await, Err(DeviceError::Malformed { .. })));
+    let report = StreamedLink::<6>::report(&mut link).await.expect("a state");
+    assert!((report.positions_rad[0] - 1e-3).abs() < 1e-9, "{report:?}");
 }
 
 #[test]
@@ -346,8 +504,7 @@ async fn a_restart_of_rsi_ends_the_session_and_an_overtaken_telegram_does_not() 
     tokio::spawn(async move {
         let socket = tokio::net::UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
         loop {
-            let report =
-                crate::execution::protocol::kuka_rsi::RsiReport { ipoc: *next.borrow_and_update(), ..Default::default() };
+            let report = RsiReport { ipoc: *next.borrow_and_update(), ..RsiReport::default() };
             let _ = socket.send_to(report.encode().as_bytes(), &address).await;
             sleep(Duration::from_millis(10)).await;
         }
@@ -360,4 +517,22 @@ async fn a_restart_of_rsi_ends_the_session_and_an_overtaken_telegram_does_not() 
     ipoc.send_replace(100);
     sleep(Duration::from_millis(50)).await;
     assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_machine_that_stood_still_is_told_from_a_restart_of_rsi() {
+    for (stood_still_ms, told) in [(1500, "this machine stood still for 1500 ms"), (0, "RSI was restarted")] {
+        let address = format!("127.0.0.1:{}", free_port());
+        let spec: KukaRsiSpec = serde_json::from_value(serde_json::json!({"address": address})).expect("a specification");
+        let arm: KukaArm<6> = KukaRsi::arm(&spec, Arc::new(()));
+        let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
+        let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+        let telegram = |ipoc: u64| RsiReport { ipoc, ..RsiReport::default() }.encode();
+        controller.send_to(telegram(5_000).as_bytes(), &address).await.expect("sent");
+        StreamedLink::<6>::report(&mut link).await.expect("a report");
+        advance(Duration::from_millis(stood_still_ms)).await;
+        controller.send_to(telegram(6_500).as_bytes(), &address).await.expect("sent");
+        let error = StreamedLink::<6>::report(&mut link).await.expect_err("another start, or none that is known");
+        assert!(matches!(&error, DeviceError::Closed { reason } if reason.contains(told)), "{error}");
+    }
 }

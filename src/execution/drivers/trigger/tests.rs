@@ -70,6 +70,23 @@ async fn signals_are_exchanged_with_the_arms_controller() {
     server.abort();
 }
 
+#[tokio::test]
+async fn an_output_whose_capture_nothing_acknowledges_is_taken_back() {
+    let robot = Presets.robot("hans-e05").expect("a preset").build().expect("valid");
+    let simulator = HansSimulator::listen("127.0.0.1:0", robot, [0.0; 6], 1.0).await.expect("bound");
+    let address = simulator.addresses().expect("addresses").text.to_string();
+    let server = tokio::spawn(simulator.serve());
+    let log = Arc::new(KeptBytes::default());
+    let crossed = json!({"protocol": "digital", "output": 3, "input": 8});
+    let kept = Arc::clone(&log) as Arc<dyn WireLog>;
+    let mut trigger = ScannerTrigger::new(&controllers(&hans_at(&address), &crossed), kept).expect("a trigger");
+    assert!(matches!(trigger.capture(&capture(300)).await, Err(DeviceError::Silent { .. })));
+    let texts = log.0.lock().expect("no panic").clone();
+    let levels: Vec<&String> = texts.iter().filter(|text| text.starts_with("SetBoxDO,3,")).collect();
+    assert_eq!(levels, ["SetBoxDO,3,0,;", "SetBoxDO,3,1,;", "SetBoxDO,3,0,;"], "{texts:?}");
+    server.abort();
+}
+
 #[test]
 fn signals_of_arms_without_them_are_refused() {
     let arm = json!({"protocol": "fanuc_rmi", "address": "127.0.0.1:16001"});

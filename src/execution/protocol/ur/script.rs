@@ -86,6 +86,7 @@ const MOVEJ: &str = "  thread vantage_lead():
   end
 ";
 
+/// A stop is acknowledged before the arm brakes, which takes its time.
 fn movej_commands() -> String {
     format!(
         "    elif c[1] == 2:
@@ -96,9 +97,9 @@ fn movej_commands() -> String {
       leader = run vantage_lead()
       socket_send_int(c[2], \"vantage\")
     elif c[1] == 3:
+      socket_send_int(c[2], \"vantage\")
       kill leader
       stopj(c[10] / 1000000.0)
-      socket_send_int(c[2], \"vantage\")
 "
     )
 }

@@ -94,6 +94,16 @@ fn the_program_stops_by_itself_and_its_blocks_close() {
     }
 }
 
+#[test]
+fn the_program_acknowledges_a_stop_before_it_brakes() {
+    let tuning = ServoTuning { lookahead_ms: 100, gain: 300 };
+    let reverse = "10.0.0.1:50001".parse().expect("an address");
+    let text = program_text(UrMotion::Movej, tuning, reverse, Duration::from_millis(200));
+    let (_, stop) = text.split_once("elif c[1] == 3:\n").expect("a stop");
+    let lines: Vec<&str> = stop.lines().take(3).map(str::trim).collect();
+    assert_eq!(lines, ["socket_send_int(c[2], \"vantage\")", "kill leader", "stopj(c[10] / 1000000.0)"]);
+}
+
 fn commands(joints_rad: [f64; 6], sequence: u32, value: f64) -> [UrCommand; 5] {
     [
         UrCommand::KeepAlive,

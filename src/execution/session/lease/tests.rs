@@ -36,3 +36,14 @@ async fn a_lease_has_a_time_within_bounds() {
         assert_eq!(leases.acquire("a", "one", ttl), Err(LeaseError::Ttl(ttl)));
     }
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_lease_that_ended_is_not_kept_for_ever() {
+    let leases = Leases::default();
+    for cell in 0..100 {
+        leases.acquire(&format!("cell-{cell}"), "one", TTL).expect("free");
+    }
+    advance(TTL + super::KEPT_AFTER_END).await;
+    leases.acquire("another", "one", TTL).expect("free");
+    assert_eq!(leases.book().of_cell.len(), 1);
+}
