@@ -5,10 +5,10 @@ use nalgebra::Matrix6;
 
 use super::coverage::{self, ComparedViews, IdentifiedLimits, MeasuredCoverage, NominalModel, PlannedRow, Returns, ScannedView};
 use super::deviation::align::{Aligned, as_placed, best_fit};
-use super::deviation::statistics::{histogram, judge, statistics};
+use super::deviation::statistics::{excluded, histogram, judge, statistics};
 use super::deviation::{
-    Alignment, Deviation, DeviationOptions, DeviationSpot, DeviationStatistics, Extent, Histogram, Nominal, PlacedScan,
-    RegionDeviation, RegionToJudge,
+    Alignment, Deviation, DeviationOptions, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, Histogram, Nominal,
+    PlacedScan, RegionDeviation, RegionToJudge,
 };
 use super::identification::{self, Learned, Offer, TripleInput, noise, offers, triples};
 use super::ingest::Ingested;
@@ -102,6 +102,8 @@ pub struct Inspection {
 pub struct DeviationFigures {
     /// Statistics of the whole part; `None` where nothing was measured.
     pub whole: Option<DeviationStatistics>,
+    /// Shares of the whole part that they leave out.
+    pub excluded: ExcludedShares,
     /// Histogram of the whole part.
     pub histogram: Histogram,
     /// Extents along the part's axes.
@@ -289,8 +291,12 @@ impl Judged<'_> {
     fn deviation(&self, ctx: &Context<'_>) -> Result<(Aligned, DeviationFigures), PlanError> {
         let surface = self.compared.surface;
         let nominal = Nominal { mesh: self.input.part, scene: self.model.surfaces(), surface, scanner: self.input.scanner };
-        let regions = self.regions();
-        let options = DeviationOptions { search_mm: self.input.params.compare.search_mm, ..DeviationOptions::default() };
+        let regions = regions_to_judge(surface, self.input.plan_params);
+        let options = DeviationOptions {
+            search_mm: self.input.params.compare.search_mm,
+            is_merged: self.input.taken.scans.iter().any(|taken| taken.is_approximate),
+            ..DeviationOptions::default()
+        };
         let align = &self.input.params.align;
         let placed: Vec<PlacedScan<'_>> = match align.method {
             Alignment::AsPlaced => self.compared.scanned.iter().map(|scanned| self.as_stated(scanned)).collect(),
@@ -313,6 +319,7 @@ impl Judged<'_> {
         let limit_mm = whole.map_or(1.0, |whole| whole.percentiles_mm[0].abs().max(whole.percentiles_mm[4].abs()).max(1e-3));
         let figures = DeviationFigures {
             whole,
+            excluded: excluded(samples, surface, surface.samples()),
             histogram: histogram(samples, surface, limit_mm, CLASSES),
             extents: aligned.deviation.extents(&nominal),
             regions: regions.iter().map(|region| judge(samples, surface, region, &options)).collect(),
@@ -341,16 +348,17 @@ impl Judged<'_> {
             shared_sd: six(shared(options.prior_deg, own_deg), shared(options.prior_mm, own_mm)),
         }
     }
+}
 
-    fn regions(&self) -> Vec<RegionToJudge> {
-        let surface = self.compared.surface;
-        let to_judge = |(number, region): (usize, requirements::NamedRegion)| {
-            let holds = |sample: &SampleId| surface.requirements.of(*sample).regions.contains(&number);
-            let samples = surface.samples().filter(holds).collect();
-            RegionToJudge { name: region.name, tolerance_mm: region.tolerance_mm, samples }
-        };
-        requirements::regions(self.input.plan_params).into_iter().enumerate().map(to_judge).collect()
-    }
+/// Regions of interest and features of a plan, each with its samples that are asked for: what is excluded counts in no figure of them.
+fn regions_to_judge(surface: &Surface, params: &PlanParams) -> Vec<RegionToJudge> {
+    let to_judge = |(number, region): (usize, requirements::NamedRegion)| {
+        let holds =
+            |sample: &SampleId| surface.asked[sample.index()] && surface.requirements.of(*sample).regions.contains(&number);
+        let samples = surface.samples().filter(holds).collect();
+        RegionToJudge { name: region.name, tolerance_mm: region.tolerance_mm, samples }
+    };
+    requirements::regions(params).into_iter().enumerate().map(to_judge).collect()
 }
 
 fn no_region(name: &str, regions: &[RegionToJudge]) -> PlanError {
@@ -365,5 +373,37 @@ impl Inspection {
     #[must_use]
     pub fn deviations(&self) -> &Deviation {
         &self.deviation.deviation
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inspection::rehearsal::in_context;
+    use crate::planning::params::{FeatureParams, Region};
+    use crate::testing::box_mesh;
+
+    #[test]
+    fn excluded_surface_of_a_region_is_not_judged() {
+        let mesh = box_mesh([0.0; 3], [30.0; 3]);
+        let half_space = |z_mm: f64| Region::HalfSpace { point_mm: [0.0, 0.0, z_mm], normal: [0.0, 0.0, 1.0] };
+        let region = half_space(20.0);
+        let mut params = PlanParams::default();
+        params.regions.features =
+            vec![FeatureParams { name: None, region, tolerance_mm: 0.4, point_spacing_mm: None, target: None }];
+        params.part.samples_per_mm2 = Some(0.2);
+        let judged = |params: &PlanParams| {
+            let surface = in_context(|ctx| requirements::sampled(&mesh, params, 0, ctx)).expect("samples");
+            let regions = regions_to_judge(&surface, params);
+            let heights_mm = regions[0].samples.iter().map(|sample| surface.sample_mm[sample.index()].z);
+            (regions[0].samples.len(), heights_mm.fold(f64::INFINITY, f64::min))
+        };
+        let (all, lowest_mm) = judged(&params);
+        params.regions.exclude = vec![half_space(10.0)];
+        let (asked, lowest_asked_mm) = judged(&params);
+        assert!(
+            lowest_mm < 1.0 && lowest_asked_mm > 10.0 && asked < all && asked > 0,
+            "{asked} of {all} from {lowest_asked_mm} mm"
+        );
     }
 }

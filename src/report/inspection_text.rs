@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::wire::inspection::{InspectionDocument, remedy_words};
+use crate::wire::inspection::{InspectionDocument, RegionDeviationDocument, excluded_sentence, remedy_words};
 
 /// Renders the text.
 #[must_use]
@@ -33,10 +33,8 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
         let (share, cause) = (100.0 * loss.of_asked, loss.cause.as_str().replace('_', " "));
         line(format!("  {share:6.2} %  {cause:<20} {} spots; remedy: {remedy}", loss.spots));
     }
-    for region in &document.deviation.regions {
-        let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
-        line(format!("\nRegion {}: {verdict}, {:.1} % measured", region.name, 100.0 * region.measured));
-    }
+    line(format!("\nDeviation: {}", excluded_sentence(&document.deviation)));
+    document.deviation.regions.iter().for_each(|region| line(region_words(region)));
     if !document.offers.is_empty() {
         line("\nBefore the next plan:".to_owned());
     }
@@ -47,4 +45,39 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
     document.findings.iter().for_each(|finding| line(format!("  {}", finding.detail)));
     line(format!("\nplan {}", document.plan_sha256));
     text
+}
+
+/// Verdict of a region, and what it leaves out.
+fn region_words(region: &RegionDeviationDocument) -> String {
+    let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
+    let (name, excluded) = (&region.name, region.excluded);
+    let [measured, points, steep, off] =
+        [region.measured, excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area].map(|share| 100.0 * share);
+    format!(
+        "\nRegion {name}: {verdict}, {measured:.1} % measured; left out: {points:.1} % of the points as steep, \
+         of the area {steep:.1} % steep and {off:.1} % off the surface"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inspection::deviation::Conformity;
+    use crate::wire::inspection::ExcludedSharesDocument;
+
+    #[test]
+    fn a_region_tells_what_its_verdict_leaves_out() {
+        let region = RegionDeviationDocument {
+            name: "bore".into(),
+            tolerance_mm: Some(0.1),
+            measured: 0.9,
+            excluded: ExcludedSharesDocument { turned_of_points: 0.25, turned_of_area: 0.05, off_of_area: 0.03 },
+            verdict: Some(Conformity::Fail),
+            expanded_uncertainty_mm: None,
+            statistics: None,
+        };
+        let wanted =
+            "Region bore: fail, 90.0 % measured; left out: 25.0 % of the points as steep, of the area 5.0 % steep and 3.0 % off";
+        assert!(region_words(&region).contains(wanted), "{}", region_words(&region));
+    }
 }

@@ -1,4 +1,5 @@
 //! Extents of the part along its axes: nominal ones from the mesh; measured ones moved by the mean deviation of the samples at both ends.
+//! A surface whose normal has the cosine c with the axis and that deviates by d ends d/c farther along it: its plane meets the axis there.
 
 use super::{Nominal, SampleDeviation};
 
@@ -32,7 +33,7 @@ pub(super) fn extents(samples: &[SampleDeviation], nominal: &Nominal<'_>) -> [Ex
                 let cos = sign * nominal.surface.patch_of(sample).normal[axis];
                 if found.points > 0 && (at[axis] - limit).abs() <= within && cos >= END_COS {
                     let own = nominal.surface.sample_area_mm2(sample);
-                    (area, sum, count) = (area + own, sum + own * cos * f64::from(found.distance_mm), count + 1);
+                    (area, sum, count) = (area + own, sum + own * f64::from(found.distance_mm) / cos, count + 1);
                 }
             }
             (count >= MIN_SAMPLES).then(|| sum / area)

@@ -25,16 +25,59 @@ pub(super) struct ViewDistances {
     /// Points off the surface: position in the part's frame, and distance.
     pub(super) off_surface: Vec<(Point3<f64>, f64)>,
     pub(super) compared: u64,
+    /// Points that are left out, since the surface that they show is turned too far.
+    pub(super) turned: u64,
 }
 
 /// Points that a sample takes from a view.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MeasuredFootprint {
-    pub(super) points: u32,
-    /// Points off the surface.
+    /// Points that measure the surface.
+    pub(super) compared: PointSum,
+    /// Points off the surface, before it or behind it.
     pub(super) off: u32,
+    /// Points behind the surface where its material is missing.
+    pub(super) behind: PointSum,
+    /// Points of a surface that is turned too far.
+    pub(super) turned: PointSum,
+}
+
+/// Number of some points, and sums of their distances.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PointSum {
+    pub(super) points: u32,
     pub(super) sum_mm: f64,
     pub(super) square_mm2: f64,
+}
+
+impl PointSum {
+    fn take(&mut self, distance_mm: f64) {
+        self.add(&Self { points: 1, sum_mm: distance_mm, square_mm2: distance_mm * distance_mm });
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.points += other.points;
+        self.sum_mm += other.sum_mm;
+        self.square_mm2 += other.square_mm2;
+    }
+
+    /// Mean distance; 0 of no points.
+    pub(super) fn mean_mm(&self) -> f64 {
+        self.sum_mm / f64::from(self.points.max(1))
+    }
+}
+
+/// Use of a point for the face that its ray meets.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum PointUse {
+    /// It measures the face.
+    Compared,
+    /// It is off the surface, and measures nothing of the face.
+    Off,
+    /// It is off the surface and behind it, as all around it are: material is missing.
+    Behind,
+    /// It shows a surface that is turned too far against the face, and measures nothing of it.
+    Turned,
 }
 
 /// Face that the ray of a cell meets, and the distance of its point from it.
@@ -42,12 +85,36 @@ pub(super) struct MeasuredFootprint {
 struct Found {
     face: u32,
     distance_mm: f32,
-    /// True if the point is off the surface: it measures nothing of the face.
-    is_off: bool,
+    usage: PointUse,
 }
 
 impl Found {
-    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0, is_off: false };
+    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0, usage: PointUse::Compared };
+
+    /// Face that the point may lie on; none of a surface that is turned, or of one far behind.
+    fn own_face(&self) -> u32 {
+        let is_other = self.usage == PointUse::Turned || !self.is_of_part();
+        if is_other { NO_FACE } else { self.face }
+    }
+
+    /// Returns true if the point is so near that it may be of the part.
+    fn is_of_part(&self) -> bool {
+        f64::from(self.distance_mm.abs()) <= MAX_OFF_MM
+    }
+
+    /// Returns true if the point is off the surface and behind it.
+    fn is_behind(&self) -> bool {
+        self.face != NO_FACE && self.usage == PointUse::Off && self.distance_mm < 0.0
+    }
+}
+
+/// Points of a view by their use.
+#[derive(Default)]
+struct SortedPoints {
+    /// Some of those off the surface: position in the part's frame, and distance.
+    off_surface: Vec<(Point3<f64>, f64)>,
+    compared: u64,
+    turned: u64,
 }
 
 impl ViewDistances {
@@ -60,7 +127,7 @@ impl ViewDistances {
         let cloud = &placed.scan.scanner_cloud;
         // Points without a grid are left out: ingest gives every cloud one.
         let Some(grid) = cloud.grid.and_then(|size| PixelGrid::of_size(nominal.scanner, size)) else {
-            return Self { grid: None, found: Vec::new(), off_surface: Vec::new(), compared: 0 };
+            return Self { grid: None, found: Vec::new(), off_surface: Vec::new(), compared: 0, turned: 0 };
         };
         let part_from_scanner = &placed.part_from_scanner;
         let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&grid.centre_mm()));
@@ -72,11 +139,17 @@ impl ViewDistances {
         // None is judged by what another one has been taken for.
         let is_beyond: Vec<bool> =
             (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
-        let pieces: Vec<_> =
+        let pieces: Vec<SortedPoints> =
             found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
-        let compared = pieces.iter().map(|(_, compared)| compared).sum();
-        let off_surface = pieces.into_iter().flat_map(|(off_surface, _)| off_surface).collect();
-        Self { grid: Some(grid), found, off_surface, compared }
+        let is_missing: Vec<bool> =
+            (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_missing(cell, &found, &ring)).collect();
+        for (found, _) in found.iter_mut().zip(&is_missing).filter(|(_, is_missing)| **is_missing) {
+            found.usage = PointUse::Behind;
+        }
+        let compared = pieces.iter().map(|piece| piece.compared).sum();
+        let turned = pieces.iter().map(|piece| piece.turned).sum();
+        let off_surface = pieces.into_iter().flat_map(|piece| piece.off_surface).collect();
+        Self { grid: Some(grid), found, off_surface, compared, turned }
     }
 }
 
@@ -120,24 +193,28 @@ impl View<'_> {
         }
     }
 
-    /// Marks the points off the surface, of the cells from `first` on; returns those points with their distances, and the number of the
-    /// others. What belongs to the other side of a step is forgotten.
-    fn sort(&self, first: usize, found: &mut [Found], is_beyond: &[bool]) -> (Vec<(Point3<f64>, f64)>, u64) {
-        let (mut off_surface, mut compared) = (Vec::new(), 0);
+    /// Counts the points of the cells from `first` on by their use, and marks those off the surface. What belongs to the other side of a
+    /// step is forgotten.
+    fn sort(&self, first: usize, found: &mut [Found], is_beyond: &[bool]) -> SortedPoints {
+        let mut sorted = SortedPoints::default();
         for (place, found) in found.iter_mut().enumerate().filter(|(_, found)| found.face != NO_FACE) {
             let (cell, distance_mm) = (first + place, f64::from(found.distance_mm));
-            if !is_beyond[cell] && distance_mm.abs() <= self.options.search_mm {
-                compared += 1;
-                continue;
-            }
-            *found = if is_beyond[cell] { Found::NOTHING } else { Found { is_off: true, ..*found } };
-            let [column, row] = [cell % self.grid.size.columns, cell / self.grid.size.columns];
-            let is_kept = column.is_multiple_of(OFF_STEP) && row.is_multiple_of(OFF_STEP);
-            if let Some(point) = self.point(cell).filter(|_| is_kept && !is_beyond[cell]) {
-                off_surface.push((self.placed.part_from_scanner.point(&point), distance_mm));
+            if is_beyond[cell] {
+                *found = Found::NOTHING;
+            } else if found.usage == PointUse::Turned {
+                sorted.turned += 1;
+            } else if distance_mm.abs() <= self.options.search_mm {
+                sorted.compared += 1;
+            } else {
+                found.usage = PointUse::Off;
+                let [column, row] = [cell % self.grid.size.columns, cell / self.grid.size.columns];
+                let is_kept = column.is_multiple_of(OFF_STEP) && row.is_multiple_of(OFF_STEP);
+                if let Some(point) = self.point(cell).filter(|_| is_kept && found.is_of_part()) {
+                    sorted.off_surface.push((self.placed.part_from_scanner.point(&point), distance_mm));
+                }
             }
         }
-        (off_surface, compared)
+        sorted
     }
 
     fn judge(&self, cell: usize, direction: &Vector3<f64>, face: u32) -> Found {
@@ -148,11 +225,13 @@ impl View<'_> {
             return Found::NOTHING;
         }
         let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
-        let is_off = f64::from(distance_mm.abs()) > self.options.search_mm;
-        if f64::from(distance_mm.abs()) > MAX_OFF_MM || !is_off && self.is_turned(cell, &normal) {
+        // Another body, far before the face; far behind it, the face is not there.
+        if f64::from(distance_mm) > MAX_OFF_MM {
             return Found::NOTHING;
         }
-        Found { face, distance_mm, is_off: false }
+        let is_within = f64::from(distance_mm.abs()) <= self.options.search_mm;
+        let usage = if is_within && self.is_turned(cell, &normal) { PointUse::Turned } else { PointUse::Compared };
+        Found { face, distance_mm, usage }
     }
 
     /// Returns true if the surface around a cell is turned too far against a face of this normal.
@@ -184,12 +263,8 @@ impl View<'_> {
         let mesh = self.nominal.mesh;
         let normal = self.normals[face as usize];
         let Some(point) = self.point(cell).map(|point| self.placed.part_from_scanner.point(&point)) else { return false };
-        let (column, row) = ((cell % self.grid.size.columns) as isize, (cell / self.grid.size.columns) as isize);
-        ring.iter().any(|[right, down]| {
-            let (column, row) = (column + right, row + down);
-            let is_in =
-                (0..self.grid.size.columns as isize).contains(&column) && (0..self.grid.size.rows as isize).contains(&row);
-            let other = if is_in { found[row as usize * self.grid.size.columns + column as usize].face } else { NO_FACE };
+        ring.iter().any(|offset| {
+            let other = self.beside(cell, offset).map_or(NO_FACE, |beside| found[beside].own_face());
             other != NO_FACE && other != face && {
                 let corners = mesh.corners(other as usize);
                 let other_normal = self.normals[other as usize];
@@ -201,6 +276,21 @@ impl View<'_> {
                 distance_mm.abs() - other_mm > least_gain_mm
             }
         })
+    }
+
+    /// Returns true if the point of a cell is behind the surface, and so are all points around it, out to the distance that the part may
+    /// lie off sideways: beside a rim, such rays may have passed it by.
+    fn is_missing(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
+        let is_like = |beside: usize| found[beside].is_behind() || self.point(beside).is_none();
+        found[cell].is_behind() && ring.iter().all(|offset| self.beside(cell, offset).is_none_or(is_like))
+    }
+
+    /// Cell so many columns and rows off; `None` outside of the grid.
+    fn beside(&self, cell: usize, [right, down]: &[isize; 2]) -> Option<usize> {
+        let size = self.grid.size;
+        let column = (cell % size.columns).checked_add_signed(*right).filter(|column| *column < size.columns)?;
+        let row = (cell / size.columns).checked_add_signed(*down).filter(|row| *row < size.rows)?;
+        Some(self.grid.number([column, row]))
     }
 
     /// Normal of the surface around a cell, towards the scanner, scanner frame: cross product of the differences of neighbours on both
@@ -242,7 +332,7 @@ const ROUNDING_MM: f64 = 1e-6;
 const SAME_SIDE_COS: f64 = 0.866;
 
 impl Footprints<'_> {
-    /// Points of a sample; `None` where it has none, on the surface or off it.
+    /// Points of a sample; `None` where it has none, of whatever use.
     pub(super) fn of(&self, sample: SampleId) -> Option<MeasuredFootprint> {
         let surface = self.nominal.surface;
         let (at, patch) = (surface.sample_mm[sample.index()], surface.patch_of(sample));
@@ -262,7 +352,8 @@ impl Footprints<'_> {
                 self.take(grid.number([column, row]), [&at, &in_scanner, &eye_mm], (patch.face, &patch.normal), &mut footprint);
             }
         }
-        (footprint.points + footprint.off > 0).then_some(footprint)
+        let MeasuredFootprint { compared, off, behind, turned } = footprint;
+        (compared.points + off + behind.points + turned.points > 0).then_some(footprint)
     }
 
     /// Takes the point of a cell, if its foot lies within the footprint of the sample at `at` in the part's frame and `in_scanner` in
@@ -274,7 +365,7 @@ impl Footprints<'_> {
         (own_face, normal): (u32, &Vector3<f64>),
         into: &mut MeasuredFootprint,
     ) {
-        let Found { face, distance_mm, is_off } = self.distances.found[cell];
+        let Found { face, distance_mm, usage } = self.distances.found[cell];
         if face == NO_FACE {
             return;
         }
@@ -282,12 +373,18 @@ impl Footprints<'_> {
         let Some(point) = self.placed.scan.scanner_cloud.points_mm.get(cell) else { return };
         let point = Point3::from(point.map(f64::from));
         let face_normal = if face == own_face { *normal } else { self.normals[face as usize] };
-        if is_off {
+        let is_of_side = face_normal.dot(normal) >= SAME_SIDE_COS;
+        if matches!(usage, PointUse::Off | PointUse::Behind) {
             // Far from the face, its foot lies elsewhere than where its ray meets the face.
             let point = self.placed.part_from_scanner.point(&point);
             let along = point - eye_mm;
             let met = point - along * (distance / face_normal.dot(&along));
-            into.off += u32::from((met - at).norm() <= self.footprint_mm && face_normal.dot(normal) >= SAME_SIDE_COS);
+            if (met - at).norm() <= self.footprint_mm && is_of_side {
+                into.off += u32::from(self.distances.found[cell].is_of_part());
+                if usage == PointUse::Behind {
+                    into.behind.take(distance);
+                }
+            }
             return;
         }
         // The foot is no farther from the point than the distance: most cells of the square around the disc end here.
@@ -297,10 +394,9 @@ impl Footprints<'_> {
         let point = self.placed.part_from_scanner.point(&point);
         // The foot of the point on the face stands for where its ray meets it: both are the same but for the deviation itself.
         let foot = point - face_normal * distance;
-        if (foot - at).norm() <= self.footprint_mm && face_normal.dot(normal) >= SAME_SIDE_COS {
-            into.points += 1;
-            into.sum_mm += distance;
-            into.square_mm2 += distance * distance;
+        if (foot - at).norm() <= self.footprint_mm && is_of_side {
+            let sum = if usage == PointUse::Turned { &mut into.turned } else { &mut into.compared };
+            sum.take(distance);
         }
     }
 }

@@ -5,14 +5,19 @@
 //! face's outward normal, exact where the surface found is parallel to the face. A sample takes the points whose h is no farther than
 //! [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none is ever averaged across an edge.
 //! At a step in depth, where the part lies off its model sideways, a ray to the level on the other side meets the wrong face: a point
-//! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out.
+//! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out. So is one that shows a surface turned by more
+//! than 30° against its face, such as the flank of a notch; those are counted, and a sample where most points are such ones, and off by
+//! more than the tolerance, does not pass.
 //!
 //! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U = 2·sqrt(σ²/n_eff + σ_reg² + σ_pose²), σ the points' own spread and σ_reg,
 //! σ_pose the standard deviation along n of where the views lie, after registration or as stated. Points of one view share its
 //! pose: the mean over views has Σ (n_v/n)² σ_v²; what all poses are off alike does not average out (JCGM 100:2008, F.1.2.3): its
-//! levers are summed over views before they are squared. Few points show their σ badly, so that their variance is pooled with the median of all
-//! samples, which counts for ten, and Student's factor takes the place of 2 before it where that is larger (JCGM 100:2008, G.3). Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its
-//! contrary where |d| − U > T/2, and nothing in between.
+//! levers are summed over views before they are squared. Few points show their σ badly, so that their variance is pooled with the median of
+//! all samples, which counts for ten, and Student's factor takes the place of 2 before it where that is larger (JCGM 100:2008, G.3).
+//!
+//! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between.
+//! Beyond the search distance d has two meanings. A ray that went through the surface shows that its material is missing there, by the mean
+//! distance of such points; a point before the surface may be one of another body, which hides the part, and leaves it open.
 //!
 //! Cost: a ray a point in packets, some 10⁻⁷ s, and a look-up of the pixels around each sample. Nothing depends on the number of threads.
 
@@ -22,6 +27,7 @@ mod footprint;
 mod off_surface;
 mod spots;
 pub mod statistics;
+mod sums;
 #[cfg(test)]
 mod tests;
 
@@ -39,7 +45,11 @@ pub use extents::Extent;
 use footprint::{Footprints, ViewDistances};
 pub use off_surface::{MaterialKind, OffSurface};
 pub use spots::DeviationSpot;
-pub use statistics::{Conformity, DeviationStatistics, Histogram, RegionDeviation, RegionToJudge};
+pub use statistics::{Conformity, DeviationStatistics, ExcludedShares, Histogram, RegionDeviation, RegionToJudge};
+use sums::{MIN_OTHER_POINTS, SampleSum, pooled_variance};
+
+/// Largest angle between the measured and the nominal normal, degrees: that with which coverage is counted.
+pub const MAX_TURN_DEG: f64 = 30.0;
 
 /// Knobs of the comparison.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,21 +71,24 @@ pub struct DeviationOptions {
     pub spot_mm: f64,
     /// Least share of a region's area whose samples have to pass for its verdict to be `pass`.
     pub min_measured: f64,
+    /// True if each scan is the image of one cloud that was merged of all views. A sample then takes the points of the scan that shows most
+    /// of them, since the others show the same ones again; and a point behind the surface may have been seen from another side.
+    pub is_merged: bool,
 }
 
 impl Default for DeviationOptions {
-    /// 2 mm: beyond it a point seldom belongs to the face that its ray meets; 30° as coverage is counted; 0.5 mm, twice the usual error
-    /// of a pose.
+    /// 2 mm: beyond it a point seldom belongs to the face that its ray meets; 0.5 mm, twice the usual error of a pose.
     fn default() -> Self {
         Self {
             footprint_mm: None,
             search_mm: 2.0,
-            max_turn_deg: 30.0,
+            max_turn_deg: MAX_TURN_DEG,
             rim_mm: 0.5,
             correlated_points: 1.0,
             noise_mm: 0.035 / 3.0,
             spot_mm: 0.1,
             min_measured: 0.9,
+            is_merged: false,
         }
     }
 }
@@ -103,8 +116,33 @@ pub struct SampleDeviation {
     pub expanded_mm: f32,
     /// Number of points; 0 where it was not measured.
     pub points: u32,
+    /// Points that are left out, since the surface that they show is turned by more than [`DeviationOptions::max_turn_deg`].
+    pub turned_points: u32,
+    /// Mean signed distance of those points, mm.
+    pub turned_mm: f32,
     /// True if most points before it or behind it are farther from it than is searched: material is missing there, or extra.
     pub is_off: bool,
+    /// Material that is missing for certain: rays went through the surface to points farther behind it than is searched, also beside it as
+    /// far as the part may lie off sideways, and hardly any point lies on it.
+    pub missing: Option<MissingMaterial>,
+}
+
+impl SampleDeviation {
+    /// Returns true if most points around it are left out for their turn, and show a surface that is off by more than a limit.
+    #[must_use]
+    pub fn is_turned_beyond(&self, limit_mm: f64) -> bool {
+        let is_turned = self.turned_points >= MIN_OTHER_POINTS && self.turned_points > self.points;
+        is_turned && f64::from(self.turned_mm.abs()) > limit_mm
+    }
+}
+
+/// Distance of the points behind a sample whose material is missing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MissingMaterial {
+    /// Mean signed distance, mm: below 0.
+    pub distance_mm: f32,
+    /// Expanded uncertainty of the mean, k = 2, mm.
+    pub expanded_mm: f32,
 }
 
 /// A scan with the pose at which it is compared.
@@ -158,15 +196,19 @@ pub struct Deviation {
     pub view_begin: Vec<u32>,
     /// Points off the surface by more than the search distance, in heaps.
     pub off_surface: Vec<OffSurface>,
-    /// Points that met a face and were compared.
+    /// Points that met a face and were compared; those of a merged cloud count once for each view that shows them.
     pub compared_points: u64,
+    /// Points that met a face and were left out, since the surface that they show is turned by more than
+    /// [`DeviationOptions::max_turn_deg`]; they count likewise.
+    pub turned_points: u64,
 }
 
 /// Compares scans with the model.
 #[must_use]
 pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &DeviationOptions) -> Deviation {
     let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal));
-    let (mut sums, mut heaps, mut compared_points) = (vec![Sum::default(); nominal.surface.sample_mm.len()], Vec::new(), 0);
+    let (mut sums, mut heaps) = (vec![SampleSum::default(); nominal.surface.sample_mm.len()], Vec::new());
+    let (mut compared_points, mut turned_points) = (0, 0);
     let mut seen: Vec<Vec<SampleId>> = Vec::with_capacity(scans.len());
     let mesh = nominal.mesh;
     let normals: Vec<Vector3<f64>> =
@@ -174,6 +216,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     for placed in scans {
         let distances = ViewDistances::of(placed, nominal, &normals, options);
         compared_points += distances.compared;
+        turned_points += distances.turned;
         heaps.extend_from_slice(&distances.off_surface);
         let scanner_from_part = placed.part_from_scanner.inverse();
         let (normals, distances) = (&normals[..], &distances);
@@ -186,8 +229,8 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
         let mut own = Vec::new();
         for (sample, footprint) in found.iter().enumerate() {
             if let Some((footprint, error)) = footprint {
-                sums[sample].add(footprint, error);
-                if footprint.points > 0 {
+                sums[sample].add(footprint, error, options.is_merged);
+                if footprint.compared.points > 0 {
                     own.push(SampleId::at(sample));
                 }
             }
@@ -198,7 +241,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let samples: Vec<SampleDeviation> = sums.iter().map(|sum| sum.finish(pooled, options)).collect();
     let (views, view_begin) = views_of(&seen, samples.len());
     let off_surface = off_surface::heaps(&heaps, options);
-    Deviation { samples, views, view_begin, off_surface, compared_points }
+    Deviation { samples, views, view_begin, off_surface, compared_points, turned_points }
 }
 
 /// Half the distance between samples, and at least 1.5 times that between points at the best focus.
@@ -235,84 +278,6 @@ impl PoseError {
 fn lever(at: &Point3<f64>, normal: &Vector3<f64>) -> Twist {
     let turn = at.coords.cross(normal);
     Twist::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
-}
-
-/// Points of a sample over all views.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    points: f64,
-    sum_mm: f64,
-    square_mm2: f64,
-    /// Points off the surface.
-    off: f64,
-    /// Σ n_v² σ_v² of the views' poses.
-    pose: f64,
-    /// Σ n_v times what all poses are off alike.
-    shared_mm: Twist,
-}
-
-impl Sum {
-    fn add(&mut self, footprint: &footprint::MeasuredFootprint, error: &PoseError) {
-        let points = f64::from(footprint.points);
-        self.points += points;
-        self.off += f64::from(footprint.off);
-        self.sum_mm += footprint.sum_mm;
-        self.square_mm2 += footprint.square_mm2;
-        self.pose += points * points * error.own_mm2;
-        self.shared_mm += points * error.shared_mm;
-    }
-
-    /// Variance of its points about their mean.
-    fn variance_mm2(&self) -> f64 {
-        let mean = self.sum_mm / self.points;
-        (self.square_mm2 / self.points - mean * mean).max(0.0) * self.points / (self.points - 1.0).max(1.0)
-    }
-
-    fn finish(&self, pooled_mm2: f64, options: &DeviationOptions) -> SampleDeviation {
-        let is_off = self.off >= MIN_OFF_POINTS && self.off > self.points;
-        if self.points < 1.0 {
-            return SampleDeviation { is_off, ..SampleDeviation::default() };
-        }
-        let own = self.variance_mm2();
-        let freedoms = self.points - 1.0 + POOLED_FREEDOMS;
-        let variance = ((self.points - 1.0) * own + POOLED_FREEDOMS * pooled_mm2) / freedoms;
-        let effective = (self.points / options.correlated_points.max(1.0)).max(1.0);
-        let of_points = student_factor(freedoms).powi(2) * variance / effective;
-        let of_pose = 4.0 * (self.pose + self.shared_mm.norm_squared()) / (self.points * self.points);
-        SampleDeviation {
-            distance_mm: (self.sum_mm / self.points) as f32,
-            sigma_mm: own.sqrt() as f32,
-            expanded_mm: (of_points + of_pose).sqrt() as f32,
-            points: self.points as u32,
-            is_off,
-        }
-    }
-}
-
-/// Points off the surface from which on they are more than stray ones.
-const MIN_OFF_POINTS: f64 = 3.0;
-/// Freedoms that the pooled variance counts for.
-const POOLED_FREEDOMS: f64 = 10.0;
-/// Points from which on a sample's own variance goes into the pool.
-const POOLED_POINTS: f64 = 5.0;
-
-/// Median variance of the samples with enough points, each divided by the median of χ²/ν, (1 − 2/9ν)³ (E. B. Wilson, M. M. Hilferty, "The
-/// distribution of chi-square", PNAS 17, 1931); that of the expected noise where there is none.
-fn pooled_variance(sums: &[Sum], options: &DeviationOptions) -> f64 {
-    let unbiased = |sum: &Sum| sum.variance_mm2() / (1.0 - 2.0 / (9.0 * (sum.points - 1.0))).powi(3);
-    let mut variances: Vec<f64> = sums.iter().filter(|sum| sum.points >= POOLED_POINTS).map(unbiased).collect();
-    if variances.is_empty() {
-        return options.noise_mm.powi(2);
-    }
-    let middle = variances.len() / 2;
-    *variances.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
-/// Student's 97.5 % quantile for ten freedoms and more, and at least 2: its expansion about the normal quantile z, z + (z³ + z)/4ν
-/// (M. Abramowitz, I. A. Stegun, *Handbook of Mathematical Functions*, 1964, 26.7.5), within 0.02 there.
-fn student_factor(freedoms: f64) -> f64 {
-    const Z: f64 = 1.959_964;
-    (Z + (Z.powi(3) + Z) / (4.0 * freedoms)).max(2.0)
 }
 
 /// Views of each sample, in one list.

@@ -21,6 +21,9 @@ closed_list! {
 const TAIL: f64 = 0.025;
 /// Multiple of the region's median U beyond which a sample has few points or turned ones: rims and corners. Our choice.
 const UNCOMMON: f32 = 2.0;
+/// Samples whose material is missing from which on a region fails, however large it is: no noise does that. Fewer may lie behind one stray
+/// reflection.
+const MIN_MISSING_SAMPLES: usize = 5;
 
 /// Figures of the deviation of some samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,6 +101,41 @@ pub fn histogram(samples: &[SampleDeviation], surface: &Surface, limit_mm: f64, 
     Histogram { begin_mm: -limit_mm, width_mm, area_mm2 }
 }
 
+/// Shares that figures and verdicts leave out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ExcludedShares {
+    /// Share of the points around the samples that show a surface turned by more than [`DeviationOptions::max_turn_deg`].
+    pub turned_of_points: f64,
+    /// Share of the area that has such points alone.
+    pub turned_of_area: f64,
+    /// Share of the area before or behind which most points are farther than is searched.
+    pub off_of_area: f64,
+}
+
+/// Shares of some samples that are left out.
+#[must_use]
+pub fn excluded(samples: &[SampleDeviation], surface: &Surface, of: impl Iterator<Item = SampleId>) -> ExcludedShares {
+    let (mut points, mut turned_points) = (0.0, 0.0);
+    let (mut area_mm2, mut turned_mm2, mut off_mm2) = (0.0, 0.0, 0.0);
+    for (id, sample) in of.map(|id| (id, &samples[id.index()])) {
+        let own_mm2 = surface.sample_area_mm2(id);
+        points += f64::from(sample.points) + f64::from(sample.turned_points);
+        turned_points += f64::from(sample.turned_points);
+        area_mm2 += own_mm2;
+        if sample.is_off || sample.missing.is_some() {
+            off_mm2 += own_mm2;
+        } else if sample.points == 0 && sample.turned_points > 0 {
+            turned_mm2 += own_mm2;
+        }
+    }
+    let share = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
+    ExcludedShares {
+        turned_of_points: share(turned_points, points),
+        turned_of_area: share(turned_mm2, area_mm2),
+        off_of_area: share(off_mm2, area_mm2),
+    }
+}
+
 /// A region, or a toleranced feature, with its samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionToJudge {
@@ -118,6 +156,8 @@ pub struct RegionDeviation {
     pub tolerance_mm: Option<f64>,
     /// Share of its area that is measured.
     pub measured: f64,
+    /// Shares of it that figures and verdict leave out.
+    pub excluded: ExcludedShares,
     /// Figures; none where nothing is measured.
     pub statistics: Option<DeviationStatistics>,
     /// Verdict of the profile (ISO 1101) against the tolerance; none without one.
@@ -148,29 +188,34 @@ pub fn judge(
         name: region.name.clone(),
         tolerance_mm: region.tolerance_mm,
         measured,
+        excluded: excluded(samples, surface, own()),
         statistics: found,
         verdict,
         expanded_mm: median_mm.map(f64::from),
     }
 }
 
-/// Verdict of one value with its uncertainty.
+/// Verdict of one value with its uncertainty. Where material is missing, the distance of what lies behind is the value; a sample that most
+/// points are off, or turned and beyond the limit, does not pass.
 #[must_use]
 pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
     let (distance, expanded, limit) = (f64::from(sample.distance_mm.abs()), f64::from(sample.expanded_mm), 0.5 * tolerance_mm);
-    if sample.points > 0 && distance + expanded <= limit {
-        Conformity::Pass
-    } else if sample.points > 0 && distance - expanded > limit {
+    let is_missing = sample.missing.is_some_and(|missing| f64::from(-missing.distance_mm - missing.expanded_mm) > limit);
+    let is_open = sample.is_off || sample.is_turned_beyond(limit);
+    if is_missing || sample.points > 0 && distance - expanded > limit {
         Conformity::Fail
+    } else if sample.points > 0 && distance + expanded <= limit && !is_open {
+        Conformity::Pass
     } else {
         Conformity::Undecided
     }
 }
 
-/// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
-/// `pass` where samples of at least `min_area_mm2` pass and no other lies beyond the limit or could have passed: one of an uncommonly
-/// large U says little either way; else undecided. A sample before or behind which material is missing or extra could not have passed.
-/// What passes so passes with any larger tolerance.
+/// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count,
+/// or where material is missing behind [`MIN_MISSING_SAMPLES`]; `pass` where samples of at least `min_area_mm2` pass and no other fails,
+/// lies beyond the limit or could have passed: one of an uncommonly large U says little either way; else undecided. A sample before or
+/// behind which most points are off, or turned and beyond the limit, could not have passed. What passes so passes with any larger
+/// tolerance.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
@@ -178,23 +223,28 @@ fn verdict(
     tolerance: f64,
     (min_area_mm2, median_expanded_mm): (f64, f32),
 ) -> Conformity {
-    let (mut measured, mut failed, mut passed_mm2) = (0.0, 0.0, 0.0);
-    let mut open = region.samples.iter().filter(|id| samples[id.index()].is_off).count();
-    for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])).filter(|(_, sample)| sample.points > 0) {
-        measured += 1.0;
-        match verdict_of(sample, tolerance) {
+    let (mut judged, mut failed, mut missing, mut open, mut passed_mm2) = (0_usize, 0_usize, 0_usize, 0_usize, 0.0);
+    for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
+        let verdict = verdict_of(sample, tolerance);
+        judged += usize::from(sample.points > 0 || verdict == Conformity::Fail);
+        match verdict {
             Conformity::Pass => passed_mm2 += surface.sample_area_mm2(*id),
-            Conformity::Fail => failed += 1.0,
+            Conformity::Fail => {
+                failed += 1;
+                missing += usize::from(sample.missing.is_some());
+            }
             Conformity::Undecided => {
-                let is_beyond = f64::from(sample.distance_mm.abs()) > 0.5 * tolerance;
-                open += usize::from(is_beyond || sample.expanded_mm <= UNCOMMON * median_expanded_mm);
+                let is_beyond = sample.points > 0 && f64::from(sample.distance_mm.abs()) > 0.5 * tolerance;
+                let is_common = sample.points > 0 && sample.expanded_mm <= UNCOMMON * median_expanded_mm;
+                open += usize::from(sample.is_off || sample.is_turned_beyond(0.5 * tolerance) || is_beyond || is_common);
             }
         }
     }
-    let by_noise: f64 = TAIL * measured + 2.0 * (TAIL * (1.0 - TAIL) * measured).sqrt();
-    if measured > 0.0 && failed > by_noise {
+    let count = judged as f64;
+    let by_noise: f64 = TAIL * count + 2.0 * (TAIL * (1.0 - TAIL) * count).sqrt();
+    if failed as f64 > by_noise || missing >= MIN_MISSING_SAMPLES {
         Conformity::Fail
-    } else if measured > 0.0 && failed == 0.0 && open == 0 && passed_mm2 >= min_area_mm2 {
+    } else if judged > 0 && failed == 0 && open == 0 && passed_mm2 >= min_area_mm2 {
         Conformity::Pass
     } else {
         Conformity::Undecided

@@ -2,6 +2,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::align::{as_placed, best_fit};
 use super::statistics::{judge, statistics, verdict_of};
+use super::sums::student_factor;
 use super::*;
 use crate::geometry::demo_parts::base;
 use crate::geometry::{NearestFace, ScannerFrame};
@@ -89,6 +90,15 @@ fn plate(hole_shift_mm: f64, boss_mm: f64) -> Mesh {
     let count = faces.len() as u32;
     let faces = (0..count).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect();
     Mesh { vertices_mm, faces, source_face: (0..count).collect(), groups: Vec::new() }
+}
+
+/// A sheet of 60 mm along y, open at its ends, whose profile goes through these x and z: its outside is above where x grows.
+fn extruded(profile: &[[f64; 2]]) -> Mesh {
+    let vertices_mm: Vec<Point3<f64>> =
+        profile.iter().flat_map(|[x, z]| [Point3::new(*x, -30.0, *z), Point3::new(*x, 30.0, *z)]).collect();
+    let quads = (0..profile.len() as u32 - 1).map(|segment| 2 * segment);
+    let faces: Vec<[u32; 3]> = quads.flat_map(|a| [[a, a + 2, a + 3], [a, a + 3, a + 1]]).collect();
+    Mesh { vertices_mm, source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
 }
 
 /// Row I9: equal offsets and a bend, whose distances are known at every sample.
@@ -237,7 +247,7 @@ fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
     let heap = found.off_surface.first().expect("a heap");
     assert_eq!(heap.kind, MaterialKind::Missing);
     assert!((heap.centre_mm.x - 25.0).abs() < 4.0 && (heap.mean_mm + 5.0).abs() < 2.0, "{heap:?}");
-    // Its top cannot pass with the rest of the plate: points were found there, but none that is compared.
+    // Its top fails, with the rest of the plate: rays went through it, to points 5 mm behind.
     let flat = |z_mm: f64, [near_mm, far_mm]: [f64; 2]| -> Vec<SampleId> {
         let is_there = |sample: &SampleId| {
             let at = tall.surface.sample_mm[sample.index()];
@@ -253,13 +263,114 @@ fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
         top.iter().filter(is_off).count(),
         top.len()
     );
-    let verdict = |samples: Vec<SampleId>| {
-        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples };
+    let verdict = |found: &Deviation, tolerance_mm: f64, samples: &[SampleId]| {
+        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(tolerance_mm), samples: samples.to_vec() };
         let options = DeviationOptions { min_measured: 0.3, ..DeviationOptions::default() };
         judge(&found.samples, &tall.surface, &region, &options).verdict
     };
-    assert_eq!(verdict(around.clone()), Some(Conformity::Pass));
-    assert_eq!(verdict([around, top].concat()), Some(Conformity::Undecided));
+    let both = [around.clone(), top].concat();
+    assert_eq!(verdict(&found, 0.5, &around), Some(Conformity::Pass));
+    assert_eq!(verdict(&found, 0.5, &both), Some(Conformity::Fail));
+    assert_eq!(verdict(&found, 11.0, &both), Some(Conformity::Undecided), "5 mm are within the tolerance");
+    // Views of a merged cloud may show points that were seen from below.
+    let merged = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
+    let found = compare(&placed(&scans[..3], 0.0), &tall.nominal(), &merged);
+    assert_eq!(verdict(&found, 0.5, &both), Some(Conformity::Undecided));
+}
+
+/// A clamp on a part that it is not of was once no more and no less than a part that is too thick.
+#[test]
+fn a_body_far_before_the_surface_leaves_its_region_open() {
+    let model = Model::of(plate(0.0, 0.001), 0.5);
+    let built = plate(0.0, 5.0);
+    let shots = Shots::of(&built, 12);
+    let scans = shots.scans(&shots.poses(14)[..3], 0.005, |_| Isometry3::identity());
+    let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
+    let within = |[near_mm, far_mm]: [f64; 2]| {
+        let from_axis = |sample: &SampleId| {
+            let at = model.surface.sample_mm[sample.index()];
+            (at.x - 25.0).hypot(at.y)
+        };
+        model.surface.samples().filter(|sample| (near_mm..far_mm).contains(&from_axis(sample))).collect::<Vec<SampleId>>()
+    };
+    let (below, around) = (within([0.0, 6.0]), within([17.0, 22.0]));
+    let off = below.iter().filter(|sample| found.samples[sample.index()].is_off).count();
+    assert!(off > below.len() * 9 / 10 && off > 30, "{off} of {}", below.len());
+    assert!(below.iter().all(|sample| found.samples[sample.index()].missing.is_none()));
+    let judged = |samples: Vec<SampleId>| {
+        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples };
+        let options = DeviationOptions { min_measured: 0.3, ..DeviationOptions::default() };
+        judge(&found.samples, &model.surface, &region, &options)
+    };
+    assert_eq!(judged(around.clone()).verdict, Some(Conformity::Pass));
+    let both = judged([around, below].concat());
+    assert!(both.verdict == Some(Conformity::Undecided) && both.excluded.off_of_area > 0.05, "{both:?}");
+}
+
+/// The flank of a notch is turned by 45°, so that its points were left out without a word, and the rest passed.
+#[test]
+fn a_notch_too_steep_to_be_compared_is_told_and_does_not_pass() {
+    let model = Model::of(extruded(&[[-50.0, 0.0], [50.0, 0.0]]), 0.5);
+    let built = extruded(&[[-50.0, 0.0], [-4.0, 0.0], [0.0, -4.0], [0.0, 0.0], [50.0, 0.0]]);
+    let judged = |built: &Mesh| {
+        let shots = Shots::of(built, 8);
+        let scans = shots.scans(&shots.poses(8)[..1], 0.0, |_| Isometry3::identity());
+        let options = DeviationOptions { search_mm: 5.0, ..DeviationOptions::default() };
+        let found = compare(&placed(&scans, 0.0), &model.nominal(), &options);
+        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples: model.surface.samples().collect() };
+        (judge(&found.samples, &model.surface, &region, &options), found.turned_points)
+    };
+    let (flat, turned_points) = judged(&model.mesh);
+    assert_eq!((flat.verdict, turned_points), (Some(Conformity::Pass), 0), "{flat:?}");
+    assert_eq!(flat.excluded, ExcludedShares::default());
+    let (notched, turned_points) = judged(&built);
+    assert!(notched.verdict == Some(Conformity::Undecided) && notched.measured > 0.9, "{notched:?}");
+    let ExcludedShares { turned_of_points, turned_of_area, .. } = notched.excluded;
+    assert!(turned_points > 50 && (0.005..0.1).contains(&turned_of_points), "{turned_points}: {turned_of_points}");
+    assert!((0.005..0.05).contains(&turned_of_area), "{turned_of_area}");
+}
+
+#[test]
+fn points_of_a_merged_cloud_count_once_however_many_views_show_them() {
+    let model = Model::of(plate(0.0, 1.5), 0.3);
+    let shots = Shots::of(&model.mesh, 12);
+    let scan = shots.scans(&shots.poses(8)[..1], 0.01, |_| Isometry3::identity()).remove(0);
+    let twice = [scan.clone(), scan];
+    let options = DeviationOptions::default();
+    let merged = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
+    let once = compare(&placed(&twice[..1], 0.01), &model.nominal(), &options);
+    assert_eq!(compare(&placed(&twice, 0.01), &model.nominal(), &merged).samples, once.samples);
+    let as_views = compare(&placed(&twice, 0.01), &model.nominal(), &options);
+    let pairs = once.samples.iter().zip(&as_views.samples).filter(|(once, _)| once.points > 0);
+    let (mut count, mut doubled) = (0, 0);
+    for (once, as_views) in pairs {
+        count += 1;
+        doubled += usize::from(as_views.points == 2 * once.points && as_views.expanded_mm < once.expanded_mm);
+    }
+    assert!(count > 500 && doubled == count, "{doubled} of {count}");
+}
+
+#[test]
+fn an_end_that_slopes_has_moved_farther_than_its_surface_deviates() {
+    // A roof of 3 : 4, raised by 0.1 mm over its floor.
+    let model = Model::of(extruded(&[[-40.0, 0.0], [0.0, 30.0], [40.0, 0.0], [-40.0, 0.0]]), 0.5);
+    let raised = |sample: SampleId| {
+        let distance_mm = (0.1 * model.surface.patch_of(sample).normal.z.max(0.0)) as f32;
+        SampleDeviation { distance_mm, points: 9, ..SampleDeviation::default() }
+    };
+    let samples: Vec<SampleDeviation> = model.surface.samples().map(raised).collect();
+    let height = super::extents::extents(&samples, &model.nominal())[2];
+    assert!(height.measured_mm.is_some_and(|measured_mm| (measured_mm - 30.1).abs() < 1e-5), "{height:?}");
+}
+
+/// Quantiles of Student's distribution at 97.5 % (Abramowitz and Stegun, table 26.10).
+#[test]
+fn the_coverage_factor_is_student_s() {
+    for (freedoms, quantile) in [(10.0, 2.228), (12.0, 2.179), (20.0, 2.086), (40.0, 2.021)] {
+        let factor = student_factor(freedoms);
+        assert!((factor - quantile).abs() < 0.004, "{freedoms}: {factor}");
+    }
+    assert!((student_factor(1e6) - 2.0).abs() < 1e-12);
 }
 
 /// A plate in front of the part was once taken for a face of it.

@@ -204,8 +204,8 @@ impl Ingested {
     /// Finds the part where it lies elsewhere than planned: by all scans together, and where that comes to nothing, by those that lie
     /// on it as planned. `astray` are the others. Several setups have a place of the part each, and none is searched for.
     ///
-    /// `swapped` are scans that lie on the part from another view, as those of a turned part may too. They do not tell where it is, and
-    /// are looked at again once it was found.
+    /// `swapped` are scans that lie on the part from another view, as those of a turned part may too. They do not tell where it is. Once it
+    /// was found, both are looked at again, and those that lie on it there are taken.
     fn place_part(&mut self, astray: Vec<TakenScan>, swapped: Vec<TakenScan>, world: &IngestWorld<'_>) {
         let is_one_setup = world.captures.iter().all(|capture| capture.part_from_plate == world.captures[0].part_from_plate);
         let is_merged = self.scans.iter().any(|taken| taken.is_approximate);
@@ -224,11 +224,7 @@ impl Ingested {
         }
         match placement {
             PartPlace::Elsewhere(found) => {
-                if takes_all {
-                    self.findings.retain(|finding| finding.code != IngestCode::NoPart);
-                    self.scans.extend(astray);
-                }
-                for taken in swapped {
+                for taken in astray.into_iter().chain(swapped) {
                     self.take_again(taken, &found.mesh_from_stated, world);
                 }
                 self.scans.sort_by_key(|taken| taken.scan.viewpoint);
@@ -246,14 +242,14 @@ impl Ingested {
         }
     }
 
-    /// Takes a scan that seemed to be of another view, if it lies on the part where that was found.
+    /// Takes a scan that seemed to miss the part or to be of another view, if it lies on the part where that was found.
     fn take_again(&mut self, taken: TakenScan, mesh_from_stated: &Pose<Part, Part>, world: &IngestWorld<'_>) {
         let mesh_from_scanner = *mesh_from_stated * taken.scan.part_from_scanner;
         let viewpoint = taken.scan.viewpoint;
         let is_known = self.scans.iter().any(|other| other.scan.viewpoint == viewpoint);
         if !is_known && frames::share_on_part(&taken.scan.scanner_cloud, &mesh_from_scanner, world) >= MIN_SHARE {
             let is_of = |finding: &IngestFinding| {
-                finding.code == IngestCode::WrongView
+                [IngestCode::NoPart, IngestCode::WrongView].contains(&finding.code)
                     && finding.viewpoint == Some(viewpoint)
                     && finding.file.as_ref() == Some(&taken.file)
             };
@@ -342,7 +338,8 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, 
         into.findings.push(IngestFinding { longest_mm: Some(longest_mm), ..finding });
     }
     let points = cloud.finite().count() + removed.total();
-    let fits = cloud.grid.is_some_and(|size| PixelGrid::of_size(world.scanner, size).is_some());
+    let grid = cloud.grid.and_then(|size| PixelGrid::of_size(world.scanner, size));
+    let fits = grid.is_some_and(|grid| organise::is_in_cells(&cloud, &grid));
     let cloud = if fits { cloud } else { organise::project(&cloud.points_mm, world.scanner, &mut removed) };
     let scanner_cloud = clean::clean(cloud, capture, world, &options.clean, &mut removed);
     let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };

@@ -12,6 +12,10 @@ const CELL_PIXELS: [u32; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Share of the neighbours of occupied cells that are occupied, from which on a cloud is dense in its grid: with less the spacing of the
 /// points exceeds the cell.
 const DENSE_SHARE: f64 = 0.85;
+/// Distance of a point's image from its own cell that poses and lenses which are a little off explain, cells.
+const NEAR_CELLS: f64 = 10.0;
+/// Points of which the images are held against their cells.
+const TRIED_POINTS: usize = 2000;
 
 /// Organises points in the scanner's frame. The cells are the smallest that the points fill: a cell of n pixels spans n·z/f on a
 /// surface at depth z, as much as the points' spacing.
@@ -32,6 +36,19 @@ pub(super) fn project(points_mm: &[[f32; 3]], scanner: &Scanner, removed: &mut R
         }
     }
     PointCloud { points_mm: cells, grid: Some(grid.size) }
+}
+
+/// Returns true if most points of a cloud are imaged near their cells of a grid of its size. Else it is organised by another image, such as
+/// that of another camera, or goes from the bottom up.
+pub(super) fn is_in_cells(cloud: &PointCloud, grid: &PixelGrid) -> bool {
+    let every = cloud.finite().count().div_ceil(TRIED_POINTS).max(1);
+    let is_near = |(number, point): (usize, Point3<f64>)| {
+        let own = [number % grid.size.columns, number / grid.size.columns].map(|cell| cell as f64 + 0.5);
+        let Some((place, _)) = grid.image_of(&point) else { return false };
+        (place[0] - own[0]).abs().max((place[1] - own[1]).abs()) <= NEAR_CELLS
+    };
+    let near: Vec<bool> = cloud.finite().step_by(every).map(is_near).collect();
+    2 * near.iter().filter(|is_near| **is_near).count() >= near.len()
 }
 
 fn pixel_of(point: &[f32; 3], image: &PixelGrid) -> Option<([f32; 2], f32)> {

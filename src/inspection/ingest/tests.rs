@@ -140,6 +140,40 @@ fn a_part_that_lies_elsewhere_is_found() {
     }
 }
 
+/// A scan of another part was once taken with those of a part that was found elsewhere, where it would have been refused with those of one
+/// that lies as planned.
+#[test]
+fn a_scan_that_misses_a_part_that_lies_elsewhere_is_refused_all_the_same() {
+    let moved = Isometry3::new(Vector3::new(4.8, -3.6, 0.0), Vector3::z() * 4.0_f64.to_radians());
+    let cell = Cell::holding(base(8_000).expect("a base"), &moved);
+    let other = Cell::holding(figurine(8_000).expect("a figurine"), &Isometry3::translation(0.0, 0.0, -60.0));
+    let file = |view: usize| {
+        let cell = if view == 2 { &other } else { &cell };
+        let plain = cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("view_{}.ply", view + 1));
+        ScanFile { frame: Some(ScanFrame::Scanner), ..plain }
+    };
+    let taken = cell.ingest((0..4).map(file).collect());
+    assert_eq!(codes(&taken), [IngestCode::NoPart, IngestCode::PartElsewhere], "{:?}", taken.findings);
+    let views: Vec<u32> = taken.scans.iter().map(|taken| taken.scan.viewpoint).collect();
+    assert_eq!(views, [1, 2, 4]);
+}
+
+#[test]
+fn a_grid_from_the_bottom_up_is_put_into_the_image_s() {
+    let cell = Cell::new();
+    let mut file = cell.file(0, LengthUnit::Millimetre, ScanFrame::Scanner, "1.ply");
+    let columns = file.cloud.grid.expect("a grid").columns;
+    file.cloud.points = file.cloud.points.chunks(columns).rev().flatten().copied().collect();
+    let taken = cell.ingest(vec![file]);
+    let cloud = &taken.scans[0].scan.scanner_cloud;
+    let grid = PixelGrid::of_size(&cell.scanner, cloud.grid.expect("a grid")).expect("of the image");
+    for (number, point) in cloud.finite() {
+        assert_eq!(grid.cell_of(&point).map(|place| grid.number(place)), Some(number), "{point}");
+    }
+    let (found, wanted) = (cloud.finite().count(), cell.clouds[0].finite().count());
+    assert!(found as f64 > 0.9 * wanted as f64, "{found} of {wanted}");
+}
+
 #[test]
 fn a_symmetric_part_that_lies_elsewhere_is_refused() {
     let block = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 15.0]);

@@ -19,7 +19,7 @@ use crate::rendering::{Ink, MissGroup, SampledModel};
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     InspectionDocument, LearnedDocument, LossDocument, RateBinDocument, RegionDeviationDocument, StatisticsDocument,
-    colour_limit_mm, deviation_step, remedy_words,
+    colour_limit_mm, deviation_step, excluded_sentence, remedy_words,
 };
 
 /// Plot: width, height and margins, px.
@@ -157,7 +157,10 @@ fn pictures(report: &InspectionReport<'_>, album: &mut Album, codes: &[u8], alt:
 
 fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let (found, limit_mm) = (&report.document.deviation, colour_limit_mm(report.inspection));
-    let Some(figures) = &found.statistics else { return section("Deviation", "<p>Nothing was measured.</p>\n") };
+    let excluded = format!("<p>{}</p>\n", escape(&excluded_sentence(found)));
+    let Some(figures) = &found.statistics else {
+        return section("Deviation", &format!("<p>Nothing was measured.</p>\n{excluded}"));
+    };
     let samples = &report.inspection.deviations().samples;
     let ink = |sample: &crate::inspection::deviation::SampleDeviation| {
         let step = deviation_step(f64::from(sample.distance_mm), limit_mm);
@@ -194,7 +197,8 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
         table(&["Material", "Largest, mm", "Mean, mm", "Area", "At, mm"], &worst)
     };
     let heaps = off_surface(report);
-    let body = pictures(report, album, &codes, "the part, coloured by deviation", &legend)
+    let body = excluded
+        + &pictures(report, album, &codes, "the part, coloured by deviation", &legend)
         + &format!("<div class=\"card\">{}</div>\n", histogram(report))
         + &table(&head, &statistics_row("Whole part", figures))
         + "<h3>Extents</h3>\n"
@@ -336,29 +340,35 @@ fn rounds(report: &InspectionReport<'_>, album: &mut Album) -> String {
 }
 
 fn regions(report: &InspectionReport<'_>) -> String {
-    let of_region = |region: &RegionDeviationDocument| {
-        let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
-        let mm = |value: Option<f64>| value.map_or("–".to_owned(), |value| number(value, 3));
-        row(&[
-            escape(&region.name),
-            format!("<b>{verdict}</b>"),
-            mm(region.tolerance_mm),
-            percent(region.measured),
-            mm(region.statistics.map(|figures| figures.max_mm)),
-            mm(region.expanded_uncertainty_mm),
-        ])
-    };
-    let rows: String = report.document.deviation.regions.iter().map(of_region).collect();
+    let rows: String = report.document.deviation.regions.iter().map(region_row).collect();
     if rows.is_empty() {
         return rows;
     }
-    let head = ["Region", "Verdict", "Tolerance, mm", "Measured", "Largest, mm", "U (k = 2), mm"];
+    let head = ["Region", "Verdict", "Tolerance, mm", "Measured", "Left out", "Largest, mm", "U (k = 2), mm"];
     section(
         "Regions and features",
         &(table(&head, &rows)
-            + "<p>Verdicts after ISO 14253-1: <i>undecided</i> where the deviation lies \
-         within its uncertainty of the limit, or too little is measured.</p>\n"),
+            + "<p>Verdicts after ISO 14253-1: <i>undecided</i> where the deviation lies within its uncertainty of the limit, where too \
+         little is measured, or where points that are left out may belong to it. <i>Steep</i> points show a surface that is turned too far \
+         against the model; surface is <i>off</i> where points lie beyond the search distance: missing material behind it fails, a body \
+         before it leaves it undecided.</p>\n"),
     )
+}
+
+fn region_row(region: &RegionDeviationDocument) -> String {
+    let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
+    let mm = |value: Option<f64>| value.map_or("–".to_owned(), |value| number(value, 3));
+    let excluded = region.excluded;
+    let [points, steep, off] = [excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area].map(percent);
+    row(&[
+        escape(&region.name),
+        format!("<b>{verdict}</b>"),
+        mm(region.tolerance_mm),
+        percent(region.measured),
+        format!("{points} of the points steep; area: {steep} steep, {off} off"),
+        mm(region.statistics.map(|figures| figures.max_mm)),
+        mm(region.expanded_uncertainty_mm),
+    ])
 }
 
 fn learned(report: &InspectionReport<'_>) -> String {
@@ -439,4 +449,26 @@ fn files(report: &InspectionReport<'_>) -> String {
         report.document.findings.iter().map(|finding| format!("<li>{}</li>\n", escape(&finding.detail))).collect();
     let findings = if findings.is_empty() { findings } else { format!("<ul>\n{findings}</ul>\n") };
     section("Files", &(findings + &table(&["File", "View", "Points", "Read as", "On the part", "Removed"], &rows)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inspection::deviation::Conformity;
+    use crate::wire::inspection::ExcludedSharesDocument;
+
+    #[test]
+    fn a_region_tells_what_its_verdict_leaves_out() {
+        let region = RegionDeviationDocument {
+            name: "top".into(),
+            tolerance_mm: Some(0.1),
+            measured: 0.9,
+            excluded: ExcludedSharesDocument { turned_of_points: 0.25, turned_of_area: 0.05, off_of_area: 0.03 },
+            verdict: Some(Conformity::Undecided),
+            expanded_uncertainty_mm: None,
+            statistics: None,
+        };
+        let row = region_row(&region).replace('\u{a0}', " ");
+        assert!(row.contains("25.00 % of the points steep; area: 5.00 % steep, 3.00 % off"), "{row}");
+    }
 }

@@ -5,9 +5,11 @@ use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
 use crate::inspection::deviation::{
-    Alignment, Conformity, DeviationSpot, DeviationStatistics, Extent, MaterialKind, OffSurface, RegionDeviation,
+    Alignment, Conformity, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, MAX_TURN_DEG, MaterialKind, OffSurface,
+    RegionDeviation,
 };
 use crate::inspection::{DeviationFigures, Inspection};
+use crate::wire::words::percent_below;
 
 /// Deviation of the surface from its model. Distances are along the outward normal: above 0 is more material than nominal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -18,8 +20,14 @@ pub struct DeviationDocument {
     pub mesh_from_placed: PoseSpec,
     /// Freedoms that the measured surface fixes, of 6.
     pub fixed_freedoms: usize,
-    /// Points that were compared.
+    /// Points that were compared; those of a merged cloud count once for each view that shows them.
     pub compared_points: u64,
+    /// Points near the surface that were left out as steep: what they show is turned by more than 30° against it. They count likewise.
+    #[serde(default)]
+    pub turned_points: u64,
+    /// Shares of the whole part that figures leave out.
+    #[serde(default)]
+    pub excluded: ExcludedSharesDocument,
     /// Statistics of the whole part; `null` where nothing was measured.
     pub statistics: Option<StatisticsDocument>,
     /// Histogram of the whole part, by area.
@@ -60,6 +68,18 @@ pub struct StatisticsDocument {
     pub in_tolerance: Option<f64>,
 }
 
+/// Shares that figures and verdicts leave out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ExcludedSharesDocument {
+    /// Share of the points near the surface that were left out as steep: what they show is turned by more than 30° against it.
+    pub turned_of_points: f64,
+    /// Share of the area that has such points alone: nothing of it is compared.
+    pub turned_of_area: f64,
+    /// Share of the area before or behind which most points are farther than is searched, `compare.search_mm`. Where they lie behind it,
+    /// its material is missing, and it fails; where they lie before it, another body may hide it, and it is undecided.
+    pub off_of_area: f64,
+}
+
 /// Area by deviation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HistogramDocument {
@@ -87,8 +107,11 @@ pub struct RegionDeviationDocument {
     pub name: String,
     /// Width of the tolerance zone; `null` without one.
     pub tolerance_mm: Option<f64>,
-    /// Share of its area that is measured.
+    /// Share of its asked area that is measured.
     pub measured: f64,
+    /// Shares of it that verdict and statistics leave out.
+    #[serde(default)]
+    pub excluded: ExcludedSharesDocument,
     /// Verdict of the profile (ISO 1101) by ISO 14253-1; `null` without a tolerance.
     pub verdict: Option<Conformity>,
     /// Median of the expanded uncertainty, k = 2; `null` where nothing is measured.
@@ -143,12 +166,20 @@ impl From<&DeviationStatistics> for StatisticsDocument {
     }
 }
 
+impl From<&ExcludedShares> for ExcludedSharesDocument {
+    fn from(shares: &ExcludedShares) -> Self {
+        let ExcludedShares { turned_of_points, turned_of_area, off_of_area } = *shares;
+        Self { turned_of_points, turned_of_area, off_of_area }
+    }
+}
+
 impl From<&RegionDeviation> for RegionDeviationDocument {
     fn from(region: &RegionDeviation) -> Self {
         Self {
             name: region.name.clone(),
             tolerance_mm: region.tolerance_mm,
             measured: region.measured,
+            excluded: ExcludedSharesDocument::from(&region.excluded),
             verdict: region.verdict,
             expanded_uncertainty_mm: region.expanded_mm,
             statistics: region.statistics.as_ref().map(StatisticsDocument::from),
@@ -185,6 +216,8 @@ impl DeviationDocument {
             mesh_from_placed: PoseSpec::from(&aligned.mesh_from_placed),
             fixed_freedoms: aligned.fixed_freedoms,
             compared_points: aligned.deviation.compared_points,
+            turned_points: aligned.deviation.turned_points,
+            excluded: ExcludedSharesDocument::from(&figures.excluded),
             statistics: figures.whole.as_ref().map(StatisticsDocument::from),
             histogram: HistogramDocument {
                 begin_mm: figures.histogram.begin_mm,
@@ -196,5 +229,70 @@ impl DeviationDocument {
             worst: figures.worst.iter().map(DeviationSpotDocument::from).collect(),
             off_surface: aligned.deviation.off_surface.iter().map(OffSurfaceDocument::from).collect(),
         }
+    }
+}
+
+/// Sentence for the points that were compared and those that were left out.
+#[must_use]
+pub fn excluded_sentence(deviation: &DeviationDocument) -> String {
+    let ExcludedSharesDocument { turned_of_area, off_of_area, .. } = deviation.excluded;
+    let (compared, turned) = (deviation.compared_points, deviation.turned_points);
+    let of_points = turned as f64 / ((compared + turned) as f64).max(1.0);
+    format!(
+        "{compared} points are compared; {turned}, {}, are left out as steep: what they show is turned by more than {MAX_TURN_DEG:.0}° \
+         against the model. {} of the area has such points alone, and {} has material missing or extra beyond the search distance.",
+        percent(of_points),
+        percent(turned_of_area),
+        percent(off_of_area)
+    )
+}
+
+fn percent(share: f64) -> String {
+    format!("{} %", percent_below(share, 1.0, 2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_that_are_left_out_are_told_in_numbers_and_words() {
+        let excluded = ExcludedShares { turned_of_points: 0.25, turned_of_area: 0.125, off_of_area: 0.0625 };
+        let region = RegionDeviation {
+            name: "top".into(),
+            tolerance_mm: Some(0.1),
+            measured: 0.5,
+            excluded,
+            statistics: None,
+            verdict: None,
+            expanded_mm: None,
+        };
+        let told = serde_json::to_value(RegionDeviationDocument::from(&region)).expect("JSON");
+        let shares = serde_json::json!({"turned_of_points": 0.25, "turned_of_area": 0.125, "off_of_area": 0.0625});
+        assert_eq!(told["excluded"], shares);
+        let deviation = DeviationDocument {
+            alignment: Alignment::AsPlaced,
+            mesh_from_placed: PoseSpec::from(&crate::geometry::Pose::<crate::geometry::Part, crate::geometry::Part>::identity()),
+            fixed_freedoms: 6,
+            compared_points: 900,
+            turned_points: 100,
+            excluded: ExcludedSharesDocument::from(&excluded),
+            statistics: None,
+            histogram: HistogramDocument { begin_mm: -1.0, width_mm: 1.0, area_mm2: vec![0.0; 2] },
+            extents: [ExtentDocument { nominal_mm: 1.0, measured_mm: None }; 3],
+            regions: Vec::new(),
+            worst: Vec::new(),
+            off_surface: Vec::new(),
+        };
+        let sentence = excluded_sentence(&deviation);
+        for wanted in ["900 points", "; 100, 10.00 %,", "30°", "12.50 % of the area", "6.25 % has"] {
+            assert!(sentence.contains(wanted), "{wanted}: {sentence}");
+        }
+        // What an earlier version wrote had no such numbers.
+        let mut before = serde_json::to_value(&deviation).expect("JSON");
+        let fields = before.as_object_mut().expect("an object");
+        fields.retain(|name, _| !["turned_points", "excluded"].contains(&name.as_str()));
+        let read: DeviationDocument = serde_json::from_value(before).expect("a document");
+        assert_eq!((read.turned_points, read.excluded), (0, ExcludedSharesDocument::default()));
     }
 }

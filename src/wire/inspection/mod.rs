@@ -17,8 +17,8 @@ pub use coverage::{
     LossDocument, LossListing, LostSpotDocument, MeasuredCoverageDocument, ViewCoverageDocument, loss_sentence, remedy_words,
 };
 pub use deviation::{
-    DeviationDocument, DeviationSpotDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument, RegionDeviationDocument,
-    StatisticsDocument,
+    DeviationDocument, DeviationSpotDocument, ExcludedSharesDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument,
+    RegionDeviationDocument, StatisticsDocument, excluded_sentence,
 };
 pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
 pub use files::{IngestFindingDocument, RemovedDocument, TakenScanDocument};

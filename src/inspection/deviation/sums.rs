@@ -1,0 +1,157 @@
+//! Points of a sample over all views: their mean with its uncertainty, and those that do not count for it.
+
+use super::footprint::{MeasuredFootprint, PointSum};
+use super::{DeviationOptions, MissingMaterial, PoseError, SampleDeviation};
+use crate::cell::calibration::se3::Twist;
+
+/// Points off the surface, or of a turned one, from which on they are more than stray ones.
+pub(super) const MIN_OTHER_POINTS: u32 = 3;
+/// Points that measure a surface, as a share of those behind it, up to which they are stray ones.
+const MAX_STRAY_SHARE: f64 = 0.1;
+/// Freedoms that the pooled variance counts for.
+const POOLED_FREEDOMS: f64 = 10.0;
+/// Points from which on a sample's own variance goes into the pool.
+const POOLED_POINTS: f64 = 5.0;
+
+/// Points of a sample over all views.
+#[derive(Clone, Copy, Default)]
+pub(super) struct SampleSum {
+    compared: PlacedPoints,
+    /// Points off the surface.
+    off: u32,
+    /// Points behind the surface where its material is missing.
+    behind: PlacedPoints,
+    /// Points of a surface that is turned too far.
+    turned: PointSum,
+}
+
+impl SampleSum {
+    /// Adds the points of a view. Views of a merged cloud show points again: of each use only the largest number is kept.
+    pub(super) fn add(&mut self, footprint: &MeasuredFootprint, error: &PoseError, is_merged: bool) {
+        let add = |own: &mut PlacedPoints, found: &PointSum| {
+            let found = PlacedPoints::of(found, error);
+            if !is_merged {
+                own.add(&found);
+            } else if found.count > own.count {
+                *own = found;
+            }
+        };
+        add(&mut self.compared, &footprint.compared);
+        add(&mut self.behind, &footprint.behind);
+        if !is_merged {
+            self.off += footprint.off;
+            self.turned.add(&footprint.turned);
+            return;
+        }
+        self.off = self.off.max(footprint.off);
+        if footprint.turned.points > self.turned.points {
+            self.turned = footprint.turned;
+        }
+    }
+
+    pub(super) fn finish(&self, pooled_mm2: f64, options: &DeviationOptions) -> SampleDeviation {
+        let Self { compared, off, turned, .. } = self;
+        let unmeasured = SampleDeviation {
+            turned_points: turned.points,
+            turned_mm: turned.mean_mm() as f32,
+            is_off: *off >= MIN_OTHER_POINTS && f64::from(*off) > compared.count,
+            missing: self.missing(pooled_mm2, options),
+            ..SampleDeviation::default()
+        };
+        if compared.count < 1.0 {
+            return unmeasured;
+        }
+        SampleDeviation {
+            distance_mm: compared.mean_mm() as f32,
+            sigma_mm: compared.variance_mm2().sqrt() as f32,
+            expanded_mm: compared.expanded_mm(pooled_mm2, options) as f32,
+            points: compared.count as u32,
+            ..unmeasured
+        }
+    }
+
+    /// Material that is missing for certain.
+    fn missing(&self, pooled_mm2: f64, options: &DeviationOptions) -> Option<MissingMaterial> {
+        let behind = &self.behind;
+        let is_certain = behind.count >= f64::from(MIN_OTHER_POINTS) && self.compared.count <= MAX_STRAY_SHARE * behind.count;
+        (is_certain && !options.is_merged).then(|| MissingMaterial {
+            distance_mm: behind.mean_mm() as f32,
+            expanded_mm: behind.expanded_mm(pooled_mm2, options) as f32,
+        })
+    }
+}
+
+/// Points with their distances, and the errors of the poses that they were seen from.
+#[derive(Clone, Copy, Default)]
+struct PlacedPoints {
+    count: f64,
+    sum_mm: f64,
+    square_mm2: f64,
+    /// Σ n_v² σ_v² of the views' poses.
+    pose: f64,
+    /// Σ n_v times what all poses are off alike.
+    shared_mm: Twist,
+}
+
+impl PlacedPoints {
+    /// Points of one view.
+    fn of(points: &PointSum, error: &PoseError) -> Self {
+        let count = f64::from(points.points);
+        Self {
+            count,
+            sum_mm: points.sum_mm,
+            square_mm2: points.square_mm2,
+            pose: count * count * error.own_mm2,
+            shared_mm: count * error.shared_mm,
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.sum_mm += other.sum_mm;
+        self.square_mm2 += other.square_mm2;
+        self.pose += other.pose;
+        self.shared_mm += other.shared_mm;
+    }
+
+    fn mean_mm(&self) -> f64 {
+        self.sum_mm / self.count
+    }
+
+    /// Variance about their mean.
+    fn variance_mm2(&self) -> f64 {
+        let mean = self.mean_mm();
+        (self.square_mm2 / self.count - mean * mean).max(0.0) * self.count / (self.count - 1.0).max(1.0)
+    }
+
+    /// Expanded uncertainty of their mean.
+    fn expanded_mm(&self, pooled_mm2: f64, options: &DeviationOptions) -> f64 {
+        let freedoms = self.count - 1.0 + POOLED_FREEDOMS;
+        let variance = ((self.count - 1.0) * self.variance_mm2() + POOLED_FREEDOMS * pooled_mm2) / freedoms;
+        let effective = (self.count / options.correlated_points.max(1.0)).max(1.0);
+        let of_points = student_factor(freedoms).powi(2) * variance / effective;
+        let of_pose = 4.0 * (self.pose + self.shared_mm.norm_squared()) / (self.count * self.count);
+        (of_points + of_pose).sqrt()
+    }
+}
+
+/// Median variance of the samples with enough points, each divided by the median of χ²/ν, (1 − 2/9ν)³ (E. B. Wilson, M. M. Hilferty, "The
+/// distribution of chi-square", PNAS 17, 1931); that of the expected noise where there is none.
+pub(super) fn pooled_variance(sums: &[SampleSum], options: &DeviationOptions) -> f64 {
+    let unbiased = |points: &PlacedPoints| points.variance_mm2() / (1.0 - 2.0 / (9.0 * (points.count - 1.0))).powi(3);
+    let compared = sums.iter().map(|sum| &sum.compared);
+    let mut variances: Vec<f64> = compared.filter(|points| points.count >= POOLED_POINTS).map(unbiased).collect();
+    if variances.is_empty() {
+        return options.noise_mm.powi(2);
+    }
+    let middle = variances.len() / 2;
+    *variances.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Student's 97.5 % quantile for ten freedoms and more, and at least 2: its expansion about the normal quantile z, z + (z³ + z)/4ν +
+/// (5z⁵ + 16z³ + 3z)/96ν² (M. Abramowitz, I. A. Stegun, *Handbook of Mathematical Functions*, 1964, 26.7.5), within 0.003 there.
+pub(super) fn student_factor(freedoms: f64) -> f64 {
+    const Z: f64 = 1.959_964;
+    let second = (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / (96.0 * freedoms * freedoms);
+    (Z + (Z.powi(3) + Z) / (4.0 * freedoms) + second).max(2.0)
+}
