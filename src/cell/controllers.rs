@@ -25,6 +25,7 @@ pub use modbus_plc::ModbusPlcSpec;
 pub use trigger::{CommandTriggerSpec, DigitalTriggerSpec, HttpTriggerSpec, NoTriggerSpec, TriggerSpec};
 pub use universal_robots::{UrControllerSpec, UrMotion};
 
+use super::dialect::Dialect;
 use super::field_error::{FieldError, Findings};
 
 /// Controllers of a cell. Unknown fields are refused.
@@ -192,6 +193,18 @@ impl ArmControllerSpec {
             Self::FanucRmi(spec) => &spec.address,
             Self::KukaRsi(spec) => &spec.address,
             Self::AbbEgm(spec) => &spec.address,
+        }
+    }
+
+    /// Language of the controllers that speak the protocol: it tells their maker.
+    #[must_use]
+    pub fn dialect(&self) -> Dialect {
+        match self {
+            Self::Hans(_) => Dialect::Hans,
+            Self::Ur(_) => Dialect::Urscript,
+            Self::FanucRmi(_) => Dialect::Fanuc,
+            Self::KukaRsi(_) => Dialect::Krl,
+            Self::AbbEgm(_) => Dialect::Rapid,
         }
     }
 

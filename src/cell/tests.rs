@@ -243,6 +243,24 @@ fn a_continuous_table_plans_within_a_turn_each_way() {
 }
 
 #[test]
+fn an_arm_with_more_windings_than_are_looked_at_is_refused() {
+    let with_four_turns = |joints: usize| {
+        let mut spec = Presets.robot("hans-e05").expect("preset");
+        for (index, joint) in spec.joints.iter_mut().enumerate() {
+            let limit_deg = if index < joints { 720.0 } else { 180.0 };
+            (joint.min_deg, joint.max_deg) = (-limit_deg, limit_deg);
+        }
+        spec
+    };
+    assert_eq!(with_four_turns(4).build().expect("256 windings").joints.len(), 6);
+    let found = with_four_turns(5).build().expect_err("1024 windings");
+    assert_finding(&found, "/joints", "in 1024 windings");
+    assert_finding(&found, "/joints", "allowed are 256");
+    let spec = CellSpec { robot: Named::Inline(Box::new(with_four_turns(5))), ..cell_spec() };
+    assert_finding(&findings(&spec), "/robot/joints", "in 1024 windings");
+}
+
+#[test]
 fn move_time_is_the_trapezoid_of_the_slowest_axis() {
     let axis = AxisSpec { min_deg: -360.0, max_deg: 360.0, max_speed_deg_per_s: 90.0, max_acceleration_deg_per_s2: 180.0 };
     let axes = Axes([axis.build(); 7]);

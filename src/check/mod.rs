@@ -22,6 +22,7 @@ use crate::wire::calibration::use_conditions;
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::wire::warnings::FieldWarning;
+use crate::wire::words::{counted, percent_below};
 use crate::wire::{DocumentKind, UtcTime, from_value, warnings};
 
 /// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
@@ -112,15 +113,14 @@ pub fn check(
             warnings = warnings::of_params(&document.params, "/params");
             // The size of the part is in the plan, the unit of its file is not: what was said of it stands.
             warnings.extend(document.warnings.iter().filter(|warning| warning.pointer == "/part/bbox_mm").cloned());
-            format!("plan with {} viewpoints{}", document.viewpoints.len(), extent(cell))
+            format!("plan with {}{}", counted(document.viewpoints.len(), "viewpoint"), extent(cell))
         }
         DocumentKind::Program => {
             let document: ProgramDocument = read(value)?;
             measured_of_asked = check_program(&document, cell, reference, ctx)?;
-            let measured = measured_of_asked.map_or_else(String::new, |share| {
-                format!("; its scans measure {:.2} % of the asked area, as planned", 100.0 * share)
-            });
-            format!("program with {} steps, {:.1} s{}{measured}", document.steps.len(), document.cycle_secs, extent(cell))
+            let measured = measured_of_asked.map_or_else(String::new, measured_as_planned);
+            let steps = counted(document.steps.len(), "step");
+            format!("program with {steps}, {:.1} s{}{measured}", document.cycle_secs, extent(cell))
         }
     };
     Ok(Sound { kind, description, measured_of_asked, warnings })
@@ -197,6 +197,11 @@ fn extent(cell: Option<&Cell>) -> String {
         || " (structure and ranges checked; given a cell, motion too)".to_owned(),
         |cell| format!(", sound in cell {}", cell.name),
     )
+}
+
+/// Share of the asked area that the scans of a program measure, in words.
+fn measured_as_planned(of_asked: f64) -> String {
+    format!("; its scans measure {} % of the asked area, as planned", percent_below(of_asked, 1.0, 2))
 }
 
 /// Checks a program; returns the share of the asked area that its scans measure, if plan and part are given.
@@ -326,5 +331,30 @@ impl Reference {
             .map_err(|error| whole(error.to_string()))?;
         let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
         Ok(Some((measured.measured_mm2 / measured.asked_mm2, here / plan.coverage.asked_area_mm2)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::cell::Presets;
+    use crate::planning::context::Silent;
+
+    #[test]
+    fn a_program_of_one_step_and_a_share_below_the_whole_are_told_as_such() {
+        let program = json!({
+            "schema": PROGRAM_SCHEMA, "plan_sha256": "00".repeat(32), "robot": "hans-e05", "turntable": "minas-a6-500",
+            "home_deg": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "cycle_secs": 0.0,
+            "steps": [{"op": "move_joints", "joints_deg": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "table_angle_deg": 0.0, "speed_fraction": 1.0, "via": [],
+                       "duration_secs": 0.0}],
+        });
+        let never = AtomicBool::new(false);
+        let sound = check(program, &Presets, None, &Reference::default(), &Context::new(&never, &Silent)).expect("sound");
+        assert!(sound.description.starts_with("program with 1 step, 0.0 s"), "{}", sound.description);
+        assert_eq!(measured_as_planned(0.999_99), "; its scans measure 99.99 % of the asked area, as planned");
     }
 }

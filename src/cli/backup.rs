@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::serve::run_to_completion;
 use super::{CliError, failed, output};
 use crate::service::{BackupReport, backup, restore};
+use crate::wire::words::counted;
 
 /// Back up a server's store; the server may be running.
 #[derive(Debug, clap::Args)]
@@ -85,5 +86,18 @@ impl<'a> Copied<'a> {
 
 fn summary(report: &BackupReport) -> String {
     let megabytes = report.copied_bytes as f64 / 1e6;
-    format!("the database and {} files, {} of them copied ({megabytes:.1} MB)", report.files, report.copied)
+    let files = counted(report.files, "file");
+    format!("the database and {files}, {} of them copied ({megabytes:.1} MB)", report.copied)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_file_is_no_files() {
+        let told = |files: usize| summary(&BackupReport { files, copied: 1, copied_bytes: 1_240_000 });
+        assert_eq!(told(1), "the database and 1 file, 1 of them copied (1.2 MB)");
+        assert_eq!(told(2), "the database and 2 files, 1 of them copied (1.2 MB)");
+    }
 }

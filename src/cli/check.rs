@@ -11,7 +11,7 @@ use serde_json::Value;
 use super::doubts;
 use super::files::{self, FileLibrary};
 use super::{CliError, FileFinding, output};
-use crate::cell::{Cell, ControllersSpec};
+use crate::cell::{Cell, ControllersSpec, SpecKind};
 use crate::check::{Present, Reference, Sound, check, kind_of};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Poll};
@@ -100,6 +100,9 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
                 refuse_stale(path, &value)?;
             }
             doubts = doubts::of_document(&value);
+            if let Ok(Some(controllers)) = &controllers {
+                doubts.extend(doubts::of_controllers(controllers, &value[SpecKind::Robot.as_str()]));
+            }
             let checked =
                 check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
             with_controllers(checked, controllers)

@@ -31,7 +31,7 @@ align.prior_deg, align.prior_mm, compare.tolerance_mm, compare.normal_deg, compa
 compare.edge_step_mm.
 
 Files written to --out: inspection.html (open this first), inspection.txt, inspection.json, losses.json, learned.json, coverage.csv, \
-deviation.csv, deviation.ply.
+deviation.csv, deviation.ply, and rescan.json, from which `vantage rescan` plans further views.
 
 Exit codes: 0 success, 1 system error, 2 bad input, 4 interrupted.")]
 pub struct CompareArgs {

@@ -8,7 +8,10 @@ use serde_json::Value;
 
 use super::check::warn;
 use super::files;
-use crate::cell::{PoseSpec, Presets, ScannerSpec, SpecKind, SpecLibrary, metres_in_mm};
+use crate::cell::{
+    ArmControllerSpec, ControllersSpec, JointThreeOrigin, KinematicsSpec, PoseSpec, Presets, RobotSpec, ScannerSpec, SpecKind,
+    SpecLibrary, metres_in_mm,
+};
 use crate::check::kind_of;
 use crate::geometry::{Base, Table};
 use crate::wire::warnings::{FieldWarning, WarningCode};
@@ -73,6 +76,43 @@ pub(super) fn of_params(params: &Value) -> Vec<FieldWarning> {
     }
     of_euler_angles(params, "", &mut doubts);
     doubts
+}
+
+/// Doubts about the controller of an arm beside the robot of its cell, which is named or written out: one of another maker, and
+/// one that counts joint 3 otherwise than the robot is planned.
+pub(super) fn of_controllers(controllers: &ControllersSpec, robot: &Value) -> Vec<FieldWarning> {
+    let named = |name: &str| Presets.robot(name).ok().or_else(|| decode(&file_of(SpecKind::Robot, name)?).ok());
+    let robot: Option<RobotSpec> = robot.as_str().map_or_else(|| decode(robot).ok(), named);
+    let doubts = |robot: &RobotSpec| [of_maker(&controllers.arm, robot), of_joint_3(&controllers.arm, robot)];
+    robot.as_ref().map(doubts).into_iter().flatten().flatten().collect()
+}
+
+/// Doubt about a controller whose maker is not that of the robot.
+fn of_maker(arm: &ArmControllerSpec, robot: &RobotSpec) -> Option<FieldWarning> {
+    let own = robot.dialect.filter(|own| !own.is_neutral() && *own != arm.dialect())?;
+    let (protocol, name) = (arm.name(), &robot.name);
+    let detail = format!("is {protocol}, of another maker than robot {name}, whose controller's language is {}", own.as_str());
+    Some(doubt(
+        "/controllers/arm/protocol",
+        detail,
+        "give the protocol of the robot's own controller, or the robot's own dialect",
+    ))
+}
+
+/// Doubt about a controller that takes joint 3 as counted from another link than the robot is planned with.
+fn of_joint_3(arm: &ArmControllerSpec, robot: &RobotSpec) -> Option<FieldWarning> {
+    let (ArmControllerSpec::FanucRmi(rmi), KinematicsSpec::Opw(opw)) = (arm, &robot.kinematics) else { return None };
+    let planned = if opw.joint_3_from_ground { JointThreeOrigin::Ground } else { JointThreeOrigin::UpperArm };
+    (rmi.joint_3_from != planned).then(|| {
+        let [is, meant] = [rmi.joint_3_from, planned].map(JointThreeOrigin::as_str);
+        let detail =
+            format!("is {is}; robot {} is planned with joint 3 counted from the {}", robot.name, meant.replace('_', " "));
+        doubt(
+            "/controllers/arm/joint_3_from",
+            detail,
+            format!("give {meant:?}, or set the robot's kinematics.joint_3_from_ground"),
+        )
+    })
 }
 
 fn of_cell(cell: &Value, doubts: &mut Vec<FieldWarning>) {
@@ -249,6 +289,26 @@ mod tests {
             }
         }
         assert_eq!(of_params(&serde_json::to_value(crate::planning::params::PlanParams::default()).expect("JSON")), []);
+    }
+
+    #[test]
+    fn a_controller_that_counts_joint_3_otherwise_than_the_robot_is_doubted() {
+        let section = |joint_3_from: &str| -> ControllersSpec {
+            let arm = json!({"protocol": "fanuc_rmi", "address": "10.0.0.2:16001", "joint_3_from": joint_3_from});
+            let table = json!({"protocol": "with_arm"});
+            serde_json::from_value(json!({"arm": arm, "table": table})).expect("a section")
+        };
+        let named = json!("fanuc-m20ia");
+        assert_eq!(of_controllers(&section("ground"), &named), []);
+        let [doubt] = &of_controllers(&section("upper_arm"), &named)[..] else { panic!("one doubt") };
+        assert_eq!(doubt.pointer, "/controllers/arm/joint_3_from");
+        assert!(doubt.detail.ends_with("is planned with joint 3 counted from the ground"), "{}", doubt.detail);
+        let mut written = preset(SpecKind::Robot, "fanuc-m20ia");
+        written["kinematics"]["joint_3_from_ground"] = json!(false);
+        let [doubt] = &of_controllers(&section("ground"), &written)[..] else { panic!("one doubt") };
+        assert!(doubt.remedy.starts_with("give \"upper_arm\""), "{}", doubt.remedy);
+        assert_eq!(of_controllers(&section("upper_arm"), &written), []);
+        assert_eq!(of_controllers(&section("ground"), &json!("nobody.toml")), [], "the cell itself is refused");
     }
 
     #[test]

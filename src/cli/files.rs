@@ -183,9 +183,14 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
 }
 
 /// Error for a file that cannot be read; of one that does not exist it tells a file beside it with nearly the same name.
-fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
+pub(super) fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
     if error.kind() != ErrorKind::NotFound {
         return CliError::BadInput(format!("{}: {error}", path.display()));
+    }
+    if path == Path::new("-") {
+        // Some programs take a dash for standard input.
+        let instead = "standard input is not read; write it to a file and give that file's name";
+        return CliError::BadInput(format!("-: {instead}"));
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let Ok(entries) = std::fs::read_dir(folder) else {

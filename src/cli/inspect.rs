@@ -61,7 +61,7 @@ pub fn run(args: &InspectArgs) -> Result<(), CliError> {
 /// Text that `run` prints.
 pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
-    let mut file = File::open(&args.file).map_err(|error| bad_input(&error))?;
+    let mut file = File::open(&args.file).map_err(|error| files::unreadable(&args.file, &error))?;
     let length_bytes = file.metadata().map_err(|error| bad_input(&error))?.len();
     let unit = args.unit.unwrap_or(LengthUnit::Millimetre);
     let mesh = match mesh_io::read_from(&mut file, length_bytes, Some(unit), &Limits::default(), &Poll::never()) {

@@ -12,6 +12,7 @@ use super::plan::{PartPlanner, PlannedPart, print_summary};
 use super::{CliError, output, summary};
 use crate::service::plan_job::{Artifact, PLAN_FILE, bytes_of};
 use crate::wire::summary::ProgramCycle;
+use crate::wire::words::percent_below;
 
 /// Plans every part; prints what became of each.
 ///
@@ -147,7 +148,7 @@ fn table(rows: &[PartRow]) -> String {
         [
             row.mesh.display().to_string(),
             or_dash(row.views.map(|views| views.to_string())),
-            or_dash(row.of_visible.map(|share| format!("{:.2} %", 100.0 * share))),
+            or_dash(row.of_visible.map(|share| format!("{} %", percent_below(share, 1.0, 2)))),
             or_dash(row.cycle.clone()),
             row.result().to_owned(),
         ]

@@ -2,6 +2,7 @@
 //! ask for next.
 
 use crate::cli::CliError;
+use crate::report::text::{pose_error_sizes, reached_percent};
 use crate::service::plan_job::Artifact;
 use crate::wire::parse;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
@@ -68,26 +69,46 @@ pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
     };
     let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n  missed: {why}"));
     format!(
-        "Region {:?} ({}{tolerance}; {} mm², {} samples): {} %, {target}{why}",
+        "Region {:?} ({}{tolerance}; {} mm², {}): {} %, {target}{why}",
         region.name,
         region.kind,
         area_mm2(region.asked_area_mm2),
-        region.samples,
-        percent_below(region.of_asked, region.target.unwrap_or(1.0), 2)
+        counted(region.samples, "sample"),
+        reached_percent(region.of_asked, region.target)
     )
 }
 
 /// Worst shares of the asked area under pose errors, on one line.
 fn under_pose_errors(robust: &RobustDocument) -> String {
-    let worst = |name: &str, drawn: &DrawnDocument| format!("{:.2} % with {name} off", 100.0 * drawn.worst);
-    let mut cases = vec![worst("each view", &robust.of_asked), worst("the part", &robust.part.of_asked)];
-    cases.extend(robust.hand_eye.as_ref().map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked)));
-    let error = robust.pose_error;
-    format!(
-        "Worst coverage of the asked area if poses are off by {}° and {} mm ({} trials each): {}",
-        error.angle_deg,
-        error.translation_mm,
-        robust.draws,
-        cases.join(", ")
-    )
+    let worst = |name: &str, drawn: &DrawnDocument, draws: usize| {
+        format!("{} % with {name} off ({})", percent_below(drawn.worst, 1.0, 2), counted(draws, "trial"))
+    };
+    let (part, hand_eye) = (&robust.part, robust.hand_eye.as_ref());
+    let mut cases = vec![worst("each view", &robust.of_asked, robust.draws), worst("the part", &part.of_asked, part.draws)];
+    cases.extend(hand_eye.map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked, hand_eye.draws)));
+    let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
+    format!("Worst coverage of the asked area if poses are off by {angle_deg}° and {shift_mm} mm: {}", cases.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::params::PoseErrorParams;
+    use crate::wire::plan::MisplacedDocument;
+
+    #[test]
+    fn each_kind_of_pose_error_is_told_with_its_own_number_of_trials() {
+        let of_asked = |worst: f64| DrawnDocument { nominal: 1.0, worst, p5: 1.0, mean: 1.0 };
+        let robust = RobustDocument {
+            pose_error: PoseErrorParams { angle_deg: 0.004_691, translation_mm: 2.0 },
+            draws: 21,
+            of_asked: of_asked(0.999_96),
+            part: MisplacedDocument { draws: 7, of_asked: of_asked(0.75) },
+            hand_eye: Some(MisplacedDocument { draws: 1, of_asked: of_asked(0.5) }),
+        };
+        let told = "99.99 % with each view off (21 trials), 75.00 % with the part off (7 trials), \
+                    50.00 % with the hand-eye calibration off (1 trial)";
+        assert!(under_pose_errors(&robust).ends_with(told), "{}", under_pose_errors(&robust));
+        assert!(under_pose_errors(&robust).contains(" off by 0.00469° and 2 mm: "), "{}", under_pose_errors(&robust));
+    }
 }

@@ -3,8 +3,10 @@ use std::path::PathBuf;
 use super::inspect::{InspectArgs, report};
 use super::*;
 use crate::cell::{CellSpec, Dialect, Named, Presets, SpecLibrary};
-use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
+use crate::geometry::{LengthUnit, Poll};
+use crate::inspection::InspectionParams;
+use crate::service::inspect_job::INSPECTION_FILES;
 use crate::testing::arm_urdf;
 use crate::wire::plan::{RegionCoverageDocument, RegionMissDocument};
 
@@ -187,6 +189,10 @@ fn a_region_is_told_with_what_is_asked_reached_and_missed() {
     assert!(summary::region_summary(&met).ends_with(": 97.00 %, target 95.00 %: met"));
     let free = RegionCoverageDocument { target: None, met: None, tolerance_mm: None, why_unmet: None, ..unmet };
     assert!(summary::region_summary(&free).ends_with("(feature; 900.0 mm², 90 samples): 0.00 %, no target"));
+    let nearly = RegionCoverageDocument { samples: 1, of_asked: 0.999_96, ..met.clone() };
+    assert!(summary::region_summary(&nearly).contains("1 sample): 99.99 %, target 95.00 %: met"));
+    let below = RegionCoverageDocument { of_asked: 0.949_96, met: Some(false), ..met };
+    assert!(summary::region_summary(&below).ends_with(": 94.99 %, target 95.00 %: NOT MET"));
 }
 
 #[test]
@@ -210,6 +216,36 @@ fn the_ends_of_help_texts_are_wrapped_by_the_terminal_alone() {
         command.get_subcommands().for_each(held);
     }
     held(&<Cli as clap::CommandFactory>::command());
+}
+
+#[test]
+fn the_help_of_a_comparison_names_every_file_and_every_parameter() {
+    let command = <Cli as clap::CommandFactory>::command();
+    let compare = command.find_subcommand("compare").expect("a command");
+    let help = compare.get_after_help().map(ToString::to_string).unwrap_or_default();
+    let (parameters, files) = help.split_once("Files written to --out:").expect("files");
+    for name in INSPECTION_FILES {
+        assert!(files.contains(name), "{name} is not in\n{files}");
+    }
+    let params = serde_json::to_value(InspectionParams::default()).expect("JSON");
+    for (table, fields) in params.as_object().expect("tables") {
+        for field in fields.as_object().expect("a table").keys() {
+            assert!(parameters.contains(&format!("{table}.{field}")), "{table}.{field} is not in\n{parameters}");
+        }
+    }
+}
+
+#[test]
+fn a_dash_is_no_file_and_no_standard_input() {
+    let file = std::path::Path::new("-");
+    let mesh = files::mesh(file, Some(LengthUnit::Millimetre), &Poll::never()).map(|_| ());
+    let text = files::value(file).map(|_| ());
+    let inspected =
+        report(&InspectArgs { file: file.to_owned(), unit: None, cell: None, scanner: None, json: false }).map(|_| ());
+    for refused in [mesh, text, inspected] {
+        let told = refused.expect_err("standard input").to_string();
+        assert_eq!(told, "-: standard input is not read; write it to a file and give that file's name");
+    }
 }
 
 #[test]

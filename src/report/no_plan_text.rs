@@ -6,7 +6,7 @@ use crate::planning::context::NoPlan;
 use crate::planning::plan::share;
 use crate::report::html::{NoPlanInput, NoPlanReason};
 use crate::wire::part_size::size_text;
-use crate::wire::words::{advice_sentence, area_mm2, changed_params, fixed};
+use crate::wire::words::{advice_sentence, area_mm2, changed_params, counted, percent_below};
 
 /// Pairs of blocking bodies that are listed.
 const SHOWN: usize = 10;
@@ -51,7 +51,7 @@ fn write_reasons(out: &mut String, finding: &NoPlan) -> fmt::Result {
     candidates.rejected.iter().try_for_each(|(reason, count)| writeln!(out, "  rejected, {}: {count}", reason.as_str()))?;
     writeln!(out, "\nmissed")?;
     for (cause, mm2) in missed_mm2 {
-        let of_asked = fixed(100.0 * share(*mm2, *asked_mm2), 2);
+        let of_asked = percent_below(share(*mm2, *asked_mm2), 1.0, 2);
         writeln!(out, "  {:<20} {:>10} mm² {of_asked:>6} % of asked", cause.as_str(), area_mm2(*mm2))?;
     }
     if !obstructions.is_empty() {
@@ -64,7 +64,42 @@ fn write_reasons(out: &mut String, finding: &NoPlan) -> fmt::Result {
         writeln!(out, "       {advice}")?;
     }
     match obstructions.len() {
-        more if more > SHOWN => writeln!(out, "  and {} more pairs", more - SHOWN),
+        more if more > SHOWN => writeln!(out, "  and {}", counted(more - SHOWN, "more pair")),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{Contact, Presets, SpecLibrary};
+    use crate::planning::plan::{Advice, CandidateCounts, Cause, Obstruction};
+
+    #[test]
+    fn one_more_pair_is_no_pairs_and_a_share_below_the_whole_is_not_rounded_up_to_it() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let pair = |number: usize| Obstruction {
+            bodies: Contact { a: "forearm".into(), b: format!("guard {number}").into() },
+            without_station: 1,
+            without_path: 0,
+            configuration: cell.home_rad,
+            separation: None,
+            advice: Advice::MoveFoot,
+        };
+        let told = |pairs: usize| {
+            let finding = NoPlan::NothingMeasured {
+                candidates: CandidateCounts::default(),
+                asked_mm2: 1e6,
+                missed_mm2: vec![(Cause::Collision, 999_999.0), (Cause::Facing, 1.0)],
+                obstructions: (0..pairs).map(pair).collect(),
+                setups: Vec::new(),
+            };
+            let mut out = String::new();
+            write_reasons(&mut out, &finding).expect("a String takes all");
+            out
+        };
+        assert!(told(SHOWN + 1).ends_with("  and 1 more pair\n") && told(SHOWN + 2).ends_with("  and 2 more pairs\n"));
+        assert!(!told(SHOWN).contains("more"), "{}", told(SHOWN));
+        assert!(told(0).contains(" 99.99 % of asked"), "{}", told(0));
     }
 }

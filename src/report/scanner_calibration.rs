@@ -7,11 +7,14 @@ use super::study::svg::Svg;
 use crate::cell::calibration::lens::{Adjusted, BoardObservations};
 use crate::cell::{DeviceName, PerDevice};
 use crate::wire::scanner_calibration::{DeviceFigures, ScannerCalibration, ViewFigures};
+use crate::wire::words::counted;
 
 /// Most vectors of one picture.
 const MAX_VECTORS: usize = 3000;
 /// Length of the largest drawn residual, in the drawing.
 const VECTOR: f64 = 22.0;
+/// Series of the residuals left out: the second colour, dashed.
+const LEFT_OUT: usize = 7;
 /// Width of the pictures.
 const WIDTH: f64 = 980.0;
 
@@ -196,14 +199,14 @@ fn vectors_svg(device: DeviceName, pictures: &CalibrationPictures) -> String {
     lengths.sort_by(f64::total_cmp);
     let large = lengths.get(lengths.len() * 99 / 100).copied().unwrap_or(1.0).max(1e-9);
     let title = format!("{}: reprojection errors, {} × enlarged", device.as_str(), number(VECTOR / large / scale, 0));
-    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {} points", arrows.len()));
+    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {}", counted(arrows.len(), "point")));
     frame(&mut svg, size_px, scale);
     for arrow in arrows {
         let from = at(arrow.pixel, scale);
         // Gross errors are cut, so that they do not hide the others.
         let factor = VECTOR / large * (2.0 * large / length(arrow).max(1e-12)).min(1.0);
         let to = [from[0] + factor * arrow.off_px[0], from[1] + factor * arrow.off_px[1]];
-        svg.series(usize::from(!arrow.is_used), &[from, to]);
+        svg.series(if arrow.is_used { 0 } else { LEFT_OUT }, &[from, to]);
     }
     svg.text(
         20.0,
@@ -229,7 +232,7 @@ fn coverage_svg(device: DeviceName, pictures: &CalibrationPictures) -> String {
     let size_px = pictures.size_px[device].unwrap_or([1, 1]);
     let (scale, height) = fit(size_px);
     let title = format!("{}: points of the board in the image", device.as_str());
-    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {} points", arrows.len()));
+    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {}", counted(arrows.len(), "point")));
     frame(&mut svg, size_px, scale);
     for arrow in arrows {
         let [x, y] = at(arrow.pixel, scale);
@@ -248,8 +251,8 @@ fn views_svg(views: &[ViewFigures]) -> String {
     let mut svg = Svg::new(
         WIDTH,
         HEIGHT,
-        "PixelResidual by view, px rms",
-        &format!("Residuals of {} views, up to {} px", views.len(), significant(max)),
+        "Residual by view, px rms",
+        &format!("Residuals of {}, up to {} px", counted(views.len(), "view"), significant(max)),
     );
     for tick in 0..=4 {
         let share = f64::from(tick) / 4.0;
@@ -293,6 +296,43 @@ fn views_table(views: &[ViewFigures]) -> String {
         ]
     };
     let rows: Vec<Vec<String>> = views.iter().map(row).collect();
-    let head = ["BoardView", "Left, px", "Right, px", "Projector, px", "Left out", "Depth, mm", "Tilt, °", "Advice"];
+    let head = ["View", "Left, px", "Right, px", "Projector, px", "Left out", "Depth, mm", "Tilt, °", "Advice"];
     table(&head, &rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn residuals_left_out_are_drawn_as_the_legend_says() {
+        let arrow = |is_used: bool| Arrow { pixel: [10.0, 20.0], off_px: [0.1, 0.0], is_used };
+        let drawn = |arrows: Vec<Arrow>| {
+            let arrows = PerDevice { left: arrows, right: Vec::new(), projector: Vec::new() };
+            let size_px = PerDevice { left: Some([100, 80]), right: None, projector: None };
+            vectors_svg(DeviceName::Left, &CalibrationPictures { arrows, size_px })
+        };
+        assert!(drawn(vec![arrow(false)]).contains("left out: dashed in the second colour"));
+        assert!(drawn(vec![arrow(false)]).contains("; 1 point\"") && drawn(vec![arrow(true); 2]).contains("; 2 points\""));
+        let (used, left_out) = ("stroke=\"#0072b2\" stroke-dasharray=\"\"", "stroke=\"#d55e00\" stroke-dasharray=\"7 4\"");
+        assert!(drawn(vec![arrow(true)]).contains(used) && !drawn(vec![arrow(true)]).contains(left_out));
+        assert!(drawn(vec![arrow(false)]).contains(left_out), "{}", drawn(vec![arrow(false)]));
+    }
+
+    #[test]
+    fn views_and_their_residuals_are_named_as_readers_call_them() {
+        let views = [ViewFigures {
+            id: "v001".to_owned(),
+            left_rms_px: Some(0.05),
+            right_rms_px: Some(0.06),
+            projector_rms_px: None,
+            left_out: 1,
+            depth_mm: Some(480.0),
+            tilt_deg: Some(12.0),
+            leave_out: false,
+        }];
+        assert!(views_svg(&views).contains(">Residual by view, px rms<"), "{}", views_svg(&views));
+        assert!(views_svg(&views).contains("\"Residuals of 1 view, up to 0.0600 px\""), "{}", views_svg(&views));
+        assert!(views_table(&views).contains(">View<"), "{}", views_table(&views));
+    }
 }

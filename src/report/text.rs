@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cell::Separation;
 use crate::geometry::Pose;
-use crate::planning::params::PlanParams;
+use crate::planning::params::{PlanParams, PoseErrorParams};
 use crate::planning::plan::{
     Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, RiskReason, SetupId, Stability, share,
 };
@@ -94,9 +94,9 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         let asked_mm2 = plan.coverage.asked_area_mm2;
         let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
         let executed = setup.views.iter().filter(|view| plan.views[view.index()].rejected.is_none()).count();
-        let (views, lies) = (executed, pose(&setup.table_from_part));
+        let (views, lies) = (measuring(executed), pose(&setup.table_from_part));
         let turn = plan.turn_into(id).map_or_else(String::new, |turn| format!("{}; ", lie_phrase(&turn)));
-        write!(out, "  {}: {turn}{views} views measure {measured} % of the asked area", id.0 + 1)?;
+        write!(out, "  {}: {turn}{views} {measured} % of the asked area", id.0 + 1)?;
         writeln!(out, ", of {coverable} % that candidates here could; {lies}")
     })
 }
@@ -190,7 +190,8 @@ fn write_regions(out: &mut String, regions: &[RegionCoverage]) -> fmt::Result {
         // Quoted, so that no name breaks a line.
         writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
         let [asked, measured] = [region.asked_area_mm2, region.measured_area_mm2].map(area_mm2);
-        writeln!(out, "       {measured} of {asked} mm² measured, {} %; {verdict}", percent(region.of_asked()))?;
+        let reached = reached_percent(region.of_asked(), region.target);
+        writeln!(out, "       {measured} of {asked} mm² measured, {reached} %; {verdict}")?;
         if region.samples == 0 {
             writeln!(out, "       {NOTHING_IN_REGION}")?;
         }
@@ -213,7 +214,7 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
         writeln!(out, "  {:<26} {:>10} %  {}", figure.name, percent(figure.share), figure.meaning)?;
     }
     let Some(robust) = &coverage.robust else { return Ok(()) };
-    let (angle_deg, shift_mm) = (robust.pose_error.angle_deg, robust.pose_error.translation_mm);
+    let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
     writeln!(out, "\nmeasured of asked on these samples if poses are off by {angle_deg}° and {shift_mm} mm")?;
     for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part), ("hand-eye", &robust.hand_eye)] {
         write!(out, "  {name:<12} {:>4} trials: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
@@ -366,4 +367,71 @@ fn point(p: &Point3<f64>) -> String {
 
 fn percent(fraction: f64) -> String {
     percent_below(fraction, 1.0, 2)
+}
+
+/// Share of a region that is measured, as a percentage without its sign: rounded up neither to a target nor to a whole that it
+/// does not reach.
+pub(crate) fn reached_percent(of_asked: f64, target: Option<f64>) -> String {
+    let missed_target = target.filter(|target| of_asked < *target);
+    percent_below(of_asked, missed_target.unwrap_or(1.0), 2)
+}
+
+/// Turn in degrees and shift in mm of a pose error with three significant digits: the error of a calibrated cell is small and not
+/// round.
+pub(crate) fn pose_error_sizes(error: &PoseErrorParams) -> [String; 2] {
+    [error.angle_deg, error.translation_mm].map(|value| {
+        let decimals = if value > 0.0 { (2.0 - value.log10().floor()).clamp(0.0, 12.0) } else { 0.0 };
+        let text = fixed(value, decimals as usize);
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    })
+}
+
+/// Views with their verb.
+fn measuring(views: usize) -> String {
+    format!("{} {}", counted(views, "view"), if views == 1 { "measures" } else { "measure" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::plan::RegionKind;
+
+    #[test]
+    fn a_region_that_misses_its_target_is_not_told_with_the_share_of_the_target() {
+        let told = |measured_area_mm2: f64| {
+            let region = RegionCoverage {
+                name: "rim".to_owned(),
+                kind: RegionKind::Interest,
+                samples: 1,
+                asked_area_mm2: 1000.0,
+                coverable_area_mm2: 1000.0,
+                measured_area_mm2,
+                target: Some(0.9),
+                tolerance_mm: None,
+                min_tolerance_mm: 0.1,
+                missed_mm2: Vec::new(),
+                beyond_noise_area_mm2: 0.0,
+            };
+            let mut out = String::new();
+            write_regions(&mut out, &[region]).expect("a String takes all");
+            out
+        };
+        assert!(told(899.96).contains("89.99 %; target 90.00 %: NOT MET"), "{}", told(899.96));
+        assert!(told(900.0).contains("90.00 %; target 90.00 %: met"), "{}", told(900.0));
+        assert!(told(999.99).contains("99.99 %; target 90.00 %: met"), "{}", told(999.99));
+        assert_eq!((reached_percent(0.999_999, None), reached_percent(1.0, None)), ("99.99".to_owned(), "100.00".to_owned()));
+    }
+
+    #[test]
+    fn a_small_pose_error_keeps_its_digits_and_a_round_one_has_no_more() {
+        let sizes = |angle_deg, translation_mm| pose_error_sizes(&PoseErrorParams { angle_deg, translation_mm });
+        assert_eq!(sizes(1.0, 100.0), ["1", "100"]);
+        assert_eq!(sizes(0.004_691_357_8, 0.063_245_553_2), ["0.00469", "0.0632"]);
+        assert_eq!(sizes(0.0, 12.345), ["0", "12.3"]);
+    }
+
+    #[test]
+    fn one_view_measures_and_several_measure() {
+        assert_eq!([0, 1, 2].map(measuring), ["0 views measure", "1 view measures", "2 views measure"]);
+    }
 }

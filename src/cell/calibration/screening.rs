@@ -1,6 +1,7 @@
 //! Bad observations told from good ones: consensus of sets of four (M. A. Fischler, R. C. Bolles, *Random Sample Consensus*, Comm. ACM
 //! 24(6), 1981, with the bounded cost of P. H. S. Torr, A. Zisserman, *MLESAC*, CVIU 78(1), 2000), then a gate on χ² of six degrees,
-//! three times. A loss that bounds outliers alone was measured not to be enough. Costs 60 small refinements.
+//! three times. A loss that bounds outliers alone was measured not to be enough. Costs 60 small refinements; where deviations are
+//! estimated, also one of all observations for each dropped one that is tried again.
 
 use super::chi_squared::{exceedance, quantile};
 use super::data::{ChainEstimate, Sighting, Sigma, Weighting};
@@ -18,6 +19,8 @@ const GATES: usize = 3;
 const UNEXPLAINED_P: f64 = 1e-3;
 /// Ratio to the gate up to which a dropped observation is tried again.
 const MAX_READMITTED: f64 = 4.0;
+/// Dropped observations refused in a row after which the rest, which fits worse, is not tried: each try refines from all others.
+const MAX_REFUSED: usize = 32;
 /// Ratio of the residuals' median to the one expected beyond which the given deviations are taken for too small.
 const MAX_SCALE: f64 = 2.5;
 
@@ -209,7 +212,7 @@ impl Screening<'_> {
             .filter(|(square, _)| *square < MAX_READMITTED * quantile(FALSE_DROP, 6))
             .collect();
         dropped.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, index) in dropped {
+        offer(dropped.into_iter().map(|(_, index)| index), |index| {
             let mut is_used = screened.is_used.clone();
             is_used[index] = true;
             let used: Vec<Sighting> =
@@ -217,10 +220,10 @@ impl Screening<'_> {
             let problem = Adjustment { sightings: &used, free: self.free, prior: None };
             let refined = problem.refine_with_sigma(&screened.refined.estimate, &screened.refined.weighting);
             let is_inside = |refined: &Refined| self.own_square(refined, &self.sightings[index]) < quantile(FALSE_DROP, 6);
-            if let Some(refined) = refined.filter(is_inside) {
-                screened = Screened { refined, is_used, ..screened };
-            }
-        }
+            let Some(refined) = refined.filter(is_inside) else { return false };
+            screened = Screened { refined, is_used, ..screened };
+            true
+        });
         screened
     }
 
@@ -276,8 +279,39 @@ impl Screening<'_> {
     }
 }
 
+/// Offers observations in turn, until [`MAX_REFUSED`] in a row are not taken.
+fn offer(indices: impl Iterator<Item = usize>, mut is_taken: impl FnMut(usize) -> bool) {
+    let mut refused = 0;
+    for index in indices {
+        refused = if is_taken(index) { 0 } else { refused + 1 };
+        if refused == MAX_REFUSED {
+            break;
+        }
+    }
+}
+
 /// Deviations that a screening begins with where none are given.
 #[must_use]
 pub fn sigma_or_default(sigma: Option<Sigma>) -> Sigma {
     sigma.unwrap_or(Sigma::CALIBRATED_ARM)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_observations_are_tried_again_until_many_in_a_row_are_refused() {
+        let tried = |is_taken: &dyn Fn(usize) -> bool| {
+            let mut count = 0_usize;
+            offer(0..1000, |index| {
+                count += 1;
+                is_taken(index)
+            });
+            count
+        };
+        assert_eq!(tried(&|_| false), MAX_REFUSED, "the rest fits worse");
+        assert_eq!(tried(&|index| index == 20), 21 + MAX_REFUSED, "one that is taken changes what fits");
+        assert_eq!(tried(&|index| index % MAX_REFUSED == 0), 1000);
+    }
 }

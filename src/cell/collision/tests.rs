@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::solid::{Solid, near, parry_pose};
 use super::{CollisionScene, Contact, MetOnTable, PRIMES, halton};
 use crate::cell::body::{Body, LinkBody, Shape};
-use crate::cell::{Axes, Cell, Configuration, Presets, SpecLibrary};
+use crate::cell::{Axes, Cell, Configuration, LinkCapsule, Presets, RunoutHarmonic, SpecLibrary};
 use crate::geometry::{Mesh, Pose};
 use crate::testing::box_mesh;
 
@@ -330,16 +330,20 @@ fn ball_beside_upper_arm(cell: &Cell, off_axis_mm: f64) -> Body {
     }
 }
 
-#[test]
-fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
-    let bar = || LinkBody {
+/// A surface along the axis of the upper arm's capsule, 20 mm thick.
+fn bar() -> LinkBody {
+    LinkBody {
         link: 2,
         body: Body {
             name: "bar".into(),
             owner_from_body: Isometry3::identity(),
             shape: Shape::Mesh(Arc::new(box_mesh([-10.0, -137.0, 0.0], [10.0, -117.0, 380.0]))),
         },
-    };
+    }
+}
+
+#[test]
+fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
     let (capsules, mut cell) = (cell(), cell());
     cell.link_surfaces = vec![bar()];
     let mut swung = cell.home_rad;
@@ -369,16 +373,42 @@ fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
 }
 
 #[test]
+fn a_capsule_without_a_surface_decides_beside_one_of_its_link_that_has_some() {
+    let mut cell = cell();
+    let (from_mm, to_mm) = (Point3::new(100.0, -127.0, 150.0), Point3::new(100.0, -127.0, 230.0));
+    cell.robot.links.push(LinkCapsule { link: 2, name: "cover".into(), from_mm, to_mm, radius_mm: 10.0 });
+    cell.link_surfaces = vec![bar()];
+    // The first lies within the upper arm's capsule, beside its surface.
+    for (off_axis_mm, met) in [(60.0, None), (117.0, Some("cover and ball")), (125.0, None)] {
+        let cell = Cell { obstacles: vec![ball_beside_upper_arm(&cell, off_axis_mm)], ..cell.clone() };
+        let contact = CollisionScene::without_part(&cell, 5.0).check(&cell.home_rad).map(|contact| contact.to_string());
+        assert_eq!(contact.as_deref(), met, "{off_axis_mm}");
+    }
+}
+
+#[test]
+fn what_the_plate_runs_out_by_is_kept_free_beside_the_clearance() {
+    let part = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 100.0]);
+    let met = |gap_mm: f64, runout_mm: f64| {
+        let mut cell = cell();
+        cell.turntable.runout = vec![RunoutHarmonic { order: 1, cos: [0.0; 5], sin: [0.0, 0.0, runout_mm, 0.0, 0.0] }];
+        let beside_part = cell.base_from_table.isometry() * at(55.0 + gap_mm, 0.0, 60.0);
+        let shape = Shape::Capsule { radius_mm: 5.0, length_mm: 0.01 };
+        cell.obstacles = vec![Body { name: "ball".into(), owner_from_body: beside_part, shape }];
+        let whole = CollisionScene::new(&cell, &part, None, &Pose::identity(), 5.0);
+        let half = whole.with_half_clearance();
+        [whole, half].map(|scene| scene.check(&cell.home_rad).is_some())
+    };
+    assert_eq!(met(5.5, 0.0), [false, false]);
+    assert_eq!(met(5.5, 1.0), [true, false]);
+    assert_eq!(met(3.2, 0.0), [true, false]);
+    assert_eq!(met(3.2, 1.0), [true, true], "half of the clearance, and all of the runout");
+}
+
+#[test]
 fn a_surface_beside_a_surface_is_told_by_both() {
     let (mut cell, wall) = (cell(), box_mesh([-5.0, -300.0, -300.0], [5.0, 300.0, 300.0]));
-    cell.link_surfaces = vec![LinkBody {
-        link: 2,
-        body: Body {
-            name: "bar".into(),
-            owner_from_body: Isometry3::identity(),
-            shape: Shape::Mesh(Arc::new(box_mesh([-10.0, -137.0, 0.0], [10.0, -117.0, 380.0]))),
-        },
-    }];
+    cell.link_surfaces = vec![bar()];
     let upper_arm = cell.robot.link_frames(&cell.home_rad.joints_rad)[2];
     for (off_axis_mm, is_near) in [(40.0, false), (17.0, true), (0.0, true)] {
         let wall = Body {

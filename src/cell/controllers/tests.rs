@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::{ControllersSpec, TriggerSpec};
-use crate::cell::FieldError;
+use super::{ArmControllerSpec, ControllersSpec, TriggerSpec};
+use crate::cell::{Dialect, FieldError};
 
 fn whole() -> Value {
     json!({
@@ -63,6 +63,20 @@ fn values_out_of_range_are_named_by_their_pointer() {
     for address in ["[fe80::1]:10003", "robot.cell-3.plant:10003", "localhost:1"] {
         assert_eq!(refused("/arm/address", json!(address)), [""; 0], "{address}");
     }
+}
+
+#[test]
+fn the_maker_behind_a_protocol_has_a_language_of_its_own() {
+    let (ur, script) = ("10.0.0.2:30004", "10.0.0.2:30002");
+    let arms = [
+        json!({"protocol": "hans", "address": "10.0.0.2:10003"}),
+        json!({"protocol": "ur", "address": ur, "script_address": script, "reverse_address": "10.0.0.1:50001"}),
+        json!({"protocol": "fanuc_rmi", "address": "10.0.0.2:16001"}),
+        json!({"protocol": "kuka_rsi", "address": "10.0.0.1:49152"}),
+        json!({"protocol": "abb_egm", "address": "0.0.0.0:6510"}),
+    ];
+    let dialects = arms.map(|arm| serde_json::from_value::<ArmControllerSpec>(arm).expect("an arm").dialect());
+    assert_eq!(dialects, [Dialect::Hans, Dialect::Urscript, Dialect::Fanuc, Dialect::Krl, Dialect::Rapid]);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use crate::cli::files;
 use crate::cli::{CliError, output};
 use crate::geometry::{Board, Plate, Pose};
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::{MotionParams, PlanParams};
+use crate::planning::params::PlanParams;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
 use crate::program::{Program, compile};
 use crate::service::calibration_poses::{RoutedPoses, TooFewPoses, expected, route};
@@ -42,7 +42,7 @@ pub(super) struct PosesArgs {
     /// Height of the board above the plate, mm, 0 to 1000.
     #[arg(long, value_name = "MM", default_value_t = 10.0)]
     height: f64,
-    /// Distance that bodies keep, mm [default: that of plans].
+    /// Distance that bodies keep, mm, 1 to 200 [default: that of plans].
     #[arg(long, value_name = "MM")]
     clearance: Option<f64>,
     /// JSON file to write [default: standard output]. A program.json that goes to the poses, as the linter passed it, is written
@@ -96,6 +96,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
     if !(0.0..=1000.0).contains(&args.height) {
         return Err(CliError::BadInput(format!("--height: is {} mm; allowed is 0 to 1000 mm", args.height)));
     }
+    let params = params(args.clearance)?;
     let cell = cell(&args.cell)?;
     let BoardSize(size_mm) = args.board;
     let frame = cell.scanner.cloud_frame.unwrap_or(CloudFrameSpec::Named(CloudFrame::Scanner));
@@ -103,12 +104,10 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
         cell: &cell,
         board: PlannedBoard { size_mm, plate_from_board: board_on_plate(size_mm, args.height) },
         sigma: Sigma::CALIBRATED_ARM,
-        clearance_mm: args.clearance.unwrap_or(MotionParams::default().clearance_mm),
+        clearance_mm: params.motion.clearance_mm,
         scanner_from_cloud: frame.scanner_from_cloud(&cell.scanner.devices),
     };
     let (count, hold_out) = (usize::from(args.count), usize::from(args.hold_out));
-    let mut params = PlanParams::default();
-    params.motion.clearance_mm = planner.clearance_mm;
     let (never, scene) = (AtomicBool::new(false), planner.scene());
     let ctx = Context::new(&never, &Silent);
     let routed = route(&planner, &scene, (count, hold_out), &params, &ctx);
@@ -126,6 +125,17 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
         program.write(path, &bytes, args.program)?;
     }
     output::result(&document, text(&document))
+}
+
+/// Parameters with the clearance that `--clearance` gives, which is in the range of plans.
+fn params(clearance: Option<f64>) -> Result<PlanParams, CliError> {
+    let mut params = PlanParams::default();
+    params.motion.clearance_mm = clearance.unwrap_or(params.motion.clearance_mm);
+    params.check().map_err(|errors| {
+        let details: Vec<&str> = errors.iter().map(|error| error.detail.as_str()).collect();
+        CliError::BadInput(format!("--clearance: {}", details.join("; ")))
+    })?;
+    Ok(params)
 }
 
 /// Program through the poses, with the files of its languages.
@@ -207,7 +217,17 @@ fn text(document: &CalibrationPosesDocument) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::BoardSize;
+    use super::{BoardSize, params};
+
+    #[test]
+    fn a_clearance_out_of_range_is_told_the_range() {
+        for clearance in [-5.0, 0.5, 201.0, f64::NAN] {
+            let refused = params(Some(clearance)).expect_err("out of range").to_string();
+            assert!(refused.starts_with("--clearance: is ") && refused.contains("allowed is 1 to 200 mm"), "{refused}");
+        }
+        let kept = |clearance: Option<f64>| params(clearance).expect("in range").motion.clearance_mm;
+        assert_eq!((kept(Some(12.5)), kept(None)), (12.5, 5.0));
+    }
 
     #[test]
     fn a_board_out_of_range_is_told_the_range() {

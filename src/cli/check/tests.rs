@@ -98,6 +98,24 @@ fn a_doubtful_value_is_an_error_with_strict_alone() {
 }
 
 #[test]
+fn a_controller_of_another_maker_than_the_robot_is_doubted() {
+    let folder = Folder::new();
+    let with_arm = |name: &str, arm: &str| {
+        let table = "[controllers.table]\nprotocol = \"minas_a6\"\naddress = \"tcp://10.0.0.3:502\"\nunits_per_turn = 1_600_000\n\
+                     gear_ratio = 40.0\n";
+        let cell = preset_text(SpecKind::Cell, "e05-transcan").expect("preset");
+        let path = folder.file(name, &format!("{cell}\n{table}[controllers.arm]\n{arm}"));
+        path.display().to_string()
+    };
+    let own = with_arm("own.toml", "protocol = \"hans\"\naddress = \"10.0.0.2:10003\"\n");
+    assert_eq!(check(&[&own, "--strict"]), Ok(()));
+    let other = with_arm("other.toml", "protocol = \"fanuc_rmi\"\naddress = \"10.0.0.2:16001\"\n");
+    assert_eq!(check(&[&other]), Ok(()), "a doubt alone");
+    let strict = check(&[&other, "--strict"]).expect_err("refused");
+    assert!(strict.contains("/controllers/arm/protocol: is fanuc_rmi, of another maker than robot hans-e05"), "{strict}");
+}
+
+#[test]
 fn all_files_are_checked_and_all_findings_told() {
     let folder = Folder::new();
     let first = folder.file("a.toml", "[motion]\nclearance_mm = 0.0\n");

@@ -50,3 +50,9 @@ fn the_table_has_a_line_a_part() {
                   lid.stl          –           –                      –  no plan\n";
     assert_eq!(told, wanted);
 }
+
+#[test]
+fn a_share_below_the_whole_is_not_rounded_up_to_it() {
+    let told = |of_visible: f64| table(&[PartRow { of_visible: Some(of_visible), ..row("lid.stl", None) }]);
+    assert!(told(0.999_96).contains(" 99.99 %") && told(1.0).contains(" 100.00 %"), "{}", told(0.999_96));
+}

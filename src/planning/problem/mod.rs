@@ -137,8 +137,7 @@ impl ViewPlanningProblem<'_> {
 
     /// The one of the `known` candidates that a candidate is, or that was slid to it.
     pub(in crate::planning) fn original_of(&self, candidate: CandidateIndex, known: KnownCandidates) -> Option<CandidateIndex> {
-        let from = |candidate: &CandidateIndex| self.candidates[*candidate].slid_from;
-        std::iter::successors(Some(candidate), from).find(|candidate| candidate.index() < known.remaining)
+        first_known(candidate, |candidate| self.candidates[*candidate].slid_from, known.remaining)
     }
 
     /// Takes out the candidates that joined the `known` ones.
@@ -337,6 +336,15 @@ impl ViewPlanningProblem<'_> {
     }
 }
 
+/// The first of a candidate and those that it was slid from, one from another, that is among the first `known` ones.
+fn first_known(
+    candidate: CandidateIndex,
+    slid_from: impl FnMut(&CandidateIndex) -> Option<CandidateIndex>,
+    known: usize,
+) -> Option<CandidateIndex> {
+    std::iter::successors(Some(candidate), slid_from).find(|candidate| candidate.index() < known)
+}
+
 /// Area of a region that views have to measure: the target's share of the asked area, by which the outcome judges it, where so
 /// much counts for `selection.target_of`; else that share of what counts, so that the goal can be met.
 fn needed_mm2(target: f64, asked_mm2: f64, counted_mm2: f64) -> f64 {
@@ -346,7 +354,16 @@ fn needed_mm2(target: f64, asked_mm2: f64, counted_mm2: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::needed_mm2;
+    use super::{CandidateIndex, first_known, needed_mm2};
+
+    #[test]
+    fn a_candidate_that_was_slid_twice_is_led_back_to_the_one_that_was_known() {
+        // Two are known; the third was slid from the second, the fourth from the third, and the last joined by itself.
+        let slid_from = |candidate: &CandidateIndex| [None, None, Some(1), Some(2), None][candidate.index()].map(CandidateIndex);
+        let led_back = |candidate: u32| first_known(CandidateIndex(candidate), slid_from, 2).map(|known| known.0);
+        assert_eq!([0, 1, 2, 3, 4].map(led_back), [Some(0), Some(1), Some(1), Some(1), None]);
+        assert_eq!(first_known(CandidateIndex(3), slid_from, 3), Some(CandidateIndex(2)), "the nearest that is known");
+    }
 
     #[test]
     fn a_region_asks_for_its_asked_area_where_views_can_measure_that_and_for_what_they_can_elsewhere() {

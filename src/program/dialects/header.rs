@@ -8,7 +8,10 @@ use super::{CheckedWith, Job};
 /// units and on how the table is moved; `extra` is what else has to be known.
 pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, extra: &[&str]) -> Vec<String> {
     let (program, cell) = (job.program, job.cell);
-    let views = job.actions.iter().filter(|action| matches!(action, Action::Scan { .. })).count();
+    let scans = match job.actions.iter().filter(|action| matches!(action, Action::Scan { .. })).count() {
+        1 => "1 scan".to_owned(),
+        scans => format!("{scans} scans"),
+    };
     let checked = match job.checked_with {
         CheckedWith::Part => "Checked in the model of the cell with the part in it: limits, speeds, collisions.",
         CheckedWith::CellAlone => {
@@ -18,7 +21,7 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
     let mut lines = vec![format!("Vantage scan program. File name: {file}")];
     lines.extend(origin(job));
     lines.extend([
-        format!("Setup {}, {views} scans, predicted cycle {:.1} s", program.setup + 1, program.cycle_secs),
+        format!("Setup {}, {scans}, predicted cycle {:.1} s", program.setup + 1, program.cycle_secs),
         format!("Cell {}, robot {}, turntable {}", cell.name, cell.robot.name, cell.turntable.name),
         format!("Units: {units}"),
         "WARNING: not safety-rated. Guarding, speed limits and stops belong to the cell's safety system.".to_owned(),

@@ -12,12 +12,13 @@ use crate::cell::Configuration;
 
 /// The procedure has the module's name and this, within 32 characters.
 const RUN: &str = "_run";
-const NAME: NameRule = NameRule { longest: 32 - RUN.len(), reserved: &RESERVED };
+const NAME: NameRule = NameRule { longest: 32 - RUN.len(), reserved: RESERVED };
 /// Reserved words, and what no module should be called.
-const RESERVED: [&str; 54] = [
+const RESERVED: &[&str] = &[
     "ALIAS",
     "AND",
     "BACKWARD",
+    "BASE",
     "CASE",
     "CONNECT",
     "CONST",
@@ -61,14 +62,20 @@ const RESERVED: [&str; 54] = [
     "RETURN",
     "STEP",
     "SYSMODULE",
+    "TASK",
     "TEST",
     "THEN",
     "TO",
     "TRAP",
     "TRUE",
     "TRYNEXT",
+    "UNDO",
+    "USER",
     "VAR",
+    "VIEWONLY",
     "WHILE",
+    "WITH",
+    "XOR",
 ];
 /// An external axis that is not there.
 const ABSENT: &str = "9E9";

@@ -64,6 +64,25 @@ fn rendered(program: &Program, cell: &Cell, dialect: Dialect, params: &DialectPa
 }
 
 #[test]
+fn no_module_is_named_by_a_word_of_its_language() {
+    let cell = cell();
+    let program = program(&cell);
+    let first_line = |dialect: Dialect, name: &str, start: &str| {
+        let params = DialectParams { program_name: name.to_owned(), ..params() };
+        let text = rendered(&program, &cell, dialect, &params).expect("renders").remove(0);
+        text.lines().find(|line| line.starts_with(start)).unwrap_or_else(|| panic!("no {start:?} in\n{text}")).to_owned()
+    };
+    for name in ["trigger", "then", "spline", "until", "cell", "true"] {
+        assert_eq!(first_line(Dialect::Krl, name, "DEF "), format!("DEF V_{}( )", name.to_uppercase()));
+    }
+    for name in ["with", "undo", "xor", "viewonly", "user"] {
+        assert_eq!(first_line(Dialect::Rapid, name, "MODULE "), format!("MODULE v_{name}"));
+    }
+    assert_eq!(first_line(Dialect::Krl, "triggers", "DEF "), "DEF TRIGGERS( )");
+    assert_eq!(first_line(Dialect::Rapid, "without", "MODULE "), "MODULE without");
+}
+
+#[test]
 fn names_become_identifiers_of_each_length() {
     let rule = |longest| NameRule { longest, reserved: &["MODULE", "MODULE_2"] };
     for (name, setup, longest, wanted) in [
@@ -314,6 +333,15 @@ fn is_line_number(word: &str) -> bool {
 }
 
 /// The cycle that a summary tells is the one that the operator reads at the head of the program.
+#[test]
+fn one_scan_is_no_scans_in_the_header() {
+    let cell = cell();
+    for dialect in Dialect::ALL {
+        let text = rendered(&program(&cell), &cell, dialect, &params()).expect("renders").remove(0);
+        assert!(dialect == Dialect::Csv || text.contains("Setup 1, 1 scan, predicted"), "{text}");
+    }
+}
+
 #[test]
 fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     let cell = cell();

@@ -91,7 +91,8 @@ pub(in crate::report) fn triple(values: [f64; 3], decimals: usize) -> String {
 
 /// Formats a duration in seconds, or in minutes and seconds.
 pub(in crate::report) fn duration(secs: f64) -> String {
-    if secs < 100.0 {
+    // No more than 99.9 with one decimal.
+    if secs < 99.95 {
         return format!("{}\u{a0}s", number(secs, 1));
     }
     let whole = secs.round() as u64;

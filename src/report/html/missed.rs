@@ -8,11 +8,12 @@ use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, unmeasured};
 use super::words;
 use crate::geometry::SimdLevel;
+use crate::planning::params::SelectionGoal;
 use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::summary::further_setup;
-use crate::wire::words::{rounded_down_deg, turn_phrase};
+use crate::wire::words::{counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
 struct FixGroup {
@@ -115,11 +116,15 @@ fn unnumbered(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     }
     let numbered_mm2: f64 = spots.iter().map(|spot| spot.spot.area_mm2).sum();
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
+    let of_asked = percent(share((missed_mm2 - numbered_mm2).max(0.0), plan.coverage.asked_area_mm2));
+    format!("<p class=\"soft\" style=\"margin-top:8px\">{}</p>\n", without_number(all - spots.len(), &of_asked))
+}
+
+fn without_number(spots: usize, of_asked: &str) -> String {
+    let (together, are) = if spots == 1 { ("", "is") } else { (" together", "are") };
     format!(
-        "<p class=\"soft\" style=\"margin-top:8px\">{} smaller spots without a number, {} of the asked area together, are listed in \
-         <code>missed.json</code>.</p>\n",
-        number((all - spots.len()) as f64, 0),
-        percent(share((missed_mm2 - numbered_mm2).max(0.0), plan.coverage.asked_area_mm2))
+        "{} without a number, {of_asked} of the asked area{together}, {are} listed in <code>missed.json</code>.",
+        counted(spots, "smaller spot")
     )
 }
 
@@ -134,10 +139,10 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
                 let action = words::capitalised(turn.as_deref().unwrap_or("turn it onto another side"));
                 (format!("{action} and scan again"), turned(turn.as_deref()), true)
             }
-            RemedyKind::View if plan.stopped_because == StopReason::Growth => {
-                told("Choose more views, which add less than selection.min_growth", "--set selection.min_growth=0.0")
+            RemedyKind::View => {
+                let (action, options) = more_views(plan.stopped_because, plan.params.selection.goal);
+                told(action, options)
             }
-            RemedyKind::View => told("Choose more views: raise selection.target or selection.max_views", ""),
             RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses", ""),
             RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses", ""),
             RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses", ""),
@@ -146,21 +151,35 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
                 ("No fix found: up to 8 of the views tried together see less than half of it".to_owned(), String::new(), false)
             }
         },
-        None => match MissGroup::of(spot.cause) {
-            MissGroup::Resting if spot.cause != Cause::Enclosed => {
-                ("Turn the part over: it stands on this surface, or the surface faces the table".to_owned(), turned(None), true)
-            }
-            MissGroup::Shadow
-            | MissGroup::Incidence
-            | MissGroup::Facing
-            | MissGroup::Frame
-            | MissGroup::Depth
-            | MissGroup::Reach
-            | MissGroup::Resting
-            | MissGroup::NotChosen => {
-                ("No fix was searched for: only the largest spots are tried".to_owned(), String::new(), false)
+        None if matches!(spot.cause, Cause::ExcludedResting | Cause::FacesTable) => {
+            ("Turn the part over: it stands on this surface, or the surface faces the table".to_owned(), turned(None), true)
+        }
+        None => (unsearched(spot.cause, plan.params.missed.remedies).to_owned(), String::new(), false),
+    }
+}
+
+/// Action by which a plan chooses more of the views that it has, with the options for it: it changes the rule that ended the choice.
+fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> (&'static str, &'static str) {
+    match stopped_because {
+        StopReason::Growth => ("Choose more views, which add less than selection.min_growth", "--set selection.min_growth=0.0"),
+        StopReason::MaxViews => ("Choose more views: raise selection.max_views", ""),
+        StopReason::Target | StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => match goal {
+            SelectionGoal::BestCoverage => ("Choose more views: raise selection.max_views", ""),
+            SelectionGoal::FewestViews | SelectionGoal::MinTime => {
+                ("Choose more views: raise selection.target or selection.max_views", "")
             }
         },
+    }
+}
+
+/// Says why no fix was searched for a spot.
+fn unsearched(cause: Cause, remedies: u32) -> &'static str {
+    match (cause, remedies) {
+        (Cause::AtRisk, _) => {
+            "No fix was searched for: views measure it, but what is at risk does not count (realism.count_at_risk)"
+        }
+        (_, 0) => "No fix was searched for (missed.remedies = 0)",
+        _ => "No fix was searched for: only the largest spots are tried",
     }
 }
 
@@ -219,11 +238,40 @@ fn ranges(numbers: &[usize]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::ranges;
+    use super::*;
 
     #[test]
     fn runs_of_numbers_are_joined() {
         assert_eq!(ranges(&[1, 2, 3, 4, 7, 9, 10]), "1–4, 7, 9–10");
         assert_eq!((ranges(&[5]), ranges(&[])), ("5".to_owned(), String::new()));
+    }
+
+    #[test]
+    fn more_views_are_asked_for_by_the_rule_that_ended_the_choice() {
+        let fewest = |stopped_because: StopReason| more_views(stopped_because, SelectionGoal::FewestViews);
+        let (action, options) = fewest(StopReason::Growth);
+        assert!(action.contains("selection.min_growth") && options == "--set selection.min_growth=0.0", "{action}");
+        assert_eq!(fewest(StopReason::MaxViews).0, "Choose more views: raise selection.max_views");
+        assert_eq!(fewest(StopReason::Target).0, "Choose more views: raise selection.target or selection.max_views");
+        let best = more_views(StopReason::NoGain, SelectionGoal::BestCoverage).0;
+        assert!(!best.contains("selection.target"), "targets do not count: {best}");
+    }
+
+    #[test]
+    fn a_spot_without_a_search_says_why() {
+        assert!(unsearched(Cause::Facing, 8).ends_with("only the largest spots are tried"));
+        assert!(unsearched(Cause::Facing, 0).ends_with("(missed.remedies = 0)"));
+        for remedies in [0, 8] {
+            assert!(unsearched(Cause::AtRisk, remedies).ends_with("(realism.count_at_risk)"), "size is not the reason");
+        }
+    }
+
+    #[test]
+    fn spots_without_a_number_are_counted_in_one_and_in_many() {
+        let listed = "listed in <code>missed.json</code>.";
+        let one = without_number(1, "0.02 %");
+        assert_eq!(one, format!("1 smaller spot without a number, 0.02 % of the asked area, is {listed}"));
+        let two = without_number(2, "0.02 %");
+        assert_eq!(two, format!("2 smaller spots without a number, 0.02 % of the asked area together, are {listed}"));
     }
 }

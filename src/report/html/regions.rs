@@ -6,6 +6,7 @@ use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
 use crate::rendering::{Ink, MissGroup};
+use crate::report::text::reached_percent;
 use crate::wire::words::{NOTHING_IN_REGION, noise_remark};
 
 /// The section; empty if there are no regions.
@@ -51,6 +52,7 @@ fn row(region: &RegionCoverage) -> String {
         Some(false) => "<b>Not met</b>",
         None => "—",
     };
+    let reached = reached_percent(region.of_asked(), region.target) + "\u{a0}%";
     format!(
         "<tr><td><b>{}</b><br/><span class=\"soft\">{kind}{tolerance}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
          <td class=\"n\">{}</td><td class=\"n\">{}</td><td>{verdict}</td><td>{}</td></tr>\n",
@@ -58,7 +60,7 @@ fn row(region: &RegionCoverage) -> String {
         area(region.asked_area_mm2),
         number(region.samples as f64, 0),
         region.target.map_or_else(|| "—".to_owned(), percent),
-        percent(region.of_asked()),
+        reached,
         misses(region)
     )
 }
@@ -76,4 +78,29 @@ fn misses(region: &RegionCoverage) -> String {
     };
     let misses: Vec<String> = region.missed_mm2.iter().map(miss).collect();
     if misses.is_empty() { "Nothing".to_owned() } else { misses.join("<br/>") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_region_below_its_target_shows_less_than_the_target() {
+        let region = RegionCoverage {
+            name: "rim".to_owned(),
+            kind: RegionKind::Interest,
+            samples: 90,
+            asked_area_mm2: 1000.0,
+            coverable_area_mm2: 1000.0,
+            measured_area_mm2: 899.96,
+            target: Some(0.9),
+            tolerance_mm: None,
+            min_tolerance_mm: 0.1,
+            missed_mm2: Vec::new(),
+            beyond_noise_area_mm2: 0.0,
+        };
+        let row = row(&region);
+        let (target, reached) = ("<td class=\"n\">90.00\u{a0}%</td>", "<td class=\"n\">89.99\u{a0}%</td>");
+        assert!(row.contains(&format!("{target}{reached}<td><b>Not met</b></td>")), "{row}");
+    }
 }

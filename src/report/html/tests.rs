@@ -23,6 +23,8 @@ fn markup_neutralises_text_and_reads_numbers_out() {
     assert_eq!((number(-0.001, 1), number(999.0, 0)), ("0.0".into(), "999".into()));
     assert_eq!((area(12.34), area(12345.6)), ("12.3\u{a0}mm²".into(), "12\u{202f}346\u{a0}mm²".into()));
     assert_eq!((duration(42.04), duration(143.2)), ("42.0\u{a0}s".into(), "2\u{a0}min 23\u{a0}s".into()));
+    assert_eq!((duration(99.94), duration(99.96)), ("99.9\u{a0}s".into(), "1\u{a0}min 40\u{a0}s".into()));
+    assert_eq!((duration(119.6), duration(3600.0)), ("2\u{a0}min 0\u{a0}s".into(), "60\u{a0}min 0\u{a0}s".into()));
 }
 
 #[test]

@@ -5,8 +5,9 @@ use super::ReportInput;
 use super::markup::{duration, escape, number, percent, prose};
 use super::sections::digest;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Drawn, Robust};
+use crate::planning::plan::{Bound, Drawn, Robust};
 use crate::planning::sequence::Sequence;
+use crate::report::text::pose_error_sizes;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{at_risk_sentence, counted};
@@ -44,16 +45,9 @@ fn independent(input: &ReportInput<'_>) -> String {
 }
 
 fn bounds(input: &ReportInput<'_>) -> String {
-    let bound = &input.outcome.plan.bound;
-    let views = counted(bound.views_lower as usize, "view");
-    let proved = match bound.gap {
-        0 => format!("No choice from the same viewpoints reaches as much with fewer than {views}: the number is proven best."),
-        gap if input.outcome.plan.executed_views() < input.outcome.plan.views.len() => format!(
-            "At least {views} of the viewpoints considered are needed for what the chosen views measure, those without a path among \
-             them; {gap} more were chosen."
-        ),
-        gap => format!("At least {views} of the viewpoints considered are needed for as much; the plan has {gap} more."),
-    };
+    let plan = &input.outcome.plan;
+    let bound = &plan.bound;
+    let proved = proved(bound, plan.executed_views() == plan.views.len());
     let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
         format!(
             " Of the samples that views are chosen on, no choice of as many views measures more than {} more of the asked area: at most \
@@ -63,6 +57,25 @@ fn bounds(input: &ReportInput<'_>) -> String {
         )
     });
     format!("<p>{proved}{area}</p>\n")
+}
+
+/// Says how many views any choice needs for what the chosen ones measure, which is more than the plan does where some have no path.
+fn proved(bound: &Bound, have_all_a_path: bool) -> String {
+    let views = counted(bound.views_lower as usize, "view");
+    match (bound.gap, have_all_a_path) {
+        (0, true) => {
+            format!("No choice from the same viewpoints reaches as much with fewer than {views}: the number is proven best.")
+        }
+        (0, false) => format!(
+            "No choice from the same viewpoints measures with fewer than {views} what the chosen views do, those without a path among \
+             them: the number is proven best."
+        ),
+        (gap, true) => format!("At least {views} of the viewpoints considered are needed for as much; the plan has {gap} more."),
+        (gap, false) => format!(
+            "At least {views} of the viewpoints considered are needed for what the chosen views measure, those without a path among \
+             them; {gap} more were chosen."
+        ),
+    }
 }
 
 /// Bound of the cycle; empty without a cell.
@@ -126,13 +139,12 @@ fn under_pose_errors(robust: &Robust) -> String {
             .map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
         format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
     };
+    let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
     format!(
-        "<h3>Coverage under pose errors</h3>\n<p>Measured share of the asked area if poses are off by {}° about a random axis and by \
-         {}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
+        "<h3>Coverage under pose errors</h3>\n<p>Measured share of the asked area if poses are off by {angle_deg}° about a random axis \
+         and by {shift_mm}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
          <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th>\
          <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}{}</tbody></table></div>\n",
-        number(robust.pose_error.angle_deg, 2),
-        number(robust.pose_error.translation_mm, 2),
         row("Every view, independently", &robust.views),
         row("The part as a whole", &robust.part),
         row("The hand-eye calibration, the same in every view", &robust.hand_eye),
@@ -151,4 +163,22 @@ fn fragile(params: &PlanParams, robust: &Robust) -> String {
             prose(&warning.remedy)
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_of_views_without_a_path_is_not_one_of_what_the_plan_reaches() {
+        let told = |gap: u32, have_all_a_path: bool| {
+            proved(&Bound { views_lower: 3, gap, of_asked_upper: None, gap_of_asked: None }, have_all_a_path)
+        };
+        assert!(told(0, true).starts_with("No choice from the same viewpoints reaches as much with fewer than 3 views:"));
+        for gap in [0, 2] {
+            let told = told(gap, false);
+            assert!(told.contains("those without a path among them") && !told.contains("as much"), "{told}");
+        }
+        assert!(told(2, true).ends_with("the plan has 2 more."), "{}", told(2, true));
+    }
 }

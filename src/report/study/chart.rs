@@ -6,7 +6,8 @@ use super::svg::Svg;
 use crate::planning::plan::Grade;
 use crate::planning::studies::{Series, Study, StudyStep};
 use crate::rendering::Ink;
-use crate::report::html::markup::number;
+use crate::report::html::markup::{number, percent};
+use crate::wire::words::counted;
 
 /// Max labels along the axis of views.
 const MAX_TICKS: usize = 15;
@@ -15,10 +16,6 @@ const MIN_LABELLED_SHARE: f64 = 0.055;
 /// Grades with their names, and the class of text on their colours.
 const GRADES: [(Grade, &str, &str); 4] =
     [(Grade::A, "A", "light"), (Grade::B, "B", "dark"), (Grade::C, "C", "dark"), (Grade::D, "D", "dark")];
-
-fn percent(share: f64) -> String {
-    format!("{}\u{a0}%", number(100.0 * share, 2))
-}
 
 /// Plots coverage of the asked area against the number of views.
 #[must_use]
@@ -31,13 +28,13 @@ pub fn coverage_svg(input: &StudyInput<'_>) -> String {
     let spoken: Vec<String> =
         series.iter().map(|series| format!("{}: {}", series.label, percent(series.after(input.at).of_asked))).collect();
     let title = format!("{}: coverage against the number of views", heading(input));
-    let description = format!("{title}. After {} views {}", input.at, spoken.join("; "));
+    let description = format!("{title}. After {} {}", counted(input.at, "view"), spoken.join("; "));
     let mut svg = Svg::new(WIDTH, plot.height, &title, &description);
     plot.axes(&mut svg, input.at);
     for (number, series) in series.iter().enumerate() {
         plot.curve(&mut svg, number, series);
     }
-    svg.text(LEGEND, TOP - 6.0, "", &format!("after {} views, % of the asked area", input.at));
+    svg.text(LEGEND, TOP - 6.0, "", &format!("after {}, % of the asked area", counted(input.at, "view")));
     for (number, series) in series.iter().enumerate() {
         legend_entry(&mut svg, number, series, input.at);
     }
@@ -94,7 +91,7 @@ impl Plot {
         let points: Vec<[f64; 2]> = series.steps.iter().zip(1..).map(at).collect();
         svg.series(number, &points);
         for ((point, step), views) in points.iter().zip(&series.steps).zip(1..) {
-            svg.point(number, *point, &format!("{}: {views} views, {}", series.label, percent(step.of_asked)));
+            svg.point(number, *point, &format!("{}: {}, {}", series.label, counted(views, "view"), percent(step.of_asked)));
         }
     }
 }
@@ -120,7 +117,7 @@ pub fn grades_svg(input: &StudyInput<'_>) -> String {
     const LABELS: f64 = 232.0;
     let series = &input.findings.series;
     let (width, foot) = (WIDTH - LABELS - 40.0, 84.0 + PITCH * series.len() as f64);
-    let title = format!("{}: grades after {} views", heading(input), input.at);
+    let title = format!("{}: grades after {}", heading(input), counted(input.at, "view"));
     let spoken: Vec<String> = series.iter().map(|series| spoken_grades(series, input.at)).collect();
     let mut svg = Svg::new(WIDTH, foot + 58.0, &title, &format!("{title}. {}", spoken.join("; ")));
     grade_legend(&mut svg, LABELS);

@@ -6,7 +6,7 @@ use crate::planning::plan::StopReason;
 use crate::planning::studies::{Series, Study};
 use crate::report::html::markup::{escape, number, percent};
 use crate::report::html::page::document;
-use crate::wire::words::changed_params;
+use crate::wire::words::{changed_params, counted};
 
 /// Renders the page.
 #[must_use]
@@ -69,11 +69,11 @@ fn table(input: &StudyInput<'_>) -> String {
     let rows: Vec<String> = input.findings.series.iter().map(|series| row(input, series)).collect();
     format!(
         "<section>\n<h2>Results</h2>\n<div class=\"card scroll\"><table>\n<thead><tr><th>{}</th><th class=\"n\">Candidates</th>\
-         <th class=\"n\">Coverable</th><th class=\"n\">Views for the goal</th><th class=\"n\">After {} views</th>\
+         <th class=\"n\">Coverable</th><th class=\"n\">Views for the goal</th><th class=\"n\">After {}</th>\
          <th class=\"n\">A</th><th class=\"n\">B</th><th class=\"n\">C</th><th class=\"n\">D</th><th>Ended after</th></tr></thead>\n\
          <tbody>\n{}</tbody></table></div>\n</section>\n",
         input.varied(),
-        input.at,
+        counted(input.at, "view"),
         rows.concat()
     )
 }
@@ -91,7 +91,8 @@ fn row(input: &StudyInput<'_>, series: &Series) -> String {
         StopReason::MaxViews => "limit of views",
         StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => "nothing left to gain",
     };
-    format!("<tr><td>{}</td>{}<td>{} views: {reason}</td></tr>\n", escape(&series.label), figures.concat(), series.steps.len())
+    let views = counted(series.steps.len(), "view");
+    format!("<tr><td>{}</td>{}<td>{views}: {reason}</td></tr>\n", escape(&series.label), figures.concat())
 }
 
 fn skipped(input: &StudyInput<'_>) -> String {

@@ -3,7 +3,7 @@
 use super::StudyInput;
 use crate::planning::studies::{Series, Study};
 use crate::wire::csv::Csv;
-use crate::wire::words::fixed;
+use crate::wire::words::{counted, fixed, percent_below};
 
 const STEP_COLUMNS: [&str; 11] = [
     "candidates",
@@ -45,14 +45,15 @@ pub fn csv(input: &StudyInput<'_>) -> String {
 #[must_use]
 pub fn text(input: &StudyInput<'_>) -> String {
     let width = input.findings.series.iter().map(|series| series.label.chars().count()).max().unwrap_or_default();
-    let (width, percent) = (width.max(input.varied().len()), |share: f64| fixed(100.0 * share, 2));
-    let mut out = format!("{:width$}  candidates  coverable %  views for goal  after {} views %", input.varied(), input.at);
+    let (width, percent) = (width.max(input.varied().len()), |share: f64| percent_below(share, 1.0, 2));
+    let after = format!("after {} %", counted(input.at, "view"));
+    let mut out = format!("{:width$}  candidates  coverable %  views for goal  {after}", input.varied());
     out += "      A      B      C      D\n";
     for series in &input.findings.series {
         let (step, views) = (series.after(input.at), input.views_for_goal(series));
         let views = views.map_or_else(|| "–".to_owned(), |views| views.to_string());
         out += &format!("{:width$}  {:>10}  {:>11}", series.label, series.candidates, percent(series.coverable_of_asked));
-        out += &format!("  {views:>14}  {:>1$}", percent(step.of_asked), 14 + input.at.to_string().len());
+        out += &format!("  {views:>14}  {:>1$}", percent(step.of_asked), after.len());
         out += &step.grades.map(|share| format!(" {:>6}", percent(share))).concat();
         out.push('\n');
     }

@@ -80,3 +80,20 @@ fn the_page_holds_both_plots_and_the_table() {
         assert!(page.contains(wanted), "{wanted:?} is not in\n{page}");
     }
 }
+
+#[test]
+fn a_share_below_the_whole_is_not_rounded_up_to_it_and_one_view_is_no_views() {
+    let (findings, params) = (
+        StudyResult { study: Study::Weights, series: vec![series("a = 1", &[0.99996])], skipped: Vec::new() },
+        PlanParams::default(),
+    );
+    let input =
+        StudyInput { findings: &findings, params: &params, part_name: "part.stl", scanner_name: "rig", cell_name: None, at: 1 };
+    for told in [text(&input), coverage_svg(&input), html(&input)] {
+        assert!(told.contains("99.99") && !told.contains("1 views"), "{told}");
+        assert!(told.contains("after 1 view") || told.contains("After 1 view"), "{told}");
+    }
+    assert!(html(&input).contains("<td>1 view: limit of views</td>"), "{}", html(&input));
+    assert_eq!(text(&input).matches("100.00").count(), 1, "what can be measured: {}", text(&input));
+    assert!(!coverage_svg(&input).contains("100.00"), "{}", coverage_svg(&input));
+}

@@ -113,7 +113,7 @@ impl BundleState {
         Self { lens, device_from_left, left_from_board }
     }
 
-    /// PixelResidual of a sighting, observed minus computed, px; `None` behind the device.
+    /// Residual of a sighting, observed minus computed, px; `None` behind the device.
     pub(super) fn residual(&self, view: usize, device: usize, sighting: &DeviceSighting) -> Option<Vector2<f64>> {
         let point = self.device_from_left[device] * (self.left_from_board[view] * sighting.board_mm);
         (point.z > NEAREST_MM).then(|| sighting.pixel - self.lens[device].project(&point))

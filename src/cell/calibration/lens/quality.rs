@@ -28,7 +28,7 @@ const MAX_LEFT_OUT: f64 = 0.2;
 pub struct ViewQuality {
     /// Its name.
     pub id: String,
-    /// PixelResidual of each device, root mean square of all sightings, px; `None` where the device does not see the board.
+    /// Residual of each device, root mean square of all sightings, px; `None` where the device does not see the board.
     pub rms_px: PerDevice<Option<f64>>,
     /// Sightings left out.
     pub left_out: usize,
