@@ -90,6 +90,10 @@ pub(super) struct ConnectionSlot {
     pub(super) writing: Arc<AtomicBool>,
     /// Time of the last progress of a body, milliseconds since `began`.
     progress_millis: AtomicU64,
+    /// Number of requests that were begun.
+    begun: AtomicU64,
+    /// Number of requests whose response was handed over whole, to be written.
+    ended: AtomicU64,
 }
 
 impl ConnectionLimiter {
@@ -161,9 +165,16 @@ impl Table {
         exceeded: Option<ExceededLimit>,
     ) -> Arc<ConnectionSlot> {
         let id = self.next();
-        let (writing, progress_millis) = (Arc::default(), AtomicU64::new(0));
-        let slot =
-            Arc::new(ConnectionSlot { id, exceeded, limiter: limiter.clone(), evicted: Notify::new(), writing, progress_millis });
+        let slot = Arc::new(ConnectionSlot {
+            id,
+            exceeded,
+            limiter: limiter.clone(),
+            evicted: Notify::new(),
+            writing: Arc::default(),
+            progress_millis: AtomicU64::new(0),
+            begun: AtomicU64::new(0),
+            ended: AtomicU64::new(0),
+        });
         self.held[pool as usize] += 1;
         let occupancy = self.occupancy(address, pool);
         occupancy.held += 1;
@@ -303,8 +314,19 @@ impl ConnectionSlot {
 
     /// Marks the beginning of a request.
     pub(super) fn begin_request(self: &Arc<Self>) -> OpenRequest {
+        self.begun.fetch_add(1, Ordering::Relaxed);
         self.limiter.lock().begin(self.id);
         OpenRequest(self.clone())
+    }
+
+    /// Number of requests that were begun.
+    pub(super) fn begun(&self) -> u64 {
+        self.begun.load(Ordering::Relaxed)
+    }
+
+    /// Number of requests whose response was handed over whole, to be written.
+    pub(super) fn ended(&self) -> u64 {
+        self.ended.load(Ordering::Relaxed)
     }
 
     /// Marks the beginning of a request body.
@@ -334,6 +356,7 @@ pub(super) struct OpenRequest(Arc<ConnectionSlot>);
 
 impl Drop for OpenRequest {
     fn drop(&mut self) {
+        self.0.ended.fetch_add(1, Ordering::Relaxed);
         self.0.limiter.lock().end(self.0.id);
     }
 }

@@ -36,7 +36,7 @@ pub(super) async fn event_stream(
     let last = last_event_id(headers)?;
     let permit = state.quotas.acquire(Resource::EventStreams, client, &state.options)?;
     let events = state.app.events(job, last).await?;
-    if events.is_over().await? {
+    if events.is_over() {
         // 204 tells a browser not to reconnect.
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
@@ -89,7 +89,7 @@ pub(super) async fn run_event_stream(
     let last = last.transpose().map_err(refused)?;
     let permit = state.quotas.acquire(Resource::EventStreams, client, &state.options)?;
     let events = state.app.run_events(run, last.unwrap_or_default()).await?;
-    if events.is_over().await? {
+    if events.is_over() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let first = stream::once(std::future::ready(Ok::<_, Infallible>(Event::default().retry(RETRY))));

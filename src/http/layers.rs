@@ -91,10 +91,15 @@ fn set_headers(headers: &mut HeaderMap, id: &str) {
     headers.insert("cross-origin-resource-policy", HeaderValue::from_static("same-origin"));
     headers.entry(CONTENT_SECURITY_POLICY).or_insert(POLICY);
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-cache"));
-    // The tag is a hash of the uncompressed bytes, so for a compressed response it is only weak.
-    if headers.contains_key(CONTENT_ENCODING)
-        && let Some(weak) =
-            header_text(headers, &ETAG).filter(|tag| tag.starts_with('"')).and_then(|tag| format!("W/{tag}").parse().ok())
+    if headers.contains_key(CONTENT_ENCODING) {
+        weaken(headers);
+    }
+}
+
+/// Makes the entity tag of a response weak: it is a hash of the uncompressed bytes, and compressed ones are sent, or would be.
+pub(super) fn weaken(headers: &mut HeaderMap) {
+    if let Some(weak) =
+        header_text(headers, &ETAG).filter(|tag| tag.starts_with('"')).and_then(|tag| format!("W/{tag}").parse().ok())
     {
         headers.insert(ETAG, weak);
     }

@@ -20,6 +20,7 @@ mod openapi;
 mod options;
 mod pacer;
 mod pages;
+mod parse_errors;
 mod prefix;
 mod problem;
 mod quotas;

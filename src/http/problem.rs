@@ -308,10 +308,18 @@ pub(super) fn finish(mut response: Response, prefix: &Prefix, path: &str, reques
     response
 }
 
-/// The problem document for a connection that was refused before its request was read.
-pub(super) fn without_request(code: Code) -> String {
+/// The bytes of the response on a connection whose request was not read, or is none; the connection closes after it.
+pub(super) fn raw_response(code: Code) -> Vec<u8> {
     let body = body(ApiError::new(code, code.meaning()), &Prefix::default(), "", &uuid::Uuid::now_v7().to_string());
-    String::from_utf8_lossy(&body).into_owned()
+    let (status, reason) = (code.status().as_u16(), code.status().canonical_reason().unwrap_or_default());
+    let retry_after = if is_temporary(code) { format!("retry-after: {RETRY_AFTER_SECS}\r\n") } else { String::new() };
+    let mut response = format!(
+        "HTTP/1.1 {status} {reason}\r\ncontent-type: {PROBLEM_JSON}\r\ncontent-length: {}\r\n{retry_after}connection: close\r\n\r\n",
+        body.len()
+    )
+    .into_bytes();
+    response.extend(body);
+    response
 }
 
 fn body(error: ApiError, prefix: &Prefix, path: &str, request_id: &str) -> Vec<u8> {

@@ -17,7 +17,8 @@ use super::client::canonical;
 use super::connection::ConnectionService;
 use super::connection_limiter::{ConnectionLimiter, ConnectionSlot, ExceededLimit};
 use super::options::ServerOptions;
-use super::problem::Code;
+use super::parse_errors::ProblemStream;
+use super::problem::{Code, raw_response};
 use super::socket::TimeoutStream;
 
 /// Largest size of a request's headers, bytes.
@@ -175,21 +176,9 @@ fn begin(service: &Arc<Service>, limiter: &Arc<ConnectionLimiter>, connections: 
         Err(limit) => {
             metrics::counter!("vantage_connections_refused_total").increment(1);
             // The buffer of a new connection is empty, so the response is sent whole.
-            let _ = stream.into_std().and_then(|mut stream| stream.write(refusal(limit).as_bytes()));
+            let _ = stream.into_std().and_then(|mut stream| stream.write(&raw_response(limit.code())));
         }
     }
-}
-
-/// The response to a connection that is not admitted; its request is never read.
-fn refusal(limit: ExceededLimit) -> String {
-    let code = limit.code();
-    let (status, reason) = (code.status().as_u16(), code.status().canonical_reason().unwrap_or_default());
-    let body = super::problem::without_request(code);
-    format!(
-        "HTTP/1.1 {status} {reason}\r\ncontent-type: application/problem+json\r\ncontent-length: {}\r\n\
-         retry-after: 5\r\nconnection: close\r\n\r\n{body}",
-        body.len()
-    )
 }
 
 impl ExceededLimit {
@@ -226,6 +215,7 @@ async fn serve(service: Arc<Service>, slot: Arc<ConnectionSlot>, _guard: SlotGua
         Some(_) => (reserve, RESERVE_HEADER_TIMEOUT),
     };
     let stream = TimeoutStream::new(stream, before, options.body_idle_timeout, slot.writing.clone());
+    let stream = ProblemStream::new(stream, slot.clone());
     let requests = ConnectionService::new(router.clone(), slot.clone(), peer);
     let mut connection = std::pin::pin!(builder.serve_connection(TokioIo::new(stream), requests));
     let (mut since, mut ending) = (Instant::now(), false);
@@ -248,7 +238,8 @@ async fn serve(service: Arc<Service>, slot: Arc<ConnectionSlot>, _guard: SlotGua
     }
 }
 
-fn builder(options: &ServerOptions) -> auto::Builder<TokioExecutor> {
+/// Builder for connections of the general pool.
+pub(super) fn builder(options: &ServerOptions) -> auto::Builder<TokioExecutor> {
     let mut builder = auto::Builder::new(TokioExecutor::new());
     builder.http1().timer(TokioTimer::new()).header_read_timeout(options.header_timeout).max_buf_size(MAX_HEADER_BYTES);
     builder

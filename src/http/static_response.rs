@@ -4,7 +4,7 @@ use std::io::{self, Read, Write};
 
 use axum::body::Bytes;
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, ETAG, VARY};
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use flate2::Compression;
 use flate2::read::GzDecoder;
@@ -12,6 +12,7 @@ use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 
 use super::extract::etag_matches;
+use super::layers::weaken;
 use super::negotiate::accepts_gzip;
 
 /// A body, plain and compressed, with its entity tag.
@@ -48,17 +49,21 @@ impl StaticResponse {
 
     /// Builds the response, compressed if the client accepts that.
     pub(super) fn respond(&self, headers: &HeaderMap) -> Response {
+        let gzip = self.gzip.as_ref().filter(|_| accepts_gzip(headers));
         let version = [(ETAG, self.etag.clone()), (VARY, "accept-encoding".to_owned())];
-        if etag_matches(headers, &self.etag) {
-            return (StatusCode::NOT_MODIFIED, version).into_response();
-        }
-        let media_type = [(CONTENT_TYPE, self.media_type.clone())];
-        match &self.gzip {
-            Some(gzip) if accepts_gzip(headers) => {
-                (version, media_type, [(CONTENT_ENCODING, HeaderValue::from_static("gzip"))], gzip.clone()).into_response()
+        let mut response = if etag_matches(headers, &self.etag) {
+            (StatusCode::NOT_MODIFIED, version).into_response()
+        } else {
+            let media_type = [(CONTENT_TYPE, self.media_type.clone())];
+            match gzip {
+                Some(gzip) => (version, media_type, [(CONTENT_ENCODING, "gzip")], gzip.clone()).into_response(),
+                None => (version, media_type, self.bytes.clone()).into_response(),
             }
-            _ => (version, media_type, self.bytes.clone()).into_response(),
+        };
+        if gzip.is_some() {
+            weaken(response.headers_mut());
         }
+        response
     }
 }
 

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use axum::http::HeaderMap;
-use axum::http::header::ACCEPT;
+use axum::http::header::{ACCEPT, ACCEPT_ENCODING, ETAG, IF_NONE_MATCH, VARY};
+use axum::http::{HeaderMap, StatusCode};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
 use super::negotiate::{Representation, choose};
 use super::socket::TimeoutStream;
+use super::static_response::StaticResponse;
 use crate::planning::plan::Cause;
 use crate::wire::EventKind;
 use crate::wire::plan::RegionCoverageDocument;
@@ -53,6 +54,24 @@ fn the_representation_follows_accept() {
 fn the_query_goes_before_accept() {
     assert_eq!(chosen("application/json", Some("csv")), Some("csv"));
     assert_eq!(chosen("*/*", Some("xml")), None);
+}
+
+#[test]
+fn an_unchanged_file_has_the_tag_that_it_has_with_its_bytes() {
+    let file = StaticResponse::new("a".repeat(1000), "text/plain".to_owned());
+    for (encoding, is_weak) in [("gzip", true), ("identity", false)] {
+        let mut headers = HeaderMap::new();
+        headers.insert(ACCEPT_ENCODING, encoding.parse().expect("a header"));
+        let whole = file.respond(&headers);
+        let tag = whole.headers()[ETAG].clone();
+        assert_eq!(tag.as_bytes().starts_with(b"W/"), is_weak, "{encoding}");
+        headers.insert(IF_NONE_MATCH, tag);
+        let unchanged = file.respond(&headers);
+        assert_eq!(unchanged.status(), StatusCode::NOT_MODIFIED);
+        for name in [ETAG, VARY] {
+            assert_eq!(unchanged.headers()[&name], whole.headers()[&name], "{encoding}");
+        }
+    }
 }
 
 const PREFACE: Duration = Duration::from_millis(200);
@@ -230,4 +249,24 @@ fn the_page_knows_the_meaning_of_every_byte_of_the_coverage() {
         at += script[at..].find(&format!("\"{cause}\"")).unwrap_or_else(|| panic!("{cause} is not where it belongs"));
         assert!(words.contains(&format!("{cause}: \"")), "{cause} has no words");
     }
+}
+
+/// A browser has six connections to a server for all its pages, and an answer that the server keeps waiting holds one of them.
+#[test]
+fn the_page_waits_for_an_answer_only_while_it_is_seen() {
+    let sources = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/static/src")).expect("the folder");
+    let mut waits = 0;
+    for source in sources {
+        let path = source.expect("an entry").path();
+        let script = std::fs::read_to_string(&path).expect("text");
+        for line in script.lines().filter(|line| line.contains("?wait=")) {
+            assert!(line.contains("askSeen"), "{}: {line}", path.display());
+            waits += 1;
+        }
+    }
+    assert_eq!(waits, 2, "a calibration, and the end of a run");
+    let script = include_str!("../../static/src/api.ts");
+    let function = script.split("function askSeen").nth(1).and_then(|rest| rest.split("\n}\n").next()).unwrap_or_default();
+    assert!(function.contains("document.addEventListener(\"visibilitychange\", end)"), "{function}");
+    assert!(function.contains("signal: phase.signal"), "{function}");
 }

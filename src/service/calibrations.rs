@@ -12,7 +12,7 @@ use tokio::time::{Instant, timeout_at};
 use super::app::App;
 use super::cells::BuiltCell;
 use super::error::{Error, InternalError};
-use super::jobs::failure;
+use super::jobs::{failure, problem_of_error};
 use super::library::Library;
 use super::store::{CalibrationInput, LeftOver, Page};
 use super::submit::{Lookup, Submission};
@@ -245,13 +245,14 @@ impl App {
     /// Begins again what an earlier process left.
     pub(super) async fn recover_calibrations(&self) -> Result<(), Error> {
         let exhausted = self.exhausted();
-        for LeftOver { id, attempts } in self.0.store.calibrations_left_over().await? {
+        for LeftOver { id, attempts } in self.freeing(|| self.0.store.calibrations_left_over()).await? {
             let problem = (attempts >= self.0.options.max_attempts).then(|| exhausted.clone());
-            let again = |job: &mut CalibrationJob| {
+            let again = move |job: &mut CalibrationJob| {
                 job.state = if problem.is_some() { CalibrationState::Failed } else { CalibrationState::Queued };
                 job.problem = problem;
             };
-            match self.change_calibration(id, &[CalibrationState::Running], again, None).await {
+            let change = || self.change_calibration(id, &[CalibrationState::Running], again.clone(), None);
+            match self.freeing(change).await {
                 Ok(job) if job.state == CalibrationState::Queued => self.spawn(self.clone().carry_out_calibration(id)),
                 Ok(_) => {}
                 Err(Error::Internal(InternalError::Row(reason))) => {
@@ -301,7 +302,7 @@ impl App {
         let ended = match self.compute_calibration(id).await {
             Err(error) if !error.is_transient() => {
                 tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "a calibration cannot be computed");
-                let problem = failure("internal", error.to_string(), Vec::new());
+                let problem = problem_of_error(&error);
                 let fail = move |job: &mut CalibrationJob| (job.state, job.problem) = (CalibrationState::Failed, Some(problem));
                 self.advance_calibration(id, &OPEN, fail, None).await.map(drop)
             }
@@ -332,7 +333,7 @@ impl App {
         let input = self.retried("reading the observations of a calibration", || false, read).await?;
         let build = || {
             let spec = input.cell.clone();
-            self.with_library(None, move |library| library.built(&spec).map_err(Error::Invalid))
+            self.with_library(None, move |library| library.built(&spec).map_err(of_cell))
         };
         let cell = self.retried("building the cell of a calibration", || false, build).await?;
         let (how, digest, at) = ((job.solve, usize::from(job.hold_out)), job.data_sha256.clone(), job.created_at.clone());
@@ -364,6 +365,11 @@ impl App {
 
 /// States before the end.
 const OPEN: [CalibrationState; 2] = [CalibrationState::Queued, CalibrationState::Running];
+
+/// Errors at the cell of a calibration: a mesh of its bodies, for one, may have been deleted since it was accepted.
+fn of_cell(errors: Vec<FieldError>) -> Error {
+    Error::Invalid(errors.into_iter().map(|error| error.below("/cell")).collect())
+}
 
 /// The request and its cell with the devices inlined.
 fn resolved(request: CalibrationRequest, library: &Library) -> Result<(CalibrationRequest, CellSpec), Vec<FieldError>> {

@@ -422,6 +422,9 @@ impl From<sqlx::Error> for Error {
         if sqlite_code(&error) == Some(SQLITE_FULL) {
             return Self::StorageFull;
         }
+        if matches!(error, sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_)) {
+            return InternalError::Row(error.to_string()).into();
+        }
         if is_transient_database(&error) {
             return Self::StorageBusy(InternalError::Database(Arc::new(error)));
         }

@@ -33,9 +33,11 @@ impl App {
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn events(&self, job: Option<JobId>, after: Option<i64>) -> Result<EventStream, Error> {
         let live = self.0.store.subscribe();
-        if let Some(job) = job {
-            self.0.store.job_state(job).await?;
-        }
+        // Read before the events: of a job that ends after this, the end is still to come.
+        let has_ended = match job {
+            Some(job) => self.0.store.job_state(job).await?.is_ended(),
+            None => false,
+        };
         let missed = match after {
             // A number that was never given is of another database, one before a restore: its reader begins anew.
             Some(after) => after > self.0.store.newest_event().await? || self.0.store.is_pruned_after(after).await?,
@@ -49,6 +51,7 @@ impl App {
         let mut stream =
             EventStream { app: self.clone(), job, last, live, past: VecDeque::new(), behind: true, ended: false, missed };
         stream.catch_up().await?;
+        stream.ended = has_ended && stream.past.is_empty() && !stream.behind;
         Ok(stream)
     }
 }
@@ -61,14 +64,9 @@ impl EventStream {
     }
 
     /// True if no event will follow: the job has ended and all of its events were read.
-    ///
-    /// # Errors
-    /// [`Error::JobNotFound`], [`Error::Internal`].
-    pub async fn is_over(&self) -> Result<bool, Error> {
-        match self.job {
-            Some(job) if self.past.is_empty() => Ok(self.app.job_state(job).await?.is_ended()),
-            _ => Ok(false),
-        }
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.ended
     }
 
     /// Waits for the next event; `None` after a job's last one and when the service stops.
@@ -112,3 +110,6 @@ impl EventStream {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

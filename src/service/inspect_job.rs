@@ -10,7 +10,7 @@ use super::cells::KeptCells;
 use super::error::is_transient_io;
 use super::hashing_reader::HashingReader;
 use super::plan_job::{Artifact, plan_sha256};
-use super::planner::{JobError, JobInput, opened, read_with_retry};
+use super::planner::{JobError, JobInput, opened, read_error, read_with_retry};
 use super::rescan_job::{RESCAN_STATE_FILE, check_words};
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::check::read_plan;
@@ -79,7 +79,7 @@ pub struct ScanSource {
 
 impl ScanSource {
     /// Reads the clouds of the file, which stands at `pointer` in the list of scans. A stored file that is temporarily unreadable is tried
-    /// again until `ctx` is cancelled.
+    /// again as [`read_with_retry`] does.
     fn read(&self, pointer: &str, ctx: &Context<'_>) -> Result<Vec<ScanFile>, InspectError> {
         let read = || self.read_once(pointer, ctx);
         let clouds = if self.sha256.is_empty() { read() } else { read_with_retry(read, &|| ctx.check().is_err()) };
@@ -92,10 +92,7 @@ impl ScanSource {
         let poll = Poll::new(&stop);
         let refused =
             |error: &dyn std::fmt::Display| JobError::BadInput(vec![refusal(pointer, format!("{}: {error}", self.name))]);
-        let unread = |error: io::Error| {
-            let reason = format!("{}: {error}", self.name);
-            if is_transient_io(&error) { JobError::Unavailable(reason) } else { JobError::Damaged(reason) }
-        };
+        let unread = |error: io::Error| read_error(&self.name, &error);
         let mut file = File::open(&self.path).map_err(unread)?;
         if !self.sha256.is_empty() {
             let sha256 = HashingReader::new(&file).finish(&poll).map_err(unread)?.ok_or(JobError::Cancelled)?;
@@ -147,7 +144,7 @@ impl From<JobError> for InspectError {
         match error {
             JobError::Cancelled => Self::Cancelled,
             JobError::BadInput(errors) | JobError::PartRefused { errors, .. } => Self::Refused(errors),
-            error @ (JobError::NoPlan { .. } | JobError::Damaged(_) | JobError::Unavailable(_)) => {
+            error @ (JobError::NoPlan { .. } | JobError::Damaged(_) | JobError::Unread(_) | JobError::Unavailable(_)) => {
                 Self::Damaged(error.to_string())
             }
         }

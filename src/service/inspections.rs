@@ -12,7 +12,7 @@ use tokio::time::{Instant, timeout_at};
 use super::app::App;
 use super::error::{Error, InternalError};
 use super::inspect_job::{InspectError, InspectJob, Inspected, ScanSource};
-use super::jobs::failure;
+use super::jobs::{failure, problem_of_error};
 use super::plan_job::PLAN_FILE;
 use super::planner::JobInput;
 use super::queries::ResultBody;
@@ -130,8 +130,7 @@ impl App {
         if self.run(run).await?.job_id == Some(job) {
             return Ok(());
         }
-        let detail = format!("is {run}; that run is of another job than {job}");
-        Err(Error::Invalid(vec![FieldError { pointer: "/run_id".to_owned(), detail }]))
+        Err(of_run(format!("is {run}; that run is of another job than {job}")))
     }
 
     /// One inspection.
@@ -232,9 +231,9 @@ impl App {
     /// Begins again what an earlier process left.
     pub(super) async fn recover_inspections(&self) -> Result<(), Error> {
         let exhausted = self.exhausted();
-        for LeftOver { id, attempts } in self.0.store.inspections_left_over().await? {
+        for LeftOver { id, attempts } in self.freeing(|| self.0.store.inspections_left_over()).await? {
             let problem = (attempts >= self.0.options.max_attempts).then(|| exhausted.clone());
-            let again = |job: &mut InspectionJob| {
+            let again = move |job: &mut InspectionJob| {
                 job.state = match (job.state, &problem) {
                     (JobState::Cancelling, _) => JobState::Cancelled,
                     (_, Some(_)) => JobState::Failed,
@@ -242,7 +241,8 @@ impl App {
                 };
                 job.problem = problem.filter(|_| job.state == JobState::Failed);
             };
-            match self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again, None).await {
+            let change = || self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again.clone(), None);
+            match self.freeing(change).await {
                 Ok(job) if job.state == JobState::Queued => self.spawn(self.clone().carry_out_inspection(id)),
                 Ok(_) => {}
                 Err(Error::Internal(InternalError::Row(reason))) => {
@@ -298,7 +298,7 @@ impl App {
             Err(error) if error.is_transient() && !self.0.stopping.is_cancelled() => self.end_inspection(id, None).await,
             Err(error) if !error.is_transient() => {
                 tracing::error!(inspection = %id, error = &error as &dyn std::error::Error, "an inspection cannot be computed");
-                let problem = failure("internal", error.to_string(), Vec::new());
+                let problem = problem_of_error(&error);
                 let fail = move |job: &mut InspectionJob| (job.state, job.problem) = (JobState::Failed, Some(problem));
                 self.advance_inspection(id, &OPEN, fail, None).await.map(drop)
             }
@@ -365,7 +365,7 @@ impl App {
         let scans = stored.scans.into_iter().map(source).collect();
         let plan = self.result(job.job_id, PLAN_FILE).await?.read().await?;
         let record: Option<RunRecordDocument> = match job.run_id {
-            Some(run) => Some(self.run_record(run).await?),
+            Some(run) => Some(self.run_record(run).await.map_err(of_deleted_run)?),
             None => None,
         };
         Ok(InspectionOrder {
@@ -411,6 +411,16 @@ struct InspectionOrder {
 
 /// States before the end.
 const OPEN: [JobState; 3] = [JobState::Queued, JobState::Running, JobState::Cancelling];
+
+/// Error at the run that a request names.
+fn of_run(detail: String) -> Error {
+    Error::Invalid(vec![FieldError { pointer: "/run_id".to_owned(), detail }])
+}
+
+/// An accepted inspection does not keep its run from being deleted, which is no fault of the server.
+fn of_deleted_run(error: Error) -> Error {
+    if let Error::RunNotFound(run) = error { of_run(format!("is {run}; that run was deleted meanwhile")) } else { error }
+}
 
 fn below_params(errors: Vec<FieldError>) -> Vec<FieldError> {
     errors.into_iter().map(|error| error.below("/params")).collect()

@@ -16,8 +16,8 @@ use sha2::{Digest, Sha256};
 use tokio::sync::mpsc;
 
 pub use self::failure::FAILURE_CODES;
-pub(super) use self::failure::failure;
-use self::failure::{AttemptError, input_invalid, internal, job_problem};
+use self::failure::{AttemptError, input_invalid, job_problem, unstored};
+pub(super) use self::failure::{failure, problem_of_error};
 pub(super) use self::runner::JobRunner;
 use self::tracker::{Tracker, persist_progress};
 use super::app::App;
@@ -84,7 +84,8 @@ impl Drop for SeatGuard {
 impl App {
     /// Recovers the jobs that an earlier process left unfinished.
     pub(super) async fn recover(&self) -> Result<(), Error> {
-        let found = self.0.store.recover(self.0.options.max_attempts, &self.exhausted()).await?;
+        let exhausted = self.exhausted();
+        let found = self.freeing(|| self.0.store.recover(self.0.options.max_attempts, &exhausted)).await?;
         if found > 0 {
             tracing::warn!(jobs = found, "an earlier process died while jobs were running; they are recovered");
         }
@@ -270,7 +271,7 @@ impl App {
         match serde_json::to_vec_pretty(timings) {
             Ok(bytes) => artifacts.push(Artifact { name: "timings.json".into(), bytes }),
             Err(error) => {
-                return self.record_outcome(id, AttemptOutcome::Failed(internal(&error.into()), Vec::new()), timings).await;
+                return self.record_outcome(id, AttemptOutcome::Failed(unstored(&error.into()), Vec::new()), timings).await;
             }
         }
         let (summary, artifacts) = (summary_of(&artifacts), Arc::new(artifacts));
@@ -282,26 +283,37 @@ impl App {
             (Ok(stored), Some(problem)) => AttemptOutcome::Failed(problem, stored.files.clone()),
             (Err(error), _) if error.is_transient() && self.0.stopping.is_cancelled() => AttemptOutcome::Interrupted,
             (Err(error), _) if error.is_transient() => AttemptOutcome::Cancelled,
-            (Err(error), problem) => AttemptOutcome::Failed(problem.unwrap_or_else(|| internal(error)), Vec::new()),
+            (Err(error), problem) => AttemptOutcome::Failed(problem.unwrap_or_else(|| unstored(error)), Vec::new()),
         };
         self.record_outcome(id, outcome, timings).await
     }
 
-    /// Records the outcome of an attempt. Retries until the service stops: else the job would stay `running` forever.
+    /// Records the outcome of an attempt; one that cannot be stored becomes a failure with the reason, so that the job does not stay
+    /// `running`. `None` where the service stops, and for a job that was deleted.
     async fn record_outcome(&self, id: JobId, outcome: AttemptOutcome, timings: &BTreeMap<String, f64>) -> Option<JobState> {
         let timings = serde_json::to_string(timings).unwrap_or_else(|_| "{}".to_owned());
-        loop {
-            match self.0.store.end_attempt(id, &outcome, &timings).await {
-                Ok(state) => return Some(state),
-                // The job was deleted, or its row was lost: there is nothing to record.
-                Err(Error::JobNotFound(_)) => return None,
-                Err(error) => tracing::error!(error = &error as &dyn std::error::Error, "a job's outcome cannot be recorded"),
-            }
-            if self.0.stopping.is_cancelled() {
-                return None;
-            }
-            self.pause(STORE_RETRY).await;
+        let mut recorded = self.end_attempt(id, &outcome, &timings).await;
+        if let Err(error) = &recorded
+            && !error.is_transient()
+            && !matches!(error, Error::JobNotFound(_))
+        {
+            let failed = AttemptOutcome::Failed(unstored(error), Vec::new());
+            recorded = self.end_attempt(id, &failed, &timings).await;
         }
+        match recorded {
+            Ok(state) => Some(state),
+            // The job was deleted, or its row was lost: there is nothing to record.
+            Err(Error::JobNotFound(_)) => None,
+            Err(error) => {
+                tracing::error!(error = &error as &dyn std::error::Error, "a job's outcome cannot be recorded");
+                None
+            }
+        }
+    }
+
+    async fn end_attempt(&self, id: JobId, outcome: &AttemptOutcome, timings: &str) -> Result<JobState, Error> {
+        let end = || self.0.store.end_attempt(id, outcome, timings);
+        self.retried("recording the outcome of a job", || false, end).await
     }
 }
 
@@ -311,3 +323,6 @@ fn summary_of(artifacts: &[Artifact]) -> Option<Box<Summary>> {
     let summary = parse(&file.bytes);
     summary.inspect_err(|error| tracing::warn!(error = error as &dyn std::error::Error, "a summary cannot be read")).ok()
 }
+
+#[cfg(test)]
+mod tests;

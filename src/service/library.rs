@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,9 +11,9 @@ use tokio::runtime::Handle;
 
 use super::app::App;
 use super::cells::{BuiltCell, mesh_names};
-use super::error::Error;
+use super::error::{Error, InternalError};
 use super::meshes::unit_of;
-use super::planner::MeshSource;
+use super::planner::{JobError, MeshSource};
 use super::presets::PRESETS;
 use super::store::{StoredSpec, read_leniently};
 use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
@@ -44,7 +45,7 @@ impl Library {
         Self { app, runtime: Handle::current(), abandoned, specs, meshes, error }
     }
 
-    /// The last error of the store, if any: a name that was not found may then exist all the same.
+    /// The last error of the store, if any: a name that was not found, or a mesh that was not read, may then be good all the same.
     pub(super) fn take_error(&self) -> Option<Error> {
         self.error.take()
     }
@@ -87,8 +88,16 @@ impl Library {
     pub(super) fn read(&self, id: MeshId) -> Result<Mesh, NotFound> {
         let source = self.source(id).ok_or(NotFound::Unknown)?;
         let stop = || self.abandoned.load(Ordering::Relaxed);
-        let read = source.read("", self.app.0.options.max_triangles, &stop);
-        read.map_err(|error| NotFound::Unusable(error.to_string()))
+        source.read("", self.app.0.options.max_triangles, &stop).map_err(|error| self.unusable(error))
+    }
+
+    /// Reason why a mesh cannot be used. One that the machine is too short of something to read is kept for [`Library::take_error`].
+    fn unusable(&self, error: JobError) -> NotFound {
+        let said = error.to_string();
+        if let JobError::Unavailable(reason) = error {
+            self.error.replace(Some(Error::StorageBusy(InternalError::File(Arc::new(io::Error::other(reason))))));
+        }
+        NotFound::Unusable(said)
     }
 
     /// Name of a mesh, or its id if it has none.
@@ -157,3 +166,6 @@ impl SpecLibrary for Library {
         names
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::cells::{BuiltCell, KeptCells};
-use super::error::is_transient_io;
+use super::error::{is_read_failure, is_transient_io};
 use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
 use super::plan_job::{PlanJob, Reports};
@@ -94,6 +94,9 @@ pub enum JobError {
     /// A file of the store is missing or damaged.
     #[error("{0}")]
     Damaged(String),
+    /// The disk did not give back a file of the store; another attempt may succeed, and the file is damaged if none of several does.
+    #[error("{0}")]
+    Unread(String),
     /// The machine is temporarily short of a resource; another attempt may succeed.
     #[error("{0}")]
     Unavailable(String),
@@ -114,17 +117,20 @@ fn below(pointer: &str, errors: Vec<FieldError>) -> JobError {
     JobError::BadInput(errors.into_iter().map(|error| error.below(pointer)).collect())
 }
 
-/// Pause before a file that was temporarily unavailable is read again.
+/// Pause before a file that could not be read is read again.
 const READ_RETRY: Duration = Duration::from_millis(500);
+/// Number of times that a disk may fail to give back a file, which is damaged then: ten seconds of pauses.
+const MAX_READ_FAILURES: u32 = 20;
 
 impl MeshSource {
     /// Reads the mesh and checks the file's hash, until `stop` returns true.
     ///
     /// # Errors
-    /// [`JobError::Damaged`], [`JobError::Unavailable`], [`JobError::Cancelled`], and [`JobError::BadInput`] at `pointer`.
+    /// [`JobError::Damaged`], [`JobError::Unread`], [`JobError::Unavailable`], [`JobError::Cancelled`], and [`JobError::BadInput`] at
+    /// `pointer`.
     pub fn read(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, JobError> {
         let (poll, limits) = (Poll::new(stop), Limits { max_triangles });
-        let unread = |error: io::Error| self.unread(&error);
+        let unread = |error: io::Error| read_error(&format!("mesh {}", self.sha256), &error);
         let file = File::open(&self.path).map_err(unread)?;
         let length_bytes = file.metadata().map_err(unread)?.len();
         let mut file = HashingReader::new(file);
@@ -143,27 +149,46 @@ impl MeshSource {
             }
         }
     }
+}
 
-    fn unread(&self, error: &io::Error) -> JobError {
-        let reason = format!("mesh {}: {error}", self.sha256);
-        if is_transient_io(error) { JobError::Unavailable(reason) } else { JobError::Damaged(reason) }
+/// Error of a stored file, which `what` names, that could not be read.
+pub(super) fn read_error(what: &str, error: &io::Error) -> JobError {
+    let reason = format!("{what}: {error}");
+    if is_read_failure(error) {
+        JobError::Unread(reason)
+    } else if is_transient_io(error) {
+        JobError::Unavailable(reason)
+    } else {
+        JobError::Damaged(reason)
     }
 }
 
-/// Reads a file of a running job: while the process is out of file descriptors or the disk fails temporarily, it retries until the
-/// job is cancelled.
+/// Reads a file of a running job, and again while it cannot be read: until the job is cancelled where the process is out of file
+/// descriptors, since nobody's job fails of that; [`MAX_READ_FAILURES`] times at most where the disk fails, since others wait.
 pub(super) fn read_with_retry<T>(read: impl Fn() -> Result<T, JobError>, stop: &dyn Fn() -> bool) -> Result<T, JobError> {
+    read_again(read, stop, &|| std::thread::sleep(READ_RETRY))
+}
+
+fn read_again<T>(read: impl Fn() -> Result<T, JobError>, stop: &dyn Fn() -> bool, pause: &dyn Fn()) -> Result<T, JobError> {
+    let mut failures = 0;
     loop {
-        match read() {
-            Err(JobError::Unavailable(reason)) => {
-                if stop() {
-                    return Err(JobError::Cancelled);
+        let reason = match read() {
+            Err(JobError::Unread(reason)) => {
+                failures += 1;
+                if failures == MAX_READ_FAILURES {
+                    let advice = "upload the same file again and start anew";
+                    return Err(JobError::Damaged(format!("{reason}, in each of {failures} attempts; {advice}")));
                 }
-                tracing::warn!(reason, "a file cannot be read at the moment; retrying");
-                std::thread::sleep(READ_RETRY);
+                reason
             }
+            Err(JobError::Unavailable(reason)) => reason,
             read => return read,
+        };
+        if stop() {
+            return Err(JobError::Cancelled);
         }
+        tracing::warn!(reason, "a file cannot be read at the moment; retrying");
+        pause();
     }
 }
 
@@ -198,29 +223,24 @@ impl JobHardware {
 /// Reads the meshes of a running job and builds its cell, or takes it from `cells`, until `stop` returns true.
 pub(super) fn opened(input: &JobInput, cells: &KeptCells, stop: &dyn Fn() -> bool) -> Result<(JobMeshes, JobHardware), JobError> {
     let read = |source: &MeshSource, pointer: &str| read_with_retry(|| source.read(pointer, input.max_triangles, stop), stop);
-    opened_with(&read, input, cells, stop)
+    opened_with(&read, input, cells)
 }
 
-/// Reads the meshes of a job with `read` and builds its cell, or takes it from `cells`, until `stop` returns true.
+/// Reads the meshes of a job with `read` and builds its cell, or takes it from `cells`.
 pub(super) fn opened_with(
     read: &MeshReader<'_>,
     input: &JobInput,
     cells: &KeptCells,
-    stop: &dyn Fn() -> bool,
 ) -> Result<(JobMeshes, JobHardware), JobError> {
     let mesh = read(&input.mesh, "/mesh_id")?;
     let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
-    let library = JobLibrary { input, read, unavailable: RefCell::default() };
+    let library = JobLibrary { input, read, unread: RefCell::default() };
     let hardware = match &input.cell {
         Some(cell) => {
             let built = cells.built(cell, &input.body_meshes, &library);
-            // After a cancellation, an unread mesh of a body is not an error of the cell.
-            if stop() {
-                return Err(JobError::Cancelled);
-            }
-            // Nor is one that cannot be read at the moment.
-            if let Some(reason) = library.unavailable.take() {
-                return Err(JobError::Unavailable(reason));
+            // A file that could not be read, or not before the job was cancelled, is no error of the cell.
+            if let Some(error) = library.unread.take() {
+                return Err(error);
             }
             JobHardware::Cell(built.map_err(|errors| below("/cell", errors))?)
         }
@@ -285,8 +305,8 @@ fn blamed(job: &PlanJob<'_>, errors: Vec<FieldError>, ctx: &Context<'_>) -> JobE
 struct JobLibrary<'a> {
     input: &'a JobInput,
     read: &'a MeshReader<'a>,
-    /// Reason for which a mesh is temporarily unreadable, if one is.
-    unavailable: RefCell<Option<String>>,
+    /// Error of the last mesh whose file could not be read, if any.
+    unread: RefCell<Option<JobError>>,
 }
 
 impl SpecLibrary for JobLibrary<'_> {
@@ -309,10 +329,11 @@ impl SpecLibrary for JobLibrary<'_> {
     fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
         let source = self.input.body_meshes.get(name).ok_or(NotFound::Unknown)?;
         (self.read)(source, "/cell").map(Arc::new).map_err(|error| {
-            if let JobError::Unavailable(reason) = &error {
-                self.unavailable.replace(Some(reason.clone()));
+            let said = error.to_string();
+            if !matches!(error, JobError::BadInput(_)) {
+                self.unread.replace(Some(error));
             }
-            NotFound::Unusable(error.to_string())
+            NotFound::Unusable(said)
         })
     }
 
@@ -320,3 +341,6 @@ impl SpecLibrary for JobLibrary<'_> {
         Vec::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,9 +30,9 @@ impl JobSize {
 /// that is temporarily unreadable is not waited for, since other jobs wait for the size.
 pub(super) fn size_of(input: &JobInput, cells: &KeptCells, threads: usize, stop: &dyn Fn() -> bool) -> JobSize {
     let read = |source: &MeshSource, pointer: &str| source.read(pointer, input.max_triangles, stop);
-    let (part, hardware) = match opened_with(&read, input, cells, stop) {
+    let (part, hardware) = match opened_with(&read, input, cells) {
         Ok(opened) => opened,
-        Err(JobError::Cancelled | JobError::Unavailable(_)) => return JobSize::UNKNOWN,
+        Err(JobError::Cancelled | JobError::Unavailable(_) | JobError::Unread(_)) => return JobSize::UNKNOWN,
         Err(JobError::BadInput(_) | JobError::PartRefused { .. } | JobError::NoPlan { .. } | JobError::Damaged(_)) => {
             return JobSize::NOTHING;
         }

@@ -80,8 +80,7 @@ impl App {
     /// [`Error::Internal`].
     pub async fn specs(&self, collection: SpecCollection) -> Result<SpecList, Error> {
         let stored = self.0.store.specs(collection).await?;
-        let mut items: Vec<_> =
-            stored.into_iter().map(|StoredSpec { name, etag, .. }| SpecListItem { name, preset: false, etag }).collect();
+        let mut items: Vec<_> = stored.into_iter().map(|(name, etag)| SpecListItem { name, preset: false, etag }).collect();
         for name in PRESETS.names(collection.kind()) {
             let etag = preset(collection, &name)?.map(|entry| entry.etag).unwrap_or_default();
             items.push(SpecListItem { name, preset: true, etag });

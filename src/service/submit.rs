@@ -147,7 +147,7 @@ impl App {
         if request.labels.len() < MAX_LABELS || request.labels.contains_key(RESCAN_LABEL) {
             request.labels.insert(RESCAN_LABEL.to_owned(), from.id.to_string());
         }
-        let canonical = format!("POST /api/v1/inspections/rescans {of} {}", serde_json::to_string(&rescan)?);
+        let canonical = format!("POST /api/v1/inspections/{}/rescans {}", from.id, serde_json::to_string(&rescan)?);
         let idempotency = submission.idempotency(&canonical);
         if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
             return Ok(answer);

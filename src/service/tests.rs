@@ -4,11 +4,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::planner::JobInput;
+use sha2::{Digest, Sha256};
+
+use super::planner::{Artifact, JobInput, MeshSource};
 use super::store::{NewJob, NewMesh};
 use super::*;
+use crate::cell::{CellSpec, Named, Presets, SpecLibrary};
+use crate::geometry::LengthUnit;
 use crate::planning::context::{Context, Stage};
+use crate::planning::params::PlanParams;
+use crate::wire::echo::Echo;
 use crate::wire::{JobId, JobRequest, MeshHealthReport};
+
+/// A mesh that can be planned.
+pub(super) const TRIANGLE: &str =
+    "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 9 0 0\nvertex 0 9 0\nendloop\nendfacet\nendsolid a\n";
+/// A file that fails with EIO: nothing lies at the first address of a process.
+pub(super) const BAD_SECTOR: &str = "/proc/self/mem";
 
 /// Options of a small service in a folder.
 pub(super) fn options(data: &Path) -> Options {
@@ -52,9 +64,48 @@ pub(super) fn options(data: &Path) -> Options {
 
 /// A service in a folder of its own, whose plans have no files.
 pub(super) async fn service() -> (App, tempfile::TempDir) {
+    service_with(Vec::new()).await
+}
+
+/// A service in a folder of its own, whose plans have these files.
+pub(super) async fn service_with(files: Vec<Artifact>) -> (App, tempfile::TempDir) {
     let folder = tempfile::tempdir().expect("a folder");
-    let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
+    let planner = Arc::new(move |_: &JobInput, _: &Context<'_>| Ok(files.clone()));
     (App::open_with(options(folder.path()), planner, None).await.expect("a service"), folder)
+}
+
+/// A job without a cell, accepted as a request is, as it ended.
+pub(super) async fn ended_job(app: &App) -> crate::wire::Job {
+    let mut upload = app.receive(0).await.expect("room");
+    upload.write(TRIANGLE.into()).await.expect("written");
+    let about = MeshUpload { unit: LengthUnit::Millimetre, name: None };
+    let mesh = app.add_mesh(upload.finish(None).await.expect("a file"), about).await.expect("a mesh").id;
+    let request = JobRequest { cell: Named::Name("none".to_owned()), ..JobRequest::new(mesh) };
+    let id = app.submit(request, Submission::default()).await.expect("accepted").id;
+    app.job_when_ended(id, Duration::from_secs(60)).await.expect("it")
+}
+
+/// Input of a job that reads [`TRIANGLE`] from `part`, and from `post` where its cell has a body of that mesh.
+pub(super) fn job_input(part: &Path, cell: Option<CellSpec>, post: &Path) -> JobInput {
+    JobInput {
+        mesh: source(part),
+        part_name: "part".into(),
+        fixture: None,
+        cell,
+        scanner: Presets.scanner("transcan-c").expect("a preset"),
+        body_meshes: [("post".to_owned(), source(post))].into(),
+        max_triangles: 1000,
+        params: PlanParams::default(),
+        echo: Echo::default(),
+        rescan: None,
+        accepted_at: None,
+    }
+}
+
+/// [`TRIANGLE`] in a file.
+pub(super) fn source(path: &Path) -> MeshSource {
+    let sha256 = crate::wire::hex(&Sha256::digest(TRIANGLE));
+    MeshSource { path: path.to_owned(), sha256, unit: LengthUnit::Millimetre }
 }
 
 /// A job, in whatever state.

@@ -194,14 +194,14 @@ pub(in crate::http) async fn preview(
     let mesh = state.app.mesh(id).await?;
     let form = choose(&headers, None, &PREVIEW)?;
     let (sha256, bytes) = state.app.preview(id).await?;
+    let vary = [(VARY, HeaderValue::from_static("accept"))];
     if let Some(response) = not_modified(&headers, &sha256) {
-        return Ok(response);
+        return Ok((vary, response).into_response());
     }
     let length = bytes.len() as u64;
     let name = format!("{}_preview.glb", mesh.name.unwrap_or_else(|| mesh.id.to_string()));
     let inline = content_disposition(Disposition::Inline, &name);
-    let vary = HeaderValue::from_static("accept");
-    let common = (immutable(&sha256, form.media_type), [(CONTENT_DISPOSITION, inline), (VARY, vary)]);
+    let common = (immutable(&sha256, form.media_type), vary, [(CONTENT_DISPOSITION, inline)]);
     match asked_part(&headers, &format!("\"{sha256}\""), length) {
         AskedPart::Whole => Ok((common, bytes).into_response()),
         AskedPart::BeyondEnd => Ok(beyond_end(length)),

@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
 use axum::http::header::{ACCEPT_RANGES, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE, ETAG};
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use futures_util::stream;
@@ -49,18 +49,24 @@ fn job_id(text: &str) -> Result<JobId, ApiError> {
 }
 
 /// Headers of an immutable resource: its tag is the hash of its bytes.
-fn immutable(sha256: &str, media_type: &'static str) -> [(axum::http::HeaderName, HeaderValue); 4] {
-    // Hexadecimal digits are a valid header value.
-    let etag = HeaderValue::from_str(&format!("\"{sha256}\"")).unwrap_or(HeaderValue::from_static("\"\""));
-    let cache_control = HeaderValue::from_static("private, max-age=31536000, immutable");
+fn immutable(sha256: &str, media_type: &'static str) -> [(HeaderName, HeaderValue); 4] {
+    let [etag, cache_control] = version(sha256);
     let bytes = HeaderValue::from_static("bytes");
-    [(ETAG, etag), (CACHE_CONTROL, cache_control), (CONTENT_TYPE, HeaderValue::from_static(media_type)), (ACCEPT_RANGES, bytes)]
+    [etag, cache_control, (CONTENT_TYPE, HeaderValue::from_static(media_type)), (ACCEPT_RANGES, bytes)]
 }
 
-/// The 304 response, if the client has the current version.
+/// Headers of an immutable resource that a response without its bytes has too.
+fn version(sha256: &str) -> [(HeaderName, HeaderValue); 2] {
+    // Hexadecimal digits are a valid header value.
+    let etag = HeaderValue::from_str(&format!("\"{sha256}\"")).unwrap_or(HeaderValue::from_static("\"\""));
+    [(ETAG, etag), (CACHE_CONTROL, HeaderValue::from_static("private, max-age=31536000, immutable"))]
+}
+
+/// The 304 response, if the client has the current version. A cache takes its headers over, so they are those of the 200 response
+/// (RFC 9110, section 15.4.5); of a resource with several representations, the caller adds the rest.
 fn not_modified(headers: &HeaderMap, sha256: &str) -> Option<Response> {
-    let etag = format!("\"{sha256}\"");
-    etag_matches(headers, &etag).then(|| (StatusCode::NOT_MODIFIED, [(ETAG, etag)], Body::empty()).into_response())
+    let is_current = etag_matches(headers, &format!("\"{sha256}\""));
+    is_current.then(|| (StatusCode::NOT_MODIFIED, version(sha256)).into_response())
 }
 
 /// A file that a client uploaded.
@@ -124,3 +130,6 @@ fn next_chunk(mut reader: Box<dyn Read + Send>) -> io::Result<(Bytes, Box<dyn Re
     reader.by_ref().take(CHUNK_BYTES as u64).read_to_end(&mut chunk)?;
     Ok((chunk.into(), reader))
 }
+
+#[cfg(test)]
+mod tests;

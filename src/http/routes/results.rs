@@ -15,6 +15,7 @@ use crate::http::download::{
     AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range, result_name,
 };
 use crate::http::extract::Params;
+use crate::http::layers::weaken;
 use crate::http::negotiate::{Representation, accepts_gzip, choose};
 use crate::http::openapi::ProgramDialect;
 use crate::http::problem::{ApiError, Code};
@@ -163,9 +164,33 @@ pub(super) async fn respond(
     media_type: &'static str,
     disposition: HeaderValue,
 ) -> Result<Response, ApiError> {
-    if let Some(response) = not_modified(headers, file.sha256()) {
-        return Ok(response);
+    let mut response = match not_modified(headers, file.sha256()) {
+        Some(response) => response,
+        None => with_bytes(state, file, headers, media_type, disposition).await?,
+    };
+    add_shared_headers(&mut response, is_sent_packed(file, headers), media_type);
+    Ok(response)
+}
+
+/// Adds the headers that a result has with its bytes and without: a cache takes over those of a 304 response.
+pub(super) fn add_shared_headers(response: &mut Response, is_sent_packed: bool, media_type: &str) {
+    if is_sent_packed && response.status() == StatusCode::NOT_MODIFIED {
+        weaken(response.headers_mut());
     }
+    response.headers_mut().insert(VARY, HeaderValue::from_static("accept, accept-encoding"));
+    if media_type == HTML {
+        response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
+    }
+}
+
+/// A result or a part of it, for a client that does not have it.
+async fn with_bytes(
+    state: &ApiState,
+    file: &ResultBody,
+    headers: &HeaderMap,
+    media_type: &'static str,
+    disposition: HeaderValue,
+) -> Result<Response, ApiError> {
     let length = file.size_bytes(false);
     let part = asked_part(headers, &format!("\"{}\"", file.sha256()), length);
     let mut response = match &part {
@@ -178,19 +203,19 @@ pub(super) async fn respond(
             (StatusCode::PARTIAL_CONTENT, about, body).into_response()
         }
     };
-    let response_headers = response.headers_mut();
-    response_headers.extend(immutable(file.sha256(), media_type));
-    response_headers.insert(VARY, HeaderValue::from_static("accept, accept-encoding"));
-    response_headers.insert(CONTENT_DISPOSITION, disposition);
-    if media_type == HTML {
-        response_headers.insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
-    }
+    response.headers_mut().extend(immutable(file.sha256(), media_type));
+    response.headers_mut().insert(CONTENT_DISPOSITION, disposition);
     Ok(response)
+}
+
+/// True if the result as a whole is sent compressed as stored.
+fn is_sent_packed(file: &ResultBody, headers: &HeaderMap) -> bool {
+    file.is_packed() && accepts_gzip(headers)
 }
 
 /// A result as a whole.
 async fn whole(state: &ApiState, file: &ResultBody, headers: &HeaderMap) -> Result<Response, ApiError> {
-    let packed = file.is_packed() && accepts_gzip(headers);
+    let packed = is_sent_packed(file, headers);
     let mut response = streamed(file.open(packed).await?, state.downloads.clone()).into_response();
     response.headers_mut().insert(CONTENT_LENGTH, file.size_bytes(packed).into());
     if packed {

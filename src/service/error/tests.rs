@@ -32,6 +32,9 @@ async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
     let locked = Error::from(other.execute("INSERT INTO a VALUES (1)").await.expect_err("locked"));
     assert!(locked.is_transient(), "{locked:?}");
     one.execute("COMMIT; INSERT INTO a VALUES (1)").await.expect("written");
+    let text = sqlx::query_scalar::<_, String>("SELECT CAST(x'ff' AS TEXT)").fetch_one(&mut one).await;
+    let unreadable = Error::from(text.expect_err("no text"));
+    assert!(matches!(unreadable, Error::Internal(InternalError::Row(_))), "{unreadable:?}");
     for wrong in ["INSERT INTO a VALUES (1)", "INSERT INTO nothing VALUES (1)"] {
         let error = Error::from(other.execute(wrong).await.expect_err("refused"));
         assert!(!error.is_transient(), "{error:?}");

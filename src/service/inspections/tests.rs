@@ -1,13 +1,14 @@
-//! Inspections while the disk is full.
+//! Inspections while the disk is full, and of what was deleted or damaged meanwhile.
 
 use super::*;
 use crate::inspection::InspectionParams;
-use crate::service::tests::{job, service};
+use crate::service::planner::Artifact;
+use crate::service::tests::{ended_job, job, service, service_with};
 
-async fn inspection(app: &App, state: JobState) -> InspectionId {
-    let job = InspectionJob {
+fn inspection_of(job_id: JobId, state: JobState) -> InspectionJob {
+    InspectionJob {
         id: InspectionId::generate(),
-        job_id: job(app).await,
+        job_id,
         state,
         scans: Vec::new(),
         run_id: None,
@@ -19,8 +20,15 @@ async fn inspection(app: &App, state: JobState) -> InspectionId {
         summary: None,
         files: Vec::new(),
         problem: None,
-    };
-    app.0.store.insert_inspection(&job, &StoredInspection { scans: Vec::new() }, 1).await.expect("an inspection").id
+    }
+}
+
+async fn inserted(app: &App, job: &InspectionJob) -> InspectionId {
+    app.0.store.insert_inspection(job, &StoredInspection { scans: Vec::new() }, 10).await.expect("an inspection").id
+}
+
+async fn inspection(app: &App, state: JobState) -> InspectionId {
+    inserted(app, &inspection_of(job(app).await, state)).await
 }
 
 #[tokio::test]
@@ -41,4 +49,61 @@ async fn a_cancellation_has_the_room_that_is_kept_for_it() {
     std::fs::write(folder.path().join("reserve"), b"room").expect("a file");
     app.0.store.fill_disk_at("UPDATE ON inspection WHEN NEW.state = 'cancelled'").await;
     assert_eq!(app.cancel_inspection(id).await.expect("cancelled").state, JobState::Cancelled);
+}
+
+#[tokio::test]
+async fn what_an_earlier_process_left_is_recovered_on_the_room_that_is_kept_for_it() {
+    let (app, folder) = service().await;
+    let id = inspection(&app, JobState::Cancelling).await;
+    std::fs::write(folder.path().join("reserve"), b"room").expect("a file");
+    app.0.store.fill_disk_at("UPDATE ON inspection WHEN NEW.state = 'cancelled'").await;
+    app.recover_inspections().await.expect("recovered");
+    assert_eq!(app.inspection(id).await.expect("it").state, JobState::Cancelled);
+}
+
+#[tokio::test]
+async fn one_whose_bytes_are_no_text_keeps_no_server_from_starting() {
+    let (app, _folder) = service().await;
+    let id = inspection(&app, JobState::Running).await;
+    app.0.store.damage_text("inspection SET body", &format!("id = '{id}'")).await;
+    app.recover_inspections().await.expect("the others go on");
+    app.delete_inspection(id).await.expect("it counts as failed");
+}
+
+#[tokio::test]
+async fn a_scan_that_was_deleted_since_the_request_was_checked_is_not_inspected() {
+    let (app, _folder) = service().await;
+    let job = inspection_of(job(&app).await, JobState::Queued);
+    let (id, created_at) = (ScanId::generate(), String::new());
+    let scan = Scan {
+        id,
+        job_id: job.job_id,
+        view: None,
+        name: None,
+        unit: None,
+        frame: None,
+        sha256: "ab".to_owned(),
+        size_bytes: 1,
+        created_at,
+    };
+    let refused = app.0.store.insert_inspection(&job, &StoredInspection { scans: vec![scan] }, 10).await;
+    assert!(matches!(refused, Err(Error::ScanNotFound(gone)) if gone == id), "{refused:?}");
+    assert!(matches!(app.inspection(job.id).await, Err(Error::InspectionNotFound(_))));
+}
+
+#[tokio::test]
+async fn a_run_that_was_deleted_and_a_plan_that_is_damaged_are_no_faults_of_the_server() {
+    let plan = Artifact { name: PLAN_FILE.into(), bytes: b"{}".to_vec() };
+    let (app, _folder) = service_with(vec![plan]).await;
+    let planned = ended_job(&app).await;
+    let (job_id, sha256) = (planned.id, planned.plan_sha256.expect("a plan"));
+    let problem = async |run_id: Option<RunId>| {
+        let id = inserted(&app, &InspectionJob { run_id, ..inspection_of(job_id, JobState::Queued) }).await;
+        app.clone().carry_out_inspection(id).await;
+        app.inspection(id).await.expect("it").problem.expect("a reason")
+    };
+    let gone = problem(Some(RunId::generate())).await;
+    assert_eq!((gone.code.as_str(), gone.errors[0].pointer.as_str()), ("job_input_invalid", "/run_id"), "{gone:?}");
+    std::fs::write(app.0.store.files().path(&sha256), b"other").expect("damaged");
+    assert_eq!(problem(None).await.code, "file_damaged");
 }

@@ -40,7 +40,7 @@ pub(super) fn job_problem(error: AttemptError) -> JobProblem {
         AttemptError::TimedOut(limit) => failure("job_too_long", too_long(limit), Vec::new()),
         AttemptError::Job(JobError::BadInput(errors) | JobError::PartRefused { errors, .. }) => input_invalid(errors),
         AttemptError::Job(JobError::NoPlan { reasons, .. }) => failure("no_plan", reasons, Vec::new()),
-        AttemptError::Job(JobError::Damaged(reason)) => failure("file_damaged", reason, Vec::new()),
+        AttemptError::Job(JobError::Damaged(reason) | JobError::Unread(reason)) => failure("file_damaged", reason, Vec::new()),
         AttemptError::Job(error @ (JobError::Unavailable(_) | JobError::Cancelled)) => {
             failure("internal", error.to_string(), Vec::new())
         }
@@ -61,9 +61,19 @@ fn too_long(limit: Duration) -> String {
     )
 }
 
-pub(super) fn internal(error: &Error) -> JobProblem {
-    tracing::error!(error = error as &dyn std::error::Error, "a job failed with an internal error");
-    failure("internal", error.to_string(), Vec::new())
+/// Problem of a job whose results or outcome could not be stored, which goes to the log too.
+pub(super) fn unstored(error: &Error) -> JobProblem {
+    tracing::error!(error = error as &dyn std::error::Error, "what a job ended with cannot be stored; it fails");
+    problem_of_error(error)
+}
+
+/// Problem of work that an error of the service ended: its input, a stored file, or the server is at fault.
+pub(in crate::service) fn problem_of_error(error: &Error) -> JobProblem {
+    if let Error::Invalid(errors) = error {
+        return input_invalid(errors.clone());
+    }
+    let code = if matches!(error, Error::FileDamaged { .. }) { "file_damaged" } else { "internal" };
+    failure(code, error.to_string(), Vec::new())
 }
 
 /// The problem of a failed job, with the title of its code.

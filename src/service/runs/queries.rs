@@ -155,7 +155,7 @@ impl App {
 
     /// Stops the runs that an earlier process left open.
     pub(in crate::service) async fn recover_runs(&self) -> Result<(), Error> {
-        let found = self.0.store.stop_open_runs(LEFT_OPEN).await?;
+        let found = self.freeing(|| self.0.store.stop_open_runs(LEFT_OPEN)).await?;
         if found > 0 {
             tracing::warn!(runs = found, "an earlier process ended while runs were under way; they are stopped");
         }

@@ -78,7 +78,8 @@ impl App {
     /// [`Error::RunNotFound`], [`Error::Internal`].
     pub async fn run_events(&self, run: RunId, after: RunCursor) -> Result<RunStream, Error> {
         let feed = self.0.runs.subscribe();
-        self.run(run).await?;
+        // Read before the events: of a run that ends after this, the end is still to come.
+        let has_ended = self.run(run).await?.state.is_ended();
         let session = self.0.runs.get(run).map(|open| open.session.subscribe());
         let (past, samples) = (VecDeque::new(), VecDeque::new());
         let app = self.clone();
@@ -96,17 +97,16 @@ impl App {
             ended: false,
         };
         stream.catch_up().await?;
+        stream.ended = has_ended && stream.past.is_empty() && !stream.behind;
         Ok(stream)
     }
 }
 
 impl RunStream {
     /// True if nothing will follow: the run has ended and all of its events were read.
-    ///
-    /// # Errors
-    /// [`Error::RunNotFound`], [`Error::Internal`].
-    pub async fn is_over(&self) -> Result<bool, Error> {
-        if self.past.is_empty() { Ok(self.app.run(self.run).await?.state.is_ended()) } else { Ok(false) }
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.ended
     }
 
     /// Waits for what comes next; `None` after the last event and when the service stops.

@@ -191,9 +191,10 @@ impl Store {
     pub(crate) async fn read_result(&self, file: &ResultFile) -> Result<Vec<u8>, Error> {
         let mut reader = self.open_result(file, true).await?;
         let size_bytes = usize::try_from(file.result.size_bytes).unwrap_or_default();
+        let (files, sha256) = (self.files.clone(), file.file_sha256.clone());
         blocking(move || {
             let mut bytes = Vec::with_capacity(size_bytes);
-            reader.read_to_end(&mut bytes)?;
+            reader.read_to_end(&mut bytes).map_err(|error| files.read_error(&sha256, error))?;
             Ok(bytes)
         })
         .await

@@ -16,7 +16,7 @@ use sqlx::{Row, SqliteConnection};
 use super::artifacts::{self, ResultFile};
 use super::events::{self, EventBody};
 use super::job_rows::{fetch, read_state, state_of, unreadable};
-use super::stored::read_leniently;
+use super::stored::{read_leniently, text};
 use super::{Store, now, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::failpoint;
@@ -227,14 +227,15 @@ async fn body_of(tx: &mut SqliteConnection, id: JobId) -> Result<Result<(JobRequ
         .fetch_optional(&mut *tx)
         .await?;
     let Some(row) = row else { return Ok(Err("its request is missing in the database".to_owned())) };
-    let request = read_leniently::<JobRequest>(row.try_get("version")?, &row.try_get::<String, _>("request")?);
-    let input: String = row.try_get("input")?;
-    Ok(request.map(|(request, unknown)| {
+    let version = row.try_get("version")?;
+    let read = || -> Result<(JobRequest, String), String> {
+        let (request, unknown) = read_leniently(version, &text(&row, "request")?)?;
         if !unknown.is_empty() {
             tracing::warn!(job = %id, fields = unknown.join(", "), "unknown fields of a job's request are ignored");
         }
-        (request, input)
-    }))
+        Ok((request, text(&row, "input")?))
+    };
+    Ok(read())
 }
 
 /// End of a job's time in a state, with what is told of it.

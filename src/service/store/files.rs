@@ -2,7 +2,8 @@
 //! Written as temporary file → fsync → rename → fsync of the directory. All of this blocks.
 //!
 //! A file is compared with its hash before its bytes are read, and again after [`CHECK_LIFETIME`] or when its size or
-//! modification time has changed. A damaged file is never read; storing the same bytes again repairs it.
+//! modification time has changed. A damaged file is never read; storing the same bytes again repairs it, whether or not the damage
+//! was noticed: the file is replaced.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -109,22 +110,14 @@ impl Files {
         Ok(received)
     }
 
-    /// Renames a received file to its hash. An existing file is replaced only if it is damaged.
+    /// Renames a received file to its hash, in place of an existing file: that one may be damaged, also where a check that is not
+    /// [`CHECK_LIFETIME`] old found it whole, and its readers keep it.
     pub(crate) fn persist(&self, received: Received) -> Result<PathBuf, Error> {
         let path = self.path(&received.sha256);
         let folder = path.parent().unwrap_or(&self.files);
         fs::create_dir_all(folder)?;
-        match self.open_checked(&received.sha256) {
-            Ok(_) => {}
-            Err(Error::FileDamaged { missing, .. }) => {
-                if !missing {
-                    tracing::warn!(file = received.sha256, "a damaged file of the store is replaced");
-                }
-                received.file.persist(&path).map_err(|error| error.error)?;
-            }
-            Err(error) => return Err(error),
-        }
-        // Also for an existing file: another upload may have renamed it without having reached this line.
+        received.file.persist(&path).map_err(|error| error.error)?;
+        self.lock().remove(&received.sha256);
         File::open(folder)?.sync_all()?;
         File::open(&self.files)?.sync_all()?;
         Ok(path)
@@ -179,8 +172,18 @@ impl Files {
     /// Bytes of a file, after they were compared with its hash.
     pub(crate) fn read(&self, sha256: &str) -> Result<Vec<u8>, Error> {
         let mut bytes = Vec::new();
-        self.open_checked(sha256)?.read_to_end(&mut bytes)?;
+        self.open_checked(sha256)?.read_to_end(&mut bytes).map_err(|error| self.read_error(sha256, error))?;
         Ok(bytes)
+    }
+
+    /// Error of a file that was opened and could not be read: it is damaged where the disk does not give it back, whatever was found
+    /// before, and is compared anew when it is next opened.
+    pub(crate) fn read_error(&self, sha256: &str, error: io::Error) -> Error {
+        if !is_read_failure(&error) {
+            return error.into();
+        }
+        self.lock().remove(sha256);
+        Error::FileDamaged { sha256: sha256.to_owned(), missing: false }
     }
 
     /// Removes a file.

@@ -21,7 +21,7 @@ pub(crate) struct StoredInspection {
 }
 
 impl Store {
-    /// Inserts an inspection, unless so many wait; `created_at` becomes the store's time.
+    /// Inserts an inspection, unless so many wait or one of its scans was deleted; `created_at` becomes the store's time.
     pub(crate) async fn insert_inspection(
         &self,
         job: &InspectionJob,
@@ -50,6 +50,7 @@ impl Store {
         if inserted.rows_affected() == 0 {
             return Err(Error::JobNotFound(job.job_id));
         }
+        check_scans(&mut tx, &input.scans).await?;
         tx.commit().await?;
         Ok(job)
     }
@@ -146,6 +147,20 @@ impl Store {
         };
         self.remove_unreferenced(orphans).await
     }
+}
+
+/// Checks that the scans still exist: one may have been deleted since the request was checked.
+async fn check_scans(tx: &mut SqliteConnection, scans: &[Scan]) -> Result<(), Error> {
+    for scan in scans {
+        let there: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM scan WHERE id = ?1)")
+            .bind(scan.id.to_string())
+            .fetch_one(&mut *tx)
+            .await?;
+        if !there {
+            return Err(Error::ScanNotFound(scan.id));
+        }
+    }
+    Ok(())
 }
 
 async fn job_of(tx: &mut SqliteConnection, id: InspectionId) -> Result<InspectionJob, Error> {

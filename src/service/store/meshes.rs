@@ -6,6 +6,7 @@ use sqlx::{Row, SqliteConnection};
 
 use super::files::Received;
 use super::pages::{Page, entry};
+use super::stored::text;
 use super::{Store, blocking, now, parsed};
 use crate::service::error::Error;
 use crate::service::failpoint;
@@ -187,7 +188,9 @@ fn read(row: &SqliteRow) -> Result<UploadedMesh, Error> {
         size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
         created_at: row.try_get("created_at")?,
         // The mesh itself is usable even if its report is unreadable.
-        health: read_health(&row.try_get::<String, _>("health")?).unwrap_or_else(|reason| MeshHealthReport::unreadable(&reason)),
+        health: text(row, "health")
+            .and_then(|health| read_health(&health))
+            .unwrap_or_else(|reason| MeshHealthReport::unreadable(&reason)),
     })
 }
 

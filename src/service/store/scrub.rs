@@ -6,9 +6,10 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
 
 use super::meshes::read_health;
-use super::stored::read_leniently;
+use super::stored::{read_leniently, text};
 use super::{Store, blocking};
 use crate::service::error::Error;
 use crate::wire::JobRequest;
@@ -101,10 +102,13 @@ impl Store {
                 .await?;
             let Some(last) = rows.last() else { return Ok(()) };
             after = last.try_get("job_id")?;
-            let requests: Vec<(String, i64, String)> =
-                rows.iter().map(|row| Ok((row.try_get(0)?, row.try_get(1)?, row.try_get(2)?))).collect::<Result<_, Error>>()?;
-            let read = |(id, version, request): (String, i64, String)| {
-                (format!("job {id}"), read_leniently::<JobRequest>(version, &request).err())
+            let stored = |row: &SqliteRow| -> Result<(String, i64, Result<String, String>), Error> {
+                Ok((row.try_get("job_id")?, row.try_get("version")?, text(row, "request")))
+            };
+            let requests: Vec<_> = rows.iter().map(stored).collect::<Result<_, Error>>()?;
+            let read = |(id, version, request): (String, i64, Result<String, String>)| {
+                let read = request.and_then(|request| read_leniently::<JobRequest>(version, &request));
+                (format!("job {id}"), read.err())
             };
             self.record(blocking(move || Ok(requests.into_iter().map(read).collect())).await?);
         }
@@ -124,9 +128,13 @@ impl Store {
                 .await?;
             let Some(last) = rows.last() else { return Ok(()) };
             after = last.try_get("id")?;
-            let reports: Vec<(String, String)> =
-                rows.iter().map(|row| Ok((row.try_get(0)?, row.try_get(1)?))).collect::<Result<_, Error>>()?;
-            let read = |(id, health): (String, String)| (format!("mesh {id}"), read_health(&health).err());
+            let stored = |row: &SqliteRow| -> Result<(String, Result<String, String>), Error> {
+                Ok((row.try_get("id")?, text(row, "health")))
+            };
+            let reports: Vec<_> = rows.iter().map(stored).collect::<Result<_, Error>>()?;
+            let read = |(id, health): (String, Result<String, String>)| {
+                (format!("mesh {id}"), health.and_then(|health| read_health(&health)).err())
+            };
             self.record(blocking(move || Ok(reports.into_iter().map(read).collect())).await?);
         }
     }

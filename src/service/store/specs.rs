@@ -3,7 +3,8 @@
 
 use sqlx::{Row, SqliteConnection};
 
-use super::Store;
+use super::{Store, parsed};
+use crate::cell::preset_text;
 use crate::service::error::Error;
 use crate::wire::SpecCollection;
 
@@ -62,13 +63,13 @@ impl Store {
         row.map(|row| read(&row)).transpose()
     }
 
-    /// All specifications of a kind, sorted by name.
-    pub(crate) async fn specs(&self, kind: SpecCollection) -> Result<Vec<StoredSpec>, Error> {
-        let rows = sqlx::query("SELECT name, version, body FROM spec WHERE kind = ?1 ORDER BY name")
+    /// Names and entity tags of all specifications of a kind, sorted by name. None of them is read.
+    pub(crate) async fn specs(&self, kind: SpecCollection) -> Result<Vec<(String, String)>, Error> {
+        let versions: Vec<(String, i64)> = sqlx::query_as("SELECT name, version FROM spec WHERE kind = ?1 ORDER BY name")
             .bind(kind.as_str())
             .fetch_all(&self.reader)
             .await?;
-        rows.iter().map(read).collect()
+        Ok(versions.into_iter().map(|(name, version)| (name, etag(version))).collect())
     }
 
     /// Names of the specifications of a kind, sorted; `limit` at most.
@@ -81,7 +82,7 @@ impl Store {
         Ok(names)
     }
 
-    /// Stores a specification. Replacing one needs [`Precondition::Match`].
+    /// Stores a specification whose meshes and devices exist. Replacing one needs [`Precondition::Match`].
     pub(crate) async fn put_spec(
         &self,
         kind: SpecCollection,
@@ -97,6 +98,7 @@ impl Store {
         if let (Some(etag), Precondition::None) = (&now, only_if) {
             return Err(Error::PreconditionRequired { kind, name: name.to_owned(), etag: etag.clone() });
         }
+        check_named(&mut tx, kind, body).await?;
         let version: i64 = sqlx::query_scalar(
             "INSERT INTO spec_version (only_row, last) VALUES (1, 1)
              ON CONFLICT (only_row) DO UPDATE SET last = last + 1 RETURNING last",
@@ -139,6 +141,35 @@ impl Store {
         tx.commit().await?;
         Ok(())
     }
+}
+
+/// Checks that what a specification names still exists: it may have been deleted since the specification was checked.
+async fn check_named(tx: &mut SqliteConnection, kind: SpecCollection, body: &str) -> Result<(), Error> {
+    let mesh: Option<String> = sqlx::query_scalar(
+        "SELECT node.value FROM json_tree(CASE WHEN json_valid(?1) THEN ?1 ELSE '{}' END) AS node
+         WHERE node.key = 'mesh' AND node.type = 'text' AND NOT EXISTS (SELECT 1 FROM mesh WHERE id = lower(node.value)) LIMIT 1",
+    )
+    .bind(body)
+    .fetch_optional(&mut *tx)
+    .await?;
+    if let Some(id) = mesh {
+        return Err(Error::MeshNotFound(parsed("mesh", &id)?));
+    }
+    for device in SpecCollection::ALL.into_iter().filter(|device| kind == SpecCollection::Cell && *device != kind) {
+        let name: Option<String> = sqlx::query_scalar(
+            "SELECT node.value FROM json_each(CASE WHEN json_valid(?1) THEN ?1 ELSE '{}' END) AS node
+             WHERE node.key = ?2 AND node.type = 'text'
+                AND NOT EXISTS (SELECT 1 FROM spec WHERE spec.kind = ?2 AND spec.name = node.value)",
+        )
+        .bind(body)
+        .bind(device.as_str())
+        .fetch_optional(&mut *tx)
+        .await?;
+        if let Some(name) = name.filter(|name| preset_text(device.kind(), name).is_none()) {
+            return Err(Error::SpecNotFound { kind: device, name });
+        }
+    }
+    Ok(())
 }
 
 async fn etag_now(tx: &mut SqliteConnection, kind: SpecCollection, name: &str) -> Result<Option<String>, Error> {

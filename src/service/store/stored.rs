@@ -3,6 +3,8 @@
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
 
 use crate::wire::{ParseError, decode, parse};
 
@@ -12,6 +14,11 @@ pub(super) const VERSION: i64 = 1;
 
 /// Max unknown fields; beyond that a document counts as unreadable.
 const MAX_UNKNOWN: usize = 64;
+
+/// Text in a column, or the reason why it cannot be read: damaged bytes are no text.
+pub(super) fn text(row: &SqliteRow, column: &str) -> Result<String, String> {
+    row.try_get(column).map_err(|error| error.to_string())
+}
 
 /// Reads stored JSON of a version; also returns the JSON pointers of the unknown fields that were ignored. If the version was
 /// not stored, 0 stands for any.

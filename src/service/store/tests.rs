@@ -84,6 +84,15 @@ impl Store {
         tx.commit().await.expect("committed");
     }
 
+    /// Lets a column hold bytes that are no text, as a flipped bit does.
+    pub(in crate::service) async fn damage_text(&self, column: &str, of: &str) {
+        let mut tx = self.writer.begin().await.expect("a transaction");
+        let damage = format!("UPDATE {column} = CAST(x'7bff7d' AS TEXT) WHERE {of}");
+        let damaged = QueryBuilder::<Sqlite>::new(damage).build().execute(&mut *tx).await.expect("damaged");
+        assert_eq!(damaged.rows_affected(), 1);
+        tx.commit().await.expect("committed");
+    }
+
     /// Inserts a job of its own.
     async fn submit_one(&self, new: &NewJob) -> Result<Job, Error> {
         self.submit(new, None, ROOM).await
@@ -354,4 +363,35 @@ async fn a_version_is_never_given_twice() {
     assert!(matches!(put(Precondition::Match(vec![])).await, Err(Error::PreconditionFailed(None))));
     let third = put(Precondition::Absent).await.expect("new again");
     assert!(![first.etag, second.etag].contains(&third.etag));
+}
+
+#[tokio::test]
+async fn a_specification_names_only_what_is_there_when_it_is_stored() {
+    let opened = open().await;
+    let store = &opened.store;
+    let put = async |body: String| store.put_spec(SpecCollection::Cell, "c", &body, &Precondition::Absent).await;
+    let mesh = add_mesh(store, b"one").await.id;
+    let cell = |robot: &str| {
+        format!(
+            r#"{{"robot": "{robot}", "scanner": "transcan-c", "turntable": {{"name": "t"}}, "obstacles": [{{"mesh": "{mesh}"}}]}}"#
+        )
+    };
+    let unknown = put(cell("r")).await;
+    assert!(matches!(&unknown, Err(Error::SpecNotFound { kind: SpecCollection::Robot, name }) if name == "r"), "{unknown:?}");
+    store.delete_mesh(mesh, 0).await.expect("free");
+    let gone = put(cell("hans-e05")).await;
+    assert!(matches!(gone, Err(Error::MeshNotFound(id)) if id == mesh), "{gone:?}");
+    let other = add_mesh(store, b"two").await.id;
+    put(cell("hans-e05").replace(&mesh.to_string(), &other.to_string().to_uppercase())).await.expect("all are there");
+}
+
+/// A list of large specifications takes no more memory than their names.
+#[tokio::test]
+async fn a_list_of_specifications_reads_none_of_them() {
+    let opened = open().await;
+    let store = &opened.store;
+    let stored = store.put_spec(SpecCollection::Robot, "r", "{}", &Precondition::None).await.expect("new");
+    store.damage_text("spec SET body", "name = 'r'").await;
+    assert_eq!(store.specs(SpecCollection::Robot).await.expect("a list"), [("r".to_owned(), stored.etag)]);
+    assert!(store.spec(SpecCollection::Robot, "r").await.is_err());
 }

@@ -1,5 +1,6 @@
 //! Ends of runs while the disk is full, and of the work for them.
 
+use super::super::{RunCursor, RunMessage};
 use super::*;
 use crate::cell::Configuration;
 use crate::program::Program;
@@ -59,4 +60,19 @@ async fn work_that_nobody_waits_for_is_stopped() {
     assert!(!raised.load(Ordering::Relaxed));
     drop(flag);
     assert!(raised.load(Ordering::Relaxed));
+}
+
+#[tokio::test]
+async fn an_end_after_the_store_was_read_is_told_to_who_follows_the_run() {
+    let (app, _folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    let id = supervisor.run.id;
+    let mut first = app.run_events(id, RunCursor::default()).await.expect("a stream");
+    let Some(RunMessage::Event(_, at)) = first.next().await.expect("read") else { panic!("no event") };
+    let mut stream = app.run_events(id, at).await.expect("a stream");
+    supervisor.end_early((ReportedState::Stopped, ReportedReason::ByClient, None)).await;
+    assert!(!stream.is_over(), "its last event was not told");
+    let Some(RunMessage::Event(told, at)) = stream.next().await.expect("read") else { panic!("no event") };
+    assert_eq!(told.state, ReportedState::Stopped);
+    assert!(app.run_events(id, at).await.expect("a stream").is_over());
 }

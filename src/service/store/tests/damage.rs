@@ -287,3 +287,49 @@ async fn a_backup_names_what_is_damaged() {
         assert!(matches!(&damaged, BackupError::Damaged(files) if *files == [mesh.sha256.clone()]), "{damaged}");
     }
 }
+
+#[tokio::test]
+async fn the_same_upload_heals_damage_that_was_not_noticed() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    let files = opened.store.files();
+    files.open_checked(&mesh.sha256).expect("whole");
+    let path = files.path(&mesh.sha256);
+    let before = std::fs::metadata(&path).and_then(|about| about.modified()).expect("a time");
+    // Bits that flip on the disk change no time.
+    std::fs::write(&path, b"onE").expect("damage");
+    std::fs::File::options().write(true).open(&path).and_then(|file| file.set_modified(before)).expect("set back");
+    files.open_checked(&mesh.sha256).expect("it was checked within the hour");
+    assert_eq!(add_mesh(&opened.store, b"one").await.id, mesh.id);
+    assert_eq!(std::fs::read(&path).expect("healed"), b"one");
+}
+
+#[tokio::test]
+async fn a_disk_that_fails_under_a_checked_file_makes_it_damaged_and_a_shortage_does_not() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    let error = |code| opened.store.files().read_error(&mesh.sha256, std::io::Error::from_raw_os_error(code));
+    let [eio, emfile] = [error(5), error(24)];
+    assert!(matches!(&eio, Error::FileDamaged { sha256, missing: false } if *sha256 == mesh.sha256), "{eio}");
+    assert!(emfile.is_transient(), "{emfile}");
+}
+
+#[tokio::test]
+async fn a_row_whose_bytes_are_no_text_harms_itself_alone() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    for column in ["request", "input"] {
+        let (bad, good) = (submit(store, mesh).await, submit(store, mesh).await);
+        store.damage_text(&format!("job_body SET {column}"), &format!("job_id = '{bad}'")).await;
+        assert!(store.body(bad).await.expect("looked at").is_none(), "{column}");
+        assert_eq!(store.claim_next().await.expect("the queue").expect("the other job").id, good, "{column}");
+        let job = store.job(bad).await.expect("shown");
+        assert_eq!((job.state, job.problem.expect("the reason").code.as_str()), (JobState::Failed, "job_unreadable"), "{column}");
+    }
+    store.damage_text("mesh SET health", &format!("id = '{mesh}'")).await;
+    store.mesh(mesh).await.expect("usable without its report");
+    store.scrub_rows().await.expect("a look");
+    let damaged: Vec<String> = store.damage().into_iter().map(|damage| damage.name).collect();
+    assert!(damaged.len() == 2 && damaged[0].starts_with("job ") && damaged[1] == format!("mesh {mesh}"), "{damaged:?}");
+}

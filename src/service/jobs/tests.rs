@@ -1,0 +1,53 @@
+//! Outcomes that cannot be stored, and jobs that an earlier process left on a full disk.
+
+use super::*;
+use crate::cell::FieldError;
+use crate::service::tests::{ended_job, job, service, service_with};
+
+/// A job that runs: the dispatcher, with one job at a time, starts none beside it.
+async fn running(app: &App) -> JobId {
+    app.0.runner.schedule().seat(JobId::generate(), Share::Pool, None);
+    let id = job(app).await;
+    app.0.store.claim(&id.to_string()).await.expect("the queue").expect("the job");
+    id
+}
+
+/// Names of results are unique, so that these cannot be stored.
+#[tokio::test]
+async fn a_job_whose_results_cannot_be_stored_fails_with_the_reason() {
+    let twice = ["plan.json"; 2].map(|name| Artifact { name: name.into(), bytes: b"{}".to_vec() });
+    let (app, _folder) = service_with(twice.into()).await;
+    let ended = ended_job(&app).await;
+    assert_eq!((ended.state, ended.problem.expect("the reason").code.as_str()), (JobState::Failed, "internal"));
+}
+
+#[tokio::test]
+async fn an_outcome_is_recorded_once_the_disk_has_room() {
+    let (app, _folder) = service().await;
+    let id = running(&app).await;
+    app.0.store.fill_disk_at("UPDATE ON job WHEN NEW.state = 'cancelled'").await;
+    let recorded = app.record_outcome(id, AttemptOutcome::Cancelled, &BTreeMap::new()).await;
+    assert_eq!((recorded, app.job_state(id).await.expect("it")), (Some(JobState::Cancelled), JobState::Cancelled));
+}
+
+#[tokio::test]
+async fn jobs_are_recovered_on_the_room_that_is_kept_for_it() {
+    let (app, folder) = service().await;
+    let id = running(&app).await;
+    std::fs::write(folder.path().join("reserve"), b"room").expect("a file");
+    app.0.store.fill_disk_at("UPDATE ON job WHEN NEW.state = 'queued'").await;
+    app.recover().await.expect("recovered");
+    assert_eq!(app.job_state(id).await.expect("it"), JobState::Queued);
+}
+
+#[test]
+fn an_error_of_the_service_is_the_server_s_fault_unless_it_names_another() {
+    let refused = FieldError { pointer: "/cell".to_owned(), detail: "is gone".to_owned() };
+    let damaged = Error::FileDamaged { sha256: "ab".to_owned(), missing: false };
+    for (error, code, fields) in
+        [(Error::Invalid(vec![refused]), "job_input_invalid", 1), (damaged, "file_damaged", 0), (Error::TooSlow, "internal", 0)]
+    {
+        let problem = problem_of_error(&error);
+        assert_eq!((problem.code.as_str(), problem.errors.len()), (code, fields), "{error}");
+    }
+}
