@@ -96,6 +96,28 @@ export async function ask<T>(path: string, options: RequestInit = {}): Promise<T
   return (response.status === 204 ? null : await response.json()) as T;
 }
 
+/** Answer that the server may keep waiting, until `left`. A hidden page waits for none, since a browser has six connections to a
+ * server for all its pages; it asks anew when it is seen. */
+export async function askSeen<T>(path: string, left: AbortSignal): Promise<T> {
+  for (;;) {
+    const phase = new AbortController();
+    const end = (): void => phase.abort();
+    const isSeen = !document.hidden;
+    document.addEventListener("visibilitychange", end);
+    left.addEventListener("abort", end);
+    try {
+      left.throwIfAborted();
+      if (isSeen) return await ask<T>(path, { signal: phase.signal });
+      await new Promise((ended) => { phase.signal.addEventListener("abort", ended); });
+    } catch (error) {
+      if (left.aborted || !phase.signal.aborted) throw error;
+    } finally {
+      document.removeEventListener("visibilitychange", end);
+      left.removeEventListener("abort", end);
+    }
+  }
+}
+
 /** A document with the entity tag of its version. */
 export async function askVersion<T>(path: string): Promise<{ value: T; etag: string }> {
   const response = await request(path);

@@ -1,7 +1,7 @@
 // Calibrations: those that the server keeps, a new one from a file of observations, and one with its verdict, residuals and poses.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { apiPath, ask, post, putVersion, Refused, remove, request, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
+import { apiPath, ask, askSeen, post, putVersion, Refused, remove, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
 import { Chart, type Line } from "./chart";
 import { UnitNote } from "./job";
 import { LINES } from "./palette";
@@ -96,9 +96,9 @@ export function CalibrationView({ id }: { id: string }) {
   const { value: result, error: problem } = useLoaded(() => (isDone ? ask<Calibration>(`/calibrations/${id}/result`) : Promise.resolve(null)), [id, isDone]);
   useEffect(() => {
     if (!job || !isOpen(job)) return undefined;
-    let isCurrent = true;
-    void request(`/calibrations/${id}?wait=30s`).then(() => isCurrent && reload(), () => {});
-    return () => { isCurrent = false; };
+    const left = new AbortController();
+    void askSeen(`/calibrations/${id}?wait=30s`, left.signal).then(() => left.signal.aborted || reload(), () => {});
+    return () => left.abort();
   }, [job]);
   if (error || problem) return <p class="problem" role="alert">{error || problem}</p>;
   if (!job) return <p class="soft" role="status">{text.loading}</p>;

@@ -1,7 +1,7 @@
 // Runs: what moves, by whose leave, where it is against where it should be; and what to do when it stops.
 import { useSignal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { apiPath, ask, post, Refused, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
+import { apiPath, ask, askSeen, post, Refused, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
 import { CellScene, cellModelOf } from "./cellscene";
 import { programsOf } from "./cell";
 import { Chart } from "./chart";
@@ -99,8 +99,8 @@ function useRun(first: Run) {
   const heard = useRef<{ sequence: number; secs: number } | null>(null);
   const log = useSignal<LogEntry[]>([]);
   // The end is told before the record with the coverage is stored; the server answers when it is.
-  // On a busy machine that may take longer than one wait.
-  const isShown = useRef(true);
+  // On a busy machine that may take longer than one wait, which is over when the view is left.
+  const left = useMemo(() => new AbortController(), []);
   // What was measured before the page was opened stands in the record, up to this step.
   const recorded = useRef(-1);
   const readRecord = (isWhole: boolean): Promise<void> => ask<{ steps: StepRecord[] }>(`/runs/${first.id}/record`).then(({ steps }) => {
@@ -112,11 +112,12 @@ function useRun(first: Run) {
   }, () => {});
   useEffect(() => {
     void readRecord(false);
-    return () => { isShown.current = false; };
+    return () => left.abort();
   }, []);
   const read = async (isEnd = false): Promise<void> => {
     for (;;) {
-      const fresh = await ask<Run>(`/runs/${first.id}${isEnd ? "?wait=20s" : ""}`).catch((error: unknown) => error);
+      const asked = isEnd ? askSeen<Run>(`/runs/${first.id}?wait=20s`, left.signal) : ask<Run>(`/runs/${first.id}`);
+      const fresh = await asked.catch((error: unknown) => error);
       if (isGone(fresh)) return;
       if (!(fresh instanceof Error)) {
         const told = fresh as Run;
@@ -125,7 +126,7 @@ function useRun(first: Run) {
         // The record has the time of each step; the curves so far are as the page counted it.
         if (OVER.includes(told.state)) return readRecord(true);
       }
-      if (!isEnd || !isShown.current) return;
+      if (!isEnd || left.signal.aborted) return;
       await new Promise((tried) => { setTimeout(tried, 1000); });
     }
   };

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-W3N27E63.js";import"./chunk-WLVDOSYS.js";import"./chunk-5GMYQWGK.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-OO5B6BWF.js";export{a as drawThumbnail,b as drawTurned};
