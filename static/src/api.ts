@@ -361,8 +361,10 @@ export interface Statistics {
 }
 export interface RegionDeviation {
   name: string; tolerance_mm: number | null; measured: number; verdict: string | null; expanded_uncertainty_mm: number | null;
-  statistics: Statistics | null;
+  statistics: Statistics | null; excluded?: ExcludedShares;
 }
+/** What figures and verdicts leave out, shares; inspections of earlier versions do not tell. */
+export interface ExcludedShares { turned_of_points: number; turned_of_area: number; off_of_area: number }
 export interface Estimate { value: number; interval: [number, number]; count: number }
 export interface Offer {
   field: string; parameter: string | null; in_scanner: string[]; from: number | null; to: number; identified: Estimate; detail: string;
@@ -393,7 +395,7 @@ export interface Inspection {
   };
   losses: Loss[];
   deviation: {
-    alignment: string; fixed_freedoms: number; compared_points: number; statistics: Statistics | null;
+    alignment: string; fixed_freedoms: number; compared_points: number; turned_points?: number; excluded?: ExcludedShares; statistics: Statistics | null;
     histogram: { begin_mm: number; width_mm: number; area_mm2: number[] };
     extents: { nominal_mm: number; measured_mm: number | null }[]; regions: RegionDeviation[];
     worst: { kind: string; centre_mm: Vector; area_mm2: number; mean_mm: number; max_mm: number }[];

@@ -280,6 +280,7 @@ function Deviation({ result: { deviation }, onShow }: { result: Inspection; onSh
       <p class="soft">{words.histogramNote}</p>
       <StatisticsTable statistics={statistics} />
       <p class="soft">{words.comparedAt(words.methods[deviation.alignment] ?? deviation.alignment, deviation.fixed_freedoms, deviation.compared_points.toLocaleString("en"))}</p>
+      {deviation.excluded && <p class="soft">{words.leftOut((deviation.turned_points ?? 0).toLocaleString("en"), share(deviation.excluded.turned_of_area), share(deviation.excluded.off_of_area))}</p>}
       {deviation.worst.length > 0 && <><h3>{words.worst}</h3><ul class="spots">{deviation.worst.map((spot, i) => (
         <li key={i}><button type="button" class="row" onClick={() => onShow(spot.centre_mm, Math.sqrt(spot.area_mm2))}>
           <span>{words.kinds[spot.kind]}</span><span class="number">{fine(spot.max_mm)}</span><span class="soft">{words.spot(fine(spot.mean_mm), area(spot.area_mm2), placed(spot.centre_mm))}</span></button></li>
@@ -319,7 +320,7 @@ function Regions({ result: { deviation: { regions } } }: { result: Inspection })
           <tr key={region.name} data-verdict={region.verdict ?? ""}>
             <th scope="row">{region.name}</th><td>{region.tolerance_mm === null ? text.none : fine(region.tolerance_mm)}</td>
             <td class={region.verdict === "pass" ? "good" : region.verdict === "fail" ? "bad" : "warning"}>{region.verdict === null ? text.none : words.verdicts[region.verdict] ?? region.verdict}</td>
-            <td>{share(region.measured)}</td><td>{region.expanded_uncertainty_mm === null ? text.none : fine(region.expanded_uncertainty_mm)}</td>
+            <td title={region.excluded && words.leftOutOf(share(region.excluded.turned_of_area), share(region.excluded.off_of_area))}>{share(region.measured)}</td><td>{region.expanded_uncertainty_mm === null ? text.none : fine(region.expanded_uncertainty_mm)}</td>
             <td>{region.statistics ? `${fine(region.statistics.p1_mm)} … ${fine(region.statistics.p99_mm)}` : text.none}</td>
             <td>{region.statistics?.in_tolerance == null ? text.none : share(region.statistics.in_tolerance)}</td>
           </tr>

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-YAIEOFST.js";import"./chunk-WLVDOSYS.js";import"./chunk-5DDNGODF.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-CWYMLC55.js";export{a as drawThumbnail,b as drawTurned};
