@@ -21,8 +21,8 @@ const SAMPLE_OF_THREAD: f64 = 6.0;
 const MAP_OF_SAMPLE: f64 = 100.0;
 /// A candidate beside its row.
 const CANDIDATE: f64 = 2000.0;
-/// An exchange of a view for a candidate: its deficit twice and what it adds.
-const EXCHANGE: f64 = 24.0;
+/// An exchange of a view for a candidate: its deficit twice, what it adds, and the units that are kept of three goals.
+const EXCHANGE: f64 = 48.0;
 /// Samples that have twins at most, and a sample in the goals over twins.
 const TWINNED: f64 = 50e3;
 const SAMPLE_OF_FLOOR: f64 = 300.0;

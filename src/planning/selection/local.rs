@@ -37,6 +37,8 @@ const STEPS_A_ROW: u64 = 8;
 const PAIRS_A_SEGMENT: u64 = 8;
 /// Blocks whose segments a thread finds at once.
 const BLOCKS_A_TASK: usize = 256;
+/// Numbers of [`KeptUnits`] at most, 32 MB; of larger tables with many views or regions every step computes them anew.
+const MAX_KEPT_UNITS: usize = 4_000_000;
 /// Rows of a table that one thread takes at once.
 const ROWS_A_TASK: usize = 16;
 
@@ -184,24 +186,28 @@ impl Exchange<'_> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
         let mut best = (CoverState::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
-        let mut known: Option<(SwapPricer<'_>, Swaps)> = None;
+        let mut kept: Option<KeptUnits<'_>> = None;
         for step in 1..=MAX_STEPS + STEPS_A_ROW * tabu.len() as u64 {
             if best.0 == 0 || (spent > ATTEMPT_WORK || budget.left == 0) && step > MIN_STEPS {
                 break;
             }
             let pricer = SwapPricer::new(self, &rows);
-            let swaps = match known.take() {
-                Some((before, swaps)) => swaps.updated(&before, &pricer, self.problem, &rows, ctx)?,
-                None => Swaps::of(&pricer, self.problem, &rows, ctx)?,
-            };
-            let work = pricer.work(swaps.deficits.len());
+            let work = pricer.work(tabu.len());
             spent += work;
             budget.spend(work);
+            let swaps = if tabu.len() * pricer.units.len() > MAX_KEPT_UNITS {
+                Swaps::of(&pricer, self.problem, &rows, ctx)?
+            } else {
+                let now = match kept.take() {
+                    Some(before) => before.exchanged(pricer, self.problem, ctx)?,
+                    None => KeptUnits::new(pricer, self.problem, ctx)?,
+                };
+                kept.insert(now).swaps(&rows)
+            };
             let chosen = swaps.best(|at, row, deficit| {
                 let allowed = deficit < best.0 || (tabu[row.index()] < step && tabu[rows[at].index()] < step);
                 allowed && self.connects(&rows, at, row)
             });
-            known = Some((pricer, swaps));
             let Some((at, row, deficit)) = chosen else { continue };
             let noise = mixed(step + (attempt << 32));
             tabu[rows[at].index()] = step + 4 + noise % 8;
@@ -372,12 +378,53 @@ fn beyond(segments: &[BlockSegment], others: &[BlockSegment]) -> Vec<BlockSegmen
     segments.iter().map(&mut without).filter(|segment| segment.mask != 0).collect()
 }
 
+/// Units that every row measures of each sum of the segments of chosen views, kept up while views are exchanged.
+pub(super) struct KeptUnits<'a> {
+    pricer: SwapPricer<'a>,
+    /// Units of each sum (inner) that each row (outer) measures.
+    regained: Vec<Vec<i64>>,
+}
+
+impl<'a> KeptUnits<'a> {
+    pub(super) fn new(pricer: SwapPricer<'a>, problem: &CoverProblem<'_>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let of_row = |row: &&Row| ctx.check().map(|()| pricer.regained(row, ctx.simd_level()));
+        let of_rows = problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row);
+        let regained = of_rows.collect::<Result<_, Cancelled>>()?;
+        Ok(Self { pricer, regained })
+    }
+
+    /// The units after views were exchanged; `pricer` prices those of now, as many as before.
+    pub(super) fn exchanged(
+        mut self,
+        pricer: SwapPricer<'a>,
+        problem: &CoverProblem<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let (before, now) = (&self.pricer.state.segments, &pricer.state.segments);
+        let (joined, left) = (beyond(now, before), beyond(before, now));
+        let update = |(row, regained): (&&Row, &mut Vec<i64>)| {
+            ctx.check()?;
+            let sums = |segments| segment_sums(row.words(), segments, &pricer.units, ctx.simd_level());
+            let changes = sums(&joined).into_iter().zip(sums(&left));
+            regained.iter_mut().zip(changes).for_each(|(units, (joined, left))| *units += joined - left);
+            Ok::<(), Cancelled>(())
+        };
+        let of_rows = problem.rows.par_iter().zip(&mut self.regained).with_min_len(ROWS_A_TASK);
+        of_rows.try_for_each(update)?;
+        Ok(Self { pricer, ..self })
+    }
+
+    /// Prices every exchange of a view, whose rows are `rows`.
+    pub(super) fn swaps(&self, rows: &[RowIndex]) -> Swaps {
+        let of_rows = self.regained.par_iter().with_min_len(ROWS_A_TASK);
+        Swaps::without(of_rows.map(|regained| self.pricer.deficits_of(regained)).collect(), rows)
+    }
+}
+
 /// Deficits that every exchange would leave.
 pub(super) struct Swaps {
     /// Deficit after the exchange of each view (inner) for each row (outer); of rows that are views none.
     pub(super) deficits: Vec<Vec<i64>>,
-    /// Units that each row (outer) measures of each sum of the segments.
-    regained: Vec<Vec<i64>>,
 }
 
 impl Swaps {
@@ -392,38 +439,15 @@ impl Swaps {
         rows: &[RowIndex],
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
-        let of_row = |row: &&Row| ctx.check().map(|()| pricer.regained(row, ctx.simd_level()));
+        let of_row = |row: &&Row| ctx.check().map(|()| pricer.deficits(row, ctx.simd_level()));
         let of_rows = problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row);
-        Ok(Self::priced(pricer, of_rows.collect::<Result<_, Cancelled>>()?, rows))
+        Ok(Self::without(of_rows.collect::<Result<_, Cancelled>>()?, rows))
     }
 
-    /// The deficits after views were exchanged: `before` priced the views that these are of, `pricer` prices those of now, as many.
-    pub(super) fn updated(
-        mut self,
-        before: &SwapPricer<'_>,
-        pricer: &SwapPricer<'_>,
-        problem: &CoverProblem<'_>,
-        rows: &[RowIndex],
-        ctx: &Context<'_>,
-    ) -> Result<Self, Cancelled> {
-        let joined = beyond(&pricer.state.segments, &before.state.segments);
-        let left = beyond(&before.state.segments, &pricer.state.segments);
-        let update = |(row, regained): (&&Row, &mut Vec<i64>)| {
-            ctx.check()?;
-            let sums = |segments| segment_sums(row.words(), segments, &pricer.units, ctx.simd_level());
-            let changes = sums(&joined).into_iter().zip(sums(&left));
-            regained.iter_mut().zip(changes).for_each(|(units, (joined, left))| *units += joined - left);
-            Ok::<(), Cancelled>(())
-        };
-        let of_rows = problem.rows.par_iter().zip(&mut self.regained).with_min_len(ROWS_A_TASK);
-        of_rows.try_for_each(update)?;
-        Ok(Self::priced(pricer, self.regained, rows))
-    }
-
-    fn priced(pricer: &SwapPricer<'_>, regained: Vec<Vec<i64>>, rows: &[RowIndex]) -> Self {
-        let mut deficits: Vec<Vec<i64>> = regained.iter().map(|regained| pricer.deficits_of(regained)).collect();
+    /// The deficits but those of the views themselves.
+    fn without(mut deficits: Vec<Vec<i64>>, rows: &[RowIndex]) -> Self {
         rows.iter().for_each(|row| deficits[row.index()].clear());
-        Self { deficits, regained }
+        Self { deficits }
     }
 
     /// Lists every exchange of a view for a row that is not chosen: position of the view, row, and the deficit after it.

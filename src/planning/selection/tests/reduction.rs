@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::planning::selection::classes::Classes;
-use crate::planning::selection::local::{Exchange, SwapPricer, Swaps};
+use crate::planning::selection::local::{Exchange, KeptUnits, SwapPricer, Swaps};
 use crate::planning::selection::overlap::Overlap;
 use crate::planning::selection::units::Units;
 
@@ -111,8 +111,7 @@ proptest! {
         let overlap = Overlap::new(&problem, &params.overlap);
         let exchange = Exchange { problem: &problem, goals: &goals, overlap: &overlap };
         let mut chosen: Vec<RowIndex> = RowIndex::first(views.min(rows.len())).collect();
-        let mut pricer = SwapPricer::new(&exchange, &chosen);
-        let mut kept_up = silent(|ctx| Swaps::of(&pricer, &problem, &chosen, ctx));
+        let mut kept = silent(|ctx| KeptUnits::new(SwapPricer::new(&exchange, &chosen), &problem, ctx));
         for (at, row) in exchanges {
             let row = RowIndex::at(usize::from(row) % rows.len());
             if chosen.contains(&row) {
@@ -120,11 +119,9 @@ proptest! {
             }
             let at = usize::from(at) % chosen.len();
             chosen[at] = row;
-            let now = SwapPricer::new(&exchange, &chosen);
-            kept_up = silent(|ctx| kept_up.updated(&pricer, &now, &problem, &chosen, ctx));
-            let anew = silent(|ctx| Swaps::of(&now, &problem, &chosen, ctx));
-            prop_assert!(kept_up.all().eq(anew.all()));
-            pricer = now;
+            kept = silent(|ctx| kept.exchanged(SwapPricer::new(&exchange, &chosen), &problem, ctx));
+            let anew = silent(|ctx| Swaps::new(&exchange, &chosen, ctx));
+            prop_assert!(kept.swaps(&chosen).all().eq(anew.all()));
         }
     }
 }
