@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use crate::wire::inspection::{InspectionDocument, RegionDeviationDocument, excluded_sentence, remedy_words};
+use crate::wire::words::{counted, percent_below};
 
 /// Renders the text.
 #[must_use]
@@ -31,7 +32,7 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
     for loss in &document.losses {
         let remedy = loss.largest.first().map_or("none", |spot| remedy_words(spot.remedy));
         let (share, cause) = (100.0 * loss.of_asked, loss.cause.as_str().replace('_', " "));
-        line(format!("  {share:6.2} %  {cause:<20} {} spots; remedy: {remedy}", loss.spots));
+        line(format!("  {share:6.2} %  {cause:<20} {}; remedy: {remedy}", counted(loss.spots, "spot")));
     }
     line(format!("\nDeviation: {}", excluded_sentence(&document.deviation)));
     document.deviation.regions.iter().for_each(|region| line(region_words(region)));
@@ -52,10 +53,11 @@ fn region_words(region: &RegionDeviationDocument) -> String {
     let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
     let (name, excluded) = (&region.name, region.excluded);
     let [measured, points, steep, off] =
-        [region.measured, excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area].map(|share| 100.0 * share);
+        [region.measured, excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area]
+            .map(|share| percent_below(share, 1.0, 2));
     format!(
-        "\nRegion {name}: {verdict}, {measured:.1} % measured; left out: {points:.1} % of the points as steep, \
-         of the area {steep:.1} % steep and {off:.1} % off the surface"
+        "\nRegion {name}: {verdict}, {measured} % measured; left out: {points} % of the points as steep, \
+         of the area {steep} % steep and {off} % off the surface"
     )
 }
 
@@ -76,8 +78,8 @@ mod tests {
             expanded_uncertainty_mm: None,
             statistics: None,
         };
-        let wanted =
-            "Region bore: fail, 90.0 % measured; left out: 25.0 % of the points as steep, of the area 5.0 % steep and 3.0 % off";
+        let wanted = "Region bore: fail, 90.00 % measured; left out: 25.00 % of the points as steep, of the area 5.00 % steep and \
+                      3.00 % off";
         assert!(region_words(&region).contains(wanted), "{}", region_words(&region));
     }
 }

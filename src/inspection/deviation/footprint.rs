@@ -36,8 +36,6 @@ pub(super) struct MeasuredFootprint {
     pub(super) compared: PointSum,
     /// Points off the surface, before it or behind it.
     pub(super) off: u32,
-    /// Points behind the surface where its material is missing.
-    pub(super) behind: PointSum,
     /// Points of a surface that is turned too far.
     pub(super) turned: PointSum,
 }
@@ -74,8 +72,6 @@ enum PointUse {
     Compared,
     /// It is off the surface, and measures nothing of the face.
     Off,
-    /// It is off the surface and behind it, as all around it are: material is missing.
-    Behind,
     /// It shows a surface that is turned too far against the face, and measures nothing of it.
     Turned,
 }
@@ -100,11 +96,6 @@ impl Found {
     /// Returns true if the point is so near that it may be of the part.
     fn is_of_part(&self) -> bool {
         f64::from(self.distance_mm.abs()) <= MAX_OFF_MM
-    }
-
-    /// Returns true if the point is off the surface and behind it.
-    fn is_behind(&self) -> bool {
-        self.face != NO_FACE && self.usage == PointUse::Off && self.distance_mm < 0.0
     }
 }
 
@@ -141,11 +132,6 @@ impl ViewDistances {
             (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
         let pieces: Vec<SortedPoints> =
             found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
-        let is_missing: Vec<bool> =
-            (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_missing(cell, &found, &ring)).collect();
-        for (found, _) in found.iter_mut().zip(&is_missing).filter(|(_, is_missing)| **is_missing) {
-            found.usage = PointUse::Behind;
-        }
         let compared = pieces.iter().map(|piece| piece.compared).sum();
         let turned = pieces.iter().map(|piece| piece.turned).sum();
         let off_surface = pieces.into_iter().flat_map(|piece| piece.off_surface).collect();
@@ -225,13 +211,13 @@ impl View<'_> {
             return Found::NOTHING;
         }
         let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
-        // Another body, far before the face; far behind it, the face is not there.
-        if f64::from(distance_mm) > MAX_OFF_MM {
-            return Found::NOTHING;
-        }
         let is_within = f64::from(distance_mm.abs()) <= self.options.search_mm;
         let usage = if is_within && self.is_turned(cell, &normal) { PointUse::Turned } else { PointUse::Compared };
-        Found { face, distance_mm, usage }
+        let found = Found { face, distance_mm, usage };
+        // Far before the face lies another body. Far behind it, this view's ray went through where the face should be; a point of a merged
+        // cloud may have been seen by another ray.
+        let counts_behind = distance_mm < 0.0 && !self.options.is_merged;
+        if found.is_of_part() || counts_behind { found } else { Found::NOTHING }
     }
 
     /// Returns true if the surface around a cell is turned too far against a face of this normal.
@@ -276,13 +262,6 @@ impl View<'_> {
                 distance_mm.abs() - other_mm > least_gain_mm
             }
         })
-    }
-
-    /// Returns true if the point of a cell is behind the surface, and so are all points around it, out to the distance that the part may
-    /// lie off sideways: beside a rim, such rays may have passed it by.
-    fn is_missing(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
-        let is_like = |beside: usize| found[beside].is_behind() || self.point(beside).is_none();
-        found[cell].is_behind() && ring.iter().all(|offset| self.beside(cell, offset).is_none_or(is_like))
     }
 
     /// Cell so many columns and rows off; `None` outside of the grid.
@@ -352,12 +331,12 @@ impl Footprints<'_> {
                 self.take(grid.number([column, row]), [&at, &in_scanner, &eye_mm], (patch.face, &patch.normal), &mut footprint);
             }
         }
-        let MeasuredFootprint { compared, off, behind, turned } = footprint;
-        (compared.points + off + behind.points + turned.points > 0).then_some(footprint)
+        let MeasuredFootprint { compared, off, turned } = footprint;
+        (compared.points + off + turned.points > 0).then_some(footprint)
     }
 
-    /// Takes the point of a cell, if its foot lies within the footprint of the sample at `at` in the part's frame and `in_scanner` in
-    /// the scanner's; `eye_mm` is the left camera's optical centre.
+    /// Takes the point of a cell, if its ray meets the face within the footprint of the sample at `at` in the part's frame and
+    /// `in_scanner` in the scanner's; `eye_mm` is the left camera's optical centre.
     fn take(
         &self,
         cell: usize,
@@ -374,29 +353,26 @@ impl Footprints<'_> {
         let point = Point3::from(point.map(f64::from));
         let face_normal = if face == own_face { *normal } else { self.normals[face as usize] };
         let is_of_side = face_normal.dot(normal) >= SAME_SIDE_COS;
-        if matches!(usage, PointUse::Off | PointUse::Behind) {
-            // Far from the face, its foot lies elsewhere than where its ray meets the face.
-            let point = self.placed.part_from_scanner.point(&point);
-            let along = point - eye_mm;
-            let met = point - along * (distance / face_normal.dot(&along));
-            if (met - at).norm() <= self.footprint_mm && is_of_side {
-                into.off += u32::from(self.distances.found[cell].is_of_part());
-                if usage == PointUse::Behind {
-                    into.behind.take(distance);
-                }
-            }
-            return;
-        }
+        let is_far = distance.abs() > self.footprint_mm;
         // The foot is no farther from the point than the distance: most cells of the square around the disc end here.
-        if (point - in_scanner).norm_squared() > (self.footprint_mm + distance.abs() + ROUNDING_MM).powi(2) {
+        if !is_far && (point - in_scanner).norm_squared() > (self.footprint_mm + distance.abs() + ROUNDING_MM).powi(2) {
             return;
         }
         let point = self.placed.part_from_scanner.point(&point);
-        // The foot of the point on the face stands for where its ray meets it: both are the same but for the deviation itself.
-        let foot = point - face_normal * distance;
-        if (foot - at).norm() <= self.footprint_mm && is_of_side {
-            let sum = if usage == PointUse::Turned { &mut into.turned } else { &mut into.compared };
-            sum.take(distance);
+        // The foot of the point on the face stands for where its ray meets it: both are the same but for the deviation itself. Far from
+        // the face, the foot lies elsewhere.
+        let met = if is_far {
+            let along = point - eye_mm;
+            point - along * (distance / face_normal.dot(&along))
+        } else {
+            point - face_normal * distance
+        };
+        if (met - at).norm() <= self.footprint_mm && is_of_side {
+            match usage {
+                PointUse::Compared => into.compared.take(distance),
+                PointUse::Turned => into.turned.take(distance),
+                PointUse::Off => into.off += 1,
+            }
         }
     }
 }

@@ -7,7 +7,7 @@
 //! At a step in depth, where the part lies off its model sideways, a ray to the level on the other side meets the wrong face: a point
 //! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out. So is one that shows a surface turned by more
 //! than 30° against its face, such as the flank of a notch; those are counted, and a sample where most points are such ones, and off by
-//! more than the tolerance, does not pass.
+//! more than the tolerance, does not pass: it counts as not measured, as those at edges that are broken do.
 //!
 //! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U = 2·sqrt(σ²/n_eff + σ_reg² + σ_pose²), σ the points' own spread and σ_reg,
 //! σ_pose the standard deviation along n of where the views lie, after registration or as stated. Points of one view share its
@@ -16,8 +16,9 @@
 //! all samples, which counts for ten, and Student's factor takes the place of 2 before it where that is larger (JCGM 100:2008, G.3).
 //!
 //! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between.
-//! Beyond the search distance d has two meanings. A ray that went through the surface shows that its material is missing there, by the mean
-//! distance of such points; a point before the surface may be one of another body, which hides the part, and leaves it open.
+//! A sample from which most points lie farther than is searched is undecided, and keeps its region from passing: its material may be
+//! missing, but such points also come of a view that lies off sideways, a reflection or another body. With a larger search distance they
+//! are judged.
 //!
 //! Cost: a ray a point in packets, some 10⁻⁷ s, and a look-up of the pixels around each sample. Nothing depends on the number of threads.
 
@@ -72,7 +73,7 @@ pub struct DeviationOptions {
     /// Least share of a region's area whose samples have to pass for its verdict to be `pass`.
     pub min_measured: f64,
     /// True if each scan is the image of one cloud that was merged of all views. A sample then takes the points of the scan that shows most
-    /// of them, since the others show the same ones again; and a point behind the surface may have been seen from another side.
+    /// of them, since the others show the same ones again; and points far behind the surface may have been seen from another side.
     pub is_merged: bool,
 }
 
@@ -122,9 +123,6 @@ pub struct SampleDeviation {
     pub turned_mm: f32,
     /// True if most points before it or behind it are farther from it than is searched: material is missing there, or extra.
     pub is_off: bool,
-    /// Material that is missing for certain: rays went through the surface to points farther behind it than is searched, also beside it as
-    /// far as the part may lie off sideways, and hardly any point lies on it.
-    pub missing: Option<MissingMaterial>,
 }
 
 impl SampleDeviation {
@@ -134,15 +132,6 @@ impl SampleDeviation {
         let is_turned = self.turned_points >= MIN_OTHER_POINTS && self.turned_points > self.points;
         is_turned && f64::from(self.turned_mm.abs()) > limit_mm
     }
-}
-
-/// Distance of the points behind a sample whose material is missing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MissingMaterial {
-    /// Mean signed distance, mm: below 0.
-    pub distance_mm: f32,
-    /// Expanded uncertainty of the mean, k = 2, mm.
-    pub expanded_mm: f32,
 }
 
 /// A scan with the pose at which it is compared.

@@ -21,9 +21,6 @@ closed_list! {
 const TAIL: f64 = 0.025;
 /// Multiple of the region's median U beyond which a sample has few points or turned ones: rims and corners. Our choice.
 const UNCOMMON: f32 = 2.0;
-/// Samples whose material is missing from which on a region fails, however large it is: no noise does that. Fewer may lie behind one stray
-/// reflection.
-const MIN_MISSING_SAMPLES: usize = 5;
 
 /// Figures of the deviation of some samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +98,7 @@ pub fn histogram(samples: &[SampleDeviation], surface: &Surface, limit_mm: f64, 
     Histogram { begin_mm: -limit_mm, width_mm, area_mm2 }
 }
 
-/// Shares that figures and verdicts leave out.
+/// Shares that figures leave out; what lies beyond the search distance keeps a region from passing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExcludedShares {
     /// Share of the points around the samples that show a surface turned by more than [`DeviationOptions::max_turn_deg`].
@@ -122,7 +119,7 @@ pub fn excluded(samples: &[SampleDeviation], surface: &Surface, of: impl Iterato
         points += f64::from(sample.points) + f64::from(sample.turned_points);
         turned_points += f64::from(sample.turned_points);
         area_mm2 += own_mm2;
-        if sample.is_off || sample.missing.is_some() {
+        if sample.is_off {
             off_mm2 += own_mm2;
         } else if sample.points == 0 && sample.turned_points > 0 {
             turned_mm2 += own_mm2;
@@ -156,7 +153,7 @@ pub struct RegionDeviation {
     pub tolerance_mm: Option<f64>,
     /// Share of its area that is measured.
     pub measured: f64,
-    /// Shares of it that figures and verdict leave out.
+    /// Shares of it that figures leave out.
     pub excluded: ExcludedShares,
     /// Figures; none where nothing is measured.
     pub statistics: Option<DeviationStatistics>,
@@ -195,14 +192,12 @@ pub fn judge(
     }
 }
 
-/// Verdict of one value with its uncertainty. Where material is missing, the distance of what lies behind is the value; a sample that most
-/// points are off, or turned and beyond the limit, does not pass.
+/// Verdict of one value with its uncertainty. A sample that most points are off, or turned and beyond the limit, does not pass.
 #[must_use]
 pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
     let (distance, expanded, limit) = (f64::from(sample.distance_mm.abs()), f64::from(sample.expanded_mm), 0.5 * tolerance_mm);
-    let is_missing = sample.missing.is_some_and(|missing| f64::from(-missing.distance_mm - missing.expanded_mm) > limit);
     let is_open = sample.is_off || sample.is_turned_beyond(limit);
-    if is_missing || sample.points > 0 && distance - expanded > limit {
+    if sample.points > 0 && distance - expanded > limit {
         Conformity::Fail
     } else if sample.points > 0 && distance + expanded <= limit && !is_open {
         Conformity::Pass
@@ -211,11 +206,11 @@ pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
     }
 }
 
-/// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count,
-/// or where material is missing behind [`MIN_MISSING_SAMPLES`]; `pass` where samples of at least `min_area_mm2` pass and no other fails,
-/// lies beyond the limit or could have passed: one of an uncommonly large U says little either way; else undecided. A sample before or
-/// behind which most points are off, or turned and beyond the limit, could not have passed. What passes so passes with any larger
-/// tolerance.
+/// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
+/// `pass` where samples of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one of an
+/// uncommonly large U says little either way; else undecided. A sample before or behind which most points are off could not have passed.
+/// One where most are turned and beyond the limit counts as not measured: edges that are broken have some. What passes so passes with
+/// any larger tolerance.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
@@ -223,28 +218,25 @@ fn verdict(
     tolerance: f64,
     (min_area_mm2, median_expanded_mm): (f64, f32),
 ) -> Conformity {
-    let (mut judged, mut failed, mut missing, mut open, mut passed_mm2) = (0_usize, 0_usize, 0_usize, 0_usize, 0.0);
+    let (mut measured, mut failed, mut open, mut passed_mm2) = (0_usize, 0_usize, 0_usize, 0.0);
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
-        let verdict = verdict_of(sample, tolerance);
-        judged += usize::from(sample.points > 0 || verdict == Conformity::Fail);
-        match verdict {
+        measured += usize::from(sample.points > 0);
+        match verdict_of(sample, tolerance) {
             Conformity::Pass => passed_mm2 += surface.sample_area_mm2(*id),
-            Conformity::Fail => {
-                failed += 1;
-                missing += usize::from(sample.missing.is_some());
-            }
+            Conformity::Fail => failed += 1,
             Conformity::Undecided => {
-                let is_beyond = sample.points > 0 && f64::from(sample.distance_mm.abs()) > 0.5 * tolerance;
-                let is_common = sample.points > 0 && sample.expanded_mm <= UNCOMMON * median_expanded_mm;
-                open += usize::from(sample.is_off || sample.is_turned_beyond(0.5 * tolerance) || is_beyond || is_common);
+                let (distance_mm, limit_mm) = (f64::from(sample.distance_mm.abs()), 0.5 * tolerance);
+                let is_common = sample.expanded_mm <= UNCOMMON * median_expanded_mm;
+                let may_be_beyond = is_common && distance_mm + f64::from(sample.expanded_mm) > limit_mm;
+                open += usize::from(sample.is_off || sample.points > 0 && (distance_mm > limit_mm || may_be_beyond));
             }
         }
     }
-    let count = judged as f64;
+    let count = measured as f64;
     let by_noise: f64 = TAIL * count + 2.0 * (TAIL * (1.0 - TAIL) * count).sqrt();
-    if failed as f64 > by_noise || missing >= MIN_MISSING_SAMPLES {
+    if failed as f64 > by_noise {
         Conformity::Fail
-    } else if judged > 0 && failed == 0 && open == 0 && passed_mm2 >= min_area_mm2 {
+    } else if measured > 0 && failed == 0 && open == 0 && passed_mm2 >= min_area_mm2 {
         Conformity::Pass
     } else {
         Conformity::Undecided

@@ -1,13 +1,11 @@
 //! Points of a sample over all views: their mean with its uncertainty, and those that do not count for it.
 
 use super::footprint::{MeasuredFootprint, PointSum};
-use super::{DeviationOptions, MissingMaterial, PoseError, SampleDeviation};
+use super::{DeviationOptions, PoseError, SampleDeviation};
 use crate::cell::calibration::se3::Twist;
 
 /// Points off the surface, or of a turned one, from which on they are more than stray ones.
 pub(super) const MIN_OTHER_POINTS: u32 = 3;
-/// Points that measure a surface, as a share of those behind it, up to which they are stray ones.
-const MAX_STRAY_SHARE: f64 = 0.1;
 /// Freedoms that the pooled variance counts for.
 const POOLED_FREEDOMS: f64 = 10.0;
 /// Points from which on a sample's own variance goes into the pool.
@@ -19,8 +17,6 @@ pub(super) struct SampleSum {
     compared: PlacedPoints,
     /// Points off the surface.
     off: u32,
-    /// Points behind the surface where its material is missing.
-    behind: PlacedPoints,
     /// Points of a surface that is turned too far.
     turned: PointSum,
 }
@@ -28,20 +24,15 @@ pub(super) struct SampleSum {
 impl SampleSum {
     /// Adds the points of a view. Views of a merged cloud show points again: of each use only the largest number is kept.
     pub(super) fn add(&mut self, footprint: &MeasuredFootprint, error: &PoseError, is_merged: bool) {
-        let add = |own: &mut PlacedPoints, found: &PointSum| {
-            let found = PlacedPoints::of(found, error);
-            if !is_merged {
-                own.add(&found);
-            } else if found.count > own.count {
-                *own = found;
-            }
-        };
-        add(&mut self.compared, &footprint.compared);
-        add(&mut self.behind, &footprint.behind);
+        let compared = PlacedPoints::of(&footprint.compared, error);
         if !is_merged {
+            self.compared.add(&compared);
             self.off += footprint.off;
             self.turned.add(&footprint.turned);
             return;
+        }
+        if compared.count > self.compared.count {
+            self.compared = compared;
         }
         self.off = self.off.max(footprint.off);
         if footprint.turned.points > self.turned.points {
@@ -50,12 +41,11 @@ impl SampleSum {
     }
 
     pub(super) fn finish(&self, pooled_mm2: f64, options: &DeviationOptions) -> SampleDeviation {
-        let Self { compared, off, turned, .. } = self;
+        let Self { compared, off, turned } = self;
         let unmeasured = SampleDeviation {
             turned_points: turned.points,
             turned_mm: turned.mean_mm() as f32,
             is_off: *off >= MIN_OTHER_POINTS && f64::from(*off) > compared.count,
-            missing: self.missing(pooled_mm2, options),
             ..SampleDeviation::default()
         };
         if compared.count < 1.0 {
@@ -68,16 +58,6 @@ impl SampleSum {
             points: compared.count as u32,
             ..unmeasured
         }
-    }
-
-    /// Material that is missing for certain.
-    fn missing(&self, pooled_mm2: f64, options: &DeviationOptions) -> Option<MissingMaterial> {
-        let behind = &self.behind;
-        let is_certain = behind.count >= f64::from(MIN_OTHER_POINTS) && self.compared.count <= MAX_STRAY_SHARE * behind.count;
-        (is_certain && !options.is_merged).then(|| MissingMaterial {
-            distance_mm: behind.mean_mm() as f32,
-            expanded_mm: behind.expanded_mm(pooled_mm2, options) as f32,
-        })
     }
 }
 

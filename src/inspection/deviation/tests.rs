@@ -1,4 +1,4 @@
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::align::{as_placed, best_fit};
 use super::statistics::{judge, statistics, verdict_of};
@@ -247,7 +247,7 @@ fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
     let heap = found.off_surface.first().expect("a heap");
     assert_eq!(heap.kind, MaterialKind::Missing);
     assert!((heap.centre_mm.x - 25.0).abs() < 4.0 && (heap.mean_mm + 5.0).abs() < 2.0, "{heap:?}");
-    // Its top fails, with the rest of the plate: rays went through it, to points 5 mm behind.
+    // Its top is left undecided, and so is the rest of the plate with it, until it is searched for so far.
     let flat = |z_mm: f64, [near_mm, far_mm]: [f64; 2]| -> Vec<SampleId> {
         let is_there = |sample: &SampleId| {
             let at = tall.surface.sample_mm[sample.index()];
@@ -263,19 +263,16 @@ fn a_missing_boss_and_a_shifted_hole_are_found_and_named() {
         top.iter().filter(is_off).count(),
         top.len()
     );
-    let verdict = |found: &Deviation, tolerance_mm: f64, samples: &[SampleId]| {
-        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(tolerance_mm), samples: samples.to_vec() };
+    let verdict = |found: &Deviation, samples: &[SampleId]| {
+        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples: samples.to_vec() };
         let options = DeviationOptions { min_measured: 0.3, ..DeviationOptions::default() };
         judge(&found.samples, &tall.surface, &region, &options).verdict
     };
     let both = [around.clone(), top].concat();
-    assert_eq!(verdict(&found, 0.5, &around), Some(Conformity::Pass));
-    assert_eq!(verdict(&found, 0.5, &both), Some(Conformity::Fail));
-    assert_eq!(verdict(&found, 11.0, &both), Some(Conformity::Undecided), "5 mm are within the tolerance");
-    // Views of a merged cloud may show points that were seen from below.
-    let merged = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
-    let found = compare(&placed(&scans[..3], 0.0), &tall.nominal(), &merged);
-    assert_eq!(verdict(&found, 0.5, &both), Some(Conformity::Undecided));
+    assert_eq!(verdict(&found, &around), Some(Conformity::Pass));
+    assert_eq!(verdict(&found, &both), Some(Conformity::Undecided));
+    let searched = DeviationOptions { search_mm: 8.0, ..DeviationOptions::default() };
+    assert_eq!(verdict(&compare(&placed(&scans, 0.0), &tall.nominal(), &searched), &both), Some(Conformity::Fail));
 }
 
 /// A clamp on a part that it is not of was once no more and no less than a part that is too thick.
@@ -296,7 +293,6 @@ fn a_body_far_before_the_surface_leaves_its_region_open() {
     let (below, around) = (within([0.0, 6.0]), within([17.0, 22.0]));
     let off = below.iter().filter(|sample| found.samples[sample.index()].is_off).count();
     assert!(off > below.len() * 9 / 10 && off > 30, "{off} of {}", below.len());
-    assert!(below.iter().all(|sample| found.samples[sample.index()].missing.is_none()));
     let judged = |samples: Vec<SampleId>| {
         let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples };
         let options = DeviationOptions { min_measured: 0.3, ..DeviationOptions::default() };
@@ -307,27 +303,119 @@ fn a_body_far_before_the_surface_leaves_its_region_open() {
     assert!(both.verdict == Some(Conformity::Undecided) && both.excluded.off_of_area > 0.05, "{both:?}");
 }
 
+/// Pose straight above the origin, at the best distance; the devices lie beside each other along y.
+fn from_above(shots: &Shots<'_>) -> Pose<Part, ScannerFrame> {
+    let turn = UnitQuaternion::face_towards(&-Vector3::z(), &Vector3::x());
+    Pose::from_parts(Vector3::z() * shots.scanner.best_mm, turn)
+}
+
+/// Verdict on some samples with a tolerance of 0.5 mm.
+fn judged(model: &Model, found: &Deviation, is_of: impl Fn(&Point3<f64>) -> bool) -> RegionDeviation {
+    let samples = model.surface.samples().filter(|sample| is_of(&model.surface.sample_mm[sample.index()])).collect();
+    let region = RegionToJudge { name: "face".into(), tolerance_mm: Some(0.5), samples };
+    judge(&found.samples, &model.surface, &region, &DeviationOptions::default())
+}
+
+/// A background 50 mm behind a slot was once no sign of it, where one 20 mm behind was.
+#[test]
+fn a_slot_does_not_pass_however_far_behind_it_its_background_lies() {
+    let model = Model::of(extruded(&[[-50.0, 0.0], [50.0, 0.0]]), 0.5);
+    for depth_mm in [20.0_f64, 50.0] {
+        let slot = [[-50.0, 0.0], [-2.0, 0.0], [-2.0, -depth_mm], [2.0, -depth_mm], [2.0, 0.0], [50.0, 0.0]];
+        let built = extruded(&slot);
+        let shots = Shots::of(&built, 8);
+        let scans = shots.scans(&[from_above(&shots)], 0.005, |_| Isometry3::identity());
+        let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
+        let face = judged(&model, &found, |_| true);
+        assert!(face.verdict == Some(Conformity::Undecided) && face.excluded.off_of_area > 0.02, "{depth_mm} mm: {face:?}");
+    }
+}
+
+/// The points of a lower level lie 8 mm behind the rim of an upper one where the view was bumped sideways.
+#[test]
+fn a_good_part_does_not_fail_by_a_view_that_lies_off_sideways() {
+    let model = Model::of(extruded(&[[-50.0, 0.0], [0.0, 0.0], [0.0, -8.0], [50.0, -8.0]]), 1.0);
+    let shots = Shots::of(&model.mesh, 4);
+    let scan = shots.scans(&[from_above(&shots)], 0.005, |_| Isometry3::identity()).remove(0);
+    for shift_mm in [-3.0_f64, -2.0, 2.0, 3.0] {
+        let stated = Pose::claim(Isometry3::translation(shift_mm, 0.0, 0.0) * scan.part_from_scanner.isometry());
+        let scans = [ViewScan { part_from_scanner: stated, ..scan.clone() }];
+        let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
+        for z_mm in [0.0_f64, -8.0] {
+            let level = judged(&model, &found, |at| (at.z - z_mm).abs() < 1e-3);
+            assert!(level.measured > 0.5 && level.verdict != Some(Conformity::Fail), "{shift_mm} mm: {level:?}");
+            let is_missing = shift_mm < 0.0 && z_mm == 0.0;
+            assert!(!is_missing || level.excluded.off_of_area > 0.01, "{shift_mm} mm: {level:?}");
+        }
+    }
+}
+
+#[test]
+fn a_good_part_does_not_fail_by_a_ghost_in_a_dropout() {
+    let model = Model::of(extruded(&[[-50.0, 0.0], [50.0, 0.0]]), 1.0);
+    let shots = Shots::of(&model.mesh, 8);
+    let mut scans = shots.scans(&[from_above(&shots)], 0.005, |_| Isometry3::identity());
+    let cloud = &mut scans[0].scanner_cloud;
+    let grid = PixelGrid::of_size(&shots.scanner, cloud.grid.expect("a grid")).expect("of the image");
+    let (eye_mm, middle) = (grid.centre_mm(), [grid.size.columns / 2, grid.size.rows / 2]);
+    // 30 points 8 mm behind, in a dropout that is three cells wider to each side.
+    for (column, row) in (0..11).flat_map(|column| (0..12).map(move |row| (column, row))) {
+        let point = &mut cloud.points_mm[grid.number([middle[0] + column, middle[1] + row])];
+        let is_ghost = (3..8).contains(&column) && (3..9).contains(&row);
+        let along = Point3::from(point.map(f64::from)) - eye_mm;
+        let ghost = eye_mm + along * (1.0 + 8.0 / shots.scanner.best_mm);
+        assert!(along.norm().is_finite());
+        *point = if is_ghost { [ghost.x as f32, ghost.y as f32, ghost.z as f32] } else { [f32::NAN; 3] };
+    }
+    let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
+    let face = judged(&model, &found, |_| true);
+    assert!(face.verdict == Some(Conformity::Undecided) && face.excluded.off_of_area > 0.0, "{face:?}");
+}
+
 /// The flank of a notch is turned by 45°, so that its points were left out without a word, and the rest passed.
 #[test]
 fn a_notch_too_steep_to_be_compared_is_told_and_does_not_pass() {
     let model = Model::of(extruded(&[[-50.0, 0.0], [50.0, 0.0]]), 0.5);
     let built = extruded(&[[-50.0, 0.0], [-4.0, 0.0], [0.0, -4.0], [0.0, 0.0], [50.0, 0.0]]);
+    // A quarter of this region is notch.
     let judged = |built: &Mesh| {
         let shots = Shots::of(built, 8);
         let scans = shots.scans(&shots.poses(8)[..1], 0.0, |_| Isometry3::identity());
         let options = DeviationOptions { search_mm: 5.0, ..DeviationOptions::default() };
         let found = compare(&placed(&scans, 0.0), &model.nominal(), &options);
-        let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.5), samples: model.surface.samples().collect() };
-        (judge(&found.samples, &model.surface, &region, &options), found.turned_points)
+        (judged(&model, &found, |at| (-10.0..6.0).contains(&at.x)), found.turned_points)
     };
     let (flat, turned_points) = judged(&model.mesh);
     assert_eq!((flat.verdict, turned_points), (Some(Conformity::Pass), 0), "{flat:?}");
     assert_eq!(flat.excluded, ExcludedShares::default());
     let (notched, turned_points) = judged(&built);
-    assert!(notched.verdict == Some(Conformity::Undecided) && notched.measured > 0.9, "{notched:?}");
+    assert_eq!(notched.verdict, Some(Conformity::Undecided), "{notched:?}");
     let ExcludedShares { turned_of_points, turned_of_area, .. } = notched.excluded;
-    assert!(turned_points > 50 && (0.005..0.1).contains(&turned_of_points), "{turned_points}: {turned_of_points}");
-    assert!((0.005..0.05).contains(&turned_of_area), "{turned_of_area}");
+    assert!(turned_points > 50 && (0.03..0.6).contains(&turned_of_points), "{turned_points}: {turned_of_points}");
+    assert!((0.03..0.3).contains(&turned_of_area), "{turned_of_area}");
+}
+
+/// Edges are broken by some tenths of a millimetre, where those of the model are sharp: one sample beside them once kept a region from
+/// passing.
+#[test]
+fn turned_samples_at_a_broken_edge_let_a_region_pass_and_many_do_not() {
+    let model = Model::of(extruded(&[[-50.0, 0.0], [50.0, 0.0]]), 0.5);
+    let verdict = |width_mm: f64, [turned_mm, distance_mm]: [f32; 2]| {
+        let deviation = |sample: SampleId| {
+            let is_turned = model.surface.sample_mm[sample.index()].x < width_mm - 50.0;
+            let even = SampleDeviation { expanded_mm: 0.01, points: 9, ..SampleDeviation::default() };
+            let turned = SampleDeviation { distance_mm, points: 3, turned_points: 9, turned_mm, ..even };
+            if is_turned { turned } else { even }
+        };
+        let samples: Vec<SampleDeviation> = model.surface.samples().map(deviation).collect();
+        let region = RegionToJudge { name: "face".into(), tolerance_mm: Some(0.5), samples: model.surface.samples().collect() };
+        judge(&samples, &model.surface, &region, &DeviationOptions::default()).verdict
+    };
+    assert_eq!(verdict(5.0, [-0.4, -0.1]), Some(Conformity::Pass));
+    assert_eq!(verdict(15.0, [-0.4, -0.1]), Some(Conformity::Undecided), "too much is turned and beyond");
+    assert_eq!(verdict(15.0, [-0.2, -0.1]), Some(Conformity::Pass), "turned within the tolerance");
+    assert_eq!(verdict(5.0, [-0.4, -0.245]), Some(Conformity::Undecided), "what is compared of it may be beyond");
+    assert_eq!(verdict(10.0, [-0.4, -0.3]), Some(Conformity::Fail), "what is compared of it is beyond");
 }
 
 #[test]

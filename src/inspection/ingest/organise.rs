@@ -12,8 +12,9 @@ const CELL_PIXELS: [u32; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Share of the neighbours of occupied cells that are occupied, from which on a cloud is dense in its grid: with less the spacing of the
 /// points exceeds the cell.
 const DENSE_SHARE: f64 = 0.85;
-/// Distance of a point's image from its own cell that poses and lenses which are a little off explain, cells.
-const NEAR_CELLS: f64 = 10.0;
+/// Distance of a point's image from the middle of its own cell that poses and lenses which are a little off explain, cells. Samples take
+/// the points of few cells around their image.
+const NEAR_CELLS: f64 = 1.0;
 /// Points of which the images are held against their cells.
 const TRIED_POINTS: usize = 2000;
 

@@ -192,7 +192,7 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     });
     let worst: String = worst.collect();
     let worst = if worst.is_empty() {
-        "<p>No spot deviates by more than 0.1 mm and its uncertainty.</p>\n".to_owned()
+        no_spot(found.excluded.off_of_area)
     } else {
         table(&["Material", "Largest, mm", "Mean, mm", "Area", "At, mm"], &worst)
     };
@@ -207,6 +207,18 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
         + &worst
         + &heaps;
     section("Deviation", &body)
+}
+
+/// Sentence for a surface that has no spot among what is compared of it.
+fn no_spot(off_of_area: f64) -> String {
+    if off_of_area > 0.0 {
+        let off = percent(off_of_area);
+        return format!(
+            "<p>No spot of what is compared deviates by more than 0.1 mm and its uncertainty; {off} of the area lies beyond the search \
+             distance and is not compared.</p>\n"
+        );
+    }
+    "<p>No spot deviates by more than 0.1 mm and its uncertainty.</p>\n".to_owned()
 }
 
 /// Points off the surface.
@@ -349,9 +361,9 @@ fn regions(report: &InspectionReport<'_>) -> String {
         "Regions and features",
         &(table(&head, &rows)
             + "<p>Verdicts after ISO 14253-1: <i>undecided</i> where the deviation lies within its uncertainty of the limit, where too \
-         little is measured, or where points that are left out may belong to it. <i>Steep</i> points show a surface that is turned too far \
-         against the model; surface is <i>off</i> where points lie beyond the search distance: missing material behind it fails, a body \
-         before it leaves it undecided.</p>\n"),
+         little is measured, or where surface is <i>off</i>: points before or behind it lie beyond the search distance; raise \
+         <code>compare.search_mm</code> so that it is judged. <i>Steep</i> points show a surface that is turned too far against the \
+         model: where most are, and beyond the limit, the area counts as not measured.</p>\n"),
     )
 }
 
@@ -456,6 +468,13 @@ mod tests {
     use super::*;
     use crate::inspection::deviation::Conformity;
     use crate::wire::inspection::ExcludedSharesDocument;
+
+    #[test]
+    fn no_spot_is_told_with_the_share_that_is_not_compared() {
+        assert!(no_spot(0.0).contains("No spot deviates"), "{}", no_spot(0.0));
+        let told = no_spot(0.03).replace('\u{a0}', " ");
+        assert!(!told.contains("No spot deviates") && told.contains("3.00 % of the area lies beyond"), "{told}");
+    }
 
     #[test]
     fn a_region_tells_what_its_verdict_leaves_out() {

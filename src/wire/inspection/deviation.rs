@@ -68,15 +68,15 @@ pub struct StatisticsDocument {
     pub in_tolerance: Option<f64>,
 }
 
-/// Shares that figures and verdicts leave out.
+/// Shares that figures leave out; what lies beyond the search distance keeps a region from passing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ExcludedSharesDocument {
     /// Share of the points near the surface that were left out as steep: what they show is turned by more than 30° against it.
     pub turned_of_points: f64,
     /// Share of the area that has such points alone: nothing of it is compared.
     pub turned_of_area: f64,
-    /// Share of the area before or behind which most points are farther than is searched, `compare.search_mm`. Where they lie behind it,
-    /// its material is missing, and it fails; where they lie before it, another body may hide it, and it is undecided.
+    /// Share of the area before or behind which most points are farther than is searched. Material may be missing or extra there, or the
+    /// points are those of another body: a larger `compare.search_mm` lets it be judged.
     pub off_of_area: f64,
 }
 
@@ -109,7 +109,7 @@ pub struct RegionDeviationDocument {
     pub tolerance_mm: Option<f64>,
     /// Share of its asked area that is measured.
     pub measured: f64,
-    /// Shares of it that verdict and statistics leave out.
+    /// Shares of it that statistics leave out.
     #[serde(default)]
     pub excluded: ExcludedSharesDocument,
     /// Verdict of the profile (ISO 1101) by ISO 14253-1; `null` without a tolerance.
@@ -232,20 +232,25 @@ impl DeviationDocument {
     }
 }
 
-/// Sentence for the points that were compared and those that were left out.
+/// Sentences on the points that were compared and those that were left out.
 #[must_use]
 pub fn excluded_sentence(deviation: &DeviationDocument) -> String {
     let ExcludedSharesDocument { turned_of_area, off_of_area, .. } = deviation.excluded;
     let (compared, turned) = (deviation.compared_points, deviation.turned_points);
     let of_points = turned as f64 / ((compared + turned) as f64).max(1.0);
+    let what_to_do = if off_of_area > 0.0 { OFF_REMEDY } else { "" };
     format!(
         "{compared} points are compared; {turned}, {}, are left out as steep: what they show is turned by more than {MAX_TURN_DEG:.0}° \
-         against the model. {} of the area has such points alone, and {} has material missing or extra beyond the search distance.",
+         against the model. {} of the area has such points alone, and {} has points beyond the search distance, by missing or extra \
+         material or another body.{what_to_do}",
         percent(of_points),
         percent(turned_of_area),
         percent(off_of_area)
     )
 }
+
+/// Sentence for area beyond the search distance: how it is judged.
+const OFF_REMEDY: &str = " That keeps a region from passing: raise compare.search_mm so that it is judged.";
 
 fn percent(share: f64) -> String {
     format!("{} %", percent_below(share, 1.0, 2))
@@ -285,9 +290,12 @@ mod tests {
             off_surface: Vec::new(),
         };
         let sentence = excluded_sentence(&deviation);
-        for wanted in ["900 points", "; 100, 10.00 %,", "30°", "12.50 % of the area", "6.25 % has"] {
+        for wanted in ["900 points", "; 100, 10.00 %,", "30°", "12.50 % of the area", "6.25 % has", "raise compare.search_mm"] {
             assert!(sentence.contains(wanted), "{wanted}: {sentence}");
         }
+        let within = ExcludedSharesDocument { off_of_area: 0.0, ..deviation.excluded };
+        let sentence = excluded_sentence(&DeviationDocument { excluded: within, ..deviation.clone() });
+        assert!(sentence.contains("0.00 % has") && !sentence.contains("raise"), "{sentence}");
         // What an earlier version wrote had no such numbers.
         let mut before = serde_json::to_value(&deviation).expect("JSON");
         let fields = before.as_object_mut().expect("an object");
