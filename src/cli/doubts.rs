@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use serde_json::Value;
 
 use super::check::warn;
-use super::files;
+use super::files::{self, FileLibrary};
 use crate::cell::{
     ArmControllerSpec, ControllersSpec, JointThreeOrigin, KinematicsSpec, PoseSpec, Presets, RobotSpec, ScannerSpec, SpecKind,
     SpecLibrary, metres_in_mm,
@@ -25,6 +25,8 @@ const MAX_SPEED_RAD_PER_S: f64 = 7.0;
 const ROUNDED_RAD: f64 = 0.01;
 /// Extent that every obstacle of a cell exceeds in some direction, mm.
 const MIN_OBSTACLE_MM: f64 = 10.0;
+/// Smallest distance of the foot of a hanging robot from the face of the plate, mm: arm and scanner go in between.
+const MIN_HANGING_MM: f64 = 300.0;
 /// Share of the common field by which a practical volume may exceed it, for rounding.
 const VOLUME_ROUNDING: f64 = 0.01;
 
@@ -81,8 +83,7 @@ pub(super) fn of_params(params: &Value) -> Vec<FieldWarning> {
 /// Doubts about the controller of an arm beside the robot of its cell, which is named or written out: one of another maker, and
 /// one that counts joint 3 otherwise than the robot is planned.
 pub(super) fn of_controllers(controllers: &ControllersSpec, robot: &Value) -> Vec<FieldWarning> {
-    let named = |name: &str| Presets.robot(name).ok().or_else(|| decode(&file_of(SpecKind::Robot, name)?).ok());
-    let robot: Option<RobotSpec> = robot.as_str().map_or_else(|| decode(robot).ok(), named);
+    let robot: Option<RobotSpec> = robot.as_str().map_or_else(|| decode(robot).ok(), |name| FileLibrary.robot(name).ok());
     let doubts = |robot: &RobotSpec| [of_maker(&controllers.arm, robot), of_joint_3(&controllers.arm, robot)];
     robot.as_ref().map(doubts).into_iter().flatten().flatten().collect()
 }
@@ -101,17 +102,22 @@ fn of_maker(arm: &ArmControllerSpec, robot: &RobotSpec) -> Option<FieldWarning> 
 
 /// Doubt about a controller that takes joint 3 as counted from another link than the robot is planned with.
 fn of_joint_3(arm: &ArmControllerSpec, robot: &RobotSpec) -> Option<FieldWarning> {
-    let (ArmControllerSpec::FanucRmi(rmi), KinematicsSpec::Opw(opw)) = (arm, &robot.kinematics) else { return None };
-    let planned = if opw.joint_3_from_ground { JointThreeOrigin::Ground } else { JointThreeOrigin::UpperArm };
-    (rmi.joint_3_from != planned).then(|| {
-        let [is, meant] = [rmi.joint_3_from, planned].map(JointThreeOrigin::as_str);
+    let ArmControllerSpec::FanucRmi(rmi) = arm else { return None };
+    // Of the models only that of an ortho-parallel arm can count it from the ground.
+    let from_ground = match &robot.kinematics {
+        KinematicsSpec::Opw(opw) => Some(opw.joint_3_from_ground),
+        KinematicsSpec::Ur(_) | KinematicsSpec::Chain(_) => None,
+    };
+    let planned = if from_ground == Some(true) { JointThreeOrigin::Ground } else { JointThreeOrigin::UpperArm };
+    let told = rmi.joint_3_from.filter(|told| *told != planned);
+    told.map(|told| {
+        let [is, meant] = [told, planned].map(JointThreeOrigin::as_str);
+        let or_the_robot = from_ground.map_or_else(String::new, |from_ground| {
+            format!(", or set the robot's kinematics.joint_3_from_ground = {}", !from_ground)
+        });
         let detail =
             format!("is {is}; robot {} is planned with joint 3 counted from the {}", robot.name, meant.replace('_', " "));
-        doubt(
-            "/controllers/arm/joint_3_from",
-            detail,
-            format!("give {meant:?}, or set the robot's kinematics.joint_3_from_ground"),
-        )
+        doubt("/controllers/arm/joint_3_from", detail, format!("give {meant:?}{or_the_robot}"))
     })
 }
 
@@ -127,13 +133,7 @@ fn of_cell(cell: &Value, doubts: &mut Vec<FieldWarning>) {
         }
     }
     let plate: Option<PoseSpec> = decode(&cell["base_from_table"]).ok();
-    if plate.is_some_and(|plate| plate.pose::<Base, Table>().direction(&Vector3::z()).z < 0.0) {
-        doubts.push(doubt(
-            "/base_from_table",
-            "turns the plate upside down: the plate faces down",
-            "give the pose whose z axis points up from the plate; the order of a quaternion is x, y, z, w",
-        ));
-    }
+    doubts.extend(plate.and_then(|plate| upside_down(&plate, cell["floor_mm"].is_number())));
     for kind in [SpecKind::Scanner, SpecKind::Robot] {
         let device = &cell[kind.as_str()];
         let read = device.as_str().and_then(|name| file_of(kind, name));
@@ -147,6 +147,21 @@ fn of_cell(cell: &Value, doubts: &mut Vec<FieldWarning>) {
             of_euler_angles(read, &at, doubts);
         }
     }
+}
+
+/// Doubt about a plate that faces down in the base frame. A robot that hangs has it so: its foot is well above the plate's face, and
+/// nothing below it in its own frame is a floor.
+fn upside_down(plate: &PoseSpec, has_floor: bool) -> Option<FieldWarning> {
+    let plate = plate.pose::<Base, Table>();
+    let up = plate.direction(&Vector3::z());
+    let may_hang = !has_floor && -up.dot(&plate.origin_mm().coords) >= MIN_HANGING_MM;
+    (up.z < 0.0 && !may_hang).then(|| {
+        doubt(
+            "/base_from_table",
+            "turns the plate upside down: the plate faces down, unless the robot hangs upside down",
+            "give the pose whose z axis points up from the plate; the order of a quaternion is x, y, z, w",
+        )
+    })
 }
 
 /// Content of the file that gives a device or a cell; `None` for a preset, and for a pipe, which is read once.
@@ -194,6 +209,7 @@ fn large_volume(spec: &ScannerSpec, at: &str) -> Option<FieldWarning> {
 }
 
 fn of_robot(robot: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
+    doubts.extend(bare_links(robot, at));
     for (index, joint) in robot["joints"].as_array().into_iter().flatten().enumerate() {
         let at = format!("{at}/joints/{index}");
         let speed = joint["max_speed_deg_per_s"].as_f64().filter(|speed| (0.0..=MAX_SPEED_RAD_PER_S).contains(speed));
@@ -208,6 +224,19 @@ fn of_robot(robot: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
             doubts.push(doubt(at, format!("has min_deg {min:?} and max_deg {max:?}, as if in radians"), remedy));
         }
     }
+}
+
+/// Doubt about an arm with a link that no collision is seen with.
+fn bare_links(robot: &Value, at: &str) -> Option<FieldWarning> {
+    // Without any, or with another structure, the robot is refused.
+    let links = robot["links"].as_array().filter(|links| !links.is_empty())?;
+    let bodies = links.iter().chain(robot["surfaces"].as_array().into_iter().flatten());
+    let covered: Vec<u64> = bodies.filter_map(|body| body["link"].as_u64()).collect();
+    let bare: Vec<String> = (1..=5).filter(|link| !covered.contains(link)).map(|link| link.to_string()).collect();
+    (!bare.is_empty()).then(|| {
+        let detail = format!("has no capsule for link {}: nothing keeps clear of what moves there", bare.join(", "));
+        doubt(format!("{at}/links"), detail, "give capsules around each of the links 1 to 5")
+    })
 }
 
 /// Doubt about a limit of incidence of at most π/2.
@@ -309,6 +338,12 @@ mod tests {
         assert!(doubt.remedy.starts_with("give \"upper_arm\""), "{}", doubt.remedy);
         assert_eq!(of_controllers(&section("upper_arm"), &written), []);
         assert_eq!(of_controllers(&section("ground"), &json!("nobody.toml")), [], "the cell itself is refused");
+        // In a model without the flag each link hangs on the one before.
+        let mut other = preset(SpecKind::Robot, "ur10e");
+        other.as_object_mut().expect("an object").remove("dialect");
+        let [doubt] = &of_controllers(&section("ground"), &other)[..] else { panic!("one doubt") };
+        assert_eq!((doubt.pointer.as_str(), doubt.remedy.as_str()), ("/controllers/arm/joint_3_from", "give \"upper_arm\""));
+        assert_eq!(of_controllers(&section("upper_arm"), &other), []);
     }
 
     #[test]
@@ -331,6 +366,27 @@ mod tests {
         let (pointer, detail, remedy) = only(&cell);
         assert_eq!(pointer, "/base_from_table");
         assert!(detail.contains("the plate faces down") && remedy.contains("x, y, z, w"), "{detail}; {remedy}");
+    }
+
+    /// A robot that hangs from a ceiling was refused by `check --strict`.
+    #[test]
+    fn a_plate_below_a_robot_that_hangs_is_beyond_doubt() {
+        let mut cell = preset(SpecKind::Cell, "e05-transcan");
+        cell["base_from_table"] = json!({"translation_mm": [400.0, 0.0, 900.0], "rpy_deg": [180.0, 0.0, 0.0]});
+        assert!(only(&cell).1.contains("unless the robot hangs"), "the floor is below the foot: it stands");
+        cell.as_object_mut().expect("an object").remove("floor_mm");
+        assert_eq!(of_document(&cell), []);
+        cell["base_from_table"]["translation_mm"] = json!([400.0, 0.0, -200.0]);
+        assert_eq!(only(&cell).0, "/base_from_table", "the plate faces away from the foot");
+    }
+
+    #[test]
+    fn a_robot_without_a_body_for_a_link_is_doubted() {
+        let mut robot = preset(SpecKind::Robot, "ur10e");
+        let links = robot["links"].as_array_mut().expect("capsules");
+        links.retain(|link| link["link"] != 3);
+        let (pointer, detail, _) = only(&robot);
+        assert!(pointer == "/links" && detail.contains("no capsule for link 3:"), "{pointer}: {detail}");
     }
 
     #[test]

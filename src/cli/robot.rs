@@ -3,11 +3,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::check::warn;
+use super::doubts::{self, doubt};
 use super::{CliError, files, output};
-use crate::cell::urdf::{LinkSurface, UrdfOptions, import};
+use crate::cell::urdf::{Imported, LinkSurface, UrdfOptions, UrdfRemark, import};
 use crate::cell::{Dialect, KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
+use crate::wire::warnings::FieldWarning;
 
 /// Write a robot's specification from a URDF file: joints, limits, and capsules around its collision shapes.
 #[derive(Clone, Debug, clap::Args)]
@@ -79,12 +82,14 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         ramp_secs: args.ramp,
     };
     let mut load = |name: &str| read_mesh(&find_mesh(name, args)?);
-    let imported = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
-    let mut spec = imported.robot;
+    let Imported { robot: mut spec, surfaces, remarks } =
+        import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
     spec.dialect = args.dialect;
+    let warnings = warnings(&remarks, &spec);
+    warn(&args.urdf.display().to_string(), &warnings);
     if let Some(folder) = &args.surfaces {
         fs::create_dir_all(folder).map_err(|error| at(folder, &error))?;
-        let written = imported.surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, folder));
+        let written = surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, folder));
         spec.surfaces = written.collect::<Result<_, _>>()?;
     }
     if let Err(errors) = spec.build() {
@@ -99,9 +104,16 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     files::write(&args.out, text.as_bytes())?;
     let document = serde_json::json!({
         "file": args.out.display().to_string(), "robot": spec.name, "kinematics": kinematics(&spec), "capsules": spec.links.len(),
-        "surfaces": spec.surfaces.len(),
+        "surfaces": spec.surfaces.len(), "warnings": warnings,
     });
     output::result(&document, format_args!("{}: {}\n", args.out.display(), summary(&spec)))
+}
+
+/// Warnings of what is not as in the file, and of what is doubtful in the specification.
+fn warnings(remarks: &[UrdfRemark], spec: &RobotSpec) -> Vec<FieldWarning> {
+    let told = remarks.iter().map(|UrdfRemark { detail, remedy }| doubt("", detail, remedy));
+    let doubts = serde_json::to_value(spec).map(|document| doubts::of_document(&document)).unwrap_or_default();
+    told.chain(doubts).collect()
 }
 
 /// Writes a link's surface; the entry that refers to it.
@@ -158,4 +170,29 @@ fn read_mesh(path: &Path) -> Result<Mesh, String> {
     let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let read = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default());
     read.map(|read| read.mesh).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::arm_urdf;
+
+    /// An arm without its forearm was written without a word.
+    #[test]
+    fn a_link_that_is_left_out_is_warned_of_and_doubted() {
+        let options = UrdfOptions { name: None, base_link: None, tip_link: None, payload_kg: 5.0, ramp_secs: 0.5 };
+        let text = arm_urdf("revolute");
+        let [before, after] = ["<link name=\"link_3\"><collision>", "<link name=\"link_4\">"].map(|part| text.find(part));
+        let of_link_3 = &text[before.expect("link 3")..after.expect("link 4")];
+        let visual = of_link_3.replace("collision>", "visual>");
+        let found = |text: &str| {
+            let imported = import(text, &options, &mut |_: &str| Err("no mesh".to_owned())).expect("a robot");
+            warnings(&imported.remarks, &imported.robot)
+        };
+        assert_eq!(found(&text), []);
+        let told = found(&text.replace(of_link_3, &visual));
+        let [left_out, bare] = &told[..] else { panic!("two warnings: {told:#?}") };
+        assert!(left_out.detail.contains("link \"link_3\""), "{left_out:?}");
+        assert!(bare.pointer == "/links" && bare.detail.contains("no capsule for link 3"), "{bare:?}");
+    }
 }

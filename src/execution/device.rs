@@ -105,6 +105,9 @@ pub struct StopAcknowledged {
 /// Time of an attempt to stop a device.
 pub const STOP_ATTEMPT: Duration = Duration::from_millis(500);
 
+/// Time in which a trigger takes back what it left on.
+pub const WITHDRAWAL: Duration = Duration::from_millis(150);
+
 /// A motion device with `N` axes: an arm (6), a table (1), or an arm whose controller turns the table as well (7, the table last).
 ///
 /// Futures are `Send` and may be dropped at any point; a device is then still able to `stop`, and to read its `state`.
@@ -188,6 +191,12 @@ pub trait Trigger: Send {
 
     /// Triggers a capture and waits for its acknowledgement until its deadline; none is an error, never a skip.
     fn capture(&mut self, capture: &Capture) -> impl Future<Output = Result<Captured, DeviceError>> + Send;
+
+    /// Takes back what a capture left on that was dropped, such as an output to the scanner. A session asks for it after the devices
+    /// were stopped, and drops it after [`WITHDRAWAL`].
+    fn withdraw(&mut self) -> impl Future<Output = ()> + Send {
+        std::future::ready(())
+    }
 }
 
 /// A capture that is asked for.

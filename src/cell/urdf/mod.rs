@@ -9,7 +9,7 @@ mod capsules;
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use urdf_rs::{Geometry, Joint, JointType};
+use urdf_rs::{Geometry, Joint, JointType, Link};
 
 use super::axis::AxisSpec;
 use super::kinematics::{ChainJointSpec, ChainSpec, KinematicsSpec};
@@ -23,6 +23,10 @@ const MM_OF_METRE: f64 = 1000.0;
 const TIPS: [&str; 4] = ["tool0", "flange", "ee_link", "tcp"];
 /// Limits of a joint that turns without end.
 const ENDLESS_RAD: f64 = std::f64::consts::TAU;
+/// Name that drivers of ROS give to the link whose frame is the controller's base.
+const CONTROLLER_BASE: &str = "base";
+/// Smallest turn between two bases that is more than rounding, degrees.
+const MIN_TURN_DEG: f64 = 0.1;
 /// Corners of the circles that stand for the rims of cylinders and balls.
 const CORNERS: usize = 24;
 
@@ -48,6 +52,17 @@ pub struct Imported {
     pub robot: RobotSpec,
     /// Surfaces inside the capsules.
     pub surfaces: Vec<LinkSurface>,
+    /// Bodies of the file that the robot lacks, and a base that is hardly the controller's.
+    pub remarks: Vec<UrdfRemark>,
+}
+
+/// Remark on a robot from a URDF that is made all the same.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UrdfRemark {
+    /// Finding.
+    pub detail: String,
+    /// Advice.
+    pub remedy: String,
 }
 
 /// The collision shapes of one link.
@@ -70,6 +85,14 @@ pub enum UrdfError {
     /// No link of this name.
     #[error("has no link {0:?}")]
     NoLink(String),
+    /// A flange that is not carried by the base.
+    #[error("link {tip:?} does not hang on {base:?}, nor on a link that {base:?} is fixed to; name others with --base and --tip")]
+    Apart {
+        /// Link that stands still.
+        base: String,
+        /// Link that was to be the flange.
+        tip: String,
+    },
     /// No end of the tree is six turning joints away.
     #[error("no end of it is six turning joints from {base:?}; its ends are {ends:?}: name the flange with --tip, and --base")]
     NoArm {
@@ -123,16 +146,15 @@ pub fn import(
 ) -> Result<Imported, UrdfError> {
     let robot = urdf_rs::read_from_string(text).map_err(|error| UrdfError::Unreadable(error.to_string()))?;
     let tree = Tree::new(&robot);
-    let base = tree.base(options)?;
-    let tip = tree.tip(options, &base)?;
-    let path = tree.path(&base, &tip).ok_or_else(|| UrdfError::NoLink(tip.clone()))?;
-    let (kinematics, moving) = chain(&path, &base, &tip)?;
+    let arm = tree.arm(options)?;
+    let (kinematics, moving) = chain(&arm)?;
     let mut joints = Vec::with_capacity(6);
     for joint in &moving {
         joints.push(axis(joint, options.ramp_secs)?);
     }
-    let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: base.clone(), ends: tree.ends() })?;
-    let surfaces = tree.surfaces(&base, &tip, &path, load)?;
+    let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: arm.base.clone(), ends: tree.ends() })?;
+    let (surfaces, mut remarks) = tree.surfaces(&arm, load)?;
+    remarks.extend(tree.turned_base(&arm));
     let robot = RobotSpec {
         name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
         payload_kg: options.payload_kg,
@@ -143,7 +165,18 @@ pub fn import(
         links: surfaces.iter().flat_map(capsules_of).collect(),
         surfaces: Vec::new(),
     };
-    Ok(Imported { robot, surfaces })
+    Ok(Imported { robot, surfaces, remarks })
+}
+
+/// Way from the base to the flange.
+struct Arm<'a> {
+    base: String,
+    tip: String,
+    /// Link that carries the joints: the base, or one that it is fixed to.
+    root: String,
+    base_from_root: Isometry3<f64>,
+    /// Joints from the root to the flange, in order.
+    path: Vec<&'a Joint>,
 }
 
 /// The file's links and joints, found by name.
@@ -180,12 +213,40 @@ impl<'a> Tree<'a> {
         self.robot.links.iter().map(|link| link.name.clone()).filter(|name| is_end(name)).collect()
     }
 
+    /// The arm between base and flange. A base without joints of its own is a mark on a link of the arm, such as `base` of UR.
+    fn arm(&self, options: &UrdfOptions) -> Result<Arm<'a>, UrdfError> {
+        let base = self.base(options)?;
+        let (root, base_from_root) = self.fixed_to(&base, &|link| self.carries_joints(link));
+        let tip = self.tip(options, &base, &root)?;
+        let path = self.path(&root, &tip).ok_or_else(|| UrdfError::Apart { base: base.clone(), tip: tip.clone() })?;
+        Ok(Arm { base, tip, root, base_from_root, path })
+    }
+
+    /// The first link that `is_wanted` among `link` and those above that it is fixed to, else the topmost; and where it is in `link`.
+    fn fixed_to(&self, link: &str, is_wanted: &dyn Fn(&str) -> bool) -> (String, Isometry3<f64>) {
+        let mut at = link;
+        let mut at_from_link: Isometry3<f64> = Isometry3::identity();
+        // A file may be wound into a circle.
+        for _ in 0..self.robot.joints.len() {
+            let above = self.parent.get(at).filter(|joint| joint.joint_type == JointType::Fixed);
+            let Some(joint) = above.filter(|_| !is_wanted(at)) else { break };
+            at_from_link = metres(&joint.origin) * at_from_link;
+            at = &joint.parent.link;
+        }
+        (at.to_owned(), at_from_link.inverse())
+    }
+
+    /// Returns true if a joint that turns hangs on a link.
+    fn carries_joints(&self, link: &str) -> bool {
+        self.robot.joints.iter().any(|joint| turns(joint) && self.path(link, &joint.parent.link).is_some())
+    }
+
     /// The flange: six turning joints from the base, by its usual name if it has one.
-    fn tip(&self, options: &UrdfOptions, base: &str) -> Result<String, UrdfError> {
+    fn tip(&self, options: &UrdfOptions, base: &str, root: &str) -> Result<String, UrdfError> {
         if let Some(name) = &options.tip_link {
             return self.named(name);
         }
-        let is_arm = |name: &str| self.path(base, name).is_some_and(|path| path.iter().filter(|joint| turns(joint)).count() == 6);
+        let is_arm = |name: &str| self.path(root, name).is_some_and(|path| path.iter().filter(|joint| turns(joint)).count() == 6);
         let usual = TIPS.iter().map(|name| (*name).to_owned()).filter(|name| self.named(name).is_ok());
         let found = usual.chain(self.ends()).find(|name| is_arm(name));
         found.ok_or_else(|| UrdfError::NoArm { base: base.to_owned(), ends: self.ends() })
@@ -207,18 +268,22 @@ impl<'a> Tree<'a> {
         Some(path)
     }
 
-    /// Everything that hangs on the base, on the frame that carries it.
+    /// Everything that hangs on the base, on the frame that carries it, and remarks on the bodies that are left out.
     fn surfaces(
         &self,
-        base: &str,
-        tip: &str,
-        path: &[&Joint],
+        arm: &Arm<'_>,
         load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
-    ) -> Result<Vec<LinkSurface>, UrdfError> {
-        let frames = zero_frames(path);
-        let mut surfaces = Vec::new();
+    ) -> Result<(Vec<LinkSurface>, Vec<UrdfRemark>), UrdfError> {
+        let frames = zero_frames(arm);
+        let (mut surfaces, mut remarks) = (Vec::new(), Vec::new());
         for link in &self.robot.links {
-            let Some((frame, frame_from_link)) = self.carried(&link.name, base, tip, path, &frames) else { continue };
+            let (frame, frame_from_link) = match self.carried(&link.name, arm, &frames) {
+                Ok(carried) => carried,
+                Err(reason) => {
+                    remarks.extend(left_out(link, &reason, "if it is there, give the cell a mount or an obstacle in its place"));
+                    continue;
+                }
+            };
             let (mut vertices_mm, mut faces) = (Vec::new(), Vec::new());
             for collision in &link.collision {
                 let pose = frame_from_link * metres(&collision.origin);
@@ -227,34 +292,71 @@ impl<'a> Tree<'a> {
                 vertices_mm.extend(shape.vertices_mm.iter().map(|vertex| pose * vertex));
                 faces.extend(shape.faces.iter().map(|face| face.map(|vertex| first + vertex)));
             }
-            if !faces.is_empty() {
+            if faces.is_empty() {
+                let reason =
+                    if link.collision.is_empty() { "has no collision shape" } else { "has a collision shape without faces" };
+                remarks.extend(left_out(link, reason, "give it one in the URDF, or capsules in the robot's links"));
+            } else {
                 surfaces.push(LinkSurface { link: frame as u8, name: link.name.clone(), mesh: mesh_of(vertices_mm, faces) });
             }
         }
-        Ok(surfaces)
+        Ok((surfaces, remarks))
     }
 
-    /// The frame, 0 to 6, that a link moves with, and where it is in it; `None` for what does not hang on the base, or moves
-    /// by a joint of its own.
-    fn carried(
-        &self,
-        name: &str,
-        base: &str,
-        tip: &str,
-        path: &[&Joint],
-        frames: &[Isometry3<f64>; 7],
-    ) -> Option<(usize, Isometry3<f64>)> {
-        let way = self.path(base, name)?;
-        let shared = way.iter().zip(path).take_while(|(a, b)| std::ptr::eq(**a, **b)).count();
-        if way[shared..].iter().any(|joint| joint.joint_type != JointType::Fixed) {
-            return None;
+    /// The frame, 0 to 6, that a link moves with, and where it is in it.
+    ///
+    /// # Errors
+    /// The reason for a link that does not hang on the base, or moves by a joint of its own.
+    fn carried(&self, name: &str, arm: &Arm<'_>, frames: &[Isometry3<f64>; 7]) -> Result<(usize, Isometry3<f64>), String> {
+        let way = self.path(&arm.root, name).ok_or_else(|| format!("does not hang on {:?}", arm.base))?;
+        let shared = way.iter().zip(&arm.path).take_while(|(a, b)| std::ptr::eq(**a, **b)).count();
+        if let Some(joint) = way[shared..].iter().find(|joint| joint.joint_type != JointType::Fixed) {
+            return Err(format!("moves by joint {:?}, which is none of the arm's", joint.name));
         }
         let turned = way.iter().filter(|joint| turns(joint)).count();
         // What the flange carries is given in the flange's own frame.
-        let frame = if name == tip && turned == 6 { 6 } else { turned };
-        let base_from_link = way.iter().fold(Isometry3::identity(), |at, joint| at * metres(&joint.origin));
-        Some((frame, frames[frame].inverse() * base_from_link))
+        let frame = if name == arm.tip && turned == 6 { 6 } else { turned };
+        let base_from_link = way.iter().fold(arm.base_from_root, |at, joint| at * metres(&joint.origin));
+        Ok((frame, frames[frame].inverse() * base_from_link))
     }
+
+    /// Remark on a base that is turned against the link that has the controller's, as `base_link` of UR is.
+    fn turned_base(&self, arm: &Arm<'_>) -> Option<UrdfRemark> {
+        let controller = self.named(CONTROLLER_BASE).ok()?;
+        let [(top, base_from_top), (other_top, controller_from_top)] =
+            [&arm.base, &controller].map(|link| self.fixed_to(link, &|_| false));
+        let (axis, turn_rad) = (controller_from_top * base_from_top.inverse()).rotation.axis_angle()?;
+        (top == other_top && turn_rad.to_degrees() > MIN_TURN_DEG).then(|| {
+            let (base, turn) = (&arm.base, turn_about(&axis, turn_rad));
+            UrdfRemark {
+                detail: format!("base {base:?} differs from the file's link {CONTROLLER_BASE:?} by {turn}"),
+                remedy: format!(
+                    "--base {CONTROLLER_BASE} is the controller's; give the cell's poses in the base that you choose"
+                ),
+            }
+        })
+    }
+}
+
+/// Remark on a link that the robot lacks; `None` for a mere frame, which has no body.
+fn left_out(link: &Link, reason: &str, remedy: &str) -> Option<UrdfRemark> {
+    let has_body = !link.collision.is_empty() || !link.visual.is_empty();
+    has_body.then(|| UrdfRemark {
+        detail: format!("leaves out link {:?}, which {reason}: nothing keeps clear of it", link.name),
+        remedy: remedy.to_owned(),
+    })
+}
+
+/// A turn in words, its axis by name where it is one of the frame's.
+fn turn_about(axis: &Vector3<f64>, turn_rad: f64) -> String {
+    let largest = axis.iamax();
+    let turn_deg = (turn_rad.to_degrees() * 10.0).round() / 10.0;
+    if axis[largest].abs() < 0.9999 {
+        return format!("{turn_deg}° about ({:.2} {:.2} {:.2})", axis.x, axis.y, axis.z);
+    }
+    // Half a turn is the same to either side.
+    let sign = if axis[largest] < 0.0 && turn_deg < 180.0 { "-" } else { "" };
+    format!("{sign}{turn_deg}° about {}", ["x", "y", "z"][largest])
 }
 
 fn turns(joint: &Joint) -> bool {
@@ -262,9 +364,9 @@ fn turns(joint: &Joint) -> bool {
 }
 
 /// Foot, joints 1 to 5 and the flange with all joints at zero, base frame.
-fn zero_frames(path: &[&Joint]) -> [Isometry3<f64>; 7] {
-    let (mut frames, mut at, mut turned) = ([Isometry3::identity(); 7], Isometry3::identity(), 0);
-    for joint in path {
+fn zero_frames(arm: &Arm<'_>) -> [Isometry3<f64>; 7] {
+    let (mut frames, mut at, mut turned) = ([Isometry3::identity(); 7], arm.base_from_root, 0);
+    for joint in &arm.path {
         at *= metres(&joint.origin);
         if turns(joint) {
             turned += 1;
@@ -276,9 +378,10 @@ fn zero_frames(path: &[&Joint]) -> [Isometry3<f64>; 7] {
 }
 
 /// The joints that turn, with whatever is fixed before each, and the flange behind the last.
-fn chain<'a>(path: &[&'a Joint], base: &str, tip: &str) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
-    let (mut at, mut joints, mut moving) = (Isometry3::identity(), Vec::new(), Vec::new());
-    for joint in path {
+fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
+    let (base, tip) = (&arm.base, &arm.tip);
+    let (mut at, mut joints, mut moving) = (arm.base_from_root, Vec::new(), Vec::new());
+    for joint in &arm.path {
         at *= metres(&joint.origin);
         match joint.joint_type {
             JointType::Fixed => {}

@@ -1,7 +1,7 @@
-use nalgebra::{Point3, Vector2};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 use super::capsules::{around, smallest_circle};
-use super::{UrdfError, UrdfOptions, import};
+use super::{Imported, UrdfError, UrdfOptions, import};
 use crate::geometry::Mesh;
 use crate::testing::arm_urdf;
 
@@ -54,6 +54,72 @@ fn what_is_no_arm_is_refused_by_name() {
         <joint name=\"1\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
         <joint name=\"2\" type=\"fixed\"><parent link=\"b\"/><child link=\"a\"/></joint></robot>";
     refused(circle, &options());
+}
+
+/// The file with a link on `parent`, by a joint of a kind and an origin.
+fn with_link(text: &str, link: &str, parent: &str, kind: &str, origin: &str) -> String {
+    let joint = format!(
+        "<joint name=\"to_{link}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{link}\"/><origin {origin}/>\
+         <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"0\"/></joint></robot>"
+    );
+    text.replace("</robot>", &joint)
+}
+
+const BOX: &str = "<geometry><box size=\"0.1 0.1 0.1\"/></geometry>";
+
+/// A forearm that has a visual shape alone was left out in silence.
+#[test]
+fn bodies_that_are_left_out_are_told_with_the_reason() {
+    assert_eq!(import(&arm_urdf("revolute"), &options(), &mut no_mesh).expect("a robot").remarks, [], "frames have no body");
+    let shape = "<geometry><cylinder radius=\"0.04\" length=\"0.1\"/></geometry>";
+    let of_link_3 = format!("<link name=\"link_3\"><collision><origin xyz=\"0 0 0.05\"/>{shape}</collision>");
+    let text = arm_urdf("revolute");
+    assert!(text.contains(&of_link_3));
+    let text = text.replace(&of_link_3, &format!("<link name=\"link_3\"><visual>{shape}</visual>"));
+    let text = with_link(&text, "finger", "tool0", "prismatic", "xyz=\"0 0 0\"");
+    let body = |name: &str| format!("<link name=\"{name}\"><collision>{BOX}</collision></link>");
+    let bodies = format!("{}{}</robot>", body("finger"), body("pillar"));
+    let text = with_link(&text, "pillar", "world", "fixed", "xyz=\"1 0 0\"").replace("</robot>", &bodies);
+    let imported = import(&text, &options(), &mut no_mesh).expect("a robot");
+    let told: Vec<&str> = imported.remarks.iter().map(|remark| remark.detail.as_str()).collect();
+    assert_eq!(told.len(), 3, "{told:?}");
+    assert!(told[0].contains("\"link_3\", which has no collision shape"), "{told:?}");
+    assert!(told[1].contains("\"finger\", which moves by joint \"to_finger\""), "{told:?}");
+    assert!(told[2].contains("\"pillar\", which does not hang on \"base_link\""), "{told:?}");
+    assert!(imported.robot.links.iter().all(|link| link.link != 3));
+}
+
+/// Base as UR has it: `base`, the controller's, is a mark on `base_link`, turned half round.
+#[test]
+fn a_base_that_is_fixed_to_the_arm_s_is_one_and_a_turn_between_both_is_told() {
+    let text = arm_urdf("revolute").replace("</robot>", "<link name=\"base\"/></robot>");
+    let text = with_link(&text, "base", "base_link", "fixed", "xyz=\"0 0 0\" rpy=\"0 0 3.141592653589793\"");
+    let at = |base: Option<&str>| {
+        let options = UrdfOptions { base_link: base.map(str::to_owned), ..options() };
+        import(&text, &options, &mut no_mesh).expect("a robot")
+    };
+    let [preset, turned] = [None, Some("base")].map(at);
+    let [remark] = &preset.remarks[..] else { panic!("one remark: {:?}", preset.remarks) };
+    assert_eq!(remark.detail, "base \"base_link\" differs from the file's link \"base\" by 180° about z");
+    assert!(remark.remedy.contains("--base base is the controller's"), "{remark:?}");
+    assert_eq!(turned.remarks, []);
+    let joints = [0.3, -0.4, 0.9, 0.2, 0.7, -0.5];
+    let [seen, expected] = [&turned, &preset].map(|each| each.robot.build().expect("a sound one").link_frames(&joints));
+    let half_turn = Isometry3::rotation(Vector3::z() * std::f64::consts::PI);
+    for (seen, expected) in seen.iter().zip(&expected).skip(1) {
+        let apart = seen.inv_mul(&(half_turn * expected));
+        assert!(apart.translation.vector.norm() < 1e-9 && apart.rotation.angle() < 1e-9, "{seen} {expected}");
+    }
+    // The shapes move with the same joints.
+    let links = |imported: &Imported| imported.surfaces.iter().map(|surface| surface.link).collect::<Vec<_>>();
+    assert_eq!((links(&turned), turned.surfaces.len()), (links(&preset), 6));
+}
+
+#[test]
+fn a_flange_that_the_base_does_not_carry_is_told_so() {
+    let options = UrdfOptions { base_link: Some("link_3".into()), tip_link: Some("link_2".into()), ..options() };
+    let told = import(&arm_urdf("revolute"), &options, &mut no_mesh).expect_err("refused").to_string();
+    assert!(told.contains("\"link_2\" does not hang on \"link_3\""), "{told}");
 }
 
 #[test]

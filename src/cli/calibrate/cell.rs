@@ -7,6 +7,7 @@ use super::{ReadArgs, observations, one_of, refused};
 use crate::cell::calibration::data::Solve;
 use crate::cell::calibration::findings::Severity;
 use crate::cell::{Cell, CellSpec};
+use crate::cli::check::warn;
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
@@ -64,12 +65,14 @@ pub(super) fn run(args: &CalibrateCellArgs) -> Result<(), CliError> {
     if let Some(path) = &args.report {
         files::write(path, calibration_html(&document).as_bytes())?;
     }
+    let far = document.far_from(&spec);
     if let Some(path) = &args.write_cell {
         write_cell(path, spec, &document)?;
     }
     for finding in &document.findings {
         output::warning(&shown, "", &format!("{}: {}", finding.code.as_str(), finding.detail), remedy(finding));
     }
+    warn(&args.cell, &far);
     output::result(&document, text(&document, &cell))
 }
 

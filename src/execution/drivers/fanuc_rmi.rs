@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::stream::{Connection, STOP_WAIT, Wiring, not_connected, reconnected, within};
-use crate::cell::FanucRmiSpec;
+use crate::cell::{FanucRmiSpec, JointThreeOrigin};
 use crate::execution::device::{
     Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target,
 };
@@ -46,8 +46,20 @@ impl<const N: usize> FanucArm<N> {
         Self { spec: spec.clone(), wiring, session: None, is_checked, is_armed, has_program }
     }
 
+    /// Returns true unless every program of this driver is known to have ended.
+    fn may_have_program(&self) -> bool {
+        self.has_program && self.session.as_ref().is_none_or(|session| session.end != ProgramEnd::Answered)
+    }
+
     fn session(&mut self) -> Result<&mut Session, DeviceError> {
         self.session.as_mut().ok_or_else(not_connected)
+    }
+
+    /// Link from which the program counts joint 3; without it, no angle is what it says.
+    fn origin(&self) -> Result<JointThreeOrigin, DeviceError> {
+        let unsaid =
+            || DeviceError::NotReady { reason: "its section does not say joint_3_from; give ground or upper_arm".to_owned() };
+        self.spec.joint_3_from.ok_or_else(unsaid)
     }
 
     /// Number of the motion group, where the specification names one.
@@ -71,17 +83,22 @@ impl<const N: usize> FanucArm<N> {
         let session = self.session()?;
         let sent_at = session.send_at_once(&RmiRequest::Pause).await?;
         let paused = session.answer(ANSWER).await?;
-        let acknowledged_at = Instant::now();
-        // Nothing to hold is refused, and as good.
         if !matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
             return Err(unexpected(&paused));
         }
-        session.under_way = None;
-        if self.has_program {
-            // Its end may take seconds, which the stop does not wait for.
-            self.session()?.send_at_once(&RmiRequest::Abort).await?;
-            self.has_program = false;
+        let held = if let RmiReply::Refused { error, .. } = paused { session.nothing_to_hold(error).await } else { Ok(()) };
+        let acknowledged_at = Instant::now();
+        if held.is_ok() {
+            session.under_way = None;
         }
+        let may_have_program = self.may_have_program();
+        let session = self.session()?;
+        if may_have_program && !session.asked.contains(&RmiRequest::Abort) {
+            // Its end may take seconds, which the stop does not wait for.
+            session.end = ProgramEnd::Asked;
+            session.send_at_once(&RmiRequest::Abort).await?;
+        }
+        held?;
         Ok(StopAcknowledged { sent_at, acknowledged_at })
     }
 }
@@ -89,6 +106,7 @@ impl<const N: usize> FanucArm<N> {
 impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
         (self.session, self.is_checked, self.is_armed, self.has_program) = (None, false, false, false);
+        self.origin()?;
         let version = self.open(PATIENCE).await?;
         self.is_checked = true;
         let firmware = Some(format!("RMI {}.{}", version.0, version.1));
@@ -96,7 +114,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     }
 
     async fn state(&mut self) -> Result<DeviceState<N>, DeviceError> {
-        let (group, origin) = (self.group(), self.spec.joint_3_from);
+        let (group, origin) = (self.group(), self.origin()?);
         let session = self.session()?;
         let status = session.status().await?;
         let fault = if status.servo_ready { None } else { session.latest_fault().await? };
@@ -130,6 +148,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         // Before it is sent: whoever gives the answer up, or gets none, leaves a program all the same.
         self.has_program = true;
         let session = self.session()?;
+        session.end = ProgramEnd::NotAsked;
         session.done(&RmiRequest::Initialize { group_mask }).await?;
         (session.next_sequence, session.under_way, session.failure) = (1, None, None);
         self.is_armed = true;
@@ -137,7 +156,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     }
 
     async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
-        let (origin, speed) = (self.spec.joint_3_from, RmiSpeed::lasting(target.duration)?);
+        let (origin, speed) = (self.origin()?, RmiSpeed::lasting(target.duration)?);
         let is_armed = self.is_armed;
         let session = self.session()?;
         let joints = RmiJoints::of_program(&target.positions_rad, origin, session.extended_deg);
@@ -169,11 +188,13 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         // A controller that makes or ends a program may answer late, and moves nothing: its session is not given up for that.
         let wait = if self.session.as_ref().is_some_and(Session::is_changing_program) { ANSWER } else { STOP_WAIT };
         let first = within(wait, self.stop_once()).await;
-        if first.is_ok() {
+        // A link that carries a refusal is not dead.
+        if matches!(first, Ok(_) | Err(DeviceError::Refused { .. })) {
             return first;
         }
         // The arm may be moving on a link that is gone: the stop alone is worth a new one. The old one is given up first, as the
         // controller has one session.
+        self.has_program = self.may_have_program();
         (self.session, self.is_checked) = (None, false);
         self.open(ANSWER).await?;
         self.stop_once().await
@@ -181,9 +202,10 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
 
     async fn release(&mut self) -> Result<(), DeviceError> {
         self.is_armed = false;
+        let may_have_program = self.may_have_program();
         let Some(mut session) = self.session.take() else { return Ok(()) };
-        let has_program = std::mem::take(&mut self.has_program);
-        let aborted = if has_program { within(END_WAIT, session.done_at_once(&RmiRequest::Abort)).await } else { Ok(()) };
+        self.has_program = false;
+        let aborted = if may_have_program { within(END_WAIT, session.done_at_once(&RmiRequest::Abort)).await } else { Ok(()) };
         // The session is given back whatever became of the program.
         let disconnected = session.done_at_once(&RmiRequest::Disconnect).await;
         session.connection.close().await;
@@ -193,6 +215,17 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {
         Some(error_text(fault.0.into()))
     }
+}
+
+/// End of a program that a stop asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ProgramEnd {
+    /// No stop asked for it.
+    NotAsked,
+    /// Asked for, and not known to have come.
+    Asked,
+    /// It came.
+    Answered,
 }
 
 /// Connection of a session, and what is known of it.
@@ -209,6 +242,8 @@ struct Session {
     under_way: Option<u32>,
     /// Error of an instruction, or a fault that the controller told by itself.
     failure: Option<i64>,
+    /// End of the program, since it was armed.
+    end: ProgramEnd,
 }
 
 impl Session {
@@ -221,6 +256,7 @@ impl Session {
             next_sequence: 1,
             under_way: None,
             failure: None,
+            end: ProgramEnd::NotAsked,
         }
     }
 
@@ -253,7 +289,11 @@ impl Session {
                     self.note(&reply)?;
                     continue;
                 };
-                self.asked.remove(answered);
+                let request = self.asked.remove(answered);
+                let is_end = request == Some(RmiRequest::Abort) && matches!(reply, RmiReply::Done { .. });
+                if is_end && self.end == ProgramEnd::Asked {
+                    self.end = ProgramEnd::Answered;
+                }
                 if answered == self.asked.len() {
                     return Ok(reply);
                 }
@@ -283,6 +323,19 @@ impl Session {
     async fn status(&mut self) -> Result<RmiStatus, DeviceError> {
         let reply = self.ask(&RmiRequest::GetStatus, ANSWER).await?;
         if let RmiReply::Status(status) = reply { Ok(status) } else { Err(unexpected(&reply)) }
+    }
+
+    /// Judges a hold that was refused: where no program runs there is nothing to hold, which is as good. A program of a session that
+    /// broke off may run on, and no other session can hold it.
+    async fn nothing_to_hold(&mut self, refusal: i64) -> Result<(), DeviceError> {
+        self.send_at_once(&RmiRequest::GetStatus).await?;
+        let reply = self.answer(ANSWER).await?;
+        let RmiReply::Status(status) = reply else { return Err(unexpected(&reply)) };
+        if status.program != RmiProgram::Running {
+            return Ok(());
+        }
+        let text = format!("{}, while its program runs on: the move under way may be carried out", error_text(refusal));
+        Err(DeviceError::Refused { code: refusal, text })
     }
 
     async fn joints(&mut self, group: Option<u8>) -> Result<RmiJoints, DeviceError> {

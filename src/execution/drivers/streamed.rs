@@ -128,6 +128,8 @@ struct Desk<const N: usize> {
     /// Reason why the right to move was lost, since it was armed last.
     disarmed_by: Option<String>,
     arm_outcome: Option<Result<(), DeviceError>>,
+    /// Reason why the controller did not take an order to stop, since it was armed last.
+    stop_not_taken: Option<DeviceError>,
     failure: Option<DeviceError>,
     /// The latest report that could not be read, while none could since.
     malformed: Option<DeviceError>,
@@ -195,7 +197,7 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
             if let Some(reason) = report.hindrance {
                 return Err(DeviceError::NotReady { reason: reason.to_owned() });
             }
-            (desk.armed, desk.is_stopped, desk.disarmed_by) = (None, false, None);
+            (desk.armed, desk.is_stopped, desk.disarmed_by, desk.stop_not_taken) = (None, false, None, None);
             (desk.arm_outcome, desk.to_arm) = (None, Some(watchdog));
         }
         shared.wait(PATIENCE, |desk| desk.points.as_ref().and(desk.arm_outcome.clone())).await
@@ -229,8 +231,11 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
         }
         shared.next_cycle().await?;
         let sent_at = Instant::now();
-        // The controller reports on: it has the answer.
+        // The controller reports on: it has the answer, or did not take it.
         shared.next_cycle().await?;
+        if let Some(error) = &shared.desk().stop_not_taken {
+            return Err(error.clone());
+        }
         Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
     }
 
@@ -440,7 +445,13 @@ async fn answer_one<const N: usize, L: StreamedLink<N>>(
     }
     let step = shared.desk().step(report, cycle);
     match link.answer(&step).await {
-        Err(DeviceError::NotReady { reason }) => shared.desk().let_go(report.held_rad, &reason),
+        Err(DeviceError::NotReady { reason }) => {
+            let mut desk = shared.desk();
+            desk.let_go(report.held_rad, &reason);
+            if step.order == Some(StreamOrder::Stop) {
+                desk.stop_not_taken = Some(DeviceError::NotReady { reason });
+            }
+        }
         answered => answered?,
     }
     shared.cycles.send_modify(|cycles| *cycles += 1);

@@ -19,13 +19,10 @@ use tokio::time::{Instant, sleep};
 use super::hans::HansSignals;
 use super::stream::{Wiring, within};
 use crate::cell::{ArmControllerSpec, CommandTriggerSpec, ControllersSpec, DigitalTriggerSpec, HttpTriggerSpec, TriggerSpec};
-use crate::execution::device::{Capture, Captured, DeviceError, Direction, Trigger, WireLog};
+use crate::execution::device::{Capture, Captured, DeviceError, Direction, Trigger, WITHDRAWAL, WireLog};
 
 /// Name of the trigger in the log.
 const DEVICE: &str = "trigger";
-/// Longest time in which the output of a capture that nothing acknowledged is taken back; less than a run gives a trigger beyond its
-/// deadline.
-const TAKEN_BACK: Duration = Duration::from_millis(150);
 /// Largest answer to a request, bytes.
 const MAX_ANSWER_BYTES: usize = 64 << 10;
 
@@ -85,10 +82,20 @@ impl Trigger for ScannerTrigger {
         if id.is_err()
             && let Self::Digital(spec, signals) = self
         {
-            // A scanner that goes by the level would take captures from here on. The error that is told is the first.
-            let _ = within(TAKEN_BACK, signals.set_output(spec.output, false)).await;
+            // A scanner that goes by the level would take captures from here on. The error that is told is the first. A run gives a
+            // trigger more than this beyond its deadline.
+            let _ = within(WITHDRAWAL, signals.set_output(spec.output, false)).await;
         }
         Ok(Captured { id: id?, took })
+    }
+
+    async fn withdraw(&mut self) {
+        if let Self::Digital(spec, signals) = self
+            && signals.may_be_on(spec.output)
+        {
+            // What fails is tried again by the next withdrawal.
+            let _ = signals.set_output(spec.output, false).await;
+        }
     }
 }
 

@@ -19,7 +19,7 @@ use super::watcher::{Watcher, of_machine};
 use super::way;
 use super::{Mode, RunOptions, stop};
 use crate::cell::Configuration;
-use crate::execution::device::{DeviceError, Trigger};
+use crate::execution::device::{DeviceError, Trigger, WITHDRAWAL};
 use crate::execution::record::{DeviceStop, PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
 use crate::geometry::{Part, Pose, Table};
 use crate::program::Step;
@@ -215,6 +215,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             return Err(Halt::stop(StopCause::Device { device, error: DeviceError::NotReady { reason } }));
         }
         self.watcher.happen(RunEvent::Paused(cause));
+        // A scanner that goes by the level would take captures all the while. What is not taken back in time is tried again at the end.
+        let _ = self.watcher.during(timeout(WITHDRAWAL, self.trigger.withdraw())).await?;
         if is_locating {
             self.wait_for_location().await?;
         } else {
@@ -295,7 +297,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             None => None,
         };
         // What cannot be given back is lost with the connection.
-        let _ = timeout(self.options.safeguards.request_timeout, self.watcher.machine.release()).await;
+        let release = timeout(self.options.safeguards.request_timeout, self.watcher.machine.release());
+        let _ = tokio::join!(release, timeout(WITHDRAWAL, self.trigger.withdraw()));
         report
     }
 

@@ -11,7 +11,8 @@ use super::{
 use crate::cell::{AbbEgmSpec, Configuration};
 use crate::execution::audit::tests::log_on_full_disk;
 use crate::execution::device::{
-    DeviceError, DeviceState, Direction, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target, WireLog,
+    Capture, Captured, DeviceError, DeviceState, Direction, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target,
+    Trigger, WITHDRAWAL, WireLog,
 };
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::protocol::egm::ExternalAxes;
@@ -19,7 +20,7 @@ use crate::execution::record::{RunRecord, StepKind};
 use crate::execution::simulators::egm::EgmController;
 use crate::execution::tests::fault_table::{FAULTS, FaultyCell, fault_in_each_state};
 use crate::execution::tests::rehearsal::{CELL, Chance, Twins, attend, hashes, job, job_of, planned, short_job, twins, until};
-use crate::execution::twin::{Planted, Twin, TwinTrigger};
+use crate::execution::twin::{Planted, Twin, TwinAccess, TwinTrigger};
 use crate::program::Step;
 
 /// A live run on twins, armed.
@@ -475,6 +476,54 @@ async fn a_silent_trigger_holds_the_run_and_the_view_is_taken_again() {
     let record = handle.ended().await;
     assert_all_steps(&record);
     assert_eq!(record.steps[2].attempts, 2);
+}
+
+/// A trigger that nothing acknowledges, and that does not get its output back; what it was asked, it tells with the number of stops
+/// of the arm before.
+struct Unacknowledged {
+    arm: TwinAccess<6>,
+    told: tokio::sync::mpsc::UnboundedSender<(&'static str, u64)>,
+}
+
+impl Unacknowledged {
+    async fn tell(&self, what: &'static str) {
+        self.told.send((what, self.arm.asked().stops)).expect("heard");
+        std::future::pending().await
+    }
+}
+
+impl Trigger for Unacknowledged {
+    async fn set_brightness(&mut self, _level: u8) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn capture(&mut self, capture: &Capture) -> Result<Captured, DeviceError> {
+        self.tell("capture").await;
+        Err(DeviceError::Silent { waited: capture.deadline })
+    }
+
+    async fn withdraw(&mut self) {
+        self.tell("withdraw").await;
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_capture_that_is_given_up_is_withdrawn_after_the_stop_of_the_devices_and_delays_nothing() {
+    let (machine, _, access) = twins();
+    let (told, mut heard) = tokio::sync::mpsc::unbounded_channel();
+    let trigger = Unacknowledged { arm: access.arm.clone(), told };
+    let handle = simulate_with(short_job(0.3, [hashes(), hashes()]), machine, trigger, RunOptions::default());
+    assert_eq!(heard.recv().await, Some(("capture", 0)));
+    handle.pause().await.expect("runs");
+    assert_eq!(heard.recv().await, Some(("withdraw", 1)), "at the pause");
+    handle.resume(None).await.expect("paused");
+    assert_eq!(heard.recv().await, Some(("capture", 1)));
+    let asked = Instant::now();
+    handle.stop(StopCause::Client);
+    let record = handle.ended().await;
+    assert_eq!(heard.recv().await, Some(("withdraw", 2)), "at the end");
+    let at_rest = record.stop.as_ref().and_then(|report| report.arm.as_ref()?.at_rest).expect("stopped");
+    assert!(asked.elapsed() <= at_rest + WITHDRAWAL + Duration::from_millis(50), "{:?}", asked.elapsed());
 }
 
 #[tokio::test(start_paused = true)]

@@ -1,5 +1,6 @@
 //! A FANUC controller with the Remote Motion Interface to rehearse against: one session, one program, a move at a time in the time
-//! asked for. It keeps to the manual where a public simulator does not: degrees, one `ErrorID` an answer, a `SequenceID` without gaps.
+//! asked for. A session that breaks off leaves its move to be carried out. It keeps to the manual where a public simulator does
+//! not: degrees, one `ErrorID` an answer, a `SequenceID` without gaps.
 
 use std::io;
 use std::net::SocketAddr;
@@ -73,10 +74,10 @@ impl RmiController {
     pub async fn serve(self) -> io::Result<()> {
         loop {
             let (stream, _) = self.door.accept().await?;
-            if let Some(session) = self.admit(stream).await {
-                // A session that breaks off leaves the controller as it is.
-                let _ = self.hold(session).await;
-                lock(&self.cell).abort();
+            if let Some(session) = self.admit(stream).await
+                && self.hold(session).await.is_err()
+            {
+                lock(&self.cell).break_off();
             }
         }
     }
@@ -142,6 +143,10 @@ impl RmiCell {
         self.moved_at = now;
         let halted = self.program != RmiProgram::Running;
         let rad = if halted { self.points.at_rad() } else { self.points.advance(elapsed) };
+        // A program without a session ends with its move.
+        if !halted && !self.is_initialised && !self.points.is_moving() {
+            self.program = RmiProgram::Aborted;
+        }
         rad.map(f64::to_degrees)
     }
 
@@ -165,6 +170,16 @@ impl RmiCell {
         self.axes_deg();
         let over = self.under_way.take_if(|_| !self.points.is_moving());
         over.map(|sequence| RmiReply::Moved { sequence }).into_iter().collect()
+    }
+
+    /// Ends the session without a word: a move under way is carried out, and no other session can hold it.
+    fn break_off(&mut self) {
+        self.axes_deg();
+        if self.program == RmiProgram::Running && self.points.is_moving() {
+            (self.under_way, self.is_initialised) = (None, false);
+        } else {
+            self.abort();
+        }
     }
 
     fn abort(&mut self) {
@@ -200,24 +215,20 @@ impl RmiCell {
     }
 
     fn obey(&mut self, command: &RmiRequest) -> Result<(), i64> {
+        self.axes_deg();
         match command {
             RmiRequest::Initialize { .. } if self.fault.is_some() => return Err(SERVO_OFF),
-            RmiRequest::Initialize { .. } if self.is_initialised => return Err(FAILED),
+            RmiRequest::Initialize { .. } if self.is_initialised || self.program == RmiProgram::Running => return Err(FAILED),
             RmiRequest::Initialize { .. } => {
+                self.points = SetPoints::still(self.points.at_rad());
                 (self.is_initialised, self.program, self.next_sequence) = (true, RmiProgram::Running, 1);
             }
             RmiRequest::Abort if !self.is_initialised => return Err(FAILED),
             RmiRequest::Abort => self.abort(),
             RmiRequest::Pause if !self.is_initialised => return Err(NOT_RUNNING),
-            RmiRequest::Pause => {
-                self.axes_deg();
-                self.program = RmiProgram::Paused;
-            }
+            RmiRequest::Pause => self.program = RmiProgram::Paused,
             RmiRequest::Continue if !self.is_initialised || self.fault.is_some() => return Err(NOT_RUNNING),
-            RmiRequest::Continue => {
-                self.axes_deg();
-                self.program = RmiProgram::Running;
-            }
+            RmiRequest::Continue => self.program = RmiProgram::Running,
             RmiRequest::SetOverRide(percent) => self.override_percent = *percent,
             RmiRequest::Reset => self.fault = None,
             RmiRequest::Disconnect => self.abort(),
@@ -230,7 +241,8 @@ impl RmiCell {
         Ok(())
     }
 
-    fn status(&self) -> RmiStatus {
+    fn status(&mut self) -> RmiStatus {
+        self.axes_deg();
         RmiStatus {
             servo_ready: self.fault.is_none(),
             pendant_enabled: false,

@@ -45,6 +45,8 @@ pub struct UrCell {
     stop_button: Arc<Notify>,
     /// The program is paused at the pendant: the arm stands, and no command is obeyed.
     pub is_paused: bool,
+    /// The link to the program is dead, and does not say so: no command arrives.
+    pub is_link_dead: bool,
     /// Bits of the safety system.
     pub safety_bits: u32,
     /// Times that the program stopped because no command came.
@@ -210,7 +212,11 @@ async fn obey(client: &mut TcpStream, cell: &Mutex<UrCell>, watchdog: Duration) 
         while lock(cell).is_paused {
             sleep(GLANCE).await;
         }
-        let Ok(read) = read else {
+        let is_link_dead = lock(cell).is_link_dead;
+        if is_link_dead {
+            sleep(wait).await;
+        }
+        let Some(read) = read.ok().filter(|_| !is_link_dead) else {
             lock(cell).starved += 1;
             return Ok(());
         };
@@ -249,6 +255,7 @@ impl UrCell {
             is_program_running: false,
             stop_button: Arc::default(),
             is_paused: false,
+            is_link_dead: false,
             safety_bits: NORMAL_BIT,
             starved: 0,
             max_step_rad: 0.0,

@@ -11,11 +11,16 @@ use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
 use crate::cell::calibration::data::{HandEyeSetup, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Severity};
 use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch, Unwatched};
-use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, closed_list};
+use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, PoseSpec, closed_list};
+use crate::wire::warnings::{FieldWarning, WarningCode};
 use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, hex, json_file_bytes};
 
 /// Largest number of observations that may be held out.
 const MAX_HELD_OUT: u16 = 1000;
+/// Largest distance of a calibrated pose from the cell's that is told by nothing, mm: of a cell that was measured by hand.
+const MAX_SHIFT_MM: f64 = 50.0;
+/// Largest turn of a calibrated pose against the cell's that is told by nothing, degrees.
+const MAX_TURN_DEG: f64 = 5.0;
 
 closed_list! {
     /// State of a calibration.
@@ -217,6 +222,19 @@ impl CalibrationDocument {
         Some(spec)
     }
 
+    /// Doubts about calibrated poses far from those of the cell that was observed. A cell may be a rough one; but it may be another one,
+    /// or have another base than the controller.
+    #[must_use]
+    pub fn far_from(&self, spec: &CellSpec) -> Vec<FieldWarning> {
+        if self.setup == HandEyeSetup::EyeToHand {
+            // The scanner is not on the flange, where the cell has it.
+            return Vec::new();
+        }
+        let scanner = far("/flange_from_scanner", &self.flange_from_scanner, &spec.flange_from_scanner);
+        let table = self.base_from_table.as_ref().and_then(|table| far("/base_from_table", table, &spec.base_from_table));
+        scanner.into_iter().chain(table).collect()
+    }
+
     fn provenance(&self) -> CalibrationProvenance {
         CalibrationProvenance {
             by: format!("vantage {VERSION_LINE}"),
@@ -235,4 +253,18 @@ impl CalibrationDocument {
             compensation: None,
         }
     }
+}
+
+/// Doubt about a pose that is far from the one given.
+fn far(pointer: &str, found: &PoseSpec, given: &PoseSpec) -> Option<FieldWarning> {
+    let [found, given] = [found, given].map(|spec| *spec.pose::<(), ()>().isometry());
+    let apart = given.inv_mul(&found);
+    let (shift_mm, turn_deg) = (apart.translation.vector.norm(), apart.rotation.angle().to_degrees());
+    (shift_mm > MAX_SHIFT_MM || turn_deg > MAX_TURN_DEG).then(|| FieldWarning {
+        code: WarningCode::DoubtfulValue,
+        pointer: pointer.to_owned(),
+        detail: format!("is {shift_mm:.0} mm and {turn_deg:.1}° from where it was calibrated"),
+        remedy: "see that the observations are of this cell, and in its base; nothing is to be done if the cell's pose was a rough one"
+            .to_owned(),
+    })
 }

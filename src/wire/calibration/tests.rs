@@ -443,6 +443,28 @@ fn pixels_of_a_camera_are_observations_of_the_board() {
     assert_eq!(told(&cell, document, Solve::Joint).len(), 1, "the camera alone is at fault");
 }
 
+/// A calibration that turned a cell round by the base of another convention was written over it without a word.
+#[test]
+fn calibrated_poses_far_from_those_of_the_cell_are_doubted() {
+    let data: CalibrationData = serde_json::from_value(valid(&cell())).expect("the shape");
+    let calibration =
+        CalibrationDocument::solved(&data, &cell(), (Solve::Joint, 0), ["00", "2026-11-23T00:00:00Z"]).expect("a calibration");
+    let spec = Presets.cell("e05-transcan").expect("a preset");
+    assert_eq!(calibration.far_from(&spec), []);
+    let mut rough = spec.clone();
+    rough.flange_from_scanner.translation_mm[0] += 49.0;
+    assert_eq!(calibration.far_from(&rough), [], "measured by hand");
+    rough.flange_from_scanner.translation_mm[0] += 5.0;
+    let half_turn_rad = 3f64.to_radians();
+    rough.base_from_table.quaternion_xyzw = [0.0, 0.0, half_turn_rad.sin(), half_turn_rad.cos()];
+    let doubts = calibration.far_from(&rough);
+    let told: Vec<&str> = doubts.iter().map(|doubt| doubt.pointer.as_str()).collect();
+    assert_eq!(told, ["/flange_from_scanner", "/base_from_table"]);
+    assert!(doubts[0].detail.contains("54 mm"), "{doubts:?}");
+    let beside = CalibrationDocument { setup: HandEyeSetup::EyeToHand, ..calibration };
+    assert_eq!(beside.far_from(&rough), [], "such a scanner is not on the flange");
+}
+
 /// The way from observations to a compensated cell: what is written builds, holds for a day in its own cell, and for no other.
 #[test]
 fn a_compensation_goes_into_force_with_its_bounds() {

@@ -7,7 +7,6 @@ use tokio::net::TcpListener;
 use tokio::time::{sleep, timeout};
 
 use super::*;
-use crate::cell::JointThreeOrigin;
 use crate::execution::device::STOP_ATTEMPT;
 use crate::execution::drivers::stream::ByteStream;
 use crate::execution::drivers::there_and_back::{KeptBytes, WATCHDOG, arrive, target, there_and_back};
@@ -22,7 +21,7 @@ async fn simulator() -> (String, Arc<Mutex<RmiCell>>) {
 }
 
 fn arm<const N: usize>(address: &str, joint_3_from: JointThreeOrigin, log: Arc<KeptBytes>) -> FanucArm<N> {
-    let spec = FanucRmiSpec { address: address.to_owned(), joint_3_from, group_mask: None };
+    let spec = FanucRmiSpec { address: address.to_owned(), joint_3_from: Some(joint_3_from), group_mask: None };
     FanucArm::new(&spec, Wiring::over_tcp("arm", log))
 }
 
@@ -73,7 +72,8 @@ fn over_a_network(
         tokio::spawn(talk(end, answer, Arc::clone(&shown)));
     });
     let wiring = Wiring { dialer: Arc::new(NetworkDialer(Arc::clone(&network))), log: Arc::new(()), device: "arm" };
-    let spec = FanucRmiSpec { address: "arm:16001".to_owned(), joint_3_from: JointThreeOrigin::Ground, group_mask: None };
+    let joint_3_from = Some(JointThreeOrigin::Ground);
+    let spec = FanucRmiSpec { address: "arm:16001".to_owned(), joint_3_from, group_mask: None };
     (FanucArm::new(&spec, wiring), network, seen)
 }
 
@@ -124,6 +124,49 @@ async fn a_program_whose_making_was_given_up_is_ended_at_release() {
     assert!(seen.ends_with(&[RmiRequest::Abort, RmiRequest::Disconnect]), "{seen:?}");
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_program_whose_end_a_stop_asked_for_is_ended_at_release_unless_that_was_answered() {
+    let unended = |request: &RmiRequest| answer(request).filter(|_| *request != RmiRequest::Abort);
+    let (mut arm, _network, seen) = over_a_network(unended);
+    arm.connect().await.expect("a controller");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.stop().await.expect("held");
+    assert!(matches!(arm.release().await, Err(DeviceError::Silent { .. })), "not ended");
+    let tail = [RmiRequest::Pause, RmiRequest::Abort, RmiRequest::Abort, RmiRequest::Disconnect];
+    assert!(seen.lock().expect("packets").ends_with(&tail), "asked for again");
+    let (mut arm, _network, seen) = over_a_network(answer);
+    arm.connect().await.expect("a controller");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.stop().await.expect("held");
+    arm.state().await.expect("a state");
+    arm.release().await.expect("released");
+    let seen = seen.lock().expect("packets").clone();
+    assert_eq!(seen.iter().filter(|request| **request == RmiRequest::Abort).count(), 1, "{seen:?}");
+}
+
+#[tokio::test]
+async fn a_stop_is_not_acknowledged_while_a_program_runs_on_from_a_session_that_broke() {
+    let (address, cell) = simulator().await;
+    let log = KeptBytes::new();
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, log.clone());
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.start(&target(1, [1.0; 6], Duration::from_secs(60))).await.expect("accepted");
+    // The link breaks on the way.
+    arm.session = None;
+    for _ in 0..2 {
+        let stopped = arm.stop().await;
+        let is_told = matches!(&stopped, Err(DeviceError::Refused { code: 2_556_937, text }) if text.contains("runs on"));
+        assert!(is_told, "{stopped:?}");
+    }
+    // Whatever ends the program, there is nothing left to hold.
+    cell.lock().expect("a cell").set_fault(Some("SRVO-002"));
+    arm.stop().await.expect("nothing runs");
+    assert!(matches!(arm.release().await, Err(DeviceError::Refused { .. })), "there is nothing to end");
+    let sent: Vec<String> = log.sent().iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect();
+    assert!(sent[sent.len() - 2].contains("FRC_Abort"), "its end was not answered before: {sent:?}");
+}
+
 #[tokio::test]
 async fn a_session_is_given_back_whatever_becomes_of_its_program() {
     let (address, _) = simulator().await;
@@ -148,6 +191,17 @@ async fn arm_and_table_go_there_and_back() {
     arm.release().await.expect("released");
     // The session is free again.
     arm.connect().await.expect("connected again");
+}
+
+#[tokio::test]
+async fn an_arm_whose_origin_of_joint_3_is_unsaid_is_sent_nothing() {
+    let (address, _) = simulator().await;
+    let spec = FanucRmiSpec { address, joint_3_from: None, group_mask: None };
+    let log = KeptBytes::new();
+    let mut arm: FanucArm<6> = FanucArm::new(&spec, Wiring::over_tcp("arm", log.clone()));
+    let refused = arm.connect().await.expect_err("unsaid");
+    assert!(matches!(&refused, DeviceError::NotReady { reason } if reason.contains("joint_3_from")), "{refused}");
+    assert!(log.sent().is_empty());
 }
 
 #[tokio::test]

@@ -16,13 +16,15 @@ pub struct HansSignals {
     spec: HansSpec,
     wiring: Wiring,
     link: Option<TextLink>,
+    /// Output that was switched on, or may have been, and was not switched off since.
+    on: Option<u8>,
 }
 
 impl HansSignals {
     /// Signals of the controller at the address of its specification, not connected.
     #[must_use]
     pub fn new(spec: HansSpec, wiring: Wiring) -> Self {
-        Self { spec, wiring, link: None }
+        Self { spec, wiring, link: None, on: None }
     }
 
     /// Sets a digital output.
@@ -30,7 +32,21 @@ impl HansSignals {
     /// # Errors
     /// [`DeviceError`].
     pub async fn set_output(&mut self, output: u8, is_on: bool) -> Result<(), DeviceError> {
-        self.ask(&HansRequest::SetBoxDo { output, is_on }).await.map(drop)
+        if is_on {
+            // Before it is sent: whoever gives the answer up leaves it on all the same.
+            self.on = Some(output);
+        }
+        self.ask(&HansRequest::SetBoxDo { output, is_on }).await?;
+        if !is_on && self.may_be_on(output) {
+            self.on = None;
+        }
+        Ok(())
+    }
+
+    /// Returns true if a digital output was switched on here, and is not known to be off since.
+    #[must_use]
+    pub fn may_be_on(&self, output: u8) -> bool {
+        self.on == Some(output)
     }
 
     /// Reads a digital input.

@@ -247,6 +247,28 @@ async fn an_arm_whose_program_is_paused_at_the_pendant_is_led_no_further() {
 }
 
 #[tokio::test]
+async fn a_stop_that_the_program_of_an_arm_does_not_take_is_not_acknowledged() {
+    let (mut arm, cell) = ur(UrMotion::Movej).await;
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    let start = arm.state().await.expect("a state").positions_rad;
+    arm.start(&target(1, start.map(|joint| joint + 1.0), Duration::from_secs(4))).await.expect("accepted");
+    arm.state().await.expect("a further cycle: the move was taken");
+    cell.lock().expect("a cell").is_link_dead = true;
+    // Asked again, it has not been taken either.
+    for _ in 0..2 {
+        let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
+        let is_told = matches!(&stopped, Err(DeviceError::NotReady { reason }) if reason.contains("takes no more commands"));
+        assert!(is_told, "{stopped:?}");
+    }
+    let rest = at_rest(&mut arm).await;
+    assert!(rest[0] - start[0] < 0.5, "its watchdog stops it: {rest:?}");
+    cell.lock().expect("a cell").is_link_dead = false;
+    arm.arm(WATCHDOG).await.expect("its program is sent anew");
+    arm.stop().await.expect("taken");
+}
+
+#[tokio::test]
 async fn a_stop_does_not_wait_for_a_program_that_is_still_to_connect() {
     let controller = UrController::bind("127.0.0.1:0", "127.0.0.1:0", [0.0; 6]).await.expect("ports");
     let (rtde, _) = controller.addresses().expect("addresses");

@@ -87,6 +87,39 @@ async fn an_output_whose_capture_nothing_acknowledges_is_taken_back() {
     server.abort();
 }
 
+#[tokio::test]
+async fn an_output_whose_capture_is_given_up_is_taken_back_by_a_withdrawal_once() {
+    let robot = Presets.robot("hans-e05").expect("a preset").build().expect("valid");
+    let simulator = HansSimulator::listen("127.0.0.1:0", robot, [0.0; 6], 1.0).await.expect("bound");
+    let address = simulator.addresses().expect("addresses").text.to_string();
+    let server = tokio::spawn(simulator.serve());
+    let log = Arc::new(KeptBytes::default());
+    let levels = || {
+        let texts = log.0.lock().expect("no panic");
+        texts.iter().filter(|text| text.starts_with("SetBoxDO,3,")).cloned().collect::<Vec<_>>()
+    };
+    let crossed = json!({"protocol": "digital", "output": 3, "input": 8});
+    let kept = Arc::clone(&log) as Arc<dyn WireLog>;
+    let mut trigger = ScannerTrigger::new(&controllers(&hans_at(&address), &crossed), kept).expect("a trigger");
+    trigger.withdraw().await;
+    assert!(levels().is_empty(), "nothing was left on");
+    let is_on = async {
+        while levels().len() < 2 {
+            sleep(Duration::from_millis(1)).await;
+        }
+    };
+    let asked_for = capture(60_000);
+    tokio::select! {
+        captured = trigger.capture(&asked_for) => panic!("{captured:?}"),
+        () = is_on => {}
+    }
+    for _ in 0..2 {
+        trigger.withdraw().await;
+        assert_eq!(levels(), ["SetBoxDO,3,0,;", "SetBoxDO,3,1,;", "SetBoxDO,3,0,;"]);
+    }
+    server.abort();
+}
+
 #[test]
 fn signals_of_arms_without_them_are_refused() {
     let arm = json!({"protocol": "fanuc_rmi", "address": "127.0.0.1:16001"});
