@@ -12,14 +12,14 @@ use crate::cell::{
     Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, UseConditions,
 };
 use crate::geometry::Mesh;
+use crate::planning::PlanInput;
 use crate::planning::certificate::recheck::{self, TakenView};
 use crate::planning::context::Context;
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
-use crate::planning::{PlanInput, resting};
 use crate::program::{self, Expected, Fault, Finding, Program};
 use crate::wire::calibration::use_conditions;
-use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
+use crate::wire::plan::{PLAN_SCHEMA, PlanDocument, ViewpointDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{counted, percent_below};
@@ -33,7 +33,7 @@ const ROUNDING_MM: f64 = 0.01;
 pub struct Reference {
     /// Plan that the program has to carry out, with the SHA-256 of its file, lower-case hexadecimal.
     pub plan: Option<(PlanDocument, String)>,
-    /// The part: for collisions, and with the plan for the area that the scans measure.
+    /// The part, for collisions and the area that the scans measure: the plan says where it lies.
     pub part: Option<Mesh>,
     /// The fixture that holds it, in part coordinates.
     pub fixture: Option<Mesh>,
@@ -142,6 +142,44 @@ pub fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Ve
     plan::check(document, cell)
 }
 
+/// Part that is not the one of the plan.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum OtherPart {
+    /// Another file.
+    #[error("is not the part of the plan: its SHA-256 is {found}, that of the planned part {planned}")]
+    File {
+        /// SHA-256 of the file.
+        found: String,
+        /// SHA-256 in the plan.
+        planned: String,
+    },
+    /// The file, read in another unit; what differs in words.
+    #[error("{0}")]
+    Size(String),
+}
+
+/// Holds a part against that of the plan. `sha256` is that of the part's file, lower-case hexadecimal.
+///
+/// # Errors
+/// Another file, or another unit.
+pub fn check_part(plan: &PlanDocument, part: &Mesh, sha256: &str) -> Result<(), OtherPart> {
+    if plan.part.sha256 != sha256 {
+        return Err(OtherPart::File { found: sha256.to_owned(), planned: plan.part.sha256.clone() });
+    }
+    plan.part.other_size(part).map_or(Ok(()), |size| Err(OtherPart::Size(size)))
+}
+
+/// Holds a part against the document that is checked, if that is a plan; as [`check_part`] otherwise.
+///
+/// # Errors
+/// Those of [`check_part`]; never one for a document that cannot be read, which [`check()`] tells.
+pub fn check_part_of(document: &Value, part: &Mesh, sha256: &str) -> Result<(), OtherPart> {
+    if kind_of(document) != Some(DocumentKind::Plan) {
+        return Ok(());
+    }
+    read_plan(document.clone()).map_or(Ok(()), |plan| check_part(&plan, part, sha256))
+}
+
 /// Max number of fields that a document of an unknown kind is described by.
 const MAX_FIELDS_TOLD: usize = 6;
 
@@ -213,13 +251,17 @@ fn check_program(
 ) -> Result<Option<f64>, Vec<FieldError>> {
     let program = document.program()?;
     reference.owns(&program).map_err(|finding| field_errors(&[finding]))?;
-    let Some(cell) = cell else { return Ok(None) };
+    reference.check_plan()?;
+    let off_orders = reference.off_orders(&program);
+    let Some(cell) = cell else { return if off_orders.is_empty() { Ok(None) } else { Err(field_errors(&off_orders)) } };
+    reference.check_placed().map_err(|reason| whole(reason.to_owned()))?;
     reference.check_scanner(cell)?;
     let expected = reference.expected(document.setup);
     let scene = reference.scene(cell, expected.as_ref());
     let mut found = program::check(&program, cell, &scene, expected.as_ref());
     let stale = program::check_calibration(cell, &reference.present.conditions(cell));
     found.extend(stale.into_iter().filter(|finding| !found.contains(finding)).collect::<Vec<_>>());
+    found.extend(off_orders);
     if !found.is_empty() {
         return Err(field_errors(&found));
     }
@@ -269,6 +311,37 @@ impl Reference {
         Err(Finding { step: None, fault })
     }
 
+    /// Holds the plan against itself: with poses that are none, or a negative clearance, nothing would be found to collide. Findings
+    /// name their place in the plan.
+    fn check_plan(&self) -> Result<(), Vec<FieldError>> {
+        let found = self.plan.as_ref().and_then(|(plan, _)| check_plan(plan, None).err()).unwrap_or_default();
+        let told = |FieldError { pointer, detail }: FieldError| format!("the plan that it is held against: {pointer}: {detail}");
+        let errors: Vec<_> = found.into_iter().flat_map(|error| whole(told(error))).collect();
+        if errors.is_empty() { Ok(()) } else { Err(errors) }
+    }
+
+    /// Refuses a part without the plan, which alone says where it lies.
+    ///
+    /// # Errors
+    /// The reason.
+    pub fn check_placed(&self) -> Result<(), &'static str> {
+        if self.part.is_none() || self.plan.is_some() {
+            return Ok(());
+        }
+        Err("is to be checked with the part, but without its plan, which says where the part lies; give the plan too")
+    }
+
+    /// Findings on speed, settling and captures of a program that are not as the plan orders them; none without a plan.
+    #[must_use]
+    pub fn off_orders(&self, program: &Program) -> Vec<Finding> {
+        let Some((plan, _)) = &self.plan else { return Vec::new() };
+        let usual = plan.params.scan.brightness.usual_level();
+        let levels =
+            |view: &ViewpointDocument| view.exposure.as_ref().map_or_else(|| vec![usual], |exposure| exposure.levels.clone());
+        let levels = plan.viewpoints.iter().map(|view| (ViewId(view.id), levels(view))).collect();
+        program.check_orders(&plan.params, &levels)
+    }
+
     /// Holds the scanner of the cell against that of the plan.
     ///
     /// # Errors
@@ -284,15 +357,14 @@ impl Reference {
         self.plan.as_ref().and_then(|(plan, sha256)| expected(plan, sha256.clone(), setup))
     }
 
-    /// The cell, with the part if there is one.
+    /// The cell, with the part if there is one and the plan says where it lies.
     #[must_use]
     pub fn scene(&self, cell: &Cell, expected: Option<&Expected>) -> CollisionScene {
         let clearance_mm = self.plan.as_ref().map_or(MIN_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
-        match &self.part {
+        match self.part.as_ref().zip(expected) {
             None => CollisionScene::without_part(cell, clearance_mm),
-            Some(part) => {
-                let table_from_part = expected.map_or_else(|| resting(part), |expected| expected.table_from_part);
-                CollisionScene::new(cell, part, self.fixture.as_ref(), &table_from_part, clearance_mm)
+            Some((part, expected)) => {
+                CollisionScene::new(cell, part, self.fixture.as_ref(), &expected.table_from_part, clearance_mm)
             }
         }
     }

@@ -13,7 +13,9 @@ use crate::geometry::{Device, ScannerFrame};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{AdviceKind, Cause, RemedyKind, RiskReason, StopReason, ViewId};
 use crate::program::{self, Expected};
-use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument, VisibleSharesDocument};
+use crate::wire::plan::{
+    CellDocument, CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument, VisibleSharesDocument,
+};
 
 /// Tolerance of sums of shares.
 const SHARE_TOLERANCE: f64 = 1e-9;
@@ -47,6 +49,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     check_bound(document, &mut findings);
     one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
     check_setups(document, &mut findings);
+    document.cell.iter().for_each(|planned_in| check_cell(planned_in, &mut findings));
     for setup in 0..document.setups.len().max(1) {
         if let (Some(cell), Some(expected)) = (cell, expected(document, String::new(), setup)) {
             check_stations(document, cell, &expected, &mut findings);
@@ -309,6 +312,18 @@ fn check_motion(document: &PlanDocument, findings: &mut Findings) {
     findings.require((motion.cycle_secs - sum_secs).abs() <= ROUNDING_SECS, "/motion/cycle_secs", || {
         format!("is {} s; moving, settling and scanning add up to {sum_secs} s", motion.cycle_secs)
     });
+}
+
+/// Requires poses of the cell that are poses: with a damaged one nothing would be found to collide.
+fn check_cell(cell: &CellDocument, findings: &mut Findings) {
+    let poses = [
+        ("base_from_table", &cell.base_from_table),
+        ("table_from_part", &cell.table_from_part),
+        ("flange_from_scanner", &cell.flange_from_scanner),
+    ];
+    for (field, pose) in poses {
+        pose.check(&format!("/cell/{field}"), findings);
+    }
 }
 
 /// Requires that each viewpoint belongs to exactly one setup, if the part is turned over.

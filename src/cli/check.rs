@@ -12,8 +12,7 @@ use super::doubts;
 use super::files::{self, FileLibrary};
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec, SpecKind};
-use crate::check::{Present, Reference, Sound, check, kind_of};
-use crate::geometry::mesh_io::ReadMesh;
+use crate::check::{OtherPart, Present, Reference, Sound, check, check_part, check_part_of, check_plan, kind_of};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
@@ -34,8 +33,9 @@ const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
       --mesh part.stl --unit mm
 
 Without --cell a program is checked for structure and ranges only, and that it belongs to the plan.json beside it, if there is \
-one. For an incomplete file every missing field is listed at once. Warnings, such as a tolerance finer than the scanner's noise \
-allows or a home that looks like radians, are not findings unless --strict is given.
+one. With --mesh a program needs --plan, which says where the part lies. For an incomplete file every missing field is listed at \
+once. Warnings, such as a tolerance finer than the scanner's noise allows or a home that looks like radians, are not findings \
+unless --strict is given.
 
 Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
@@ -58,7 +58,7 @@ pub(super) struct ReferenceArgs {
     /// Plan that the program has to carry out.
     #[arg(long, requires = "cell")]
     pub(super) plan: Option<PathBuf>,
-    /// Part, STL, OBJ or PLY: for collisions, and with --plan for the area that the scans measure.
+    /// Part, STL, OBJ or PLY: for collisions and for the area that the scans measure. The plan says where it lies.
     #[arg(long, requires = "cell")]
     pub(super) mesh: Option<PathBuf>,
     /// Fixture, in the part's coordinates and unit: for collisions.
@@ -83,7 +83,7 @@ fn temperature(text: &str) -> Result<f64, String> {
 /// [`CliError::BadInput`] with every finding of every file, one per line.
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let cell = args.cell.as_deref().map(cell).transpose()?;
-    let reference = args.reference.load()?;
+    let (reference, part) = args.reference.read()?;
     args.reference.warn_of_size(cell.as_ref(), &reference);
     let never = AtomicBool::new(false);
     let ctx = Context::new(&never, &Silent);
@@ -98,6 +98,9 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
                 if kind_of(&value) == Some(DocumentKind::Cell) { files::take_controllers(&mut value, &shown) } else { Ok(None) };
             if args.reference.plan.is_none() {
                 refuse_stale(path, &value)?;
+            }
+            if let (Some(mesh), Some(file)) = (&reference.part, &part) {
+                check_part_of(&value, mesh, &file.sha256).map_err(|other| file.refused(&other))?;
             }
             doubts = doubts::of_document(&value);
             if let Ok(Some(controllers)) = &controllers {
@@ -240,45 +243,57 @@ impl ReferenceArgs {
         }
     }
 
-    /// Reads the files.
+    /// Reads the files, and holds them against each other.
     pub(super) fn load(&self) -> Result<Reference, CliError> {
+        self.read().map(|(reference, _)| reference)
+    }
+
+    /// Reads the files as [`ReferenceArgs::load`] does, with what is known of the part's file.
+    fn read(&self) -> Result<(Reference, Option<PartFile>), CliError> {
         let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never());
         let plan = self.plan.as_deref().map(read_plan).transpose()?;
         let part = self.mesh.as_ref().map(read).transpose()?;
-        if let (Some((plan, _)), Some((part, sha256)), Some(path)) = (&plan, &part, &self.mesh) {
-            check_part(plan, part, sha256, path)?;
+        let (part, file) = part
+            .zip(self.mesh.clone())
+            .map(|((part, sha256), path)| (part.mesh, PartFile { path, unit: part.unit, sha256 }))
+            .unzip();
+        if let (Some((plan, _)), Some(part), Some(file)) = (&plan, &part, &file) {
+            check_part(plan, part, &file.sha256).map_err(|other| file.refused(&other))?;
         }
-        Ok(Reference {
+        let reference = Reference {
             plan,
-            part: part.map(|(part, _)| part.mesh),
+            part,
             fixture: self.fixture.as_ref().map(read).transpose()?.map(|(fixture, _)| fixture.mesh),
             present: Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c: self.temperature },
+        };
+        Ok((reference, file))
+    }
+}
+
+/// File that the part was read from.
+struct PartFile {
+    path: PathBuf,
+    unit: LengthUnit,
+    sha256: String,
+}
+
+impl PartFile {
+    /// Error for a part that is not the plan's: another file, or the file in another unit.
+    fn refused(&self, other: &OtherPart) -> CliError {
+        let (shown, unit) = (self.path.display(), self.unit);
+        CliError::BadInput(match other {
+            OtherPart::File { .. } => format!("{shown}: {other}\n  → name the mesh that was planned, or plan this one"),
+            OtherPart::Size(_) => format!("{shown} (--unit {unit}): {other}\n  → give the unit that it was planned in"),
         })
     }
 }
 
-/// Refuses a part that is not the plan's: another file, or the file in another unit.
-fn check_part(plan: &PlanDocument, part: &ReadMesh, sha256: &str, path: &Path) -> Result<(), CliError> {
-    let shown = path.display();
-    if plan.part.sha256 != sha256 {
-        return Err(CliError::BadInput(format!(
-            "{shown}: is not the part of the plan: its SHA-256 is {sha256}, that of the planned part {}\n  → name the mesh that was \
-             planned, or plan this one",
-            plan.part.sha256
-        )));
-    }
-    let other = plan.part.other_size(&part.mesh);
-    other.map_or(Ok(()), |other| {
-        let unit = part.unit;
-        Err(CliError::BadInput(format!("{shown} (--unit {unit}): {other}\n  → give the unit that it was planned in")))
-    })
-}
-
-/// Reads a plan, with the SHA-256 of its file.
+/// Reads a plan, with the SHA-256 of its file; one that is not sound says nothing of a program.
 fn read_plan(path: &Path) -> Result<(PlanDocument, String), CliError> {
     let shown = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
     let document: PlanDocument = files::of_kind(files::value(path)?, ("a plan", Some(DocumentKind::Plan)), &shown)?;
+    check_plan(&document, None).map_err(|errors| files::findings(&shown, &errors))?;
     Ok((document, plan_sha256(&bytes)))
 }
 

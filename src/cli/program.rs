@@ -28,7 +28,8 @@ use crate::wire::program::ProgramDocument;
       --set dialects.scan_output=3
 
 The program is checked first, as by `vantage check`; a program with findings, or of another plan than the plan.json \
-beside it, is not written. Without --mesh it is not checked for collisions with the part, and its header says so. \
+beside it, is not written. --mesh needs the plan, which says where the part lies. Without --mesh the program is not checked for \
+collisions with the part, and its header says so. \
 Signals and names come from `params.dialects` of the plan; --set overrides them. KUKA programs are two files, and each \
 setup has its own program: give a folder for those. Programs that were made from the same place and an earlier plan \
 are removed from the folder.")]
@@ -73,26 +74,33 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
         force: args.force,
         checked_with: if reference_args.mesh.is_some() { CheckedWith::Part } else { CheckedWith::CellAlone },
     };
+    let from = args.from.display();
+    job.reference.check_placed().map_err(|reason| unplaced(&from, reason))?;
     let params = params(job.reference.plan.as_ref().map(|(plan, _)| plan), &args.sets)?;
-    let mut rendered = Vec::new();
+    let (mut rendered, mut rendered_from) = (Vec::new(), Vec::new());
     let mut plan_sha256: Option<String> = None;
-    for path in programs(&args.from)? {
+    let paths = programs(&args.from)?;
+    for path in &paths {
         let shown = path.display().to_string();
         let kind = ("a program", Some(DocumentKind::Program));
-        let document: ProgramDocument = files::of_kind(files::value(&path)?, kind, &shown)?;
+        let document: ProgramDocument = files::of_kind(files::value(path)?, kind, &shown)?;
         let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
         rendered.extend(job.render(&program, &params, &shown)?);
+        rendered_from.push(program.clone());
         let first = plan_sha256.get_or_insert_with(|| program.plan_sha256.clone());
         if *first != program.plan_sha256 {
             return Err(CliError::BadInput(format!("{shown}: is made from another plan than program.json; plan again")));
         }
     }
-    // Last: a program that is not the plan's is told as such, whatever the cell.
+    // Last: a program that is not the plan's is told as such, whatever the cell and the others.
+    if let Some((plan, _)) = job.reference.plan.as_ref().filter(|_| args.from.is_dir()) {
+        check_all_there(&args.from, paths.len(), plan)?;
+    }
     job.reference.check_scanner(&job.cell).map_err(|errors| files::findings(&args.cell, &errors))?;
     let made_from = std::fs::canonicalize(&args.from).unwrap_or_else(|_| args.from.clone());
     let origin = FileOrigin { plan_sha256, made_from: Some(made_from.display().to_string()) };
     let written: Vec<String> = write(&args.out, rendered, &origin)?.iter().map(|path| path.display().to_string()).collect();
-    let work = dialect.before_first_run();
+    let work = dialect.before_first_run_of(&rendered_from);
     let lines: String = written.iter().map(|path| format!("{path}\n")).collect();
     output::result(&serde_json::json!({ "files": written, "before_first_run": work }), lines)?;
     work.into_iter().for_each(|work| output::note(format!("Before the first run: {work}")));
@@ -144,6 +152,10 @@ impl RenderJob {
         let scene = self.reference.scene(&self.cell, expected.as_ref());
         let checked = CheckedProgram::new(program, &self.cell, &scene, expected.as_ref(), self.checked_with);
         let checked = checked.map_err(|found| files::findings(shown, &field_errors(&found)))?;
+        let off_orders = self.reference.off_orders(program);
+        if !off_orders.is_empty() {
+            return Err(files::findings(shown, &field_errors(&off_orders)));
+        }
         let rendered = match checked.render(self.dialect, params) {
             Err(foreign @ DialectError::Foreign { .. }) if self.force => {
                 output::warning(shown, "", &foreign.to_string(), "the header of the program warns of it");
@@ -168,6 +180,24 @@ fn programs(from: &Path) -> Result<Vec<PathBuf>, CliError> {
     let paths = (0..).map(|setup| from.join(format!("{}.json", program_stem(setup))));
     let found: Vec<_> = paths.take_while(|path| path.is_file()).collect();
     if found.is_empty() { Err(without_program(from)) } else { Ok(found) }
+}
+
+/// Requires the program of every setup of the plan: the scans of one that is left out would be missed at the cell alone.
+fn check_all_there(folder: &Path, found: usize, plan: &PlanDocument) -> Result<(), CliError> {
+    let setups = plan.setups.len().max(1);
+    if found >= setups {
+        return Ok(());
+    }
+    let missing = folder.join(format!("{}.json", program_stem(found)));
+    Err(CliError::BadInput(format!(
+        "{}: is missing; the plan has {setups} setups, each with its own program\n  → plan again, or give a single program.json",
+        missing.display()
+    )))
+}
+
+/// Error for a part without the plan that says where it lies.
+pub(super) fn unplaced(program: &impl std::fmt::Display, reason: &str) -> CliError {
+    CliError::BadInput(format!("{program}: {reason}\n  → keep plan.json beside it, or name it with --plan"))
 }
 
 /// Error for a folder without a program: a plan that was made without a cell has none.

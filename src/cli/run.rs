@@ -15,7 +15,7 @@ use self::outcome::{RecordFile, RunOutcome};
 use self::watch::{RunWatch, lines_of_stdin};
 use super::check::ReferenceArgs;
 use super::files::{self, FileLibrary};
-use super::program::{plan_beside, without_program};
+use super::program::{plan_beside, unplaced, without_program};
 use super::serve::run_to_completion;
 use super::signals::on_signals;
 use super::{CliError, FileFinding, output};
@@ -47,8 +47,8 @@ const AUDIT_FILES: usize = 64;
   vantage run plan/program.json --cell cell.toml --mesh part.stl --unit mm \\
       --mode live --override 0.1 --record run.json --audit audit
 
-The program is checked first, as by `vantage check`, against the plan.json beside it if there is one. `simulate` moves a twin in \
-real time, or --speed times as fast. `dry_run` connects to the controllers that the cell file names in [controllers], reads their \
+The program is checked first, as by `vantage check`, against the plan.json beside it if there is one; --mesh needs it. `simulate` \
+moves a twin in real time, or --speed times as fast. `dry_run` connects to the controllers that the cell file names in [controllers], reads their \
 state and sends no motion. `live` moves arm and table: the operator types the name of the cell, or --armed-by names who released \
 the motion; the speed stays below `first_run_speed` of the cell file.
 
@@ -185,8 +185,18 @@ fn check_known(mode: RunMode, shown: &str, reference: &Reference) -> Result<(), 
     if mode == RunMode::Live {
         return Err(CliError::BadInput(format!("{shown}: a live run needs {}; {}", missing.0, missing.1)));
     }
+    reference.check_placed().map_err(|reason| unplaced(&shown, reason))?;
     output::warning(shown, "", &format!("is run without {}", missing.0), missing.1);
     Ok(())
+}
+
+/// Requires a step of the program to begin with.
+fn check_step(from_step: usize, steps: usize) -> Result<(), CliError> {
+    if from_step < steps.max(1) {
+        return Ok(());
+    }
+    let last = steps.saturating_sub(1);
+    Err(CliError::BadInput(format!("--from-step {from_step}: the program has the steps 0 to {last}")))
 }
 
 /// Findings on a run's request, each at the option that gave the value.
@@ -246,19 +256,17 @@ impl PreparedRun {
                 Hashes { compensation, ..present.clone() }
             },
         );
-        if args.from_step >= program.steps.len().max(1) {
-            let last = program.steps.len().saturating_sub(1);
-            return Err(CliError::BadInput(format!("--from-step {}: the program has the steps 0 to {last}", args.from_step)));
-        }
+        check_step(args.from_step, program.steps.len())?;
+        let off_orders = reference.off_orders(&program);
         let program = session::program_for(program, (args.mode, controllers.as_ref()), (&cell, &scene))
             .map_err(|together| CliError::BadInput(format!("{shown}: {together}")))?;
         let run = Run { planned_secs: program.cycle_secs, ..run };
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
             .map_err(|found| refused(&found))?
             .under(conditions);
-        let stale = check_calibration(&cell, &conditions);
-        if !stale.is_empty() {
-            return Err(refused(&stale));
+        let found = [check_calibration(&cell, &conditions), off_orders].concat();
+        if !found.is_empty() {
+            return Err(refused(&found));
         }
         Ok(Self { run, job, cell, reference, controllers, request })
     }

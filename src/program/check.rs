@@ -1,14 +1,17 @@
 //! The linter: from a program alone, with the cell it is for, what is wrong with it. Limits, times, collisions along every
 //! segment, and where the scanner is at each capture are derived anew; nothing is taken over from the planner.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Move, Program, ProgramCalibration, Step};
 use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{Axes, CalibrationObjection, Cell, CollisionScene, Configuration, Contact, UseConditions};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;
 
+/// Shares of the speed that went through a file are off by this at most.
+const ROUNDING_SPEED: f64 = 1e-9;
 /// Angles that went through degrees and back are off by this at most, radians.
 const ROUNDING_RAD: f64 = 1e-9;
 /// Times that went through a file are off by this at most, seconds.
@@ -165,6 +168,44 @@ pub enum Fault {
         /// Share that the plan says.
         planned: f64,
     },
+    /// Faster than planned.
+    #[error("speed_fraction is {found}; the plan has {planned}, which is the most allowed")]
+    TooFast {
+        /// Value in the program.
+        found: f64,
+        /// Value of the plan.
+        planned: f64,
+    },
+    /// A capture before everything stands still.
+    #[error(
+        "viewpoint {view} is scanned {found} s after the move; the plan has settle_secs {planned}, which is the least allowed"
+    )]
+    Unsettled {
+        /// The view.
+        view: u32,
+        /// Time of settling before it.
+        found: f64,
+        /// Value of the plan.
+        planned: f64,
+    },
+    /// A capture that ends too soon.
+    #[error("capture_secs is {found}; the plan has {planned}, which is the least allowed")]
+    ShortCapture {
+        /// Value in the program.
+        found: f64,
+        /// Value of the plan.
+        planned: f64,
+    },
+    /// Captures of other brightness, or another number of them, than planned.
+    #[error("viewpoint {view} is captured at brightness {found:?}; the plan has {planned:?}")]
+    OtherLevels {
+        /// The view.
+        view: u32,
+        /// Levels in the program, in order.
+        found: Vec<u8>,
+        /// Levels of the plan, in order.
+        planned: Vec<u8>,
+    },
     /// No such level.
     #[error("brightness is {0}; allowed is 0 to {MAX_BRIGHTNESS}")]
     Brightness(u8),
@@ -234,8 +275,9 @@ pub fn scan_configurations(program: &Program) -> Vec<Configuration> {
 /// [`Fault::Coverage`] where the shares of the asked area differ by more than the poses' tolerance explains.
 #[must_use]
 pub fn off_coverage(measured: f64, planned: f64) -> Option<Fault> {
-    let differs = (measured - planned).abs() > MAX_COVERAGE_DIFFERENCE;
-    differs.then_some(Fault::Coverage { measured, planned })
+    // A share that is no number agrees with nothing.
+    let agrees = (measured - planned).abs() <= MAX_COVERAGE_DIFFERENCE;
+    (!agrees).then_some(Fault::Coverage { measured, planned })
 }
 
 fn part_from_scanner(
@@ -259,7 +301,81 @@ pub fn off_pose(
     let found = part_from_scanner(cell, table_from_part, configuration);
     let mm = (found.origin_mm() - wanted.origin_mm()).norm();
     let deg = found.isometry().rotation.angle_to(&wanted.isometry().rotation).to_degrees();
-    (mm > MAX_OFFSET_MM || deg > MAX_OFFSET_DEG).then_some(Fault::OffPose { view: view.0, mm, deg })
+    // A pose that is none is on no viewpoint.
+    let is_on = mm <= MAX_OFFSET_MM && deg <= MAX_OFFSET_DEG;
+    (!is_on).then_some(Fault::OffPose { view: view.0, mm, deg })
+}
+
+impl Program {
+    /// Findings on speed, settling and captures that are not as the plan orders them. A lower speed, a longer settling and a longer
+    /// capture are as good. `params` and the `levels` of each view, in order, are the plan's.
+    #[must_use]
+    pub fn check_orders(&self, params: &PlanParams, levels: &BTreeMap<ViewId, Vec<u8>>) -> Vec<Finding> {
+        let mut orders = Orders { params, still_secs: Some(0.0), captured: BTreeMap::new(), findings: Vec::new() };
+        for (index, step) in self.steps.iter().enumerate() {
+            orders.step(index, step);
+        }
+        orders.end(levels)
+    }
+}
+
+/// Check of a program against the plan's parameters of motion and capture.
+struct Orders<'a> {
+    params: &'a PlanParams,
+    /// Time of settling since the last move; `None` once a capture followed.
+    still_secs: Option<f64>,
+    /// First step of the captures of each view, and their levels.
+    captured: BTreeMap<ViewId, (usize, Vec<u8>)>,
+    findings: Vec<Finding>,
+}
+
+impl Orders<'_> {
+    fn find(&mut self, step: usize, fault: Fault) {
+        self.findings.push(Finding { step: Some(step), fault });
+    }
+
+    fn step(&mut self, index: usize, step: &Step) {
+        match step {
+            Step::Move(step) => {
+                self.still_secs = Some(0.0);
+                let (found, planned) = (step.speed_fraction, self.params.motion.speed_fraction);
+                let is_allowed = found <= planned + ROUNDING_SPEED;
+                if !is_allowed {
+                    self.find(index, Fault::TooFast { found, planned });
+                }
+            }
+            Step::Settle { secs } => self.still_secs = self.still_secs.map(|still_secs| still_secs + secs),
+            Step::Scan { view, brightness, capture_secs } => {
+                self.settled(index, *view);
+                self.captured.entry(*view).or_insert_with(|| (index, Vec::new())).1.push(*brightness);
+                let (found, planned) = (*capture_secs, self.params.scan.capture_secs);
+                let is_allowed = found >= planned - ROUNDING_SECS;
+                if !is_allowed {
+                    self.find(index, Fault::ShortCapture { found, planned });
+                }
+            }
+        }
+    }
+
+    /// Holds the first capture after a move against the time of settling.
+    fn settled(&mut self, index: usize, view: ViewId) {
+        let Some(found) = self.still_secs.take() else { return };
+        let planned = self.params.scan.settle_secs;
+        let is_allowed = found >= planned - ROUNDING_SECS;
+        if !is_allowed {
+            self.find(index, Fault::Unsettled { view: view.0, found, planned });
+        }
+    }
+
+    /// Everything found; a view that is never or not to be scanned is left to [`check`].
+    fn end(mut self, levels: &BTreeMap<ViewId, Vec<u8>>) -> Vec<Finding> {
+        for (view, (index, found)) in std::mem::take(&mut self.captured) {
+            if let Some(planned) = levels.get(&view).filter(|planned| **planned != found) {
+                self.find(index, Fault::OtherLevels { view: view.0, found, planned: planned.clone() });
+            }
+        }
+        self.findings
+    }
 }
 
 struct Linter<'a> {
@@ -325,7 +441,9 @@ impl Linter<'_> {
             return self.find(Some(index), Fault::SpeedFraction(step.speed_fraction));
         }
         let (stated, derived) = (step.duration_secs, step.derived_secs(here, &self.axes));
-        if (stated - derived).abs() > ROUNDING_SECS {
+        // A time that is no number agrees with nothing.
+        let agrees = (stated - derived).abs() <= ROUNDING_SECS;
+        if !agrees {
             self.find(Some(index), Fault::Duration { stated, derived });
         }
         let table_alone = self.expected.is_some_and(|expected| expected.table_alone);

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
@@ -254,4 +255,59 @@ fn a_part_that_is_not_where_it_was_planned_makes_scans_miss() {
     job.expected.table_from_part = Pose::claim(Isometry3::translation(0.0, 0.0, 0.2));
     let missed = job.faults(&job.program).iter().filter(|fault| matches!(fault, Fault::OffPose { .. })).count();
     assert_eq!(missed, 3);
+}
+
+/// Nothing is near a pose that is none, and a comparison with it holds neither way.
+#[test]
+fn a_part_whose_pose_is_none_is_on_no_viewpoint() {
+    let mut job = job();
+    job.expected.table_from_part = PoseSpec { translation_mm: [0.0; 3], quaternion_xyzw: [0.0; 4] }.pose();
+    let missed = job.faults(&job.program).iter().filter(|fault| matches!(fault, Fault::OffPose { .. })).count();
+    assert_eq!(missed, 3);
+    assert!(super::off_coverage(f64::NAN, 0.9).is_some() && super::off_coverage(0.9, 0.9).is_none());
+}
+
+/// Settling, time and brightness of captures and the speed were not held against the plan.
+#[test]
+fn what_the_plan_orders_besides_poses_is_found_where_it_is_not_kept() {
+    let job = job();
+    let Step::Scan { view: first, .. } = job.program.steps[2] else { panic!("third step scans") };
+    let mut params = PlanParams::default();
+    let mut levels: BTreeMap<_, _> = job.expected.views.iter().map(|(view, _)| (*view, vec![5])).collect();
+    let found = |program: &Program, params: &PlanParams, levels: &BTreeMap<_, _>| program.check_orders(params, levels);
+    assert_eq!(found(&job.program, &params, &levels), []);
+    let after = |change: &dyn Fn(&mut Program)| {
+        let mut program = job.program.clone();
+        change(&mut program);
+        found(&program, &params, &levels)
+    };
+    let scan = |brightness, capture_secs| Step::Scan { view: first, brightness, capture_secs };
+    let unsettled = after(&|p| p.steps.retain(|step| !matches!(step, Step::Settle { .. })));
+    assert_eq!(unsettled.len(), 3);
+    assert!(matches!(unsettled[0].fault, Fault::Unsettled { view, .. } if view == first.0));
+    assert!(matches!(after(&|p| p.steps[1] = Step::Settle { secs: 0.0 })[..], [ref one] if one.step == Some(2)));
+    assert!(matches!(after(&|p| p.steps[2] = scan(5, 0.01))[..], [ref one] if matches!(one.fault, Fault::ShortCapture { .. })));
+    assert!(
+        matches!(after(&|p| first_move(p).speed_fraction = 1.0)[..], [ref one] if matches!(one.fault, Fault::TooFast { .. }))
+    );
+    let brighter = after(&|p| p.steps[2] = scan(9, 1.0));
+    assert_eq!(brighter.len(), 1);
+    assert_eq!(
+        brighter[0].to_string(),
+        format!("/steps/2: viewpoint {} is captured at brightness [9]; the plan has [5]", first.0)
+    );
+    let slower = |p: &mut Program| {
+        first_move(p).speed_fraction = 0.1;
+        (p.steps[1], p.steps[2]) = (Step::Settle { secs: 2.0 }, scan(5, 3.0));
+    };
+    assert_eq!(after(&slower), [], "slower and longer are as good");
+    levels.insert(first, vec![5, 7]);
+    let missing = found(&job.program, &params, &levels);
+    assert!(matches!(missing[0].fault, Fault::OtherLevels { view, .. } if view == first.0), "the second capture is missing");
+    let mut twice = job.program.clone();
+    twice.steps.insert(3, scan(7, 1.0));
+    assert_eq!(found(&twice, &params, &levels), []);
+    params.scan.settle_secs = 0.0;
+    twice.steps.remove(1);
+    assert_eq!(found(&twice, &params, &levels), [], "nothing has to settle");
 }

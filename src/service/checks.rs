@@ -37,12 +37,20 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
         lookup.built("/cell", spec.build(library))
     });
     let mut read = |pointer: &str, id: MeshId| {
-        lookup.mesh(pointer, &id.to_string())?;
-        library.read(id).map_err(|error| lookup.refuse(pointer, error.to_string())).ok()
+        let file = lookup.mesh(pointer, &id.to_string())?;
+        let mesh = library.read(id).map_err(|error| lookup.refuse(pointer, error.to_string())).ok()?;
+        Some((mesh, file.sha256))
     };
     let part = mesh_id.and_then(|id| read("/mesh_id", id));
     let fixture = fixture_mesh_id.and_then(|id| read("/fixture_mesh_id", id));
     let plan = plan.and_then(|plan| lookup.built("/plan", check::read_plan(Value::Object(plan))));
+    let document = Value::Object(document);
+    if let Some((part, sha256)) = &part {
+        let of_plan = plan.as_ref().map_or(Ok(()), |plan| check::check_part(plan, part, sha256));
+        if let Err(other) = of_plan.and_then(|()| check::check_part_of(&document, part, sha256)) {
+            lookup.refuse("/mesh_id", other.to_string());
+        }
+    }
     if let Some(celsius) = temperature_c.filter(|celsius| !(-50.0..=100.0).contains(celsius)) {
         lookup.refuse("/temperature_c", format!("is {celsius} °C; allowed is -50 to 100 °C"));
     }
@@ -54,8 +62,8 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
         (plan, sha256)
     });
     let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c };
+    let [part, fixture] = [part, fixture].map(|read| read.map(|(mesh, _)| mesh));
     let reference = Reference { plan, part, fixture, present };
-    let document = Value::Object(document);
     let kind = check::kind_of(&document);
     let ctx = Context::new(library.abandoned(), &Silent).with_allowance(app.0.runner.allowance());
     // Plans and programs need no library, and may take seconds of every core.

@@ -43,7 +43,8 @@ pub struct CheckRequest {
     #[serde(default)]
     #[schema(value_type = Option<Object>)]
     pub plan: Option<Map<String, Value>>,
-    /// Part: for collisions, and with `plan` for the area that the scans of a program measure.
+    /// Part: a plan is held against it; a program, with its `plan`, which says where the part lies, for collisions and for the area that
+    /// its scans measure.
     #[serde(default)]
     pub mesh_id: Option<MeshId>,
     /// Fixture, in the part's coordinates.

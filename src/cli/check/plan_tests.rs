@@ -123,3 +123,21 @@ fn false_limits_and_regions_are_refused() {
     without_unmet["coverage"]["regions"] = json!([]);
     assert!(found(&without_unmet).contains("/stopped_because: is \"regions_unmet\", but no region misses its target"));
 }
+
+/// Nothing was found to collide at a pose that is none.
+#[test]
+fn poses_of_the_cell_that_are_none_are_refused() {
+    let mut plan = plan();
+    let pose = json!({"translation_mm": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]});
+    plan["cell"] = json!({
+        "name": "cell", "base_from_table": pose, "table_from_part": pose, "flange_from_scanner": pose, "robot": "arm", "turntable": "table",
+    });
+    assert!(!found(&plan).contains("/cell/"), "{}", found(&plan));
+    let cases = [
+        ("/cell/table_from_part/quaternion_xyzw", json!([0, 0, 0, 0]), "has norm 0; a rotation needs a unit quaternion"),
+        ("/cell/base_from_table/quaternion_xyzw", json!([0, 0, 0, 0]), "has norm 0"),
+        ("/cell/table_from_part/translation_mm", json!([1e300, 0, 0]), "allowed is -100000 to 100000 mm"),
+        ("/cell/flange_from_scanner/translation_mm", json!([0, 1e300, 0]), "allowed is -100000 to 100000 mm"),
+    ];
+    each_is_found(&plan, cases);
+}

@@ -5,7 +5,11 @@ use tempfile::TempDir;
 
 use super::{CheckArgs, run};
 use crate::cell::{Presets, SpecKind, SpecLibrary, preset_text};
-use crate::planning::params::PlanParams;
+use crate::cli::planned_block::plan_of_block;
+use crate::geometry::mesh_io::write_stl;
+use crate::planning::params::{CandidateParams, PlanParams};
+use crate::service::plan_job::plan_sha256;
+use crate::testing::box_mesh;
 
 #[derive(Parser)]
 struct Line {
@@ -109,7 +113,7 @@ fn a_controller_of_another_maker_than_the_robot_is_doubted() {
     };
     let own = with_arm("own.toml", "protocol = \"hans\"\naddress = \"10.0.0.2:10003\"\n");
     assert_eq!(check(&[&own, "--strict"]), Ok(()));
-    let other = with_arm("other.toml", "protocol = \"fanuc_rmi\"\naddress = \"10.0.0.2:16001\"\n");
+    let other = with_arm("other.toml", "protocol = \"fanuc_rmi\"\naddress = \"10.0.0.2:16001\"\njoint_3_from = \"upper_arm\"\n");
     assert_eq!(check(&[&other]), Ok(()), "a doubt alone");
     let strict = check(&[&other, "--strict"]).expect_err("refused");
     assert!(strict.contains("/controllers/arm/protocol: is fanuc_rmi, of another maker than robot hans-e05"), "{strict}");
@@ -227,4 +231,72 @@ fn a_document_of_no_known_kind_is_told_by_what_it_is() {
         let found = folder.check(name, text).expect_err(name);
         assert!(found.contains(&format!("{name}: {told}")), "{found}");
     }
+}
+
+/// The plan of a block of 60 × 40 × 30 mm without a cell.
+fn plan() -> serde_json::Value {
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
+    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
+    (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
+    params.robust.pose_error = None;
+    serde_json::from_slice(&plan_of_block(&params)).expect("JSON")
+}
+
+/// A damaged plan switched the check of collisions off, or ended it in a panic.
+#[test]
+fn a_damaged_plan_is_no_reference() {
+    let folder = Folder::new();
+    let program = folder.file("program.json", "{}").display().to_string();
+    let sound = plan();
+    for (pointer, value, told) in [
+        ("/params/motion/clearance_mm", -20.0, "/params/motion/clearance_mm: is -20 mm; allowed is 1 to 200 mm"),
+        ("/params/motion/clearance_mm", 0.0, "/params/motion/clearance_mm: is 0 mm; allowed is 1 to 200 mm"),
+        ("/viewpoints/0/part_from_scanner/translation_mm/0", 1e300, "allowed is -100000 to 100000 mm"),
+    ] {
+        let mut damaged = sound.clone();
+        *damaged.pointer_mut(pointer).expect("is there") = value.into();
+        let plan = folder.file("damaged.json", &damaged.to_string()).display().to_string();
+        let found = check(&[&program, "--cell", "e05-transcan", "--plan", &plan]).expect_err("refused");
+        assert!(found.contains("damaged.json: ") && found.contains(told), "{found}");
+    }
+}
+
+/// A plan was found sound beside any part.
+#[test]
+fn a_plan_is_held_against_the_part_that_is_given() {
+    let folder = Folder::new();
+    let stl = write_stl(&box_mesh([0.0; 3], [60.0, 40.0, 30.0]));
+    let part = folder.0.path().join("part.stl");
+    std::fs::write(&part, &stl).expect("writes");
+    let part = part.display().to_string();
+    let against = |plan: &serde_json::Value, unit: &str| {
+        let plan = folder.file("plan.json", &plan.to_string()).display().to_string();
+        check(&[&plan, "--cell", "e05-transcan", "--mesh", &part, "--unit", unit])
+    };
+    let mut plan = plan();
+    let found = against(&plan, "mm").expect_err("another part");
+    assert!(found.contains("part.stl: is not the part of the plan") && found.contains(&"0a".repeat(32)), "{found}");
+    plan["part"]["sha256"] = plan_sha256(&stl).into();
+    assert_eq!(against(&plan, "mm"), Ok(()));
+    let found = against(&plan, "cm").expect_err("another unit");
+    assert!(found.contains("part.stl (--unit cm): is ") && found.contains("the planned part is"), "{found}");
+}
+
+/// The part was taken to rest as by default, wherever it lay.
+#[test]
+fn a_program_is_checked_with_a_part_only_beside_its_plan() {
+    let folder = Folder::new();
+    let home = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0];
+    let program = serde_json::json!({
+        "schema": "vantage.program/1", "plan_sha256": "00".repeat(32), "robot": "hans-e05", "turntable": "minas-a6-500",
+        "home_deg": home, "cycle_secs": 0.0, "steps": [],
+    });
+    let program = folder.file("program.json", &program.to_string()).display().to_string();
+    let part = folder.0.path().join("part.stl");
+    std::fs::write(&part, write_stl(&box_mesh([0.0; 3], [60.0, 40.0, 30.0]))).expect("writes");
+    let part = part.display().to_string();
+    let in_cell = [program.as_str(), "--cell", "e05-transcan"];
+    assert_eq!(check(&in_cell), Ok(()));
+    let found = check(&[&in_cell[..], &["--mesh", &part, "--unit", "mm"]].concat()).expect_err("refused");
+    assert!(found.contains("program.json: is to be checked with the part, but without its plan"), "{found}");
 }

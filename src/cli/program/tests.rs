@@ -6,9 +6,12 @@ use serde_json::{Value, json};
 use super::{ProgramArgs, run};
 use crate::cell::{Named, Presets, SpecLibrary};
 use crate::cli::planned_block::plan_of_block;
+use crate::geometry::mesh_io::write_stl;
 use crate::planning::params::{CandidateParams, PlanParams};
 use crate::service::plan_job::plan_sha256;
+use crate::testing::box_mesh;
 use crate::wire::output_record::RECORD_FILE;
+use crate::wire::plan::PlanDocument;
 
 #[derive(Parser)]
 struct Line {
@@ -209,4 +212,34 @@ fn a_folder_without_the_plan_that_it_should_have_is_refused() {
     record(false, json!([]));
     let refused = written(folder.path(), &["--out", &out]).expect_err("half written");
     assert!(refused.contains("holds only some of its files"), "{refused}");
+}
+
+/// The header said "with the part in it" of a part that was taken to rest as by default.
+#[test]
+fn a_part_without_the_plan_that_says_where_it_lies_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    planned(folder.path(), 1.5);
+    let part = folder.path().join("part.stl");
+    std::fs::write(&part, write_stl(&box_mesh([0.0; 3], [60.0, 40.0, 30.0]))).expect("writes");
+    let out = folder.path().join("robot");
+    let args = ["--mesh", part.to_str().expect("a path"), "--unit", "mm", "--out", out.to_str().expect("a path")];
+    let refused = written(folder.path(), &args).expect_err("no plan is there");
+    assert!(refused.contains("without its plan") && refused.contains("--plan") && !out.exists(), "{refused}");
+}
+
+/// The program of the second setup was left out without a word.
+#[test]
+fn the_program_of_every_setup_is_asked_for() {
+    let folder = Path::new("plan");
+    let mut plan: Value = serde_json::from_slice(&plan_without_cell()).expect("JSON");
+    let read = |plan: &Value| serde_json::from_value::<PlanDocument>(plan.clone()).expect("a plan");
+    assert!(super::check_all_there(folder, 1, &read(&plan)).is_ok());
+    let setup = json!({
+        "table_from_part": {"translation_mm": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}, "viewpoints": [], "coverable_area_mm2": 1.0,
+        "measured_area_mm2": 1.0,
+    });
+    plan["setups"] = json!([setup, setup]);
+    assert!(super::check_all_there(folder, 2, &read(&plan)).is_ok());
+    let told = super::check_all_there(folder, 1, &read(&plan)).expect_err("one is missing").to_string();
+    assert!(told.contains("program-2.json: is missing; the plan has 2 setups"), "{told}");
 }

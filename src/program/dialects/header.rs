@@ -38,6 +38,12 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
             job.params.scan_output, job.params.pulse_secs, job.params.scan_input, job.params.timeout_secs
         ),
     ]);
+    lines.extend(job.untold_levels.as_ref().map(|levels| {
+        format!(
+            "WARNING: the scans are at brightness levels {levels}, and this program does not tell the scanner which. The scanner's own \
+             software has to switch before each scan, to the level in the comment there."
+        )
+    }));
     lines.extend(extra.iter().map(|&line| line.to_owned()));
     lines.iter().map(|line| comment(line)).collect()
 }

@@ -18,6 +18,8 @@ mod robodk;
 mod urscript;
 mod walk;
 
+use std::collections::BTreeSet;
+
 use super::{Expected, Finding, Program, Together, check, interlock};
 pub use crate::cell::Dialect;
 use crate::cell::{Axes, Cell, CollisionScene};
@@ -40,6 +42,8 @@ struct DialectFacts {
     outputs: &'static [DialectOutput],
     /// True if its controllers move the table with the arm.
     has_table_axis: bool,
+    /// True if the file tells its reader the brightness level of each scan, and not in a comment alone.
+    tells_brightness: bool,
     /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
     before_first_run: Option<&'static str>,
     render: fn(&Job<'_>) -> Result<Vec<DialectFile>, DialectError>,
@@ -77,6 +81,32 @@ impl Dialect {
     #[must_use]
     pub fn before_first_run(self) -> Option<&'static str> {
         self.facts().before_first_run
+    }
+
+    /// Work that the integrator has to do before the first run of these programs, in a clause; `None` if they run as they are.
+    #[must_use]
+    pub fn before_first_run_of<'p>(self, programs: impl IntoIterator<Item = &'p Program>) -> Option<String> {
+        let switching = self.untold_levels(programs).map(|levels| {
+            format!(
+                "have the scanner's own software switch its brightness before each scan, to the level in the comment there ({levels}); the \
+                 program does not"
+            )
+        });
+        let work: Vec<String> = self.before_first_run().map(str::to_owned).into_iter().chain(switching).collect();
+        (!work.is_empty()).then(|| work.join("; and "))
+    }
+
+    /// Brightness levels of programs, as `5 and 9`; `None` if there is one only, or if the dialect tells the level of each scan.
+    fn untold_levels<'p>(self, programs: impl IntoIterator<Item = &'p Program>) -> Option<String> {
+        if self.facts().tells_brightness {
+            return None;
+        }
+        let levels: BTreeSet<u8> = programs.into_iter().flat_map(walk::brightness_levels).collect();
+        let levels: Vec<String> = levels.iter().map(ToString::to_string).collect();
+        match levels.as_slice() {
+            [] | [_] => None,
+            [others @ .., last] => Some(format!("{} and {last}", others.join(", "))),
+        }
     }
 }
 
@@ -224,6 +254,7 @@ impl<'a> CheckedProgram<'a> {
             params,
             checked_with: self.checked_with,
             foreign: self.own_instead_of(dialect).map(Dialect::as_str),
+            untold_levels: dialect.untold_levels([program]),
         };
         (dialect.facts().render)(&job)
     }
@@ -245,6 +276,8 @@ struct Job<'a> {
     checked_with: CheckedWith,
     /// Name of the robot's own dialect, if it does not take the one rendered.
     foreign: Option<&'static str>,
+    /// Brightness levels that the scanner has to be switched between without being told, in words.
+    untold_levels: Option<String>,
 }
 
 impl Job<'_> {

@@ -12,7 +12,7 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
 }
 
 /// The angles rounded to so many decimals of `unit_rad`, and kept within the axes' limits, which rounding could leave by
-/// half a digit.
+/// half a digit. An axis whose limits have no such angle between them stays where rounding puts it.
 pub(super) fn rounded(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimals: usize) -> [f64; 7] {
     let scale = 10_f64.powi(decimals as i32) / unit_rad;
     let at_rad = at_rad.axes_rad();
@@ -21,7 +21,9 @@ pub(super) fn rounded(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decima
         // Limits that came from degrees are off by the last digit of a double.
         let lowest = (limits.min_rad * scale - 1e-6).ceil();
         let highest = (limits.max_rad * scale + 1e-6).floor();
-        (at_rad[axis] * scale).round().clamp(lowest, highest) / 10_f64.powi(decimals as i32)
+        let nearest = (at_rad[axis] * scale).round();
+        let kept = if lowest <= highest { nearest.clamp(lowest, highest) } else { nearest };
+        kept / 10_f64.powi(decimals as i32)
     })
 }
 
@@ -32,3 +34,18 @@ pub(super) fn angles(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimal
 
 /// One degree in radians: the unit of most languages.
 pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+#[cfg(test)]
+mod tests {
+    use super::{Configuration, DEGREE, rounded};
+    use crate::cell::{Presets, SpecLibrary};
+
+    #[test]
+    fn limits_closer_than_the_decimals_round_without_a_panic() {
+        let mut axes = Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds").axes();
+        (axes.0[0].min_rad, axes.0[0].max_rad) = (0.02 * DEGREE, 0.04 * DEGREE);
+        let at = Configuration { joints_rad: [0.03 * DEGREE, 0.0, 0.0, 0.0, 0.0, 0.0], table_rad: 0.0 };
+        let found = |decimals| rounded(&at, &axes, DEGREE, decimals)[0];
+        assert!(found(1).abs() < 1e-12 && (found(2) - 0.03).abs() < 1e-12, "{} {}", found(1), found(2));
+    }
+}

@@ -332,7 +332,54 @@ fn is_line_number(word: &str) -> bool {
     word.strip_suffix(':').is_some_and(|number| number.parse::<u32>().is_ok())
 }
 
-/// The cycle that a summary tells is the one that the operator reads at the head of the program.
+/// Words of a file without line ends and marks of comments: long comments break.
+fn said(text: &str) -> String {
+    let words = text.split_whitespace().filter(|word| !is_line_number(word)).map(|word| word.trim_start_matches('!'));
+    words.filter(|word| !["", "#", ";"].contains(word)).collect::<Vec<_>>().join(" ")
+}
+
+/// The tour with a second scan where it stands, at another brightness.
+fn at_two_levels(cell: &Cell) -> Program {
+    let mut program = program(cell);
+    program.steps.insert(3, Step::Scan { view: ViewId(7), brightness: 9, capture_secs: 1.0 });
+    program.cycle_secs = program.steps.iter().map(Step::secs).sum();
+    program
+}
+
+#[test]
+fn a_program_of_several_brightness_levels_warns_that_the_scanner_is_not_told_which() {
+    let cell = cell();
+    let (one, two) = (program(&cell), at_two_levels(&cell));
+    let warning = "WARNING: the scans are at brightness levels 5 and 9, and this program does not tell the scanner which.";
+    for dialect in Dialect::ALL {
+        let is_told = matches!(dialect, Dialect::Hans | Dialect::Csv);
+        let warns =
+            |program: &Program| said(&rendered(program, &cell, dialect, &params()).expect("renders")[0]).contains(warning);
+        assert_eq!((warns(&one), warns(&two)), (false, !is_told), "{dialect:?}");
+    }
+    assert!(rendered(&two, &cell, Dialect::Hans, &params()).expect("renders")[0].contains("\n@scan 7 9\n"), "Hans tells it");
+}
+
+#[test]
+fn the_work_before_the_first_run_has_the_brightness_levels_that_the_scanner_is_not_told() {
+    let cell = cell();
+    let (one, two) = (program(&cell), at_two_levels(&cell));
+    for dialect in Dialect::ALL {
+        let own = dialect.before_first_run();
+        assert_eq!(dialect.before_first_run_of([&one]).as_deref(), own, "{dialect:?}");
+        let work = dialect.before_first_run_of([&one, &two]);
+        if matches!(dialect, Dialect::Hans | Dialect::Csv) {
+            assert_eq!(work.as_deref(), own, "{dialect:?}");
+        } else {
+            let work = work.expect("the levels");
+            assert!(
+                work.starts_with(own.unwrap_or_default()) && work.contains("the level in the comment there (5 and 9)"),
+                "{work}"
+            );
+        }
+    }
+}
+
 #[test]
 fn one_scan_is_no_scans_in_the_header() {
     let cell = cell();
@@ -342,6 +389,7 @@ fn one_scan_is_no_scans_in_the_header() {
     }
 }
 
+/// The cycle that a summary tells is the one that the operator reads at the head of the program.
 #[test]
 fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     let cell = cell();
@@ -351,15 +399,6 @@ fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     for dialect in Dialect::ALL.into_iter().filter(|dialect| *dialect != Dialect::Csv) {
         let files = checked.render(dialect, &params()).expect("renders");
         let told = format!("predicted cycle {:.1} s", secs(dialect));
-        // Comments of FANUC's lines are short, so that they break.
-        let said = |text: &str| {
-            text.replace(" ;\n", " ")
-                .split_whitespace()
-                .filter(|word| !is_line_number(word))
-                .map(|word| word.trim_start_matches('!'))
-                .collect::<Vec<_>>()
-                .join(" ")
-        };
         assert!(files.iter().any(|file| said(&file.text).contains(&told)), "{dialect:?} does not say {told}:\n{}", files[0].text);
     }
     assert!((secs(Dialect::Rapid) - program.cycle_secs).abs() < 1e-12, "the table turns with the arm");

@@ -8,8 +8,9 @@ use vantage::cell::{Presets, SpecKind, SpecLibrary};
 use vantage::geometry::LengthUnit;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
-use vantage::service::plan_job::{Artifact, PlanJob};
+use vantage::service::plan_job::{Artifact, PlanJob, plan_sha256};
 use vantage::wire::echo::Echo;
+use vantage::wire::plan::PlanDocument;
 
 use super::api::Api;
 use crate::support::box_mesh;
@@ -109,6 +110,47 @@ async fn a_program_is_recomputed_from_itself() {
     assert_eq!(report["sound"], false, "a step is missing: {report}");
     let report = api.post_json("/api/v1/check", &json!({"document": plan, "cell": "e05-transcan"})).await.ok(200);
     assert_eq!((&report["kind"], &report["sound"]), (&json!("plan"), &json!(true)), "{report}");
+}
+
+/// A damaged plan switched the check of collisions off, another part and other captures were not noticed.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_program_is_held_against_a_sound_plan_of_its_part() {
+    let api = Api::start().await;
+    let (plan, program) = tokio::task::spawn_blocking(planned).await.expect("a plan");
+    let cube = api.mesh().await;
+    for document in [&plan, &program] {
+        let mut with_another = json!({"document": document, "cell": "e05-transcan", "mesh_id": cube});
+        if document == &program {
+            with_another["plan"] = plan.clone();
+        }
+        let problem = api.post_json("/api/v1/check", &with_another).await.problem_at("invalid_fields", &["/mesh_id"]);
+        let told = problem["errors"][0]["detail"].as_str().unwrap_or_default();
+        assert!(told.contains("is not the part of the plan"), "{problem}");
+    }
+    let found = async |request: Value| {
+        let report = api.post_json("/api/v1/check", &request).await.ok(200);
+        assert_eq!(report["sound"], false, "{report}");
+        report["findings"].to_string()
+    };
+    let without_plan = json!({"document": program, "cell": "e05-transcan", "mesh_id": cube});
+    assert!(found(without_plan).await.contains("without its plan"));
+    for (pointer, value, told) in [
+        ("/cell/table_from_part/quaternion_xyzw", json!([0, 0, 0, 0]), "/cell/table_from_part/quaternion_xyzw: has norm 0"),
+        ("/params/motion/clearance_mm", json!(-20.0), "/params/motion/clearance_mm: is -20 mm; allowed is 1 to 200 mm"),
+    ] {
+        let mut damaged = plan.clone();
+        *damaged.pointer_mut(pointer).expect("is there") = value;
+        let mut of_damaged = program.clone();
+        let bytes = serde_json::from_value::<PlanDocument>(damaged.clone()).expect("a plan").to_bytes();
+        of_damaged["plan_sha256"] = plan_sha256(&bytes).into();
+        let findings = found(json!({"document": of_damaged, "cell": "e05-transcan", "plan": damaged})).await;
+        assert!(findings.contains(told), "{findings}");
+    }
+    let mut dimmed = program.clone();
+    let scan = dimmed["steps"].as_array_mut().expect("steps").iter_mut().find(|step| step["op"] == "scan").expect("a scan");
+    scan["brightness"] = json!(9);
+    let findings = found(json!({"document": dimmed, "cell": "e05-transcan", "plan": plan})).await;
+    assert!(findings.contains("is captured at brightness [9]; the plan has [5]"), "{findings}");
 }
 
 fn planned() -> (Value, Value) {
