@@ -13,10 +13,15 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use super::connection_limiter::ConnectionSlot;
 use super::problem::{Code, raw_response};
 
+/// Beginning of a connection in HTTP/2 (RFC 9113, section 3.4), of which no request in HTTP/1 has the method.
+const HTTP_2: &[u8] = b"PRI ";
+
 /// A stream that sends a problem for each answer of hyper's own.
 pub(super) struct ProblemStream<S> {
     inner: S,
     slot: Arc<ConnectionSlot>,
+    /// The first bytes of the connection.
+    head: Vec<u8>,
     /// Number of requests whose response was written whole.
     answered: u64,
     /// The part of a problem that is not written yet.
@@ -26,12 +31,12 @@ pub(super) struct ProblemStream<S> {
 impl<S> ProblemStream<S> {
     /// Wraps `inner`, the stream of the connection that holds this slot.
     pub(super) fn new(inner: S, slot: Arc<ConnectionSlot>) -> Self {
-        Self { inner, slot, answered: 0, problem: Bytes::new() }
+        Self { inner, slot, head: Vec::with_capacity(HTTP_2.len()), answered: 0, problem: Bytes::new() }
     }
 
     /// Returns true if the bytes are an answer of hyper's own, and takes the problem for it.
     fn replaces(&mut self, bytes: &[u8]) -> bool {
-        if self.slot.begun() != self.answered {
+        if self.head == HTTP_2 || self.slot.begun() != self.answered {
             return false;
         }
         let Some(code) = code_of(bytes) else { return false };
@@ -40,11 +45,11 @@ impl<S> ProblemStream<S> {
     }
 }
 
-/// Code of the problem for an answer of hyper's own; `None` for bytes that are none, such as frames of HTTP/2.
+/// Code of the problem for an answer of hyper's own; `None` for bytes that are none.
 fn code_of(head: &[u8]) -> Option<Code> {
     let rest = head.strip_prefix(b"HTTP/1.1 ").or_else(|| head.strip_prefix(b"HTTP/1.0 "))?;
     match rest.get(..3)? {
-        b"431" => Some(Code::HeadersTooLarge),
+        b"414" | b"431" => Some(Code::HeadersTooLarge),
         [b'4', ..] => Some(Code::BadRequest),
         _ => None,
     }
@@ -64,7 +69,11 @@ impl<S: AsyncWrite + Unpin> ProblemStream<S> {
 
 impl<S: AsyncRead + Unpin> AsyncRead for ProblemStream<S> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.inner).poll_read(cx, buffer)
+        let before = buffer.filled().len();
+        ready!(Pin::new(&mut self.inner).poll_read(cx, buffer))?;
+        let (read, wanted) = (&buffer.filled()[before..], HTTP_2.len() - self.head.len());
+        self.head.extend_from_slice(&read[..read.len().min(wanted)]);
+        Poll::Ready(Ok(()))
     }
 }
 
@@ -156,10 +165,12 @@ mod tests {
     #[tokio::test]
     async fn what_cannot_be_parsed_is_answered_by_a_problem() {
         let large = format!("GET / HTTP/1.1\r\nhost: a\r\nx: {}\r\n\r\n", "a".repeat(300_000));
+        let long = format!("GET /{} HTTP/1.1\r\nhost: a\r\n\r\n", "a".repeat(70_000));
         for (sent, status, code) in [
             ("nonsense\r\n\r\n", 400, "bad_request"),
             ("GET / HTTP/1.1\r\nhost: a\r\nbad header\r\n\r\n", 400, "bad_request"),
             (large.as_str(), 431, "headers_too_large"),
+            (long.as_str(), 431, "headers_too_large"),
         ] {
             assert_problem(&answer(sent).await, status, code);
             // On a connection that was used before, too.

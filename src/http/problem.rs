@@ -125,7 +125,7 @@ codes! {
     PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "A precondition is required" "The specification exists; send its entity tag in `If-Match`.";
     LeaseRequired "lease_required" PRECONDITION_REQUIRED "A lease is required" "Moving a cell needs the fencing token of its lease (`POST /api/v1/leases`), as `?token=`.";
     TooManyRequests "too_many_requests" TOO_MANY_REQUESTS "The client is at its limit" "The client's address has the maximum number of connections, event streams, uploads or waits open; `detail` says which. Close one, or try again after `Retry-After` seconds.";
-    HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request's headers are larger than the server allows.";
+    HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request line or the headers of the request are larger than the server allows.";
     Internal "internal" INTERNAL_SERVER_ERROR "Internal server error" "The server failed; its log has the cause under `request_id`.";
     FileDamaged "file_damaged" INTERNAL_SERVER_ERROR "A stored file is damaged" "The file is missing or does not match its hash, so it is not served. Upload the mesh again, plan the job again, or restore a backup.";
     Busy "busy" SERVICE_UNAVAILABLE "The server is busy" "The maximum number of connections, event streams, uploads or waits is open, the database is locked, or the machine is temporarily short of a resource; try again after `Retry-After` seconds.";

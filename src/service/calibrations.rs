@@ -16,6 +16,7 @@ use super::jobs::{failure, problem_of_error};
 use super::library::Library;
 use super::store::{CalibrationInput, LeftOver, Page};
 use super::submit::{Lookup, Submission};
+use crate::cell::calibration::observability::MIN_OBSERVATIONS;
 use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch};
 use crate::cell::{CellSpec, FieldError, SpecKind, preset_text};
 use crate::planning::context::Context;
@@ -374,6 +375,11 @@ fn of_cell(errors: Vec<FieldError>) -> Error {
 /// The request and its cell with the devices inlined.
 fn resolved(request: CalibrationRequest, library: &Library) -> Result<(CalibrationRequest, CellSpec), Vec<FieldError>> {
     let mut errors = request.check().err().unwrap_or_default();
+    let (count, held_out) = (request.data.observations.len(), usize::from(request.hold_out));
+    if errors.is_empty() && held_out > 0 && count.saturating_sub(held_out) < MIN_OBSERVATIONS {
+        let detail = format!("is {held_out} of {count} observations; at least {MIN_OBSERVATIONS} must remain");
+        errors.push(FieldError { pointer: "/hold_out".to_owned(), detail });
+    }
     let mut lookup = Lookup::new(library, &mut errors);
     let spec = lookup.cell(&request.cell);
     if spec.is_none() && lookup.errors().is_empty() {

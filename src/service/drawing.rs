@@ -16,7 +16,7 @@ impl App {
     /// A job's result; its report is drawn if nobody has asked for it before.
     pub(super) async fn stored_result(&self, id: JobId, name: &str) -> Result<ResultFile, Error> {
         if name == REPORT_DRAFT_FILE {
-            return Err(Error::NoSuchResult { job: id, name: name.to_owned() });
+            return Err(Error::NoSuchResult { job: id, name: name.to_owned(), advice: "" });
         }
         match self.0.store.result(id, name).await {
             Err(Error::NoSuchResult { .. }) if name == REPORT_FILE => {
@@ -31,8 +31,8 @@ impl App {
     async fn draw_report(&self, id: JobId) -> Result<ResultFile, Error> {
         let _alone = self.0.drawing.lock().await;
         let none = |error: Error| {
-            if let Error::NoSuchResult { job, .. } = error {
-                return Error::NoSuchResult { job, name: REPORT_FILE.to_owned() };
+            if let Error::NoSuchResult { job, advice, .. } = error {
+                return Error::NoSuchResult { job, name: REPORT_FILE.to_owned(), advice };
             }
             error
         };

@@ -25,20 +25,24 @@ pub enum Error {
         name: String,
     },
     /// The job succeeded without this result.
-    #[error("job {job} has no {name}")]
+    #[error("job {job} has no {name}{advice}")]
     NoSuchResult {
         /// The job.
         job: JobId,
         /// Name of the result.
         name: String,
+        /// Way to get one, if any, after a semicolon.
+        advice: &'static str,
     },
     /// The job has not succeeded: it has no results yet, or ended without this one.
-    #[error("job {job} is {}; only a succeeded job has results", state.as_str())]
+    #[error("job {job} is {}{reason}; only a succeeded job has results", state.as_str())]
     NoResults {
         /// The job.
         job: JobId,
         /// Its state.
         state: JobState,
+        /// Problem that it failed with and where to read on, in brackets; empty unless it failed.
+        reason: String,
     },
     /// The run does not exist.
     #[error("there is no run {0}")]
@@ -150,12 +154,14 @@ pub enum Error {
         cell: String,
     },
     /// The job has no program to run.
-    #[error("job {job} has no program of setup {setup}; plan it in a cell")]
+    #[error("job {job} {}", without_program(*setup, *programs))]
     NoProgram {
         /// The job.
         job: JobId,
         /// The setup, from 0.
         setup: usize,
+        /// Number of its programs, one for each setup; 0 without a cell.
+        programs: usize,
     },
     /// The run has not ended.
     #[error("run {run} is {}; stop it and wait until it has ended", state.as_str())]
@@ -292,10 +298,14 @@ pub enum Error {
     #[error("the page token does not belong to this listing")]
     BadPageToken,
     /// The queue is full.
-    #[error("{queued} jobs are queued, and the limit leaves no room for this request")]
+    #[error("{queued} of at most {limit} entries are queued, which leaves no room for {asked} more")]
     QueueFull {
-        /// Jobs in the queue.
+        /// Entries of the queue.
         queued: u64,
+        /// Entries that were to be added.
+        asked: u64,
+        /// Largest number of entries.
+        limit: u64,
     },
     /// The disk is full.
     #[error("the disk is full")]
@@ -357,6 +367,15 @@ pub enum InternalError {
     /// A task ended without a result.
     #[error("a task ended without a result: {0}")]
     Task(String),
+}
+
+/// Description of a job without a program of a setup.
+fn without_program(setup: usize, programs: usize) -> String {
+    match programs {
+        0 => "was planned without a cell and has no program; plan the part in a cell".to_owned(),
+        1 => format!("has one setup, and setup is {setup}; allowed is 0"),
+        more => format!("has {more} setups, and setup is {setup}; allowed are 0 to {}", more - 1),
+    }
 }
 
 impl Error {

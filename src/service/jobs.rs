@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 use std::time::Instant;
 
+use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use tokio::sync::mpsc;
 
@@ -23,6 +24,7 @@ use self::tracker::{Tracker, persist_progress};
 use super::app::App;
 use super::error::Error;
 use super::failpoint;
+use super::plan_job::PLAN_FILE;
 use super::planner::{Artifact, JobError};
 use super::progress::Course;
 use super::retry::{MAX_STORE_RETRY, STORE_RETRY};
@@ -31,6 +33,7 @@ use super::size::JobSize;
 use super::store::{Attempt, AttemptOutcome, blocking};
 use super::submit::job_input;
 use crate::wire::summary::{SUMMARY_FILE, Summary};
+use crate::wire::warnings::FieldWarning;
 use crate::wire::{JobId, JobProblem, JobState, hex, parse};
 
 /// Jobs of the queue that are looked at for one that may start.
@@ -274,12 +277,12 @@ impl App {
                 return self.record_outcome(id, AttemptOutcome::Failed(unstored(&error.into()), Vec::new()), timings).await;
             }
         }
-        let (summary, artifacts) = (summary_of(&artifacts), Arc::new(artifacts));
+        let (summary, warnings, artifacts) = (summary_of(&artifacts), warnings_of(&artifacts), Arc::new(artifacts));
         let put = || self.0.store.put_artifacts(Arc::clone(&artifacts));
         // Held until the rows are written: it pins the files.
         let stored = self.retried("storing the results of a job", || cancel.load(Ordering::Relaxed), put).await;
         let outcome = match (&stored, problem) {
-            (Ok(stored), None) => AttemptOutcome::Succeeded { files: stored.files.clone(), summary },
+            (Ok(stored), None) => AttemptOutcome::Succeeded { files: stored.files.clone(), summary, warnings },
             (Ok(stored), Some(problem)) => AttemptOutcome::Failed(problem, stored.files.clone()),
             (Err(error), _) if error.is_transient() && self.0.stopping.is_cancelled() => AttemptOutcome::Interrupted,
             (Err(error), _) if error.is_transient() => AttemptOutcome::Cancelled,
@@ -288,26 +291,27 @@ impl App {
         self.record_outcome(id, outcome, timings).await
     }
 
-    /// Records the outcome of an attempt; one that cannot be stored becomes a failure with the reason, so that the job does not stay
-    /// `running`. `None` where the service stops, and for a job that was deleted.
-    async fn record_outcome(&self, id: JobId, outcome: AttemptOutcome, timings: &BTreeMap<String, f64>) -> Option<JobState> {
+    /// Records the outcome of an attempt. One that the store refuses twice becomes a failure with the reason, and that is tried until
+    /// it is stored: the job does not stay `running`. `None` where the service stops, and for a job that was deleted.
+    async fn record_outcome(&self, id: JobId, mut outcome: AttemptOutcome, timings: &BTreeMap<String, f64>) -> Option<JobState> {
         let timings = serde_json::to_string(timings).unwrap_or_else(|_| "{}".to_owned());
-        let mut recorded = self.end_attempt(id, &outcome, &timings).await;
-        if let Err(error) = &recorded
-            && !error.is_transient()
-            && !matches!(error, Error::JobNotFound(_))
-        {
-            let failed = AttemptOutcome::Failed(unstored(error), Vec::new());
-            recorded = self.end_attempt(id, &failed, &timings).await;
-        }
-        match recorded {
-            Ok(state) => Some(state),
-            // The job was deleted, or its row was lost: there is nothing to record.
-            Err(Error::JobNotFound(_)) => None,
-            Err(error) => {
-                tracing::error!(error = &error as &dyn std::error::Error, "a job's outcome cannot be recorded");
-                None
+        let mut pause = STORE_RETRY;
+        loop {
+            let error = match self.end_attempt(id, &outcome, &timings).await {
+                Ok(state) => return Some(state),
+                // The job was deleted, or its row was lost: there is nothing to record.
+                Err(Error::JobNotFound(_)) => return None,
+                Err(error) => error,
+            };
+            tracing::error!(error = &error as &dyn std::error::Error, "a job's outcome cannot be recorded");
+            if self.0.stopping.is_cancelled() {
+                return None;
             }
+            if pause > STORE_RETRY {
+                outcome = AttemptOutcome::Failed(unstored(&error), Vec::new());
+            }
+            self.pause(pause).await;
+            pause = MAX_STORE_RETRY;
         }
     }
 
@@ -322,6 +326,27 @@ fn summary_of(artifacts: &[Artifact]) -> Option<Box<Summary>> {
     let file = artifacts.iter().find(|artifact| artifact.name == SUMMARY_FILE)?;
     let summary = parse(&file.bytes);
     summary.inspect_err(|error| tracing::warn!(error = error as &dyn std::error::Error, "a summary cannot be read")).ok()
+}
+
+/// Part of `plan.json` that its job tells.
+#[derive(Deserialize)]
+struct PlanWarnings {
+    #[serde(default)]
+    warnings: Vec<FieldWarning>,
+}
+
+/// Warnings of the plan among the files of an attempt, but for those that its job has had since it was submitted.
+fn warnings_of(artifacts: &[Artifact]) -> Vec<FieldWarning> {
+    let Some(file) = artifacts.iter().find(|artifact| artifact.name == PLAN_FILE) else { return Vec::new() };
+    // Not by way of a value: a plan is large, and little of it is kept.
+    let plan: PlanWarnings = match serde_json::from_slice(&file.bytes) {
+        Ok(plan) => plan,
+        Err(error) => {
+            tracing::warn!(error = &error as &dyn std::error::Error, "the warnings of a plan cannot be read");
+            return Vec::new();
+        }
+    };
+    plan.warnings.into_iter().filter(|warning| warning.code.is_of_plan()).collect()
 }
 
 #[cfg(test)]

@@ -88,14 +88,22 @@ impl Library {
     pub(super) fn read(&self, id: MeshId) -> Result<Mesh, NotFound> {
         let source = self.source(id).ok_or(NotFound::Unknown)?;
         let stop = || self.abandoned.load(Ordering::Relaxed);
-        source.read("", self.app.0.options.max_triangles, &stop).map_err(|error| self.unusable(error))
+        source.read("", self.app.0.options.max_triangles, &stop).map_err(|error| self.unusable(&source, error))
     }
 
-    /// Reason why a mesh cannot be used. One that the machine is too short of something to read is kept for [`Library::take_error`].
-    fn unusable(&self, error: JobError) -> NotFound {
+    /// Reason why a mesh cannot be used. What is no fault of the request, a damaged file or a machine that is short of something, is
+    /// kept for [`Library::take_error`].
+    fn unusable(&self, source: &MeshSource, error: JobError) -> NotFound {
         let said = error.to_string();
-        if let JobError::Unavailable(reason) = error {
-            self.error.replace(Some(Error::StorageBusy(InternalError::File(Arc::new(io::Error::other(reason))))));
+        let of_store = match error {
+            JobError::Unavailable(reason) => Some(Error::StorageBusy(InternalError::File(Arc::new(io::Error::other(reason))))),
+            JobError::Damaged(_) | JobError::Unread(_) => {
+                Some(Error::FileDamaged { sha256: source.sha256.clone(), missing: !source.path.exists() })
+            }
+            JobError::Cancelled | JobError::BadInput(_) | JobError::PartRefused { .. } | JobError::NoPlan { .. } => None,
+        };
+        if of_store.is_some() {
+            self.error.replace(of_store);
         }
         NotFound::Unusable(said)
     }

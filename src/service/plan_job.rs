@@ -129,6 +129,8 @@ type CheckedOrFindings<'a> = Result<CheckedProgram<'a>, String>;
 struct DialectProgram {
     /// Name of its file.
     name: String,
+    /// Its language.
+    dialect: Dialect,
     /// Its text, or the reason why there is none.
     text: Result<String, String>,
     /// Reason why it is refused unless it is forced, if the robot does not take the dialect.
@@ -302,7 +304,11 @@ impl PlanJob<'_> {
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
         let checked: Vec<_> = programs.iter().map(|program| self.checked(outcome, program)).collect();
-        let summary = Summary::of(plan).with_program(self.program_cycle(&checked, &programs));
+        let in_dialects = |(program, checked): (&Program, &CheckedOrFindings<'_>)| {
+            self.dialects(program, checked, foreign, &plan.params.dialects)
+        };
+        let rendered: Vec<Vec<DialectProgram>> = programs.iter().zip(&checked).map(in_dialects).collect();
+        let summary = self.with_program(Summary::of(plan), &programs, &checked, &rendered);
         let summary = summary.with_unit_question(self.unit_question()).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
@@ -324,12 +330,10 @@ impl PlanJob<'_> {
         files.extend(reports?);
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         let mut refused = Refused::new();
-        for (program, checked) in programs.iter().zip(&checked) {
+        for (program, rendered) in programs.iter().zip(rendered) {
             let bytes = ProgramDocument::new(program, self.echo.clone()).to_bytes();
             files.push((format!("{}.json", program_stem(program.setup)).into(), bytes));
-            for program in self.dialects(program, checked, foreign, &plan.params.dialects) {
-                program.sort_into(&mut files, &mut refused);
-            }
+            rendered.into_iter().for_each(|program| program.sort_into(&mut files, &mut refused));
         }
         match candidates::file_bytes(outcome, self.mesh, &plan_sha256, ctx) {
             Some(Ok(bytes)) => files.push((CANDIDATES_FILE.into(), bytes)),
@@ -403,13 +407,19 @@ impl PlanJob<'_> {
         checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
     }
 
-    /// Cycle of the programs in the robot's own dialect; `None` if it names none, or one of them cannot be said in it.
-    fn program_cycle(&self, checked: &[CheckedOrFindings<'_>], programs: &[Program]) -> Option<ProgramCycle> {
-        let dialect = self.cell?.robot.dialect?;
-        let planned_secs = programs.iter().map(|program| program.cycle_secs).sum();
-        let secs = |checked: &CheckedOrFindings<'_>| checked.as_ref().ok()?.cycle_secs(dialect).ok();
-        let cycle_secs = checked.iter().map(secs).sum::<Option<f64>>()?;
-        (!checked.is_empty()).then(|| ProgramCycle::new(dialect, cycle_secs, planned_secs))
+    /// The summary with the cycle of the programs in the robot's own dialect, or with the reason why one of them was refused.
+    fn with_program(
+        &self,
+        summary: Summary,
+        programs: &[Program],
+        checked: &[CheckedOrFindings<'_>],
+        rendered: &[Vec<DialectProgram>],
+    ) -> Summary {
+        let Some(dialect) = self.cell.and_then(|cell| cell.robot.dialect) else { return summary };
+        match own_cycle(dialect, programs, checked, rendered) {
+            Ok(program_cycle) => summary.with_program(program_cycle),
+            Err(reason) => summary.with_refused_program(dialect, &reason, REFUSED_FILE),
+        }
     }
 
     /// The program in the dialects that the robot takes, or in every one.
@@ -443,6 +453,37 @@ impl PlanJob<'_> {
             calibrated: cell.calibrated.clone(),
         })
     }
+}
+
+/// Cycle of the programs in the robot's own dialect; `None` if there are none.
+///
+/// # Errors
+/// Reason why one of them was refused.
+fn own_cycle(
+    dialect: Dialect,
+    programs: &[Program],
+    checked: &[CheckedOrFindings<'_>],
+    rendered: &[Vec<DialectProgram>],
+) -> Result<Option<ProgramCycle>, String> {
+    let mut own = rendered.iter().flatten().filter(|program| program.dialect == dialect);
+    if let Some(reason) = own.find_map(|program| program.text.as_ref().err()) {
+        return Err(reason.clone());
+    }
+    let planned_secs = programs.iter().map(|program| program.cycle_secs).sum();
+    let secs = |checked: &CheckedOrFindings<'_>| checked.as_ref().ok()?.cycle_secs(dialect).ok();
+    let cycle_secs = checked.iter().map(secs).sum::<Option<f64>>().filter(|_| !checked.is_empty());
+    Ok(cycle_secs.map(|secs| ProgramCycle::new(dialect, secs, planned_secs, dialect.before_first_run_of(programs))))
+}
+
+/// Programs in a dialect that were refused: names of their files, of several files of a program the first, and the reasons.
+#[must_use]
+pub fn refused_programs(artifacts: &[Artifact], dialect: Dialect) -> Vec<(String, String)> {
+    let refused: Refused = serde_json::from_slice(bytes_of(artifacts, REFUSED_FILE)).unwrap_or_default();
+    let first = dialect.outputs().first().map(|output| output.extension);
+    let is_in_dialect = |name: &str| {
+        name.rsplit_once('.').is_some_and(|(stem, extension)| stem.starts_with("program") && Some(extension) == first)
+    };
+    refused.into_iter().filter(|(name, _)| is_in_dialect(name)).collect()
 }
 
 /// The reports of a plan.
@@ -490,6 +531,7 @@ fn in_dialect(
     });
     let program = |(index, output): (usize, &DialectOutput)| DialectProgram {
         name: format!("{stem}.{}", output.extension),
+        dialect,
         text: rendered.as_ref().map(|(files, _)| files[index].text.clone()).map_err(Clone::clone),
         foreign: rendered.as_ref().ok().and_then(|(_, foreign)| foreign.clone()),
     };
@@ -501,3 +543,6 @@ fn in_dialect(
 pub fn plan_sha256(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
+
+#[cfg(test)]
+mod tests;

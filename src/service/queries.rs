@@ -15,6 +15,7 @@ use super::store::{FileEncoding, JobQuery, PartNames, ResultFile};
 use crate::cell::{Dialect, SpecLibrary};
 use crate::program::dialects::DialectError;
 use crate::wire::plan::RegionCoverageDocument;
+use crate::wire::warnings::WarningCode;
 use crate::wire::{DeletedJobs, Job, JobId, JobSelection, JobSort, JobState, JobUpdate, LabelsRequest, parse, warnings};
 
 impl App {
@@ -166,7 +167,10 @@ impl App {
         }
         match self.regions(job.id).await {
             Ok(regions) => {
-                job.warnings.extend(warnings::of_regions(&job.params, &regions, "/params"));
+                // Jobs of earlier releases were stored without the warnings of their plan.
+                if job.warnings.iter().all(|warning| warning.code != WarningCode::RegionUnmet) {
+                    job.warnings.extend(warnings::of_regions(&job.params, &regions, "/params"));
+                }
                 job.regions = regions;
             }
             Err(error) => {

@@ -45,7 +45,7 @@ impl App {
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::Internal`].
     pub async fn check_planned(&self, job: JobId) -> Result<(), Error> {
         let state = self.job_state(job).await?;
-        if state == JobState::Succeeded { Ok(()) } else { Err(Error::NoResults { job, state }) }
+        if state == JobState::Succeeded { Ok(()) } else { Err(self.0.store.no_results(job, state).await) }
     }
 
     /// Number of viewpoints of a job's plan, which are numbered from 0; `None` where its summary cannot be read.

@@ -64,7 +64,7 @@ impl Resolved {
 
     fn into_job(self, submitted_by: Option<String>) -> NewJob {
         let Self { request, input, meshes, warnings } = self;
-        NewJob { request, input, meshes, warnings, submitted_by }
+        NewJob { request, input, meshes, warnings, submitted_by, scanned: None }
     }
 }
 
@@ -117,7 +117,7 @@ impl App {
             return Ok(answer);
         }
         let resolve = move |library: &Library| {
-            let (input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
+            let (input, meshes) = resolve(&request, library, None).map_err(Error::Invalid)?;
             Resolved::new(request, &input, meshes)
         };
         let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
@@ -131,7 +131,8 @@ impl App {
     }
 
     /// Accepts a job that plans further views for what the scans of another job lack. It takes part, cell, parameters and labels of that
-    /// job, and names the inspection in the label [`RESCAN_LABEL`] unless the job has as many labels as it may have.
+    /// job, part and fixture also where their meshes were deleted, and names the inspection in the label [`RESCAN_LABEL`] unless the job
+    /// has as many labels as it may have.
     ///
     /// # Errors
     /// Those of [`App::submit`]; [`Error::JobNotFound`].
@@ -143,7 +144,10 @@ impl App {
     ) -> Result<Job, Error> {
         let of = from.job_id;
         let attempt = self.0.store.body(of).await?.ok_or(Error::JobNotFound(of))?;
+        let (input, _): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(InternalError::Row)?;
         let mut request = attempt.request;
+        // Earlier releases took keys that are refused now.
+        request.labels.retain(|key, _| !key.contains('='));
         if request.labels.len() < MAX_LABELS || request.labels.contains_key(RESCAN_LABEL) {
             request.labels.insert(RESCAN_LABEL.to_owned(), from.id.to_string());
         }
@@ -153,12 +157,13 @@ impl App {
             return Ok(answer);
         }
         let resolve = move |library: &Library| {
-            let (mut input, meshes) =
-                resolve(&request, library).map_err(|errors| Error::Invalid(errors.into_iter().map(of_scanned_job).collect()))?;
+            let (mut input, meshes) = resolve(&request, library, Some(&input))
+                .map_err(|errors| Error::Invalid(errors.into_iter().map(of_scanned_job).collect()))?;
             input.rescan = Some(rescan);
             Resolved::new(request, &input, meshes)
         };
         let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
+        let job = NewJob { scanned: Some(of), ..job };
         let app = self.clone();
         self.run_to_completion(async move {
             let job = app.0.store.submit(&job, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
@@ -177,6 +182,12 @@ impl App {
         let idempotency = submission.idempotency(&format!("POST /api/v1/jobs/batch {}", serde_json::to_string(&batch)?));
         if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
             return Ok(answer);
+        }
+        let (count, limit) = (batch.jobs.len(), self.0.options.max_queued_jobs);
+        if count as u64 > limit {
+            // An empty queue has no room for it either.
+            let detail = format!("has {count} entries; limits.queued_jobs allows {limit}");
+            return Err(Error::Invalid(vec![FieldError { pointer: "/jobs".to_owned(), detail }]));
         }
         let resolved = self.with_library(submission.limit, move |library| resolve_all(batch.jobs, library)).await?;
         let jobs: Vec<NewJob> = resolved.into_iter().map(|job| job.into_job(submission.submitted_by.clone())).collect();
@@ -250,7 +261,7 @@ fn of_scanned_job(error: FieldError) -> FieldError {
 fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<Resolved>, Error> {
     let (mut resolved, mut errors) = (Vec::with_capacity(jobs.len()), Vec::new());
     for (index, request) in jobs.into_iter().enumerate() {
-        match resolve(&request, library) {
+        match resolve(&request, library, None) {
             Ok((input, meshes)) => resolved.push(Resolved::new(request, &input, meshes)?),
             Err(found) => errors.extend(found.into_iter().map(|error| error.below(&format!("/jobs/{index}")))),
         }
@@ -258,12 +269,22 @@ fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<Resolved>
     if errors.is_empty() { Ok(resolved) } else { Err(Error::Invalid(errors)) }
 }
 
-/// Resolves and checks everything that a request names.
-fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<MeshId>), Vec<FieldError>> {
+/// Resolves and checks everything that a request names; part and fixture are those of the job that was scanned, if any.
+fn resolve(
+    request: &JobRequest,
+    library: &Library,
+    scanned: Option<&StoredInput>,
+) -> Result<(StoredInput, Vec<MeshId>), Vec<FieldError>> {
     let mut errors = request.check().err().unwrap_or_default();
     let mut lookup = Lookup::new(library, &mut errors);
-    let mesh = lookup.mesh("/mesh_id", &request.mesh_id.to_string());
-    let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| lookup.mesh("/params/part/fixture_mesh", id));
+    let (mesh, fixture) = match scanned {
+        Some(scanned) => (Some(scanned.mesh.clone()), scanned.fixture.clone()),
+        None => {
+            let mesh = lookup.mesh("/mesh_id", &request.mesh_id.to_string());
+            let fixture = request.params.part.fixture_mesh.as_ref();
+            (mesh, fixture.and_then(|id| lookup.mesh("/params/part/fixture_mesh", id)))
+        }
+    };
     let cell = lookup.cell(&request.cell);
     if cell.is_some() {
         // It is not used, and must exist all the same.
@@ -282,7 +303,7 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     errors.extend(beyond.into_iter().flatten());
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
-            let part_name = library.part_name(request.mesh_id);
+            let part_name = scanned.map_or_else(|| library.part_name(request.mesh_id), |scanned| scanned.part_name.clone());
             let warnings = warnings_on(request, built_cell.as_deref(), &scanner, library);
             let input = StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes, warnings, rescan: None };
             Ok((input, used.into_iter().collect()))

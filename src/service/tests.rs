@@ -115,7 +115,7 @@ pub(super) async fn job(app: &App) -> JobId {
     let new = NewMesh { received, unit: "mm".into(), name: None, health: MeshHealthReport::default() };
     let mesh = store.add_mesh(new).await.expect("a mesh").id;
     let (request, input, meshes) = (JobRequest::new(mesh), "{}".to_owned(), vec![mesh]);
-    let new = NewJob { request, input, meshes, warnings: Vec::new(), submitted_by: None };
+    let new = NewJob { request, input, meshes, warnings: Vec::new(), submitted_by: None, scanned: None };
     store.submit(&new, None, 1).await.expect("a job").id
 }
 

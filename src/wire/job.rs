@@ -30,7 +30,8 @@ pub struct JobRequest {
     /// Planning parameters.
     #[serde(default)]
     pub params: PlanParams,
-    /// Labels, copied to the job, the plan and the program: at most 32, keys of 1 to 64 and values of up to 256 characters.
+    /// Labels, copied to the job, the plan and the program: at most 32, keys of 1 to 64 characters without `=`, and values of up to
+    /// 256 characters.
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
     /// Part number, copied like the labels.
@@ -92,7 +93,7 @@ impl JobRequest {
 }
 
 impl Echo {
-    /// Checks the lengths of labels and numbers, and that they have no control characters.
+    /// Checks the lengths and the characters of labels and numbers.
     ///
     /// # Errors
     /// All invalid fields.
@@ -121,6 +122,10 @@ fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
         findings.require((1..=64).contains(&length), &*at, || format!("has a key of {length} characters; allowed are 1 to 64"));
         findings.require(!key.chars().any(char::is_control), &*at, || {
             "has a control character in its key; none are allowed".to_owned()
+        });
+        // A list would take what follows for the value.
+        findings.require(!key.contains('='), &*at, || {
+            "has \"=\" in its key; any other character is allowed, since `?label=key=value` finds jobs by it".to_owned()
         });
         text(findings, &at, value, 0, 256);
     }
@@ -231,7 +236,8 @@ pub struct Job {
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
     /// Warnings on what was accepted: a part whose size tells of a wrong unit (`/mesh_id`), a doubtful cell, tolerances finer than the
-    /// scanner's noise and, once the job has succeeded, regions and features that do not reach their target.
+    /// scanner's noise. Once the job has succeeded, those of its plan too: regions and features that do not reach their target or hold
+    /// nothing of the part, excluded regions that hold nothing of it, and views that do not tolerate an error of their poses.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Coverage of each region of interest and each feature, once the job has succeeded.
@@ -304,7 +310,7 @@ pub struct JobListItem {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
-    /// Warnings on what was accepted, as when the job was submitted.
+    /// Warnings on what was accepted and, once the job has succeeded, those of its plan.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Reason for the failure of the job.
@@ -334,12 +340,12 @@ pub struct JobPage {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct LabelsRequest {
-    /// Labels: at most 32, keys of 1 to 64 and values of up to 256 characters.
+    /// Labels: at most 32, keys of 1 to 64 characters without `=`, and values of up to 256 characters.
     pub labels: BTreeMap<String, String>,
 }
 
 impl LabelsRequest {
-    /// Checks the number and the lengths of the labels.
+    /// Checks the number, the lengths and the characters of the labels.
     ///
     /// # Errors
     /// All invalid fields.

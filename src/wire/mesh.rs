@@ -35,14 +35,14 @@ pub struct UploadedMesh {
     pub sha256: String,
     /// Size of the file.
     pub size_bytes: u64,
-    /// Time of the first upload, UTC.
+    /// Time of the last upload of this file with this unit and name, UTC.
     #[schema(format = DateTime)]
     pub created_at: String,
     /// Health report of the mesh.
     pub health: MeshHealthReport,
 }
 
-/// A page of meshes, newest first.
+/// A page of meshes, by their first upload: the newest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeshPage {
     /// Meshes on this page.

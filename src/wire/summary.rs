@@ -21,6 +21,7 @@ pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
 use super::words::{counted, headline, percent_below};
+use crate::cell::Dialect;
 use crate::planning::params::{Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage};
 
@@ -161,6 +162,14 @@ impl Summary {
         let told = program_cycle.as_ref().and_then(ProgramCycle::text).unwrap_or_default();
         let cycle_text = self.cycle_text.map(|text| text + &told);
         Self { cycle_text, program_cycle, ..self }
+    }
+
+    /// The summary of a plan whose program in the robot's own dialect was refused, with the reason and the file that holds every reason.
+    #[must_use]
+    pub fn with_refused_program(self, dialect: Dialect, reason: &str, file: &str) -> Self {
+        let told = format!("; NO PROGRAM for the robot ({}), see {file}: {reason}", dialect.as_str());
+        let cycle_text = self.cycle_text.map(|text| text + &told);
+        Self { cycle_text, program_cycle: None, ..self }
     }
 
     /// The summary with a request to check the part's unit for a title, if there is one: a plan of a part of another size is of no use,

@@ -94,3 +94,14 @@ fn names_of_specifications_are_plain() {
         assert!(!is_spec_name(bad), "{bad}");
     }
 }
+
+/// Lists find jobs by `?label=key=value`, and take what follows the first `=` for the value.
+#[test]
+fn a_label_that_no_list_would_find_is_refused() {
+    let checked = |key: &str| LabelsRequest { labels: [(key.to_owned(), "a=b".to_owned())].into() }.check();
+    let errors = checked("line=3").expect_err("it could never be found");
+    assert_eq!(errors.len(), 1, "{errors:?}");
+    assert_eq!(errors[0].pointer, "/labels/line=3");
+    assert!(errors[0].detail.starts_with("has \"=\" in its key"), "{}", errors[0].detail);
+    assert_eq!(checked("line"), Ok(()));
+}

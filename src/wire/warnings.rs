@@ -45,6 +45,24 @@ closed_list! {
     }
 }
 
+impl WarningCode {
+    /// Returns true for warnings on what a plan came to, which nobody can give before there is one.
+    #[must_use]
+    pub fn is_of_plan(self) -> bool {
+        match self {
+            Self::RegionUnmet | Self::FragileUnderPoseError | Self::ExclusionEmpty | Self::RegionEmpty => true,
+            Self::ToleranceBeyondNoise
+            | Self::PartSmall
+            | Self::PartLargerThanPlate
+            | Self::PartUnstable
+            | Self::HomeInRadians
+            | Self::HomeTooClose
+            | Self::PlateBeyondReach
+            | Self::DoubtfulValue => false,
+        }
+    }
+}
+
 /// A warning on a field that is accepted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FieldWarning {

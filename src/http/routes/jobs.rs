@@ -163,7 +163,7 @@ pub(in crate::http) async fn delete_selected(
     operation_id = "list_jobs",
     params(
         ("state" = Option<JobState>, Query, description = "Only jobs in this state."),
-        ("label" = Option<String>, Query, example = "line=3", description = "Only jobs with this label: `key` or `key=value`."),
+        ("label" = Option<String>, Query, pattern = "^[^=]", example = "line=3", description = "Only jobs with this label: `key` or `key=value`."),
         ("part_number" = Option<String>, Query, example = "PN-4711", description = "Only jobs with this part number."),
         ("serial" = Option<String>, Query, example = "S-0001", description = "Only jobs with this serial number."),
         ("mesh" = Option<uuid::Uuid>, Query, description = "Only jobs for the mesh of this id."),
@@ -198,7 +198,7 @@ fn query(params: &mut Params) -> Result<JobQuery, ApiError> {
     let selection = JobSelection {
         ids: None,
         state: params.value("state", &states)?,
-        label: params.text("label"),
+        label: keyed(params.text("label"))?,
         part_number: params.text("part_number"),
         serial: params.text("serial"),
         mesh_id: params.value("mesh", "the id of a mesh, a UUID")?,
@@ -208,6 +208,16 @@ fn query(params: &mut Params) -> Result<JobQuery, ApiError> {
     };
     let sort = params.value("sort", &format!("one of {}", JobSort::names().join(", ")))?.unwrap_or_default();
     Ok(JobQuery { selection, sort })
+}
+
+/// Refuses a filter by a label without a key.
+pub(super) fn keyed(label: Option<String>) -> Result<Option<String>, ApiError> {
+    // No label has an empty key: nothing would ever be found.
+    if let Some(keyless) = label.as_deref().filter(|label| label.is_empty() || label.starts_with('=')) {
+        let said = format!("is {keyless:?}, which names no key; allowed is key or key=value, with a key of 1 to 64 characters");
+        return Err(ApiError::query("label", &said));
+    }
+    Ok(label)
 }
 
 /// Get a job, or wait for its end

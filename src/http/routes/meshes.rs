@@ -62,6 +62,8 @@ pub(in crate::http) async fn upload(
 }
 
 /// List meshes, newest first
+///
+/// By their first upload: uploading a mesh again changes its `created_at`, not its place.
 #[utoipa::path(
     get,
     path = "/meshes",
@@ -99,8 +101,8 @@ pub(in crate::http) async fn get(
 
 /// Delete a mesh
 ///
-/// Refused while a job that has not ended needs the mesh, or a stored specification names it. Ended jobs keep their results, and the file of the mesh for inspections
-/// and runs.
+/// Refused while a job that has not ended needs the mesh, or a stored specification names it. Ended jobs keep their results, and the file of the mesh for inspections,
+/// further views and runs.
 #[utoipa::path(
     delete,
     path = "/meshes/{id}",

@@ -227,7 +227,7 @@ async fn whole(state: &ApiState, file: &ResultBody, headers: &HeaderMap) -> Resu
 /// A result. A program in the language of another maker than the robot's only with `force`, whichever release stored it.
 async fn found(state: &ApiState, id: JobId, name: &str, force: bool) -> Result<ResultBody, ApiError> {
     let file = match state.app.result(id, name).await {
-        Err(Error::NoSuchResult { .. }) => return foreign_program(state, id, name, force).await,
+        Err(missing @ Error::NoSuchResult { .. }) => return foreign_program(state, id, name, force, missing).await,
         found => found?,
     };
     match state.app.foreign_reason(id, name).await? {
@@ -241,11 +241,11 @@ async fn found(state: &ApiState, id: JobId, name: &str, force: bool) -> Result<R
 }
 
 /// A program in the language of another maker than the robot's, which `force` asks for all the same. Everything else that there
-/// is no result of is an error, with the reason if planning recorded one.
-async fn foreign_program(state: &ApiState, id: JobId, name: &str, force: bool) -> Result<ResultBody, ApiError> {
+/// is no result of is the error `missing`, or the reason if planning recorded one.
+async fn foreign_program(state: &ApiState, id: JobId, name: &str, force: bool, missing: Error) -> Result<ResultBody, ApiError> {
     let found = match foreign_name(name) {
         Some(foreign) => state.app.result(id, &foreign).await,
-        None => Err(Error::NoSuchResult { job: id, name: name.to_owned() }),
+        None => Err(missing.clone()),
     };
     match found {
         Ok(file) if force => Ok(file),
@@ -255,7 +255,7 @@ async fn foreign_program(state: &ApiState, id: JobId, name: &str, force: bool) -
         }
         Err(Error::NoSuchResult { .. }) => Err(match reason(state, id, name).await {
             Some(reason) => ApiError::new(Code::ResultNotFound, format!("there is no {name}: {reason}")),
-            None => Error::NoSuchResult { job: id, name: name.to_owned() }.into(),
+            None => missing.into(),
         }),
         Err(error) => Err(error.into()),
     }

@@ -2,6 +2,7 @@
 
 use axum::http::header::{CONTENT_SECURITY_POLICY, IF_NONE_MATCH, VARY};
 
+use super::jobs::keyed;
 use super::results::{REPORT_POLICY, add_shared_headers};
 use super::*;
 
@@ -35,4 +36,17 @@ fn an_unchanged_report_keeps_its_policy_and_its_tag() {
             (&HeaderValue::from_static(etag), &HeaderValue::from_static("accept, accept-encoding"))
         );
     }
+}
+
+/// A list that is empty for ever does not tell of the slip.
+#[test]
+fn a_filter_by_a_label_names_its_key() {
+    for keyless in ["", "=", "=3"] {
+        let refused = keyed(Some(keyless.to_owned())).expect_err("no label has an empty key");
+        assert_eq!(refused.code(), Code::BadQuery, "{refused:?}");
+    }
+    for label in ["line", "line=", "line=3", "line=a=b"] {
+        assert_eq!(keyed(Some(label.to_owned())).expect("a filter").as_deref(), Some(label));
+    }
+    assert_eq!(keyed(None).expect("no filter"), None);
 }

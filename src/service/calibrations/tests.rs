@@ -32,3 +32,20 @@ async fn a_cancellation_and_a_deletion_have_the_room_that_is_kept_for_them() {
     app.0.store.fill_disk_at("DELETE ON calibration").await;
     app.delete_calibration(id).await.expect("deleted");
 }
+
+#[tokio::test]
+async fn observations_that_are_held_out_leave_enough_to_calibrate_from() {
+    let (app, _folder) = service().await;
+    let _turn = app.0.calibrations.turn.lock().await;
+    let held_out = async |hold_out: u16| {
+        let request: CalibrationRequest = serde_json::from_value(example::calibration()).expect("a request");
+        app.submit_calibration(CalibrationRequest { hold_out, ..request }, Submission::default()).await
+    };
+    let Err(Error::Invalid(errors)) = held_out(6).await else { panic!("nothing remains") };
+    assert_eq!(errors.len(), 1, "{errors:?}");
+    assert_eq!(
+        (errors[0].pointer.as_str(), errors[0].detail.as_str()),
+        ("/hold_out", "is 6 of 6 observations; at least 3 must remain")
+    );
+    held_out(3).await.expect("three remain");
+}

@@ -43,3 +43,14 @@ async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
     let cannot_open = Error::from(SqliteConnection::connect(&nowhere).await.expect_err("no such file"));
     assert!(cannot_open.is_transient(), "{cannot_open:?}");
 }
+
+#[test]
+fn what_is_missing_is_told_with_what_is_there() {
+    let job = JobId::generate();
+    let told = |setup: usize, programs: usize| Error::NoProgram { job, setup, programs }.to_string();
+    assert_eq!(told(1, 1), format!("job {job} has one setup, and setup is 1; allowed is 0"));
+    assert_eq!(told(5, 3), format!("job {job} has 3 setups, and setup is 5; allowed are 0 to 2"));
+    assert!(told(0, 0).contains("without a cell") && !told(1, 1).contains("plan"), "{}", told(0, 0));
+    let full = Error::QueueFull { queued: 2, asked: 3, limit: 4 }.to_string();
+    assert_eq!(full, "2 of at most 4 entries are queued, which leaves no room for 3 more");
+}

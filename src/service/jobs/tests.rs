@@ -51,3 +51,20 @@ fn an_error_of_the_service_is_the_server_s_fault_unless_it_names_another() {
         assert_eq!((problem.code.as_str(), problem.errors.len()), (code, fields), "{error}");
     }
 }
+
+/// A region without a target has none to miss: that it holds nothing of the part is in the plan alone.
+#[tokio::test]
+async fn a_job_tells_what_its_plan_warns_of() {
+    let warning = |code: &str| serde_json::json!({"code": code, "pointer": "/params", "detail": "is", "remedy": "do"});
+    let codes = ["region_empty", "part_small", "exclusion_empty", "fragile_under_pose_error"];
+    let plan = serde_json::json!({"schema": "any", "warnings": codes.map(warning)});
+    let file = Artifact { name: PLAN_FILE.into(), bytes: plan.to_string().into_bytes() };
+    let (app, _folder) = service_with(vec![file]).await;
+    let job = ended_job(&app).await;
+    let is_of_plan = |warning: &&FieldWarning| warning.pointer == "/params";
+    let told: Vec<_> = job.warnings.iter().filter(is_of_plan).map(|warning| warning.code.as_str()).collect();
+    assert_eq!(told, ["region_empty", "exclusion_empty", "fragile_under_pose_error"]);
+    assert_eq!(app.job(job.id).await.expect("it").warnings, job.warnings);
+    let unreadable = Artifact { name: PLAN_FILE.into(), bytes: b"{".to_vec() };
+    assert_eq!(warnings_of(&[unreadable]), []);
+}

@@ -23,7 +23,7 @@ use crate::service::plan_job::{PLAN_FILE, program_stem};
 use crate::service::planner::{JobInput, JobMeshes, opened};
 use crate::service::submit::job_input;
 use crate::wire::run::{RunCoverage, RunMode, RunRequest};
-use crate::wire::{JobState, UtcTime, hex, parse, program::ProgramDocument};
+use crate::wire::{JobId, JobState, UtcTime, hex, parse, program::ProgramDocument};
 
 /// A run with everything that its request names.
 pub(super) struct RunOrder {
@@ -56,12 +56,11 @@ impl App {
         let (job, setup) = (request.job_id, request.setup);
         let state = self.job_state(job).await?;
         if state != JobState::Succeeded {
-            return Err(Error::NoResults { job, state });
+            return Err(self.0.store.no_results(job, state).await);
         }
-        let none = || Error::NoProgram { job, setup };
-        let attempt = self.0.store.body(job).await?.ok_or_else(none)?;
+        let attempt = self.0.store.body(job).await?.ok_or(Error::JobNotFound(job))?;
         let input = job_input(&attempt, self.0.store.files(), self.0.options.max_triangles)?;
-        let cell = input.cell.clone().ok_or_else(none)?;
+        let cell = input.cell.clone().ok_or(Error::NoProgram { job, setup, programs: 0 })?;
         let content_of = |mesh: &str| input.body_meshes.get(mesh).map(|source| format!("{} {}", source.sha256, source.unit));
         let cell_sha256 = cell_sha256(&cell, &content_of)?;
         let controllers = self.controllers(&cell, &cell_sha256, request.mode)?;
@@ -71,7 +70,9 @@ impl App {
         let file = format!("{}.json", program_stem(setup));
         let program = match self.result(job, &file).await {
             Ok(file) => file.read().await?,
-            Err(Error::NoSuchResult { .. }) => return Err(none()),
+            Err(Error::NoSuchResult { .. }) => {
+                return Err(Error::NoProgram { job, setup, programs: self.programs(job).await? });
+            }
             Err(error) => return Err(error),
         };
         let plan = self.result(job, PLAN_FILE).await?.read().await?;
@@ -80,6 +81,16 @@ impl App {
         let program = document.program().map_err(Error::Invalid)?;
         check_step(request.from_step, program.steps.len())?;
         Ok(RunOrder { request, input, cell, cell_sha256, controllers, program, program_sha256, plan })
+    }
+
+    /// Number of a job's programs: one for each of its setups.
+    async fn programs(&self, job: JobId) -> Result<usize, Error> {
+        let files = self.0.store.job(job).await?.results;
+        let is_there = |setup: &usize| {
+            let name = format!("{}.json", program_stem(*setup));
+            files.iter().any(|file| file.name == name)
+        };
+        Ok((0..).take_while(is_there).count())
     }
 
     /// Controllers of a job's cell: those of the operator's file whose cell is the same.

@@ -11,12 +11,14 @@ use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
+use super::job_rows::read_problem;
 use super::pinned::FilePin;
 use super::{Store, blocking};
 use crate::service::error::{Error, InternalError};
 use crate::service::failpoint;
-use crate::service::plan_job::{REPORT_DRAFT_FILE, REPORT_FILE};
+use crate::service::plan_job::{REPORT_DRAFT_FILE, REPORT_FILE, TEXT_REPORT_FILE};
 use crate::service::planner::Artifact;
+use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::hex;
 use crate::wire::{JobFile, JobId, JobState};
 
@@ -117,7 +119,7 @@ impl Store {
     pub(crate) async fn result(&self, id: JobId, name: &str) -> Result<ResultFile, Error> {
         let state = self.job_state(id).await?;
         if !matches!(state, JobState::Succeeded | JobState::Failed) {
-            return Err(Error::NoResults { job: id, state });
+            return Err(self.no_results(id, state).await);
         }
         let row = sqlx::query(
             "SELECT name, sha256, size_bytes, file_sha256, file_bytes, encoding FROM artifact WHERE job_id = ?1 AND name = ?2",
@@ -126,9 +128,48 @@ impl Store {
         .bind(name)
         .fetch_optional(&self.reader)
         .await?;
-        let none = || Error::NoSuchResult { job: id, name: name.to_owned() };
-        let row = row.ok_or_else(|| if state == JobState::Failed { Error::NoResults { job: id, state } } else { none() })?;
-        read_file(&row)
+        match row {
+            Some(row) => read_file(&row),
+            None if state == JobState::Failed => Err(self.no_results(id, state).await),
+            None => Err(Error::NoSuchResult { job: id, name: name.to_owned(), advice: self.advice_on(id, name).await? }),
+        }
+    }
+
+    /// Error of a job that has not succeeded; where it failed, with its problem and what tells more of it.
+    pub(crate) async fn no_results(&self, job: JobId, state: JobState) -> Error {
+        let reason = if state == JobState::Failed { self.reason_of_failure(job).await } else { Ok(String::new()) };
+        match reason {
+            Ok(reason) => Error::NoResults { job, state, reason },
+            Err(error) => error,
+        }
+    }
+
+    async fn reason_of_failure(&self, id: JobId) -> Result<String, Error> {
+        let row = sqlx::query(
+            "SELECT problem, EXISTS (SELECT 1 FROM artifact WHERE job_id = job.id AND name = ?2) AS has_report FROM job WHERE id = ?1",
+        )
+        .bind(id.to_string())
+        .bind(TEXT_REPORT_FILE)
+        .fetch_optional(&self.reader)
+        .await?
+        .ok_or(Error::JobNotFound(id))?;
+        let problem = row.try_get::<Option<String>, _>("problem").ok().flatten();
+        let Some(problem) = read_problem(problem) else { return Ok(String::new()) };
+        let report = if row.try_get::<bool, _>("has_report")? { "/report" } else { "" };
+        Ok(format!(" ({}, see /api/v1/jobs/{id}{report})", problem.code))
+    }
+
+    /// Way to get a result that a job has succeeded without.
+    async fn advice_on(&self, id: JobId, name: &str) -> Result<&'static str, Error> {
+        if name == CANDIDATES_FILE {
+            return Ok("; plan with params.output.candidates to have it written");
+        }
+        let is_without_cell: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM job WHERE id = ?1 AND cell = 'none')")
+            .bind(id.to_string())
+            .fetch_one(&self.reader)
+            .await?;
+        let is_program = is_without_cell && name.starts_with("program");
+        Ok(if is_program { "; it was planned without a cell and holds viewpoints alone: plan the part in a cell" } else { "" })
     }
 
     /// Replaces the draft of a job's report by the drawn report.

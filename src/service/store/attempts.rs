@@ -21,7 +21,8 @@ use super::{Store, now, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::wire::summary::Summary;
-use crate::wire::{EventKind, Job, JobEvent, JobId, JobProblem, JobRequest, JobState};
+use crate::wire::warnings::FieldWarning;
+use crate::wire::{EventKind, Job, JobEvent, JobId, JobProblem, JobRequest, JobState, parse};
 
 /// An attempt at a job: a started one, or the one that a queued job waits for.
 #[derive(Clone, Debug)]
@@ -37,8 +38,8 @@ pub(crate) struct Attempt {
 /// Outcome of an attempt.
 #[derive(Clone, Debug)]
 pub(crate) enum AttemptOutcome {
-    /// The result files, all of them stored, and the summary of the plan among them.
-    Succeeded { files: Vec<ResultFile>, summary: Option<Box<Summary>> },
+    /// The result files, all of them stored, the summary of the plan among them, and what the plan warns of.
+    Succeeded { files: Vec<ResultFile>, summary: Option<Box<Summary>>, warnings: Vec<FieldWarning> },
     /// The problem, and the files that tell of it, all of them stored: the report where no plan is possible.
     Failed(JobProblem, Vec<ResultFile>),
     /// Ended by its cancel flag.
@@ -142,10 +143,11 @@ impl Store {
         };
         let mut ending = Ending { kind, after, problem: None, summary: None };
         match outcome {
-            AttemptOutcome::Succeeded { files, summary } if after == JobState::Succeeded => {
+            AttemptOutcome::Succeeded { files, summary, warnings } if after == JobState::Succeeded => {
                 artifacts::insert(&mut tx, id, files).await?;
                 ending.summary = summary.as_deref();
                 summaries::insert(&mut tx, id, ending.summary).await?;
+                add_warnings(&mut tx, id, warnings).await?;
             }
             AttemptOutcome::Failed(reason, files) if after == JobState::Failed => {
                 artifacts::insert(&mut tx, id, files).await?;
@@ -238,6 +240,24 @@ async fn body_of(tx: &mut SqliteConnection, id: JobId) -> Result<Result<(JobRequ
     Ok(read())
 }
 
+/// Adds what its plan warns of to the warnings of a job.
+async fn add_warnings(tx: &mut SqliteConnection, id: JobId, of_plan: &[FieldWarning]) -> Result<(), Error> {
+    if of_plan.is_empty() {
+        return Ok(());
+    }
+    let row = sqlx::query("SELECT warnings FROM job WHERE id = ?1").bind(id.to_string()).fetch_one(&mut *tx).await?;
+    // Earlier ones that cannot be read keep no plan from being told of.
+    let stored = row.try_get::<Option<String>, _>("warnings").ok().flatten();
+    let mut warnings: Vec<FieldWarning> = stored.and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default();
+    warnings.extend_from_slice(of_plan);
+    sqlx::query("UPDATE job SET warnings = ?2 WHERE id = ?1")
+        .bind(id.to_string())
+        .bind(serde_json::to_string(&warnings)?)
+        .execute(&mut *tx)
+        .await?;
+    Ok(())
+}
+
 /// End of a job's time in a state, with what is told of it.
 struct Ending<'a> {
     kind: EventKind,
@@ -271,7 +291,6 @@ async fn end_with(tx: &mut SqliteConnection, id: JobId, ending: &Ending<'_>) -> 
     .bind(problem.map(serde_json::to_string).transpose()?)
     .execute(&mut *tx)
     .await?;
-    let fraction = if after == JobState::Succeeded { 1.0 } else { 0.0 };
     let code = problem.map(|p| p.code.as_str());
-    events::append(tx, id, EventBody { kind, state: after, stage: None, fraction, code, summary }).await
+    events::append(tx, id, EventBody { code, summary, ..EventBody::state(kind, after) }).await
 }

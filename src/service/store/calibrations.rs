@@ -34,8 +34,9 @@ impl Store {
         let mut tx = self.writer.begin().await?;
         let queued: i64 =
             sqlx::query_scalar("SELECT count(*) FROM calibration WHERE state = 'queued'").fetch_one(&mut *tx).await?;
-        if queued.unsigned_abs() >= max_queued {
-            return Err(Error::QueueFull { queued: queued.unsigned_abs() });
+        let queued = queued.unsigned_abs();
+        if queued >= max_queued {
+            return Err(Error::QueueFull { queued, asked: 1, limit: max_queued });
         }
         let mut job = job.clone();
         job.created_at = sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?;

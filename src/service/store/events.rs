@@ -36,9 +36,10 @@ pub(crate) struct EventBatch {
 }
 
 impl EventBody<'_> {
-    /// Body of a change of state.
+    /// Body of a change of state. All the work of a job that has succeeded is done, whatever happens to it afterwards.
     pub(super) fn state(kind: EventKind, state: JobState) -> Self {
-        Self { kind, state, stage: None, fraction: 0.0, code: None, summary: None }
+        let fraction = if state == JobState::Succeeded { 1.0 } else { 0.0 };
+        Self { kind, state, stage: None, fraction, code: None, summary: None }
     }
 }
 

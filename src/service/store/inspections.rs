@@ -31,8 +31,9 @@ impl Store {
         let mut tx = self.writer.begin().await?;
         let queued: i64 =
             sqlx::query_scalar("SELECT count(*) FROM inspection WHERE state = 'queued'").fetch_one(&mut *tx).await?;
-        if queued.unsigned_abs() >= max_queued {
-            return Err(Error::QueueFull { queued: queued.unsigned_abs() });
+        let queued = queued.unsigned_abs();
+        if queued >= max_queued {
+            return Err(Error::QueueFull { queued, asked: 1, limit: max_queued });
         }
         let mut job = job.clone();
         job.created_at = sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?;
@@ -151,16 +152,15 @@ impl Store {
 
 /// Checks that the scans still exist: one may have been deleted since the request was checked.
 async fn check_scans(tx: &mut SqliteConnection, scans: &[Scan]) -> Result<(), Error> {
-    for scan in scans {
-        let there: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM scan WHERE id = ?1)")
-            .bind(scan.id.to_string())
-            .fetch_one(&mut *tx)
-            .await?;
-        if !there {
-            return Err(Error::ScanNotFound(scan.id));
-        }
-    }
-    Ok(())
+    let ids: Vec<String> = scans.iter().map(|scan| scan.id.to_string()).collect();
+    let missing: Option<i64> = sqlx::query_scalar(
+        "SELECT wanted.key FROM json_each(?1) AS wanted WHERE NOT EXISTS (SELECT 1 FROM scan WHERE id = wanted.value) LIMIT 1",
+    )
+    .bind(serde_json::to_string(&ids)?)
+    .fetch_optional(tx)
+    .await?;
+    let scan = missing.and_then(|place| scans.get(usize::try_from(place).ok()?));
+    scan.map_or(Ok(()), |scan| Err(Error::ScanNotFound(scan.id)))
 }
 
 async fn job_of(tx: &mut SqliteConnection, id: InspectionId) -> Result<InspectionJob, Error> {

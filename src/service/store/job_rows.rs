@@ -15,7 +15,7 @@ use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, parse, warnings}
 macro_rules! select_job {
     () => {
         "SELECT id, state, mesh_id, part_number, serial, cell, scanner, labels, version, request, priority, stage, fraction, attempts,
-            timings, problem, created_at, started_at, ended_at, submitted_by,
+            timings, problem, created_at, started_at, ended_at, submitted_by, warnings,
             CASE WHEN json_valid(input) THEN input -> '$.warnings' END AS found,
             CASE WHEN state = 'queued' THEN (SELECT count(*) FROM job AS other INDEXED BY job_queue WHERE other.state = 'queued'
                 AND (other.priority > job.priority OR (other.priority = job.priority AND other.id <= job.id))) END AS position,
@@ -74,6 +74,8 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
     let mut warnings = warnings::of_params(&request.params, "/params");
     // Jobs of earlier versions have none; one that cannot be read tells no less of the job.
     warnings.extend(text("found").and_then(|json| parse::<Vec<FieldWarning>>(json.as_bytes()).ok()).unwrap_or_default());
+    let stored = text("warnings").and_then(|json| parse::<Vec<FieldWarning>>(json.as_bytes()).ok()).unwrap_or_default();
+    warnings.extend(stored.into_iter().filter(|warning| warning.code.is_of_plan()));
     Ok(Job {
         id: parsed("job.id", &row.try_get::<String, _>("id")?)?,
         state: state.as_ref().copied().unwrap_or(JobState::Failed),

@@ -43,6 +43,8 @@ pub(crate) struct NewJob {
     pub warnings: Vec<FieldWarning>,
     /// Name of the key that its sender presented.
     pub submitted_by: Option<String>,
+    /// Job whose scans it plans further views for, and whose files of meshes it reads: the meshes may have been deleted since.
+    pub scanned: Option<JobId>,
 }
 
 impl Store {
@@ -206,7 +208,7 @@ async fn check_queue_limit(tx: &mut SqliteConnection, more: u64, limit: u64) -> 
     let queued: i64 =
         sqlx::query_scalar("SELECT count(*) FROM job INDEXED BY job_queue WHERE state = 'queued'").fetch_one(tx).await?;
     let queued = queued.unsigned_abs();
-    if queued + more > limit { Err(Error::QueueFull { queued }) } else { Ok(()) }
+    if queued + more > limit { Err(Error::QueueFull { queued, asked: more, limit }) } else { Ok(()) }
 }
 
 /// Checks that the meshes still exist: one may have been deleted since the request was checked.
@@ -226,6 +228,10 @@ async fn check_meshes(tx: &mut SqliteConnection, meshes: &[MeshId]) -> Result<()
 /// Inserts a job with its first event.
 async fn insert_queued(tx: &mut SqliteConnection, new: &NewJob) -> Result<(JobId, Arc<JobEvent>), Error> {
     check_meshes(tx, &new.meshes).await?;
+    if let Some(scanned) = new.scanned {
+        // Its files are there as long as it is.
+        state_of(tx, scanned).await?;
+    }
     failpoint::hit("job", "before_insert");
     let id = JobId::generate();
     insert(tx, id, new).await?;
@@ -265,6 +271,16 @@ async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<()
         )
         .bind(id.to_string())
         .bind(mesh.to_string())
+        .execute(&mut *tx)
+        .await?;
+    }
+    if let Some(scanned) = new.scanned {
+        sqlx::query(
+            "INSERT OR IGNORE INTO job_mesh (job_id, mesh_id, sha256, size_bytes)
+             SELECT ?1, mesh_id, sha256, size_bytes FROM job_mesh WHERE job_id = ?2",
+        )
+        .bind(id.to_string())
+        .bind(scanned.to_string())
         .execute(&mut *tx)
         .await?;
     }

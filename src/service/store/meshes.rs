@@ -83,7 +83,7 @@ impl Store {
         read(&row.ok_or(Error::MeshNotFound(id))?)
     }
 
-    /// A page of meshes, newest first. Rows that cannot be read are left out.
+    /// A page of meshes, by their first upload: the newest first. Rows that cannot be read are left out.
     pub(crate) async fn meshes(&self, page: &Page) -> Result<MeshPage, Error> {
         let rows = sqlx::query(
             "SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh

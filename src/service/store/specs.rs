@@ -143,8 +143,12 @@ impl Store {
     }
 }
 
-/// Checks that what a specification names still exists: it may have been deleted since the specification was checked.
+/// Checks that what a cell names still exists: it may have been deleted since the cell was checked. Other specifications name nothing
+/// that is stored.
 async fn check_named(tx: &mut SqliteConnection, kind: SpecCollection, body: &str) -> Result<(), Error> {
+    if kind != SpecCollection::Cell {
+        return Ok(());
+    }
     let mesh: Option<String> = sqlx::query_scalar(
         "SELECT node.value FROM json_tree(CASE WHEN json_valid(?1) THEN ?1 ELSE '{}' END) AS node
          WHERE node.key = 'mesh' AND node.type = 'text' AND NOT EXISTS (SELECT 1 FROM mesh WHERE id = lower(node.value)) LIMIT 1",
@@ -155,7 +159,7 @@ async fn check_named(tx: &mut SqliteConnection, kind: SpecCollection, body: &str
     if let Some(id) = mesh {
         return Err(Error::MeshNotFound(parsed("mesh", &id)?));
     }
-    for device in SpecCollection::ALL.into_iter().filter(|device| kind == SpecCollection::Cell && *device != kind) {
+    for device in SpecCollection::ALL.into_iter().filter(|device| *device != kind) {
         let name: Option<String> = sqlx::query_scalar(
             "SELECT node.value FROM json_each(CASE WHEN json_valid(?1) THEN ?1 ELSE '{}' END) AS node
              WHERE node.key = ?2 AND node.type = 'text'

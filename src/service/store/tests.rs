@@ -9,6 +9,7 @@ mod upgrade;
 use sqlx::{QueryBuilder, Sqlite};
 
 use super::*;
+use crate::cell::Named;
 use crate::service::planner::Artifact;
 use crate::service::store::specs::Precondition;
 use crate::wire::{
@@ -53,7 +54,7 @@ async fn add_mesh(store: &Store, bytes: &'static [u8]) -> UploadedMesh {
 
 fn new_job(mesh: MeshId, priority: i32) -> NewJob {
     let request = JobRequest { priority, ..JobRequest::new(mesh) };
-    NewJob { request, input: "{}".into(), meshes: vec![mesh], warnings: Vec::new(), submitted_by: None }
+    NewJob { request, input: "{}".into(), meshes: vec![mesh], warnings: Vec::new(), submitted_by: None, scanned: None }
 }
 
 /// Room in the queue of these tests.
@@ -106,7 +107,7 @@ async fn submit(store: &Store, mesh: MeshId) -> JobId {
 async fn succeed(store: &Store, id: JobId, files: Vec<(&'static str, Vec<u8>)>) -> JobState {
     let artifacts = files.into_iter().map(|(name, bytes)| Artifact { name: name.into(), bytes }).collect();
     let stored = store.put_artifacts(Arc::new(artifacts)).await.expect("files");
-    let outcome = AttemptOutcome::Succeeded { files: stored.files.clone(), summary: None };
+    let outcome = AttemptOutcome::Succeeded { files: stored.files.clone(), summary: None, warnings: Vec::new() };
     store.end_attempt(id, &outcome, "{}").await.expect("an end")
 }
 
@@ -315,7 +316,7 @@ async fn the_queue_has_its_limit() {
     let mesh = add_mesh(store, b"one").await.id;
     let limited = async || store.submit(&new_job(mesh, 0), None, 1).await;
     limited().await.expect("room");
-    assert!(matches!(limited().await, Err(Error::QueueFull { queued: 1 })));
+    assert!(matches!(limited().await, Err(Error::QueueFull { queued: 1, asked: 1, limit: 1 })));
     store.claim_next().await.expect("the queue").expect("a job");
     limited().await.expect("room again");
 }
@@ -383,6 +384,9 @@ async fn a_specification_names_only_what_is_there_when_it_is_stored() {
     assert!(matches!(gone, Err(Error::MeshNotFound(id)) if id == mesh), "{gone:?}");
     let other = add_mesh(store, b"two").await.id;
     put(cell("hans-e05").replace(&mesh.to_string(), &other.to_string().to_uppercase())).await.expect("all are there");
+    // `vantage robot --surfaces` writes files into a robot, which are looked up where a cell takes the robot.
+    let robot = r#"{"surfaces": [{"shape": {"kind": "mesh", "mesh": "links/00.stl"}}]}"#;
+    store.put_spec(SpecCollection::Robot, "r", robot, &Precondition::Absent).await.expect("stored");
 }
 
 /// A list of large specifications takes no more memory than their names.
@@ -394,4 +398,56 @@ async fn a_list_of_specifications_reads_none_of_them() {
     store.damage_text("spec SET body", "name = 'r'").await;
     assert_eq!(store.specs(SpecCollection::Robot).await.expect("a list"), [("r".to_owned(), stored.etag)]);
     assert!(store.spec(SpecCollection::Robot, "r").await.is_err());
+}
+
+#[tokio::test]
+async fn what_a_job_lacks_is_told_with_the_way_to_get_it() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let claimed = async |cell: &str| {
+        let request = JobRequest { cell: Named::Name(cell.to_owned()), ..JobRequest::new(mesh) };
+        let id = store.submit_one(&NewJob { request, ..new_job(mesh, 0) }).await.expect("a job").id;
+        store.claim_next().await.expect("the queue").expect("the job");
+        id
+    };
+    let told = async |id: JobId, name: &str| store.result(id, name).await.expect_err("there is none").to_string();
+    let (without_cell, in_cell) = (claimed("none").await, claimed("e05-transcan").await);
+    for id in [without_cell, in_cell] {
+        succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await;
+    }
+    for name in ["program.json", "program.mod"] {
+        let said = told(without_cell, name).await;
+        assert!(said.contains(&format!("has no {name}; it was planned without a cell")), "{said}");
+        assert_eq!(told(in_cell, name).await, format!("job {in_cell} has no {name}"));
+    }
+    assert!(told(in_cell, "candidates.json").await.contains("params.output.candidates"));
+    assert_eq!(told(without_cell, "nothing").await, format!("job {without_cell} has no nothing"));
+    let failed = claimed("none").await;
+    let report = Artifact { name: "report.txt".into(), bytes: b"no plan".to_vec() };
+    let stored = store.put_artifacts(Arc::new(vec![report])).await.expect("files");
+    let problem = JobProblem { code: "no_plan".into(), ..exhausted() };
+    store.end_attempt(failed, &AttemptOutcome::Failed(problem, stored.files.clone()), "{}").await.expect("an end");
+    let said = told(failed, "plan.json").await;
+    assert!(said.contains(&format!("is failed (no_plan, see /api/v1/jobs/{failed}/report); only")), "{said}");
+    let crashed = claimed("none").await;
+    store.end_attempt(crashed, &AttemptOutcome::Failed(exhausted(), Vec::new()), "{}").await.expect("an end");
+    let said = store.no_results(crashed, JobState::Failed).await.to_string();
+    assert!(said.contains(&format!("(exhausted, see /api/v1/jobs/{crashed});")), "{said}");
+}
+
+#[tokio::test]
+async fn a_deleted_job_that_had_succeeded_is_not_said_to_be_at_its_beginning() {
+    let opened = open().await;
+    let store = &opened.store;
+    let id = submit(store, add_mesh(store, b"one").await.id).await;
+    store.claim_next().await.expect("the queue").expect("a job");
+    succeed(store, id, Vec::new()).await;
+    store.delete_job(id, "hold", None).await.expect("ended");
+    let events = store.events_after(Some(id), 0, 100).await.expect("events").events;
+    let done: Vec<_> = events.iter().map(|event| (event.kind, event.fraction > 0.5)).collect();
+    assert_eq!(
+        done,
+        [(EventKind::Queued, false), (EventKind::Started, false), (EventKind::Succeeded, true), (EventKind::Deleted, true)]
+    );
 }

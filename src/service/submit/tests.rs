@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::inspection::InspectionParams;
+use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
+use crate::service::Options;
 use crate::service::store::Precondition;
-use crate::service::tests::{ended_job, service};
+use crate::service::tests::{ended_job, options, service};
 use crate::wire::inspection::RateCurveDocument;
 use crate::wire::{InspectionId, JobId, JobState, SpecCollection};
 
@@ -45,11 +47,7 @@ fn inspection(job_id: JobId) -> InspectionJob {
     }
 }
 
-/// Two inspections of the same scans leave the same state.
-#[tokio::test]
-async fn a_key_that_was_used_for_the_rescan_of_another_inspection_is_refused() {
-    let (app, _folder) = service().await;
-    let job = ended_job(&app).await.id;
+fn stored_rescan() -> StoredRescan {
     let none = || RateCurveDocument { bins: Vec::new(), points: Vec::new() };
     let state = RescanState {
         schema: String::new(),
@@ -64,12 +62,49 @@ async fn a_key_that_was_used_for_the_rescan_of_another_inspection_is_refused() {
         by_mirror: none(),
         by_depth: none(),
     };
+    StoredRescan { state, params: RescanParams::default() }
+}
+
+/// Two inspections of the same scans leave the same state.
+#[tokio::test]
+async fn a_key_that_was_used_for_the_rescan_of_another_inspection_is_refused() {
+    let (app, _folder) = service().await;
+    let job = ended_job(&app).await.id;
     let submitted = async |of: &InspectionJob| {
         let submission = Submission { idempotency_key: Some("key".to_owned()), ..Submission::default() };
-        app.submit_rescan(of, StoredRescan { state: state.clone(), params: RescanParams::default() }, submission).await
+        app.submit_rescan(of, stored_rescan(), submission).await
     };
     let (first, second) = (inspection(job), inspection(job));
     let accepted = submitted(&first).await.expect("accepted");
     assert_eq!(submitted(&first).await.expect("the same").id, accepted.id);
     assert!(matches!(submitted(&second).await, Err(Error::IdempotencyMismatch)));
+}
+
+#[tokio::test]
+async fn further_views_are_planned_on_the_file_of_a_mesh_that_was_deleted() {
+    let (app, _folder) = service().await;
+    let scanned = ended_job(&app).await;
+    let sha256 = app.mesh(scanned.mesh_id).await.expect("it").sha256;
+    app.delete_mesh(scanned.mesh_id).await.expect("no open job needs it");
+    let from = inspection(scanned.id);
+    let further = app.submit_rescan(&from, stored_rescan(), Submission::default()).await.expect("accepted").id;
+    app.job_when_ended(further, Duration::from_secs(60)).await.expect("it");
+    app.delete_job(scanned.id).await.expect("ended");
+    app.0.store.files().read(&sha256).expect("kept for the job of further views");
+    let gone = app.submit_rescan(&from, stored_rescan(), Submission::default()).await;
+    assert!(matches!(gone, Err(Error::JobNotFound(id)) if id == scanned.id), "{gone:?}");
+}
+
+/// No queue gets empty enough for it.
+#[tokio::test]
+async fn a_batch_beyond_the_limit_of_the_queue_is_not_told_to_come_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = Options { max_queued_jobs: 3, ..options(folder.path()) };
+    let app = App::open_with(options, Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new())), None).await.expect("a service");
+    let batch = JobBatchRequest { jobs: vec![JobRequest::new(MeshId::generate()); 4] };
+    let Err(Error::Invalid(errors)) = app.submit_batch(batch, Submission::default()).await else { panic!("accepted") };
+    assert_eq!(
+        errors,
+        [FieldError { pointer: "/jobs".to_owned(), detail: "has 4 entries; limits.queued_jobs allows 3".to_owned() }]
+    );
 }

@@ -47,14 +47,13 @@ pub struct ProgramCycle {
 }
 
 impl ProgramCycle {
-    /// The cycle of a program in a dialect, beside a plan that takes `planned_secs`.
+    /// The cycle of a program in a dialect, beside a plan that takes `planned_secs`, with the work before its first run.
     #[must_use]
-    pub fn new(dialect: Dialect, cycle_secs: f64, planned_secs: f64) -> Self {
+    pub fn new(dialect: Dialect, cycle_secs: f64, planned_secs: f64, before_first_run: Option<String>) -> Self {
         // A program differs from its plan only by moving table and arm in turn.
         let differs = (cycle_secs - planned_secs).abs() >= ALIKE_SECS;
         let set = if differs { BTreeMap::from([("motion.table".to_owned(), json!("alone"))]) } else { BTreeMap::new() };
         let command = (!set.is_empty()).then(|| options(&set));
-        let before_first_run = dialect.before_first_run().map(str::to_owned);
         Self { dialect, cycle_secs, set, command, before_first_run }
     }
 

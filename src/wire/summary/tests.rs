@@ -321,18 +321,24 @@ fn a_cycle_is_the_sum_of_its_parts() {
     let (cycle_secs, parts) = (summary.cycle_secs.expect("a cell"), summary.cycle_parts.expect("a cell"));
     assert!((cycle_secs - parts.moving_secs - parts.settling_secs - parts.scanning_secs).abs() < 1e-9, "{summary:?}");
     // The program of a controller that cannot turn the table with the arm takes longer, and both are told.
-    let program = |secs: f64| summary.clone().with_program(Some(ProgramCycle::new(Dialect::Hans, secs, cycle_secs)));
+    let program = |secs: f64| summary.clone().with_program(Some(ProgramCycle::new(Dialect::Hans, secs, cycle_secs, None)));
     let (longer, same) = (program(51.46), program(31.2));
     let told = "; 51.5 s as the robot's own program (hans), which moves table and arm in turn; to plan for that: --set motion.table=alone";
     assert_eq!(longer.cycle_text, summary.cycle_text.clone().map(|text| text + told));
     assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
     assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
     // A file that needs work before its first run says so; one that runs as it is says nothing.
-    let by_hand = summary.clone().with_program(Some(ProgramCycle::new(Dialect::Urscript, 31.2, cycle_secs)));
+    let work = Dialect::Urscript.before_first_run().map(str::to_owned);
+    let by_hand = summary.clone().with_program(Some(ProgramCycle::new(Dialect::Urscript, 31.2, cycle_secs, work)));
     let told = "Before the first run of the program (urscript): fill in vantage_table(angle_deg), which turns the table; until then \
                 the program stops there";
     assert!(by_hand.lines().contains(&told.to_owned()), "{:?}", by_hand.lines());
     assert!(!program(31.2).lines().iter().any(|line| line.contains("first run")));
+    // A program that was refused has neither a cycle nor work to do for it, but a reason.
+    let refused = by_hand.with_refused_program(Dialect::Hans, "the output is 12", "refused.json");
+    let told = "; NO PROGRAM for the robot (hans), see refused.json: the output is 12";
+    assert_eq!((&refused.program_cycle, &refused.cycle_text), (&None, &summary.cycle_text.clone().map(|text| text + told)));
+    assert!(!refused.lines().iter().any(|line| line.contains("first run")), "{:?}", refused.lines());
     with_cell.setups[0].sequence.iter_mut().for_each(|sequence| sequence.lower_bound_secs = 20.0);
     assert!(!Summary::of(&with_cell).cycle_text.expect("a cell").contains("optimal"));
 }

@@ -187,3 +187,9 @@ fn a_region_that_holds_nothing_is_told_with_its_list_and_where_the_part_is() {
         assert!(found.detail.contains("x 0.0 to 120.0, y -5.0 to 68.0, z 0.0 to 36.5 mm"), "{}", found.detail);
     }
 }
+
+#[test]
+fn warnings_of_a_plan_are_those_that_nobody_can_give_before() {
+    let of_plan: Vec<_> = WarningCode::ALL.into_iter().filter(|code| code.is_of_plan()).map(WarningCode::as_str).collect();
+    assert_eq!(of_plan, ["region_unmet", "fragile_under_pose_error", "exclusion_empty", "region_empty"]);
+}

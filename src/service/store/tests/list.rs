@@ -200,7 +200,7 @@ async fn a_batch_is_stored_whole_or_not_at_all() {
     let store = &opened.store;
     let mesh = add_mesh(store, b"one").await.id;
     let jobs: Vec<NewJob> = [0, 5, 0].map(|priority| new_job(mesh, priority)).into();
-    assert!(matches!(store.submit_batch(&jobs, None, 2).await, Err(Error::QueueFull { queued: 0 })));
+    assert!(matches!(store.submit_batch(&jobs, None, 2).await, Err(Error::QueueFull { queued: 0, asked: 3, limit: 2 })));
     let gone = [new_job(mesh, 0), NewJob { meshes: vec![MeshId::generate()], ..new_job(mesh, 0) }];
     assert!(matches!(store.submit_batch(&gone, None, 10).await, Err(Error::MeshNotFound(_))));
     assert!(listed(store, JobQuery::default(), 10).await.items.is_empty());
@@ -374,4 +374,22 @@ async fn lists_have_warnings_and_sender_without_the_body() {
     let seen: Vec<_> = items.iter().map(|job| (job.id, &job.warnings[..], job.submitted_by.as_deref())).collect();
     assert_eq!(seen, [(plain, &[][..], None), (id, &[warning][..], Some("mes"))]);
     assert_eq!(store.job(id).await.expect("it").submitted_by.as_deref(), Some("mes"));
+}
+
+#[tokio::test]
+async fn warnings_of_a_plan_join_those_of_its_job() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let warning =
+        |code: WarningCode| FieldWarning { code, pointer: "/params".into(), detail: String::new(), remedy: String::new() };
+    let new = NewJob { warnings: vec![warning(WarningCode::PartSmall)], ..new_job(mesh, 0) };
+    let id = store.submit_one(&new).await.expect("a job").id;
+    store.claim_next().await.expect("the queue").expect("the job");
+    let of_plan = vec![warning(WarningCode::RegionEmpty), warning(WarningCode::FragileUnderPoseError)];
+    let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: None, warnings: of_plan.clone() };
+    store.end_attempt(id, &outcome, "{}").await.expect("an end");
+    assert_eq!(store.job(id).await.expect("it").warnings, of_plan, "its input has none");
+    let listed = listed(store, JobQuery::default(), 10).await.items.remove(0).warnings;
+    assert_eq!(listed, [new.warnings, of_plan].concat());
 }

@@ -31,7 +31,7 @@ async fn summarised(store: &Store) -> JobId {
     let mesh = add_mesh(store, b"one").await.id;
     let id = submit(store, mesh).await;
     store.claim_next().await.expect("the queue").expect("the job");
-    let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: Some(Box::new(summary())) };
+    let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: Some(Box::new(summary())), warnings: Vec::new() };
     assert_eq!(store.end_attempt(id, &outcome, "{}").await.expect("an end"), JobState::Succeeded);
     id
 }
@@ -85,7 +85,7 @@ async fn a_summary_goes_with_its_job_and_a_job_that_was_cancelled_has_none() {
     let cancelled = submit(store, mesh).await;
     store.claim_next().await.expect("the queue").expect("the job");
     store.cancel(cancelled).await.expect("asked");
-    let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: Some(Box::new(summary())) };
+    let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: Some(Box::new(summary())), warnings: Vec::new() };
     assert_eq!(store.end_attempt(cancelled, &outcome, "{}").await.expect("an end"), JobState::Cancelled);
     assert_eq!((count().await, store.job(cancelled).await.expect("it").summary), (0, None));
 }

@@ -1,0 +1,87 @@
+use super::*;
+use crate::cell::{CollisionScene, Configuration, Presets, SpecLibrary};
+use crate::planning::ids::ViewId;
+use crate::program::{Move, Step};
+
+/// The default cell, whose robot is Han's.
+fn cell() -> Cell {
+    Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it builds")
+}
+
+/// A program that turns the table, scans at each of some brightness levels, and turns it back.
+fn program(cell: &Cell, levels: &[u8]) -> Program {
+    let (home, mut turned) = (cell.home_rad, cell.home_rad);
+    turned.table_rad += 0.5;
+    let travel = |from: Configuration, target_rad: Configuration| {
+        Step::Move(Move {
+            via_rad: Vec::new(),
+            target_rad,
+            speed_fraction: 0.25,
+            duration_secs: cell.axes().path_secs([&from, &target_rad], 0.25),
+            passed_within_rad: None,
+        })
+    };
+    let scans = levels.iter().map(|&brightness| Step::Scan { view: ViewId(7), brightness, capture_secs: 1.0 });
+    let mut steps = vec![travel(home, turned), Step::Settle { secs: 0.3 }];
+    steps.extend(scans);
+    steps.push(travel(turned, home));
+    Program {
+        plan_sha256: "0123456789abcdef".repeat(4),
+        setup: 0,
+        calibration: None,
+        robot: cell.robot.name.clone(),
+        turntable: cell.turntable.name.clone(),
+        home_rad: home,
+        cycle_secs: steps.iter().map(Step::secs).sum(),
+        steps,
+    }
+}
+
+/// Cycle of the program in a dialect, and its file with what is refused, as a plan with these parameters has them.
+fn told(dialect: Dialect, levels: &[u8], params: &DialectParams) -> (Result<Option<ProgramCycle>, String>, Vec<Artifact>) {
+    let mut cell = cell();
+    cell.robot.dialect = Some(dialect);
+    let (scene, programs) = (CollisionScene::without_part(&cell, 5.0), [program(&cell, levels)]);
+    let checked = CheckedProgram::new(&programs[0], &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    let rendered = vec![in_dialect(Ok(&checked), dialect, "program", params)];
+    let cycle = own_cycle(dialect, &programs, &[Ok(checked)], &rendered);
+    let (mut files, mut refused) = (Files::new(), Refused::new());
+    rendered.into_iter().flatten().for_each(|program| program.sort_into(&mut files, &mut refused));
+    files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));
+    (cycle, files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
+}
+
+#[test]
+fn a_program_that_is_refused_has_no_cycle_but_a_reason() {
+    let far = DialectParams { scan_output: 12, ..DialectParams::default() };
+    for (dialect, params, file, reason) in [
+        (Dialect::Hans, &far, "program.cps", "dialects.scan_output is 12; hans has 0 to 7"),
+        (Dialect::Fanuc, &DialectParams::default(), "program.ls", "dialects.fanuc_joint_3_from"),
+    ] {
+        let (cycle, files) = told(dialect, &[5], params);
+        let refused = cycle.expect_err("refused");
+        assert!(refused.contains(reason), "{refused}");
+        assert!(bytes_of(&files, file).is_empty(), "{file} is written");
+        assert_eq!(refused_programs(&files, dialect), [(file.to_owned(), refused)]);
+        assert_eq!(refused_programs(&files, Dialect::Rapid), [], "another language's are not the robot's");
+    }
+    // One warning for a program of two files.
+    let none = DialectParams { scan_input: 0, ..DialectParams::default() };
+    let (_, files) = told(Dialect::Krl, &[5], &none);
+    let names: Vec<String> = refused_programs(&files, Dialect::Krl).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["program.src"]);
+}
+
+#[test]
+fn a_program_that_is_written_has_its_cycle_and_the_work_before_its_first_run() {
+    let cycle = |dialect, levels: &[u8]| {
+        let (cycle, files) = told(dialect, levels, &DialectParams::default());
+        assert_eq!(refused_programs(&files, dialect), []);
+        cycle.expect("written").expect("a program")
+    };
+    assert_eq!(cycle(Dialect::Hans, &[5, 9]).before_first_run, None, "the sender is told each level");
+    assert_eq!(cycle(Dialect::Robodk, &[5]).before_first_run, None);
+    let work = cycle(Dialect::Robodk, &[5, 9]).before_first_run.expect("the levels");
+    assert!(work.contains("(5 and 9)"), "{work}");
+    assert_eq!(own_cycle(Dialect::Hans, &[], &[], &[]), Ok(None), "no cell, or no view");
+}
