@@ -24,7 +24,7 @@ use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
 use crate::report::html::NoPlanReason;
 use crate::service::plan_job::{
-    Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, plan_sha256,
+    Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, plan_sha256, refused_programs,
 };
 use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
@@ -282,6 +282,7 @@ impl<'a> PartPlanner<'a> {
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
         let timings = || Artifact { name: TIMINGS_FILE.into(), bytes: json_file_bytes(&watch.times()) };
         folder.replace_timed(&artifacts, &timings, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
+        warn_of_refused(self.cell.as_ref(), &artifacts, folder.path());
         Ok(PlannedPart { outcome, artifacts })
     }
 
@@ -315,6 +316,16 @@ fn without_plan(error: CliError, report: &[Artifact], folder: &OutputFolder) -> 
         Err(kept) => output::note(format_args!("results of an earlier plan could not be replaced: {kept}")),
     }
     error
+}
+
+/// Warns of programs in the robot's own language that are not among the files.
+pub(super) fn warn_of_refused(cell: Option<&Cell>, artifacts: &[Artifact], folder: &Path) {
+    let refused = cell.and_then(|cell| cell.robot.dialect).map(|dialect| refused_programs(artifacts, dialect));
+    let remedy =
+        format!("plan again with what it asks for; all that was refused stands in {}", folder.join(REFUSED_FILE).display());
+    for (name, reason) in refused.unwrap_or_default() {
+        output::warning(&name, "", &format!("is not written, so that there is no program for the robot: {reason}"), &remedy);
+    }
 }
 
 /// Returns true if the pose of the part is a parameter that its user set.

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, programs};
-use super::plan::{now, pool, print_summary, to_cli_error};
+use super::plan::{now, pool, print_summary, to_cli_error, warn_of_refused};
 use super::progress::{Course, Progress};
 use super::scanned_part::{ScannedPartArgs, read_state, with_sets};
 use super::{CliError, files, output};
@@ -96,5 +96,6 @@ pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let artifacts = planned?;
     let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
     folder.replace(&artifacts, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
+    warn_of_refused(scanned.cell.as_ref(), &artifacts, folder.path());
     print_summary(output::is_json(), folder.path(), &artifacts)
 }

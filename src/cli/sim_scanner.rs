@@ -12,6 +12,7 @@ use crate::inspection::simulated_scanner::SimulationParams;
 use crate::planning::context::{Context, Silent};
 use crate::service::inspect_job::PlannedViews;
 use crate::service::simulate_scans::{SimulatedScans, TRUTH_FILE, scan_file};
+use crate::wire::words::counted;
 
 /// Scan the views of a plan with a simulated scanner.
 #[derive(Clone, Debug, clap::Args)]
@@ -76,6 +77,6 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     let taken = taken.map_err(|_| CliError::Cancelled("interrupted; nothing was written".into()))?;
     folder.replace(&taken, &FileOrigin { plan_sha256: Some(scanned.plan_sha256.clone()), made_from: None })?;
     let written: Vec<&str> = taken.iter().map(|file| file.name.as_ref()).collect();
-    let words = format!("{} scans in {}\n", written.len() - 1, folder.path().display());
+    let words = format!("{} in {}\n", counted(written.len() - 1, "scan"), folder.path().display());
     output::result(&serde_json::json!({ "out": folder.path(), "files": written }), words)
 }

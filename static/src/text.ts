@@ -208,7 +208,7 @@ export const text = {
     remedies: { other_view: "add a view", brighter: "scan brighter", darker: "scan darker", spray: "spray the part", nothing: "no remedy" } as Record<string, string>,
     deviation: "Deviation", nothing: "Nothing was measured.", histogram: "Measured area by deviation", histogramNote: "The first and the last class hold everything beyond.", areaOf: "Area", statistics: "Statistics of the deviation",
     mean: "Mean", percentile: (n: number) => `${n === 1 ? "1st" : `${n}th`} percentile`, median: "Median", farthest: "Farthest from 0", compared: "Measured area", inTolerance: "In tolerance",
-    leftOut: (points: string, turned: string, off: string) => `${points} points left out as steep, turned by more than 30° against the model; ${turned} of the area has only such points, ${off} has material missing or extra beyond the search distance.`,
+    leftOut: (points: string, turned: string, off: string) => `${points} points left out as steep, turned by more than 30° against the model; ${turned} of the area has only such points, ${off} lies beyond the search distance and is not judged: raise compare.search_mm.`,
     leftOutOf: (turned: string, off: string) => `Steep points alone: ${turned}; beyond the search distance: ${off}`,
     comparedAt: (method: string, freedoms: number, points: string) => `Alignment: ${method}; ${freedoms} of 6 freedoms fixed by the surface; ${points} points compared.`,
     worst: "Spots that deviate most", kinds: { missing: "missing material", extra: "extra material" } as Record<string, string>, spot: (mean: string, size: string, at: string) => `mean ${mean}, ${size}, at ${at}`,

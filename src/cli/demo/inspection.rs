@@ -18,6 +18,7 @@ use crate::service::{App, ScanUpload, Submission};
 use crate::wire::inspection::{InspectionJob, InspectionRequest, RescanRequest};
 use crate::wire::plan::PlanDocument;
 use crate::wire::run::RunRecordDocument;
+use crate::wire::words::counted;
 use crate::wire::{JobId, JobState, RunId, parse};
 
 /// Cell of the sample: that of a request which names none.
@@ -61,7 +62,7 @@ pub(super) async fn show(app: &App, job: JobId, run: RunId) -> Result<(), Failur
     let rescan = app.job_when_ended(rescan.id, PATIENCE).await?;
     let words = match (rescan.state, rescan.summary, rescan.problem) {
         (JobState::Succeeded, Some(summary), _) => {
-            format!("{} further views are planned for what is missing: job {}.", summary.views, rescan.id)
+            format!("Planned for what is missing: {}, job {}.", counted(summary.views, "further view"), rescan.id)
         }
         (_, _, problem) => problem.map_or_else(String::new, |problem| problem.detail),
     };

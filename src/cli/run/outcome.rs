@@ -14,6 +14,7 @@ use crate::wire::json_file_bytes;
 use crate::wire::run::{
     DeviceStopDocument, RUN_RECORD_SCHEMA, ReportedReason, ReportedState, Run, RunRecordDocument, RunStepOp, RunStepRecord,
 };
+use crate::wire::words::counted;
 
 /// File for the record.
 pub(super) struct RecordFile {
@@ -84,11 +85,11 @@ impl RunOutcome {
     fn words(&self) -> String {
         let RunRecordDocument { run, steps, .. } = &self.document;
         let mut words = format!(
-            "{}: {} of {} steps, {} scans, {:.1} s\n",
+            "{}: {} of {} steps, {}, {:.1} s\n",
             run.state.as_str(),
             steps.iter().filter(|step| step.op != RunStepOp::Locate).count(),
             run.steps,
-            run.scans,
+            counted(run.scans, "scan"),
             run.elapsed_secs
         );
         let scans = || steps.iter().filter(|step| step.op == RunStepOp::Scan);

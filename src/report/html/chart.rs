@@ -20,10 +20,10 @@ pub(super) fn curve(coverage: &Coverage) -> String {
     let shares: Vec<f64> = coverage.curve_area_mm2.iter().map(|area_mm2| share(*area_mm2, coverage.asked_area_mm2)).collect();
     let Some(last) = shares.last() else { return String::new() };
     let chart = Chart { views: shares.len() };
+    let after = if shares.len() == 1 { "1 view".to_owned() } else { format!("each of {} views", shares.len()) };
     let mut svg = format!(
-        "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Measured share of the asked area after \
-         each of {} views, ending at {}\">\n",
-        shares.len(),
+        "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Measured share of the asked area after {after}, \
+         ending at {}\">\n",
         percent(*last)
     );
     chart.axes(&mut svg);
@@ -95,5 +95,20 @@ impl Chart {
             let _ =
                 writeln!(svg, "<text class=\"value\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"end\">{}</text>", percent(*share));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_view_is_no_views() {
+        let label = |curve_area_mm2: &[f64]| {
+            let coverage = Coverage { asked_area_mm2: 100.0, curve_area_mm2: curve_area_mm2.to_vec(), ..Coverage::default() };
+            let svg = curve(&coverage);
+            svg.split_once("area after ").and_then(|(_, rest)| rest.split_once(',')).expect("a label").0.to_owned()
+        };
+        assert_eq!([label(&[50.0]), label(&[50.0, 75.0])], ["1 view", "each of 2 views"]);
     }
 }

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-YXXQMCZI.js";import"./chunk-WLVDOSYS.js";import"./chunk-73AIJXES.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-J4XLX4SO.js";export{a as drawThumbnail,b as drawTurned};
