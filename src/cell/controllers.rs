@@ -155,11 +155,6 @@ impl ControllersSpec {
         findings.require(is_carried || self.table != TableControllerSpec::WithArm {}, "/table/protocol", || {
             format!("is with_arm; the driver of {} has no external axis: give the table a controller of its own", self.arm.name())
         });
-        let is_digital = matches!(self.trigger, TriggerSpec::Digital(_));
-        findings.require(!is_digital || self.arm.has_digital_signals(), "/trigger/protocol", || {
-            let arm = self.arm.name();
-            format!("is digital; the driver of {arm} has no digital signals: trigger the scanner by http or by a command")
-        });
         findings.into_result()
     }
 }
@@ -221,8 +216,9 @@ impl ArmControllerSpec {
         }
     }
 
-    /// True if the driver sets outputs of the controller and reads its inputs.
-    fn has_digital_signals(&self) -> bool {
+    /// Returns true if the driver sets outputs of the controller and reads its inputs.
+    #[must_use]
+    pub fn has_digital_signals(&self) -> bool {
         match self {
             Self::Hans(_) => true,
             Self::Ur(_) | Self::FanucRmi(_) | Self::KukaRsi(_) | Self::AbbEgm(_) => false,

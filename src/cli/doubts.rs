@@ -10,7 +10,7 @@ use super::check::warn;
 use super::files::{self, FileLibrary};
 use crate::cell::{
     ArmControllerSpec, ControllersSpec, JointThreeOrigin, KinematicsSpec, PoseSpec, Presets, RobotSpec, ScannerSpec, SpecKind,
-    SpecLibrary, metres_in_mm,
+    SpecLibrary, TriggerSpec, metres_in_mm,
 };
 use crate::check::kind_of;
 use crate::geometry::{Base, Table};
@@ -80,12 +80,22 @@ pub(super) fn of_params(params: &Value) -> Vec<FieldWarning> {
     doubts
 }
 
-/// Doubts about the controller of an arm beside the robot of its cell, which is named or written out: one of another maker, and
-/// one that counts joint 3 otherwise than the robot is planned.
+/// Doubts about controllers beside the robot of their cell, which is named or written out: an arm's of another maker, one that counts
+/// joint 3 otherwise than the robot is planned, and a trigger by signals that the arm's driver does not have.
 pub(super) fn of_controllers(controllers: &ControllersSpec, robot: &Value) -> Vec<FieldWarning> {
     let robot: Option<RobotSpec> = robot.as_str().map_or_else(|| decode(robot).ok(), |name| FileLibrary.robot(name).ok());
     let doubts = |robot: &RobotSpec| [of_maker(&controllers.arm, robot), of_joint_3(&controllers.arm, robot)];
-    robot.as_ref().map(doubts).into_iter().flatten().flatten().collect()
+    robot.as_ref().map(doubts).into_iter().flatten().chain([of_trigger(controllers)]).flatten().collect()
+}
+
+/// Doubt about a trigger with which no run begins.
+fn of_trigger(controllers: &ControllersSpec) -> Option<FieldWarning> {
+    let is_digital = matches!(controllers.trigger, TriggerSpec::Digital(_));
+    (is_digital && !controllers.arm.has_digital_signals()).then(|| {
+        let detail =
+            format!("is digital; the driver of {} has no digital signals, so that no run begins", controllers.arm.name());
+        doubt("/controllers/trigger/protocol", detail, "trigger the scanner by http or by a command")
+    })
 }
 
 /// Doubt about a controller whose maker is not that of the robot.
@@ -109,8 +119,11 @@ fn of_joint_3(arm: &ArmControllerSpec, robot: &RobotSpec) -> Option<FieldWarning
         KinematicsSpec::Ur(_) | KinematicsSpec::Chain(_) => None,
     };
     let planned = if from_ground == Some(true) { JointThreeOrigin::Ground } else { JointThreeOrigin::UpperArm };
-    let told = rmi.joint_3_from.filter(|told| *told != planned);
-    told.map(|told| {
+    let Some(told) = rmi.joint_3_from else {
+        let detail = "is not given, so that nothing is sent to the arm".to_owned();
+        return Some(doubt("/controllers/arm/joint_3_from", detail, format!("give {:?}", planned.as_str())));
+    };
+    (told != planned).then(|| {
         let [is, meant] = [told, planned].map(JointThreeOrigin::as_str);
         let or_the_robot = from_ground.map_or_else(String::new, |from_ground| {
             format!(", or set the robot's kinematics.joint_3_from_ground = {}", !from_ground)
@@ -344,6 +357,24 @@ mod tests {
         let [doubt] = &of_controllers(&section("ground"), &other)[..] else { panic!("one doubt") };
         assert_eq!((doubt.pointer.as_str(), doubt.remedy.as_str()), ("/controllers/arm/joint_3_from", "give \"upper_arm\""));
         assert_eq!(of_controllers(&section("upper_arm"), &other), []);
+        let mut unsaid = section("ground");
+        let ArmControllerSpec::FanucRmi(rmi) = &mut unsaid.arm else { panic!("fanuc_rmi") };
+        rmi.joint_3_from = None;
+        let [doubt] = &of_controllers(&unsaid, &named)[..] else { panic!("one doubt") };
+        assert!(doubt.detail.starts_with("is not given") && doubt.remedy == "give \"ground\"", "{doubt:?}");
+    }
+
+    #[test]
+    fn a_trigger_by_signals_that_the_driver_does_not_have_is_doubted() {
+        let section = |arm: Value| -> ControllersSpec {
+            let (table, trigger) = (json!({"protocol": "with_arm"}), json!({"protocol": "digital", "output": 1, "input": 1}));
+            serde_json::from_value(json!({"arm": arm, "table": table, "trigger": trigger})).expect("a section")
+        };
+        let hans = section(json!({"protocol": "hans", "address": "10.0.0.2:10003"}));
+        assert_eq!(of_controllers(&hans, &json!("hans-e05")), []);
+        let kuka = section(json!({"protocol": "kuka_rsi", "address": "10.0.0.1:49152"}));
+        let doubts = of_controllers(&kuka, &json!("nobody.toml"));
+        assert_eq!(doubts.iter().map(|doubt| doubt.pointer.as_str()).collect::<Vec<_>>(), ["/controllers/trigger/protocol"]);
     }
 
     #[test]

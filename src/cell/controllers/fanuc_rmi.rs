@@ -23,7 +23,7 @@ closed_list! {
 pub struct FanucRmiSpec {
     /// Address, `HOST:PORT`; the port is 16001.
     pub address: String,
-    /// Link from which programs count joint 3. It has no default: a wrong one sends the arm elsewhere.
+    /// Link from which programs count joint 3. It has no default, since a wrong one sends the arm elsewhere: without it nothing is sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_3_from: Option<JointThreeOrigin>,
     /// Motion groups of a session as a bit mask, 1 to 128, one bit of it; needed where the controller has several. Default: not sent.
@@ -34,11 +34,6 @@ pub struct FanucRmiSpec {
 impl FanucRmiSpec {
     pub(super) fn check(&self, pointer: &str, findings: &mut Findings) {
         check_socket(&format!("{pointer}/address"), &self.address, findings);
-        findings.require(self.joint_3_from.is_some(), format!("{pointer}/joint_3_from"), || {
-            "is not given; give \"ground\" for a robot with kinematics.joint_3_from_ground = true, \"upper_arm\" for any other, such as \
-             one from a URDF"
-                .to_owned()
-        });
         if let Some(mask) = self.group_mask {
             findings.require(mask.is_power_of_two(), format!("{pointer}/group_mask"), || {
                 format!("is {mask}; allowed is one group: 1, 2, 4, 8, 16, 32, 64 or 128")
