@@ -291,27 +291,44 @@ impl App {
         self.record_outcome(id, outcome, timings).await
     }
 
-    /// Records the outcome of an attempt. One that the store refuses twice becomes a failure with the reason, and that is tried until
-    /// it is stored: the job does not stay `running`. `None` where the service stops, and for a job that was deleted.
-    async fn record_outcome(&self, id: JobId, mut outcome: AttemptOutcome, timings: &BTreeMap<String, f64>) -> Option<JobState> {
+    /// Records the outcome of an attempt. One that the store refuses twice becomes a failure with the reason. `None` where nothing is
+    /// stored yet, where the service stops, and for a job that was deleted.
+    async fn record_outcome(&self, id: JobId, outcome: AttemptOutcome, timings: &BTreeMap<String, f64>) -> Option<JobState> {
         let timings = serde_json::to_string(timings).unwrap_or_else(|_| "{}".to_owned());
-        let mut pause = STORE_RETRY;
-        loop {
-            let error = match self.end_attempt(id, &outcome, &timings).await {
-                Ok(state) => return Some(state),
-                // The job was deleted, or its row was lost: there is nothing to record.
-                Err(Error::JobNotFound(_)) => return None,
-                Err(error) => error,
-            };
-            tracing::error!(error = &error as &dyn std::error::Error, "a job's outcome cannot be recorded");
-            if self.0.stopping.is_cancelled() {
-                return None;
+        let error = match self.try_to_end(id, &outcome, &timings).await {
+            Ok(state) => return state,
+            Err(error) => error,
+        };
+        self.pause(STORE_RETRY).await;
+        if let Ok(state) = self.try_to_end(id, &outcome, &timings).await {
+            return state;
+        }
+        let failed = AttemptOutcome::Failed(unstored(&error), Vec::new());
+        if let Ok(state) = self.try_to_end(id, &failed, &timings).await {
+            return state;
+        }
+        // The job does not stay `running`, nor does it hold its place until then.
+        let app = self.clone();
+        tokio::spawn(async move {
+            while !app.0.stopping.is_cancelled() {
+                app.pause(MAX_STORE_RETRY).await;
+                if app.try_to_end(id, &failed, &timings).await.is_ok() {
+                    return;
+                }
             }
-            if pause > STORE_RETRY {
-                outcome = AttemptOutcome::Failed(unstored(&error), Vec::new());
+        });
+        None
+    }
+
+    /// Stores the outcome of an attempt; `None` for a job that was deleted, or whose row was lost: there is nothing to record.
+    async fn try_to_end(&self, id: JobId, outcome: &AttemptOutcome, timings: &str) -> Result<Option<JobState>, Error> {
+        match self.end_attempt(id, outcome, timings).await {
+            Ok(state) => Ok(Some(state)),
+            Err(Error::JobNotFound(_)) => Ok(None),
+            Err(error) => {
+                tracing::error!(error = &error as &dyn std::error::Error, "a job's outcome cannot be recorded");
+                Err(error)
             }
-            self.pause(pause).await;
-            pause = MAX_STORE_RETRY;
         }
     }
 
