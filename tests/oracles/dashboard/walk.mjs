@@ -679,6 +679,7 @@ async function control() {
 /** A run that pauses after each step is begun and led on by its button. */
 async function stepped(id) {
   await page.goto(`${base}#/jobs/${id}/cell`);
+  await page.locator(".player .primary").waitFor();
   await begin({ time_factor: "20", single_step: true });
   await page.locator("#run-state.armed").waitFor();
   await page.getByRole("button", { name: "Resume", exact: true, disabled: false }).waitFor();
