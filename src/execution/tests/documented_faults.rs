@@ -90,9 +90,10 @@ const HEAD: &str = "\
 # Faults, and the state that each ends a run in
 
 Written by the test `every_fault_of_the_real_drivers_ends_as_documented_and_nothing_moves_after` (`UPDATE_GOLDEN=1` writes it anew):
-the drivers of Han's controllers and of the MINAS A6 against their simulated controllers, each fault brought about in each state of a live run. After each
-end nothing moves; a stop that cannot reach an arm by Han's leaves it to finish the one move that it holds, and a table on a MINAS A6
-to its own communication time-out. A run that cannot be armed stays ready. Words after the colon are the reason's code. Nothing is resumed by itself.
+the drivers of Han's controllers and of the MINAS A6 against their simulated controllers, each fault injected in each state of a live run. After
+each end nothing moves, with two exceptions: a Han's arm that a stop cannot reach finishes the one move that it holds, and a MINAS A6 table
+runs until its own communication time-out. A run that cannot be armed stays ready. A cell of the table reads `state: reason code`. Nothing is
+resumed by itself.
 
 ";
 

@@ -1,4 +1,4 @@
-//! Bound of the choice: the fewest views that any choice from the same candidates needs, by the linear
+//! Bound of the choice: a lower bound on the number of views of any choice from the same candidates, by the linear
 //! relaxation and exact arithmetic (`multipliers.rs`); `certified` raises it by branch and bound.
 //!
 //! Goals that count: every goal, the plan's own target first; where the plan does not reach a goal (the

@@ -28,7 +28,7 @@ pub(super) use subset::{sample_some, systematic};
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
 /// Default number of samples that a part gets at least: a share of the area is then known to about 0.1 points.
 const SAMPLES_BY_DEFAULT: f64 = 50_000.0;
-/// Largest number of patches or samples of one part: bounds memory to about 8 GiB.
+/// Largest number of patches or samples of one part: together they take about 24 GiB.
 const MAX_SAMPLES: f64 = 40e6;
 
 /// Patches, or samples, between two looks at whether to go on.
