@@ -6,34 +6,35 @@ use std::sync::atomic::AtomicBool;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::pool;
 use super::scanned_part::{RecordArgs, ScannedPartArgs, read_state, with_sets};
-use super::{CliError, files, output};
+use super::{CliError, files, output, params};
 use crate::geometry::LengthUnit;
 use crate::inspection::InspectionParams;
 use crate::inspection::ingest::ScanFrame;
 use crate::planning::context::{Context, Silent};
 use crate::report::inspection_text;
 use crate::service::inspect_job::{INSPECTION_FILES, InspectError, InspectJob, ScanSource};
+use crate::wire::parameters;
 
 /// Endings of the names of files that a folder of scans is searched for.
 const ENDINGS: [&str; 9] = ["ply", "pcd", "e57", "xyz", "asc", "pts", "csv", "stl", "obj"];
 
-/// Compare scans with the plan of a part.
-#[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:
+const EXAMPLES: &str = "Examples:
   vantage compare plan scans --mesh part.stl --unit mm --out inspection
   vantage compare plan/plan.json scans/view_*.ply --mesh part.stl --unit mm \\
       --frame scanner --scan-unit mm --set align.method=as_placed \\
       --out inspection
 
 Scans are PLY, PCD, E57, XYZ or STL files: one of each view, whose number is the last one in its name, or one of all views. Unit and \
-frame are found out where they are not given. Parameters: align.method (as_placed, best_fit, best_fit_on), align.region, \
-align.prior_deg, align.prior_mm, compare.tolerance_mm, compare.normal_deg, compare.search_mm, compare.band_deg, compare.edge_px, \
-compare.edge_step_mm.
+frame are found out where they are not given. `vantage compare --help` lists the parameters for --set.
 
 Files written to --out: inspection.html (open this first), inspection.txt, inspection.json, losses.json, learned.json, coverage.csv, \
 deviation.csv, deviation.ply, and rescan.json, from which `vantage rescan` plans further views.
 
-Exit codes: 0 success, 1 system error, 2 bad input, 4 interrupted.")]
+Exit codes: 0 success, 1 system error, 2 bad input, 4 interrupted.";
+
+/// Compare scans with the plan of a part.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}{}", params::for_help(&parameters::of_inspections())))]
 pub struct CompareArgs {
     #[command(flatten)]
     part: ScannedPartArgs,
@@ -75,6 +76,7 @@ pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let folder = OutputFolder::prepare(&args.out, OutputWriter::Inspection, &INSPECTION_FILES)?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
+    args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;
     let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before };
     let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
     let inspected = pool.install(|| job.inspect(&scanned.part(), &progress, &Context::new(cancel, &Silent)));

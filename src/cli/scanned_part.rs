@@ -19,7 +19,7 @@ use crate::service::rescan_job::RESCAN_STATE_FILE;
 use crate::wire::decode;
 use crate::wire::inspection::RescanState;
 use crate::wire::plan::PlanDocument;
-use crate::wire::run::RunRecordDocument;
+use crate::wire::run::{RunMode, RunRecordDocument};
 
 /// The plan that was scanned, and what it was made for.
 #[derive(Clone, Debug, clap::Args)]
@@ -56,6 +56,17 @@ impl RecordArgs {
     /// Reads the record, where there is one.
     pub(super) fn load(&self) -> Result<Option<RunRecordDocument>, CliError> {
         self.record.as_deref().map(read_record).transpose()
+    }
+
+    /// Refuses the record of a run of another plan, whose views were taken from elsewhere.
+    pub(super) fn check_plan(&self, record: Option<&RunRecordDocument>, plan_sha256: &str) -> Result<(), CliError> {
+        match (&self.record, record) {
+            (Some(path), Some(record)) if record.run.plan_sha256 != plan_sha256 => Err(CliError::BadInput(format!(
+                "{}: is the record of a run of another plan\n  → name the record of the run that carried out this one's program",
+                path.display()
+            ))),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -122,7 +133,15 @@ fn named(error: CliError, is_of_plan: bool, option: &str) -> CliError {
 }
 
 fn read_record(path: &Path) -> Result<RunRecordDocument, CliError> {
-    files::of_kind(files::value(path)?, ("a record of a run", None), &path.display().to_string())
+    let shown = path.display().to_string();
+    let record: RunRecordDocument = files::of_kind(files::value(path)?, ("a record of a run", None), &shown)?;
+    if record.run.mode == RunMode::DryRun {
+        return Err(CliError::BadInput(format!(
+            "{shown}: is the record of a dry run, which moves nothing and takes no scans\n  → name the record of the run in which \
+             they were taken, or leave --record out, so that the poses of the plan count"
+        )));
+    }
+    Ok(record)
 }
 
 impl ScannedPart {
@@ -179,4 +198,44 @@ pub(super) fn read_state(inspection: &Path) -> Result<RescanState, CliError> {
     let shown = file.display().to_string();
     decode(&files::value(&file)?)
         .map_err(|error| CliError::BadInput(format!("{shown}: {error}\n  → name the folder that `vantage compare` wrote")))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::wire::run::RUN_RECORD_SCHEMA;
+
+    /// The record of a run of the plan `ab`, in a file.
+    fn record_of(mode: RunMode, folder: &Path) -> RecordArgs {
+        let path = folder.join("run.json");
+        let run = json!({
+            "id": "01a1f77c-78a1-7554-855a-a9513c22aa2b", "state": "done", "reason": "all_steps", "mode": mode.as_str(), "setup": 0,
+            "cell": "cell", "plan_sha256": "ab", "program_sha256": "cd", "speed_override": 1.0, "time_factor": 1.0,
+            "single_step": false, "from_step": 0, "locate": false, "step": 9, "steps": 9, "scans": 3, "planned_secs": 9.0,
+            "elapsed_secs": 9.0, "objections": [], "created_at": "", "notice": "",
+        });
+        let record = json!({"schema": RUN_RECORD_SCHEMA, "run": run, "steps": []});
+        std::fs::write(&path, record.to_string()).expect("a file");
+        RecordArgs { record: Some(path) }
+    }
+
+    /// The record of a dry run was once accepted, and so was that of another plan, whose poses then counted.
+    #[test]
+    fn a_record_has_to_be_of_a_run_of_the_plan_that_takes_scans() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let refused = |result: Result<(), CliError>, wanted: [&str; 3]| {
+            let Err(CliError::BadInput(told)) = result else { panic!("{result:?}") };
+            assert!(wanted.iter().all(|words| told.contains(*words)), "{told}");
+        };
+        let dry = record_of(RunMode::DryRun, folder.path()).load().map(drop);
+        refused(dry, ["run.json", "a dry run, which moves nothing", "leave --record out"]);
+        let of_run = record_of(RunMode::Live, folder.path());
+        let record = of_run.load().expect("a record");
+        of_run.check_plan(record.as_ref(), "ab").expect("its plan");
+        refused(of_run.check_plan(record.as_ref(), "ef"), ["run.json", "of another plan", "this one's program"]);
+        let none = RecordArgs { record: None };
+        none.check_plan(none.load().expect("nothing to read").as_ref(), "ef").expect("the poses of the plan");
+    }
 }

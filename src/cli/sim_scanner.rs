@@ -6,26 +6,28 @@ use std::sync::atomic::AtomicBool;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_mesh, pool};
 use super::scanned_part::{RecordArgs, ScannedPartArgs, with_sets};
-use super::{CliError, files, output};
+use super::{CliError, files, output, params};
 use crate::geometry::LengthUnit;
 use crate::inspection::simulated_scanner::SimulationParams;
 use crate::planning::context::{Context, Silent};
 use crate::service::inspect_job::PlannedViews;
 use crate::service::simulate_scans::{SimulatedScans, TRUTH_FILE, scan_file};
+use crate::wire::parameters;
 use crate::wire::words::counted;
 
-/// Scan the views of a plan with a simulated scanner.
-#[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:
+const EXAMPLES: &str = "Examples:
   vantage sim scanner plan --mesh part.stl --unit mm --out scans
   vantage sim scanner plan --mesh part.stl --unit mm --set step_px=8 \\
       --set grazing_deg=[65,80] --set view_error_mm=0.2 --out scans
   vantage compare plan scans --mesh part.stl --unit mm --out inspection
 
 Writes an organised cloud for each view (PLY, mm, scanner frame) and truth.json: poses as they really were, and what became of every \
-pixel. Parameters: step_px, seed, noise_best_mm, noise_depth_gain, correlated_noise_px, correlation_px, grazing_deg, lobe_deg, edge_px, \
-edge_step_mm, concave_mm, concave_dihedral_deg, albedo, brightness, signal, view_error_deg, view_error_mm, part_error_deg, \
-part_error_mm, with_surroundings. Nothing simulated here is a proof that a real scanner does the same.")]
+pixel. `vantage sim scanner --help` lists the parameters for --set. Nothing simulated here is a proof that a real scanner does the \
+same.";
+
+/// Scan the views of a plan with a simulated scanner.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}{}", params::for_help(&parameters::of_simulated_scans())))]
 pub(super) struct SimScannerArgs {
     #[command(flatten)]
     part: ScannedPartArgs,
@@ -60,6 +62,7 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(args.as_built_unit), cancel)).transpose()?;
     let as_built = as_built.map(|(read, _)| read.mesh);
     let record = args.run.load()?;
+    args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;
     let planned = PlannedViews::new(&scanned.plan, record.as_ref(), scanned.cell.as_ref());
     let names: Vec<String> = planned.views.iter().map(|view| scan_file(view.viewpoint)).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).chain([TRUTH_FILE]).collect();

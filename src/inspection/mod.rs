@@ -22,6 +22,8 @@ pub use params::{AlignParams, InspectionParams};
 pub use pipeline::{DeviationFigures, InspectedView, Inspection, InspectionInput, inspect};
 pub use pixel_grid::PixelGrid;
 
+use nalgebra::{DMatrix, DVector, Matrix6};
+
 use crate::geometry::{Part, PointCloud, Pose, ScannerFrame};
 
 /// One capture of the scanner.
@@ -44,7 +46,20 @@ pub struct RegisteredView {
     /// Pose after registration.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Covariance of the pose: order rx ry rz tx ty tz, in the scanner's frame (right perturbation), rad and mm.
-    pub covariance: nalgebra::Matrix6<f64>,
+    pub covariance: Matrix6<f64>,
     /// True if the correction lies within the prior that the calibration gives.
     pub is_in_prior: bool,
+}
+
+/// Motions of poses that neither their priors nor surface that several views see rule out. By so much a surface that deviates as a whole
+/// may have been taken for poses that are off. Six rows a view, in the frame of each scanner (right perturbation), rad and mm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpenPoses {
+    /// Covariance of the poses that priors and surface of several views give, with what all of them are off alike; of a pose that was kept
+    /// its own.
+    pub covariance: DMatrix<f64>,
+    /// Motions by which the mesh pulled the views from those poses, or as long ones back to them.
+    pub pulled: DVector<f64>,
+    /// Covariance of the place of the whole part, as its points on the mesh give it: left perturbation in the mesh's frame.
+    pub part: Matrix6<f64>,
 }

@@ -15,9 +15,11 @@ params! {
         method: Alignment = Alignment::BestFit;
         /// Region of interest or feature of the plan that `best_fit_on` aligns by.
         region: Option<String> = None;
-        /// Standard deviation of a view's rotation about each axis. Without it that of the cell's calibration counts, else 0.05°.
+        /// Standard deviation of a view's rotation about each axis. Without it that of the cell's calibration counts, else 0.05°. Decides
+        /// how well walls are known that no view ties to each other; of one merged cloud it states how well that was merged.
         prior_deg: Option<f64> = None, [1e-4, 10.0] "°";
         /// Standard deviation of a view's translation along each axis. Without it that of the cell's calibration counts, else 0.2 mm.
+        /// Decides how well walls are known that no view ties to each other; of one merged cloud it states how well that was merged.
         prior_mm: Option<f64> = None, [1e-3, 100.0] "mm";
     }
 }

@@ -1,11 +1,11 @@
 //! One inspection from beginning to end: where the scans lie, what they measured, why the rest is missing, how the surface deviates,
 //! and what the scanner is like.
 
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector6};
 
 use super::coverage::{self, ComparedViews, IdentifiedLimits, MeasuredCoverage, NominalModel, PlannedRow, Returns, ScannedView};
 use super::deviation::align::{Aligned, as_placed, best_fit};
-use super::deviation::statistics::{excluded, histogram, judge, statistics};
+use super::deviation::statistics::{excluded, histogram, statistics};
 use super::deviation::{
     Alignment, Deviation, DeviationOptions, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, Histogram, Nominal,
     PlacedScan, RegionDeviation, RegionToJudge,
@@ -15,7 +15,6 @@ use super::ingest::Ingested;
 use super::losses::{LossInput, Losses, attribute};
 use super::registration::{RegistrationOptions, ScanRegistration, register};
 use super::{InspectionParams, RegisteredView, ViewScan};
-use crate::cell::calibration::se3::Twist;
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, NearestFace, Part, Pose, ScannerFrame, Table};
 use crate::planning::certificate::recheck::{Rechecked, TakenView, recheck};
@@ -126,9 +125,37 @@ impl InspectionInput<'_> {
         RegistrationOptions {
             prior_deg: align.prior_deg.or(of_rotation).unwrap_or(default.prior_deg),
             prior_mm: align.prior_mm.or(of_translation).unwrap_or(default.prior_mm),
+            // What a calibration leaves open is off alike in every view; where it is not known which part that is, all of it is taken to
+            // be.
+            own_deg: calibrated.filter(|_| align.prior_deg.is_none()).map_or(0.0, |known| known.rms_rotation_deg),
+            own_mm: calibrated.filter(|_| align.prior_mm.is_none()).map_or(0.0, |known| known.rms_translation_mm),
+            moves_views: !self.is_merged(),
             start: self.taken.mesh_from_stated,
             ..default
         }
+    }
+
+    /// Options of the comparison: the noise is that of the plan.
+    fn deviation_options(&self) -> DeviationOptions {
+        DeviationOptions {
+            search_mm: self.params.compare.search_mm,
+            noise_mm: self.plan_params.regions.noise.best_mm,
+            is_merged: self.is_merged(),
+            ..DeviationOptions::default()
+        }
+    }
+
+    /// Returns true if the scans are images of one cloud, which another program has merged.
+    fn is_merged(&self) -> bool {
+        self.taken.scans.iter().any(|taken| taken.is_approximate)
+    }
+
+    /// Covariance of what the views of a merged cloud are off against each other, as far as it is stated.
+    fn merged_covariance(&self) -> Matrix6<f64> {
+        let align = &self.params.align;
+        let is_stated = self.is_merged();
+        let [deg, mm] = [align.prior_deg, align.prior_mm].map(|stated| stated.filter(|_| is_stated).unwrap_or_default());
+        diagonal(deg, mm)
     }
 
     fn plan_input(&self) -> PlanInput<'_> {
@@ -208,7 +235,7 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
         compare: &input.params.compare,
     };
     let mut coverage = coverage::measure(&compared, ctx)?;
-    coverage.is_approximate |= input.taken.scans.iter().any(|taken| taken.is_approximate);
+    coverage.is_approximate |= input.is_merged();
     progress(0.55);
     let part_from_found = input.moved_part(&registration).inverse();
     let plate = |cell: &Cell, table_from_part: &Pose<Table, Part>| plate(cell, &(*table_from_part * part_from_found));
@@ -292,25 +319,22 @@ impl Judged<'_> {
         let surface = self.compared.surface;
         let nominal = Nominal { mesh: self.input.part, scene: self.model.surfaces(), surface, scanner: self.input.scanner };
         let regions = regions_to_judge(surface, self.input.plan_params);
-        let options = DeviationOptions {
-            search_mm: self.input.params.compare.search_mm,
-            is_merged: self.input.taken.scans.iter().any(|taken| taken.is_approximate),
-            ..DeviationOptions::default()
-        };
+        let options = self.input.deviation_options();
         let align = &self.input.params.align;
         let placed: Vec<PlacedScan<'_>> = match align.method {
             Alignment::AsPlaced => self.compared.scanned.iter().map(|scanned| self.as_stated(scanned)).collect(),
             Alignment::BestFit | Alignment::BestFitOn => {
-                self.compared.scanned.iter().map(|scanned| PlacedScan::registered(scanned.scan, scanned.registered)).collect()
+                self.compared.scanned.iter().map(|scanned| self.as_registered(scanned)).collect()
             }
         };
+        let open = Some(&self.registration.open);
         let aligned = match (align.method, align.region.as_deref()) {
             (Alignment::AsPlaced, _) => as_placed(&placed, &nominal, &options),
-            (Alignment::BestFit, _) => best_fit(&placed, &nominal, None, &options),
+            (Alignment::BestFit, _) => best_fit(&placed, &nominal, None, open, &options),
             (Alignment::BestFitOn, name) => {
                 let region = regions.iter().find(|region| Some(region.name.as_str()) == name);
                 let region = region.ok_or_else(|| no_region(name.unwrap_or_default(), &regions))?;
-                best_fit(&placed, &nominal, Some(&region.samples), &options)
+                best_fit(&placed, &nominal, Some(&region.samples), open, &options)
             }
         };
         ctx.check()?;
@@ -322,32 +346,34 @@ impl Judged<'_> {
             excluded: excluded(samples, surface, surface.samples()),
             histogram: histogram(samples, surface, limit_mm, CLASSES),
             extents: aligned.deviation.extents(&nominal),
-            regions: regions.iter().map(|region| judge(samples, surface, region, &options)).collect(),
+            regions: regions.iter().map(|region| aligned.judge(&nominal, region, &options)).collect(),
             worst: aligned.deviation.worst_spots(&nominal, &options, WORST_SPOTS),
         };
         Ok((aligned, figures))
     }
 
-    /// A scan as its pose is stated, with the prior as its uncertainty. What a calibration leaves open is off alike in every view; where
-    /// it is not known which part that is, all of it is taken to be.
+    /// A scan at its registered pose. One of a merged cloud is moved with the others, and off against them by what is stated of it.
+    fn as_registered<'s>(&self, scanned: &ScannedView<'s>) -> PlacedScan<'s> {
+        PlacedScan { covariance: self.input.merged_covariance(), ..PlacedScan::registered(scanned.scan, scanned.registered) }
+    }
+
+    /// A scan as its pose is stated, with the prior as its uncertainty.
     fn as_stated<'s>(&self, scanned: &ScannedView<'s>) -> PlacedScan<'s> {
-        let (options, align) = (self.input.registration_options(), &self.input.params.align);
-        let calibrated = self.input.cell.and_then(|cell| cell.calibrated.as_ref());
-        let own_deg = calibrated.filter(|_| align.prior_deg.is_none()).map_or(0.0, |known| known.rms_rotation_deg);
-        let own_mm = calibrated.filter(|_| align.prior_mm.is_none()).map_or(0.0, |known| known.rms_translation_mm);
-        let six = |rotation_deg: f64, translation_mm: f64| {
-            let (rotation, translation) = (rotation_deg.to_radians(), translation_mm);
-            Twist::new(rotation, rotation, rotation, translation, translation, translation)
-        };
-        let shared = |prior: f64, own: f64| (prior.powi(2) - own.powi(2)).max(0.0).sqrt();
-        let own = Matrix6::from_diagonal(&six(own_deg, own_mm).map(|sd| sd * sd));
+        let options = self.input.registration_options();
+        let own = diagonal(options.own_deg, options.own_mm);
         PlacedScan {
             scan: scanned.scan,
             part_from_scanner: scanned.scan.part_from_scanner,
             covariance: if scanned.registered.is_in_prior { own } else { scanned.registered.covariance },
-            shared_sd: six(shared(options.prior_deg, own_deg), shared(options.prior_mm, own_mm)),
+            shared_sd: options.shared_sd(),
         }
     }
+}
+
+/// Covariance of a pose of these standard deviations about and along each axis.
+fn diagonal(rotation_deg: f64, translation_mm: f64) -> Matrix6<f64> {
+    let (turn, shift) = (rotation_deg.to_radians().powi(2), translation_mm.powi(2));
+    Matrix6::from_diagonal(&Vector6::new(turn, turn, turn, shift, shift, shift))
 }
 
 /// Regions of interest and features of a plan, each with its samples that are asked for: what is excluded counts in no figure of them.
@@ -379,9 +405,56 @@ impl Inspection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inspection::ingest::{FrameAttempt, Removed, ScanFrame, TakenScan};
     use crate::inspection::rehearsal::in_context;
     use crate::planning::params::{FeatureParams, Region};
-    use crate::testing::box_mesh;
+    use crate::testing::{box_mesh, nominal_scanner};
+
+    /// Of a scanner that is noisier than the default, few points once counted as if it were not; and what was stated of a merged cloud did
+    /// not count.
+    #[test]
+    fn deviations_are_judged_by_the_noise_that_was_planned_with_and_by_what_is_stated_of_a_merged_cloud() {
+        let (mesh, scanner, mut plan_params) = (box_mesh([0.0; 3], [30.0; 3]), nominal_scanner(), PlanParams::default());
+        plan_params.regions.noise.best_mm = 0.05;
+        let (taken, nearest, params) = (Ingested::default(), NearestFace::new(&mesh), InspectionParams::default());
+        let input = InspectionInput {
+            part: &mesh,
+            fixture: None,
+            scanner: &scanner,
+            cell: None,
+            plan_params: &plan_params,
+            setups: &[Pose::identity()],
+            views: &[],
+            coverable_mm2: None,
+            taken: &taken,
+            nearest: &nearest,
+            params: &params,
+        };
+        let found = input.deviation_options();
+        assert_eq!([found.noise_mm, found.search_mm].map(f64::to_bits), [0.05, params.compare.search_mm].map(f64::to_bits));
+        assert!(!found.is_merged);
+        let scan =
+            ViewScan { viewpoint: 1, part_from_scanner: Pose::identity(), scanner_cloud: crate::geometry::PointCloud::default() };
+        let (unit, frame) = (crate::geometry::LengthUnit::Millimetre, ScanFrame::Part);
+        let fit = FrameAttempt { unit, frame, in_frusta: 1.0, on_part: 1.0 };
+        let image = TakenScan {
+            scan,
+            file: "all.ply".into(),
+            unit,
+            frame,
+            fit,
+            points: 0,
+            removed: Removed::default(),
+            is_approximate: true,
+        };
+        let (merged, mut stated) = (Ingested { scans: vec![image], ..Ingested::default() }, InspectionParams::default());
+        stated.align.prior_mm = Some(0.1);
+        let of = |input: InspectionInput<'_>| input.merged_covariance();
+        let input = InspectionInput { params: &stated, ..input };
+        assert_eq!(of(input), Matrix6::zeros(), "of single shots the poses hold it");
+        assert_eq!(of(InspectionInput { taken: &merged, ..input }), diagonal(0.0, 0.1));
+        assert_eq!(of(InspectionInput { taken: &merged, params: &params, ..input }), Matrix6::zeros(), "nothing is stated");
+    }
 
     #[test]
     fn excluded_surface_of_a_region_is_not_judged() {

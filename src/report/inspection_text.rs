@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::wire::inspection::{InspectionDocument, RegionDeviationDocument, excluded_sentence, remedy_words};
+use crate::wire::inspection::{
+    InspectionDocument, RegionDeviationDocument, excluded_sentence, open_poses_sentence, remedy_words,
+};
 use crate::wire::words::{counted, percent_below};
 
 /// Renders the text.
@@ -55,9 +57,11 @@ fn region_words(region: &RegionDeviationDocument) -> String {
     let [measured, points, steep, off] =
         [region.measured, excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area]
             .map(|share| percent_below(share, 1.0, 2));
+    let uncertainty = region.expanded_uncertainty_mm.map_or_else(String::new, |mm| format!(", U {mm:.3} mm (k = 2)"));
+    let open = open_poses_sentence(region).map_or_else(String::new, |sentence| format!(". {sentence}"));
     format!(
-        "\nRegion {name}: {verdict}, {measured} % measured; left out: {points} % of the points as steep, \
-         of the area {steep} % steep and {off} % off the surface"
+        "\nRegion {name}: {verdict}, {measured} % measured{uncertainty}; left out: {points} % of the points as steep, \
+         of the area {steep} % steep and {off} % off the surface{open}"
     )
 }
 
@@ -75,11 +79,17 @@ mod tests {
             measured: 0.9,
             excluded: ExcludedSharesDocument { turned_of_points: 0.25, turned_of_area: 0.05, off_of_area: 0.03 },
             verdict: Some(Conformity::Fail),
-            expanded_uncertainty_mm: None,
+            expanded_uncertainty_mm: Some(0.25),
+            pose_uncertainty_mm: Some(0.24),
+            is_open_by_poses: false,
             statistics: None,
         };
-        let wanted = "Region bore: fail, 90.00 % measured; left out: 25.00 % of the points as steep, of the area 5.00 % steep and \
+        let wanted = "Region bore: fail, 90.00 % measured, U 0.250 mm (k = 2); left out: 25.00 % of the points as steep, of the area 5.00 % steep and \
                       3.00 % off";
-        assert!(region_words(&region).contains(wanted), "{}", region_words(&region));
+        let told = region_words(&region);
+        assert!(told.contains(wanted) && told.ends_with("off the surface"), "{told}");
+        let open = RegionDeviationDocument { verdict: Some(Conformity::Undecided), is_open_by_poses: true, ..region };
+        let told = region_words(&open);
+        assert!(told.contains("off the surface. U is mostly what poses leave open (± 0.240 mm): calibrate"), "{told}");
     }
 }

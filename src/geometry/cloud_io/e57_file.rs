@@ -1,8 +1,12 @@
 //! E57 files (ASTM E2807), read with the crate `e57`: each scan a cloud in its own coordinates, with its name and pose, in metres.
 //! Points whose `cartesianInvalidState` is not 0 are none. A scan with row and column of each point is organised.
 //! Only scans in Cartesian or spherical coordinates without either are refused.
+//!
+//! A file that ends before the length that its header states is told to be cut off, one with wrong checksums or content to be damaged, and
+//! one that uses what the reader lacks to be so. The reader takes pages of 1024 bytes alone.
 
-use std::io::{BufReader, Read, Seek};
+use std::error::Error as _;
+use std::io::{self, BufReader, Read, Seek};
 
 use e57::{E57Reader, PointCloud as Scan, RecordName, RecordValue};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
@@ -17,13 +21,21 @@ const POINTS_PER_LOOK: usize = 4096;
 const BUFFER_BYTES: usize = 1 << 18;
 /// Cells of a grid a point, at most: a grid with fewer points in it is not worth its memory.
 const MAX_CELLS_PER_POINT: u64 = 64;
+/// Bytes of the header, and of a page, at whose end its checksum stands.
+const HEADER_BYTES: usize = 48;
+const PAGE_BYTES: u64 = 1024;
+/// Remedy for a file that is cut off or damaged.
+const AGAIN: &str = "copy it from the scanner again, or export it anew";
 
+/// Reads all clouds of a file that begins with `head` and has so many bytes.
 pub(super) fn read<S: Read + Seek>(
     source: &mut S,
+    (head, present_bytes): (&[u8], u64),
     limits: &CloudLimits,
     poll: &Poll<'_>,
 ) -> Result<Vec<StoredCloud>, CloudError> {
-    let fault = |detail: e57::Error| CloudError::E57 { part: "header".into(), detail: chain(&detail) };
+    let length = FileLength::of(head, present_bytes);
+    let fault = |error: e57::Error| length.fault(error, "header".to_owned());
     let mut reader = E57Reader::new(BufReader::with_capacity(BUFFER_BYTES, source)).map_err(fault)?;
     let scans = reader.pointclouds();
     let (mut clouds, mut points) = (Vec::new(), 0_usize);
@@ -31,7 +43,7 @@ pub(super) fn read<S: Read + Seek>(
         let part =
             || scan.name.as_ref().map_or_else(|| format!("scan {}", index + 1), |name| format!("scan {} ({name:?})", index + 1));
         let left = CloudLimits { max_points: limits.max_points - points };
-        let cloud = read_scan(&mut reader, scan, &left, poll, &part)?;
+        let cloud = read_scan(&mut reader, scan, &left, poll, (&part, length))?;
         points += cloud.points.len();
         clouds.push(cloud);
     }
@@ -39,6 +51,66 @@ pub(super) fn read<S: Read + Seek>(
         return Err(CloudError::NoPoints);
     }
     Ok(clouds)
+}
+
+/// Length of a file, beside the one that its header states.
+#[derive(Clone, Copy)]
+struct FileLength {
+    present_bytes: u64,
+    /// `None` where the header is cut off.
+    stated_bytes: Option<u64>,
+}
+
+impl FileLength {
+    fn of(head: &[u8], present_bytes: u64) -> Self {
+        let header = head.get(..HEADER_BYTES);
+        let stated_bytes = header.and_then(|header| header[16..24].try_into().ok()).map(u64::from_le_bytes);
+        Self { present_bytes, stated_bytes }
+    }
+
+    /// Error for one of the reader's in a part of the file.
+    fn fault(self, error: e57::Error, part: String) -> CloudError {
+        let error = match source_error(error) {
+            Ok(of_source) => return CloudError::Io(of_source),
+            Err(error) => error,
+        };
+        if let e57::Error::NotImplemented { desc } = error {
+            let detail =
+                format!("the file is made in a way of E57 that is not read ({desc}); export it in another one, or as PLY");
+            return CloudError::E57 { part, detail };
+        }
+        let present_bytes = self.present_bytes;
+        let detail = match (self.stated_bytes, bad_page(&error)) {
+            (None, _) => format!("the file is cut off after {present_bytes} bytes, within its header of {HEADER_BYTES}; {AGAIN}"),
+            (Some(stated_bytes), _) if stated_bytes > present_bytes => {
+                format!("the file is cut off: its header states {stated_bytes} bytes, and {present_bytes} are there; {AGAIN}")
+            }
+            (Some(_), Some(page)) => {
+                let byte = page.saturating_mul(PAGE_BYTES);
+                format!("the file is damaged: the checksum of page {page}, from byte {byte} on, is not that of its data; {AGAIN}")
+            }
+            (Some(_), None) => format!("the file is damaged, or no E57 file of a kind that is read ({error}); {AGAIN}"),
+        };
+        CloudError::E57 { part, detail }
+    }
+}
+
+/// Error of the source, such as a disk that does not give back what it holds; else the reader's error, which may stand on one of its own.
+fn source_error(error: e57::Error) -> Result<io::Error, e57::Error> {
+    use io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
+    let cause = error.source().and_then(|cause| cause.downcast_ref::<io::Error>());
+    if cause.is_none_or(|cause| matches!(cause.kind(), InvalidData | InvalidInput | UnexpectedEof)) {
+        return Err(error);
+    }
+    let e57::Error::Read { desc, source: Some(cause) } = error else { return Err(error) };
+    cause.downcast::<io::Error>().map(|cause| *cause).map_err(|cause| e57::Error::Read { desc, source: Some(cause) })
+}
+
+/// Page whose checksum is wrong, with which the reader's message ends.
+fn bad_page(error: &e57::Error) -> Option<u64> {
+    let message = error.source()?.to_string();
+    let (_, page) = message.strip_prefix("Detected invalid checksum")?.rsplit_once(' ')?;
+    page.parse().ok()
 }
 
 /// Places of what is wanted among the values of a record.
@@ -83,9 +155,9 @@ fn read_scan<S: Read + Seek>(
     scan: &Scan,
     limits: &CloudLimits,
     poll: &Poll<'_>,
-    part: &dyn Fn() -> String,
+    (part, length): (&dyn Fn() -> String, FileLength),
 ) -> Result<StoredCloud, CloudError> {
-    let fault = |detail: e57::Error| CloudError::E57 { part: part(), detail: chain(&detail) };
+    let fault = |error: e57::Error| length.fault(error, part());
     let say = |detail: &str| CloudError::E57 { part: part(), detail: detail.into() };
     let layout = Layout::of(scan).ok_or_else(|| say("has neither cartesianX, Y, Z nor spherical coordinates"))?;
     if scan.records > limits.max_points as u64 {
@@ -156,17 +228,6 @@ fn stated_pose(scan: &Scan) -> Option<Isometry3<f64>> {
     (is_good && pose != Isometry3::identity()).then_some(pose)
 }
 
-/// Message of an error with those of its causes.
-fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        text = format!("{text}: {error}");
-        cause = error.source();
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,5 +238,27 @@ mod tests {
         let placed = in_cells(&points, &[[5, 0], [6, 1], [5, 0]], [5, 0], grid).expect("the third cell has no point");
         assert!(placed[0] == points[0] && placed[3] == points[1] && placed[1][0].is_nan());
         assert_eq!(in_cells(&points, &[[5, 0], [5, 0], [6, 1]], [5, 0], grid), None);
+    }
+
+    /// A file that is whole was once to be copied again.
+    #[test]
+    fn what_the_reader_lacks_is_no_damage_of_the_file() {
+        let length = FileLength::of(&[0; HEADER_BYTES], 1024);
+        let told = length.fault(e57::Error::NotImplemented { desc: "ZIP".into() }, "scan 1".into()).to_string();
+        assert!(told.contains("scan 1") && told.contains("not read (ZIP); export it in another one"), "{told}");
+        assert!(!told.contains("damaged") && !told.contains("copy"), "{told}");
+    }
+
+    /// An error of the disk was once told as one of the file, which was then refused for good.
+    #[test]
+    fn an_error_of_the_source_is_none_of_the_file() {
+        let length = FileLength::of(&[0; HEADER_BYTES], 1024);
+        let told = |kind: io::ErrorKind| {
+            let cause = io::Error::new(kind, "why");
+            length.fault(e57::Error::Read { desc: "what".into(), source: Some(Box::new(cause)) }, "header".into())
+        };
+        let CloudError::Io(error) = told(io::ErrorKind::StorageFull) else { panic!("another error") };
+        assert_eq!((error.kind(), error.to_string().as_str()), (io::ErrorKind::StorageFull, "why"));
+        assert!(matches!(told(io::ErrorKind::UnexpectedEof), CloudError::E57 { .. }));
     }
 }

@@ -49,7 +49,7 @@ pub enum CloudError {
     E57 {
         /// Part of the file: header, or a scan with its number and name.
         part: String,
-        /// Description by the reader of the format.
+        /// Description of the fault: whether the file is cut off or damaged, and what to do.
         detail: String,
     },
 }

@@ -151,7 +151,7 @@ pub fn read_from<S: Read + Seek>(source: &mut S, limits: &CloudLimits, poll: &Po
     source.seek(SeekFrom::Start(0))?;
     let format = detect(&head, length_bytes, poll)?;
     if format == CloudFormat::E57 {
-        let clouds = e57_file::read(source, limits, poll)?;
+        let clouds = e57_file::read(source, (&head, length_bytes), limits, poll)?;
         return Ok(CloudFile { format, unit: Some(LengthUnit::Metre), clouds });
     }
     let (unit, cloud) = match format {

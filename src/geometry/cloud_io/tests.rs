@@ -258,6 +258,49 @@ fn scans_of_e57_come_with_name_pose_and_grid() {
     }
 }
 
+/// An E57 file of one scan.
+fn e57_of(points: u16) -> Vec<u8> {
+    use e57::{E57Writer, Record, RecordValue};
+    let mut bytes = Cursor::new(Vec::new());
+    let mut file = E57Writer::new(&mut bytes, "file").expect("memory");
+    let prototype = vec![Record::CARTESIAN_X_F32, Record::CARTESIAN_Y_F32, Record::CARTESIAN_Z_F32];
+    let mut scan = file.add_pointcloud("1", prototype).expect("a scan");
+    for place in 0..points {
+        scan.add_point([f32::from(place); 3].map(RecordValue::Single).into()).expect("a point");
+    }
+    scan.finalize().expect("memory");
+    file.finalize().expect("memory");
+    drop(file);
+    bytes.into_inner()
+}
+
+/// What was wrong with an E57 file was once told in the words of its reader alone.
+#[test]
+fn an_e57_file_is_told_to_be_cut_off_or_damaged_and_what_to_do() {
+    let whole = e57_of(500);
+    assert_eq!(one(&whole).points.len(), 500);
+    let told = |bytes: &[u8], wanted: &[&str]| {
+        let error = read(bytes, &CloudLimits::default()).expect_err("broken");
+        let text = error.to_string();
+        assert_eq!(error.code(), "cloud_e57", "{text}");
+        for words in wanted.iter().chain(&["copy it from the scanner again"]) {
+            assert!(text.contains(*words), "{words:?} is not in {text}");
+        }
+    };
+    for length in [10, 47] {
+        told(&whole[..length], &["cut off", &format!("after {length} bytes")]);
+    }
+    for length in [60, 2048, whole.len() - 1] {
+        told(&whole[..length], &["cut off", &format!("states {} bytes, and {length} are there", whole.len())]);
+    }
+    for (place, wanted) in [(3000, ["scan 1", "damaged: the checksum of page 2, from byte 2048"]), (8, ["header", "damaged, or"])]
+    {
+        let mut damaged = whole.clone();
+        damaged[place] ^= 0x40;
+        told(&damaged, &wanted);
+    }
+}
+
 #[test]
 fn a_mesh_gives_vertices_and_faces() {
     let mesh = figurine(8_000).expect("a figurine");

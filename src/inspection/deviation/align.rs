@@ -1,11 +1,25 @@
 //! Alignments of the measured surface to the model: a motion of the part that makes the squares of the samples' distances, weighted by
-//! area, least. Small motions change a distance by (p × n, n)·δ; the comparison is made again at the new pose, thrice.
+//! area, least. Small motions change a distance by j·δ, j = (p × n, n); the comparison is made again at the new pose, thrice.
+//!
+//! The motion is as uncertain as the samples that it is from, at u = U/2 each and independent of each other: with N = Σ a j jᵀ its
+//! covariance is C = N⁺ (Σ (a u)² j jᵀ) N⁺, and the U² of each sample grows by 4 jᵀ C j. Far from a small region that counts. What samples
+//! have in common, by poses that are open, is added apart (`aligned_poses.rs`).
 
-use nalgebra::{Isometry3, Matrix6, Vector6};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
-use super::{Alignment, Deviation, DeviationOptions, Nominal, PlacedScan, compare, lever};
+use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
+use rayon::prelude::*;
+
+use super::aligned_poses::AlignedPoses;
+use super::statistics::{by_noise, judge};
+use super::{
+    Alignment, Conformity, Deviation, DeviationOptions, Nominal, PlacedScan, RegionDeviation, RegionToJudge, compare, lever,
+    variance,
+};
 use crate::cell::calibration::se3::exp;
 use crate::geometry::{Part, Pose};
+use crate::inspection::OpenPoses;
 use crate::planning::ids::SampleId;
 
 /// Rounds of fit and comparison.
@@ -25,21 +39,62 @@ pub struct Aligned {
     pub fixed_freedoms: usize,
     /// Comparison at this alignment.
     pub deviation: Deviation,
+    /// Poses that were aligned; none where they are taken as they are placed.
+    poses: Option<AlignedPoses>,
+}
+
+impl Aligned {
+    /// Judges a region: as its samples are, and as those of the same views are against each other, whatever is open of their poses.
+    #[must_use]
+    pub fn judge(&self, nominal: &Nominal<'_>, region: &RegionToJudge, options: &DeviationOptions) -> RegionDeviation {
+        let mut judged = judge(&self.deviation.samples, nominal.surface, region, options);
+        let is_open = judged.verdict == Some(Conformity::Undecided);
+        if is_open && region.tolerance_mm.is_some_and(|tolerance_mm| self.is_uneven(nominal, region, tolerance_mm)) {
+            (judged.verdict, judged.is_open_by_poses) = (Some(Conformity::Fail), false);
+        }
+        judged
+    }
+
+    /// Returns true if some samples of the same views lie above others of them by more than the tolerance and what their points and the
+    /// poses leave open of the difference: more on either side than noise lets seem so.
+    fn is_uneven(&self, nominal: &Nominal<'_>, region: &RegionToJudge, tolerance_mm: f64) -> bool {
+        let (deviation, Some(poses)) = (&self.deviation, &self.poses) else { return false };
+        let mut of_views: BTreeMap<&[u16], Vec<SampleId>> = BTreeMap::new();
+        for sample in region.samples.iter().filter(|sample| deviation.samples[sample.index()].points > 0) {
+            of_views.entry(deviation.views_of(*sample)).or_default().push(*sample);
+        }
+        let by_noise = by_noise(of_views.values().map(Vec::len).sum()) as usize;
+        // A distance less or more by what its points leave open.
+        let bound = |sample: SampleId, sign: f64| {
+            let own = &deviation.samples[sample.index()];
+            f64::from(own.distance_mm) + sign * f64::from(own.of_points_mm)
+        };
+        of_views.into_values().filter(|samples| samples.len() > 2 * by_noise + 1).any(|mut samples| {
+            samples.sort_by(|a, b| bound(*a, 1.0).total_cmp(&bound(*b, 1.0)));
+            let low = samples[by_noise];
+            samples.sort_by(|a, b| bound(*b, -1.0).total_cmp(&bound(*a, -1.0)));
+            let high = samples[by_noise];
+            let beyond_mm = bound(high, -1.0) - bound(low, 1.0) - tolerance_mm;
+            beyond_mm > 0.0 && beyond_mm > 2.0 * poses.difference_mm2(deviation, nominal, [high, low]).sqrt()
+        })
+    }
 }
 
 /// Compares scans as they are placed.
 #[must_use]
 pub fn as_placed(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &DeviationOptions) -> Aligned {
     let deviation = compare(scans, nominal, options);
-    Aligned { alignment: Alignment::AsPlaced, mesh_from_placed: Pose::identity(), fixed_freedoms: 6, deviation }
+    let (alignment, mesh_from_placed) = (Alignment::AsPlaced, Pose::identity());
+    Aligned { alignment, mesh_from_placed, fixed_freedoms: 6, deviation, poses: None }
 }
 
-/// Fits the samples of a region, or all, to the model.
+/// Fits the samples of a region, or all, to the model. `open` is what the registration leaves open of the poses of these scans.
 #[must_use]
 pub fn best_fit(
     scans: &[PlacedScan<'_>],
     nominal: &Nominal<'_>,
     region: Option<&[SampleId]>,
+    open: Option<&Arc<OpenPoses>>,
     options: &DeviationOptions,
 ) -> Aligned {
     let alignment = if region.is_some() { Alignment::BestFitOn } else { Alignment::BestFit };
@@ -51,45 +106,127 @@ pub fn best_fit(
             &all
         }
     };
-    let mut pose = Isometry3::identity();
+    let (mut pose, mut moved) = (Isometry3::identity(), scans.to_vec());
     let mut deviation = compare(scans, nominal, options);
     let mut fixed_freedoms = 0;
     for _ in 0..ROUNDS {
-        let (step, fixed) = fit(&deviation, nominal, fitted);
+        let (step, fixed) = Fit::of(&deviation, nominal, fitted).step();
         fixed_freedoms = fixed;
         pose = exp(&step) * pose;
-        let moved: Vec<PlacedScan<'_>> = scans.iter().map(|placed| placed.moved(&Pose::claim(pose))).collect();
+        moved = scans.iter().map(|placed| placed.moved(&Pose::claim(pose))).collect();
         deviation = compare(&moved, nominal, options);
         if step.norm() < 1e-7 {
             break;
         }
     }
-    Aligned { alignment, mesh_from_placed: Pose::claim(pose), fixed_freedoms, deviation }
+    let fit = Fit::of(&deviation, nominal, fitted);
+    let compared = (&deviation, nominal, fitted);
+    let poses = open.and_then(|open| AlignedPoses::of(open, &moved, compared, (fit.frame, &fit.inverse())));
+    fit.widen(&mut deviation, nominal, poses.as_ref());
+    Aligned { alignment, mesh_from_placed: Pose::claim(pose), fixed_freedoms, deviation, poses }
 }
 
-/// Least-squares step, and the number of freedoms that it fixes. Rotations are about the middle of the part, measured in steps that move
-/// points as far as shifts do.
-fn fit(deviation: &Deviation, nominal: &Nominal<'_>, samples: &[SampleId]) -> (Vector6<f64>, usize) {
-    let around = nominal.mesh.aabb();
-    let (centre, arm) = (around.centre(), 0.5 * around.extent_mm().norm().max(f64::MIN_POSITIVE));
-    let (mut matrix, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-    for sample in samples.iter().filter(|sample| deviation.samples[sample.index()].points > 0) {
-        let at = nominal.surface.sample_mm[sample.index()] - centre.coords;
-        let mut row = lever(&at, &nominal.surface.patch_of(*sample).normal);
-        row.fixed_rows_mut::<3>(0).scale_mut(1.0 / arm);
-        let area = nominal.surface.sample_area_mm2(*sample);
-        matrix += row * row.transpose() * area;
-        gradient += row * (area * f64::from(deviation.samples[sample.index()].distance_mm));
+/// Frame of a motion of the part: rotations are about the middle of the part, measured in steps that move points as far as shifts do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FitFrame {
+    centre: Point3<f64>,
+    arm: f64,
+}
+
+impl FitFrame {
+    /// Derivative of a sample's distance by the motion.
+    pub(super) fn row(&self, nominal: &Nominal<'_>, sample: SampleId) -> Vector6<f64> {
+        let at = nominal.surface.sample_mm[sample.index()] - self.centre.coords;
+        let mut row = lever(&at, &nominal.surface.patch_of(sample).normal);
+        row.fixed_rows_mut::<3>(0).scale_mut(1.0 / self.arm);
+        row
     }
-    let eigen = matrix.symmetric_eigen();
-    let limit = MIN_CONDITION * eigen.eigenvalues.max();
-    let fixed = eigen.eigenvalues.iter().filter(|value| **value > limit).count();
-    let inverse = eigen.eigenvalues.map(|value| if value > limit { 1.0 / value } else { 0.0 });
-    let mut step = -(eigen.eigenvectors * Matrix6::from_diagonal(&inverse) * eigen.eigenvectors.transpose() * gradient);
-    step.fixed_rows_mut::<3>(0).scale_mut(1.0 / arm);
-    // A turn about the middle, written as one about the origin.
-    let turn = step.fixed_rows::<3>(0).into_owned();
-    let shift = step.fixed_rows::<3>(3) - turn.cross(&centre.coords);
-    step.fixed_rows_mut::<3>(3).copy_from(&shift);
-    (step, fixed)
+
+    /// Covariance of a motion whose twist about the origin has this one.
+    pub(super) fn covariance_of(&self, about_origin: &Matrix6<f64>) -> Matrix6<f64> {
+        // A turn about the origin shifts the middle by ω × centre.
+        let mut map = Matrix6::identity();
+        map.fixed_view_mut::<3, 3>(0, 0).scale_mut(self.arm);
+        map.fixed_view_mut::<3, 3>(3, 0).copy_from(&-self.centre.coords.cross_matrix());
+        map * about_origin * map.transpose()
+    }
+}
+
+/// Inverse of normal equations on the freedoms that the samples fix.
+pub(super) struct FitInverse {
+    pub(super) matrix: Matrix6<f64>,
+    /// Projection on the other freedoms.
+    pub(super) free: Matrix6<f64>,
+    fixed: usize,
+}
+
+/// Normal equations of a motion of the part.
+struct Fit {
+    frame: FitFrame,
+    matrix: Matrix6<f64>,
+    gradient: Vector6<f64>,
+    /// Covariance of the gradient.
+    spread: Matrix6<f64>,
+}
+
+impl Fit {
+    fn of(deviation: &Deviation, nominal: &Nominal<'_>, samples: &[SampleId]) -> Self {
+        let around = nominal.mesh.aabb();
+        let (centre, arm) = (around.centre(), 0.5 * around.extent_mm().norm().max(f64::MIN_POSITIVE));
+        let (matrix, gradient, spread) = (Matrix6::zeros(), Vector6::zeros(), Matrix6::zeros());
+        let mut fit = Self { frame: FitFrame { centre, arm }, matrix, gradient, spread };
+        for sample in samples.iter().filter(|sample| deviation.samples[sample.index()].points > 0) {
+            let (row, own) = (fit.frame.row(nominal, *sample), &deviation.samples[sample.index()]);
+            let area = nominal.surface.sample_area_mm2(*sample);
+            let square = row * row.transpose();
+            fit.matrix += square * area;
+            fit.gradient += row * (area * f64::from(own.distance_mm));
+            fit.spread += square * (0.5 * area * f64::from(own.expanded_mm)).powi(2);
+        }
+        fit
+    }
+
+    fn inverse(&self) -> FitInverse {
+        let eigen = self.matrix.symmetric_eigen();
+        let limit = MIN_CONDITION * eigen.eigenvalues.max();
+        let fixed = eigen.eigenvalues.iter().filter(|value| **value > limit).count();
+        let of = |value: fn(f64) -> f64, other: f64| {
+            let values = eigen.eigenvalues.map(|one| if one > limit { value(one) } else { other });
+            eigen.eigenvectors * Matrix6::from_diagonal(&values) * eigen.eigenvectors.transpose()
+        };
+        FitInverse { matrix: of(f64::recip, 0.0), free: of(|_| 0.0, 1.0), fixed }
+    }
+
+    /// Least-squares step, and the number of freedoms that it fixes.
+    fn step(&self) -> (Vector6<f64>, usize) {
+        let inverse = self.inverse();
+        let mut step = -(inverse.matrix * self.gradient);
+        step.fixed_rows_mut::<3>(0).scale_mut(1.0 / self.frame.arm);
+        // A turn about the middle, written as one about the origin.
+        let turn = step.fixed_rows::<3>(0).into_owned();
+        let shift = step.fixed_rows::<3>(3) - turn.cross(&self.frame.centre.coords);
+        step.fixed_rows_mut::<3>(3).copy_from(&shift);
+        (step, inverse.fixed)
+    }
+
+    /// Adds the uncertainty of the motion, and what is open of the poses, to that of every sample.
+    fn widen(&self, deviation: &mut Deviation, nominal: &Nominal<'_>, poses: Option<&AlignedPoses>) {
+        let inverse = self.inverse().matrix;
+        let covariance = inverse * self.spread * inverse;
+        let found: &Deviation = deviation;
+        let widened = |sample: usize| {
+            let (id, own) = (SampleId::at(sample), &found.samples[sample]);
+            if own.points == 0 {
+                return own.expanded_mm;
+            }
+            let row = self.frame.row(nominal, id);
+            let of_motion_mm2 = variance((row.transpose() * covariance * row)[0]);
+            let of_poses_mm2 = poses.map_or(0.0, |poses| poses.variance_mm2(found, nominal, id));
+            (f64::from(own.expanded_mm).powi(2) + 4.0 * (of_motion_mm2 + of_poses_mm2)).sqrt() as f32
+        };
+        let widened: Vec<f32> = (0..found.samples.len()).into_par_iter().with_min_len(256).map(widened).collect();
+        for (own, expanded_mm) in deviation.samples.iter_mut().zip(widened) {
+            own.expanded_mm = expanded_mm;
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{DeviationOptions, Nominal, PlacedScan, SimdLevel};
+use super::{DeviationOptions, NOISE_MM, Nominal, PlacedScan, SimdLevel};
 use crate::geometry::{Hit, Part, Pose, ScannerFrame, nearest_of_triangle};
 use crate::inspection::PixelGrid;
 use crate::planning::ids::SampleId;
@@ -74,6 +74,8 @@ enum PointUse {
     Off,
     /// It shows a surface that is turned too far against the face, and measures nothing of it.
     Turned,
+    /// Its ray meets no face of the part: it passes by, or meets plate or fixture first.
+    Beside,
 }
 
 /// Face that the ray of a cell meets, and the distance of its point from it.
@@ -86,6 +88,7 @@ struct Found {
 
 impl Found {
     const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0, usage: PointUse::Compared };
+    const BESIDE: Self = Self { usage: PointUse::Beside, ..Self::NOTHING };
 
     /// Face that the point may lie on; none of a surface that is turned, or of one far behind.
     fn own_face(&self) -> u32 {
@@ -128,8 +131,8 @@ impl ViewDistances {
         found.par_chunks_mut(RAYS).enumerate().for_each(|(piece, found)| view.meet(piece * RAYS, found));
         let ring = view.ring();
         // None is judged by what another one has been taken for.
-        let is_beyond: Vec<bool> =
-            (0..cells).into_par_iter().with_min_len(RAYS).map(|cell| view.is_beyond_a_step(cell, &found, &ring)).collect();
+        let is_beyond = |cell| view.is_beyond_a_step(cell, &found, &ring) || view.is_beyond_a_rim(cell, &found, &ring);
+        let is_beyond: Vec<bool> = (0..cells).into_par_iter().with_min_len(RAYS).map(is_beyond).collect();
         let pieces: Vec<SortedPoints> =
             found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
         let compared = pieces.iter().map(|piece| piece.compared).sum();
@@ -173,14 +176,13 @@ impl View<'_> {
         self.nominal.scene.first_hits_from(SimdLevel::widest(), &self.eye_mm, &directions, &mut hits);
         for ((cell, direction), hit) in cells.iter().zip(&directions).zip(&hits) {
             // What is no face of the part, plate or fixture, hides what lies behind it.
-            if let Some(hit) = hit.as_ref().filter(|hit| (hit.triangle as usize) < self.nominal.mesh.faces.len()) {
-                found[*cell] = self.judge(first + cell, direction, hit.triangle);
-            }
+            let hit = hit.as_ref().filter(|hit| (hit.triangle as usize) < self.nominal.mesh.faces.len());
+            found[*cell] = hit.map_or(Found::BESIDE, |hit| self.judge(first + cell, direction, hit.triangle));
         }
     }
 
     /// Counts the points of the cells from `first` on by their use, and marks those off the surface. What belongs to the other side of a
-    /// step is forgotten.
+    /// step, or lies behind a rim, is forgotten.
     fn sort(&self, first: usize, found: &mut [Found], is_beyond: &[bool]) -> SortedPoints {
         let mut sorted = SortedPoints::default();
         for (place, found) in found.iter_mut().enumerate().filter(|(_, found)| found.face != NO_FACE) {
@@ -242,7 +244,7 @@ impl View<'_> {
     fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
         let Found { face, distance_mm, .. } = found[cell];
         let distance_mm = f64::from(distance_mm);
-        let least_gain_mm = (STEP_NOISES * self.options.noise_mm).max(0.5 * distance_mm.abs());
+        let least_gain_mm = (STEP_NOISES * self.options.noise_mm.max(NOISE_MM)).max(0.5 * distance_mm.abs());
         if face == NO_FACE || distance_mm.abs() <= least_gain_mm {
             return false;
         }
@@ -262,6 +264,36 @@ impl View<'_> {
                 distance_mm.abs() - other_mm > least_gain_mm
             }
         })
+    }
+
+    /// Returns true if the point of a cell, behind its face by more than is searched, shows what lies behind a rim of the part: a pixel
+    /// nearby whose ray passes the part by shows the same surface, and another one shows the face. The rim is broken there, or lies off
+    /// sideways; where nothing is behind it, no point would return. Where the face is shown nowhere near, it is missing.
+    fn is_beyond_a_rim(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
+        let (face, search_mm) = (found[cell].face, self.options.search_mm);
+        let behind_mm = f64::from(found[cell].distance_mm);
+        if face == NO_FACE || behind_mm >= -search_mm {
+            return false;
+        }
+        let normal = self.normals[face as usize];
+        let corner = self.nominal.mesh.corners(face as usize)[0];
+        let (mut is_background, mut is_shown) = (false, false);
+        for beside in ring.iter().filter_map(|offset| self.beside(cell, offset)) {
+            let Some(point) = self.point(beside) else { continue };
+            // Above the plane of the face.
+            let height_mm = normal.dot(&(self.placed.part_from_scanner.point(&point) - corner));
+            let Found { face, distance_mm, usage } = found[beside];
+            match usage {
+                PointUse::Beside => is_background |= (height_mm - behind_mm).abs() <= search_mm,
+                // Beside the drop the surface seems turned.
+                PointUse::Compared | PointUse::Turned if face != NO_FACE => {
+                    let is_of_side = self.normals[face as usize].dot(&normal) >= SAME_SIDE_COS;
+                    is_shown |= is_of_side && height_mm.abs().max(f64::from(distance_mm.abs())) <= search_mm;
+                }
+                PointUse::Compared | PointUse::Turned | PointUse::Off => {}
+            }
+        }
+        is_background && is_shown
     }
 
     /// Cell so many columns and rows off; `None` outside of the grid.
@@ -301,7 +333,8 @@ pub(super) struct Footprints<'a> {
 
 /// Largest distance at which another face is looked for, cells.
 const MAX_RING: isize = 8;
-/// Multiple of a point's noise by which another face has to explain it better.
+/// Multiple of a point's noise by which another face has to explain it better. The noise counts for [`NOISE_MM`] at least: by less the
+/// facets of a curved surface would be taken for steps.
 const STEP_NOISES: f64 = 10.0;
 /// Largest half width of a footprint, cells.
 const MAX_HALF_WIDTH: usize = 12;
@@ -372,6 +405,7 @@ impl Footprints<'_> {
                 PointUse::Compared => into.compared.take(distance),
                 PointUse::Turned => into.turned.take(distance),
                 PointUse::Off => into.off += 1,
+                PointUse::Beside => {}
             }
         }
     }

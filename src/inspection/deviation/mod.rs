@@ -5,17 +5,23 @@
 //! face's outward normal, exact where the surface found is parallel to the face. A sample takes the points whose h is no farther than
 //! [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none is ever averaged across an edge.
 //! At a step in depth, where the part lies off its model sideways, a ray to the level on the other side meets the wrong face: a point
-//! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out. So is one that shows a surface turned by more
-//! than 30° against its face, such as the flank of a notch; those are counted, and a sample where most points are such ones, and off by
-//! more than the tolerance, does not pass: it counts as not measured, as those at edges that are broken do.
+//! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out. So is one of what lies behind a rim of the
+//! part, if so near both it goes on beside the part and the face is shown; and one that shows a surface turned by more than 30° against
+//! its face, such as the flank of a notch. Points of the other side of a step or behind a rim are forgotten; those of a turned surface are
+//! counted, and a sample where most points are such ones, and off by more than the tolerance, does not pass: it counts as not measured, as
+//! those at edges that are broken do.
 //!
-//! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U = 2·sqrt(σ²/n_eff + σ_reg² + σ_pose²), σ the points' own spread and σ_reg,
-//! σ_pose the standard deviation along n of where the views lie, after registration or as stated. Points of one view share its
-//! pose: the mean over views has Σ (n_v/n)² σ_v²; what all poses are off alike does not average out (JCGM 100:2008, F.1.2.3): its
-//! levers are summed over views before they are squared. Few points show their σ badly, so that their variance is pooled with the median of
-//! all samples, which counts for ten, and Student's factor takes the place of 2 before it where that is larger (JCGM 100:2008, G.3).
+//! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U² = t² σ²/n_eff + 4·(Σ (n_v/n)² σ_v² + |Σ (n_v/n) h_v|² + σ_align²), σ the points'
+//! own spread, σ_v the standard deviation along n of where a view lies by itself, and h_v the errors along n by one standard deviation of
+//! each component that all poses are off alike: h is summed over views as fully correlated (JCGM 100:2008, 5.2.2, Note 1). Few points show
+//! their σ badly, so that their variance is pooled with the median of the samples that are seen about as flatly, which counts for ten, and
+//! t is Student's factor where that is larger than 2 (JCGM 100:2008, G.3). After an alignment to samples the poses count by σ_align, which
+//! holds what neither their priors nor surface of several views rule out of them ([`super::OpenPoses`]), as far as the alignment does not
+//! take it up, and the uncertainty of the alignment itself ([`align`]). What the points alone leave open is told beside U: a pose that is
+//! off shifts a wall as a whole, and hides no spot of it.
 //!
-//! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between.
+//! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between. Its
+//! contrary is shown as well where two samples of the same views are farther apart than T and what is open of their difference.
 //! A sample from which most points lie farther than is searched is undecided, and keeps its region from passing: its material may be
 //! missing, but such points also come of a view that lies off sideways, a reflection or another body. With a larger search distance they
 //! are judged.
@@ -23,6 +29,7 @@
 //! Cost: a ray a point in packets, some 10⁻⁷ s, and a look-up of the pixels around each sample. Nothing depends on the number of threads.
 
 pub mod align;
+mod aligned_poses;
 mod extents;
 mod footprint;
 mod off_surface;
@@ -47,10 +54,13 @@ use footprint::{Footprints, ViewDistances};
 pub use off_surface::{MaterialKind, OffSurface};
 pub use spots::DeviationSpot;
 pub use statistics::{Conformity, DeviationStatistics, ExcludedShares, Histogram, RegionDeviation, RegionToJudge};
-use sums::{MIN_OTHER_POINTS, SampleSum, pooled_variance};
+use sums::{MIN_OTHER_POINTS, PooledVariance, SampleSum};
 
 /// Largest angle between the measured and the nominal normal, degrees: that with which coverage is counted.
 pub const MAX_TURN_DEG: f64 = 30.0;
+
+/// Standard deviation of a point of the nominal scanner at its best distance, mm.
+const NOISE_MM: f64 = 0.035 / 3.0;
 
 /// Knobs of the comparison.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,11 +72,13 @@ pub struct DeviationOptions {
     pub search_mm: f64,
     /// Largest angle between the measured and the nominal normal, degrees.
     pub max_turn_deg: f64,
-    /// Distance of a point from a step in depth within which the faces on both sides are tried, mm: what the part may lie off sideways.
+    /// Distance of a point from a step in depth, or from a rim of the part, within which the faces on both sides are tried, mm: what the
+    /// part may lie off sideways.
     pub rim_mm: f64,
     /// Points that share an error, pixels squared: n_eff = n over it.
     pub correlated_points: f64,
-    /// Standard deviation of a point where too few samples show their own, mm.
+    /// Standard deviation of a point where too few samples show their own, mm. Where it is larger than usual, another face beside a step
+    /// has to explain a point better by as many times more before the point counts for it.
     pub noise_mm: f64,
     /// Deviation from which spots are listed where a region has no tolerance, mm.
     pub spot_mm: f64,
@@ -86,7 +98,7 @@ impl Default for DeviationOptions {
             max_turn_deg: MAX_TURN_DEG,
             rim_mm: 0.5,
             correlated_points: 1.0,
-            noise_mm: 0.035 / 3.0,
+            noise_mm: NOISE_MM,
             spot_mm: 0.1,
             min_measured: 0.9,
             is_merged: false,
@@ -115,6 +127,8 @@ pub struct SampleDeviation {
     pub sigma_mm: f32,
     /// Expanded uncertainty of the mean, k = 2, mm.
     pub expanded_mm: f32,
+    /// Expanded uncertainty that the points alone give it, mm: the rest is that of poses and alignment, which neighbours share.
+    pub of_points_mm: f32,
     /// Number of points; 0 where it was not measured.
     pub points: u32,
     /// Points that are left out, since the surface that they show is turned by more than [`DeviationOptions::max_turn_deg`].
@@ -126,6 +140,12 @@ pub struct SampleDeviation {
 }
 
 impl SampleDeviation {
+    /// Expanded uncertainty that poses and the alignment give it, mm.
+    #[must_use]
+    pub fn of_poses_mm(&self) -> f64 {
+        (f64::from(self.expanded_mm).powi(2) - f64::from(self.of_points_mm).powi(2)).max(0.0).sqrt()
+    }
+
     /// Returns true if most points around it are left out for their turn, and show a surface that is off by more than a limit.
     #[must_use]
     pub fn is_turned_beyond(&self, limit_mm: f64) -> bool {
@@ -148,11 +168,11 @@ pub struct PlacedScan<'a> {
 }
 
 impl<'a> PlacedScan<'a> {
-    /// A scan at its registered pose.
+    /// A scan at its registered pose. Its uncertainty is that of all poses against an alignment ([`align::best_fit`]).
     #[must_use]
     pub fn registered(scan: &'a ViewScan, view: &RegisteredView) -> Self {
-        let (part_from_scanner, covariance) = (view.part_from_scanner, view.covariance);
-        Self { scan, part_from_scanner, covariance, shared_sd: Twist::zeros() }
+        let (covariance, shared_sd) = (Matrix6::zeros(), Twist::zeros());
+        Self { scan, part_from_scanner: view.part_from_scanner, covariance, shared_sd }
     }
 
     /// Moves the part's coordinates.
@@ -181,6 +201,8 @@ pub struct Deviation {
     pub samples: Vec<SampleDeviation>,
     /// Views that measured each sample, as places in the list of scans, ascending: the first is at `view_begin[sample]`.
     pub views: Vec<u16>,
+    /// Points that each of them has of the sample.
+    pub view_points: Vec<u32>,
     /// Begin of each sample's views, and the end of the last.
     pub view_begin: Vec<u32>,
     /// Points off the surface by more than the search distance, in heaps.
@@ -198,7 +220,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal));
     let (mut sums, mut heaps) = (vec![SampleSum::default(); nominal.surface.sample_mm.len()], Vec::new());
     let (mut compared_points, mut turned_points) = (0, 0);
-    let mut seen: Vec<Vec<SampleId>> = Vec::with_capacity(scans.len());
+    let mut seen: Vec<Vec<SeenSample>> = Vec::with_capacity(scans.len());
     let mesh = nominal.mesh;
     let normals: Vec<Vector3<f64>> =
         (0..mesh.faces.len()).into_par_iter().map(|face| mesh.scaled_normal(face).normalize()).collect();
@@ -220,17 +242,17 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
             if let Some((footprint, error)) = footprint {
                 sums[sample].add(footprint, error, options.is_merged);
                 if footprint.compared.points > 0 {
-                    own.push(SampleId::at(sample));
+                    own.push((SampleId::at(sample), footprint.compared.points));
                 }
             }
         }
         seen.push(own);
     }
-    let pooled = pooled_variance(&sums, options);
-    let samples: Vec<SampleDeviation> = sums.iter().map(|sum| sum.finish(pooled, options)).collect();
-    let (views, view_begin) = views_of(&seen, samples.len());
+    let pooled = PooledVariance::of(&sums, options);
+    let samples: Vec<SampleDeviation> = sums.iter().map(|sum| sum.finish(&pooled, options)).collect();
+    let (views, view_points, view_begin) = views_of(&seen, samples.len());
     let off_surface = off_surface::heaps(&heaps, options);
-    Deviation { samples, views, view_begin, off_surface, compared_points, turned_points }
+    Deviation { samples, views, view_points, view_begin, off_surface, compared_points, turned_points }
 }
 
 /// Half the distance between samples, and at least 1.5 times that between points at the best focus.
@@ -247,6 +269,8 @@ fn default_footprint_mm(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>) -> f64 
 /// Error along a sample's normal of where the view's pose puts it, by j = (s × n, n) in the scanner's frame.
 #[derive(Clone, Copy)]
 struct PoseError {
+    /// Cosine of the incidence at which the view sees the sample.
+    cos: f64,
     /// Variance of the pose's own error, jᵀ Σ j.
     own_mm2: f64,
     /// Error by one standard deviation of each component that all poses share.
@@ -258,9 +282,17 @@ impl PoseError {
         let at = scanner_from_part.point(&surface.sample_mm[sample.index()]);
         let normal = scanner_from_part.direction(&surface.patch_of(sample).normal);
         let row = lever(&at, &normal);
-        let own_mm2 = (row.transpose() * placed.covariance * row)[0].max(0.0);
-        Self { own_mm2, shared_mm: row.component_mul(&placed.shared_sd) }
+        Self {
+            cos: -normal.dot(&at.coords) / at.coords.norm(),
+            own_mm2: variance((row.transpose() * placed.covariance * row)[0]),
+            shared_mm: row.component_mul(&placed.shared_sd),
+        }
     }
+}
+
+/// A variance that rounding left below zero is none, and one that is no number is without bounds.
+fn variance(found: f64) -> f64 {
+    if found.is_nan() { f64::INFINITY } else { found.max(0.0) }
 }
 
 /// Derivative of a point's distance along `normal` by a small motion of the point: (p × n, n).
@@ -269,10 +301,13 @@ fn lever(at: &Point3<f64>, normal: &Vector3<f64>) -> Twist {
     Twist::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
 }
 
-/// Views of each sample, in one list.
-fn views_of(seen: &[Vec<SampleId>], samples: usize) -> (Vec<u16>, Vec<u32>) {
+/// A sample that a view sees, with the points that it has of it.
+type SeenSample = (SampleId, u32);
+
+/// Views of each sample with their points, in one list each, and where those of each sample begin.
+fn views_of(seen: &[Vec<SeenSample>], samples: usize) -> (Vec<u16>, Vec<u32>, Vec<u32>) {
     let mut begin = vec![0_u32; samples + 1];
-    for sample in seen.iter().flatten() {
+    for (sample, _) in seen.iter().flatten() {
         begin[sample.index() + 1] += 1;
     }
     for sample in 0..samples {
@@ -280,21 +315,32 @@ fn views_of(seen: &[Vec<SampleId>], samples: usize) -> (Vec<u16>, Vec<u32>) {
     }
     let mut place = begin.clone();
     let mut views = vec![0_u16; begin[samples] as usize];
+    let mut view_points = vec![0_u32; views.len()];
     for (view, own) in seen.iter().enumerate() {
-        for sample in own {
-            views[place[sample.index()] as usize] = view as u16;
+        for (sample, points) in own {
+            let at = place[sample.index()] as usize;
+            (views[at], view_points[at]) = (view as u16, *points);
             place[sample.index()] += 1;
         }
     }
-    (views, begin)
+    (views, view_points, begin)
 }
 
 impl Deviation {
     /// Views that measured a sample, as places in the list of scans.
     #[must_use]
     pub fn views_of(&self, sample: SampleId) -> &[u16] {
+        &self.views[self.places_of(sample)]
+    }
+
+    /// Points of a sample that each of its views has.
+    fn points_of(&self, sample: SampleId) -> &[u32] {
+        &self.view_points[self.places_of(sample)]
+    }
+
+    fn places_of(&self, sample: SampleId) -> std::ops::Range<usize> {
         let place = sample.index();
-        &self.views[self.view_begin[place] as usize..self.view_begin[place + 1] as usize]
+        self.view_begin[place] as usize..self.view_begin[place + 1] as usize
     }
 
     /// Extents of the part along its axes, nominal and measured.

@@ -10,7 +10,8 @@ use crate::planning::ids::SampleId;
 /// Cells of neighbours, in distances between samples.
 const CELL_SPACINGS: f64 = 2.0;
 
-/// A spot of samples that deviate by more than their uncertainty and the limit.
+/// A spot of samples that deviate by more than the uncertainty of their points and the limit. What poses leave open moves a wall as a
+/// whole, and makes no spot of it less of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeviationSpot {
     /// Missing or extra.
@@ -43,7 +44,7 @@ pub(super) fn worst(
         let is_far = |sample: &SampleId| {
             let own = deviation.samples[sample.index()];
             let is_kind = (own.distance_mm < 0.0) == (kind == MaterialKind::Missing);
-            own.points > 0 && is_kind && f64::from(own.distance_mm.abs() - own.expanded_mm) > options.spot_mm
+            own.points > 0 && is_kind && f64::from(own.distance_mm.abs() - own.of_points_mm) > options.spot_mm
         };
         let mut cells: BTreeMap<[i64; 3], Vec<SampleId>> = BTreeMap::new();
         for sample in surface.samples().filter(is_far) {

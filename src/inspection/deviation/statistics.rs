@@ -19,8 +19,9 @@ closed_list! {
 
 /// Share of samples at a limit that falls beyond it by more than U with no deviation beyond: one side of k = 2.
 const TAIL: f64 = 0.025;
-/// Multiple of the region's median U beyond which a sample has few points or turned ones: rims and corners. Our choice.
-const UNCOMMON: f32 = 2.0;
+/// Multiple of the region's median of what points leave open, beyond which a sample has few of them or turned ones: rims and corners. Our
+/// choice.
+const UNCOMMON: f64 = 2.0;
 
 /// Figures of the deviation of some samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -161,6 +162,10 @@ pub struct RegionDeviation {
     pub verdict: Option<Conformity>,
     /// Median of the samples' expanded uncertainty, mm.
     pub expanded_mm: Option<f64>,
+    /// Median of the part of it that poses and the alignment leave open, mm.
+    pub of_poses_mm: Option<f64>,
+    /// True if that part alone keeps the region from passing.
+    pub is_open_by_poses: bool,
 }
 
 /// Judges a region.
@@ -175,12 +180,19 @@ pub fn judge(
     let all: f64 = own().map(|sample| surface.sample_area_mm2(sample)).sum();
     let found = statistics(samples, surface, own(), region.tolerance_mm);
     let measured = found.map_or(0.0, |found| found.area_mm2) / all.max(f64::MIN_POSITIVE);
-    let mut expanded: Vec<f32> =
-        own().map(|sample| samples[sample.index()]).filter(|s| s.points > 0).map(|s| s.expanded_mm).collect();
-    expanded.sort_by(f32::total_cmp);
-    let median_mm = expanded.get(expanded.len() / 2).copied();
-    let enough = (options.min_measured * all, median_mm.unwrap_or_default());
-    let verdict = region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, enough));
+    let median = |of: &dyn Fn(&SampleDeviation) -> f64| {
+        let measured = own().map(|sample| &samples[sample.index()]).filter(|sample| sample.points > 0);
+        let mut values: Vec<f64> = measured.map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let of_points = |sample: &SampleDeviation| f64::from(sample.of_points_mm);
+    let expanded = |sample: &SampleDeviation| f64::from(sample.expanded_mm);
+    let enough = (options.min_measured * all, median(&of_points).unwrap_or_default());
+    let verdict_with = |uncertainty: &dyn Fn(&SampleDeviation) -> f64| {
+        region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, (enough, uncertainty)))
+    };
+    let verdict = verdict_with(&expanded);
     RegionDeviation {
         name: region.name.clone(),
         tolerance_mm: region.tolerance_mm,
@@ -188,14 +200,21 @@ pub fn judge(
         excluded: excluded(samples, surface, own()),
         statistics: found,
         verdict,
-        expanded_mm: median_mm.map(f64::from),
+        expanded_mm: median(&expanded),
+        of_poses_mm: median(&SampleDeviation::of_poses_mm),
+        is_open_by_poses: verdict == Some(Conformity::Undecided) && verdict_with(&of_points) == Some(Conformity::Pass),
     }
 }
 
 /// Verdict of one value with its uncertainty. A sample that most points are off, or turned and beyond the limit, does not pass.
 #[must_use]
 pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
-    let (distance, expanded, limit) = (f64::from(sample.distance_mm.abs()), f64::from(sample.expanded_mm), 0.5 * tolerance_mm);
+    verdict_by(sample, tolerance_mm, f64::from(sample.expanded_mm))
+}
+
+/// Verdict of one value with this uncertainty.
+fn verdict_by(sample: &SampleDeviation, tolerance_mm: f64, expanded: f64) -> Conformity {
+    let (distance, limit) = (f64::from(sample.distance_mm.abs()), 0.5 * tolerance_mm);
     let is_open = sample.is_off || sample.is_turned_beyond(limit);
     if sample.points > 0 && distance - expanded > limit {
         Conformity::Fail
@@ -207,38 +226,46 @@ pub fn verdict_of(sample: &SampleDeviation, tolerance_mm: f64) -> Conformity {
 }
 
 /// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
-/// `pass` where samples of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one of an
-/// uncommonly large U says little either way; else undecided. A sample before or behind which most points are off could not have passed.
-/// One where most are turned and beyond the limit counts as not measured: edges that are broken have some. What passes so passes with
-/// any larger tolerance.
+/// `pass` where samples of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points
+/// leave uncommonly much open, and alone do so, says little either way; else undecided. A sample before or behind which most points are off
+/// could not have passed. One where most are turned and beyond the limit counts as not measured: edges that are broken have some. What
+/// passes so passes with any larger tolerance.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
     region: &RegionToJudge,
     tolerance: f64,
-    (min_area_mm2, median_expanded_mm): (f64, f32),
+    ((min_area_mm2, median_of_points_mm), uncertainty): ((f64, f64), &dyn Fn(&SampleDeviation) -> f64),
 ) -> Conformity {
     let (mut measured, mut failed, mut open, mut passed_mm2) = (0_usize, 0_usize, 0_usize, 0.0);
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
         measured += usize::from(sample.points > 0);
-        match verdict_of(sample, tolerance) {
+        let expanded_mm = uncertainty(sample);
+        match verdict_by(sample, tolerance, expanded_mm) {
             Conformity::Pass => passed_mm2 += surface.sample_area_mm2(*id),
             Conformity::Fail => failed += 1,
             Conformity::Undecided => {
                 let (distance_mm, limit_mm) = (f64::from(sample.distance_mm.abs()), 0.5 * tolerance);
-                let is_common = sample.expanded_mm <= UNCOMMON * median_expanded_mm;
-                let may_be_beyond = is_common && distance_mm + f64::from(sample.expanded_mm) > limit_mm;
+                let of_points_mm = f64::from(sample.of_points_mm);
+                let of_poses_mm = (expanded_mm.powi(2) - of_points_mm.powi(2)).max(0.0).sqrt();
+                // No lack of points excuses what poses alone leave open, such as a wall that nothing ties to the rest.
+                let is_excused = of_points_mm > UNCOMMON * median_of_points_mm && distance_mm + of_poses_mm <= limit_mm;
+                let may_be_beyond = !is_excused && distance_mm + expanded_mm > limit_mm;
                 open += usize::from(sample.is_off || sample.points > 0 && (distance_mm > limit_mm || may_be_beyond));
             }
         }
     }
-    let count = measured as f64;
-    let by_noise: f64 = TAIL * count + 2.0 * (TAIL * (1.0 - TAIL) * count).sqrt();
-    if failed as f64 > by_noise {
+    if failed as f64 > by_noise(measured) {
         Conformity::Fail
     } else if measured > 0 && failed == 0 && open == 0 && passed_mm2 >= min_area_mm2 {
         Conformity::Pass
     } else {
         Conformity::Undecided
     }
+}
+
+/// Most of so many samples that noise lets fail at the limit: the tail of k = 2 and two standard deviations of their count.
+pub(super) fn by_noise(samples: usize) -> f64 {
+    let count = samples as f64;
+    TAIL * count + 2.0 * (TAIL * (1.0 - TAIL) * count).sqrt()
 }

@@ -9,7 +9,10 @@ pub(super) const MIN_OTHER_POINTS: u32 = 3;
 /// Freedoms that the pooled variance counts for.
 const POOLED_FREEDOMS: f64 = 10.0;
 /// Points from which on a sample's own variance goes into the pool.
-const POOLED_POINTS: f64 = 5.0;
+const POOLED_POINTS: f64 = 3.0;
+/// Classes of incidence, by its cosine, and samples from which on one has a pool of its own.
+const CLASSES: usize = 10;
+const MIN_POOLED: usize = 30;
 
 /// Points of a sample over all views.
 #[derive(Clone, Copy, Default)]
@@ -40,7 +43,7 @@ impl SampleSum {
         }
     }
 
-    pub(super) fn finish(&self, pooled_mm2: f64, options: &DeviationOptions) -> SampleDeviation {
+    pub(super) fn finish(&self, pooled: &PooledVariance, options: &DeviationOptions) -> SampleDeviation {
         let Self { compared, off, turned } = self;
         let unmeasured = SampleDeviation {
             turned_points: turned.points,
@@ -51,10 +54,12 @@ impl SampleSum {
         if compared.count < 1.0 {
             return unmeasured;
         }
+        let of_points_mm2 = compared.of_points_mm2(pooled.of_class[compared.class()], options);
         SampleDeviation {
             distance_mm: compared.mean_mm() as f32,
             sigma_mm: compared.variance_mm2().sqrt() as f32,
-            expanded_mm: compared.expanded_mm(pooled_mm2, options) as f32,
+            expanded_mm: (of_points_mm2 + compared.of_poses_mm2()).sqrt() as f32,
+            of_points_mm: of_points_mm2.sqrt() as f32,
             points: compared.count as u32,
             ..unmeasured
         }
@@ -67,6 +72,8 @@ struct PlacedPoints {
     count: f64,
     sum_mm: f64,
     square_mm2: f64,
+    /// Σ n_v times the cosine of the incidence.
+    cos: f64,
     /// Σ n_v² σ_v² of the views' poses.
     pose: f64,
     /// Σ n_v times what all poses are off alike.
@@ -81,6 +88,7 @@ impl PlacedPoints {
             count,
             sum_mm: points.sum_mm,
             square_mm2: points.square_mm2,
+            cos: count * error.cos,
             pose: count * count * error.own_mm2,
             shared_mm: count * error.shared_mm,
         }
@@ -90,6 +98,7 @@ impl PlacedPoints {
         self.count += other.count;
         self.sum_mm += other.sum_mm;
         self.square_mm2 += other.square_mm2;
+        self.cos += other.cos;
         self.pose += other.pose;
         self.shared_mm += other.shared_mm;
     }
@@ -98,34 +107,58 @@ impl PlacedPoints {
         self.sum_mm / self.count
     }
 
+    /// Class of their mean incidence; the first is the flattest.
+    fn class(&self) -> usize {
+        ((CLASSES as f64 * self.cos / self.count).max(0.0) as usize).min(CLASSES - 1)
+    }
+
     /// Variance about their mean.
     fn variance_mm2(&self) -> f64 {
         let mean = self.mean_mm();
         (self.square_mm2 / self.count - mean * mean).max(0.0) * self.count / (self.count - 1.0).max(1.0)
     }
 
-    /// Expanded uncertainty of their mean.
-    fn expanded_mm(&self, pooled_mm2: f64, options: &DeviationOptions) -> f64 {
+    /// Square of the expanded uncertainty of their mean by their own spread.
+    fn of_points_mm2(&self, pooled_mm2: f64, options: &DeviationOptions) -> f64 {
         let freedoms = self.count - 1.0 + POOLED_FREEDOMS;
         let variance = ((self.count - 1.0) * self.variance_mm2() + POOLED_FREEDOMS * pooled_mm2) / freedoms;
         let effective = (self.count / options.correlated_points.max(1.0)).max(1.0);
-        let of_points = student_factor(freedoms).powi(2) * variance / effective;
-        let of_pose = 4.0 * (self.pose + self.shared_mm.norm_squared()) / (self.count * self.count);
-        (of_points + of_pose).sqrt()
+        student_factor(freedoms).powi(2) * variance / effective
+    }
+
+    /// Square of the expanded uncertainty by the poses.
+    fn of_poses_mm2(&self) -> f64 {
+        4.0 * (self.pose + self.shared_mm.norm_squared()) / (self.count * self.count)
     }
 }
 
-/// Median variance of the samples with enough points, each divided by the median of χ²/ν, (1 − 2/9ν)³ (E. B. Wilson, M. M. Hilferty, "The
-/// distribution of chi-square", PNAS 17, 1931); that of the expected noise where there is none.
-pub(super) fn pooled_variance(sums: &[SampleSum], options: &DeviationOptions) -> f64 {
-    let unbiased = |points: &PlacedPoints| points.variance_mm2() / (1.0 - 2.0 / (9.0 * (points.count - 1.0))).powi(3);
-    let compared = sums.iter().map(|sum| &sum.compared);
-    let mut variances: Vec<f64> = compared.filter(|points| points.count >= POOLED_POINTS).map(unbiased).collect();
-    if variances.is_empty() {
-        return options.noise_mm.powi(2);
+/// Variances of points by the class of incidence at which they are seen: across a surface that is seen more flatly, they scatter more.
+pub(super) struct PooledVariance {
+    of_class: [f64; CLASSES],
+}
+
+impl PooledVariance {
+    /// Median variances of the samples with enough points, each divided by the median of χ²/ν, (1 − 2/9ν)³ (E. B. Wilson, M. M. Hilferty,
+    /// "The distribution of chi-square", PNAS 17, 1931). A class of few samples has that of the nearest one, of two the flatter; where all
+    /// have few, that of all together; and without any the expected noise counts.
+    pub(super) fn of(sums: &[SampleSum], options: &DeviationOptions) -> Self {
+        let unbiased = |points: &PlacedPoints| points.variance_mm2() / (1.0 - 2.0 / (9.0 * (points.count - 1.0))).powi(3);
+        let mut variances: [Vec<f64>; CLASSES] = std::array::from_fn(|_| Vec::new());
+        for points in sums.iter().map(|sum| &sum.compared).filter(|points| points.count >= POOLED_POINTS) {
+            variances[points.class()].push(unbiased(points));
+        }
+        let of_all = median(variances.concat()).unwrap_or_else(|| options.noise_mm.powi(2));
+        let known = variances.map(|own| if own.len() >= MIN_POOLED { median(own) } else { None });
+        let nearest =
+            |class: usize| (0..CLASSES).filter(|other| known[*other].is_some()).min_by_key(|other| other.abs_diff(class));
+        Self { of_class: std::array::from_fn(|class| nearest(class).and_then(|class| known[class]).unwrap_or(of_all)) }
     }
-    let middle = variances.len() / 2;
-    *variances.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Middle one of some numbers.
+fn median(mut numbers: Vec<f64>) -> Option<f64> {
+    let middle = numbers.len() / 2;
+    (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Student's 97.5 % quantile for ten freedoms and more, and at least 2: its expansion about the normal quantile z, z + (z³ + z)/4ν +

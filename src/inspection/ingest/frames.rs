@@ -21,7 +21,7 @@ const NEAR_PLATE_MM: f64 = 2.0;
 const SPECK: f64 = 0.2;
 /// Factor by which points may lie denser than the pixels of the views that they are from.
 const MAX_DENSITY: f64 = 2.0;
-/// Units that are tried, likely ones first.
+/// Units that are tried, likely ones first; another one only where it is declared.
 const UNITS: [LengthUnit; 3] = [LengthUnit::Millimetre, LengthUnit::Metre, LengthUnit::Inch];
 
 closed_list! {
@@ -116,18 +116,29 @@ pub(super) fn best_of<'a>(tried: impl Iterator<Item = &'a FrameAttempt>) -> Opti
     tried.fold(None, |best: Option<FrameAttempt>, attempt| best.filter(|best| best.on_part >= attempt.on_part).or(Some(*attempt)))
 }
 
-/// Tries every unit and every frame of a view.
-pub(super) fn try_all(cloud: &StoredCloud, capture: &PlannedCapture, world: &IngestWorld<'_>) -> Vec<FrameAttempt> {
-    tried(cloud, capture, world, &ScanFrame::ALL, false)
+/// Tries every unit, a declared one too, and every frame of a view.
+pub(super) fn try_all(
+    cloud: &StoredCloud,
+    declared: Option<LengthUnit>,
+    capture: &PlannedCapture,
+    world: &IngestWorld<'_>,
+) -> Vec<FrameAttempt> {
+    tried(cloud, declared, capture, world, &ScanFrame::ALL, false)
 }
 
-/// Tries every unit and the frames that several views may share.
-pub(super) fn try_merged(cloud: &StoredCloud, first: &PlannedCapture, world: &IngestWorld<'_>) -> Vec<FrameAttempt> {
-    tried(cloud, first, world, &[ScanFrame::Part, ScanFrame::Plate, ScanFrame::Table, ScanFrame::Base], true)
+/// Tries every unit, a declared one too, and the frames that several views may share.
+pub(super) fn try_merged(
+    cloud: &StoredCloud,
+    declared: Option<LengthUnit>,
+    first: &PlannedCapture,
+    world: &IngestWorld<'_>,
+) -> Vec<FrameAttempt> {
+    tried(cloud, declared, first, world, &[ScanFrame::Part, ScanFrame::Plate, ScanFrame::Table, ScanFrame::Base], true)
 }
 
 fn tried(
     cloud: &StoredCloud,
+    declared: Option<LengthUnit>,
     capture: &PlannedCapture,
     world: &IngestWorld<'_>,
     frames: &[ScanFrame],
@@ -139,7 +150,7 @@ fn tried(
     let points: Vec<Point3<f64>> = points.map(|point| Point3::from(point.map(f64::from))).collect();
     let mut attempts = Vec::new();
     let views = if is_merged { world.captures.len().max(1) } else { 1 };
-    for unit in UNITS {
+    for unit in UNITS.into_iter().chain(declared.filter(|unit| !UNITS.contains(unit))) {
         let is_possible = !is_too_dense(there, &points, unit, views, world);
         for &frame in frames {
             let Some(scanner_from_frame) = capture.scanner_from(frame) else { continue };

@@ -92,7 +92,7 @@ pub struct IngestFinding {
     pub code: IngestCode,
     /// File and, for E57, the name of the scan in it; none for a view without a file.
     pub file: Option<String>,
-    /// Number of the view.
+    /// Number of the view; of [`IngestCode::ViewUnknown`] and [`IngestCode::Merged`] that of the file, which is no view of the plan.
     pub viewpoint: Option<u32>,
     /// View that the file fits better.
     pub fits_viewpoint: Option<u32>,
@@ -100,11 +100,24 @@ pub struct IngestFinding {
     pub tried: Vec<FrameAttempt>,
     /// Longest triangle that was dropped, mm.
     pub longest_mm: Option<f64>,
+    /// Views that the plan takes, ascending, of a file that is of none of them by its number; else empty.
+    pub viewpoints: Vec<u32>,
 }
 
 impl IngestFinding {
     fn of(code: IngestCode, file: Option<String>, viewpoint: Option<u32>) -> Self {
-        Self { code, file, viewpoint, fits_viewpoint: None, tried: Vec::new(), longest_mm: None }
+        let (tried, viewpoints) = (Vec::new(), Vec::new());
+        Self { code, file, viewpoint, fits_viewpoint: None, tried, longest_mm: None, viewpoints }
+    }
+
+    /// Names the number of a file that is no view of the plan, and the views that are: of findings that tell them.
+    fn with_number(self, number: Option<u32>, world: &IngestWorld<'_>) -> Self {
+        if !matches!(self.code, IngestCode::ViewUnknown | IngestCode::Merged) {
+            return self;
+        }
+        let mut viewpoints: Vec<u32> = world.captures.iter().map(|capture| capture.viewpoint).collect();
+        viewpoints.sort_unstable();
+        Self { viewpoint: number, viewpoints, ..self }
     }
 }
 
@@ -283,14 +296,18 @@ enum ViewFit {
 fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &IngestOptions) -> ReadFile {
     let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
     let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
-    // The only file is of the only view, whatever its name.
-    let capture = capture.or_else(|| world.captures.first().filter(|_| world.captures.len() == 1 && clouds == 1));
+    // The only file is of the only view, whatever its name, unless it is declared to be of another one.
+    let is_only = world.captures.len() == 1 && clouds == 1 && file.viewpoint.is_none();
+    let capture = capture.or_else(|| world.captures.first().filter(|_| is_only));
     let viewpoint = capture.map(|capture| capture.viewpoint);
     let mut read = ReadFile { name: label(&file), viewpoint, scans: Vec::new(), findings: Vec::new(), fit: ViewFit::OnPart };
     match capture {
         Some(capture) => take_view(file, capture, world, options, &mut read),
-        None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, world, options, &mut read),
-        None => read.findings.push(IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), number)),
+        None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, number, world, options, &mut read),
+        None => {
+            let finding = IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), None);
+            read.findings.push(finding.with_number(number, world));
+        }
     }
     read
 }
@@ -310,7 +327,7 @@ fn number_of(name: &str) -> Option<u32> {
 
 fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
     let name = label(&file);
-    let tried = try_all(&file.cloud, capture, world);
+    let tried = try_all(&file.cloud, file.unit, capture, world);
     let declared = |attempt: &&FrameAttempt| {
         file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
     };
@@ -374,7 +391,7 @@ fn diagnosis(
     }
     let others = world.captures.iter().filter(|other| other.viewpoint != capture.viewpoint);
     let fits = others.filter_map(|other| {
-        let tried = try_all(&file.cloud, other, world);
+        let tried = try_all(&file.cloud, file.unit, other, world);
         best_of(tried.iter()).filter(|best| best.on_part >= MIN_SHARE).map(|best| (best.on_part, other.viewpoint))
     });
     if let Some((_, viewpoint)) =
@@ -391,11 +408,11 @@ fn diagnosis(
     }
 }
 
-/// A cloud of all views, put into the image of each.
-fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
+/// A cloud of all views, put into the image of each. A number in its name may be that of the part, or that of a view that does not exist.
+fn take_merged(file: ScanFile, number: Option<u32>, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
     let name = label(&file);
     let Some(first) = world.captures.first() else { return };
-    let tried = frames::try_merged(&file.cloud, first, world);
+    let tried = frames::try_merged(&file.cloud, file.unit, first, world);
     let declared = |attempt: &&FrameAttempt| {
         file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
     };
@@ -404,9 +421,11 @@ fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions,
         let code = match fits {
             Some(fit) if file.unit.is_some_and(|unit| unit != fit.unit) => IngestCode::UnitMismatch,
             Some(_) => IngestCode::FrameMismatch,
+            None if number.is_some() => IngestCode::ViewUnknown,
             None => IngestCode::NoPart,
         };
-        into.findings.push(IngestFinding { tried, ..IngestFinding::of(code, Some(name), None) });
+        let finding = IngestFinding::of(code, Some(name), None).with_number(number, world);
+        into.findings.push(IngestFinding { tried, ..finding });
         return;
     };
     let (cloud, removed, longest_mm) = prepared(file, &best, first);
@@ -427,7 +446,8 @@ fn take_merged(file: ScanFile, world: &IngestWorld<'_>, options: &IngestOptions,
     let min_points = RegistrationOptions::default().min_points;
     let is_speck = into.scans.iter().all(|taken| taken.scan.scanner_cloud.finite().count() < min_points);
     let code = if is_speck { IngestCode::NoPart } else { IngestCode::Merged };
-    into.findings.push(IngestFinding { tried, ..IngestFinding::of(code, Some(name.clone()), None) });
+    let finding = IngestFinding::of(code, Some(name.clone()), None).with_number(number, world);
+    into.findings.push(IngestFinding { tried, ..finding });
     if is_speck {
         into.scans.clear();
     } else if longest_mm.is_some() {

@@ -210,6 +210,45 @@ fn swapped_double_and_unknown_views_are_named() {
     }
 }
 
+/// A lone file of a view that does not exist was once refused as a cloud that misses the part, or taken for one of all views without a
+/// word on its number.
+#[test]
+fn a_number_that_is_no_view_of_the_plan_is_told_with_those_that_are() {
+    let cell = Cell::new();
+    let lone = |frame: ScanFrame| cell.ingest(vec![cell.file(1, LengthUnit::Millimetre, frame, "view_99.ply")]);
+    let told = |taken: &Ingested, code: IngestCode, number: Option<u32>, viewpoints: &[u32]| {
+        let finding = &taken.findings[0];
+        assert_eq!((finding.code, finding.viewpoint, &finding.viewpoints[..]), (code, number, viewpoints), "{finding:?}");
+    };
+    // In the scanner's frame it is of one view, and fits none.
+    let (of_view, of_all) = (lone(ScanFrame::Scanner), lone(ScanFrame::Part));
+    told(&of_view, IngestCode::ViewUnknown, Some(99), &[1, 2, 3, 4]);
+    assert!(of_view.scans.is_empty() && of_view.findings[0].file.as_deref() == Some("view_99.ply"));
+    told(&of_all, IngestCode::Merged, Some(99), &[1, 2, 3, 4]);
+    assert_eq!(of_all.scans.len(), 4);
+    // A finding that does not tell the number names no view by it.
+    let file = cell.file(1, LengthUnit::Millimetre, ScanFrame::Part, "view_99.ply");
+    told(&cell.ingest(vec![ScanFile { unit: Some(LengthUnit::Inch), ..file }]), IngestCode::UnitMismatch, None, &[]);
+    // The only view takes the only file, unless another view is declared.
+    let mut one = Cell::new();
+    one.captures.truncate(1);
+    let file = || one.file(0, LengthUnit::Millimetre, ScanFrame::Scanner, "part_4711.ply");
+    assert_eq!(one.ingest(vec![file()]).scans.len(), 1);
+    let declared = one.ingest(vec![ScanFile { viewpoint: Some(7), ..file() }]);
+    told(&declared, IngestCode::ViewUnknown, Some(7), &[1]);
+    assert!(declared.scans.is_empty());
+}
+
+/// Centimetres are not guessed, and were once not tried where they were declared either.
+#[test]
+fn a_declared_unit_is_tried_though_it_is_not_guessed() {
+    let cell = Cell::new();
+    let file = cell.file(2, LengthUnit::Centimetre, ScanFrame::Scanner, "view_3.ply");
+    let taken = cell.ingest(vec![ScanFile { unit: Some(LengthUnit::Centimetre), ..file }]);
+    let [scan] = &taken.scans[..] else { panic!("{:?}", taken.findings) };
+    assert_eq!((scan.unit, scan.frame, scan.scan.viewpoint), (LengthUnit::Centimetre, ScanFrame::Scanner, 3));
+}
+
 #[test]
 fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
     let cell = Cell::new();

@@ -145,9 +145,8 @@ impl Arrow {
         let seen = &self.matrix * &self.views_from_part;
         let follows = self.posterior.solve(&seen);
         let settled = self.posterior.solve(&self.posterior_gradient);
-        let part = self.views_from_part.tr_mul(&seen) - seen.tr_mul(&follows);
+        let part = symmetric(&(self.views_from_part.tr_mul(&seen) - seen.tr_mul(&follows)));
         let gradient = self.views_from_part.tr_mul(&self.gradient) - seen.tr_mul(&settled);
-        let part = Matrix6::from_fn(|row, column| 0.5 * (part[(row, column)] + part[(column, row)]));
         let part_covariance = if moves_part { pseudo_inverse(&part)? } else { Matrix6::zeros() };
         let part_step = -(part_covariance * Twist::from_fn(|row, _| gradient[row]));
         let steps = -(settled + follows * part_step);
@@ -167,6 +166,16 @@ impl Arrow {
         };
         Covariances { part, views: (0..inverse.nrows()).step_by(FREEDOMS).map(view).collect() }
     }
+
+    /// Covariance of the views' steps at the part's place, and those steps.
+    pub(super) fn of_views(&self) -> (DMatrix<f64>, DVector<f64>) {
+        (self.posterior.inverse(), -self.posterior.solve(&self.posterior_gradient))
+    }
+}
+
+/// Symmetric part of a matrix of six rows and columns.
+fn symmetric(matrix: &DMatrix<f64>) -> Matrix6<f64> {
+    Matrix6::from_fn(|row, column| 0.5 * (matrix[(row, column)] + matrix[(column, row)]))
 }
 
 /// Inverse on the freedoms that observations fix; rotations are measured in steps that move points by millimetres.

@@ -13,6 +13,11 @@
 //! aᵢ·(ξᵢ + Mᵢη) + d + noise, η the part's step and Mᵢ its adjoint in the view's frame. With each d eliminated, views that share
 //! cells hold each other to their noise, and the mesh holds all of them to σ. Both deviations are estimated from the residuals, robustly.
 //!
+//! A wall that deviates as a whole, in views that nothing ties to those of the opposite wall, cannot be told from a view that is off: the
+//! mesh pulls them onto itself. How far it did, and how far the poses are open without it, is told beside the covariances ([`OpenPoses`]):
+//! with A the normal equations of cells that say nothing of the mesh, and the priors, they are A⁻¹ and steps −A⁻¹g. What all poses are off
+//! alike, with the covariance Σ, averages out in no number of views: to A⁻¹ comes B Σ Bᵀ, B = A⁻¹ Λ (1 ⊗ I).
+//!
 //! The result does not depend on the number of threads: sums run in the order of views, cells and points.
 //! Cost: some 20 rounds of a nearest-face query a point, 50 000 points at most, and one dense factorisation of six rows a view a round.
 
@@ -26,10 +31,11 @@ mod tests;
 
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix6, Vector6};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector6};
 
-use super::{RegisteredView, ViewScan};
+use super::{OpenPoses, RegisteredView, ViewScan};
 use crate::cell::calibration::chi_squared::quantile;
 use crate::cell::calibration::se3::{Twist, adjoint, exp, log};
 use crate::cell::closed_list;
@@ -46,8 +52,11 @@ const OUT_OF_PRIOR: f64 = 1e-3;
 const PART_RADII_MM: [f64; 12] = [5.0, 5.0, 3.5, 2.5, 1.8, 1.3, 0.9, 0.65, 0.45, 0.35, 0.25, 0.25];
 /// Radii while part and views are moved together, mm.
 const JOINT_RADII_MM: [f64; 8] = [2.0, 1.0, 0.5, 0.35, 0.25, 0.25, 0.25, 0.25];
-/// Max views that are tied to each other; more are held to the mesh alone.
+/// Max views that are tied to each other; more are held to the mesh alone, and what it does not hold of them is as open as their priors.
 const MAX_TIED_VIEWS: usize = 256;
+/// Standard deviations of a pose that is not off, rad and mm: far below what points tell.
+const FIXED_RAD: f64 = 1e-9;
+const FIXED_MM: f64 = 1e-6;
 /// Least noise of a point that is believed, mm: what single precision and facets leave over.
 const MIN_NOISE_MM: f64 = 0.002;
 
@@ -70,6 +79,10 @@ pub struct RegistrationOptions {
     pub prior_deg: f64,
     /// Standard deviation of its translation along each axis, mm.
     pub prior_mm: f64,
+    /// Part of [`RegistrationOptions::prior_deg`] that each pose is off by itself, degrees: all of them are off alike by the rest.
+    pub own_deg: f64,
+    /// Part of [`RegistrationOptions::prior_mm`] likewise, mm.
+    pub own_mm: f64,
     /// Max points of a view; the max of all views together is 50 000.
     pub points_of_view: usize,
     /// A view with fewer points keeps its pose.
@@ -82,24 +95,40 @@ pub struct RegistrationOptions {
     pub correlation_mm: f64,
     /// True if the part may lie elsewhere than planned; else only the views are corrected.
     pub moves_part: bool,
+    /// True if each view may be off by itself; else only the part is moved, as where all are images of one cloud.
+    pub moves_views: bool,
     /// Pose that is taken first: the part's coordinates by the stated poses to those of the mesh, as [`locate::place`] finds it.
     pub start: Pose<Part, Part>,
 }
 
 impl Default for RegistrationOptions {
-    /// Priors of a calibrated arm, 0.05° and 0.2 mm; 500 points and 60 % of inliers as measured on views that slide.
+    /// Priors of a calibrated arm, 0.05° and 0.2 mm, all of which may be off alike in every view; 500 points and 60 % of inliers as
+    /// measured on views that slide.
     fn default() -> Self {
         Self {
             prior_deg: 0.05,
             prior_mm: 0.2,
+            own_deg: 0.0,
+            own_mm: 0.0,
             points_of_view: 3000,
             min_points: 500,
             min_inlier_share: 0.6,
             inlier_mm: 0.5,
             correlation_mm: 5.0,
             moves_part: true,
+            moves_views: true,
             start: Pose::identity(),
         }
+    }
+}
+
+impl RegistrationOptions {
+    /// Standard deviations of what all poses are off alike, scanner frame, rad and mm.
+    #[must_use]
+    pub fn shared_sd(&self) -> Twist {
+        let rest = |prior: f64, own: f64| (prior.powi(2) - own.powi(2)).max(0.0).sqrt();
+        let (turn, shift) = (rest(self.prior_deg, self.own_deg).to_radians(), rest(self.prior_mm, self.own_mm));
+        Twist::new(turn, turn, turn, shift, shift, shift)
     }
 }
 
@@ -134,6 +163,8 @@ pub struct ScanRegistration {
     pub sd: Twist,
     /// Views, in the order in which they were given.
     pub views: Vec<RegisteredView>,
+    /// Motions of these views, in the same order, that the mesh alone rules out.
+    pub open: Arc<OpenPoses>,
     /// Findings on each, in the same order.
     pub found: Vec<ViewRegistration>,
     /// Standard deviation of an inlier's distance, robust, mm.
@@ -165,13 +196,20 @@ pub fn register<S: Borrow<ViewScan>>(
     for radius_mm in JOINT_RADII_MM {
         let matched = state.matched(&views, nearest, radius_mm);
         usable = matched.iter().map(|view| view.kept_pose(options).is_none()).collect();
-        state.move_all(&views, &matched, &Weighing { priors: &priors, usable: &usable, options });
+        if options.moves_views {
+            state.move_all(&views, &matched, &Weighing { priors: &priors, usable: &usable, options });
+        }
     }
     state.finish(scans, &views, nearest, &Weighing { priors: &priors, usable: &usable, options })
 }
 
-/// Inverse of a covariance; the default's where there is none, or none that can be inverted.
+/// Inverse of a covariance; the default's where there is none, or none that can be inverted; that of a pose that is not off at all where
+/// views are not moved.
 fn prior_weight(covariance: Option<Matrix6<f64>>, options: &RegistrationOptions) -> Matrix6<f64> {
+    if !options.moves_views {
+        let (turn, shift) = (FIXED_RAD.powi(-2), FIXED_MM.powi(-2));
+        return Matrix6::from_diagonal(&Vector6::new(turn, turn, turn, shift, shift, shift));
+    }
     let inverse = covariance.and_then(|covariance| covariance.cholesky()).map(|root| root.inverse());
     inverse.unwrap_or_else(|| {
         let (turn, shift) = (options.prior_deg.to_radians().powi(-2), options.prior_mm.powi(-2));
@@ -193,6 +231,19 @@ fn robust_sd_mm(mut distances_mm: Vec<f64>) -> f64 {
 
 /// Sums of the views that see one cell, each with the index of its view.
 type SeenCell = Vec<(usize, CellSum)>;
+
+/// Cells that the views whose points say something see.
+fn seen_cells(matched: &[Matched], weighing: &Weighing<'_>) -> Vec<SeenCell> {
+    let mut seen: BTreeMap<(SurfaceCell, usize), SeenCell> = BTreeMap::new();
+    for (view, pairs) in matched.iter().enumerate().filter(|(view, _)| weighing.usable[*view]) {
+        // A cell of its own for each view where they are too many.
+        let owner = if matched.len() > MAX_TIED_VIEWS { view } else { 0 };
+        for (cell, sum) in pairs.cells(weighing.options.correlation_mm) {
+            seen.entry((cell, owner)).or_default().push((view, sum));
+        }
+    }
+    seen.into_values().collect()
+}
 
 /// Weight of all views in a cell, and their mean distance, mm.
 fn mean_of(cell: &SeenCell) -> (f64, f64) {
@@ -261,19 +312,16 @@ impl State {
     }
 
     fn arrow(&self, views: &[ViewPoints], matched: &[Matched], weighing: &Weighing<'_>) -> Option<Arrow> {
-        let mut seen: BTreeMap<(SurfaceCell, usize), SeenCell> = BTreeMap::new();
-        for (view, pairs) in matched.iter().enumerate().filter(|(view, _)| weighing.usable[*view]) {
-            // A cell of its own for each view where they are too many.
-            let owner = if views.len() > MAX_TIED_VIEWS { view } else { 0 };
-            for (cell, sum) in pairs.cells(weighing.options.correlation_mm) {
-                seen.entry((cell, owner)).or_default().push((view, sum));
-            }
-        }
-        let cells: Vec<SeenCell> = seen.into_values().collect();
+        let cells = seen_cells(matched, weighing);
         let deviation_sd_mm = robust_sd_mm(cells.iter().map(|cell| mean_of(cell).1).collect());
-        let point_weight = point_sd_mm(&cells).powi(-2);
+        self.arrow_of(views, &cells, deviation_sd_mm, weighing)
+    }
+
+    /// Arrow of cells that deviate by this standard deviation: at infinity they say nothing of the mesh.
+    fn arrow_of(&self, views: &[ViewPoints], cells: &[SeenCell], deviation_sd_mm: f64, weighing: &Weighing<'_>) -> Option<Arrow> {
+        let point_weight = point_sd_mm(cells).powi(-2);
         let mut observations = Observations::of(views.len());
-        for cell in &cells {
+        for cell in cells {
             let mean = |(view, sum): &(usize, CellSum)| CellMean {
                 view: *view,
                 row: sum.row / sum.weight,
@@ -284,6 +332,41 @@ impl State {
         }
         let from_part: Vec<Matrix6<f64>> = (0..views.len()).map(|view| adjoint(&self.pose(views, view).inverse())).collect();
         observations.with(weighing.priors, &self.corrections, &from_part)
+    }
+
+    /// Poses that priors and surface of several views leave open; `kept` has the covariances of those that were kept.
+    fn open_poses(
+        &self,
+        (views, matched): (&[ViewPoints], &[Matched]),
+        kept: &[Option<Matrix6<f64>>],
+        part: Matrix6<f64>,
+        weighing: &Weighing<'_>,
+    ) -> OpenPoses {
+        let size = FREEDOMS * views.len();
+        let arrow = self.arrow_of(views, &seen_cells(matched, weighing), f64::INFINITY, weighing);
+        let is_solved = arrow.is_some();
+        let (mut covariance, mut pulled) =
+            arrow.map_or_else(|| (DMatrix::zeros(size, size), DVector::zeros(size)), |arrow| arrow.of_views());
+        let mut priors = DMatrix::zeros(size, FREEDOMS);
+        for (view, prior) in weighing.priors.iter().enumerate() {
+            priors.fixed_view_mut::<FREEDOMS, FREEDOMS>(FREEDOMS * view, 0).copy_from(prior);
+        }
+        let mut alike = &covariance * priors;
+        for (view, kept) in kept.iter().enumerate() {
+            let kept = kept.or_else(|| if is_solved { None } else { weighing.priors[view].try_inverse() });
+            // A pose that was kept was not pulled, and its own covariance is all that is known of it.
+            let (Some(own), at) = (kept, FREEDOMS * view) else { continue };
+            covariance.rows_mut(at, FREEDOMS).fill(0.0);
+            covariance.columns_mut(at, FREEDOMS).fill(0.0);
+            covariance.fixed_view_mut::<FREEDOMS, FREEDOMS>(at, at).copy_from(&own);
+            alike.fixed_view_mut::<FREEDOMS, FREEDOMS>(at, 0).copy_from(&Matrix6::identity());
+            pulled.fixed_rows_mut::<FREEDOMS>(at).fill(0.0);
+        }
+        if weighing.options.moves_views {
+            let alike = alike * Matrix6::from_diagonal(&weighing.options.shared_sd());
+            covariance += &alike * alike.transpose();
+        }
+        OpenPoses { covariance, pulled, part }
     }
 
     fn finish<S: Borrow<ViewScan>>(
@@ -303,6 +386,7 @@ impl State {
         let judged = self.matched(views, nearest, options.inlier_mm);
         let mut registered = Vec::with_capacity(scans.len());
         let mut found = Vec::with_capacity(scans.len());
+        let mut kept = Vec::with_capacity(scans.len());
         for (view, scan) in scans.iter().map(Borrow::borrow).enumerate() {
             let correction = self.corrections[view];
             let chi_squared = (correction.transpose() * priors[view] * correction)[0];
@@ -316,6 +400,7 @@ impl State {
                 Some(_) => prior,
                 None => covariances.as_ref().map_or(prior, |found| found.views[view]),
             };
+            kept.push(kept_pose.map(|_| covariance));
             registered.push(RegisteredView {
                 viewpoint: scan.viewpoint,
                 part_from_scanner: Pose::claim(pose),
@@ -329,10 +414,12 @@ impl State {
         let all: usize = judged.iter().map(|view| view.points).sum();
         let inliers: usize = judged.iter().map(|view| view.pairs.len()).sum();
         let part_covariance = covariances.map_or_else(Matrix6::zeros, |found| found.part);
+        let open = Arc::new(self.open_poses((views, &last), &kept, part_covariance, weighing));
         ScanRegistration {
             mesh_from_stated: Pose::claim(self.part),
             sd: part_covariance.diagonal().map(|variance| variance.max(0.0).sqrt()),
             views: registered,
+            open,
             found,
             noise_mm,
             inlier_share: inliers as f64 / all.max(1) as f64,

@@ -33,9 +33,9 @@ pub struct MeasuredCoverageDocument {
     pub gained_of_asked: f64,
     /// Share that was neither planned nor measured.
     pub neither_of_asked: f64,
-    /// Share of the losses that lies so near to a limit of incidence that it may fall on either side.
+    /// Share that was planned and not measured, and lies so near to a limit of incidence that it may fall on either side.
     pub lost_near_limit_of_asked: f64,
-    /// Share of the gains that lies so near to a limit of incidence that it may fall on either side.
+    /// Share that was measured and not planned, and lies so near to a limit of incidence that it may fall on either side.
     pub gained_near_limit_of_asked: f64,
     /// True for merged clouds, of which coverage is known to about a point, and not by view.
     pub approximate: bool,

@@ -116,6 +116,12 @@ pub struct RegionDeviationDocument {
     pub verdict: Option<Conformity>,
     /// Median of the expanded uncertainty, k = 2; `null` where nothing is measured.
     pub expanded_uncertainty_mm: Option<f64>,
+    /// Median of the part of it that poses and the alignment leave open; `null` where nothing is measured.
+    #[serde(default)]
+    pub pose_uncertainty_mm: Option<f64>,
+    /// True if that part alone keeps the region from passing.
+    #[serde(default)]
+    pub is_open_by_poses: bool,
     /// Statistics; `null` where nothing is measured.
     pub statistics: Option<StatisticsDocument>,
 }
@@ -182,6 +188,8 @@ impl From<&RegionDeviation> for RegionDeviationDocument {
             excluded: ExcludedSharesDocument::from(&region.excluded),
             verdict: region.verdict,
             expanded_uncertainty_mm: region.expanded_mm,
+            pose_uncertainty_mm: region.of_poses_mm,
+            is_open_by_poses: region.is_open_by_poses,
             statistics: region.statistics.as_ref().map(StatisticsDocument::from),
         }
     }
@@ -232,6 +240,16 @@ impl DeviationDocument {
     }
 }
 
+/// Sentence for a region that only what poses leave open keeps from passing: how large that is, and the remedy.
+#[must_use]
+pub fn open_poses_sentence(region: &RegionDeviationDocument) -> Option<String> {
+    let open_mm = region.pose_uncertainty_mm.filter(|_| region.is_open_by_poses)?;
+    Some(format!(
+        "U is mostly what poses leave open (± {open_mm:.3} mm): calibrate the cell or state align.prior_mm; else a step, hole or rib that \
+         views of both sides see has to tie them."
+    ))
+}
+
 /// Sentences on the points that were compared and those that were left out.
 #[must_use]
 pub fn excluded_sentence(deviation: &DeviationDocument) -> String {
@@ -270,11 +288,18 @@ mod tests {
             excluded,
             statistics: None,
             verdict: None,
-            expanded_mm: None,
+            expanded_mm: Some(0.25),
+            of_poses_mm: Some(0.24),
+            is_open_by_poses: true,
         };
         let told = serde_json::to_value(RegionDeviationDocument::from(&region)).expect("JSON");
         let shares = serde_json::json!({"turned_of_points": 0.25, "turned_of_area": 0.125, "off_of_area": 0.0625});
         assert_eq!(told["excluded"], shares);
+        assert_eq!((&told["pose_uncertainty_mm"], &told["is_open_by_poses"]), (&0.24.into(), &true.into()));
+        let open = RegionDeviationDocument::from(&region);
+        let sentence = open_poses_sentence(&open).expect("a sentence");
+        assert!(sentence.contains("(± 0.240 mm)") && sentence.contains("align.prior_mm"), "{sentence}");
+        assert_eq!(open_poses_sentence(&RegionDeviationDocument { is_open_by_poses: false, ..open }), None);
         let deviation = DeviationDocument {
             alignment: Alignment::AsPlaced,
             mesh_from_placed: PoseSpec::from(&crate::geometry::Pose::<crate::geometry::Part, crate::geometry::Part>::identity()),

@@ -44,7 +44,7 @@ pub struct IngestFindingDocument {
     pub code: IngestCode,
     /// Its file; `null` for a view without a file.
     pub file: Option<String>,
-    /// Viewpoint of the plan.
+    /// Viewpoint of the plan; of `view_unknown` and `merged` the number that the file has, which is none of them.
     pub viewpoint: Option<u32>,
     /// Sentence for people.
     pub detail: String,
@@ -86,6 +86,31 @@ fn tried(attempts: &[FrameAttempt]) -> String {
     best.iter().take(4).map(words).collect::<Vec<_>>().join(", ")
 }
 
+/// Numbers of viewpoints in ranges, such as `0 to 4, 6`.
+fn ranges(viewpoints: &[u32]) -> String {
+    let words = |run: &[u32]| match run {
+        [first, .., last] => format!("{first} to {last}"),
+        run => run.iter().map(u32::to_string).collect(),
+    };
+    viewpoints.chunk_by(|a, b| a + 1 == *b).map(words).collect::<Vec<_>>().join(", ")
+}
+
+/// Sentence for a file of no view of the plan, by its number or without one.
+fn unknown_view_sentence(finding: &IngestFinding, file: &str) -> String {
+    let known = ranges(&finding.viewpoints);
+    let own = match finding.viewpoint {
+        Some(number) => {
+            format!("{file} is of no viewpoint of the plan: its number is {number}, and those of the plan are {known}")
+        }
+        None => format!("{file} names no viewpoint of the plan, whose numbers are {known}"),
+    };
+    let as_merged = match &finding.tried[..] {
+        [] => String::new(),
+        attempts => format!("; as a cloud of all views it does not lie on the part either, points near it: {}", tried(attempts)),
+    };
+    format!("{own}; name its view, or put its number into the name of the file{as_merged}")
+}
+
 /// Sentence for a finding.
 fn ingest_sentence(finding: &IngestFinding) -> String {
     let file = finding.file.as_deref().unwrap_or("the file");
@@ -107,8 +132,16 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
             format!("{file} does not fit viewpoint {view}.{other}")
         }
         IngestCode::Merged => {
+            let number = finding.viewpoint.map_or_else(String::new, |number| {
+                let known = ranges(&finding.viewpoints);
+                format!(
+                    ". Its number, {number}, is no viewpoint of the plan, {known}: if it shows one view alone, name that view"
+                )
+            });
             format!(
-                "{file} holds several views: coverage is known to about one point, and losses by view are not; export single shots"
+                "{file} holds several views: coverage is known to about one point, and losses by view are not; the uncertainty of \
+                 deviations holds how well it was merged only as far as align.prior_mm and align.prior_deg state it; export single \
+                 shots{number}"
             )
         }
         // Near the part, and refused nevertheless.
@@ -137,11 +170,44 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
             format!("triangles of {file} up to {longest:.0} mm long close holes; they are not measured and were left out")
         }
         IngestCode::ViewMissing => format!("there is no scan of viewpoint {view}"),
-        IngestCode::ViewUnknown => {
-            format!(
-                "{file} names no viewpoint of the plan (found: {view}); name its view, or put its number into the name of the file"
-            )
-        }
+        IngestCode::ViewUnknown => unknown_view_sentence(finding, file),
         IngestCode::ViewDouble => format!("{file} is a second scan of viewpoint {view}; the first one is taken"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::LengthUnit;
+
+    /// The number that was found was told, and not those that the plan has.
+    #[test]
+    fn a_file_of_no_viewpoint_is_told_with_its_number_and_those_of_the_plan() {
+        let finding = |code: IngestCode, viewpoint: Option<u32>| IngestFinding {
+            code,
+            file: Some("view_99.ply".to_owned()),
+            viewpoint,
+            fits_viewpoint: None,
+            tried: Vec::new(),
+            longest_mm: None,
+            viewpoints: vec![0, 1, 2, 3, 5, 7, 8],
+        };
+        let attempt = FrameAttempt { unit: LengthUnit::Millimetre, frame: ScanFrame::Part, in_frusta: 1.0, on_part: 0.25 };
+        let unknown = finding(IngestCode::ViewUnknown, Some(99));
+        let missed = IngestFinding { tried: vec![attempt], ..unknown.clone() };
+        for (finding, wanted) in [
+            (
+                &unknown,
+                "view_99.ply is of no viewpoint of the plan: its number is 99, and those of the plan are 0 to 3, 5, 7 to 8;",
+            ),
+            (&missed, "as a cloud of all views it does not lie on the part either, points near it: 25 % as mm"),
+            (&finding(IngestCode::ViewUnknown, None), "view_99.ply names no viewpoint of the plan, whose numbers are 0 to 3, 5,"),
+            (&finding(IngestCode::Merged, Some(99)), "Its number, 99, is no viewpoint of the plan, 0 to 3, 5, 7 to 8: if it"),
+        ] {
+            let told = ingest_sentence(finding);
+            assert!(told.contains(wanted), "{told}");
+        }
+        let told = ingest_sentence(&finding(IngestCode::Merged, None));
+        assert!(told.ends_with("align.prior_deg state it; export single shots"), "{told}");
     }
 }

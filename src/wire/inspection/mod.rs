@@ -18,7 +18,7 @@ pub use coverage::{
 };
 pub use deviation::{
     DeviationDocument, DeviationSpotDocument, ExcludedSharesDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument,
-    RegionDeviationDocument, StatisticsDocument, excluded_sentence,
+    RegionDeviationDocument, StatisticsDocument, excluded_sentence, open_poses_sentence,
 };
 pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
 pub use files::{IngestFindingDocument, RemovedDocument, TakenScanDocument};
