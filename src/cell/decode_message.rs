@@ -16,7 +16,7 @@ fn in_brackets(place: &str) -> String {
 fn plain(text: &str) -> Option<String> {
     let mismatch = ["invalid type: ", "invalid value: "].iter().find_map(|start| text.strip_prefix(start));
     if let Some((found, expected)) = mismatch.and_then(|rest| rest.rsplit_once(", expected ")) {
-        return Some(format!("is {}; expected {}", found_value(found), expected_value(expected)));
+        return Some(format!("is {}; expected {}", found_value(found), expected_of(found, expected)));
     }
     if let Some((length, expected)) = text.strip_prefix("invalid length ").and_then(|rest| rest.split_once(", expected ")) {
         let noun = if length == "1" { "element" } else { "elements" };
@@ -45,6 +45,17 @@ pub fn found_value(found: &str) -> String {
     }
 }
 
+/// Kind of value that was expected, with its range for a whole number that is too large.
+fn expected_of(found: &str, expected: &str) -> String {
+    let max: u64 = match expected {
+        "u32" => u32::MAX.into(),
+        "u64" | "usize" => u64::MAX,
+        _ => return expected_value(expected),
+    };
+    let is_beyond = found_value(found).parse::<f64>().is_ok_and(|number| number >= max as f64 && number.fract() == 0.0);
+    if is_beyond { format!("a whole number from 0 to {max}") } else { expected_value(expected) }
+}
+
 /// Kind of value that was expected.
 pub fn expected_value(expected: &str) -> String {
     let known = match expected {
@@ -66,7 +77,7 @@ pub fn expected_value(expected: &str) -> String {
         return known.to_owned();
     }
     let count = ["an array of length ", "a tuple of size "].iter().find_map(|start| expected.strip_prefix(start));
-    match count {
+    match count.or_else(|| expected.strip_suffix(" elements in sequence")) {
         Some(count) => format!("a list of {count}"),
         None if expected.starts_with("struct ") || expected.starts_with("internally tagged enum ") => "an object".to_owned(),
         None => expected.to_owned(),
@@ -111,6 +122,8 @@ mod tests {
             ("number", json!(null), "is null; expected a number"),
             ("count", json!(-1), "is -1; expected a whole number, 0 or more"),
             ("count", json!(1.5), "is 1.5; expected a whole number, 0 or more"),
+            ("count", json!(4_294_967_296_u64), "is 4294967296; expected a whole number from 0 to 4294967295"),
+            ("count", json!(1e30), "is 1e+30; expected a whole number from 0 to 4294967295"),
             ("triple", json!([1, 2]), "has 2 elements; expected a list of 3"),
             ("triple", json!("1 2 3"), "is \"1 2 3\"; expected a list of 3"),
             ("word", json!("two"), "unknown value `two`; expected `one`"),
@@ -131,6 +144,7 @@ mod tests {
             in_plain_words("UUID parsing failed: invalid character: found `n` at 0 at line 1 column 18"),
             "is not an id; expected a UUID (line 1, column 18)"
         );
+        assert_eq!(in_plain_words("invalid length 4, expected 3 elements in sequence"), "has 4 elements; expected a list of 3");
         for other in ["missing field `fx`", "unknown field `colour`, expected `angle`", "EOF while parsing an object"] {
             assert_eq!(in_plain_words(other), other);
         }

@@ -75,15 +75,15 @@ pub struct CellSpec {
 pub struct Cell {
     /// Name of the specification.
     pub name: String,
-    /// Its scanner.
+    /// Scanner of the cell.
     pub scanner: Scanner,
-    /// Its arm.
+    /// Robot of the cell.
     pub robot: Robot,
-    /// Its table.
+    /// Turntable of the cell.
     pub turntable: Turntable,
     /// The table at angle zero.
     pub base_from_table: Pose<Base, Table>,
-    /// Hand-eye.
+    /// Pose of the scanner on the flange.
     pub flange_from_scanner: Pose<Flange, ScannerFrame>,
     /// Configuration where a program begins and ends.
     pub home_rad: Configuration,

@@ -179,7 +179,7 @@ impl LinkCapsule {
 }
 
 impl Robot {
-    /// Returns true unless its controller is known to need another language.
+    /// Returns true unless the robot's specification names another language.
     #[must_use]
     pub fn takes(&self, dialect: Dialect) -> bool {
         dialect.is_neutral() || self.dialect.is_none_or(|own| own == dialect)

@@ -45,9 +45,9 @@ pub enum ShapeSpec {
         /// Distance between the centres of its two half balls, mm.
         length_mm: f64,
     },
-    /// A mesh in millimetres: its id over HTTP, a file on the command line.
+    /// Mesh in millimetres, which has a file of its own.
     Mesh {
-        /// Mesh id or file.
+        /// Id of the mesh over HTTP; in a file the path of the mesh file, from the folder of that file.
         mesh: String,
     },
 }

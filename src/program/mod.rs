@@ -10,6 +10,8 @@ pub use check::{Expected, Fault, Finding, check, check_calibration, off_coverage
 pub use compile::{compile, compile_views};
 pub use interlock::{Together, interlock};
 
+use std::collections::BTreeSet;
+
 use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{Axes, Cell, Configuration};
 use crate::planning::plan::ViewId;
@@ -127,6 +129,13 @@ impl Program {
     #[must_use]
     pub fn passes_points(&self) -> bool {
         self.steps.iter().any(|step| matches!(step, Step::Move(step) if step.passed_within_rad.is_some()))
+    }
+
+    /// Brightness levels of its scans. Of several, something has to tell the scanner the level of each.
+    #[must_use]
+    pub fn brightness_levels(&self) -> BTreeSet<u8> {
+        let level = |step: &Step| if let Step::Scan { brightness, .. } = step { Some(*brightness) } else { None };
+        self.steps.iter().filter_map(level).collect()
     }
 }
 

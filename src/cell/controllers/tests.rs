@@ -35,6 +35,19 @@ fn the_defaults_are_those_of_the_documentation_and_survive_a_round_trip() {
 }
 
 #[test]
+fn a_trigger_tells_the_brightness_level_where_its_capture_carries_it() {
+    let tells = |trigger: Value| {
+        let mut section = whole();
+        section["trigger"] = trigger;
+        read(section).trigger.tells_brightness()
+    };
+    let command = |argument: &str| json!({"protocol": "command", "program": "/usr/bin/scan", "arguments": ["--view", argument]});
+    assert!(tells(json!({"protocol": "http", "url": "http://10.0.0.3/capture"})) && tells(command("{view}:{brightness}")));
+    assert!(!tells(command("{view}")) && !tells(json!({"protocol": "none"})));
+    assert!(!tells(json!({"protocol": "digital", "output": 1, "input": 1})));
+}
+
+#[test]
 fn values_out_of_range_are_named_by_their_pointer() {
     for (pointer, value) in [
         ("/watchdog_ms", json!(49)),

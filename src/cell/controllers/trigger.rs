@@ -95,6 +95,17 @@ impl TriggerSpec {
         }
     }
 
+    /// Returns true if the scanner is told the brightness level of each capture: a signal says only when, a program only what its
+    /// arguments ask for.
+    #[must_use]
+    pub fn tells_brightness(&self) -> bool {
+        match self {
+            Self::Http(_) => true,
+            Self::Command(spec) => spec.arguments.iter().any(|argument| argument.contains("{brightness}")),
+            Self::Digital(_) | Self::None(_) => false,
+        }
+    }
+
     pub(super) fn check(&self, pointer: &str, findings: &mut Findings) {
         match self {
             Self::Http(HttpTriggerSpec { url, .. }) => {

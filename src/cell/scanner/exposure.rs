@@ -122,7 +122,7 @@ pub struct Exposure {
 /// Light on a surface point and its way to the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lighting {
-    /// cos θ_p.
+    /// Cosine of the incidence of the projector's ray, θ_p.
     pub cos_projector: f64,
     /// F / d_p.
     pub nearness: f64,

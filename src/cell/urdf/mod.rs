@@ -52,7 +52,7 @@ pub struct Imported {
     pub robot: RobotSpec,
     /// Surfaces inside the capsules.
     pub surfaces: Vec<LinkSurface>,
-    /// Bodies of the file that the robot lacks, and a base that is hardly the controller's.
+    /// Bodies of the file that the robot lacks, and a base that nobody named and that is turned against the controller's.
     pub remarks: Vec<UrdfRemark>,
 }
 
@@ -154,7 +154,8 @@ pub fn import(
     }
     let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: arm.base.clone(), ends: tree.ends() })?;
     let (surfaces, mut remarks) = tree.surfaces(&arm, load)?;
-    remarks.extend(tree.turned_base(&arm));
+    // A base that was named was chosen.
+    remarks.extend(if options.base_link.is_none() { tree.turned_base(&arm) } else { None });
     let robot = RobotSpec {
         name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
         payload_kg: options.payload_kg,
@@ -329,9 +330,12 @@ impl<'a> Tree<'a> {
         (top == other_top && turn_rad.to_degrees() > MIN_TURN_DEG).then(|| {
             let (base, turn) = (&arm.base, turn_about(&axis, turn_rad));
             UrdfRemark {
-                detail: format!("base {base:?} differs from the file's link {CONTROLLER_BASE:?} by {turn}"),
+                detail: format!(
+                    "base {base:?} is turned against the controller's, the file's link {CONTROLLER_BASE:?}, by {turn}"
+                ),
                 remedy: format!(
-                    "--base {CONTROLLER_BASE} is the controller's; give the cell's poses in the base that you choose"
+                    "name the base in which the cell's poses are given: --base {CONTROLLER_BASE}, in which the controller shows \
+                     poses, or --base {base}"
                 ),
             }
         })

@@ -89,20 +89,20 @@ fn bodies_that_are_left_out_are_told_with_the_reason() {
     assert!(imported.robot.links.iter().all(|link| link.link != 3));
 }
 
-/// Base as UR has it: `base`, the controller's, is a mark on `base_link`, turned half round.
+/// Base as UR has it: `base`, the controller's, is a mark on `base_link`, turned half round. Who names either has chosen.
 #[test]
-fn a_base_that_is_fixed_to_the_arm_s_is_one_and_a_turn_between_both_is_told() {
+fn a_base_that_is_fixed_to_the_arm_s_is_one_and_a_turn_between_both_is_told_where_none_is_named() {
     let text = arm_urdf("revolute").replace("</robot>", "<link name=\"base\"/></robot>");
     let text = with_link(&text, "base", "base_link", "fixed", "xyz=\"0 0 0\" rpy=\"0 0 3.141592653589793\"");
     let at = |base: Option<&str>| {
         let options = UrdfOptions { base_link: base.map(str::to_owned), ..options() };
         import(&text, &options, &mut no_mesh).expect("a robot")
     };
-    let [preset, turned] = [None, Some("base")].map(at);
+    let [preset, turned, chosen] = [None, Some("base"), Some("base_link")].map(at);
     let [remark] = &preset.remarks[..] else { panic!("one remark: {:?}", preset.remarks) };
-    assert_eq!(remark.detail, "base \"base_link\" differs from the file's link \"base\" by 180° about z");
-    assert!(remark.remedy.contains("--base base is the controller's"), "{remark:?}");
-    assert_eq!(turned.remarks, []);
+    assert_eq!(remark.detail, "base \"base_link\" is turned against the controller's, the file's link \"base\", by 180° about z");
+    assert!(remark.remedy.contains("--base base,") && remark.remedy.contains("--base base_link"), "{remark:?}");
+    assert!(turned.remarks.is_empty() && chosen.remarks.is_empty(), "{:?} {:?}", turned.remarks, chosen.remarks);
     let joints = [0.3, -0.4, 0.9, 0.2, 0.7, -0.5];
     let [seen, expected] = [&turned, &preset].map(|each| each.robot.build().expect("a sound one").link_frames(&joints));
     let half_turn = Isometry3::rotation(Vector3::z() * std::f64::consts::PI);

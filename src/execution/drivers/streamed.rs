@@ -9,7 +9,9 @@ use tokio::time::{Instant, sleep, timeout};
 
 use super::set_points::SetPoints;
 use super::stream::not_connected;
-use crate::execution::device::{Condition, DeviceError, DeviceState, Identity, MotionDevice, StopAcknowledged, Target};
+use crate::execution::device::{
+    Condition, DeviceError, DeviceState, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target,
+};
 use crate::execution::session::streamer::Jitter;
 
 /// Longest wait for the first report.
@@ -18,6 +20,8 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const SILENCE: Duration = Duration::from_secs(1);
 /// Pause after which the thread looks whether it is still wanted.
 const GLANCE: Duration = Duration::from_millis(100);
+/// Time for which a stop that the controller does not take is asked for anew: the rest of the attempt is for the last answer.
+const PERSISTENCE: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() as u64 * 7 / 10);
 /// Largest distance of an axis from its set point at which it may set out, radians: half a degree.
 pub(super) const ASTRAY_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Words for a device that has no right to move, and nothing took it.
@@ -128,7 +132,7 @@ struct Desk<const N: usize> {
     /// Reason why the right to move was lost, since it was armed last.
     disarmed_by: Option<String>,
     arm_outcome: Option<Result<(), DeviceError>>,
-    /// Reason why the controller did not take an order to stop, since it was armed last.
+    /// Reason why the controller did not take the latest order to stop, which is then asked for anew.
     stop_not_taken: Option<DeviceError>,
     failure: Option<DeviceError>,
     /// The latest report that could not be read, while none could since.
@@ -222,21 +226,27 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         let shared = self.shared()?;
-        {
-            let mut desk = shared.desk();
-            desk.ramp_down();
-            desk.to_arm = None;
-            // A watchdog that lapsed before stays an error.
-            desk.is_stopped |= desk.armed.take().is_some();
+        let asked_at = Instant::now();
+        loop {
+            {
+                let mut desk = shared.desk();
+                desk.ramp_down();
+                (desk.to_arm, desk.stop_not_taken) = (None, None);
+                // A watchdog that lapsed before stays an error.
+                desk.is_stopped |= desk.armed.take().is_some();
+            }
+            shared.next_cycle().await?;
+            let sent_at = Instant::now();
+            // The controller reports on: it has the answer, or did not take it.
+            shared.next_cycle().await?;
+            let not_taken = shared.desk().stop_not_taken.clone();
+            match not_taken {
+                None => return Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() }),
+                Some(error) if asked_at.elapsed() >= PERSISTENCE => return Err(error),
+                // Its own watchdog may stop it in the meantime.
+                Some(_) => {}
+            }
         }
-        shared.next_cycle().await?;
-        let sent_at = Instant::now();
-        // The controller reports on: it has the answer, or did not take it.
-        shared.next_cycle().await?;
-        if let Some(error) = &shared.desk().stop_not_taken {
-            return Err(error.clone());
-        }
-        Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
     }
 
     fn jitter(&self) -> Option<Jitter> {
@@ -337,12 +347,12 @@ impl<const N: usize> Desk<N> {
         Ok(())
     }
 
-    /// Leaves word to stop, armed or not; it stays until it is taken.
+    /// Leaves word to stop, armed or not; it stays until it is taken, and is left again where it was not.
     fn ramp_down(&mut self) {
         if let Some(points) = &mut self.points {
             points.ramp_down();
         }
-        if self.is_under_order || self.armed.is_some() {
+        if self.is_under_order || self.armed.is_some() || self.stop_not_taken.is_some() {
             self.order = Some(StreamOrder::Stop);
         }
     }
@@ -358,7 +368,8 @@ impl<const N: usize> Desk<N> {
     fn let_go(&mut self, held_rad: [f64; N], reason: &str) {
         self.disarm(reason);
         self.points = Some(SetPoints::still(held_rad));
-        self.order = self.is_under_order.then_some(StreamOrder::Stop);
+        let is_to_stop = self.is_under_order || self.order == Some(StreamOrder::Stop);
+        self.order = is_to_stop.then_some(StreamOrder::Stop);
     }
 
     /// Takes a report, and gives the answer.

@@ -23,6 +23,8 @@ use crate::execution::device::{Capture, Captured, DeviceError, Direction, Trigge
 
 /// Name of the trigger in the log.
 const DEVICE: &str = "trigger";
+/// Longest time in which a scanner takes its acknowledgement away once the output is off.
+const RELEASE: Duration = Duration::from_millis(500);
 /// Largest answer to a request, bytes.
 const MAX_ANSWER_BYTES: usize = 64 << 10;
 
@@ -102,8 +104,13 @@ impl Trigger for ScannerTrigger {
 /// Sets the output until the input acknowledges.
 async fn handshake_by_signals(spec: &DigitalTriggerSpec, signals: &mut HansSignals) -> Result<(), DeviceError> {
     signals.set_output(spec.output, false).await?;
-    if signals.input(spec.input).await? {
-        let reason = format!("input {} of the scanner is on before the capture; see what holds it", spec.input);
+    // The acknowledgement of the capture before, at another brightness, may have just come.
+    if !signals.goes_off(spec.input, RELEASE).await? {
+        let (input, release_ms) = (spec.input, RELEASE.as_millis());
+        let reason = format!(
+            "input {input} of the scanner is on before the capture, and was for {release_ms} ms after its output was switched off; see \
+             what holds it"
+        );
         return Err(DeviceError::NotReady { reason });
     }
     signals.set_output(spec.output, true).await?;

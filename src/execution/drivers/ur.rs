@@ -130,8 +130,13 @@ impl StreamedLink<6> for UrLink {
 }
 
 impl UrLink {
-    /// Tells the program what to do in this cycle.
+    /// Tells the program what to do in this cycle. One that was given up may lead the arm on until it sees that nobody is there: a stop
+    /// has its acknowledgement then once the controller says that no program runs.
     async fn instruct(&mut self, step: &StreamStep<6>) -> Result<(), DeviceError> {
+        if self.program.is_none() {
+            let runs_on = self.idle_reports == 0 && step.order == Some(StreamOrder::Stop);
+            return if runs_on { Err(DeviceError::NotReady { reason: PROGRAM_LOST.to_owned() }) } else { Ok(()) };
+        }
         match (self.protocol.spec.motion, &step.order) {
             (UrMotion::Servoj, _) => self.send(UrCommand::SetPoint(step.set_point_rad)).await,
             (UrMotion::Movej, None) => self.send(UrCommand::KeepAlive).await,

@@ -23,7 +23,7 @@ const EXCEPTION: u8 = 0x80;
 /// Value that sets a coil.
 const COIL_ON: u16 = 0xFF00;
 
-/// A request.
+/// Request of the Modbus protocol.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ModbusRequest {
     /// Function 01.

@@ -36,7 +36,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
 fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Fanuc, 1, 4096)?;
     let joint_3_from = joint_3_from(job)?;
-    let rule = NameRule { longest: job.params.fanuc_name_chars as usize, reserved: &RESERVED };
+    let rule = NameRule { longest: job.params.fanuc_name_chars as usize, reserved: &RESERVED, point: "" };
     let name = identifier(&job.params.program_name, job.program.setup, &rule).to_ascii_uppercase();
     let body = body(job, &name)?;
     let mut lines = attributes(&name, job, body.len());

@@ -12,7 +12,7 @@ use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job
 /// Digital inputs and outputs of the box.
 const LAST_SIGNAL: u32 = 7;
 /// No controller compiles the script; a file's name is all it is.
-const NAME: NameRule = NameRule { longest: 64, reserved: &[] };
+const NAME: NameRule = NameRule { longest: 64, reserved: &[], point: "" };
 
 const HOW_TO_SEND: [&str; 7] = [
     "Send each line that begins with a letter as it stands, without the line end, and wait for its Name,OK,...,; before the \

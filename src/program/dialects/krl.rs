@@ -10,7 +10,9 @@ use super::walk::{Action, points, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
 use crate::planning::params::DialectParams;
 
-const NAME: NameRule = NameRule { longest: 24, reserved: RESERVED };
+const NAME: NameRule = NameRule { longest: 24, reserved: RESERVED, point: POINT };
+/// Beginning of the names of points: each is of the module's data list, which has the module's name.
+const POINT: &str = "XP";
 /// Keywords, names of the program's own, and those of modules that every controller has.
 const RESERVED: &[&str] = &[
     "AND",
@@ -169,7 +171,7 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
 }
 
 fn point_name(index: usize) -> String {
-    if index == 0 { "XHOME".to_owned() } else { format!("XP{index}") }
+    if index == 0 { "XHOME".to_owned() } else { format!("{POINT}{index}") }
 }
 
 fn head(job: &Job<'_>, name: &str) -> Vec<String> {

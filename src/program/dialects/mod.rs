@@ -101,7 +101,7 @@ impl Dialect {
         if self.facts().tells_brightness {
             return None;
         }
-        let levels: BTreeSet<u8> = programs.into_iter().flat_map(walk::brightness_levels).collect();
+        let levels: BTreeSet<u8> = programs.into_iter().flat_map(Program::brightness_levels).collect();
         let levels: Vec<String> = levels.iter().map(ToString::to_string).collect();
         match levels.as_slice() {
             [] | [_] => None,

@@ -7,22 +7,36 @@ pub(super) struct NameRule {
     pub longest: usize,
     /// Names that mean something else, in capitals.
     pub reserved: &'static [&'static str],
+    /// Beginning of the names of a program's own points, in capitals, whose numbers follow; empty where points have no names.
+    pub point: &'static str,
 }
 
-/// An identifier that resembles `name`: runs of other characters become one underscore, a first digit or a reserved word
-/// gets `v_` before it, a later setup its number behind it, within the length.
+impl NameRule {
+    /// Returns true for a name, in capitals, that means something else.
+    fn is_taken(&self, name: &str) -> bool {
+        let number = name.strip_prefix(self.point).unwrap_or_default();
+        let is_point = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
+        is_point || self.reserved.contains(&name)
+    }
+}
+
+/// An identifier that resembles `name`: runs of other characters become one underscore, a first digit, a reserved word or the name
+/// of a point gets `v_` before it, a later setup its number behind it, within the length.
 pub(super) fn identifier(name: &str, setup: usize, rule: &NameRule) -> String {
     let words = name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let mut plain = words.collect::<Vec<_>>().join("_");
     let suffix = if setup == 0 { String::new() } else { format!("_{}", setup + 1) };
-    let cut = |text: &mut String| text.truncate(rule.longest - suffix.len());
+    let cut = |text: &mut String| {
+        text.truncate(rule.longest - suffix.len());
+        text.truncate(text.trim_end_matches('_').len());
+    };
     cut(&mut plain);
     let whole = format!("{plain}{suffix}");
-    if !plain.starts_with(|c: char| c.is_ascii_alphabetic()) || rule.reserved.contains(&whole.to_ascii_uppercase().as_str()) {
+    if !plain.starts_with(|c: char| c.is_ascii_alphabetic()) || rule.is_taken(&whole.to_ascii_uppercase()) {
         plain.insert_str(0, "v_");
         cut(&mut plain);
     }
-    format!("{plain}{suffix}").trim_end_matches('_').to_owned()
+    format!("{plain}{suffix}")
 }
 
 /// A text as a comment: printable ASCII on one line, anything else a question mark.

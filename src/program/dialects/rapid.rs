@@ -12,7 +12,7 @@ use crate::cell::Configuration;
 
 /// The procedure has the module's name and this, within 32 characters.
 const RUN: &str = "_run";
-const NAME: NameRule = NameRule { longest: 32 - RUN.len(), reserved: RESERVED };
+const NAME: NameRule = NameRule { longest: 32 - RUN.len(), reserved: RESERVED, point: "" };
 /// Reserved words, and what no module should be called.
 const RESERVED: &[&str] = &[
     "ALIAS",

@@ -10,7 +10,7 @@ use super::walk::{Action, scanning, toward};
 use super::{DialectFacts, DialectFile, DialectOutput, Job};
 
 /// A Python file's name should be a module's.
-const NAME: NameRule = NameRule { longest: 64, reserved: &[] };
+const NAME: NameRule = NameRule { longest: 64, reserved: &[], point: "" };
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {

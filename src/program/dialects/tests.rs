@@ -64,7 +64,7 @@ fn rendered(program: &Program, cell: &Cell, dialect: Dialect, params: &DialectPa
 }
 
 #[test]
-fn no_module_is_named_by_a_word_of_its_language() {
+fn no_module_is_named_by_a_word_of_its_language_or_a_point_of_its_own() {
     let cell = cell();
     let program = program(&cell);
     let first_line = |dialect: Dialect, name: &str, start: &str| {
@@ -72,19 +72,21 @@ fn no_module_is_named_by_a_word_of_its_language() {
         let text = rendered(&program, &cell, dialect, &params).expect("renders").remove(0);
         text.lines().find(|line| line.starts_with(start)).unwrap_or_else(|| panic!("no {start:?} in\n{text}")).to_owned()
     };
-    for name in ["trigger", "then", "spline", "until", "cell", "true"] {
+    for name in ["trigger", "then", "spline", "until", "cell", "true", "xhome", "xp3", "XP12"] {
         assert_eq!(first_line(Dialect::Krl, name, "DEF "), format!("DEF V_{}( )", name.to_uppercase()));
     }
     for name in ["with", "undo", "xor", "viewonly", "user"] {
         assert_eq!(first_line(Dialect::Rapid, name, "MODULE "), format!("MODULE v_{name}"));
     }
-    assert_eq!(first_line(Dialect::Krl, "triggers", "DEF "), "DEF TRIGGERS( )");
+    for name in ["triggers", "xp", "xp3a"] {
+        assert_eq!(first_line(Dialect::Krl, name, "DEF "), format!("DEF {}( )", name.to_uppercase()));
+    }
     assert_eq!(first_line(Dialect::Rapid, "without", "MODULE "), "MODULE without");
 }
 
 #[test]
 fn names_become_identifiers_of_each_length() {
-    let rule = |longest| NameRule { longest, reserved: &["MODULE", "MODULE_2"] };
+    let rule = |longest| NameRule { longest, reserved: &["MODULE", "MODULE_2"], point: "P" };
     for (name, setup, longest, wanted) in [
         ("vantage", 0, 8, "vantage"),
         ("vantage", 1, 8, "vantag_2"),
@@ -96,6 +98,10 @@ fn names_become_identifiers_of_each_length() {
         ("螺丝", 0, 8, "v"),
         ("x\"; DROP", 0, 32, "x_DROP"),
         ("a_______b", 0, 32, "a_b"),
+        ("module_x", 0, 7, "v_modul"),
+        ("p12", 0, 32, "v_p12"),
+        ("p12", 1, 32, "p12_2"),
+        ("p", 0, 32, "p"),
         ("abcdefg_h", 0, 8, "abcdefg"),
     ] {
         let found = identifier(name, setup, &rule(longest));

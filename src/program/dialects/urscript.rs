@@ -13,7 +13,7 @@ use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job
 const LAST_SIGNAL: u32 = 7;
 /// `_program` behind the name keeps it apart from keywords and functions of the language.
 const SUFFIX: &str = "_program";
-const NAME: NameRule = NameRule { longest: 32, reserved: &[] };
+const NAME: NameRule = NameRule { longest: 32, reserved: &[], point: "" };
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {

@@ -90,11 +90,6 @@ pub(super) fn actions(program: &Program) -> Vec<Action> {
     actions
 }
 
-/// Brightness level of each scan.
-pub(super) fn brightness_levels(program: &Program) -> impl Iterator<Item = u8> {
-    program.steps.iter().filter_map(|step| if let Step::Scan { brightness, .. } = step { Some(*brightness) } else { None })
-}
-
 /// The view that is scanned before the move after this one.
 fn next_view(steps: &[Step]) -> Option<ViewId> {
     let until_next_move = steps.iter().skip(1).take_while(|step| !matches!(step, Step::Move(_)));

@@ -143,7 +143,7 @@ pub struct BoardView {
 pub struct BoardObservations {
     /// Sizes of the images; `None` for a projector that was not observed.
     pub size_px: PerDevice<Option<[u32; 2]>>,
-    /// The views.
+    /// Views of the board, one for each capture.
     pub views: Vec<BoardView>,
     /// Neighbours on the board at its smallest distance, by their numbers, and that distance, mm.
     pub pitch: Vec<([u32; 2], f64)>,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 use super::link::TextLink;
 use crate::cell::HansSpec;
@@ -68,9 +68,29 @@ impl HansSignals {
     /// [`DeviceError`].
     pub async fn wait_for_input(&mut self, input: u8) -> Result<(), DeviceError> {
         while !self.input(input).await? {
-            sleep(Duration::from_millis(self.spec.poll_ms.into())).await;
+            sleep(self.poll()).await;
         }
         Ok(())
+    }
+
+    /// Waits until a digital input is off; returns false where it is read as on after `patience`.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn goes_off(&mut self, input: u8, patience: Duration) -> Result<bool, DeviceError> {
+        let deadline = Instant::now() + patience;
+        while self.input(input).await? {
+            if Instant::now() >= deadline {
+                return Ok(false);
+            }
+            sleep(self.poll()).await;
+        }
+        Ok(true)
+    }
+
+    /// Time between two readings of an input.
+    fn poll(&self) -> Duration {
+        Duration::from_millis(self.spec.poll_ms.into())
     }
 
     async fn ask(&mut self, request: &HansRequest) -> Result<Vec<String>, DeviceError> {

@@ -250,19 +250,23 @@ async fn an_arm_whose_program_is_paused_at_the_pendant_is_led_no_further() {
 async fn a_stop_that_the_program_of_an_arm_does_not_take_is_not_acknowledged() {
     let (mut arm, cell) = ur(UrMotion::Movej).await;
     arm.connect().await.expect("connected");
-    arm.arm(WATCHDOG).await.expect("armed");
+    arm.arm(2 * WATCHDOG).await.expect("armed");
     let start = arm.state().await.expect("a state").positions_rad;
     arm.start(&target(1, start.map(|joint| joint + 1.0), Duration::from_secs(4))).await.expect("accepted");
     arm.state().await.expect("a further cycle: the move was taken");
     cell.lock().expect("a cell").is_link_dead = true;
-    // Asked again, it has not been taken either.
-    for _ in 0..2 {
+    // Asked again while the program runs on, or is paused and may go on by itself, it has not been taken either.
+    for is_paused in [false, true] {
+        cell.lock().expect("a cell").is_paused = is_paused;
         let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
         let is_told = matches!(&stopped, Err(DeviceError::NotReady { reason }) if reason.contains("takes no more commands"));
-        assert!(is_told, "{stopped:?}");
+        assert!(is_told, "{is_paused}: {stopped:?}");
     }
+    cell.lock().expect("a cell").is_paused = false;
+    sleep(Duration::from_millis(60)).await;
     let rest = at_rest(&mut arm).await;
     assert!(rest[0] - start[0] < 0.5, "its watchdog stops it: {rest:?}");
+    timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("the controller says that no program runs");
     cell.lock().expect("a cell").is_link_dead = false;
     arm.arm(WATCHDOG).await.expect("its program is sent anew");
     arm.stop().await.expect("taken");
@@ -363,6 +367,82 @@ fn an_order_to_stop_stays_until_it_is_taken() {
     assert_eq!(desk.step(report, cycle).order, None);
     desk.ramp_down();
     assert_eq!(desk.order, None, "it was stopped");
+    desk.stop_not_taken = Some(DeviceError::NotReady { reason: "not taken".to_owned() });
+    desk.ramp_down();
+    let hindered = StreamedReport { hindrance: Some("its program is paused"), ..report };
+    assert_eq!(desk.step(hindered, cycle).order, Some(StreamOrder::Stop), "it is asked anew, whatever hinders the arm");
+}
+
+/// A controller that does not take so many orders to stop.
+#[derive(Clone, Copy)]
+struct HardOfHearing {
+    refusals: u32,
+}
+
+impl HardOfHearing {
+    const CYCLE: Duration = Duration::from_millis(8);
+
+    /// Reports and is answered, for ever.
+    async fn report_on(mut self, shared: &Shared<1>) {
+        loop {
+            let report = StreamedLink::<1>::report(&mut self).await.expect("a report");
+            answer_one(&mut self, shared, report, Self::CYCLE).await.expect("answered");
+        }
+    }
+}
+
+impl StreamedProtocol<1> for HardOfHearing {
+    type Link = Self;
+
+    async fn open(&self) -> Result<(Identity, Self), DeviceError> {
+        Err(not_connected())
+    }
+}
+
+impl StreamedLink<1> for HardOfHearing {
+    const ALWAYS_FOLLOWS: bool = false;
+
+    fn cycle(&self) -> Duration {
+        Self::CYCLE
+    }
+
+    async fn report(&mut self) -> Result<StreamedReport<1>, DeviceError> {
+        sleep(Self::CYCLE).await;
+        let here = [0.0];
+        let (condition, hindrance) = (Condition::READY, None);
+        Ok(StreamedReport { positions_rad: here, held_rad: here, condition, hindrance, is_behind: false })
+    }
+
+    async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn answer(&mut self, step: &StreamStep<1>) -> Result<(), DeviceError> {
+        if step.order != Some(StreamOrder::Stop) || self.refusals == 0 {
+            return Ok(());
+        }
+        self.refusals -= 1;
+        Err(DeviceError::NotReady { reason: "not taken".to_owned() })
+    }
+
+    async fn close(self) {}
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_was_not_taken_is_asked_for_anew_within_the_attempt() {
+    for (refusals, is_taken) in [(5, true), (u32::MAX, false)] {
+        let controller = HardOfHearing { refusals };
+        let desk = Desk { is_under_order: true, ..Desk::default() };
+        let shared: Arc<Shared<1>> = Arc::new(Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) });
+        let mut arm = Streamed { protocol: controller, thread: Some(Arc::clone(&shared)) };
+        let asked_at = Instant::now();
+        let stopped = tokio::select! {
+            stopped = arm.stop() => stopped,
+            () = controller.report_on(&shared) => panic!("it reports for ever"),
+        };
+        assert_eq!(stopped.is_ok(), is_taken, "{stopped:?}");
+        assert!(asked_at.elapsed() < STOP_ATTEMPT, "{:?}", asked_at.elapsed());
+    }
 }
 
 #[tokio::test]

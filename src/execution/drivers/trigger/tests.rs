@@ -6,8 +6,10 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 
 use super::*;
-use crate::cell::{Presets, SpecLibrary};
+use crate::cell::{HansSpec, Presets, SpecLibrary};
+use crate::execution::protocol::hans::{HansFrames, HansReply, HansRequest};
 use crate::execution::simulators::hans::HansSimulator;
+use crate::execution::tests::simulated_network::{NetworkDialer, NetworkEnd, RoughNetwork};
 
 /// Log that keeps its texts.
 #[derive(Default)]
@@ -59,6 +61,7 @@ async fn signals_are_exchanged_with_the_arms_controller() {
     let digital = json!({"protocol": "digital", "output": 3, "input": 3});
     let log: Arc<dyn WireLog> = Arc::new(());
     let mut trigger = ScannerTrigger::new(&controllers(&hans_at(&address), &digital), log).expect("a trigger");
+    // The second begins while the acknowledgement of the first is still on.
     for _ in 0..2 {
         let captured = trigger.capture(&capture(5_000)).await.expect("acknowledged");
         assert!(captured.took >= Duration::from_millis(400), "{captured:?}");
@@ -118,6 +121,44 @@ async fn an_output_whose_capture_is_given_up_is_taken_back_by_a_withdrawal_once(
         assert_eq!(levels(), ["SetBoxDO,3,0,;", "SetBoxDO,3,1,;", "SetBoxDO,3,0,;"]);
     }
     server.abort();
+}
+
+/// Answers as a control box whose inputs have a level; where they have none, it answers nothing to those who read them.
+async fn control_box(mut end: NetworkEnd, level: Option<&'static str>) {
+    let (mut frames, mut bytes) = (HansFrames::default(), Vec::new());
+    while end.read_buf(&mut bytes).await.is_ok_and(|read| read > 0) {
+        frames.push(&bytes);
+        bytes.clear();
+        while let Some(message) = frames.next_message() {
+            let request = HansRequest::parse(&message.expect("a message")).expect("a request");
+            let is_read = matches!(request, HansRequest::ReadBoxDi { .. });
+            let values = if is_read { level.map(|level| vec![level.to_owned()]) } else { Some(Vec::new()) };
+            if let Some(values) = values {
+                end.write_all(HansReply::done(request.name(), values).encode().as_bytes()).await.expect("taken");
+            }
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_input_is_told_to_be_on_only_where_it_was_read_as_such() {
+    for level in [Some("1"), None] {
+        let network = RoughNetwork::new(1, move |end| {
+            tokio::spawn(control_box(end, level));
+        });
+        let wiring = Wiring { dialer: Arc::new(NetworkDialer(network)), log: Arc::new(()), device: DEVICE };
+        let spec: HansSpec =
+            serde_json::from_value(json!({"address": "box:10003", "reply_timeout_ms": 1_000})).expect("a specification");
+        let digital = DigitalTriggerSpec { output: 3, input: 4, deadline_ms: 10_000 };
+        let mut trigger = ScannerTrigger::Digital(digital, Box::new(HansSignals::new(spec, wiring)));
+        let captured = trigger.capture(&capture(10_000)).await;
+        let is_told = match (level, &captured) {
+            (Some(_), Err(DeviceError::NotReady { reason })) => reason.contains("input 4 ") && reason.contains("for 500 ms"),
+            (None, Err(DeviceError::Silent { .. })) => true,
+            _ => false,
+        };
+        assert!(is_told, "{level:?}: {captured:?}");
+    }
 }
 
 #[test]

@@ -107,7 +107,7 @@ pub struct HansWayPoint {
     pub command_id: String,
 }
 
-/// A request.
+/// Request to a Han's controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HansRequest {
     /// A command without arguments.

@@ -12,6 +12,8 @@ use crate::execution::simulators::motion::MovingAxes;
 
 /// Time of a capture of the simulated scanner, s.
 const CAPTURE_SECS: f64 = 0.5;
+/// Time for which its acknowledgement stays on once the output is off, s.
+const RELEASE_SECS: f64 = 0.1;
 /// Codes of the maker's that this arm refuses with. What the controller says to a move while it is disabled is not
 /// documented.
 const ALREADY_MOVING: i64 = 20_004;
@@ -55,8 +57,25 @@ pub(super) struct SimulatedArm {
     /// Points of a path under way that are still to come.
     ahead_deg: Vec<[f64; 6]>,
     servo_since: Option<f64>,
-    /// Level of each digital output that was set, and since when, s.
-    outputs: BTreeMap<u8, (bool, f64)>,
+    /// Digital outputs that were set; to each a scanner is wired.
+    outputs: BTreeMap<u8, ScannerLine>,
+}
+
+/// Output to a simulated scanner, which acknowledges by the input of the same number.
+#[derive(Clone, Copy, Debug)]
+struct ScannerLine {
+    is_on: bool,
+    /// Time at which it was set, s.
+    since: f64,
+    /// Time until which an acknowledgement stays on behind the output, s.
+    acknowledged_until: f64,
+}
+
+impl ScannerLine {
+    /// Returns true if the input is on: a capture's time after the output, and for a while behind it.
+    fn acknowledges(self, now: f64) -> bool {
+        self.is_on && now - self.since >= CAPTURE_SECS || now < self.acknowledged_until
+    }
 }
 
 /// A path that was uploaded.
@@ -142,9 +161,14 @@ impl SimulatedArm {
         }
     }
 
-    /// Level of an input, to which a simulated scanner is wired: on a capture's time after the output of the same number.
-    fn acknowledges(&self, input: u8, now: f64) -> bool {
-        self.outputs.get(&input).is_some_and(|(is_on, since)| *is_on && now - since >= CAPTURE_SECS)
+    fn set_output(&mut self, output: u8, is_on: bool, now: f64) {
+        let before = self.outputs.get(&output);
+        let acknowledged_until = match before {
+            Some(line) if line.is_on && !is_on && line.acknowledges(now) => now + RELEASE_SECS,
+            Some(line) => line.acknowledged_until,
+            None => f64::NEG_INFINITY,
+        };
+        self.outputs.insert(output, ScannerLine { is_on, since: now, acknowledged_until });
     }
 
     pub(super) fn is_moving(&self, now: f64) -> bool {
@@ -160,10 +184,13 @@ impl SimulatedArm {
                 Ok(Vec::new())
             }
             HansRequest::SetBoxDo { output, is_on } => {
-                self.outputs.insert(*output, (*is_on, now));
+                self.set_output(*output, *is_on, now);
                 Ok(Vec::new())
             }
-            HansRequest::ReadBoxDi { input } => Ok(vec![u8::from(self.acknowledges(*input, now)).to_string()]),
+            HansRequest::ReadBoxDi { input } => {
+                let is_on = self.outputs.get(input).is_some_and(|line| line.acknowledges(now));
+                Ok(vec![u8::from(is_on).to_string()])
+            }
             HansRequest::WayPoint(point) => self.start(point, now),
             HansRequest::StartPushMovePath { name, speed_fraction, .. } => self.begin_path(name, *speed_fraction),
             HansRequest::PushMovePathJ { name, joints_deg } => self.push_point(name, joints_deg),
