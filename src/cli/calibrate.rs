@@ -13,14 +13,14 @@ use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use super::{CliError, FileFinding, files};
-use crate::cell::FieldError;
+use super::{CliError, FileFinding, files, output, spec_paths};
 use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::calibration::findings::CalibrationFinding;
+use crate::cell::{CellSpec, FieldError};
 use crate::wire::calibration::{
     CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_easy_handeye, from_pose_samples, from_zivid, sentence,
 };
-use crate::wire::{Distinct, hex, json_file_bytes};
+use crate::wire::{Distinct, hex, json_error, json_file_bytes};
 
 /// Files of observations that are read.
 const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV, MoveIt's pairs of poses, samples of \
@@ -153,13 +153,19 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
         return Ok((from_easy_handeye(&text, read.setup).map_err(below)?, digest));
     }
     let value: Value = if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
-        serde_json::from_slice(&bytes).map(|Distinct(value)| value).map_err(|error| refuse(error.to_string()))?
+        serde_json::from_slice(&bytes).map(|Distinct(value)| value).map_err(|error| refuse(json_error(&bytes, &error)))?
     } else {
         files::value(path).map_err(|error| CliError::BadInput(format!("{error}; {READ}")))?
     };
     let data =
         if value.is_array() { from_pose_samples(&value, read.setup).map_err(below)? } else { files::from_value(value, &shown)? };
     Ok((data, digest))
+}
+
+/// Writes a cell to a file, below `head`.
+fn write_cell(path: &Path, spec: &CellSpec, head: &str) -> Result<(), CliError> {
+    let toml = output::toml(&spec_paths::named_for(spec, path)?)?;
+    files::write(path, format!("{head}{toml}").as_bytes())
 }
 
 /// SHA-256 of a document as a file has it.
@@ -175,4 +181,35 @@ fn refused(path: &Path, findings: &[CalibrationFinding]) -> CliError {
         detail: format!("{}: {}", finding.code.as_str(), sentence(finding)),
     };
     CliError::Findings(findings.iter().map(finding).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{BodySpec, Named, PoseSpec, ShapeSpec, SpecKind, SpecLibrary, preset_text};
+    use crate::cli::files::FileLibrary;
+
+    /// Whole paths were written to it, so that the folder could be used in its own place alone.
+    #[test]
+    fn a_cell_that_is_written_beside_what_it_names_can_be_moved_with_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name).display().to_string();
+        std::fs::create_dir(path("cells")).expect("a folder");
+        std::fs::write(path("cells/arm.toml"), preset_text(SpecKind::Robot, "hans-e05").expect("a preset")).expect("a file");
+        std::fs::write(path("cells/post.stl"), "").expect("a file");
+        let text = preset_text(SpecKind::Cell, "e05-transcan").expect("a preset").replace("\"hans-e05\"", "\"arm.toml\"");
+        std::fs::write(path("cells/mine.toml"), text).expect("a file");
+        let (mut spec, _) = files::cell(&path("cells/mine.toml")).expect("a cell");
+        let post = ShapeSpec::Mesh { mesh: path("cells/post.stl") };
+        spec.obstacles.push(BodySpec { name: "post".to_owned(), owner_from_body: PoseSpec::default(), shape: post });
+        spec.scanner.inline(|name| FileLibrary.scanner(name).ok());
+        write_cell(Path::new(&path("cells/calibrated.toml")), &spec, "# Head.\n").expect("a file");
+        std::fs::rename(path("cells"), path("moved")).expect("moved");
+        let (moved, _) = files::cell(&path("moved/calibrated.toml")).expect("a cell");
+        assert_eq!(moved.robot, Named::Name(path("moved/arm.toml")));
+        assert_eq!(moved.turntable, Named::Name("minas-a6-500".to_owned()), "a preset");
+        let shapes: Vec<&ShapeSpec> = moved.obstacles.iter().map(|body| &body.shape).collect();
+        assert!(shapes.contains(&&ShapeSpec::Mesh { mesh: path("moved/post.stl") }), "{shapes:?}");
+        assert!(moved.flange_from_scanner == spec.flange_from_scanner && moved.scanner == spec.scanner, "the rest is as it was");
+    }
 }

@@ -9,7 +9,7 @@ use super::doubts::{self, doubt};
 use super::files::{self, FileLibrary};
 use super::plan::pool;
 use super::scanner::{Triple, write_or_print};
-use super::{CliError, output};
+use super::{CliError, output, spec_paths};
 use crate::cell::{Cell, CellDistances, CellSpec, CollisionScene, HousingFace, SpecKind};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::MotionParams;
@@ -197,6 +197,7 @@ pub fn run(args: &CellArgs) -> Result<(), CliError> {
         files::write(path, cell_svg(&meant).as_bytes())?;
     }
     let (cell, reached) = cell?;
+    let spec = if let Some(out) = &args.out { spec_paths::named_for(&spec, out)? } else { spec };
     write_or_print(args.out.as_deref(), &spec, &text(args, &spec, face)?)?;
     let shown = args.out.as_ref().map_or_else(|| "standard output".to_owned(), |path| path.display().to_string());
     output::note(format_args!(

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::doubts;
 use super::files::{self, FileLibrary};
-use super::{CliError, FileFinding, output};
+use super::{CliError, FileFinding, given_params, output};
 use crate::cell::{Cell, ControllersSpec, SpecKind};
 use crate::check::{OtherPart, Present, Reference, Sound, check, check_part, check_part_of, check_plan, kind_of};
 use crate::geometry::{LengthUnit, Poll};
@@ -82,7 +82,7 @@ fn temperature(text: &str) -> Result<f64, String> {
 /// # Errors
 /// [`CliError::BadInput`] with every finding of every file, one per line.
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
-    let cell = args.cell.as_deref().map(cell).transpose()?;
+    let (cell, its_controllers) = args.cell.as_deref().map(with_its_controllers).transpose()?.unzip();
     let (reference, part) = args.reference.read()?;
     args.reference.warn_of_size(cell.as_ref(), &reference);
     let never = AtomicBool::new(false);
@@ -90,7 +90,7 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let mut checked = Vec::new();
     for path in &args.files {
         let (shown, mut doubts) = (path.display().to_string(), Vec::new());
-        let sound = files::value(path).and_then(|mut value| {
+        let sound = files::spec_value(path).and_then(|mut value| {
             if kind_of(&value).is_none() && files::is_server_configuration(&value) {
                 return Err(CliError::BadInput(format!("{shown}: {}", files::SERVER_CONFIGURATION)));
             }
@@ -103,11 +103,15 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
                 check_part_of(&value, mesh, &file.sha256).map_err(|other| file.refused(&other))?;
             }
             doubts = doubts::of_document(&value);
+            doubts.extend(its_controllers.iter().flatten().find_map(|its| doubts::of_captures(its, &value)));
             if let Ok(Some(controllers)) = &controllers {
                 doubts.extend(doubts::of_controllers(controllers, &value[SpecKind::Robot.as_str()]));
             }
-            let checked =
-                check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
+            let is_params = kind_of(&value) == Some(DocumentKind::Params);
+            let as_given = if is_params { given_params::check_document(&value) } else { Ok(()) };
+            let checked = check(value, &FileLibrary, cell.as_ref(), &reference, &ctx)
+                .and_then(|sound| as_given.map(|()| sound))
+                .map_err(|errors| files::findings(&shown, &errors));
             with_controllers(checked, controllers)
         });
         let sound = sound.map(|sound| Sound { warnings: [sound.warnings, doubts].concat(), ..sound });
@@ -230,8 +234,14 @@ pub(super) fn warn(what: &str, warnings: &[FieldWarning]) {
 
 /// Loads a cell: a preset or a file.
 pub(super) fn cell(name: &str) -> Result<Cell, CliError> {
-    let (spec, _) = files::cell(name)?;
-    spec.build(&FileLibrary).map_err(|errors| files::findings(name, &errors))
+    with_its_controllers(name).map(|(cell, _)| cell)
+}
+
+/// Loads a cell with the controllers that its file names.
+fn with_its_controllers(name: &str) -> Result<(Cell, Option<ControllersSpec>), CliError> {
+    let (spec, controllers) = files::cell(name)?;
+    let cell = spec.build(&FileLibrary).map_err(|errors| files::findings(name, &errors))?;
+    Ok((cell, controllers))
 }
 
 impl ReferenceArgs {

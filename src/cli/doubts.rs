@@ -14,6 +14,8 @@ use crate::cell::{
 };
 use crate::check::kind_of;
 use crate::geometry::{Base, Table};
+use crate::program::Program;
+use crate::wire::program::ProgramDocument;
 use crate::wire::warnings::{FieldWarning, WarningCode};
 use crate::wire::{DocumentKind, decode};
 
@@ -96,6 +98,26 @@ fn of_trigger(controllers: &ControllersSpec) -> Option<FieldWarning> {
             format!("is digital; the driver of {} has no digital signals, so that no run begins", controllers.arm.name());
         doubt("/controllers/trigger/protocol", detail, "trigger the scanner by http or by a command")
     })
+}
+
+/// Doubt about a document that is a program of several brightness levels, where the cell's trigger does not tell them.
+pub(super) fn of_captures(controllers: &ControllersSpec, document: &Value) -> Option<FieldWarning> {
+    let is_program = kind_of(document) == Some(DocumentKind::Program);
+    let read: Option<ProgramDocument> = is_program.then(|| decode(document).ok()).flatten();
+    of_levels(controllers, &read?.program().ok()?)
+}
+
+/// Doubt about a program of several brightness levels, where the cell's trigger does not tell them.
+pub(super) fn of_levels(controllers: &ControllersSpec, program: &Program) -> Option<FieldWarning> {
+    let (levels, trigger) = (program.brightness_levels(), &controllers.trigger);
+    let levels: Vec<String> = levels.iter().map(ToString::to_string).collect();
+    let (last, others) = levels.split_last().filter(|(_, others)| !others.is_empty() && !trigger.tells_brightness())?;
+    let (others, name) = (others.join(", "), trigger.name());
+    let detail =
+        format!("scans at brightness levels {others} and {last}; the cell's trigger {name} does not tell the scanner which");
+    let remedy =
+        "trigger the scanner by http, or by a command with {brightness}, or have its own software switch before each scan";
+    Some(doubt("/steps", detail, remedy))
 }
 
 /// Doubt about a controller whose maker is not that of the robot.
@@ -181,7 +203,7 @@ fn upside_down(plate: &PoseSpec, has_floor: bool) -> Option<FieldWarning> {
 fn file_of(kind: SpecKind, name: &str) -> Option<Value> {
     let is_preset = Presets.names(kind).iter().any(|preset| preset == name);
     let path = Some(Path::new(name)).filter(|path| !is_preset && path.is_file())?;
-    files::value(path).ok()
+    files::spec_value(path).ok()
 }
 
 /// Doubt about an obstacle that is small in every direction.
@@ -375,6 +397,29 @@ mod tests {
         let kuka = section(json!({"protocol": "kuka_rsi", "address": "10.0.0.1:49152"}));
         let doubts = of_controllers(&kuka, &json!("nobody.toml"));
         assert_eq!(doubts.iter().map(|doubt| doubt.pointer.as_str()).collect::<Vec<_>>(), ["/controllers/trigger/protocol"]);
+    }
+
+    #[test]
+    fn a_program_of_levels_that_its_trigger_does_not_tell_is_doubted() {
+        let section = |trigger: Value| -> ControllersSpec {
+            let (arm, table) = (json!({"protocol": "hans", "address": "10.0.0.2:10003"}), json!({"protocol": "with_arm"}));
+            serde_json::from_value(json!({"arm": arm, "table": table, "trigger": trigger})).expect("a section")
+        };
+        let scan = |level: u8| json!({"op": "scan", "viewpoint": 3, "brightness": level, "capture_secs": 1.0});
+        let program = |levels: &[u8]| {
+            json!({
+                "schema": "vantage.program/1", "plan_sha256": "00".repeat(32), "robot": "hans-e05", "turntable": "minas-a6-500",
+                "home_deg": [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0], "cycle_secs": levels.len(),
+                "steps": levels.iter().copied().map(scan).collect::<Vec<_>>(),
+            })
+        };
+        let (silent, http) = (section(json!({"protocol": "none"})), section(json!({"protocol": "http", "url": "http://s/c"})));
+        let told = of_captures(&silent, &program(&[9, 5, 9])).expect("a doubt");
+        assert_eq!(told.pointer, "/steps");
+        assert!(told.detail.starts_with("scans at brightness levels 5 and 9; the cell's trigger none "), "{}", told.detail);
+        assert_eq!(of_captures(&silent, &program(&[9, 9])), None, "one level");
+        assert_eq!(of_captures(&http, &program(&[5, 9])), None, "it is told");
+        assert_eq!(of_captures(&silent, &preset(SpecKind::Cell, "e05-transcan")), None, "no program");
     }
 
     #[test]

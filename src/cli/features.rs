@@ -40,7 +40,7 @@ fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
         return csv(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")));
     }
     let Distinct(mut value) =
-        serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {}", json_fault(&error))))?;
+        serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {}", json_fault(text, &error))))?;
     let only_field = value.as_object_mut().filter(|fields| fields.len() == 1);
     let list = if let Some(field) = only_field { field.remove("features") } else { Some(value) };
     from_value(list.unwrap_or_default(), shown)

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::{CliError, FileFinding, out};
+use super::{CliError, FileFinding, out, spec_paths};
 use crate::cell::{
     CellSpec, ControllersSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
     did_you_mean,
@@ -21,7 +21,7 @@ use crate::service::plan_job::PLAN_FILE;
 use crate::service::runs::cell_sha256;
 use crate::service::{HashingReader, OperatorCell};
 use crate::settings::Settings;
-use crate::wire::{self, Distinct, DocumentKind};
+use crate::wire::{self, Distinct, DocumentKind, json_error};
 
 /// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -30,7 +30,7 @@ pub struct FileLibrary;
 impl FileLibrary {
     fn file<T: DeserializeOwned + ToSchema + 'static>(kind: SpecKind, path: &str) -> Result<T, NotFound> {
         let read = existing(path)?;
-        value(read).and_then(|value| of_kind(value, kind_of_spec(kind), path)).map_err(unusable)
+        spec_value(read).and_then(|value| of_kind(value, kind_of_spec(kind), path)).map_err(unusable)
     }
 }
 
@@ -103,7 +103,7 @@ pub fn spec<T: DeserializeOwned + ToSchema + 'static>(
             kind = kind.as_str()
         )));
     }
-    of_kind(value(Path::new(name))?, kind_of_spec(kind), name)
+    of_kind(spec_value(Path::new(name))?, kind_of_spec(kind), name)
 }
 
 /// Loads a cell by the name of a preset or the path of a file, with its controllers if the file has some.
@@ -114,7 +114,7 @@ pub fn cell(name: &str) -> Result<(CellSpec, Option<ControllersSpec>), CliError>
     if Presets.cell(name).is_ok() || !Path::new(name).exists() {
         return spec(SpecKind::Cell, name, Presets.cell(name)).map(|spec| (spec, None));
     }
-    let mut value = value(Path::new(name))?;
+    let mut value = spec_value(Path::new(name))?;
     let controllers = take_controllers(&mut value, name);
     Ok((of_kind(value, kind_of_spec(SpecKind::Cell), name)?, controllers?))
 }
@@ -175,11 +175,28 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
     let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
     let read = if text.trim_start().starts_with('{') {
-        serde_json::from_str(&text).map_err(|error| json_fault(&error))
+        serde_json::from_str(&text).map_err(|error| json_fault(&text, &error))
     } else {
         toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
     };
     read.map(|Distinct(value)| value).map_err(refuse)
+}
+
+/// Reads a document as [`value`] does; the paths in a specification, which count from the folder of its file, then lead from the working
+/// folder.
+///
+/// # Errors
+/// Those of [`value`] and [`spec_paths::place`].
+pub(super) fn spec_value(path: &Path) -> Result<Value, CliError> {
+    let mut document = value(path)?;
+    let is_hardware = kind_of(&document).is_some_and(|kind| match kind {
+        DocumentKind::Cell | DocumentKind::Robot | DocumentKind::Scanner | DocumentKind::Turntable => true,
+        DocumentKind::Params | DocumentKind::Plan | DocumentKind::Program => false,
+    });
+    if is_hardware {
+        spec_paths::place(&mut document, path)?;
+    }
+    Ok(document)
 }
 
 /// Error for a file that cannot be read; of one that does not exist it tells a file beside it with nearly the same name.
@@ -218,8 +235,9 @@ pub(super) fn refuse_mesh(path: &Path) -> Result<(), CliError> {
 }
 
 /// Describes the error in a JSON file; one that ends too early is cut off.
-pub(super) fn json_fault(error: &serde_json::Error) -> String {
-    if error.is_eof() { format!("the file is cut off: {error}") } else { error.to_string() }
+pub(super) fn json_fault(text: &str, error: &serde_json::Error) -> String {
+    let told = json_error(text.as_bytes(), error);
+    if error.is_eof() && !text.trim().is_empty() { format!("the file is cut off: {told}") } else { told }
 }
 
 /// Returns true for the name of a mesh file.

@@ -5,9 +5,10 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::check::warn;
-use super::{CliError, doubts, files, set_value};
+use super::{CliError, doubts, files, presets, set_value};
+use crate::cell::FieldError;
 use crate::planning::params::PlanParams;
-use crate::wire::parameters;
+use crate::wire::{decode, parameters};
 
 /// Loads the parameter file and applies every `--set` to it.
 pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
@@ -51,8 +52,8 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
     let doubts = doubts::of_params(&value);
-    let read: Result<PlanParams, CliError> = files::from_value(value, "parameters");
-    let checked = read.and_then(|params| match params.check() {
+    let read: Result<PlanParams, CliError> = files::from_value(value.clone(), "parameters");
+    let checked = read.and_then(|params| match params.check().and_then(|()| check_beside_preset(&value, &params)) {
         Ok(()) => {
             warn("parameters", &doubts);
             Ok(params)
@@ -60,6 +61,42 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         Err(errors) => Err(files::findings("parameters", &errors)),
     });
     checked.map_err(|error| named_by_sets(error, sets))
+}
+
+/// Checks what a document of parameters gives beside its preset, as a plan does; ranges are not looked at, and one that cannot be read
+/// has no findings.
+///
+/// # Errors
+/// Every finding.
+pub(super) fn check_document(given: &Value) -> Result<(), Vec<FieldError>> {
+    decode(given).map_or(Ok(()), |params: PlanParams| check_beside_preset(given, &params))
+}
+
+/// Refuses what is given beside a preset that sets it otherwise, defaults too: once read, they are as if they were not given.
+fn check_beside_preset(given: &Value, params: &PlanParams) -> Result<(), Vec<FieldError>> {
+    let (set, read) = (presets::set_by(params.preset).unwrap_or_default(), serde_json::to_value(params).unwrap_or_default());
+    let mut pointers = Vec::new();
+    set_otherwise(&set, given, &read, "", &mut pointers);
+    let name = given["preset"].as_str().unwrap_or_default();
+    let error = |pointer: String| {
+        let detail = format!("is set by preset = {name}; leave it out, or leave out the preset");
+        FieldError { pointer, detail }
+    };
+    let errors: Vec<FieldError> = pointers.into_iter().map(error).collect();
+    if errors.is_empty() { Ok(()) } else { Err(errors) }
+}
+
+/// Pointers of the fields that are in `set` and `given`, and that `read` has with another value than `set`.
+fn set_otherwise(set: &Value, given: &Value, read: &Value, at: &str, pointers: &mut Vec<String>) {
+    if let Value::Object(fields) = set {
+        for (name, field) in fields {
+            if let Some(given) = given.get(name) {
+                set_otherwise(field, given, &read[name], &format!("{at}/{name}"), pointers);
+            }
+        }
+    } else if read != set {
+        pointers.push(at.to_owned());
+    }
 }
 
 /// The error with each finding in a parameter that a `--set` gives at that option, which its user typed; the pointer is then the
@@ -120,4 +157,32 @@ pub(super) fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), Str
     let map = table.as_object_mut().ok_or_else(|| format!("{last} is inside a value that is not an object"))?;
     map.insert(last.to_owned(), new);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A default beside a preset was replaced in silence, other values were refused.
+    #[test]
+    fn what_a_preset_sets_otherwise_is_refused_beside_it_defaults_too() {
+        let given = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            set_params(Value::Object(serde_json::Map::new()), &sets)
+        };
+        let told = "is set by preset = thesis; leave it out, or leave out the preset";
+        for set in ["selection.solver=local", "selection.solver=lazy", "candidates.rolls_deg=[0,90]"] {
+            let error = given(&["preset=thesis", set]).expect_err("refused").to_string();
+            assert_eq!(error, format!("--set {set}: {told}"));
+        }
+        let file = serde_json::json!({"preset": "thesis", "candidates": {"standoff": "surface"}});
+        let error = set_params(file, &[]).expect_err("refused").to_string();
+        assert_eq!(error, format!("parameters: /candidates/standoff: {told}"));
+        let same = given(&["preset=thesis", "selection.solver=greedy", "candidates.rolls_deg=[0]", "selection.target=0.985"]);
+        assert!(same.is_ok(), "what the preset sets, and what it does not set: {same:?}");
+        assert!(
+            given(&["preset=vantage", "selection.solver=local", "candidates.rolls_deg=[0]"]).is_ok(),
+            "the defaults set nothing"
+        );
+    }
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use super::plan::load_scanner;
 use super::{CliError, check, files, inspect_scanner, output};
+use crate::cell::{SpecKind, preset_text};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
 use crate::wire::MeshHealthReport;
@@ -17,9 +18,10 @@ use crate::wire::warnings::FieldWarning;
 #[command(after_help = "Examples:
   vantage inspect part.stl
   vantage inspect part.stl --unit mm --cell e05-transcan
-  vantage inspect config/scanners/transcan-c.toml --json")]
+  vantage inspect transcan-c
+  vantage inspect my-scanner.toml --json")]
 pub struct InspectArgs {
-    /// File to inspect; its format is recognised by its content.
+    /// File to inspect, recognised by its content; or the name of a scanner preset.
     pub file: PathBuf,
     /// Unit of the coordinates in the mesh: mm, cm, m or inch [default: the size is printed in all four].
     #[arg(long)]
@@ -61,7 +63,10 @@ pub fn run(args: &InspectArgs) -> Result<(), CliError> {
 /// Text that `run` prints.
 pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
-    let mut file = File::open(&args.file).map_err(|error| files::unreadable(&args.file, &error))?;
+    let mut file = match File::open(&args.file) {
+        Ok(file) => file,
+        Err(error) => return preset_report(args).unwrap_or_else(|| Err(files::unreadable(&args.file, &error))),
+    };
     let length_bytes = file.metadata().map_err(|error| bad_input(&error))?.len();
     let unit = args.unit.unwrap_or(LengthUnit::Millimetre);
     let mesh = match mesh_io::read_from(&mut file, length_bytes, Some(unit), &Limits::default(), &Poll::never()) {
@@ -117,6 +122,12 @@ fn scanner_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
     let is_text = detect_format(text.as_bytes()) == Err(MeshError::UnknownFormat);
     let render = || inspect_scanner::render(&text, args.json);
     is_text.then(|| render().map_err(|error| CliError::BadInput(format!("{}: {error}", args.file.display()))))
+}
+
+/// Report of a scanner preset; `None` if there is none of the name.
+fn preset_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
+    let text = preset_text(SpecKind::Scanner, args.file.to_str()?)?;
+    Some(inspect_scanner::render(text, args.json))
 }
 
 /// Rows on the size: in the unit that is given, else in each.

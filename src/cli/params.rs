@@ -84,6 +84,11 @@ fn found(name: &str) -> Result<Vec<Parameter>, CliError> {
     Err(CliError::BadInput(format!("{name}: is not a parameter, nor part of the name of one{question}")))
 }
 
+/// Parameters, each on a line with its meaning on the next: the end of a help text.
+pub(super) fn for_help(parameters: &[Parameter]) -> String {
+    format!("\n\nParameters for --set:\n{}", parameters.iter().map(described).collect::<String>())
+}
+
 /// A parameter on a line, with its meaning on the next.
 fn described(parameter: &Parameter) -> String {
     let default = match parameter.default_text() {

@@ -99,10 +99,19 @@ fn list() -> Result<Vec<PresetLine>, CliError> {
 
 /// Parameters that a set sets, as a file of parameters has them: all of them for the defaults, those that differ for another.
 fn parameter_set(name: &str) -> Result<Value, serde_json::Error> {
-    let (preset, default) = (serde_json::from_value::<Preset>(name.into())?, PlanParams::default());
+    let preset: Preset = serde_json::from_value(name.into())?;
+    if preset != Preset::default() {
+        return set_by(preset);
+    }
+    let all = serde_json::to_value(PlanParams::default())?;
+    Ok(difference(all, &Value::Null).unwrap_or_else(|| Value::Object(Map::new())))
+}
+
+/// Parameters that a preset sets otherwise than the defaults, as a file of parameters has them.
+pub(super) fn set_by(preset: Preset) -> Result<Value, serde_json::Error> {
+    let default = PlanParams::default();
     let set = serde_json::to_value(preset.apply(&default))?;
-    let same = if preset == Preset::default() { Value::Null } else { serde_json::to_value(default)? };
-    Ok(difference(set, &same).unwrap_or_else(|| Value::Object(Map::new())))
+    Ok(difference(set, &serde_json::to_value(default)?).unwrap_or_else(|| Value::Object(Map::new())))
 }
 
 /// The fields of a value that differ from `other`, without those that are not given; `None` if there are none.

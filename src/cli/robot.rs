@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use super::check::warn;
 use super::doubts::{self, doubt};
-use super::{CliError, files, output};
+use super::{CliError, files, output, spec_paths};
 use crate::cell::urdf::{Imported, LinkSurface, UrdfOptions, UrdfRemark, import};
-use crate::cell::{Dialect, KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec};
+use crate::cell::{Dialect, KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec, SpecKind};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::wire::warnings::FieldWarning;
@@ -89,7 +89,8 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     warn(&args.urdf.display().to_string(), &warnings);
     if let Some(folder) = &args.surfaces {
         fs::create_dir_all(folder).map_err(|error| at(folder, &error))?;
-        let written = surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, folder));
+        let places = (folder.as_path(), args.out.as_path());
+        let written = surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, places));
         spec.surfaces = written.collect::<Result<_, _>>()?;
     }
     if let Err(errors) = spec.build() {
@@ -116,14 +117,14 @@ fn warnings(remarks: &[UrdfRemark], spec: &RobotSpec) -> Vec<FieldWarning> {
     told.chain(doubts).collect()
 }
 
-/// Writes a link's surface; the entry that refers to it.
-fn write_surface(surface: &LinkSurface, index: usize, folder: &Path) -> Result<LinkBodySpec, CliError> {
+/// Writes a link's surface to a folder; the entry that refers to it in the specification's file.
+fn write_surface(surface: &LinkSurface, index: usize, (folder, out): (&Path, &Path)) -> Result<LinkBodySpec, CliError> {
     // Links of a URDF may have any name; the number keeps file names distinct.
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     let name: String = surface.name.chars().map(plain).collect();
     let path = folder.join(format!("{index:02}-{name}.stl"));
     files::write(&path, &mesh_io::write_stl(&surface.mesh))?;
-    let shape = ShapeSpec::Mesh { mesh: path.to_string_lossy().into_owned() };
+    let shape = ShapeSpec::Mesh { mesh: spec_paths::name_for(out, SpecKind::Mesh, &path.to_string_lossy()) };
     Ok(LinkBodySpec { link: surface.link, name: surface.name.clone(), owner_from_body: PoseSpec::default(), shape })
 }
 

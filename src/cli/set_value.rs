@@ -10,11 +10,11 @@ use crate::wire::Distinct;
 /// The value of a parameter `key`.
 ///
 /// # Errors
-/// The reason why the file that it names cannot be used.
+/// The reason why the file that it names cannot be used, or the field that an object has twice.
 pub(super) fn parse(key: &str, text: &str) -> Result<Value, String> {
     match text.strip_prefix('@') {
         Some(path) => of_file(key, Path::new(path)),
-        None => Ok(json_or_text(text)),
+        None => json_or_text(text),
     }
 }
 
@@ -29,15 +29,20 @@ fn of_file(key: &str, path: &Path) -> Result<Value, String> {
     let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
     match extension.as_deref() {
         Some("json") => {
-            let read = serde_json::from_str(&text).map_err(|error| refuse(files::json_fault(&error)));
+            let read = serde_json::from_str(&text).map_err(|error| refuse(files::json_fault(&text, &error)));
             read.map(|Distinct(value)| value)
         }
-        _ => Ok(json_or_text(text.strip_suffix('\n').map_or(&*text, |line| line.strip_suffix('\r').unwrap_or(line)))),
+        _ => json_or_text(text.strip_suffix('\n').map_or(&*text, |line| line.strip_suffix('\r').unwrap_or(line))).map_err(refuse),
     }
 }
 
-fn json_or_text(text: &str) -> Value {
-    serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()))
+fn json_or_text(text: &str) -> Result<Value, String> {
+    match serde_json::from_str(text) {
+        Ok(Distinct(value)) => Ok(value),
+        // What is JSON but for a field that an object has twice is meant as JSON.
+        Err(error) if serde_json::from_str::<Value>(text).is_ok() => Err(files::json_fault(text, &error)),
+        Err(_) => Ok(Value::String(text.to_owned())),
+    }
 }
 
 /// The value in a table that has nothing but a field named like the last word of `key`.

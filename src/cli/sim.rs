@@ -73,6 +73,8 @@ struct CommonSimArgs {
 
 /// Run a simulated robot controller.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage sim robot --listen 127.0.0.1:10003 --control 127.0.0.1:9003")]
 struct RobotSimArgs {
     /// Protocol of the controller.
     #[arg(long, value_enum, default_value_t = RobotProtocol::Hans)]
@@ -89,6 +91,9 @@ struct RobotSimArgs {
 
 /// Run a simulated drive of a turntable.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage sim turntable --listen 127.0.0.1:1502 --speed 5
+  vantage sim turntable --pty")]
 struct TurntableSimArgs {
     /// Protocol of the drive.
     #[arg(long, value_enum, default_value_t = TableProtocol::MinasA6)]

@@ -17,6 +17,14 @@ fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String,
     report(&InspectArgs { file, unit, cell: None, scanner: None, json })
 }
 
+#[test]
+fn a_scanner_is_inspected_by_the_name_of_its_preset() {
+    let args = |file: &str| InspectArgs { file: file.into(), unit: None, cell: None, scanner: None, json: false };
+    let told = report(&args("transcan-c")).expect("a preset");
+    assert!(told.starts_with("scanner transcan-c\n"), "{told}");
+    assert!(report(&args("transcan-d")).is_err_and(|error| error.to_string().contains("transcan-d")));
+}
+
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n";
 
 #[test]
@@ -129,6 +137,51 @@ fn robot_writes_a_specification_and_surfaces_that_a_cell_takes() {
     assert!(errors.iter().any(|error| error.pointer == "/robot/surfaces/5/shape/mesh"), "{errors:#?}");
 }
 
+#[test]
+fn paths_in_a_specification_count_from_its_folder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let preset = |kind, name: &str| crate::cell::preset_text(kind, name).expect("a preset");
+    std::fs::create_dir(path("arms")).expect("a folder");
+    std::fs::write(path("arms/mine.toml"), preset(crate::cell::SpecKind::Robot, "hans-e05")).expect("a file");
+    let named = |robot: &str| {
+        let text = preset(crate::cell::SpecKind::Cell, "e05-transcan").replace("\"hans-e05\"", &format!("{robot:?}"));
+        std::fs::write(path("cell.toml"), text).expect("a file");
+        files::cell(&path("cell.toml")).map(|(spec, _)| spec)
+    };
+    let spec = named("arms/mine.toml").expect("a cell");
+    assert_eq!(spec.robot, Named::Name(path("arms/mine.toml")));
+    assert!(spec.build(&files::FileLibrary).is_ok(), "the robot is found");
+    assert_eq!(named("ur10e").expect("a cell").robot, Named::Name("ur10e".to_owned()), "a preset");
+    // Tests run in the folder of the package.
+    let told = named("config/robots/hans-e05.toml").map(|spec| spec.name).expect_err("from the working folder").to_string();
+    let beside = path("config/robots/hans-e05.toml");
+    assert!(told.contains(&format!("/robot: is \"config/robots/hans-e05.toml\", and there is no {beside}: ")), "{told}");
+    let told = named("LICENSE-MIT").map(|spec| spec.name).expect_err("a file without an extension").to_string();
+    assert!(told.contains("/robot: is \"LICENSE-MIT\", and there is no "), "{told}");
+    assert_eq!(named("").expect("a cell").robot, Named::Name(String::new()), "told as empty, not as a folder");
+}
+
+/// What came through a pipe was taken to lie in the folder of its descriptor.
+#[test]
+#[cfg(unix)]
+fn paths_in_a_specification_that_comes_through_a_pipe_count_from_the_working_folder() {
+    use std::os::fd::AsRawFd as _;
+    let robot = "config/robots/hans-e05.toml";
+    let text = crate::cell::preset_text(crate::cell::SpecKind::Cell, "e05-transcan").expect("a preset");
+    let text = text.replace("\"hans-e05\"", &format!("{robot:?}"));
+    let (pipe, mut sender) = std::io::pipe().expect("a pipe");
+    std::io::Write::write_all(&mut sender, text.as_bytes()).expect("taken");
+    drop(sender);
+    let stored = tempfile::NamedTempFile::new().expect("a file");
+    std::fs::write(stored.path(), &text).expect("written");
+    for descriptor in [pipe.as_raw_fd(), stored.as_file().as_raw_fd()] {
+        let (spec, _) = files::cell(&format!("/dev/fd/{descriptor}")).expect("a cell");
+        assert_eq!(spec.robot, Named::Name(robot.to_owned()));
+        assert!(spec.build(&files::FileLibrary).is_ok(), "the robot is found");
+    }
+}
+
 /// A plan that stops before it begins, since it is cancelled.
 fn plan_cancelled(extra: &[&str]) -> Result<(), CliError> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -222,8 +275,9 @@ fn the_ends_of_help_texts_are_wrapped_by_the_terminal_alone() {
 fn the_help_of_a_comparison_names_every_file_and_every_parameter() {
     let command = <Cli as clap::CommandFactory>::command();
     let compare = command.find_subcommand("compare").expect("a command");
-    let help = compare.get_after_help().map(ToString::to_string).unwrap_or_default();
-    let (parameters, files) = help.split_once("Files written to --out:").expect("files");
+    let help = compare.get_after_long_help().map(ToString::to_string).unwrap_or_default();
+    let (files, parameters) = help.split_once("Parameters for --set:").expect("parameters");
+    let (_, files) = files.split_once("Files written to --out:").expect("files");
     for name in INSPECTION_FILES {
         assert!(files.contains(name), "{name} is not in\n{files}");
     }
@@ -233,6 +287,7 @@ fn the_help_of_a_comparison_names_every_file_and_every_parameter() {
             assert!(parameters.contains(&format!("{table}.{field}")), "{table}.{field} is not in\n{parameters}");
         }
     }
+    assert!(parameters.contains("compare.tolerance_mm = 0.15    (0.001 to 100 mm)\n    Distance"), "{parameters}");
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! The parameters of a plan as people and clients read them: `api/parameters.md`, the help of the command line, and the ranges
-//! in the API document. All are made from [`PlanParams::knobs`].
+//! in the API document. All are made from [`PlanParams::knobs`]. Those of inspections and of the simulated scanner are in help texts.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -11,7 +11,10 @@ use utoipa::openapi::schema::{ArrayItems, Object};
 use utoipa::openapi::{RefOr, Schema};
 
 use crate::cell::did_you_mean;
-use crate::planning::params::PlanParams;
+use crate::inspection::coverage::CompareParams;
+use crate::inspection::simulated_scanner::SimulationParams;
+use crate::inspection::{AlignParams, InspectionParams};
+use crate::planning::params::{KnobGroup, PlanParams};
 
 /// Parameter of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -54,16 +57,31 @@ impl Parameter {
     }
 }
 
-/// Lists every parameter that is a value, not a group of others.
+/// Lists every parameter of a plan that is a value, not a group of others.
 #[must_use]
 pub fn list() -> Vec<Parameter> {
-    let groups = PlanParams::knobs();
+    of_groups::<PlanParams>(&PlanParams::knobs())
+}
+
+/// Lists the parameters of an inspection.
+#[must_use]
+pub fn of_inspections() -> Vec<Parameter> {
+    of_groups::<InspectionParams>(&[("align", AlignParams::KNOBS), ("compare", CompareParams::KNOBS)])
+}
+
+/// Lists the parameters of the simulated scanner.
+#[must_use]
+pub fn of_simulated_scans() -> Vec<Parameter> {
+    of_groups::<SimulationParams>(&[("", SimulationParams::KNOBS)])
+}
+
+fn of_groups<T: ToSchema>(groups: &[(&str, KnobGroup)]) -> Vec<Parameter> {
     let mut schemas = Vec::new();
-    PlanParams::schemas(&mut schemas);
+    T::schemas(&mut schemas);
     let schemas: BTreeMap<String, RefOr<Schema>> = schemas.into_iter().collect();
     let is_group = |key: &str| groups.iter().any(|(path, _)| path.trim_end_matches("[]") == key);
     let mut parameters = Vec::new();
-    for (path, group) in &groups {
+    for (path, group) in groups {
         let (RefOr::T(Schema::Object(schema)), defaults) = ((group.schema)(), (group.defaults)()) else { continue };
         for knob in group.knobs {
             let key = if path.is_empty() { knob.field.to_owned() } else { format!("{path}.{}", knob.field) };

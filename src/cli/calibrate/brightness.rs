@@ -11,6 +11,8 @@ use crate::wire::calibration::{BrightnessData, BrightnessDocument};
 
 /// Identify the light of the projector's levels from captures of a plate, one at each level.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage calibrate brightness sweep.json --out exposure.toml")]
 pub(super) struct CalibrateBrightnessArgs {
     /// Captures: {"full_scale": 255, "ambient_signal": 6, "captures": [{"level": 0, "mean_signal": 31.5, "points": 20000}, …]}, JSON
     /// or TOML. Beside or instead of the mean grey value: noise_mm, the noise of the points.

@@ -17,6 +17,13 @@ use crate::wire::json_file_bytes;
 
 /// Solve for scanner and table, screen the observations, and say how well the result is known.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage calibrate cell data.json --cell my-cell.toml --hold-out 2 \\
+      --out calibration.json --write-cell calibrated.toml
+
+CSV has a row for each pose, and columns id, j1_deg to j6_deg, table_angle_deg, flange_x, flange_y, flange_z with flange_r1 to \
+flange_r3 or flange_r4 in the controller's convention, and board_x, board_y, board_z with board_qx, board_qy, board_qz, board_qw. \
+Joints or flange may be left out.")]
 pub(super) struct CalibrateCellArgs {
     /// Observations: vantage.calibration_data/1, CSV with named columns, or pairs of 4 × 4 matrices as MoveIt writes them.
     data: PathBuf,
@@ -94,10 +101,9 @@ fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -
     let not_on_flange = "--write-cell: a cell has its scanner on the flange; the data have it in the cell";
     let spec = document.calibrated(spec).ok_or_else(|| CliError::BadInput(not_on_flange.into()))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
-    let toml = output::toml(&spec)?;
     let head = "# By `vantage calibrate cell`: flange_from_scanner and base_from_table as calibrated, the rest as it was.\n\
                 # A section [controllers] is not copied.\n\n";
-    files::write(path, format!("{head}{toml}").as_bytes())
+    super::write_cell(path, &spec, head)
 }
 
 /// Summary for people.

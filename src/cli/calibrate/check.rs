@@ -18,6 +18,11 @@ use crate::wire::json_file_bytes;
 
 /// Check before use that a calibration still holds: ok, compensate or recalibrate.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage calibrate check check.json --cell calibrated.toml \\
+      --calibration calibration.json
+
+Exit codes: 0 the calibration holds, 1 system error, 2 bad input, 3 it does not.")]
 pub(super) struct CalibrateCheckArgs {
     /// Observations of the board where the calibration saw it, four or more, one of them from the zenith.
     data: PathBuf,
@@ -152,8 +157,7 @@ fn write_compensated(path: &std::path::Path, mut spec: CellSpec, document: &Cali
     spec.flange_from_scanner = compensation.flange_from_scanner;
     spec.calibrated = document.in_force(provenance);
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
-    let toml = output::toml(&spec)?;
-    files::write(path, format!("# By `vantage calibrate check`: flange_from_scanner as compensated.\n\n{toml}").as_bytes())
+    super::write_cell(path, &spec, "# By `vantage calibrate check`: flange_from_scanner as compensated.\n\n")
 }
 
 fn text(document: &CalibrationCheckDocument) -> String {

@@ -10,6 +10,10 @@ use crate::wire::json_file_bytes;
 
 /// Find the pose of the part on the table from points, a registered cloud or a seat of a fixture.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage calibrate part points.json --cell calibrated.toml
+
+Points, three or more: {\"method\": \"points\", \"points\": [{\"part_mm\": [0, 0, 0], \"table_mm\": [-60, -36, 0]}, …]}.")]
 pub(super) struct CalibratePartArgs {
     /// Data: {"method": "points" | "cloud" | "fixture", …}, TOML or JSON.
     data: PathBuf,

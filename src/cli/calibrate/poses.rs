@@ -26,6 +26,9 @@ use crate::wire::program::ProgramDocument;
 
 /// Plan calibration poses: reachable, free of collisions, the board in view, the most informative first.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage calibrate poses --cell my-cell.toml --count 15 --board 11x8x15 \\
+      --out poses.json")]
 pub(super) struct PosesArgs {
     /// Cell: name of a preset, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]

@@ -14,7 +14,7 @@ use crate::cell::{
     CalibratedScannerSpec, DeviceName, PerDevice, Presets, ScannerResidualsSpec, ScannerSpec, SpecKind, SpecLibrary,
 };
 use crate::cli::scanner::{Dimensions, Span, write_or_print};
-use crate::cli::{CliError, FileFinding, files, output};
+use crate::cli::{CliError, FileFinding, files, output, spec_paths};
 use crate::geometry::LengthUnit;
 use crate::report::scanner_calibration::{CalibrationPictures, html};
 use crate::wire::scanner_calibration::{CalibrationSource, ScannerCalibration};
@@ -200,7 +200,10 @@ impl CalibrateScannerArgs {
             if format == CalibrationFormat::Observations {
                 observed = Some(self.observations(&name, &text)?);
             } else {
-                let file = lens::read(&text, format, &self.import_options()).map_err(|error| fault(&name, &error))?;
+                let mut file = lens::read(&text, format, &self.import_options()).map_err(|error| fault(&name, &error))?;
+                if let Some(spec) = &mut file.specification {
+                    **spec = spec_paths::placed(&**spec, path)?;
+                }
                 source.taken_at = source.taken_at.or_else(|| file.at.clone());
                 results.push(file);
             }
@@ -233,7 +236,7 @@ impl CalibrateScannerArgs {
             return lens::read_csv(text, size_px).map(|observations| (observations, None)).map_err(|error| fault(name, &error));
         }
         let Distinct(value) = serde_json::from_str(text)
-            .map_err(|error| CliError::BadInput(format!("{name}: not JSON: {}", files::json_fault(&error))))?;
+            .map_err(|error| CliError::BadInput(format!("{name}: not JSON: {}", files::json_fault(text, &error))))?;
         let spec: ScannerObservationsSpec = files::from_value(value, name)?;
         let observations = spec.build().map_err(|error| fault(name, &error))?;
         Ok((observations, spec.lit_rectangle))
@@ -266,7 +269,10 @@ impl CalibrateScannerArgs {
         for warning in &document.warnings {
             output::note(format_args!("warning: {warning}"));
         }
-        let toml = output::toml(&draft.spec)?;
+        let toml = match &self.out {
+            Some(path) => output::toml(&spec_paths::named_for(&draft.spec, path)?)?,
+            None => output::toml(&draft.spec)?,
+        };
         let toml = format!(
             "# Calibrated, by `vantage calibrate scanner` from {}. Lengths in mm, angles in degrees, focal lengths in pixels;\n\
              # pixels count from the outer corner of the first one.\n\n{toml}",

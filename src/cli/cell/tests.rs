@@ -32,6 +32,20 @@ fn distances_become_a_cell_that_builds_with_a_sketch_beside_it() {
 }
 
 #[test]
+fn a_device_is_named_from_the_folder_of_the_cell() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (sensor, out) = (path("sensor.toml"), path("mine.toml"));
+    std::fs::write(&sensor, crate::cell::preset_text(SpecKind::Scanner, "transcan-c-nominal").expect("a preset"))
+        .expect("a file");
+    let line = ["cell", "--robot", "ur10e", "--scanner", &sensor, "--table-at", "900,0,100", "--mount", "back", "--out", &out];
+    run(&Line::try_parse_from(line).unwrap_or_else(|error| panic!("{error}")).args).expect("a file");
+    let written = std::fs::read_to_string(&out).expect("the file");
+    assert!(written.contains("scanner = \"sensor.toml\"") && written.contains("robot = \"ur10e\""), "{written}");
+    super::super::check::cell(&out).expect("a sound cell");
+}
+
+#[test]
 fn the_obstacle_of_the_example_is_added_by_uncommenting_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("mine.toml").display().to_string();

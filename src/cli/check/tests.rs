@@ -71,6 +71,16 @@ fn findings_name_file_field_value_and_range() {
     assert!(broken.contains("broken.json") && broken.contains("the file is cut off"), "{broken}");
 }
 
+/// The check took parameters that a plan refuses.
+#[test]
+fn what_a_preset_sets_otherwise_is_a_finding_as_in_a_plan() {
+    let folder = Folder::new();
+    let told = folder.check("beside.toml", "preset = \"thesis\"\n[candidates]\nstandoff = \"surface\"\n").expect_err("refused");
+    assert!(told.contains("beside.toml: /candidates/standoff: is set by preset = thesis; leave it out"), "{told}");
+    let same = "preset = \"thesis\"\n[selection]\nsolver = \"greedy\"\ntarget = 0.985\n";
+    assert_eq!(folder.check("same.toml", same), Ok(()));
+}
+
 #[test]
 fn faults_of_toml_name_the_key_and_the_decimal_comma() {
     let folder = Folder::new();

@@ -8,6 +8,8 @@ fn a_value_is_json_or_a_string() {
     assert_eq!(parse("a", "[1, 2]"), Ok(json!([1, 2])));
     assert_eq!(parse("a", "min_time"), Ok(json!("min_time")));
     assert_eq!(parse("a", "\"@home\""), Ok(json!("@home")), "a string that begins with @ is quoted");
+    let twice = parse("a", r#"{"b": 1, "b": 2}"#).expect_err("refused");
+    assert!(twice.starts_with("duplicate field `b`"), "{twice}");
 }
 
 #[test]
@@ -29,6 +31,8 @@ fn a_file_is_read_by_its_kind() {
         let reason = of("a", name, text).expect_err("broken");
         assert!(reason.contains(name) && reason.contains("line 1"), "{reason}");
     }
+    let twice = of("a", "twice.txt", "{\"b\": 1, \"b\": 2}\n").expect_err("refused");
+    assert!(twice.contains("twice.txt: duplicate field `b`"), "{twice}");
     let reason = parse("a", "@/nowhere/value.json").expect_err("no file");
     assert!(reason.starts_with("/nowhere/value.json: "), "{reason}");
 }

@@ -1,6 +1,7 @@
 use clap::Parser;
 
 use super::*;
+use crate::cell::{ShapeSpec, preset_text};
 
 #[derive(Parser)]
 struct Line {
@@ -82,4 +83,28 @@ fn what_cannot_be_used_is_told_with_file_and_code() {
     assert!(error.to_string().contains("skew, k1, k2, p1, p2, k3"), "{error}");
     assert!(args(&[&left, "--field", "300x190"]).expect_err("no distance").contains("as in 300x190@480"));
     assert!(args(&[&left, "--from", "word"]).expect_err("no format").contains("opencv, bouguet"));
+}
+
+/// A mesh was named from the folder of the specification that was read, or from the working folder.
+#[test]
+fn a_mesh_is_named_from_the_folder_of_the_specification_that_is_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    ["a", "b"].iter().for_each(|name| std::fs::create_dir(path(name)).expect("a folder"));
+    let preset = preset_text(SpecKind::Scanner, "transcan-c").expect("a preset");
+    let (plain, housing) = (file(folder.path(), "plain.toml", preset), file(folder.path(), "a/housing.stl", ""));
+    let meshed = preset.replace("kind = \"box\", size_mm = [300.0, 130.0, 110.0]", "kind = \"mesh\", mesh = \"housing.stl\"");
+    let meshed = file(folder.path(), "a/s.toml", &meshed);
+    for (options, out, named) in [
+        (&[meshed.as_str()][..], "b/s.toml", housing.as_str()),
+        (&[plain.as_str(), "--like", &meshed][..], "b/like.toml", housing.as_str()),
+        (&[plain.as_str(), "--like", &meshed][..], "a/like.toml", "housing.stl"),
+    ] {
+        let out = path(out);
+        run(&args(&[options, &["--out", &out][..]].concat()).expect("options")).expect("a file");
+        let written = std::fs::read_to_string(&out).expect("the file");
+        assert!(written.contains(&format!("mesh = {named:?}")), "{written}");
+        let spec = files::FileLibrary.scanner(&out).expect("a scanner");
+        assert_eq!(spec.body[0].shape, ShapeSpec::Mesh { mesh: housing.clone() });
+    }
 }
