@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use super::serve::{Listening, open, run_to_completion, serve};
+use super::serve::{Listening, open, run_to_completion, serve, stopped_by_signal};
 use super::{CliError, failed, open_files, output, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
@@ -46,16 +46,17 @@ pub fn run(args: &DemoArgs) -> Result<(), CliError> {
         ("telemetry.log", "warn".to_owned()),
     ];
     let mut settings = Settings::load(None, &flags).map_err(|error| CliError::BadInput(error.to_string()))?;
-    telemetry::start(&settings.telemetry)?;
+    let _log = telemetry::start(&settings.telemetry)?;
+    let stop = stopped_by_signal(&settings)?;
     open_files::raise_limit(&mut settings);
     run_to_completion(async {
         rehearsal::start_controllers(folder.path(), &mut settings.execution).await?;
         let server = bind(&mut settings).await?;
-        let app = open(&settings).await?;
+        let Some(app) = open(&settings, &stop).await? else { return Ok(()) };
         let url = format!("http://{}", server.address());
         output::result(&Listening { url: &url }, format_args!("Open {url} in a browser. Ctrl-C ends the demo.\n"))?;
         tokio::spawn(show(app.clone()));
-        serve(server, app, &settings).await
+        serve(server, app, &settings, stop).await
     })
 }
 

@@ -54,6 +54,7 @@ mod set_value;
 mod signals;
 pub mod sim;
 mod sim_scanner;
+mod spec_paths;
 pub mod study;
 mod summary;
 mod telemetry;
@@ -266,7 +267,7 @@ impl Cli {
     }
 }
 
-/// Flag that the first ctrl-c or SIGTERM raises; a second signal ends the process.
+/// Flag that the first ctrl-c, SIGTERM, SIGHUP or SIGQUIT raises; a second signal ends the process.
 fn raised_by_signal() -> Result<Arc<AtomicBool>, CliError> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();

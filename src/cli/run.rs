@@ -1,6 +1,8 @@
 //! `vantage run`: carries out a program on a twin of arm and table, or on the controllers of a cell file, without a server.
 
 mod outcome;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::io::{BufRead, IsTerminal, stdin};
@@ -13,12 +15,12 @@ use tokio_util::sync::CancellationToken;
 
 use self::outcome::{RecordFile, RunOutcome};
 use self::watch::{RunWatch, lines_of_stdin};
-use super::check::ReferenceArgs;
+use super::check::{ReferenceArgs, warn};
 use super::files::{self, FileLibrary};
 use super::program::{plan_beside, unplaced, without_program};
 use super::serve::run_to_completion;
 use super::signals::on_signals;
-use super::{CliError, FileFinding, output};
+use super::{CliError, FileFinding, doubts, output, telemetry};
 use crate::cell::{Cell, ControllersSpec, FieldError};
 use crate::check::{Reference, field_errors};
 use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, RunHandle, RunJob, RunState};
@@ -53,8 +55,8 @@ state and sends no motion. `live` moves arm and table: the operator types the na
 the motion; the speed stays below `first_run_speed` of the cell file.
 
 With --step, and a terminal or a pipe on standard input, each line takes one step. Ctrl-C stops the run in order and says when the \
-stop was sent, acknowledged, and arm and table at rest; a second one ends the process at once. Vantage is not safety-rated, and \
-its stop is not an emergency stop: keep the cell's own safety in force.
+stop was sent, acknowledged, and arm and table at rest; a second one ends the process at once. A terminal that is closed stops it in \
+order too. Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
 
 Exit codes: 0 done, 1 ended by a fault, 2 bad input, 4 stopped by ctrl-c.")]
 pub struct RunArgs {
@@ -117,8 +119,11 @@ struct PreparedRun {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &RunArgs) -> Result<(), CliError> {
+    // Nothing that moves may wait for standard error.
+    let _log = telemetry::detach()?;
     let record = args.record.as_deref().map(RecordFile::new).transpose()?;
     let mut prepared = PreparedRun::load(args)?;
+    prepared.warn_of_levels(args);
     prepared.run.created_at = super::plan::now();
     if args.mode == RunMode::Live {
         prepared.run.armed_by = Some(operator(args.armed_by.as_deref(), &prepared.cell.name)?);
@@ -271,14 +276,21 @@ impl PreparedRun {
         Ok(Self { run, job, cell, reference, controllers, request })
     }
 
+    /// Warns of brightness levels that the scanner is not told; a twin has none.
+    fn warn_of_levels(&self, args: &RunArgs) {
+        let controllers = self.controllers.as_ref().filter(|_| self.request.mode != RunMode::Simulate);
+        let doubt = controllers.and_then(|controllers| doubts::of_levels(controllers, self.job.program()));
+        warn(&args.program.display().to_string(), doubt.as_slice());
+    }
+
     /// Carries out the run to its end.
-    async fn carry_out(self, args: &RunArgs, stop: &CancellationToken) -> Result<RunOutcome, CliError> {
+    async fn carry_out(mut self, args: &RunArgs, stop: &CancellationToken) -> Result<RunOutcome, CliError> {
         let leases = Leases::default();
         let is_live = self.request.mode == RunMode::Live;
         let lease = is_live.then(|| leases.acquire(&self.cell.name, "vantage run", LEASE)).transpose().map_err(refused_lease)?;
         let folder = args.audit.clone().or_else(|| is_live.then(|| audit_beside(&args.program)));
         let audit = folder.map(|folder| AuditPlace { folder, file_bytes: AUDIT_FILE_BYTES, files: AUDIT_FILES });
-        let handle = session::begin(SessionOrder {
+        let (handle, log) = session::begin(SessionOrder {
             name: self.run.id.to_string(),
             job: self.job.clone(),
             request: &self.request,
@@ -297,6 +309,20 @@ impl PreparedRun {
         let gave_up = watch.until_the_end().await;
         let record = handle.ended().await;
         heart.abort();
+        if let Some(log) = log {
+            match session::close_log(log).await {
+                Ok(head) => self.run.audit = Some(head.into()),
+                Err(reason) => {
+                    let shown = args.program.display().to_string();
+                    output::warning(
+                        &shown,
+                        "",
+                        &format!("has an audit log that may lack its end: {reason}"),
+                        "check the disk of the log",
+                    );
+                }
+            }
+        }
         let outcome = RunOutcome::new(self.run, &self.cell, &self.reference, &record)?;
         Ok(RunOutcome { gave_up, ..outcome })
     }

@@ -65,21 +65,26 @@ pub fn run(args: &ServeArgs) -> Result<(), CliError> {
         return output::result(&settings, DEFAULTS);
     }
     let mut settings = settings(args)?;
-    telemetry::start(&settings.telemetry)?;
+    let _log = telemetry::start(&settings.telemetry)?;
+    let stop = stopped_by_signal(&settings)?;
     open_files::raise_limit(&mut settings);
     run_to_completion(async {
         let server = Server::bind(&settings.http()).await.map_err(|error| CliError::Failed(error.to_string()))?;
-        let app = open(&settings).await?;
+        let Some(app) = open(&settings, &stop).await? else { return Ok(()) };
         let url = format!("http://{}", server.address());
         output::result(&Listening { url: &url }, format_args!("Vantage listens on {url}\n"))?;
-        serve(server, app, &settings).await
+        serve(server, app, &settings, stop).await
     })
 }
 
 fn settings(args: &ServeArgs) -> Result<Settings, CliError> {
     let mut flags = Flags::new();
     flags.extend(args.listen.map(|listen| ("server.listen", listen.to_string())));
-    flags.extend(args.data.as_ref().map(|data| ("store.data_dir", data.display().to_string())));
+    if let Some(data) = &args.data {
+        // SQLite takes no other names; with their bytes replaced they would be another folder.
+        let name = data.to_str().ok_or_else(|| CliError::BadInput(format!("--data {}: is not UTF-8", data.display())))?;
+        flags.push(("store.data_dir", name.to_owned()));
+    }
     flags.extend(args.insecure.then(|| ("server.insecure", "true".to_owned())));
     Settings::load(args.config.as_deref(), &flags).map_err(|error| CliError::BadInput(error.to_string()))
 }
@@ -98,13 +103,19 @@ pub(super) fn run_to_completion(work: impl Future<Output = Result<(), CliError>>
     result
 }
 
-/// Opens the service.
-pub(super) async fn open(settings: &Settings) -> Result<App, CliError> {
+/// Opens the service; `None` if the server is stopped before it is open.
+pub(super) async fn open(settings: &Settings, stop: &CancellationToken) -> Result<Option<App>, CliError> {
     http::install_metrics();
     let data = settings.store.data_dir.display().to_string();
     let mut options = settings.service();
     options.execution.cells = operator_cells(&settings.execution.cells)?;
-    App::open(options).await.map_err(|error| failed(&format!("the store in {data}"), &error))
+    // A large database takes minutes.
+    tracing::info!(data, "checking the database");
+    tokio::select! {
+        biased;
+        () = stop.cancelled() => Ok(None),
+        app = App::open(options) => app.map(Some).map_err(|error| failed(&format!("the store in {data}"), &error)),
+    }
 }
 
 /// Loads the operator's cells.
@@ -124,16 +135,28 @@ fn operator_cells(paths: &[PathBuf]) -> Result<Vec<OperatorCell>, CliError> {
 /// Time for an orderly shutdown after the time for open requests; then the process ends without it.
 const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
 
-/// Serves until a signal arrives.
-pub(super) async fn serve(server: Server, app: App, settings: &Settings) -> Result<(), CliError> {
-    let drain = Duration::from_secs_f64(settings.server.drain_timeout_secs);
+/// Token that the first signal cancels. Signals are heard before anything else begins: the first process of a container would lose
+/// one that nobody hears.
+pub(super) fn stopped_by_signal(settings: &Settings) -> Result<CancellationToken, CliError> {
     let stop = CancellationToken::new();
     let on_first = stop.clone();
     let begin_stop = move |signal| {
-        tracing::info!(signal, "stopping");
+        // What moves stops first of all.
         on_first.cancel();
+        tracing::info!(signal, "stopping");
     };
-    on_signals(begin_stop, Some(drain + SHUTDOWN_MARGIN))?;
+    on_signals(begin_stop, Some(drain(settings) + SHUTDOWN_MARGIN))?;
+    Ok(stop)
+}
+
+/// Time for open requests and running jobs after the first signal.
+fn drain(settings: &Settings) -> Duration {
+    Duration::from_secs_f64(settings.server.drain_timeout_secs)
+}
+
+/// Serves until `stop` is cancelled.
+pub(super) async fn serve(server: Server, app: App, settings: &Settings, stop: CancellationToken) -> Result<(), CliError> {
+    let drain = drain(settings);
     let router = http::router(app.clone(), settings.http());
     let store = app.clone();
     let stopped = async move {
@@ -150,4 +173,28 @@ pub(super) async fn serve(server: Server, app: App, settings: &Settings) -> Resu
     }
     store.close().await;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_signal_while_the_store_is_opened_ends_the_server() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let args = ServeArgs { data: Some(folder.path().join("data")), ..ServeArgs::default() };
+        let stop = CancellationToken::new();
+        stop.cancel();
+        let opened = open(&settings(&args).expect("settings"), &stop).await.expect("no fault");
+        assert!(opened.is_none());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_folder_whose_name_is_not_utf_8_is_refused() {
+        use std::os::unix::ffi::OsStringExt as _;
+        let data = PathBuf::from(std::ffi::OsString::from_vec(b"data-\xff".to_vec()));
+        let error = settings(&ServeArgs { data: Some(data), ..ServeArgs::default() }).expect_err("another folder");
+        assert!(error.exit_code() == 2 && error.to_string().contains("is not UTF-8"), "{error}");
+    }
 }

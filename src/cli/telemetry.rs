@@ -1,12 +1,33 @@
-//! Log of the program, on standard error. A log that cannot be written stops nothing.
+//! Log of the program, on standard error. A log that cannot be written stops nothing: where something moves or is served, a thread of
+//! its own writes it, and lines that it has no room for are dropped and counted.
+
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{self, Receiver, SyncSender};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
 
-use super::{CliError, output};
+use super::{CliError, failed, output};
+use crate::cell::did_you_mean;
 use crate::settings::{LogFormat, TelemetrySettings};
 
+/// Levels of the log, by their names.
+const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
+/// Lines that may wait to be written.
+const MAX_WAITING_LINES: usize = 4096;
+/// Longest time that the end of a command waits for them.
+const FLUSH_LIMIT: Duration = Duration::from_millis(500);
+/// Time between two looks at whether they are written.
+const FLUSH_INTERVAL: Duration = Duration::from_millis(2);
+
+/// Queue of a log that is detached from the threads that tell it something.
+static QUEUE: OnceLock<LogQueue> = OnceLock::new();
+
 /// Starts the log of a server: as set, more with `--verbose`, errors only with `--quiet`.
-pub(super) fn start(settings: &TelemetrySettings) -> Result<(), CliError> {
+pub(super) fn start(settings: &TelemetrySettings) -> Result<DetachedLog, CliError> {
     let filter = match (output::is_quiet(), output::verbosity()) {
         (true, _) => "error",
         (false, 0) => settings.log.as_str(),
@@ -14,7 +35,9 @@ pub(super) fn start(settings: &TelemetrySettings) -> Result<(), CliError> {
         (false, _) => "trace",
     };
     let format = if output::is_json() { LogFormat::Json } else { settings.format };
-    start_with(filter, format)
+    let log = detach()?;
+    start_with(filter, format)?;
+    Ok(log)
 }
 
 /// Starts the log of any other command, which has none without `--verbose`.
@@ -29,12 +52,184 @@ pub(super) fn start_if_verbose() -> Result<(), CliError> {
 }
 
 fn start_with(filter: &str, format: LogFormat) -> Result<(), CliError> {
-    let parsed = EnvFilter::try_new(filter);
-    let parsed = parsed.map_err(|error| CliError::BadInput(format!("telemetry.log {filter:?}: {error}")))?;
-    let builder = tracing_subscriber::fmt().with_env_filter(parsed).with_writer(std::io::stderr).log_internal_errors(false);
+    let refused = |reason: String| CliError::BadInput(format!("telemetry.log {filter:?}: {reason}"));
+    check_words(filter).map_err(refused)?;
+    let parsed = EnvFilter::try_new(filter).map_err(|error| refused(error.to_string()))?;
+    let builder = tracing_subscriber::fmt().with_env_filter(parsed).with_writer(|| LogWriter).log_internal_errors(false);
     let started = match format {
-        LogFormat::Text => builder.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).try_init(),
+        LogFormat::Text => builder.with_ansi(io::IsTerminal::is_terminal(&io::stderr())).try_init(),
         LogFormat::Json => builder.json().try_init(),
     };
     started.map_err(|error| CliError::Failed(format!("the log: {error}")))
+}
+
+/// Refuses a word that is no level: the filter would take it for the name of a module, and log nothing else.
+fn check_words(filter: &str) -> Result<(), String> {
+    let is_known = |word: &str| word.contains(['=', ':', '[', ']']) || word.parse::<LevelFilter>().is_ok();
+    let Some(word) = filter.split(',').map(str::trim).find(|word| !is_known(word)) else { return Ok(()) };
+    let meant = did_you_mean(word, LEVELS);
+    Err(format!("{word:?} is no level; allowed are {}, and MODULE=LEVEL{meant}", LEVELS.join(", ")))
+}
+
+/// Detaches the log: a thread of its own writes it from now on, so that a terminal that is paused or a pipe that nobody reads holds
+/// up nothing.
+///
+/// # Errors
+/// [`CliError::Failed`] without a thread for it.
+pub(super) fn detach() -> Result<DetachedLog, CliError> {
+    let tell = |lines: u64| tracing::warn!(lines, "lines of the log were dropped, since it could not be written");
+    let queue = LogQueue::start(io::stderr(), tell).map_err(|error| failed("the thread of the log", &error))?;
+    // A process has one log; the thread of a second one ends with its queue.
+    let _ = QUEUE.set(queue);
+    Ok(DetachedLog)
+}
+
+/// Waits for a short time until the lines of a detached log are written.
+pub(super) fn flush() {
+    if let Some(queue) = QUEUE.get() {
+        queue.flush(FLUSH_LIMIT);
+    }
+}
+
+/// Log that is detached; flushed at the end of the command.
+#[must_use]
+pub(super) struct DetachedLog;
+
+impl Drop for DetachedLog {
+    fn drop(&mut self) {
+        flush();
+    }
+}
+
+/// Standard error, by way of the queue if the log is detached.
+struct LogWriter;
+
+impl Write for LogWriter {
+    /// Takes a whole line.
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        match QUEUE.get() {
+            Some(queue) => queue.push(line),
+            None => io::stderr().write_all(line)?,
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Lines on their way to the thread that writes them.
+struct LogQueue {
+    lines: SyncSender<Vec<u8>>,
+    counts: Arc<LogCounts>,
+}
+
+#[derive(Default)]
+struct LogCounts {
+    /// Lines that are not written yet.
+    waiting: AtomicUsize,
+    /// Lines for which there was no room, not told yet.
+    dropped: AtomicU64,
+}
+
+impl LogQueue {
+    /// Starts the thread that writes to `log`. `tell` is told the number of lines dropped, once those that waited are written.
+    fn start(log: impl Write + Send + 'static, tell: impl Fn(u64) + Send + 'static) -> io::Result<Self> {
+        let (lines, waiting) = mpsc::sync_channel(MAX_WAITING_LINES);
+        let counts = Arc::new(LogCounts::default());
+        let of_thread = Arc::clone(&counts);
+        std::thread::Builder::new().name("log".to_owned()).spawn(move || write_lines(&waiting, &of_thread, log, tell))?;
+        Ok(Self { lines, counts })
+    }
+
+    /// Adds a line, or drops it if too many wait. Never waits.
+    fn push(&self, line: &[u8]) {
+        self.counts.waiting.fetch_add(1, Ordering::Relaxed);
+        if self.lines.try_send(line.to_vec()).is_err() {
+            self.counts.waiting.fetch_sub(1, Ordering::Relaxed);
+            self.counts.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Waits until all lines are written, at most for `limit`.
+    fn flush(&self, limit: Duration) {
+        let end = Instant::now() + limit;
+        while self.counts.waiting.load(Ordering::Relaxed) > 0 && Instant::now() < end {
+            std::thread::sleep(FLUSH_INTERVAL);
+        }
+    }
+}
+
+fn write_lines(lines: &Receiver<Vec<u8>>, counts: &LogCounts, mut log: impl Write, tell: impl Fn(u64)) {
+    let mut write = |line: Vec<u8>| {
+        // Nobody can be told if the log cannot be written.
+        let _ = log.write_all(&line);
+        counts.waiting.fetch_sub(1, Ordering::Relaxed);
+    };
+    while let Ok(line) = lines.recv() {
+        write(line);
+        lines.try_iter().for_each(&mut write);
+        let dropped = counts.dropped.swap(0, Ordering::Relaxed);
+        if dropped > 0 {
+            tell(dropped);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A log that takes nothing until it is released, like a terminal that is paused.
+    struct Paused {
+        released: Receiver<()>,
+        written: mpsc::Sender<Vec<u8>>,
+    }
+
+    impl Write for Paused {
+        fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+            // Ends once the other side is gone.
+            let _ = self.released.recv();
+            self.written.send(line.to_vec()).expect("the test reads");
+            Ok(line.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_log_that_cannot_be_written_holds_up_nobody_and_tells_what_it_dropped() {
+        let (release, released) = mpsc::channel();
+        let (written, lines) = mpsc::channel();
+        let (tell, told) = mpsc::channel();
+        let queue = LogQueue::start(Paused { released, written }, move |dropped| tell.send(dropped).expect("the test reads"));
+        let queue = queue.expect("a thread");
+        // The thread may have taken one line, which it cannot write.
+        let total = MAX_WAITING_LINES + 10;
+        (0..total).for_each(|number| queue.push(format!("{number}\n").as_bytes()));
+        queue.flush(Duration::from_millis(1));
+        assert!(lines.try_recv().is_err(), "nothing is written");
+        drop(release);
+        let dropped = told.recv().expect("told");
+        assert!((9..=10).contains(&dropped), "{dropped}");
+        queue.flush(Duration::from_secs(10));
+        let lines: Vec<Vec<u8>> = lines.try_iter().collect();
+        assert_eq!((lines.len() as u64, lines[0].as_slice()), (total as u64 - dropped, b"0\n".as_slice()));
+    }
+
+    #[test]
+    fn a_word_that_is_no_level_is_refused_with_the_one_that_was_meant() {
+        for filter in ["info", "WARN", "info,vantage::http=debug", "warn, hyper=off", "vantage::http", "3", "[span]=debug", ""] {
+            assert_eq!(check_words(filter), Ok(()), "{filter}");
+        }
+        let told = check_words("info,debgu").expect_err("no level");
+        assert!(
+            told.starts_with("\"debgu\" is no level; allowed are off, error") && told.ends_with("did you mean debug?"),
+            "{told}"
+        );
+        assert!(check_words("everything").is_err());
+    }
 }

@@ -1,6 +1,9 @@
 //! Prometheus metrics.
 
+use std::io;
 use std::sync::OnceLock;
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 use axum::http::Method;
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
@@ -18,6 +21,9 @@ const STOP_SECONDS: [f64; 9] = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.2, 1.0,
 /// Upper bounds of the histogram buckets of the jitter of streamed set points, seconds.
 const JITTER_SECONDS: [f64; 8] = [0.000_05, 0.000_1, 0.000_2, 0.000_5, 0.001, 0.002, 0.005, 0.02];
 
+/// Interval at which recorded values are added to their buckets; each is held by itself until then.
+const UPKEEP: Duration = Duration::from_secs(5);
+
 /// Recorder of the process's metrics; the `metrics` crate has one per process.
 static RECORDER: OnceLock<Option<PrometheusHandle>> = OnceLock::new();
 
@@ -30,8 +36,23 @@ pub fn install() {
             .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_seconds".to_owned()), &RUN_SECONDS))
             .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_stop_seconds".to_owned()), &STOP_SECONDS))
             .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_jitter_seconds".to_owned()), &JITTER_SECONDS));
-        builder.and_then(PrometheusBuilder::install_recorder).ok()
+        let handle = builder.and_then(PrometheusBuilder::install_recorder).ok()?;
+        let of_thread = handle.clone();
+        // Without a thread, whoever reads the metrics keeps them up.
+        let _ = keep_up(UPKEEP, move || of_thread.run_upkeep());
+        Some(handle)
     });
+}
+
+/// Starts a thread that calls `upkeep` at every interval, as long as the process lives: values of histograms would else pile up
+/// until somebody reads the metrics.
+fn keep_up(interval: Duration, upkeep: impl Fn() + Send + 'static) -> io::Result<JoinHandle<()>> {
+    std::thread::Builder::new().name("metrics".to_owned()).spawn(move || {
+        loop {
+            std::thread::sleep(interval);
+            upkeep();
+        }
+    })
 }
 
 /// Renders all metrics in Prometheus's text format.
@@ -59,5 +80,24 @@ fn name(method: &Method) -> &str {
             method.as_str()
         }
         _ => "other",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::*;
+
+    #[test]
+    fn metrics_are_kept_up_though_nobody_reads_them() {
+        let (kept_up, turns) = mpsc::channel();
+        let upkeep = move || {
+            // Nobody waits for the turns after the second.
+            let _ = kept_up.send(());
+        };
+        keep_up(Duration::from_millis(1), upkeep).expect("a thread");
+        turns.recv().expect("a turn");
+        turns.recv().expect("another");
     }
 }

@@ -1,5 +1,6 @@
 //! The layers of the settings, and the layer that each key comes from.
 
+use std::ffi::OsString;
 use std::path::Path;
 
 use config::{Config, ConfigError, Environment, File, FileFormat, Value, ValueKind};
@@ -25,17 +26,17 @@ impl<'a> Layers<'a> {
     /// A layer that cannot be read or parsed.
     pub(super) fn read(
         file: Option<&Path>,
-        environment: impl Iterator<Item = (String, String)>,
+        environment: impl Iterator<Item = (OsString, OsString)>,
         flags: &'a Flags,
     ) -> Result<Self, SettingsError> {
         let mut builder = Config::builder().add_source(File::from_str(DEFAULTS, FileFormat::Toml));
         if let Some(file) = file {
+            check_file(file)?;
             builder = builder.add_source(File::from(file).format(FileFormat::Toml));
         }
-        // Only names of the form VANTAGE_A__B are settings; other VANTAGE_ variables serve other purposes.
-        let ours = environment.filter(|(name, _)| name.strip_prefix(PREFIX).is_some_and(|name| name.contains("__")));
+        let ours = of_environment(environment)?;
         let environment = Environment::with_prefix("VANTAGE").prefix_separator("_").separator("__");
-        builder = builder.add_source(environment.source(Some(ours.collect())));
+        builder = builder.add_source(environment.source(Some(ours.into_iter().collect())));
         for (key, value) in flags {
             builder = builder.set_override(key, value.as_str()).map_err(|error| refuse(&error))?;
         }
@@ -78,4 +79,55 @@ fn origin_of(value: &Value) -> Option<&str> {
 
 fn refuse(error: &ConfigError) -> SettingsError {
     SettingsError(vec![error.to_string()])
+}
+
+/// Refuses a file that cannot be read or parsed. A fault is told by its place, not with its line: that may hold a key.
+fn check_file(file: &Path) -> Result<(), SettingsError> {
+    let refused = |reason: String| SettingsError(vec![format!("--config {}: {reason}", file.display())]);
+    let text = std::fs::read_to_string(file).map_err(|error| refused(error.to_string()))?;
+    let parsed = toml::from_str::<toml::Table>(&text);
+    parsed.map(drop).map_err(|error| {
+        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+        let (line, start) = (before.matches('\n').count() + 1, before.rfind('\n').map_or(0, |at| at + 1));
+        let column = before[start..].chars().count() + 1;
+        refused(format!("line {line}, column {column}: {}", error.message()))
+    })
+}
+
+/// Variables that are settings: of the form VANTAGE_A__B. Others that begin with VANTAGE_ serve other purposes, unless they are
+/// settings but for an underscore.
+fn of_environment(environment: impl Iterator<Item = (OsString, OsString)>) -> Result<Vec<(String, String)>, SettingsError> {
+    let (mut found, mut faults) = (Vec::new(), Vec::new());
+    for (name, value) in environment {
+        let Some((name, rest)) = name.to_str().and_then(|name| Some((name, name.strip_prefix(PREFIX)?))) else { continue };
+        if !rest.contains("__") {
+            faults.extend(meant(rest).map(|meant| format!("{name} (the environment): is no setting; did you mean {meant}?")));
+            continue;
+        }
+        match value.into_string() {
+            Ok(value) => found.push((name.to_owned(), value)),
+            Err(_) => faults.push(format!("{name} (the environment): is not UTF-8")),
+        }
+    }
+    if faults.is_empty() { Ok(found) } else { Err(SettingsError(faults)) }
+}
+
+/// Variable that was meant by a name with too few underscores, or without its section.
+fn meant(rest: &str) -> Option<String> {
+    let rest = rest.to_lowercase();
+    let (section, key) = keys().find(|(section, key)| rest == *key || rest == format!("{section}_{key}"))?;
+    Some(format!("{PREFIX}{section}__{key}").to_uppercase())
+}
+
+/// Section and name of every setting, also of those that have no default and stand in a comment.
+fn keys() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let mut section = "";
+    DEFAULTS.lines().filter_map(move |line| {
+        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+            section = name;
+        }
+        let (key, _) = line.strip_prefix("# ").unwrap_or(line).split_once(" = ")?;
+        let is_key = key.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_'));
+        is_key.then_some((section, key))
+    })
 }

@@ -6,6 +6,7 @@ mod layers;
 pub mod machine;
 mod server;
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -132,12 +133,24 @@ pub struct TelemetrySettings {
 
 /// Format of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(try_from = "String")]
 pub enum LogFormat {
     /// Lines for people.
     Text,
     /// One JSON object per line.
     Json,
+}
+
+impl TryFrom<String> for LogFormat {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.to_ascii_lowercase().as_str() {
+            "text" => Ok(Self::Text),
+            "json" => Ok(Self::Json),
+            _ => Err(format!("is {name:?}; allowed is text or json")),
+        }
+    }
 }
 
 /// Settings from the flags of a command: keys and values.
@@ -154,7 +167,7 @@ impl Settings {
     /// # Errors
     /// [`SettingsError`] with a line for each fault.
     pub fn load(file: Option<&Path>, flags: &Flags) -> Result<Self, SettingsError> {
-        Self::from_layers(file, std::env::vars(), flags)
+        Self::from_layers(file, std::env::vars_os(), flags)
     }
 
     /// Loads the settings from all layers, with the given environment.
@@ -163,7 +176,7 @@ impl Settings {
     /// [`SettingsError`] with a line for each fault.
     pub fn from_layers(
         file: Option<&Path>,
-        environment: impl Iterator<Item = (String, String)>,
+        environment: impl Iterator<Item = (OsString, OsString)>,
         flags: &Flags,
     ) -> Result<Self, SettingsError> {
         let layers = layers::Layers::read(file, environment, flags)?;
@@ -206,6 +219,10 @@ impl Settings {
         let label = &self.retention.hold_label;
         findings.require((1..=64).contains(&label.chars().count()), "/retention/hold_label", || {
             format!("has {} characters; allowed are 1 to 64", label.chars().count())
+        });
+        // No job can have such a label: it would hold nothing.
+        findings.require(!label.contains('=') && !label.chars().any(char::is_control), "/retention/hold_label", || {
+            format!("is {label:?}; the key of a label has no = and no control character")
         });
         findings.range("/limits/parse_secs", self.limits.parse_secs, 1.0, 3600.0, "s");
         let zero_or_more = |value: f64, min: f64| if value == 0.0 { min } else { value };

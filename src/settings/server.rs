@@ -26,7 +26,7 @@ pub struct ServerSettings {
     #[serde(deserialize_with = "list")]
     pub hosts: Vec<String>,
     /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
-    #[serde(deserialize_with = "list")]
+    #[serde(deserialize_with = "addresses")]
     pub trusted_proxies: Vec<IpAddr>,
     /// Path prefix below which clients reach the server.
     pub public_path: String,
@@ -174,6 +174,18 @@ where
     T: std::str::FromStr<Err: std::fmt::Display>,
     D: Deserializer<'de>,
 {
+    entries(deserializer, |entry| entry.parse::<T>().map_err(|error| error.to_string()))
+}
+
+/// Deserialises a list of addresses.
+fn addresses<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<IpAddr>, D::Error> {
+    let reason =
+        |entry: &str| if entry.contains('/') { "is a network; give the address of each proxy" } else { "is no IP address" };
+    entries(deserializer, |entry| entry.parse::<IpAddr>().map_err(|_| reason(entry).to_owned()))
+}
+
+/// Deserialises a list of what `parse` makes of each entry.
+fn entries<'de, T, D: Deserializer<'de>>(deserializer: D, parse: impl Fn(&str) -> Result<T, String>) -> Result<Vec<T>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged, expecting = "a list of strings, or one string with entries separated by commas")]
     enum Written {
@@ -184,6 +196,6 @@ where
         Written::List(entries) => entries,
         Written::Text(text) => text.split(',').map(|entry| entry.trim().to_owned()).filter(|entry| !entry.is_empty()).collect(),
     };
-    let parse = |entry: &String| entry.parse().map_err(|error| serde::de::Error::custom(format!("{entry:?}: {error}")));
+    let parse = |entry: &String| parse(entry).map_err(|reason| serde::de::Error::custom(format!("{entry:?}: {reason}")));
     entries.iter().map(parse).collect()
 }

@@ -8,7 +8,7 @@ fn load(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> Resu
     if let Some(text) = file {
         std::fs::write(&path, text).expect("a file");
     }
-    let environment = environment.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
+    let environment = environment.iter().map(|(name, value)| (name.into(), value.into()));
     Settings::from_layers(file.map(|_| path.as_path()), environment, flags)
 }
 
@@ -82,6 +82,20 @@ fn all_faults_are_reported_at_once() {
     assert_eq!(refusal(Some(file), &[], &Vec::new()).lines().count(), 3);
 }
 
+/// The label `hold=yes` has the key `hold`; a hold by another key would protect no job.
+#[test]
+fn the_hold_label_is_a_key_that_labels_can_have() {
+    let hold = |label: &str| load(None, &[("VANTAGE_RETENTION__HOLD_LABEL", label)], &Vec::new());
+    for label in ["hold=yes", "=", "hold\nyes"] {
+        let text = hold(label).expect_err("no job can have it").to_string();
+        assert!(
+            text.starts_with("retention.hold_label (") && text.contains(&format!("is {label:?}; the key of a label")),
+            "{text}"
+        );
+    }
+    assert_eq!(hold("to keep").expect("a key").retention.hold_label, "to keep");
+}
+
 #[test]
 fn listening_to_other_machines_needs_a_key_or_insecure() {
     let open = ("VANTAGE_SERVER__LISTEN", "0.0.0.0:8080");
@@ -129,8 +143,10 @@ fn lists_are_lists_in_files_and_texts_with_commas_in_the_environment() {
         let text = refusal(None, &[("VANTAGE_SERVER__HOSTS", host)], &Vec::new());
         assert!(text.contains("server.hosts") && text.contains(host), "{text}");
     }
-    let text = refusal(None, &[("VANTAGE_SERVER__TRUSTED_PROXIES", "10.0.0.0/8")], &Vec::new());
-    assert!(text.contains("server.trusted_proxies") && text.contains("10.0.0.0/8"), "{text}");
+    for (proxy, reason) in [("10.0.0.0/8", "is a network; give the address of each proxy"), ("proxy", "is no IP address")] {
+        let text = refusal(None, &[("VANTAGE_SERVER__TRUSTED_PROXIES", proxy)], &Vec::new());
+        assert!(text.contains("server.trusted_proxies") && text.contains(&format!("{proxy:?}: {reason}")), "{text}");
+    }
 }
 
 #[test]
@@ -164,4 +180,51 @@ fn origins_and_the_public_path_are_exact() {
         let text = refusal(None, &[("VANTAGE_SERVER__CORS_ORIGINS", origin)], &Vec::new());
         assert!(text.contains("server.cors_origins") && text.contains(origin), "{text}");
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn variables_that_are_not_utf_8_are_refused_if_they_are_settings_and_passed_over_else() {
+    use std::os::unix::ffi::OsStringExt as _;
+    let bytes = || OsString::from_vec(b"\xff".to_vec());
+    let strange = [("OTHER".into(), bytes()), (bytes(), "x".into()), ("VANTAGE_FAILPOINT".into(), bytes())];
+    Settings::from_layers(None, strange.into_iter(), &Flags::new()).expect("none of them is a setting");
+    let setting = [("VANTAGE_STORE__DATA_DIR".into(), bytes())];
+    let error = Settings::from_layers(None, setting.into_iter(), &Flags::new()).expect_err("another folder");
+    assert_eq!(error.to_string(), "VANTAGE_STORE__DATA_DIR (the environment): is not UTF-8");
+}
+
+/// Their author would believe them set: an address, or a key.
+#[test]
+fn variables_with_too_few_underscores_are_answered_with_those_that_were_meant() {
+    for (name, meant) in [
+        ("VANTAGE_SERVER_LISTEN", "VANTAGE_SERVER__LISTEN"),
+        ("VANTAGE_API_KEY", "VANTAGE_SERVER__API_KEY"),
+        ("VANTAGE_SERVER_API_KEYS_FILE", "VANTAGE_SERVER__API_KEYS_FILE"),
+        ("VANTAGE_HTTP2_MAX_STREAMS", "VANTAGE_SERVER__HTTP2_MAX_STREAMS"),
+        ("VANTAGE_TELEMETRY_FORMAT", "VANTAGE_TELEMETRY__FORMAT"),
+    ] {
+        let text = refusal(None, &[(name, "0012345678901234")], &Flags::new());
+        assert_eq!(text, format!("{name} (the environment): is no setting; did you mean {meant}?"));
+    }
+    // Kubernetes sets these for a service of the name `vantage`.
+    let strange = [("VANTAGE_SERVICE_HOST", "10.0.0.1"), ("VANTAGE_PORT", "tcp://10.0.0.1:80")];
+    assert!(load(None, &strange, &Flags::new()).is_ok());
+}
+
+#[test]
+fn a_file_that_is_no_toml_is_told_by_its_place_without_its_keys() {
+    let text = refusal(Some("[server]\n\n  api_key = \"0012345678901234\n"), &[], &Flags::new());
+    assert!(text.contains("vantage.toml: line 3, column ") && !text.contains("0012345"), "{text}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let error = Settings::from_layers(Some(folder.path()), std::iter::empty(), &Flags::new()).expect_err("a folder");
+    assert!(error.to_string().starts_with("--config ") && error.to_string().contains("directory"), "{error}");
+}
+
+#[test]
+fn a_format_of_the_log_that_is_none_is_answered_with_those_that_are() {
+    let text = refusal(None, &[("VANTAGE_TELEMETRY__FORMAT", "yaml")], &Flags::new());
+    assert_eq!(text, "telemetry.format (the environment): is \"yaml\"; allowed is text or json");
+    let json = load(None, &[("VANTAGE_TELEMETRY__FORMAT", "JSON")], &Flags::new()).expect("a format");
+    assert_eq!(json.telemetry.format, LogFormat::Json);
 }

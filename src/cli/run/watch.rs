@@ -1,5 +1,5 @@
 //! Progress of a run while it is under way: on a terminal a bar over its steps, else a line for each change. A signal stops it in
-//! order; lines of standard input take it on step by step.
+//! order, whether or not anything can be printed; lines of standard input take it on step by step.
 
 use std::io::{BufRead, IsTerminal, stdin};
 
@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use crate::cli::{CliError, output};
-use crate::execution::session::{Fence, LiveEvent, RunHandle, RunState, StopCause};
+use crate::execution::session::{Fence, LiveEvent, RunHandle, RunReason, RunState, StopCause};
 use crate::program::{Program, Step};
 
 /// A run that is watched.
@@ -54,6 +54,7 @@ impl RunWatch {
 
     /// Watches until the run has ended; returns the reason for which it was stopped where nobody asked for that.
     pub(super) async fn until_the_end(mut self) -> Option<String> {
+        let stopper = tokio::spawn(stop_when_cancelled(self.stop.clone(), self.handle.clone()));
         let (kept, mut live) = self.handle.events_after(0);
         kept.iter().for_each(|event| self.show(event));
         let mut is_stopping = false;
@@ -71,7 +72,6 @@ impl RunWatch {
                 () = self.stop.cancelled(), if !is_stopping => {
                     is_stopping = true;
                     output::note("stopping in order; ctrl-c again ends the process at once");
-                    self.handle.stop(StopCause::Client);
                 }
                 line = next_line(&mut self.lines) => match line {
                     // A line at another moment is no order.
@@ -84,26 +84,30 @@ impl RunWatch {
                     None if self.resumes && self.handle.status().state != RunState::Paused => self.lines = None,
                     None => {
                         self.lines = None;
-                        output::note("standard input has ended; the run stops");
                         self.handle.stop(StopCause::Client);
+                        output::note("standard input has ended; the run stops");
                     }
                 },
             }
         }
+        stopper.abort();
         self.bar.finish_and_clear();
         self.gave_up
     }
 
     /// A pause that nobody asked for: standard input decides how it goes on, and without somebody there it does not.
-    fn ask(&mut self) {
+    fn ask(&mut self, reason: &RunReason) {
+        let paused = format!("paused: {reason}");
+        if self.lines.is_none() {
+            self.handle.stop(StopCause::Client);
+        }
+        self.bar.suspend(|| output::note(&paused));
         match &self.lines {
             Some(_) if self.resumes => self.bar.suspend(|| output::prompt("press Enter to go on, ctrl-c to stop\n")),
             Some(_) => {}
             None => {
                 output::note("nobody can resume: standard input is not a terminal; the run stops");
-                let paused = self.handle.status().reason;
-                self.gave_up = Some(format!("paused: {paused}; nobody could resume: standard input is not a terminal"));
-                self.handle.stop(StopCause::Client);
+                self.gave_up = Some(format!("{paused}; nobody could resume: standard input is not a terminal"));
             }
         }
     }
@@ -118,8 +122,7 @@ impl RunWatch {
         let is_new_state = self.told.is_none_or(|(before, _)| before != state);
         self.told = now;
         if is_new_state && state == RunState::Paused {
-            self.bar.suspend(|| output::note(format_args!("paused: {}", event.status.reason)));
-            self.ask();
+            self.ask(&event.status.reason);
         }
         let words = step.and_then(|step| self.steps.get(step)).map_or("", String::as_str);
         if self.bar.is_hidden() {
@@ -134,6 +137,12 @@ impl RunWatch {
         self.bar.set_message(words.to_owned());
         self.bar.set_position(step.unwrap_or_default() as u64);
     }
+}
+
+/// Stops the run on a signal. Prints nothing: a terminal that takes no bytes holds up whoever prints, and must not hold up a stop.
+async fn stop_when_cancelled(stop: CancellationToken, handle: RunHandle) {
+    stop.cancelled().await;
+    handle.stop(StopCause::Client);
 }
 
 /// Lines of standard input, as they come; the channel closes with it.
