@@ -11,8 +11,9 @@ use crate::wire::words::counted;
 /// Back up a server's store; the server may be running.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A backup has the layout of a store: vantage.db, files and store-id. A later backup to the same folder copies the \
-database and only new files. The hash of every file is checked as it is copied.
+    after_help = "A backup has the layout of a store: vantage.db, files, audit and store-id. A later backup to the same folder copies \
+the database and only new files. The hash of every file is checked as it is copied. If some are missing or damaged, all others are \
+backed up, and the command ends with exit code 1 and names them. Audit logs in a folder of their own (execution.audit_dir) are left out.
 
 Example:
   vantage backup --data /var/lib/vantage --to /mnt/backup/vantage"
@@ -28,7 +29,8 @@ pub struct BackupArgs {
 
 /// Restore a store from a backup.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "The database and every file are checked. The new data folder must be empty or not exist.
+#[command(after_help = "The database and every file are checked; if one is missing or damaged, nothing is restored without \
+--keep-damaged. The new data folder must be empty or not exist.
 
 Example:
   vantage restore --from /mnt/backup/vantage --data /var/lib/vantage")]
@@ -39,6 +41,9 @@ pub struct RestoreArgs {
     /// Data folder of the new store; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "vantage-data")]
     data: PathBuf,
+    /// Restore the rest if files of the backup are missing or damaged; the meshes and jobs that need them stay, without them.
+    #[arg(long)]
+    keep_damaged: bool,
 }
 
 /// Runs `vantage backup`.
@@ -59,10 +64,12 @@ pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
 /// [`CliError`].
 pub fn run_restore(args: &RestoreArgs) -> Result<(), CliError> {
     run_to_completion(async {
-        let report = restore(&args.from, &args.data).await.map_err(|error| failed("the restore", &error))?;
+        let report = restore(&args.from, &args.data, args.keep_damaged).await.map_err(|error| failed("the restore", &error))?;
         let (data, from) = (args.data.display(), args.from.display());
+        let left_out: String = report.damaged.iter().map(|file| format!("left out, missing or damaged: {file}\n")).collect();
+        let summary = summary(&report);
         let words =
-            format!("{data} restored from {from}: {}\nStart the server with: vantage serve --data {data}\n", summary(&report));
+            format!("{data} restored from {from}: {summary}\n{left_out}Start the server with: vantage serve --data {data}\n");
         output::result(&Copied::new(&args.from, &args.data, &report), words)
     })
 }
@@ -74,20 +81,28 @@ struct Copied<'a> {
     to: Cow<'a, str>,
     files: usize,
     copied: usize,
+    audit_logs: usize,
     copied_bytes: u64,
+    /// Names of the files that were left out.
+    damaged: Vec<&'a str>,
 }
 
 impl<'a> Copied<'a> {
-    fn new(from: &'a Path, to: &'a Path, report: &BackupReport) -> Self {
-        let BackupReport { files, copied, copied_bytes } = *report;
-        Self { from: from.to_string_lossy(), to: to.to_string_lossy(), files, copied, copied_bytes }
+    fn new(from: &'a Path, to: &'a Path, report: &'a BackupReport) -> Self {
+        let &BackupReport { files, copied, audit_logs, copied_bytes, ref damaged } = report;
+        let damaged = damaged.iter().map(|file| file.name.as_str()).collect();
+        Self { from: from.to_string_lossy(), to: to.to_string_lossy(), files, copied, audit_logs, copied_bytes, damaged }
     }
 }
 
 fn summary(report: &BackupReport) -> String {
     let megabytes = report.copied_bytes as f64 / 1e6;
     let files = counted(report.files, "file");
-    format!("the database and {files}, {} of them copied ({megabytes:.1} MB)", report.copied)
+    let logs = match report.audit_logs {
+        0 => String::new(),
+        logs => format!(", and {} of audit logs", counted(logs, "file")),
+    };
+    format!("the database and {files}, {} of them copied{logs} ({megabytes:.1} MB)", report.copied)
 }
 
 #[cfg(test)]
@@ -96,8 +111,11 @@ mod tests {
 
     #[test]
     fn one_file_is_no_files() {
-        let told = |files: usize| summary(&BackupReport { files, copied: 1, copied_bytes: 1_240_000 });
-        assert_eq!(told(1), "the database and 1 file, 1 of them copied (1.2 MB)");
-        assert_eq!(told(2), "the database and 2 files, 1 of them copied (1.2 MB)");
+        let told = |files, audit_logs| {
+            summary(&BackupReport { files, copied: 1, audit_logs, copied_bytes: 1_240_000, damaged: Vec::new() })
+        };
+        assert_eq!(told(1, 0), "the database and 1 file, 1 of them copied (1.2 MB)");
+        assert_eq!(told(2, 0), "the database and 2 files, 1 of them copied (1.2 MB)");
+        assert_eq!(told(2, 1), "the database and 2 files, 1 of them copied, and 1 file of audit logs (1.2 MB)");
     }
 }

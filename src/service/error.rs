@@ -322,8 +322,8 @@ pub enum Error {
         floor_bytes: u64,
     },
     /// The database is locked, or the machine is temporarily short of a resource.
-    #[error("the store is temporarily unavailable: {0}")]
-    StorageBusy(InternalError),
+    #[error("the store is temporarily unavailable")]
+    StorageBusy(#[source] InternalError),
     /// A file of the store is missing, or its bytes do not match its hash.
     #[error("file {sha256} of the store is {}; upload the mesh again, plan the job again, or restore a backup",
         if *missing { "missing" } else { "damaged" })]
@@ -391,6 +391,8 @@ impl Error {
 /// IOERR, CANTOPEN, PROTOCOL.
 const SQLITE_TRANSIENT: [u32; 6] = [5, 6, 7, 10, 14, 15];
 const SQLITE_FULL: u32 = 13;
+/// Extended result code of a disk without room for the index of the write-ahead log, which every connection needs.
+const SQLITE_IOERR_SHMSIZE: u32 = 4874;
 
 fn is_transient_database(error: &sqlx::Error) -> bool {
     if let sqlx::Error::Io(error) = error {
@@ -402,15 +404,31 @@ fn is_transient_database(error: &sqlx::Error) -> bool {
 
 /// Primary result code: the low byte of the extended one.
 fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
-    let code: u32 = error.as_database_error()?.code()?.parse().ok()?;
-    Some(code & 0xff)
+    extended_code(error).map(|code| code & 0xff)
+}
+
+fn extended_code(error: &sqlx::Error) -> Option<u32> {
+    error.as_database_error()?.code()?.parse().ok()
+}
+
+/// True if the disk or its quota has no room for what the database writes.
+pub(super) fn is_full_database(error: &sqlx::Error) -> bool {
+    if let sqlx::Error::Io(error) = error {
+        return is_full_io(error);
+    }
+    sqlite_code(error) == Some(SQLITE_FULL) || extended_code(error) == Some(SQLITE_IOERR_SHMSIZE)
+}
+
+/// True if the disk or its quota has no room for a file.
+pub(super) fn is_full_io(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind;
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
 }
 
 /// True if an I/O error may be temporary: too many files are open in the process or on the machine, the disk is full, or a
 /// read or write failed.
 pub(super) fn is_transient_io(error: &std::io::Error) -> bool {
-    use std::io::ErrorKind;
-    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) || is_resource_shortage(error)
+    is_full_io(error) || is_resource_shortage(error)
 }
 
 #[cfg(unix)]
@@ -438,7 +456,7 @@ fn is_resource_shortage(_: &std::io::Error) -> bool {
 
 impl From<sqlx::Error> for Error {
     fn from(error: sqlx::Error) -> Self {
-        if sqlite_code(&error) == Some(SQLITE_FULL) {
+        if is_full_database(&error) {
             return Self::StorageFull;
         }
         if matches!(error, sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_)) {
@@ -453,8 +471,7 @@ impl From<sqlx::Error> for Error {
 
 impl From<std::io::Error> for Error {
     fn from(error: std::io::Error) -> Self {
-        use std::io::ErrorKind;
-        if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) {
+        if is_full_io(&error) {
             return Self::StorageFull;
         }
         let is_transient = is_transient_io(&error);

@@ -67,6 +67,7 @@ impl App {
         };
         log("keeping room for deletions", blocking(keep).await);
         log("scrubbing the rows", store.scrub_rows().await);
+        log("recording damage that was found", store.scrub_suspects().await);
         log("pruning old events", store.prune_events(options.event_retention_hours).await);
         log("pruning old events of runs", store.prune_run_events(options.event_retention_hours).await);
         let swept = store.sweep(hours(options.orphan_hours), hours(options.swept_hours)).await;
@@ -107,15 +108,20 @@ impl App {
         let app = self.clone();
         self.run_to_completion(async move {
             let policy = app.policy()?;
-            let due = app.0.store.due(&policy).await?;
+            let store = &app.0.store;
+            let due = store.due(&policy).await?;
+            // What goes is counted from before the sum on, so that too little is deleted rather than too much.
+            let removed = store.removed_bytes();
+            let stored = if policy.max_bytes > 0 { store.stored_bytes().await? } else { 0 };
             let mut deleted = Due::default();
             for (id, reason, size_bytes) in due.jobs {
                 // What jobs share goes with the last of them: how much room there is shows only then.
-                if reason == RetentionReason::Disk && app.0.store.stored_bytes().await? <= policy.max_bytes {
+                let left = stored.saturating_sub(store.removed_bytes().saturating_sub(removed));
+                if reason == RetentionReason::Disk && left <= policy.max_bytes {
                     continue;
                 }
                 let hold = &app.0.options.retention.hold_label;
-                match app.freeing(|| app.0.store.delete_job(id, hold, Some(reason.code()))).await {
+                match app.freeing(|| store.delete_job(id, hold, Some(reason.code()))).await {
                     Ok(()) => deleted.jobs.push((id, reason, size_bytes)),
                     Err(Error::JobHeld { .. } | Error::JobInUse(_) | Error::JobNotFound(_) | Error::JobNotEnded { .. }) => {}
                     Err(error) => return Err(error),
@@ -123,7 +129,7 @@ impl App {
             }
             for (id, size_bytes) in due.meshes {
                 // One that was uploaded again meanwhile is as new.
-                match app.freeing(|| app.0.store.delete_mesh(id, policy.unused_mesh_days)).await {
+                match app.freeing(|| store.delete_mesh(id, policy.unused_mesh_days)).await {
                     Ok(()) => deleted.meshes.push((id, size_bytes)),
                     Err(Error::MeshNotFound(_) | Error::MeshInUse(_) | Error::MeshInSpec { .. }) => {}
                     Err(error) => return Err(error),
@@ -163,6 +169,7 @@ impl App {
     /// [`Error::Internal`], [`Error::StorageBusy`].
     pub async fn storage(&self) -> Result<Storage, Error> {
         let (space, floor_bytes) = self.space()?;
+        log("recording damage that was found", self.0.store.scrub_suspects().await);
         let damaged = self.0.store.damage().into_iter().map(|damage| DamagedItem { name: damage.name, reason: damage.reason });
         Ok(Storage {
             free_bytes: space.free_bytes,

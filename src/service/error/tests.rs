@@ -20,6 +20,19 @@ fn shortages_of_the_machine_are_transient() {
     assert!(Error::from(sqlx::Error::PoolTimedOut).is_transient());
 }
 
+/// A database without room for its next page, as SQLite itself tells it.
+#[tokio::test]
+async fn a_full_database_is_a_full_disk() {
+    let mut database = SqliteConnection::connect("sqlite::memory:").await.expect("a database");
+    database.execute("CREATE TABLE a (b); PRAGMA max_page_count = 2").await.expect("small");
+    let full = database.execute("INSERT INTO a VALUES (zeroblob(100000))").await.expect_err("full");
+    assert!(is_full_database(&full), "{full:?}");
+    assert!(matches!(Error::from(full), Error::StorageFull));
+    let quota = || std::io::Error::from(std::io::ErrorKind::QuotaExceeded);
+    assert!(is_full_io(&quota()) && is_full_database(&sqlx::Error::Io(quota())));
+    assert!(!is_full_database(&sqlx::Error::PoolTimedOut));
+}
+
 /// Errors as SQLite itself returns them, with their extended codes.
 #[tokio::test]
 async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
@@ -31,6 +44,9 @@ async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
     other.execute("PRAGMA busy_timeout = 0").await.expect("set");
     let locked = Error::from(other.execute("INSERT INTO a VALUES (1)").await.expect_err("locked"));
     assert!(locked.is_transient(), "{locked:?}");
+    let causes = std::iter::successors(Some(&locked as &(dyn std::error::Error + 'static)), |error| error.source());
+    let causes: Vec<String> = causes.map(ToString::to_string).collect();
+    assert!(causes.last().is_some_and(|cause| cause.contains("database is locked")), "the log tells the cause: {causes:?}");
     one.execute("COMMIT; INSERT INTO a VALUES (1)").await.expect("written");
     let text = sqlx::query_scalar::<_, String>("SELECT CAST(x'ff' AS TEXT)").fetch_one(&mut one).await;
     let unreadable = Error::from(text.expect_err("no text"));

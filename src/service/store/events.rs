@@ -111,6 +111,9 @@ impl Store {
     /// Prunes events older than `hours`, except those of jobs that have not ended; in small transactions, so that other
     /// writers do not wait long.
     pub(crate) async fn prune_events(&self, hours: u32) -> Result<(), Error> {
+        if !self.clock.is_steady() {
+            return Ok(());
+        }
         // Times increase with the numbers, so the newest old event is found by a scan from the other end.
         let newest: Option<i64> = sqlx::query_scalar(
             "SELECT id FROM event WHERE at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' hours') ORDER BY id DESC LIMIT 1",

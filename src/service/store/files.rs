@@ -5,8 +5,8 @@
 //! modification time has changed. A damaged file is never read; storing the same bytes again repairs it, whether or not the damage
 //! was noticed: the file is replaced.
 
-use std::collections::HashMap;
-use std::fs::{self, File};
+use std::collections::{BTreeSet, HashMap};
+use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,6 +23,12 @@ use crate::wire::hex;
 const CHECK_LIFETIME: Duration = Duration::from_secs(3600);
 /// Max remembered checks; beyond that all are forgotten.
 const MAX_CHECKED: usize = 100_000;
+/// Max suspects remembered until they are looked at.
+const MAX_SUSPECTS: usize = 1000;
+/// Digits of a file's name.
+const NAME_DIGITS: usize = 64;
+/// Digits of the name of the folder that it lies in.
+const FOLDER_DIGITS: usize = 2;
 /// Bytes read at a time.
 const PIECE_BYTES: usize = 256 * 1024;
 
@@ -33,6 +39,7 @@ pub(crate) struct Files {
     unfinished: PathBuf,
     swept: PathBuf,
     checked: Arc<Mutex<HashMap<String, Checked>>>,
+    suspects: Arc<Mutex<BTreeSet<String>>>,
 }
 
 /// Time, size and modification time of a file at its last check.
@@ -73,11 +80,11 @@ impl Files {
     /// Opens the folders below `data`, and removes the unfinished files of an earlier process.
     pub(crate) fn open(data: &Path) -> io::Result<Self> {
         let files = Self::at(data);
-        fs::create_dir_all(&files.files)?;
+        create_folder(&files.files)?;
         if files.unfinished.exists() {
             fs::remove_dir_all(&files.unfinished)?;
         }
-        fs::create_dir_all(&files.unfinished)?;
+        create_folder(&files.unfinished)?;
         File::open(data)?.sync_all()?;
         Ok(files)
     }
@@ -85,7 +92,7 @@ impl Files {
     /// Files below `data`; changes nothing on the disk.
     pub(crate) fn at(data: &Path) -> Self {
         let (files, unfinished, swept) = (data.join("files"), data.join("unfinished"), data.join("swept"));
-        Self { files, unfinished, swept, checked: Arc::default() }
+        Self { files, unfinished, swept, checked: Arc::default(), suspects: Arc::default() }
     }
 
     /// Begins to receive a file.
@@ -97,7 +104,15 @@ impl Files {
     /// descriptors is distinguished from a missing disk.
     fn begin(&self) -> io::Result<NamedTempFile> {
         let path = self.unfinished.join(uuid::Uuid::now_v7().to_string());
-        let file = File::options().read(true).write(true).create_new(true).open(&path)?;
+        let create = || private_file().read(true).write(true).create_new(true).open(&path);
+        let file = match create() {
+            // Where the folder of the files is gone too, the disk is: nothing must be written below its mount point.
+            Err(error) if error.kind() == io::ErrorKind::NotFound && self.files.is_dir() => {
+                create_folder(&self.unfinished)?;
+                create()?
+            }
+            created => created?,
+        };
         Ok(NamedTempFile::from_parts(file, TempPath::try_from_path(path)?))
     }
 
@@ -115,7 +130,7 @@ impl Files {
     pub(crate) fn persist(&self, received: Received) -> Result<PathBuf, Error> {
         let path = self.path(&received.sha256);
         let folder = path.parent().unwrap_or(&self.files);
-        fs::create_dir_all(folder)?;
+        create_folder(folder)?;
         received.file.persist(&path).map_err(|error| error.error)?;
         self.lock().remove(&received.sha256);
         File::open(folder)?.sync_all()?;
@@ -129,7 +144,17 @@ impl Files {
     }
 
     /// Opens a file for reading, after its bytes were compared with its hash. One whose bytes the disk does not give back is damaged too.
+    /// A damaged one becomes a suspect.
     pub(crate) fn open_checked(&self, sha256: &str) -> Result<File, Error> {
+        self.open_compared(sha256).inspect_err(|error| {
+            if matches!(error, Error::FileDamaged { .. }) {
+                self.suspect(sha256);
+            }
+        })
+    }
+
+    /// Opens a file as [`Self::open_checked`] does, without making it a suspect.
+    pub(super) fn open_compared(&self, sha256: &str) -> Result<File, Error> {
         let damaged = |missing| Error::FileDamaged { sha256: sha256.to_owned(), missing };
         let mut file = match File::open(self.path(sha256)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(damaged(true)),
@@ -158,6 +183,19 @@ impl Files {
         Ok(file)
     }
 
+    /// Remembers a file that somebody found damaged.
+    pub(super) fn suspect(&self, sha256: &str) {
+        let mut suspects = self.suspects.lock().unwrap_or_else(PoisonError::into_inner);
+        if suspects.len() < MAX_SUSPECTS {
+            suspects.insert(sha256.to_owned());
+        }
+    }
+
+    /// Takes the files that were found damaged since the last time. Some may have been deleted or repaired since.
+    pub(super) fn take_suspects(&self) -> BTreeSet<String> {
+        std::mem::take(&mut *self.suspects.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     fn is_checked(&self, sha256: &str, now: &Checked) -> bool {
         self.lock().get(sha256).is_some_and(|before| {
             before.size_bytes == now.size_bytes && before.modified == now.modified && before.at.elapsed() < CHECK_LIFETIME
@@ -183,40 +221,51 @@ impl Files {
             return error.into();
         }
         self.lock().remove(sha256);
+        self.suspect(sha256);
         Error::FileDamaged { sha256: sha256.to_owned(), missing: false }
     }
 
-    /// Removes a file.
-    pub(crate) fn remove(&self, sha256: &str) -> io::Result<()> {
-        ignore_absent(fs::remove_file(self.path(sha256)))
+    /// Removes a file; returns its size, 0 if there was none.
+    pub(crate) fn remove(&self, sha256: &str) -> io::Result<u64> {
+        let path = self.path(sha256);
+        let size_bytes = fs::symlink_metadata(&path).map_or(0, |about| about.len());
+        ignore_absent(fs::remove_file(path))?;
+        Ok(size_bytes)
     }
 
     /// Moves a file to the folder of swept files, from where it can still be restored.
     pub(crate) fn sweep(&self, sha256: &str) -> io::Result<()> {
-        fs::create_dir_all(&self.swept)?;
+        create_folder(&self.swept)?;
         let swept = self.swept.join(sha256);
         ignore_absent(fs::rename(self.path(sha256), &swept))?;
         // Its age there counts from now.
         ignore_absent(File::open(swept).and_then(|file| file.set_modified(SystemTime::now())))
     }
 
-    /// Lists the files of the store.
+    /// Lists the files of the store. What does not have the name of one, as file managers leave it, is none.
     pub(crate) fn list(&self) -> io::Result<Vec<StoredFile>> {
         let mut found = Vec::new();
-        for folder in read_dir(&self.files)? {
-            found.extend(list_folder(&folder?.path())?);
+        for folder in self.folders()? {
+            if folder.file_name().and_then(|name| name.to_str()).is_some_and(|name| is_hex(name, FOLDER_DIGITS)) {
+                found.extend(list_folder(&folder)?);
+            }
         }
         Ok(found)
     }
 
-    /// True if there is no file.
+    /// True if no folder has anything in it, whatever its name.
     pub(crate) fn is_empty(&self) -> io::Result<bool> {
-        for folder in read_dir(&self.files)? {
-            if fs::read_dir(folder?.path())?.next().is_some() {
+        for folder in self.folders()? {
+            if fs::read_dir(folder)?.next().is_some() {
                 return Ok(false);
             }
         }
         Ok(true)
+    }
+
+    /// Folders that files lie in.
+    pub(super) fn folders(&self) -> io::Result<Vec<PathBuf>> {
+        folders(&self.files)
     }
 
     /// Lists the swept files.
@@ -245,12 +294,50 @@ fn read_dir(folder: &Path) -> io::Result<Box<dyn Iterator<Item = io::Result<fs::
     }
 }
 
+/// Folders in a folder; none if it does not exist.
+pub(super) fn folders(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in read_dir(folder)? {
+        let path = entry?.path();
+        match fs::metadata(&path) {
+            Ok(about) if about.is_dir() => found.push(path),
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            Ok(_) | Err(_) => {}
+        }
+    }
+    Ok(found)
+}
+
+/// Creates a folder, and those above it, that are missing; only the owner may enter them.
+pub(super) fn create_folder(folder: &Path) -> io::Result<()> {
+    let mut builder = DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(folder)
+}
+
+/// Options that create a file that only the owner may read.
+pub(super) fn private_file() -> OpenOptions {
+    let mut options = File::options();
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options
+}
+
+/// True for so many digits of a hash, lower-case hexadecimal.
+fn is_hex(name: &str, length: usize) -> bool {
+    name.len() == length && name.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+}
+
 fn list_folder(folder: &Path) -> io::Result<Vec<StoredFile>> {
     let mut found = Vec::new();
     for entry in read_dir(folder)? {
         let entry = entry?;
         // A file may be removed after it was listed.
         let (Ok(about), Ok(sha256)) = (entry.metadata(), entry.file_name().into_string()) else { continue };
+        if !is_hex(&sha256, NAME_DIGITS) {
+            continue;
+        }
         found.push(StoredFile { sha256, modified: about.modified()? });
     }
     Ok(found)

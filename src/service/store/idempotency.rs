@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
+use super::clock::Clock;
 use super::now;
 use super::stored::{VERSION, read_leniently};
 use crate::service::error::{Error, InternalError};
@@ -25,15 +26,25 @@ impl IdempotencyKey {
     }
 
     /// Earlier answer to this request, if any; deletes expired keys.
-    pub(super) async fn replay<T: DeserializeOwned>(&self, tx: &mut SqliteConnection) -> Result<Option<T>, Error> {
-        delete_expired(&mut *tx).await?;
-        self.answer(tx).await
+    pub(super) async fn replay<T: DeserializeOwned>(&self, tx: &mut SqliteConnection, clock: &Clock) -> Result<Option<T>, Error> {
+        delete_expired(&mut *tx, clock).await?;
+        self.answer(tx, clock).await
     }
 
-    /// Answer given to this request within the last 24 hours, if any.
-    pub(super) async fn answer<T: DeserializeOwned>(&self, connection: &mut SqliteConnection) -> Result<Option<T>, Error> {
-        let row =
-            sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1 AND created_at >= strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')").bind(&self.key).fetch_optional(connection).await?;
+    /// Answer given to this request within the last 24 hours, if any; without such a limit while the clock is not steady.
+    pub(super) async fn answer<T: DeserializeOwned>(
+        &self,
+        connection: &mut SqliteConnection,
+        clock: &Clock,
+    ) -> Result<Option<T>, Error> {
+        let row = sqlx::query(
+            "SELECT fingerprint, answer FROM idempotency
+             WHERE key = ?1 AND (NOT ?2 OR created_at >= strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours'))",
+        )
+        .bind(&self.key)
+        .bind(clock.is_steady())
+        .fetch_optional(connection)
+        .await?;
         let Some(row) = row else { return Ok(None) };
         if row.try_get::<String, _>("fingerprint")? != self.fingerprint {
             return Err(Error::IdempotencyMismatch);
@@ -44,18 +55,26 @@ impl IdempotencyKey {
 
     /// Records the answer.
     pub(super) async fn record(&self, tx: &mut SqliteConnection, answer: &impl Serialize) -> Result<(), Error> {
-        sqlx::query(concat!("INSERT INTO idempotency (key, fingerprint, answer, created_at) VALUES (?1, ?2, ?3, ", now!(), ")"))
-            .bind(&self.key)
-            .bind(&self.fingerprint)
-            .bind(serde_json::to_string(answer)?)
-            .execute(tx)
-            .await?;
+        // The clock may have become steady again since an older key was looked for.
+        sqlx::query(concat!(
+            "INSERT OR REPLACE INTO idempotency (key, fingerprint, answer, created_at) VALUES (?1, ?2, ?3, ",
+            now!(),
+            ")"
+        ))
+        .bind(&self.key)
+        .bind(&self.fingerprint)
+        .bind(serde_json::to_string(answer)?)
+        .execute(tx)
+        .await?;
         Ok(())
     }
 }
 
-/// Deletes keys older than 24 hours.
-pub(super) async fn delete_expired(tx: &mut SqliteConnection) -> Result<(), Error> {
+/// Deletes keys older than 24 hours; none while the clock is not steady.
+pub(super) async fn delete_expired(tx: &mut SqliteConnection, clock: &Clock) -> Result<(), Error> {
+    if !clock.is_steady() {
+        return Ok(());
+    }
     sqlx::query("DELETE FROM idempotency WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')")
         .execute(tx)
         .await?;

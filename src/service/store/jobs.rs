@@ -79,7 +79,7 @@ impl Store {
     ) -> Result<T, Error> {
         let mut tx = self.writer.begin().await?;
         if let Some(key) = idempotency
-            && let Some(answer) = key.replay(&mut tx).await?
+            && let Some(answer) = key.replay(&mut tx, &self.clock).await?
         {
             tx.commit().await?;
             return Ok(answer);
@@ -105,7 +105,7 @@ impl Store {
 
     /// Earlier answer to this request, if any.
     pub(crate) async fn replay<T: DeserializeOwned>(&self, key: &IdempotencyKey) -> Result<Option<T>, Error> {
-        key.answer(&mut *self.reader.acquire().await?).await
+        key.answer(&mut *self.reader.acquire().await?, &self.clock).await
     }
 
     /// One job.

@@ -8,6 +8,7 @@ mod artifacts;
 mod attempts;
 mod backup;
 mod calibrations;
+mod clock;
 mod events;
 mod files;
 mod idempotency;
@@ -30,9 +31,11 @@ mod summaries;
 mod sweep;
 mod writer;
 
-use std::fs::File;
+use std::fs::{File, TryLockError};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
@@ -57,7 +60,7 @@ pub use specs::Precondition;
 pub(crate) use specs::{PutResult, StoredSpec};
 pub(crate) use stored::read_leniently;
 
-use super::error::{Error, InternalError};
+use super::error::{Error, InternalError, is_full_database, is_full_io};
 use crate::wire::JobEvent;
 
 /// SQL expression of the current time as text. Every time in the store is written with it.
@@ -74,6 +77,8 @@ const FEED_LENGTH: usize = 1024;
 const MAX_READERS: u32 = 4;
 /// File name of the database in a store's folder.
 const DATABASE: &str = "vantage.db";
+/// File in a store's folder that is given up on a full disk.
+const RESERVE: &str = "reserve";
 
 /// Reasons why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -118,6 +123,15 @@ pub enum OpenError {
         /// Findings of SQLite's check.
         findings: String,
     },
+    /// The disk has no room even for opening the store.
+    #[error("the disk of {path} is full, and the store cannot be opened; free space on it")]
+    DiskFull {
+        /// The folder.
+        path: String,
+        /// The refusal.
+        #[source]
+        source: Box<Self>,
+    },
     /// The database cannot be used.
     #[error("cannot open the database")]
     Database(#[from] sqlx::Error),
@@ -144,18 +158,29 @@ pub(crate) struct Store {
     feed: broadcast::Sender<Arc<JobEvent>>,
     pinned: pinned::PinnedFiles,
     damage: scrub::KnownDamage,
-    _in_use: File,
+    clock: clock::Clock,
+    removed_bytes: AtomicU64,
+    _in_use: FolderLock,
 }
 
 impl Store {
-    /// Opens the store in the folder `data`; creates it if needed.
+    /// Opens the store in the folder `data`; creates it if needed. What is kept for a full disk is given up where that is needed.
     pub(crate) async fn open(data: &Path) -> Result<Self, OpenError> {
+        giving_up_reserve(data, || Self::open_once(data)).await
+    }
+
+    async fn open_once(data: &Path) -> Result<Self, OpenError> {
         let folder = |source| OpenError::Folder { path: data.display().to_string(), source };
-        std::fs::create_dir_all(data).map_err(folder)?;
+        files::create_folder(data).map_err(folder)?;
         let in_use = lock(data)?;
         let database = data.join(DATABASE);
         let files = Files::at(data);
         identity::check_file(data, &files, &database)?;
+        // SQLite takes the permissions of its other files from this one.
+        match files::private_file().write(true).create_new(true).open(&database) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(folder(error)),
+            Ok(_) | Err(_) => {}
+        }
         let options = connect_options(&database).create_if_missing(true);
         let mut writer = open_database(&options, &database).await?;
         identity::check_tables(data, &files, &mut writer).await?;
@@ -171,6 +196,8 @@ impl Store {
             feed: broadcast::channel(FEED_LENGTH).0,
             pinned: pinned::PinnedFiles::default(),
             damage: scrub::KnownDamage::default(),
+            clock: clock::Clock::start(),
+            removed_bytes: AtomicU64::new(0),
             _in_use: in_use,
         })
     }
@@ -197,18 +224,58 @@ impl Store {
         let files = self.files.clone();
         blocking(move || Ok(files.probe()?)).await?;
         let mut tx = self.writer.begin().await?;
-        idempotency::delete_expired(&mut tx).await?;
+        idempotency::delete_expired(&mut tx, &self.clock).await?;
         tx.commit().await?;
         Ok(())
     }
 }
 
+/// Opens a store; where the disk is full, once more without what is kept for that.
+async fn giving_up_reserve<T, F>(data: &Path, open: impl Fn() -> F) -> Result<T, OpenError>
+where
+    F: Future<Output = Result<T, OpenError>>,
+{
+    let full = |source| OpenError::DiskFull { path: data.display().to_string(), source: Box::new(source) };
+    match open().await {
+        Err(error) if is_disk_full(&error) => {
+            if std::fs::remove_file(data.join(RESERVE)).is_err() {
+                return Err(full(error));
+            }
+            tracing::warn!("the disk is full; the room that was kept for cancelling and deleting is given up to open the store");
+            open().await.map_err(|error| if is_disk_full(&error) { full(error) } else { error })
+        }
+        opened => opened,
+    }
+}
+
+/// True if a full disk or quota is among the causes.
+fn is_disk_full(error: &OpenError) -> bool {
+    let mut causes = std::iter::successors(Some(error as &(dyn std::error::Error + 'static)), |error| error.source());
+    causes.any(|cause| {
+        cause.downcast_ref::<sqlx::Error>().is_some_and(is_full_database)
+            || cause.downcast_ref::<io::Error>().is_some_and(is_full_io)
+    })
+}
+
+/// Locks of a folder that one process uses; given back when dropped.
+struct FolderLock {
+    _file: File,
+    /// The folder itself: whoever deletes the file does not let a second process in. Not every file system can lock a folder.
+    _folder: Option<File>,
+}
+
 /// Locks the folder for this process.
-fn lock(data: &Path) -> Result<File, OpenError> {
-    let in_use =
+fn lock(data: &Path) -> Result<FolderLock, OpenError> {
+    let in_use = |_| OpenError::InUse(data.display().to_string());
+    let file =
         File::create(data.join("in-use")).map_err(|source| OpenError::Folder { path: data.display().to_string(), source })?;
-    in_use.try_lock().map_err(|_| OpenError::InUse(data.display().to_string()))?;
-    Ok(in_use)
+    file.try_lock().map_err(in_use)?;
+    let folder = match File::open(data).map(|folder| (folder.try_lock(), folder)) {
+        Ok((Ok(()), folder)) => Some(folder),
+        Ok((Err(error @ TryLockError::WouldBlock), _)) => return Err(in_use(error)),
+        Ok((Err(TryLockError::Error(_)), _)) | Err(_) => None,
+    };
+    Ok(FolderLock { _file: file, _folder: folder })
 }
 
 fn connect_options(database: &Path) -> SqliteConnectOptions {
@@ -217,6 +284,8 @@ fn connect_options(database: &Path) -> SqliteConnectOptions {
         .foreign_keys(true)
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Full)
+        // Large sorts would go to the folder for temporary files, which may be read-only or small.
+        .pragma("temp_store", "MEMORY")
 }
 
 /// Opens the database after SQLite's quick check.

@@ -1,5 +1,6 @@
 //! Retention: the policy deletes ended jobs that are too old or too many for their part, meshes that nothing uses any more,
-//! and the oldest jobs while the store exceeds its share of the disk. A job with the hold label is never deleted.
+//! and the oldest jobs while the store exceeds its share of the disk. A job with the hold label is never deleted, and nothing is
+//! deleted for its age while the clock is not steady.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -90,9 +91,12 @@ impl Store {
 
     /// Ended jobs without the hold label of which no inspection and no run is open, oldest first.
     async fn ended_jobs(&self, policy: &Policy) -> Result<Vec<EndedJob>, Error> {
+        let job_days = if self.clock.is_steady() { policy.job_days } else { 0 };
+        // Jobs are in the order in which they were inserted, whatever the clock said: their ids and times follow it. A job that ended
+        // while the clock was behind is no older than the newest one before it.
         let rows = sqlx::query(concat!(
             "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
-                ?1 > 0 AND ended_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
+                ?1 > 0 AND max(ended_at, newest) < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
                 (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id)
                     + (SELECT coalesce(sum(size_bytes), 0) FROM scan WHERE job_id = job.id)
                     + (SELECT coalesce(sum(file_bytes), 0) FROM inspection_file JOIN inspection
@@ -100,12 +104,14 @@ impl Store {
                     + (SELECT coalesce(sum(size_bytes), 0) FROM job_mesh AS own WHERE job_id = job.id
                         AND NOT EXISTS (SELECT 1 FROM mesh WHERE mesh.sha256 = own.sha256) AND NOT EXISTS
                             (SELECT 1 FROM job_mesh AS other WHERE other.sha256 = own.sha256 AND other.job_id <> own.job_id)) AS size_bytes
-             FROM job WHERE ended_at IS NOT NULL
+             FROM (SELECT rowid AS number, id, part_number, mesh_id, ended_at, max(created_at) OVER (ORDER BY rowid) AS newest
+                FROM job) AS job
+             WHERE ended_at IS NOT NULL
                 AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = job.id AND key = ?2) AND NOT ",
             is_used!(),
-            " ORDER BY id"
+            " ORDER BY number"
         ))
-        .bind(policy.job_days)
+        .bind(job_days)
         .bind(&policy.hold_label)
         .fetch_all(&self.reader)
         .await?;
@@ -119,6 +125,9 @@ impl Store {
     }
 
     async fn unused_meshes(&self, days: u32) -> Result<Vec<(MeshId, u64)>, Error> {
+        if !self.clock.is_steady() {
+            return Ok(Vec::new());
+        }
         let rows = sqlx::query(
             "SELECT id, size_bytes FROM mesh
              WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days')

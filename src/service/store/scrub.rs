@@ -144,21 +144,38 @@ impl Store {
     pub(crate) async fn scrub_files(&self) -> Result<(), Error> {
         let mut scrubbed = Ok(());
         for sha256 in self.referenced_files().await? {
-            let (files, hash) = (self.files.clone(), sha256.clone());
             let began = Instant::now();
-            let checked = blocking(move || files.open_checked(&hash).map(drop)).await;
-            match checked {
-                Ok(()) => self.damage.set(format!("file {sha256}"), None),
-                Err(Error::FileDamaged { missing, .. }) => {
-                    // The file may have been deleted since it was listed.
-                    let is_referenced = self.is_referenced(&sha256).await?;
-                    let reason = if missing { MISSING } else { "has bytes that cannot be read or do not match its hash" };
-                    self.damage.set(format!("file {sha256}"), is_referenced.then(|| reason.to_owned()));
-                }
-                Err(error) => scrubbed = scrubbed.and(Err(error)),
-            }
+            scrubbed = scrubbed.and(self.scrub_file(&sha256).await);
             tokio::time::sleep(began.elapsed() * PAUSE_PER_READ).await;
         }
         scrubbed
+    }
+
+    /// Records the damage that was found while files were read.
+    pub(crate) async fn scrub_suspects(&self) -> Result<(), Error> {
+        let mut scrubbed = Ok(());
+        for sha256 in self.files.take_suspects() {
+            let checked = self.scrub_file(&sha256).await;
+            if checked.is_err() {
+                self.files.suspect(&sha256);
+            }
+            scrubbed = scrubbed.and(checked);
+        }
+        scrubbed
+    }
+
+    async fn scrub_file(&self, sha256: &str) -> Result<(), Error> {
+        let (files, hash) = (self.files.clone(), sha256.to_owned());
+        match blocking(move || files.open_compared(&hash).map(drop)).await {
+            Ok(()) => self.damage.set(format!("file {sha256}"), None),
+            Err(Error::FileDamaged { missing, .. }) => {
+                // The file may have been deleted since it was listed or read.
+                let is_referenced = self.is_referenced(sha256).await?;
+                let reason = if missing { MISSING } else { "has bytes that cannot be read or do not match its hash" };
+                self.damage.set(format!("file {sha256}"), is_referenced.then(|| reason.to_owned()));
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(())
     }
 }

@@ -59,3 +59,16 @@ fn remove_field(document: &mut Value, pointer: &str) -> bool {
     let parent = document.pointer_mut(parent).and_then(Value::as_object_mut);
     parent.is_some_and(|parent| parent.remove(&field).is_some())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::BodySpec;
+
+    #[test]
+    fn an_unknown_field_is_ignored_in_a_structure_and_in_a_variant() {
+        let text = r#"{"name": "post", "colour": 1, "shape": {"kind": "box", "size_mm": [1, 2, 3], "texture": 1}}"#;
+        let (body, unknown) = read_leniently::<BodySpec>(VERSION, text).expect("readable");
+        assert_eq!((body.name.as_str(), unknown), ("post", vec!["/colour".to_owned(), "/shape/texture".to_owned()]));
+    }
+}

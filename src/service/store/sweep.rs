@@ -3,6 +3,7 @@
 //! can be undone by moving them back.
 
 use std::collections::BTreeSet;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use super::files::StoredFile;
@@ -20,8 +21,12 @@ pub(crate) struct SweepReport {
 
 impl Store {
     /// Moves orphans older than `age` to `swept/`, and removes files that have been there for `retention`. If the database
-    /// refers to no file at all, nothing is moved: the files may belong to another database.
+    /// refers to no file at all, nothing is moved: the files may belong to another database. Nothing is moved or removed while the
+    /// clock is not steady.
     pub(crate) async fn sweep(&self, age: Duration, retention: Duration) -> Result<SweepReport, Error> {
+        if !self.clock.is_steady() {
+            return Ok(SweepReport::default());
+        }
         let files = self.files.clone();
         let found = blocking(move || Ok(files.list()?)).await?;
         let referenced = self.referenced_files().await?;
@@ -64,10 +69,16 @@ impl Store {
             let Some(_removing) = self.pinned.begin_removal(&sha256).await else { continue };
             if !self.is_referenced(&sha256).await? {
                 let files = self.files.clone();
-                blocking(move || Ok(files.remove(&sha256)?)).await?;
+                let size_bytes = blocking(move || Ok(files.remove(&sha256)?)).await?;
+                self.removed_bytes.fetch_add(size_bytes, Ordering::Relaxed);
             }
         }
         Ok(())
+    }
+
+    /// Total size of the files removed by this process because no row refers to them any more.
+    pub(crate) fn removed_bytes(&self) -> u64 {
+        self.removed_bytes.load(Ordering::Relaxed)
     }
 
     /// Hashes of all files that rows refer to.

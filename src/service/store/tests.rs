@@ -266,6 +266,41 @@ async fn a_job_that_is_inspected_or_run_is_not_deleted() {
 async fn two_processes_do_not_share_a_folder() {
     let opened = open().await;
     assert!(matches!(Store::open(opened.folder.path()).await, Err(OpenError::InUse(_))));
+    // Some file systems cannot lock a folder.
+    if opened.store._in_use._folder.is_some() {
+        std::fs::remove_file(opened.folder.path().join("in-use")).expect("removed");
+        assert!(matches!(Store::open(opened.folder.path()).await, Err(OpenError::InUse(_))));
+    }
+}
+
+#[tokio::test]
+async fn a_full_disk_takes_the_reserve_before_the_start_is_given_up() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (data, reserve) = (folder.path(), folder.path().join(RESERVE));
+    let full = || OpenError::Folder { path: "data".into(), source: ErrorKind::StorageFull.into() };
+    let with_room = || std::future::ready(if reserve.exists() { Err(full()) } else { Ok(()) });
+    std::fs::write(&reserve, b"room").expect("a file");
+    giving_up_reserve(data, with_room).await.expect("there is room then");
+    std::fs::write(&reserve, b"room").expect("a file");
+    for _ in 0..2 {
+        let error = giving_up_reserve(data, || std::future::ready(Err::<(), _>(full()))).await.expect_err("full");
+        assert!(matches!(&error, OpenError::DiskFull { .. }) && error.to_string().contains("is full"), "{error}");
+    }
+    std::fs::write(&reserve, b"room").expect("a file");
+    let other = || std::future::ready(Err::<(), _>(OpenError::InUse("data".into())));
+    assert!(matches!(giving_up_reserve(data, other).await, Err(OpenError::InUse(_))));
+    assert!(reserve.exists(), "only a full disk takes it");
+}
+
+/// The folder for temporary files may be read-only.
+#[tokio::test]
+async fn sorts_stay_in_memory() {
+    let opened = open().await;
+    let store = &opened.store;
+    let read: i64 = sqlx::query_scalar("PRAGMA temp_store").fetch_one(&store.reader).await.expect("a number");
+    let mut tx = store.writer.begin().await.expect("a transaction");
+    let written: i64 = sqlx::query_scalar("PRAGMA temp_store").fetch_one(&mut *tx).await.expect("a number");
+    assert_eq!((read, written), (2, 2));
 }
 
 #[tokio::test]

@@ -241,14 +241,14 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
     assert_eq!((report.files, report.copied), (3, 1));
     assert!(!Files::at(&backup_dir).path(&other.sha256).exists());
 
-    assert_eq!(restore(&backup_dir, &restored).await.expect("restored").files, 3);
+    assert_eq!(restore(&backup_dir, &restored, false).await.expect("restored").files, 3);
     let (meshes, jobs) = content(&restored).await;
     assert_eq!((meshes.len(), jobs), (2, vec![job]));
     assert!(meshes.iter().any(|kept| kept.id == third.id));
     // The backup can be opened as a store itself, and no restore overwrites a store.
     assert_eq!(content(&backup_dir).await.1, [job]);
-    assert!(matches!(restore(&backup_dir, &restored).await, Err(BackupError::NotEmpty(_))));
-    assert!(matches!(restore(&to.path().join("nothing"), &restored).await, Err(BackupError::NoStore(_))));
+    assert!(matches!(restore(&backup_dir, &restored, false).await, Err(BackupError::NotEmpty(_))));
+    assert!(matches!(restore(&to.path().join("nothing"), &restored, false).await, Err(BackupError::NoStore(_))));
     let foreign = open().await;
     assert!(matches!(backup(foreign.folder.path(), &backup_dir).await, Err(BackupError::OtherStore(_))));
 }
@@ -274,17 +274,163 @@ async fn a_backup_goes_neither_onto_its_store_nor_into_a_folder_in_use() {
 }
 
 #[tokio::test]
-async fn a_backup_names_what_is_damaged() {
+async fn a_damaged_file_is_named_and_everything_else_is_backed_up_and_restored() {
     let opened = open().await;
-    let mesh = add_mesh(&opened.store, b"one").await;
+    let store = &opened.store;
+    let (mesh, other) = (add_mesh(store, b"one").await, add_mesh(store, b"two").await);
+    let job = submit(store, mesh.id).await;
     let to = tempfile::tempdir().expect("a folder");
-    backup(opened.folder.path(), &to.path().join("good")).await.expect("a backup");
-    std::fs::write(opened.store.files().path(&mesh.sha256), b"onE").expect("damage");
-    for damaged in [backup(opened.folder.path(), &to.path().join("bad")).await.expect_err("damaged"), {
-        std::fs::write(Files::at(&to.path().join("good")).path(&mesh.sha256), b"").expect("damage");
-        restore(&to.path().join("good"), &to.path().join("restored")).await.expect_err("damaged")
-    }] {
-        assert!(matches!(&damaged, BackupError::Damaged(files) if *files == [mesh.sha256.clone()]), "{damaged}");
+    let [good, bad, restored] = ["good", "bad", "restored"].map(|name| to.path().join(name));
+    backup(opened.folder.path(), &good).await.expect("a backup");
+    std::fs::write(store.files().path(&mesh.sha256), b"onE").expect("damage");
+    let later = add_mesh(store, b"three").await;
+
+    // A later backup has what is new, and keeps what is whole in it and damaged in the store.
+    backup(opened.folder.path(), &good).await.expect("the backup has the file");
+    assert_eq!(Files::at(&good).read(&mesh.sha256).expect("kept"), b"one");
+    Files::at(&good).read(&later.sha256).expect("copied");
+
+    let told = backup(opened.folder.path(), &bad).await.expect_err("damaged");
+    let refused = restore(&bad, &restored, false).await.expect_err("damaged");
+    for (error, is_wanted) in
+        [(&told, matches!(told, BackupError::Incomplete(_))), (&refused, matches!(refused, BackupError::Damaged(_)))]
+    {
+        let said = error.to_string();
+        assert!(is_wanted && said.contains(&format!("{} (mesh {}, job {job})", mesh.sha256, mesh.id)), "{said}");
+        assert!(!said.contains(&other.sha256), "{said}");
+    }
+    assert!(!restored.join("files").exists(), "the folder is as empty as before");
+    let report = restore(&bad, &restored, true).await.expect("the rest");
+    assert_eq!((report.copied, report.damaged.len()), (2, 1));
+    let store = Store::open(&restored).await.expect("a store");
+    assert_eq!(store.files().read(&other.sha256).expect("whole"), b"two");
+    assert!(matches!(store.files().read(&mesh.sha256), Err(Error::FileDamaged { missing: true, .. })));
+    assert_eq!(add_mesh(&store, b"one").await.id, mesh.id);
+    assert_eq!(store.files().read(&mesh.sha256).expect("healed"), b"one");
+}
+
+/// Audit logs are the record of what moved: they go with the backup, grow with it, and stay in it as long as their run.
+#[tokio::test]
+async fn audit_logs_are_backed_up_and_restored() {
+    let opened = open().await;
+    let data = opened.folder.path();
+    let [kept, deleted] = ["018f0000-0000-7000-8000-000000000001", "018f0000-0000-7000-8000-000000000002"];
+    let log = |folder: &Path, run: &str| folder.join("audit").join(run).join("audit-00000001.log");
+    for run in [kept, deleted] {
+        let insert = "INSERT INTO run (id, cell, mode, state, body) VALUES (?1, 'c', 'live', 'done', '')";
+        sqlx::query(insert).bind(run).execute(&opened.store.reader).await.expect("a run");
+        std::fs::create_dir_all(log(data, run).parent().expect("a folder")).expect("made");
+        std::fs::write(log(data, run), b"first\n").expect("a log");
+    }
+    let to = tempfile::tempdir().expect("a folder");
+    let (backup_dir, restored) = (to.path().join("backup"), to.path().join("restored"));
+    let copied = async || backup(data, &backup_dir).await.expect("a backup").audit_logs;
+    assert_eq!(copied().await, 2);
+    assert_eq!(copied().await, 0, "neither has changed");
+    std::fs::write(log(data, kept), b"first\nsecond\n").expect("grown");
+    sqlx::query("DELETE FROM run WHERE id = ?1").bind(deleted).execute(&opened.store.reader).await.expect("deleted");
+    assert_eq!(copied().await, 1);
+    assert!(log(&backup_dir, deleted).exists(), "it is in the store too");
+    std::fs::remove_dir_all(data.join("audit").join(deleted)).expect("removed");
+    assert_eq!(copied().await, 0);
+    assert!(!log(&backup_dir, deleted).exists());
+    std::fs::remove_dir_all(data.join("audit")).expect("lost");
+    assert_eq!(copied().await, 0);
+    assert_eq!(restore(&backup_dir, &restored, false).await.expect("restored").audit_logs, 1);
+    assert_eq!(std::fs::read(log(&restored, kept)).expect("kept"), b"first\nsecond\n");
+}
+
+#[tokio::test]
+async fn strange_files_are_left_alone_and_those_of_a_killed_backup_are_removed() {
+    let opened = open().await;
+    let (data, store) = (opened.folder.path(), &opened.store);
+    let mesh = add_mesh(store, b"one").await;
+    let shard = &mesh.sha256[..2];
+    let strange = [data.join("files/.DS_Store"), data.join("files").join(shard).join("Thumbs.db"), data.join("swept/note")];
+    std::fs::create_dir_all(data.join("swept")).expect("a folder");
+    strange.iter().for_each(|path| std::fs::write(path, b"strange").expect("a file"));
+    assert_eq!(stored_files(&opened), 1);
+    store.scrub_rows().await.expect("a look");
+    assert_eq!(store.sweep(NOW, NOW).await.expect("nothing"), SweepReport::default());
+    assert!(strange.iter().all(|path| path.exists()));
+
+    let to = tempfile::tempdir().expect("a folder");
+    let left = to.path().join("files").join(shard).join(".tmpAbC123");
+    std::fs::create_dir_all(left.parent().expect("a folder")).expect("made");
+    std::fs::write(&left, b"half").expect("a file");
+    assert_eq!(backup(data, to.path()).await.expect("a backup").copied, 1);
+    assert!(!left.exists());
+}
+
+#[tokio::test]
+async fn a_new_file_system_is_empty_enough_for_a_restore() {
+    let opened = open().await;
+    let to = tempfile::tempdir().expect("a folder");
+    let (backup_dir, mount) = (to.path().join("backup"), to.path().join("mount"));
+    backup(opened.folder.path(), &backup_dir).await.expect("a backup");
+    std::fs::create_dir_all(mount.join("lost+found")).expect("a folder");
+    restore(&backup_dir, &mount, false).await.expect("restored");
+    Store::open(&mount).await.expect("a store");
+}
+
+/// Between backup and restore a tag was given that nobody may have for other contents.
+#[tokio::test]
+async fn no_entity_tag_is_given_again_after_a_restore() {
+    let opened = open().await;
+    let to = tempfile::tempdir().expect("a folder");
+    let (backup_dir, restored) = (to.path().join("backup"), to.path().join("restored"));
+    let put = async |store: &Store, name: &str| {
+        store.put_spec(SpecCollection::Robot, name, "{}", &Precondition::Absent).await.expect("stored").etag
+    };
+    put(&opened.store, "a").await;
+    backup(opened.folder.path(), &backup_dir).await.expect("a backup");
+    let given = put(&opened.store, "b").await;
+    restore(&backup_dir, &restored, false).await.expect("restored");
+    assert_ne!(put(&Store::open(&restored).await.expect("a store"), "b").await, given);
+}
+
+#[tokio::test]
+async fn damage_that_a_reader_finds_is_told_at_once() {
+    let opened = open().await;
+    let store = &opened.store;
+    let (mesh, deleted) = (add_mesh(store, b"one").await, add_mesh(store, b"two").await);
+    for mesh in [&mesh, &deleted] {
+        std::fs::write(store.files().path(&mesh.sha256), b"?").expect("damage");
+        store.files().read(&mesh.sha256).expect_err("damaged");
+    }
+    store.delete_mesh(deleted.id, 0).await.expect("free");
+    store.scrub_suspects().await.expect("a look");
+    let names: Vec<String> = store.damage().into_iter().map(|damage| damage.name).collect();
+    assert_eq!(names, [format!("file {}", mesh.sha256)]);
+}
+
+#[tokio::test]
+async fn a_removed_folder_of_unfinished_files_comes_back_and_a_removed_disk_does_not() {
+    let opened = open().await;
+    let data = opened.folder.path();
+    std::fs::remove_dir(data.join("unfinished")).expect("gone");
+    add_mesh(&opened.store, b"one").await;
+    std::fs::remove_dir(data.join("unfinished")).expect("gone");
+    std::fs::remove_dir_all(data.join("files")).expect("gone");
+    assert!(opened.store.files().receive().is_err());
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn only_the_owner_reads_what_a_store_creates() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("new/store");
+    let store = Store::open(&data).await.expect("a store");
+    let mesh = add_mesh(&store, b"one").await;
+    let file = store.files().path(&mesh.sha256);
+    let copy = folder.path().join("backup");
+    backup(&data, &copy).await.expect("a backup");
+    let database = ["vantage.db", "vantage.db-wal", "vantage.db-shm"].map(|name| (data.join(name), 0o600));
+    let others = [(data.clone(), 0o700), (data.join("files"), 0o700), (file, 0o600), (copy.join(DATABASE), 0o600)];
+    for (path, wanted) in database.into_iter().chain(others) {
+        let mode = std::fs::metadata(&path).expect("there").permissions().mode() & 0o777;
+        assert_eq!(mode, wanted, "{}: {mode:o}", path.display());
     }
 }
 

@@ -37,7 +37,8 @@ async fn old_many_and_large_go_the_oldest_first() {
     assert_eq!(due(store, Policy { jobs_per_part: 1, ..policy() }).await, [(a, Count)]);
     assert_eq!(due(store, Policy { max_bytes: 2000, ..policy() }).await, [(a, Disk)]);
     assert_eq!(due(store, Policy { max_bytes: 1, ..policy() }).await, [(a, Disk), (b, Disk), (c, Disk)]);
-    let back = "UPDATE job SET ended_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 days') WHERE ended_at IS NOT NULL";
+    let back = "UPDATE job SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 days'),
+        ended_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 days') WHERE ended_at IS NOT NULL";
     sqlx::query(back).execute(&store.reader).await.expect("days pass");
     assert_eq!(due(store, Policy { job_days: 4, ..policy() }).await, []);
     assert_eq!(due(store, Policy { job_days: 2, jobs_per_part: 1, ..policy() }).await, [(a, Age), (b, Age), (c, Age)]);
@@ -82,4 +83,106 @@ async fn only_meshes_that_nothing_names_are_unused() {
     assert!(matches!(store.delete_mesh(unused, 2).await, Err(Error::MeshNotFound(_))));
     sqlx::query(back).execute(&store.reader).await.expect("days pass");
     store.delete_mesh(unused, 2).await.expect("unused again");
+}
+
+/// A clock that was a year ahead gave a job an id and times after those of the jobs that came later.
+#[tokio::test]
+async fn the_job_that_came_last_is_the_newest_whatever_the_clock_said() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let early = ended(store, mesh, Some("P"), 900).await;
+    let ahead = "ffffffff-ffff-7fff-bfff-ffffffffffff";
+    let mut tx = store.writer.begin().await.expect("a transaction");
+    sqlx::query("PRAGMA defer_foreign_keys = ON").execute(&mut *tx).await.expect("set");
+    for statement in [
+        "UPDATE job_body SET job_id = ?1",
+        "UPDATE job_mesh SET job_id = ?1",
+        "UPDATE artifact SET job_id = ?1",
+        "UPDATE job SET id = ?1, created_at = '2999-01-01T00:00:00.000Z', ended_at = '2999-01-01T00:00:00.000Z'",
+    ] {
+        sqlx::query(statement).bind(ahead).execute(&mut *tx).await.expect(statement);
+    }
+    tx.commit().await.expect("committed");
+    let late = ended(store, mesh, Some("P"), 900).await;
+    let ahead: JobId = ahead.parse().expect("an id");
+    assert!(early < late && late < ahead);
+    assert_eq!(due(store, Policy { jobs_per_part: 1, ..policy() }).await, [(ahead, Count)]);
+    assert_eq!(due(store, Policy { max_bytes: 1000, ..policy() }).await, [(ahead, Disk)]);
+}
+
+#[tokio::test]
+async fn a_job_that_ended_while_the_clock_was_behind_is_no_older_than_the_one_before_it() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    ended(store, mesh, None, 10).await;
+    let behind = ended(store, mesh, None, 10).await;
+    let back = "UPDATE job SET created_at = '1970-01-01T00:00:00.000Z', ended_at = '1970-01-01T00:00:01.000Z' WHERE id = ?1";
+    sqlx::query(back).bind(behind.to_string()).execute(&store.reader).await.expect("years back");
+    assert_eq!(due(store, Policy { job_days: 2, ..policy() }).await, []);
+}
+
+/// All that has an age looks old after a jump, keys of answers included.
+#[tokio::test]
+async fn nothing_is_deleted_for_its_age_once_the_clock_has_jumped() {
+    let mut opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let unused = add_mesh(store, b"two").await.id;
+    let with_key = async |store: &Store| {
+        let key = IdempotencyKey::new("key", "a");
+        store.submit(&new_job(mesh, 0), Some(&key), ROOM).await.expect("a job").id
+    };
+    let id = with_key(store).await;
+    store.claim_next().await.expect("the queue").expect("it");
+    succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await;
+    for back in [
+        "UPDATE job SET created_at = '2001-01-01T00:00:00.000Z', ended_at = '2001-01-01T00:00:00.000Z'",
+        "UPDATE mesh SET created_at = '2001-01-01T00:00:00.000Z'",
+        "UPDATE event SET at = '2001-01-01T00:00:00.000Z'",
+        "UPDATE idempotency SET created_at = '2001-01-01T00:00:00.000Z'",
+    ] {
+        sqlx::query(back).execute(&store.reader).await.expect("years pass");
+    }
+    let orphan = store.files().write(b"nobody's").expect("a file");
+    store.files().persist(orphan).expect("renamed");
+    let aged = Policy { job_days: 2, unused_mesh_days: 2, ..policy() };
+
+    opened.store.clock.wall -= std::time::Duration::from_secs(365 * 86_400);
+    let store = &opened.store;
+    assert_eq!(store.due(&aged).await.expect("a list"), Due::default());
+    assert_eq!(due(store, Policy { max_bytes: 1, ..policy() }).await, [(id, Disk)], "size has nothing to do with time");
+    store.sweep(std::time::Duration::ZERO, std::time::Duration::ZERO).await.expect("nothing");
+    store.prune_events(1).await.expect("nothing");
+    store.probe().await.expect("writable");
+    assert_eq!(stored_files(&opened), 4);
+    assert_eq!(kinds(store, id).await.len(), 3);
+    assert_eq!(with_key(store).await, id, "the answer is still known");
+
+    opened.store.clock = super::super::clock::Clock::start();
+    let store = &opened.store;
+    let found = store.due(&aged).await.expect("a list");
+    assert_eq!((found.jobs.len(), found.meshes.as_slice()), (1, &[(unused, 3)][..]));
+    assert_ne!(with_key(store).await, id, "a day has passed");
+}
+
+#[tokio::test]
+async fn the_bytes_that_deletions_remove_are_counted_once_and_when_the_last_reference_goes() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let shared = async || {
+        let id = submit(store, mesh).await;
+        store.claim_next().await.expect("the queue").expect("it");
+        succeed(store, id, vec![("coverage.bin", b"shared".to_vec())]).await;
+        id
+    };
+    let (a, b) = (shared().await, shared().await);
+    let before = store.stored_bytes().await.expect("a sum");
+    store.delete_job(a, "hold", None).await.expect("deleted");
+    assert_eq!(store.removed_bytes(), 0, "the other job has the same file");
+    store.delete_job(b, "hold", None).await.expect("deleted");
+    assert_eq!(store.removed_bytes(), 6);
+    assert_eq!(store.stored_bytes().await.expect("a sum"), before - 6);
 }
