@@ -1,7 +1,7 @@
 //! Log of every byte that went to and came from the devices: append-only text, a line an entry, each carrying the SHA-256 of the
 //! line before, so that a line changed, left out or put in shows. Rotated into a stated number of files; the chain goes on from
 //! file to file. A thread of its own writes: whoever logs never waits for the disk, and what cannot be kept is a failure that the
-//! run asks for.
+//! run asks for. It puts the log on the disk every second, and at the end.
 //!
 //! `NUMBER NANOSECONDS DEVICE DIRECTION HEX SHA256`, with monotonic time since the log was opened. A tail that was cut off shows
 //! only against the head that [`AuditLog::close`] gives, which is kept with the run.
@@ -10,11 +10,11 @@ use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use sha2::{Digest, Sha256};
 use tokio::time::Instant;
@@ -29,6 +29,8 @@ const WAITING_BYTES: usize = 16 << 20;
 const MAX_LINE: u64 = 1 << 20;
 /// Bytes of an entry; more are several entries.
 const MAX_ENTRY: usize = 64 << 10;
+/// Longest time for which a line may be lost by a power failure.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 /// Hash before the first line.
 const NOTHING: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
@@ -88,6 +90,7 @@ enum Message {
 #[derive(Debug, Default)]
 struct State {
     failure: Mutex<Option<String>>,
+    is_closed: AtomicBool,
     waiting_bytes: AtomicUsize,
 }
 
@@ -112,15 +115,16 @@ impl AuditLog {
         };
         let folder = folder.to_owned();
         // Each opening begins a file: nothing is appended to what an interrupted write may have left half a line of.
-        Self::onto(Box::new(move |next| open_file(&folder, number + next, limits.files)), limits.file_bytes, head)
+        let next = Box::new(move |next: u64| open_file(&folder, number + next, limits.files));
+        Self::onto(next, limits.file_bytes, SYNC_INTERVAL, head)
     }
 
     /// Opens the log on whatever `next` gives for a file.
-    pub(super) fn onto(mut next: OpenNext, file_bytes: u64, head: AuditHead) -> io::Result<Arc<Self>> {
+    pub(super) fn onto(mut next: OpenNext, file_bytes: u64, sync_interval: Duration, head: AuditHead) -> io::Result<Arc<Self>> {
         let (messages, received) = sync_channel(WAITING);
         let (state, began) = (Arc::new(State::default()), Instant::now());
         let sink = next(0)?;
-        let chain = Chain { next, opened: 0, sink, written: 0, file_bytes, head, began };
+        let chain = Chain { next, opened: 0, sink, written: 0, file_bytes, sync_interval, head, began };
         let shared = Arc::clone(&state);
         let writer = std::thread::Builder::new().name("audit".into()).spawn(move || chain.write(&received, &shared))?;
         let log = Arc::new(Self { messages, state, writer: Mutex::new(Some(writer)) });
@@ -140,11 +144,13 @@ impl AuditLog {
         self.state.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Writes what waits, to the disk, and ends the log; its head, to be kept with the run.
+    /// Writes what waits, to the disk, and ends the log; its head, to be kept with the run. Entries that come later are dropped.
+    /// Blocks until the disk has answered.
     ///
     /// # Errors
     /// The failure, if there was one.
     pub fn close(&self) -> Result<AuditHead, String> {
+        self.state.is_closed.store(true, Ordering::Relaxed);
         // A full channel is emptied by the writer.
         let _ = self.messages.send(Message::Close);
         let writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -164,7 +170,9 @@ impl AuditLog {
             let refused = match self.messages.try_send(entry) {
                 Ok(()) => (waiting > WAITING_BYTES).then_some("its disk does not keep up"),
                 Err(TrySendError::Full(_)) => Some("its disk does not keep up"),
-                Err(TrySendError::Disconnected(_)) => Some("it is closed"),
+                // A driver that is being dropped may still have something to say.
+                Err(TrySendError::Disconnected(_)) if self.state.is_closed.load(Ordering::Relaxed) => None,
+                Err(TrySendError::Disconnected(_)) => Some("its thread has ended"),
             };
             if let Some(words) = refused {
                 self.state.fail(words.to_owned());
@@ -213,6 +221,7 @@ struct Chain {
     sink: Box<dyn Sink>,
     written: u64,
     file_bytes: u64,
+    sync_interval: Duration,
     head: AuditHead,
     began: Instant,
 }
@@ -220,8 +229,12 @@ struct Chain {
 impl Chain {
     fn write(mut self, received: &Receiver<Message>, state: &State) -> AuditHead {
         let mut has_failed = false;
-        while let Ok(message) = received.recv() {
-            let mut message = Some(message);
+        // Time of the oldest line that may not be on the disk yet.
+        let mut unsynced: Option<std::time::Instant> = None;
+        loop {
+            let left = |since: std::time::Instant| self.sync_interval.saturating_sub(since.elapsed());
+            let mut message = next_message(received, unsynced.map(left));
+            let mut is_due = message.is_none();
             while let Some(Message::Entry { at, device, direction, bytes }) = message {
                 state.waiting_bytes.fetch_sub(bytes.len(), Ordering::Relaxed);
                 // After a failure nothing is written: a chain has no holes.
@@ -229,10 +242,16 @@ impl Chain {
                     state.fail(error.to_string());
                     has_failed = true;
                 }
-                message = received.try_recv().ok();
+                is_due = unsynced.get_or_insert_with(std::time::Instant::now).elapsed() >= self.sync_interval;
+                message = if is_due { None } else { next_message(received, Some(Duration::ZERO)) };
             }
             let is_closed = message.is_some();
-            let kept = if is_closed { self.sink.sync() } else { self.sink.flush() };
+            let kept = if is_closed || is_due {
+                unsynced = None;
+                self.sink.sync()
+            } else {
+                self.sink.flush()
+            };
             if let Err(error) = kept {
                 state.fail(error.to_string());
                 has_failed = true;
@@ -264,6 +283,16 @@ impl Chain {
         self.written += line.len() as u64 + 1;
         self.head = AuditHead { lines: self.head.lines + 1, sha256: hash(&line) };
         Ok(())
+    }
+}
+
+/// The next message; none if there is none within `limit`. A log that nobody holds any more is closed.
+fn next_message(received: &Receiver<Message>, limit: Option<Duration>) -> Option<Message> {
+    let Some(limit) = limit else { return Some(received.recv().unwrap_or(Message::Close)) };
+    match received.recv_timeout(limit) {
+        Ok(message) => Some(message),
+        Err(RecvTimeoutError::Timeout) => None,
+        Err(RecvTimeoutError::Disconnected) => Some(Message::Close),
     }
 }
 

@@ -220,6 +220,8 @@ pub struct Run {
     pub jitter: Option<RunJitter>,
     /// Coverage at the measured poses beside the plan's, once the run is done.
     pub coverage: Option<RunCoverage>,
+    /// End of its audit log, once the run has ended; `null` where none is kept. A log that lacks its last entries shows against it.
+    pub audit: Option<RunAudit>,
     /// Operator who armed it; `null` if nobody did.
     pub armed_by: Option<String>,
     /// Name of the key with which it was started; `null` without a key.
@@ -232,6 +234,15 @@ pub struct Run {
     pub ended_at: Option<String>,
     /// Reminder for the operator: this software is not safety-rated.
     pub notice: String,
+}
+
+/// End of the audit log of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct RunAudit {
+    /// Number of the last entry, from 1.
+    pub lines: u64,
+    /// SHA-256 of its line without the line break, lower-case hexadecimal.
+    pub sha256: String,
 }
 
 /// Stop that ended a run, as each device took it; `null` for a device that had nothing to stop.

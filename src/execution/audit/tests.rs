@@ -1,8 +1,10 @@
 use std::fs;
 use std::io::{self, Write};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
 
-use super::{AuditBreach, AuditHead, AuditLimits, AuditLog, NOTHING, Sink, files, verify};
+use super::{AuditBreach, AuditHead, AuditLimits, AuditLog, NOTHING, SYNC_INTERVAL, Sink, files, verify};
 use crate::execution::device::{Direction, WireLog};
 
 /// A disk with room for so many bytes.
@@ -28,7 +30,7 @@ impl Sink for Full {
 /// A log on a disk with room for so many bytes.
 pub(in crate::execution) fn log_on_full_disk(room: usize) -> Arc<AuditLog> {
     let head = AuditHead { lines: 0, sha256: NOTHING.to_owned() };
-    AuditLog::onto(Box::new(move |_| Ok(Box::new(Full(room)))), 1 << 20, head).expect("opens")
+    AuditLog::onto(Box::new(move |_| Ok(Box::new(Full(room)))), 1 << 20, SYNC_INTERVAL, head).expect("opens")
 }
 
 fn fill(log: &AuditLog, entries: u8) {
@@ -100,4 +102,60 @@ fn a_full_disk_is_a_failure_and_never_an_error_where_it_is_logged() {
     fill(&log, 20);
     assert!(log.close().is_err());
     assert!(log.failure().expect("noticed").contains("no storage space"), "{:?}", log.failure());
+}
+
+/// A disk that tells of each time that it is synced, and how many bytes it then has.
+struct Synced {
+    bytes: usize,
+    told: Sender<usize>,
+}
+
+impl Write for Synced {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.bytes += bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Sink for Synced {
+    fn sync(&mut self) -> io::Result<()> {
+        // Nobody may be listening any more.
+        let _ = self.told.send(self.bytes);
+        Ok(())
+    }
+}
+
+/// A log that is synced at an interval, and what tells of it.
+fn synced(interval: Duration) -> (Arc<AuditLog>, Receiver<usize>) {
+    let (told, syncs) = channel();
+    let head = AuditHead { lines: 0, sha256: NOTHING.to_owned() };
+    let next = Box::new(move |_: u64| -> io::Result<Box<dyn Sink>> { Ok(Box::new(Synced { bytes: 0, told: told.clone() })) });
+    (AuditLog::onto(next, 1 << 20, interval, head).expect("opens"), syncs)
+}
+
+#[test]
+fn a_log_comes_onto_the_disk_while_it_is_open_and_once_nobody_holds_it() {
+    let (log, syncs) = synced(Duration::from_millis(1));
+    let opened = syncs.recv().expect("synced");
+    log.record("arm", Direction::Sent, &[0; 40]);
+    assert!(syncs.recv().expect("synced") > opened);
+    let (log, syncs) = synced(Duration::from_secs(3600));
+    log.record("arm", Direction::Sent, &[0; 40]);
+    drop(log);
+    assert!(syncs.recv().expect("synced") > opened);
+    // The writer has ended.
+    syncs.recv().expect_err("over");
+}
+
+#[test]
+fn what_comes_after_the_end_is_no_failure() {
+    let folder = tempfile::tempdir().expect("folder");
+    let log = AuditLog::open(folder.path(), AuditLimits::default()).expect("opens");
+    let head = log.close().expect("kept");
+    log.record("arm", Direction::Received, b"bye");
+    assert_eq!((log.failure(), verify(folder.path()).expect("whole")), (None, head));
 }

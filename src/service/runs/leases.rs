@@ -6,6 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::time::Instant;
 
+use crate::cell::{FieldError, NotFound, SpecKind, SpecLibrary as _, did_you_mean};
 use crate::execution::session::{Fence, Lease, LeaseError, Leases};
 use crate::service::app::App;
 use crate::service::error::Error;
@@ -57,6 +58,7 @@ impl App {
     pub async fn take_lease(&self, request: LeaseRequest) -> Result<LeaseDocument, Error> {
         request.check().map_err(Error::Invalid)?;
         self.check_open()?;
+        self.check_cell_exists(&request.cell).await?;
         let (held, options) = (&self.0.runs.leases, &self.0.options.execution);
         let lease = held
             .leases
@@ -64,6 +66,25 @@ impl App {
             .map_err(|error| Error::LeaseHeld(error.to_string()))?;
         self.0.store.note_fence(lease.token.0).await?;
         Ok(self.shown(held.name(&lease), &lease))
+    }
+
+    /// Refuses the name of a cell that is neither the operator's nor stored nor a preset: its lease would protect nothing.
+    async fn check_cell_exists(&self, cell: &str) -> Result<(), Error> {
+        let (cell, operated) = (cell.to_owned(), self.0.options.execution.cells.iter().map(|operated| operated.name.clone()));
+        let operated: Vec<String> = operated.collect();
+        if operated.contains(&cell) {
+            return Ok(());
+        }
+        self.with_library(None, move |library| match library.cell(&cell) {
+            Err(NotFound::Unknown) => {
+                let names: Vec<String> = operated.into_iter().chain(library.names(SpecKind::Cell)).collect();
+                let question = did_you_mean(&cell, names.iter().map(String::as_str));
+                let detail = format!("no cell is named {cell:?}; known names are {}{question}", names.join(", "));
+                Err(Error::Invalid(vec![FieldError { pointer: "/cell".to_owned(), detail }]))
+            }
+            Ok(_) | Err(NotFound::Unusable(_)) => Ok(()),
+        })
+        .await
     }
 
     /// Renews a lease: the heartbeat of its holder, which the runs under it hear too.
@@ -123,4 +144,45 @@ fn left_ms(lease: &Lease) -> u64 {
 
 fn millis(time: std::time::Duration) -> u64 {
     u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::planning::context::Context;
+    use crate::service::OperatorCell;
+    use crate::service::planner::JobInput;
+    use crate::service::tests::options;
+
+    #[tokio::test]
+    async fn a_lease_is_of_a_cell_that_there_is() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut options = options(folder.path());
+        let controllers = json!({
+            "arm": {"protocol": "hans", "address": "10.0.0.1:10003"},
+            "table": {"protocol": "minas_a6", "address": "tcp://10.0.0.2:502", "units_per_turn": 1_600_000, "gear_ratio": 40},
+        });
+        options.execution.cells.push(OperatorCell {
+            name: "line-3".to_owned(),
+            cell_sha256: "00".to_owned(),
+            controllers: serde_json::from_value(controllers).expect("controllers"),
+        });
+        let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
+        let app = App::open_with(options, planner, None).await.expect("a service");
+        let take = async |cell: &str| app.take_lease(LeaseRequest { cell: cell.to_owned(), holder: String::new() }).await;
+        take("e05-transcan").await.expect("a preset");
+        take("line-3").await.expect("the operator's");
+        let Err(Error::Invalid(errors)) = take("e5-transcan").await else { panic!("no cell has this name") };
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        assert_eq!(errors[0].pointer, "/cell");
+        let told = &errors[0].detail;
+        assert!(told.starts_with("no cell is named \"e5-transcan\"") && told.ends_with("did you mean e05-transcan?"), "{told}");
+        let Err(Error::Invalid(errors)) = take("line3").await else { panic!("no cell has this name") };
+        assert!(errors[0].detail.ends_with("did you mean line-3?"), "{}", errors[0].detail);
+        assert_eq!(app.leases().items.len(), 2);
+    }
 }

@@ -12,7 +12,7 @@ use crate::service::app::App;
 use crate::service::error::Error;
 use crate::service::store::{Page, blocking};
 use crate::wire::RunId;
-use crate::wire::run::{RUN_RECORD_SCHEMA, ReportedState, Run, RunPage, RunRecordDocument, RunRequest, RunSelection};
+use crate::wire::run::{RUN_RECORD_SCHEMA, ReportedState, Run, RunMode, RunPage, RunRecordDocument, RunRequest, RunSelection};
 
 /// Words of a run that an earlier process left open.
 const LEFT_OPEN: &str = "the server was restarted while the run was under way; start a new run from the step that was reached, once \
@@ -24,9 +24,11 @@ impl App {
     /// # Errors
     /// [`Error::Invalid`], [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoProgram`], [`Error::LiveDisabled`],
     /// [`Error::NoControllers`], [`Error::OtherCell`], [`Error::CellInUse`], [`Error::LeaseRequired`], [`Error::TokenRefused`],
-    /// [`Error::TooManyRuns`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::TooManyRuns`], [`Error::StorageLow`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn start_run(&self, request: RunRequest, token: Option<u64>, submitted_by: Option<String>) -> Result<Run, Error> {
         self.check_open()?;
+        // Its record and its audit log need room; without it, it would stop on its way.
+        self.check_space(0)?;
         let order = self.run_order(request, token).await?;
         let (request, job) = (&order.request, Some(order.request.job_id));
         let run = Run::new(request, job, &order.cell.name, &order.program, &order.program_sha256);
@@ -116,19 +118,24 @@ impl App {
         Ok(RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps })
     }
 
-    /// Audit log of a run: its files, oldest first; empty for a simulated run.
+    /// Audit log of a run: its files, oldest first. Empty for a simulated run, which exchanges nothing with controllers; `None` for
+    /// another one whose log is not there.
     ///
     /// # Errors
     /// [`Error::RunNotFound`], [`Error::StorageBusy`], [`Error::Internal`].
-    pub async fn run_audit(&self, id: RunId) -> Result<Box<dyn Read + Send>, Error> {
-        self.run(id).await?;
+    pub async fn run_audit(&self, id: RunId) -> Result<Option<Box<dyn Read + Send>>, Error> {
+        let is_simulated = self.run(id).await?.mode == RunMode::Simulate;
         let folder = self.audit_folder(id);
         blocking(move || {
+            let files = audit_files(&folder)?;
+            if files.is_empty() && !is_simulated {
+                return Ok(None);
+            }
             let mut log: Box<dyn Read + Send> = Box::new(io::empty());
-            for path in audit_files(&folder)? {
+            for path in files {
                 log = Box::new(log.chain(std::fs::File::open(path)?));
             }
-            Ok(log)
+            Ok(Some(log))
         })
         .await
     }
@@ -162,16 +169,13 @@ impl App {
         Ok(())
     }
 
-    /// Number of runs in each state before the end.
-    ///
-    /// # Errors
-    /// [`Error::Internal`].
-    pub async fn open_runs(&self) -> Result<Vec<(ReportedState, u64)>, Error> {
+    /// Number of runs in each state before the end; `None` where the store cannot be read.
+    pub async fn open_runs(&self) -> Vec<(ReportedState, Option<u64>)> {
         let mut counts = Vec::new();
         for state in ReportedState::ALL.into_iter().filter(|state| !state.is_ended()) {
-            counts.push((state, self.0.store.count_runs(state).await?));
+            counts.push((state, self.0.store.count_runs(state).await.ok()));
         }
-        Ok(counts)
+        counts
     }
 
     fn audit_folder(&self, id: RunId) -> PathBuf {

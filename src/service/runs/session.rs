@@ -13,7 +13,7 @@ use std::time::Duration;
 use sha2::{Digest, Sha256};
 
 use crate::cell::{Cell, CollisionScene, ControllersSpec, TableControllerSpec, WorkspaceSpec};
-use crate::execution::audit::{AuditLimits, AuditLog};
+use crate::execution::audit::{AuditHead, AuditLimits, AuditLog};
 use crate::execution::located::Relocate;
 use crate::execution::session::{self, Authority, RunHandle, RunJob, RunOptions, Safeguards, Workspace};
 use crate::program::{Program, interlock};
@@ -22,6 +22,9 @@ use crate::wire::hex;
 use crate::wire::run::{RunMode, RunRequest};
 
 use super::devices;
+
+/// Longest wait for the audit log of a run that has ended to be on the disk.
+const CLOSING: Duration = Duration::from_secs(10);
 
 /// A run that is to begin.
 pub struct SessionOrder<'a> {
@@ -56,12 +59,13 @@ pub struct AuditPlace {
     pub files: usize,
 }
 
-/// Begins a run.
+/// Begins a run; returns with it its audit log, for [`close_log`] once the run has ended.
 ///
 /// # Errors
 /// A sentence: the audit log cannot be begun, or a live run lacks a lease or controllers.
-pub fn begin(order: SessionOrder<'_>) -> Result<RunHandle, String> {
+pub fn begin(order: SessionOrder<'_>) -> Result<(RunHandle, Option<Arc<AuditLog>>), String> {
     let audit = order.audit.as_ref().map(open_audit).transpose()?;
+    let log = audit.clone();
     let options = RunOptions {
         run: order.name,
         speed_override: order.request.speed_override,
@@ -74,9 +78,9 @@ pub fn begin(order: SessionOrder<'_>) -> Result<RunHandle, String> {
         audit,
     };
     let controllers = || order.controllers.ok_or_else(|| "the cell file names no controllers".to_owned());
-    match order.request.mode {
-        RunMode::Simulate => Ok(session::simulate(order.job, options)),
-        RunMode::DryRun => devices::dry_run(controllers()?, order.job, options),
+    let handle = match order.request.mode {
+        RunMode::Simulate => session::simulate(order.job, options),
+        RunMode::DryRun => devices::dry_run(controllers()?, order.job, options)?,
         RunMode::Live => {
             let authority = order.authority.ok_or_else(|| "a live run needs the lease of its cell".to_owned())?;
             let locks = lock(controllers()?)?;
@@ -86,8 +90,23 @@ pub fn begin(order: SessionOrder<'_>) -> Result<RunHandle, String> {
                 end.await;
                 drop(locks);
             });
-            Ok(handle)
+            handle
         }
+    };
+    Ok((handle, log))
+}
+
+/// Ends an audit log and waits until it is on the disk, for [`CLOSING`] at most: a disk that does not answer does not hold back the end
+/// of a run. Returns its head, to be kept with the run.
+///
+/// # Errors
+/// The reason why the log may lack its end.
+pub async fn close_log(log: Arc<AuditLog>) -> Result<AuditHead, String> {
+    let closing = tokio::task::spawn_blocking(move || log.close());
+    match tokio::time::timeout(CLOSING, closing).await {
+        Ok(Ok(closed)) => closed,
+        Ok(Err(error)) => Err(error.to_string()),
+        Err(_) => Err(format!("its disk has not answered for {} s", CLOSING.as_secs())),
     }
 }
 

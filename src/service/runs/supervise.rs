@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 use super::OpenRun;
 use super::order::{CheckedOrder, RunOrder};
 use super::session::{self, SessionOrder};
+use crate::execution::audit::AuditLog;
 use crate::execution::record::{RunRecord, StepRecord};
 use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, StopCause};
@@ -67,13 +68,14 @@ impl Supervisor {
         };
         // Where arm and table move in turn, they take longer than planned.
         self.run.planned_secs = checked.job.program().cycle_secs;
-        let handle = match self.begin(&order, &checked).await {
-            Ok(handle) => handle,
+        let (handle, log) = match self.begin(&order, &checked).await {
+            Ok(begun) => begun,
             Err(reason) => return self.end_early((ReportedState::Failed, ReportedReason::NotAllowed, Some(reason))).await,
         };
         self.open.session.send_replace(Some(handle.clone()));
         self.follow(&handle).await;
         let record = handle.ended().await;
+        self.close_log(log).await;
         self.end(&order, &checked, &record).await;
     }
 
@@ -95,7 +97,7 @@ impl Supervisor {
         }
     }
 
-    async fn begin(&self, order: &RunOrder, checked: &CheckedOrder) -> Result<RunHandle, String> {
+    async fn begin(&self, order: &RunOrder, checked: &CheckedOrder) -> Result<(RunHandle, Option<Arc<AuditLog>>), String> {
         let options = &self.app.0.options.execution;
         let carrier = self.app.0.runs.carrier.handle().ok_or("the server is shutting down")?;
         let was_completed = self.app.0.store.was_completed(&order.program_sha256, &order.cell_sha256).await;
@@ -198,6 +200,17 @@ impl Supervisor {
         (self.run.state, self.run.reason, self.run.detail) = (state, reason, detail);
         self.store(RunEventKind::State, &[]).await;
         self.count();
+    }
+
+    /// Ends the audit log and notes its head.
+    async fn close_log(&mut self, log: Option<Arc<AuditLog>>) {
+        let Some(log) = log else { return };
+        match session::close_log(log).await {
+            Ok(head) => self.run.audit = Some(head.into()),
+            Err(reason) => {
+                tracing::error!(run = %self.run.id, reason, "the audit log was not closed; its end is not kept with the run");
+            }
+        }
     }
 
     /// Stores the record and how the run ended.

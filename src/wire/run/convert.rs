@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use super::{
-    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, ReportedReason, ReportedState, Run, RunDevices, RunJitter, RunMode,
-    RunRequest, RunStepOp, RunStepRecord, RunStop,
+    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, ReportedReason, ReportedState, Run, RunAudit, RunDevices, RunJitter,
+    RunMode, RunRequest, RunStepOp, RunStepRecord, RunStop,
 };
+use crate::execution::audit::AuditHead;
 use crate::execution::device::Identity;
 use crate::execution::record::{DeviceStop, RunRecord, StepKind, StepRecord, StopReport};
 use crate::execution::session::streamer::Jitter;
@@ -76,6 +77,7 @@ impl Run {
             objections: Vec::new(),
             jitter: None,
             coverage: None,
+            audit: None,
             armed_by: None,
             submitted_by: None,
             created_at: String::new(),
@@ -95,6 +97,12 @@ impl Run {
         self.devices = record.identities.as_ref().map(Into::into);
         self.objections = record.objections.iter().map(ToString::to_string).collect();
         self.jitter = record.jitter.as_ref().map(Into::into);
+    }
+}
+
+impl From<AuditHead> for RunAudit {
+    fn from(AuditHead { lines, sha256 }: AuditHead) -> Self {
+        Self { lines, sha256 }
     }
 }
 

@@ -10,7 +10,7 @@ use crate::wire::ids::LeaseId;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct LeaseRequest {
-    /// Name of the cell, 1 to 128 characters.
+    /// Name of the cell, 1 to 128 characters: of one of the operator's (`execution.cells`), a stored one or a preset.
     #[schema(min_length = 1, max_length = 128)]
     pub cell: String,
     /// Name of the holder, for others to read, up to 128 characters. Default: empty.

@@ -1,12 +1,17 @@
 //! Ends of runs while the disk is full, and of the work for them.
 
+use std::io::Read as _;
+
 use super::super::{RunCursor, RunMessage};
 use super::*;
 use crate::cell::Configuration;
+use crate::execution::audit::{AuditLimits, verify};
 use crate::program::Program;
-use crate::service::tests::service;
-use crate::wire::JobId;
-use crate::wire::run::RunRequest;
+use crate::service::Options;
+use crate::service::planner::JobInput;
+use crate::service::tests::{options, service};
+use crate::wire::run::{RunAudit, RunRequest};
+use crate::wire::{JobId, RunId};
 
 async fn supervisor(app: &App) -> Supervisor {
     let program = Program {
@@ -75,4 +80,43 @@ async fn an_end_after_the_store_was_read_is_told_to_who_follows_the_run() {
     let Some(RunMessage::Event(told, at)) = stream.next().await.expect("read") else { panic!("no event") };
     assert_eq!(told.state, ReportedState::Stopped);
     assert!(app.run_events(id, at).await.expect("a stream").is_over());
+}
+
+#[tokio::test]
+async fn the_end_of_the_audit_log_is_kept_with_the_run() {
+    let (app, folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    let id = supervisor.run.id;
+    let place = folder.path().join("log");
+    let log = AuditLog::open(&place, AuditLimits::default()).expect("a log");
+    log.mark("ready");
+    supervisor.close_log(Some(log)).await;
+    supervisor.end_early((ReportedState::Stopped, ReportedReason::ByClient, None)).await;
+    let head = verify(&place).expect("whole");
+    assert_eq!((head.lines, app.run(id).await.expect("it").audit), (2, Some(RunAudit::from(head))));
+}
+
+#[tokio::test]
+async fn a_log_that_is_gone_is_not_taken_for_an_empty_one() {
+    let (app, folder) = service().await;
+    let simulated = supervisor(&app).await.run.clone();
+    assert!(app.run_audit(simulated.id).await.expect("read").is_some());
+    let read = Run { id: RunId::generate(), mode: RunMode::DryRun, ..simulated };
+    app.0.store.insert_run(&read, 2).await.expect("stored");
+    assert!(app.run_audit(read.id).await.expect("read").is_none());
+    let place = folder.path().join("audit").join(read.id.to_string());
+    AuditLog::open(&place, AuditLimits::default()).expect("a log").close().expect("kept");
+    let mut text = String::new();
+    app.run_audit(read.id).await.expect("read").expect("a log").read_to_string(&mut text).expect("text");
+    assert_eq!(text.lines().count(), 1, "{text}");
+}
+
+#[tokio::test]
+async fn no_run_begins_on_a_disk_that_is_nearly_full() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = Options { min_free_bytes: u64::MAX, min_free_share: 1.0, ..options(folder.path()) };
+    let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
+    let app = App::open_with(options, planner, None).await.expect("a service");
+    let refused = app.start_run(RunRequest::new(JobId::generate()), None, None).await;
+    assert!(matches!(refused, Err(Error::StorageLow { .. })), "{refused:?}");
 }
