@@ -24,6 +24,7 @@ pub(super) struct Client {
 }
 
 const FORWARDED_FOR: HeaderName = HeaderName::from_static("x-forwarded-for");
+const FORWARDED_HOST: HeaderName = HeaderName::from_static("x-forwarded-host");
 const FORWARDED_PROTO: HeaderName = HeaderName::from_static("x-forwarded-proto");
 const FORWARDED_PREFIX: HeaderName = HeaderName::from_static("x-forwarded-prefix");
 
@@ -56,6 +57,12 @@ fn peer(parts: &Parts) -> IpAddr {
 pub(super) fn forwarded_prefixes<'a>(parts: &'a Parts, trusted_proxies: &[IpAddr]) -> impl Iterator<Item = &'a str> + use<'a> {
     let is_trusted = trusted_proxies.contains(&peer(parts));
     entries(&parts.headers, &FORWARDED_PREFIX).filter(move |_| is_trusted)
+}
+
+/// Host that the nearest proxy was asked for, with its port if the proxy says it; none unless a trusted proxy sent it.
+pub(super) fn forwarded_host<'a>(parts: &'a Parts, trusted_proxies: &[IpAddr]) -> Option<&'a str> {
+    let is_trusted = trusted_proxies.contains(&peer(parts));
+    entries(&parts.headers, &FORWARDED_HOST).next_back().filter(|_| is_trusted)
 }
 
 /// The last address in `X-Forwarded-For` that is not a trusted proxy. Each proxy appends the address it was asked by, so

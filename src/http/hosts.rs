@@ -29,19 +29,23 @@ pub(super) async fn check(State(state): State<ApiState>, request: Request, next:
 
 fn check_host(request: &Request, options: &ServerOptions) -> Result<(), ApiError> {
     let Some(authority) = authority(request.version(), request.uri(), request.headers())? else { return Ok(()) };
+    if is_answered(&authority, options) {
+        return Ok(());
+    }
     let host = name(&authority);
-    if is_address(host) || host == "localhost" || options.hosts.iter().any(|own| own == host) {
-        return Ok(());
-    }
-    if options.hosts.is_empty() && options.requires_key() {
-        return Ok(());
-    }
     let detail = format!(
         "{host:?} is not a configured name of this server; if it is one of its names, add it to server.hosts. \
          IP addresses and localhost are always accepted{}",
         if options.hosts.is_empty() { ", and every name once server.api_key is set" } else { "" }
     );
     Err(ApiError::at(Code::HostNotAllowed, "Host", detail))
+}
+
+/// True for a host, with or without a port, to which the server answers. In lower case.
+pub(super) fn is_answered(authority: &str, options: &ServerOptions) -> bool {
+    let host = name(authority);
+    let is_any_harmless = options.hosts.is_empty() && options.requires_key();
+    is_any_harmless || is_address(host) || host == "localhost" || options.hosts.iter().any(|own| own == host)
 }
 
 /// The authority that the request is for, in lower case. `None` for HTTP/1.0 without `Host`.

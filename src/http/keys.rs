@@ -1,5 +1,6 @@
 //! The keys that clients present: the one in the settings, and those in a file, each with a name. The file is read again when it
-//! changes, so that keys are exchanged without a restart; a file that cannot be read any more leaves the keys as they were.
+//! changes, so that keys are exchanged without a restart; a file that cannot be read any more, or is empty, leaves the keys as they
+//! were.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,6 +17,9 @@ use crate::wire::is_spec_name;
 const OF_SETTINGS: &str = "api_key";
 /// Time between two looks at the file.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Time between two lines of the log on wrong keys: who guesses must not fill it.
+const WRONG_INTERVAL: Duration = Duration::from_secs(10);
 
 /// SHA-256 of a key.
 pub(super) type KeyDigest = [u8; 32];
@@ -36,6 +40,16 @@ struct NamedKey {
 pub(super) struct Keys {
     of_settings: Option<NamedKey>,
     file: Option<KeysFile>,
+    wrong: Mutex<WrongKeys>,
+}
+
+/// Wrong keys that were presented.
+#[derive(Debug, Default)]
+struct WrongKeys {
+    /// Time at which the log was told of them last.
+    told: Option<Instant>,
+    /// Number of those since then.
+    untold: u64,
 }
 
 /// A file of keys.
@@ -58,7 +72,7 @@ impl Keys {
     /// The keys of a server.
     pub(super) fn open(options: &ServerOptions) -> Self {
         let of_settings = options.api_key.as_ref().map(|key| NamedKey::new(OF_SETTINGS, key.digest()));
-        Self { of_settings, file: options.api_keys_file.clone().map(KeysFile::open) }
+        Self { of_settings, file: options.api_keys_file.clone().map(KeysFile::open), wrong: Mutex::default() }
     }
 
     /// True if requests need a key, also where none is right at the moment.
@@ -69,6 +83,18 @@ impl Keys {
     /// Name of the key that was presented, if it is one of ours.
     pub(super) fn find(&self, presented: &str, now: Instant) -> Option<KeyName> {
         self.name_of(&digest_of(presented), now)
+    }
+
+    /// Counts a wrong key. Where the log is to be told, returns the number of those that it was not told of.
+    pub(super) fn count_wrong(&self, now: Instant) -> Option<u64> {
+        // Whole after every operation, also where a thread died in between.
+        let mut wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
+        wrong.untold += 1;
+        if wrong.told.is_some_and(|told| now.saturating_duration_since(told) < WRONG_INTERVAL) {
+            return None;
+        }
+        wrong.told = Some(now);
+        Some(std::mem::take(&mut wrong.untold))
     }
 
     /// Name of the key with this digest, if it is still one of ours.
@@ -109,7 +135,7 @@ impl KeysFile {
             let version = version_of(&self.path);
             if version != state.version {
                 state.version = version;
-                let read = read(&self.path);
+                let read = read_changed(&self.path);
                 // A typing error must not lock everybody out, but a key that was to be revoked is in force as long as it stands.
                 metrics::gauge!("vantage_api_keys_file_unreadable").set(if read.is_err() { 1.0 } else { 0.0 });
                 match read {
@@ -117,7 +143,7 @@ impl KeysFile {
                         tracing::info!(keys = keys.len(), "server.api_keys_file has changed; its keys are in force");
                         state.keys = keys.into();
                     }
-                    Err(reason) => tracing::error!(reason, "server.api_keys_file has changed and cannot be read; its keys stay"),
+                    Err(reason) => tracing::error!(reason, "server.api_keys_file has changed and cannot be used; its keys stay"),
                 }
             }
         }
@@ -139,9 +165,26 @@ pub fn check_keys_file(path: &Path) -> Result<(), String> {
 }
 
 fn read(path: &Path) -> Result<Vec<NamedKey>, String> {
-    let text = std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    parse(path, &text_of(path)?)
+}
+
+/// Reads a file of keys that has changed. One that is empty is not what somebody wrote who revokes keys: an editor or a full disk has
+/// cut it off, which must not lock everybody out.
+fn read_changed(path: &Path) -> Result<Vec<NamedKey>, String> {
+    let text = text_of(path)?;
+    if text.trim().is_empty() {
+        return Err(format!("{}: is empty; to revoke every key, leave a comment in it, such as \"# none\"", path.display()));
+    }
+    parse(path, &text)
+}
+
+fn text_of(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+fn parse(path: &Path, text: &str) -> Result<Vec<NamedKey>, String> {
     // The error's own text would show the line, and the key in it.
-    let keys: BTreeMap<String, ApiKey> = toml::from_str(&text)
+    let keys: BTreeMap<String, ApiKey> = toml::from_str(text)
         .map_err(|error| format!("{}: {}; allowed are lines of the form name = \"key\"", path.display(), error.message()))?;
     let named = keys.iter().map(|(name, key)| match (is_spec_name(name) && name != OF_SETTINGS, key.is_valid()) {
         (true, true) => Ok(NamedKey::new(name, key.digest())),
@@ -207,6 +250,23 @@ mod tests {
         std::fs::remove_file(file.path()).expect("removed");
         assert_eq!(name(&keys, "fedcba9876543210-new", 6).as_deref(), Some("mes"));
         assert_eq!(name(&keys, "", 8), None);
+    }
+
+    #[test]
+    fn an_emptied_file_locks_nobody_out_and_a_comment_in_it_revokes_every_key() {
+        let (keys, file) = opened(&format!("mes = \"{MES}\"\n"));
+        std::fs::write(file.path(), "\n").expect("written");
+        assert_eq!(name(&keys, MES, 2).as_deref(), Some("mes"));
+        std::fs::write(file.path(), "# none\n").expect("written");
+        assert_eq!(name(&keys, MES, 4), None);
+    }
+
+    #[test]
+    fn the_log_is_told_of_wrong_keys_now_and_then() {
+        let (keys, _file) = opened("# nobody yet\n");
+        let began = Instant::now();
+        let told = [0, 1, 9, 10, 11, 25].map(|secs| keys.count_wrong(began + Duration::from_secs(secs)));
+        assert_eq!(told, [Some(1), None, None, Some(3), None, Some(2)]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::{
     ACCEPT_RANGES, AUTHORIZATION, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_ENCODING, CONTENT_RANGE, CONTENT_SECURITY_POLICY,
     CONTENT_TYPE, ETAG, HeaderName, IF_MATCH, IF_NONE_MATCH, IF_RANGE, LOCATION, RANGE, REFERRER_POLICY, RETRY_AFTER,
-    X_CONTENT_TYPE_OPTIONS,
+    TRANSFER_ENCODING, X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
@@ -17,8 +17,10 @@ use axum::response::{IntoResponse, Response};
 use tower_http::cors::CorsLayer;
 use tower_http::timeout::TimeoutBody;
 use tracing::Instrument;
+use tracing::field::Empty;
 use uuid::Uuid;
 
+use super::auth::is_change;
 use super::client::Client;
 use super::connection_limiter::ExceededLimit;
 use super::extract::header_text;
@@ -39,7 +41,7 @@ pub(super) async fn observe(State(state): State<ApiState>, request: Request, nex
     let path = request.uri().path().to_owned();
     let method = request.method().clone();
     let route = request.extensions().get::<MatchedPath>().map_or("none".to_owned(), |route| route.as_str().to_owned());
-    let span = tracing::info_span!("request", %id, %method, path, client = tracing::field::Empty);
+    let span = tracing::info_span!("request", %id, %method, path, client = Empty, key = Empty);
     let idle = state.options.body_idle_timeout;
     let (mut parts, body) = request.into_parts();
     let prefix = Prefix::of(&parts, &state.options);
@@ -56,10 +58,23 @@ pub(super) async fn observe(State(state): State<ApiState>, request: Request, nex
     set_headers(response.headers_mut(), &id);
     let (status, seconds) = (response.status().as_u16(), began.elapsed().as_secs_f64());
     super::metrics::count_request(&method, &route, status, seconds);
-    tracing::debug!(status, seconds, "answered");
+    if is_told(&method, &route, status) {
+        tracing::info!(status, seconds, "done");
+    } else {
+        tracing::debug!(status, seconds, "answered");
+    }
     response
 }
 
+/// True for a change that was made, of which the log tells whose it was. Renewals of a lease, which come several times a second, and
+/// checks leave nothing behind.
+fn is_told(method: &Method, route: &str, status: u16) -> bool {
+    let is_kept = !matches!((method.as_str(), route), ("PUT", "/api/v1/leases/{id}") | ("POST", "/api/v1/check"));
+    is_change(method) && (200..300).contains(&status) && is_kept
+}
+
+/// Max number of characters of a header that a message quotes.
+const MAX_QUOTED: usize = 64;
 /// Paths that are served on reserved connections.
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
@@ -74,6 +89,26 @@ pub(super) async fn restrict_reserve(request: Request, next: Next) -> Response {
         ExceededLimit::Server => "the server has the maximum number of connections open (server.max_connections)",
     };
     ApiError::new(limit.code(), detail).into_response()
+}
+
+/// Refuses a body in another transfer coding than `chunked` (RFC 9112, section 6.1): hyper takes the chunks apart, and would hand on
+/// what is compressed in them as if it were the body.
+pub(super) async fn refuse_transfer_codings(request: Request, next: Next) -> Response {
+    match transfer_codings(request.headers()).as_str() {
+        "" | "chunked" => next.run(request).await,
+        codings => {
+            let quoted: String = codings.chars().take(MAX_QUOTED).collect();
+            let detail = format!("the Transfer-Encoding is {quoted:?}; send the body as it is, with chunked at most");
+            ApiError::at(Code::UnsupportedTransferCoding, "Transfer-Encoding", detail).into_response()
+        }
+    }
+}
+
+/// The transfer codings of a body, in the order in which they were applied, in lower case.
+fn transfer_codings(headers: &HeaderMap) -> String {
+    let values = headers.get_all(TRANSFER_ENCODING).iter().map(|value| String::from_utf8_lossy(value.as_bytes()).to_lowercase());
+    let lists = values.collect::<Vec<_>>().join(",");
+    lists.split(',').map(str::trim).filter(|coding| !coding.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 /// The client's own id if it can be logged safely, else a new one.
@@ -149,4 +184,55 @@ pub(super) fn cross_origin(origins: &[String]) -> Option<CorsLayer> {
             .max_age(PREFLIGHT_LIFETIME)
     };
     (!origins.is_empty()).then(|| layer().allow_origin(origins))
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::Router;
+    use axum::http::StatusCode;
+    use axum::middleware::from_fn;
+    use axum::routing::post;
+    use tower::ServiceExt as _;
+
+    use super::*;
+
+    #[test]
+    fn the_log_tells_of_changes_that_were_made() {
+        for (method, route, status, told) in [
+            (Method::DELETE, "/api/v1/jobs/{id}", 204, true),
+            (Method::PUT, "/api/v1/scanners/{name}", 201, true),
+            (Method::POST, "/api/v1/runs/{id}/arm", 202, true),
+            (Method::DELETE, "/api/v1/jobs/{id}", 404, false),
+            (Method::DELETE, "/api/v1/jobs/{id}", 401, false),
+            (Method::GET, "/api/v1/jobs/{id}", 200, false),
+            (Method::PUT, "/api/v1/leases/{id}", 200, false),
+            (Method::DELETE, "/api/v1/leases/{id}", 204, true),
+            (Method::POST, "/api/v1/check", 200, false),
+        ] {
+            assert_eq!(is_told(&method, route, status), told, "{method} {route} {status}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_body_comes_in_chunks_and_in_no_other_transfer_coding() {
+        let router: Router = Router::new().route("/", post(|| async { "well" })).layer(from_fn(refuse_transfer_codings));
+        for (lists, status) in [
+            (&["chunked"][..], StatusCode::OK),
+            (&[], StatusCode::OK),
+            (&[" , Chunked"], StatusCode::OK),
+            (&["gzip, chunked"], StatusCode::NOT_IMPLEMENTED),
+            (&["gzip", "chunked"], StatusCode::NOT_IMPLEMENTED),
+            (&["chunked, chunked"], StatusCode::NOT_IMPLEMENTED),
+            (&["gz\u{e4}p, chunked"], StatusCode::NOT_IMPLEMENTED),
+        ] {
+            let mut request = axum::http::Request::post("/");
+            for list in lists {
+                request = request.header(TRANSFER_ENCODING, HeaderValue::from_bytes(list.as_bytes()).expect("a value"));
+            }
+            let answer = router.clone().oneshot(request.body(Body::empty()).expect("a request")).await.expect("an answer");
+            assert_eq!(answer.status(), status, "{lists:?}");
+            let error = answer.extensions().get::<ApiError>().map(ApiError::code);
+            assert_eq!(error, (status != StatusCode::OK).then_some(Code::UnsupportedTransferCoding), "{lists:?}");
+        }
+    }
 }

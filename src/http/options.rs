@@ -17,7 +17,7 @@ pub struct ServerOptions {
     pub api_keys_file: Option<PathBuf>,
     /// Names of the server besides its addresses and `localhost`, in lower case. Empty with a key: any name.
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
+    /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Host`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
     pub trusted_proxies: Vec<IpAddr>,
     /// Path prefix below which clients reach the server, unless a trusted proxy sends another; empty for none.
     pub public_path: String,

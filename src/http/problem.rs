@@ -79,7 +79,7 @@ codes! {
     ScanNotFound "scan_not_found" NOT_FOUND "No such scan" "No scan has this id.";
     InspectionNotFound "inspection_not_found" NOT_FOUND "No such inspection" "No inspection has this id.";
     LeaseNotFound "lease_not_found" NOT_FOUND "No such lease" "No lease has this id: it was given back or not renewed in time. Take a new one.";
-    ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded but has no such file; without a cell, for example, there is no program.";
+    ResultNotFound "result_not_found" NOT_FOUND "There is no such result" "The job, the inspection or the run has no such file; a job without a cell, for example, has no program.";
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
     NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
     RangeNotSatisfiable "range_not_satisfiable" RANGE_NOT_SATISFIABLE "The range lies beyond the end" "No byte of the requested `Range` exists; `Content-Range` states the length.";
@@ -128,6 +128,7 @@ codes! {
     HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request line or the headers of the request are larger than the server allows.";
     Internal "internal" INTERNAL_SERVER_ERROR "Internal server error" "The server failed; its log has the cause under `request_id`.";
     FileDamaged "file_damaged" INTERNAL_SERVER_ERROR "A stored file is damaged" "The file is missing or does not match its hash, so it is not served. Upload the mesh again, plan the job again, or restore a backup.";
+    UnsupportedTransferCoding "unsupported_transfer_coding" NOT_IMPLEMENTED "The transfer coding is not supported" "A body may come in chunks (`Transfer-Encoding: chunked`), in no other transfer coding (RFC 9112, section 6.1).";
     Busy "busy" SERVICE_UNAVAILABLE "The server is busy" "The maximum number of connections, event streams, uploads or waits is open, the database is locked, or the machine is temporarily short of a resource; try again after `Retry-After` seconds.";
     QueueFull "queue_full" SERVICE_UNAVAILABLE "The queue is full" "The maximum number of jobs is queued; try again after `Retry-After` seconds.";
     TooManyRuns "too_many_runs" SERVICE_UNAVAILABLE "Too many runs are open" "As many runs have not ended as `execution.max_runs` allows; stop one, or try again after `Retry-After` seconds.";
@@ -290,7 +291,8 @@ pub(super) fn finish(mut response: Response, prefix: &Prefix, path: &str, reques
         return response;
     }
     let error = response.extensions_mut().remove::<ApiError>().unwrap_or_else(|| from_status(status));
-    if error.code.status().is_server_error() {
+    // A transfer coding is the client's choice, made before its key is looked at.
+    if error.code.status().is_server_error() && error.code != Code::UnsupportedTransferCoding {
         log(&error, path);
     }
     *response.status_mut() = error.code.status();
@@ -352,7 +354,15 @@ fn is_temporary(code: Code) -> bool {
 
 /// True for codes that a status alone does not imply.
 fn is_specific(code: Code) -> bool {
-    matches!(code, Code::KeyMissing | Code::MeshInUse | Code::BadShape | Code::QueueFull | Code::FileDamaged)
+    matches!(
+        code,
+        Code::KeyMissing
+            | Code::MeshInUse
+            | Code::BadShape
+            | Code::QueueFull
+            | Code::FileDamaged
+            | Code::UnsupportedTransferCoding
+    )
 }
 
 fn log(error: &ApiError, path: &str) {

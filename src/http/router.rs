@@ -218,6 +218,7 @@ pub fn router(app: App, options: ServerOptions) -> Router {
         router = router.layer(cross_origin);
     }
     router
+        .layer(from_fn(layers::refuse_transfer_codings))
         .layer(from_fn_with_state(state.clone(), hosts::check))
         .layer(from_fn(layers::restrict_reserve))
         .layer(from_fn_with_state(state.clone(), layers::observe))

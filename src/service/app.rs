@@ -161,38 +161,39 @@ impl App {
         let check = |name: &str, ok: bool| ReadinessCheck { name: name.to_owned(), ok };
         vec![
             check("not_stopping", !self.0.stopping.is_cancelled()),
-            check("storage", self.is_writable().await),
+            check("storage", self.is_usable().await),
             check("free_space", self.check_space(0).is_ok()),
             check("planning", self.0.runner.is_alive()),
         ]
     }
 
-    /// True if the store can be written. Any client may ask, and a probe costs a write: so there is at most one per second.
-    async fn is_writable(&self) -> bool {
+    /// True if the store can be read and written. Any client may ask, and a probe costs a write: so there is at most one per second.
+    async fn is_usable(&self) -> bool {
         let mut probed = self.0.probed.lock().await;
-        if let Some((at, writable)) = *probed
+        if let Some((at, usable)) = *probed
             && at.elapsed() < PROBE_INTERVAL
         {
-            return writable;
+            return usable;
         }
-        let result = self.0.store.probe().await;
+        let result = match self.0.store.probe().await {
+            // Other connections read than the one that writes.
+            Ok(()) => self.0.store.count_jobs(JobState::Queued).await.map(drop),
+            Err(error) => Err(error),
+        };
         if let Err(error) = &result {
-            tracing::warn!(error = error as &dyn std::error::Error, "the store is not writable");
+            tracing::warn!(error = error as &dyn std::error::Error, "the store cannot be read or written");
         }
         *probed = Some((Instant::now(), result.is_ok()));
         result.is_ok()
     }
 
-    /// Number of jobs in each state before the end.
-    ///
-    /// # Errors
-    /// [`Error::Internal`].
-    pub async fn open_jobs(&self) -> Result<Vec<(JobState, u64)>, Error> {
+    /// Number of jobs in each state before the end; `None` where the store cannot be read.
+    pub async fn open_jobs(&self) -> Vec<(JobState, Option<u64>)> {
         let mut counts = Vec::new();
         for state in [JobState::Queued, JobState::Running, JobState::Cancelling] {
-            counts.push((state, self.0.store.count_jobs(state).await?));
+            counts.push((state, self.0.store.count_jobs(state).await.ok()));
         }
-        Ok(counts)
+        counts
     }
 
     /// Starts a task that [`Self::stop`] waits for.
@@ -215,5 +216,28 @@ impl App {
     #[must_use]
     pub fn data_dir(&self) -> &Path {
         &self.0.options.data_dir
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sqlx::{Connection as _, SqliteConnection};
+
+    use super::*;
+    use crate::service::tests::service;
+
+    #[tokio::test]
+    async fn a_store_that_cannot_be_read_is_not_ready_and_its_numbers_are_unknown() {
+        let (app, folder) = service().await;
+        let is_known = |counts: &[(JobState, Option<u64>)]| counts.iter().any(|(_, count)| count.is_some());
+        assert!(is_known(&app.open_jobs().await));
+        let database = format!("sqlite://{}", folder.path().join("vantage.db").display());
+        let mut other = SqliteConnection::connect(&database).await.expect("a connection");
+        sqlx::query("ALTER TABLE job RENAME TO gone").execute(&mut other).await.expect("renamed");
+        // What is written by a probe is still there.
+        app.0.store.probe().await.expect("written");
+        let storage = app.readiness().await.into_iter().find(|check| check.name == "storage");
+        assert!(!storage.expect("a check").ok);
+        assert!(!is_known(&app.open_jobs().await));
     }
 }

@@ -26,6 +26,7 @@ use crate::wire::calibration::{
     CalibrationState, FindingDocument,
 };
 use crate::wire::hex;
+use crate::wire::warnings::FieldWarning;
 use crate::wire::{CalibrationId, JobProblem, ProblemField};
 
 /// Longest wait for a computation to hear of its cancellation: stages take less.
@@ -118,6 +119,7 @@ impl App {
             summary: None,
             point_at_best_focus_sd_mm: None,
             findings: Vec::new(),
+            warnings: Vec::new(),
             problem: None,
             stage: None,
         };
@@ -338,7 +340,7 @@ impl App {
         };
         let cell = self.retried("building the cell of a calibration", || false, build).await?;
         let (how, digest, at) = ((job.solve, usize::from(job.hold_out)), job.data_sha256.clone(), job.created_at.clone());
-        let cancel = Arc::clone(&watch.cancel);
+        let (cancel, spec) = (Arc::clone(&watch.cancel), input.cell.clone());
         let compute = move |_: &Context<'_>| -> Computed {
             let BuiltCell { cell, .. } = &*cell;
             CalibrationDocument::solved_watched(&input.data, cell, how, [&digest, &at], &*watch)
@@ -352,6 +354,7 @@ impl App {
         let result = ended.as_ref().ok().cloned();
         let end = move |job: &mut CalibrationJob| match ended {
             Ok(document) => {
+                job.warnings = doubts(&document, &spec);
                 (job.state, job.summary) = (CalibrationState::Succeeded, Some(document.summary));
                 job.point_at_best_focus_sd_mm = Some(document.point_at_best_focus_sd_mm);
                 job.findings = document.findings;
@@ -394,6 +397,12 @@ fn resolved(request: CalibrationRequest, library: &Library) -> Result<(Calibrati
         Some(spec) if errors.is_empty() => Ok((request, spec)),
         _ => Err(errors),
     }
+}
+
+/// Doubts about a result far from the cell that was observed, with pointers into the request.
+fn doubts(document: &CalibrationDocument, spec: &CellSpec) -> Vec<FieldWarning> {
+    let below = |warning: FieldWarning| FieldWarning { pointer: format!("/cell{}", warning.pointer), ..warning };
+    document.far_from(spec).into_iter().map(below).collect()
 }
 
 /// Result of a computation, or the problem that it ended with.

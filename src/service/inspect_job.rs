@@ -20,7 +20,7 @@ use crate::inspection::ingest::{IngestOptions, IngestWorld, PlannedCapture, Scan
 use crate::inspection::{InspectedView, InspectionInput, InspectionParams, inspect};
 use crate::planning::context::{Context, PlanError};
 use crate::planning::visibility::SampleSet;
-use crate::report::html::{InspectionReport, inspection_html};
+use crate::report::html::{InspectionReport, ReportSubject, inspection_html};
 use crate::report::inspection_text;
 use crate::wire::inspection::{
     InspectedFiles, InspectionDocument, InspectionSummary, LearnedDocument, LossListing, RescanState, coverage_csv,
@@ -225,7 +225,7 @@ impl InspectJob {
             scanner: hardware.scanner(),
             cell: hardware.cell(),
         };
-        self.inspect(&part, progress, ctx)
+        self.inspect_planned(&part, input.accepted_at.as_deref(), progress, ctx)
     }
 
     /// Reads the scans, inspects the part and renders every file; `progress` is told the share done.
@@ -235,6 +235,17 @@ impl InspectJob {
     pub fn inspect(
         &self,
         part: &InspectedPart<'_>,
+        progress: &dyn Fn(f64),
+        ctx: &Context<'_>,
+    ) -> Result<Inspected, InspectError> {
+        self.inspect_planned(part, None, progress, ctx)
+    }
+
+    /// Inspects a part whose plan is of a job that was accepted at `planned_at`, RFC 3339, where that is known.
+    fn inspect_planned(
+        &self,
+        part: &InspectedPart<'_>,
+        planned_at: Option<&str>,
         progress: &dyn Fn(f64),
         ctx: &Context<'_>,
     ) -> Result<Inspected, InspectError> {
@@ -278,11 +289,12 @@ impl InspectJob {
         let document = InspectionDocument::new(&inspection, &taken, &self.params, part.mesh, (&plan_sha256, &state));
         let learned = LearnedDocument::new(inspection.learned.as_ref(), &inspection.offer, &plan_sha256);
         let report = InspectionReport {
+            subject: part.subject(&plan),
+            planned_at,
+            run_at: self.record.as_ref().map(|record| record.run.created_at.as_str()),
             inspection: &inspection,
             document: &document,
             learned: &learned,
-            mesh: part.mesh,
-            part_name: part.name,
             before: before.as_ref(),
             table_from_part: setups[0],
         };
@@ -365,6 +377,21 @@ impl InspectedPart<'_> {
         }
         if errors.is_empty() { Ok(()) } else { Err(errors) }
     }
+
+    /// Subject of the report: the part, and what it was planned for.
+    fn subject<'s>(&'s self, plan: &'s PlanDocument) -> ReportSubject<'s> {
+        ReportSubject {
+            mesh: self.mesh,
+            fixture: self.fixture,
+            part_sha256: &plan.part.sha256,
+            part_name: self.name,
+            scanner: self.scanner,
+            cell: self.cell,
+            echo: &plan.echo,
+            date: None,
+            size_warnings: &[],
+        }
+    }
 }
 
 /// Pose of the part in each setup; without a cell, that of the mesh's own coordinates.
@@ -407,7 +434,7 @@ fn capture(view: &InspectedView, part: &InspectedPart<'_>, setups: &[Pose<Table,
 }
 
 fn files_of(report: &InspectionReport<'_>, plan_sha256: &str, ctx: &Context<'_>) -> Result<Vec<Artifact>, InspectError> {
-    let InspectionReport { inspection, document, learned, mesh, part_name, .. } = *report;
+    let InspectionReport { subject: ReportSubject { mesh, part_name, .. }, inspection, document, learned, .. } = *report;
     let losses = LossListing::new(&inspection.losses, &inspection.coverage, plan_sha256);
     let page = inspection_html(report, ctx).map_err(PlanError::from)?;
     let files = [

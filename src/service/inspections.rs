@@ -22,7 +22,7 @@ use super::submit::{StoredRescan, Submission, job_input};
 use crate::cell::FieldError;
 use crate::planning::context::Context;
 use crate::wire::inspection::{InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, RescanRequest, Scan};
-use crate::wire::run::RunRecordDocument;
+use crate::wire::run::{RunMode, RunRecordDocument};
 use crate::wire::{InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId, parse};
 
 /// Max number of inspections that wait.
@@ -125,12 +125,18 @@ impl App {
         if errors.is_empty() { Ok(chosen) } else { Err(Error::Invalid(errors)) }
     }
 
-    /// Refuses a run of another job.
-    async fn check_run(&self, job: JobId, run: RunId) -> Result<(), Error> {
-        if self.run(run).await?.job_id == Some(job) {
-            return Ok(());
+    /// Refuses a run of another job, and a dry run.
+    async fn check_run(&self, job: JobId, id: RunId) -> Result<(), Error> {
+        let run = self.run(id).await?;
+        if run.job_id != Some(job) {
+            return Err(of_run(format!("is {id}; that run is of another job than {job}")));
         }
-        Err(of_run(format!("is {run}; that run is of another job than {job}")))
+        if run.mode == RunMode::DryRun {
+            let detail = "a dry run, which moves nothing and takes no scans; name the run in which they were taken, or leave it out, so \
+                          that the poses of the plan count";
+            return Err(of_run(format!("is {id}, {detail}")));
+        }
+        Ok(())
     }
 
     /// One inspection.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ids::{JobId, MeshId};
-use super::job::{Job, JobRequest, JobState};
+use super::job::{Job, JobRequest, JobState, label_filter_fault};
 use super::utc_time::UtcTime;
 use crate::cell::{FieldError, Findings};
 
@@ -73,6 +73,7 @@ pub struct JobSelection {
     /// State of the jobs.
     pub state: Option<JobState>,
     /// Label of the jobs: `key` or `key=value`.
+    #[schema(pattern = "^[^=]")]
     pub label: Option<String>,
     /// Part number of the jobs.
     pub part_number: Option<String>,
@@ -92,10 +93,10 @@ impl JobSelection {
     /// Largest number of ids.
     pub const MAX_IDS: usize = 1000;
 
-    /// Checks that something is selected by.
+    /// Checks that something is selected by, and that a label has a key.
     ///
     /// # Errors
-    /// The finding.
+    /// All invalid fields.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         findings.require(*self != Self::default(), "", || {
@@ -106,6 +107,9 @@ impl JobSelection {
         let count = self.ids.as_ref().map_or(0, Vec::len);
         findings
             .require(count <= Self::MAX_IDS, "/ids", || format!("has {count} entries; at most {} are allowed", Self::MAX_IDS));
+        if let Some(detail) = self.label.as_deref().and_then(label_filter_fault) {
+            findings.push("/label", detail);
+        }
         findings.into_result()
     }
 }

@@ -131,6 +131,14 @@ fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
     }
 }
 
+/// Reason for which a filter by a label, `key` or `key=value`, finds no job, ever: it names no key. `None` for any other.
+#[must_use]
+pub fn label_filter_fault(filter: &str) -> Option<String> {
+    let is_keyless = filter.is_empty() || filter.starts_with('=');
+    is_keyless
+        .then(|| format!("is {filter:?}, which names no key; allowed is key or key=value, with a key of 1 to 64 characters"))
+}
+
 fn text(findings: &mut Findings, pointer: &str, value: &str, low: usize, high: usize) {
     let length = value.chars().count();
     findings.require((low..=high).contains(&length), pointer, || format!("has {length} characters; allowed are {low} to {high}"));

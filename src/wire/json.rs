@@ -9,6 +9,7 @@ use serde_json::{Map, Number, Value};
 use serde_path_to_error::{Path, Segment};
 use utoipa::ToSchema;
 
+use super::json_fault::in_plain_words;
 use super::shape::{lists_for_objects, refused};
 use crate::cell::{FieldError, with_suggestion};
 
@@ -39,7 +40,10 @@ pub fn parse_document<T: DeserializeOwned + ToSchema + 'static>(bytes: &[u8]) ->
         Some(error) => Err(error),
         None => Ok(document),
     });
-    decoded.map_err(|first| refused::<T>(&value, first).into_iter().map(ParseError::from).collect())
+    decoded.map_err(|first| {
+        let value = with_whole_numbers(&value).unwrap_or(value);
+        refused::<T>(&value, first).into_iter().map(ParseError::from).collect()
+    })
 }
 
 /// Parses one JSON document; anything after it is an error.
@@ -50,20 +54,37 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ParseError> {
     Ok(decode(&json_value(bytes)?)?)
 }
 
-/// Converts a value to `T`. Every document is read by way of a value, so that a type is compiled for one source of its fields.
+/// Converts a value to `T`. Every document is read by way of a value, so that a type is compiled for one source of its fields. Where
+/// that fails, numbers without a fraction are taken for whole numbers: many programs write 5 as `5.0`, which is the same in JSON.
 ///
 /// # Errors
 /// The first fault, of the fields of an object in the order of their names.
 pub fn decode<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
-    serde_path_to_error::deserialize(value)
-        .map_err(|error| FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) })
+    decode_as_written(value).or_else(|error| match with_whole_numbers(value) {
+        Some(value) => decode_as_written(&value),
+        None => Err(error),
+    })
+}
+
+fn decode_as_written<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        let detail = with_suggestion(&error.inner().to_string());
+        FieldError { pointer: unknown_field(value, pointer_of(error.path()), &detail), detail }
+    })
+}
+
+/// The pointer of an unknown field, where serde tells that of the tagged enum which has it; any other pointer as it is.
+fn unknown_field(value: &Value, pointer: String, detail: &str) -> String {
+    let name = detail.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next()).map(escape);
+    let inside = name.filter(|name| !pointer.ends_with(&format!("/{name}"))).map(|name| format!("{pointer}/{name}"));
+    inside.filter(|inside| value.pointer(inside).is_some()).unwrap_or(pointer)
 }
 
 /// Parses the text of a document, each object of which has every field once.
 fn json_value(bytes: &[u8]) -> Result<Value, ParseError> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let Distinct(value) = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| refuse(bytes, &error))?;
-    deserializer.end().map_err(|error| ParseError::Syntax(error.to_string()))?;
+    deserializer.end().map_err(|error| ParseError::Syntax(json_error(bytes, &error)))?;
     Ok(value)
 }
 
@@ -72,9 +93,14 @@ fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -
     // serde_json reports a number too large and text nested too deep as syntax errors, though they are JSON.
     let is_json = inner.is_data() || serde_json::from_slice::<IgnoredAny>(bytes).is_ok();
     if !is_json {
-        return ParseError::Syntax(inner.to_string());
+        return ParseError::Syntax(json_error(bytes, inner));
     }
-    ParseError::Shape(FieldError { pointer: pointer_of(error.path()), detail: inner.to_string() })
+    ParseError::Shape(FieldError { pointer: pointer_of(error.path()), detail: json_error(bytes, inner) })
+}
+
+/// Describes the error that serde_json finds in a text, in plain words where it is one of the text's form.
+pub(crate) fn json_error(bytes: &[u8], error: &serde_json::Error) -> String {
+    in_plain_words(bytes, error).unwrap_or_else(|| error.to_string())
 }
 
 /// Value of a document. A field that an object has twice is an error, of which [`Value`] keeps the last; so is a number of TOML
@@ -140,6 +166,29 @@ impl<'de> Visitor<'de> for DistinctVisitor {
         }
         Ok(Value::Object(object))
     }
+}
+
+/// The value with its numbers without a fraction as whole numbers; `None` where it has none of them.
+fn with_whole_numbers(value: &Value) -> Option<Value> {
+    fn convert(value: &mut Value) -> bool {
+        match value {
+            Value::Number(number) => {
+                let whole = if number.is_f64() { number.as_f64().and_then(whole_number) } else { None };
+                whole.map(|whole| *number = whole).is_some()
+            }
+            Value::Array(items) => items.iter_mut().fold(false, |any, item| convert(item) | any),
+            Value::Object(fields) => fields.values_mut().fold(false, |any, field| convert(field) | any),
+            Value::Null | Value::Bool(_) | Value::String(_) => false,
+        }
+    }
+    let mut whole = value.clone();
+    convert(&mut whole).then_some(whole)
+}
+
+/// The whole number that a float is; `None` beyond ±2⁵³, where it may be the rounding of another.
+fn whole_number(value: f64) -> Option<Number> {
+    const MAX_EXACT: f64 = 9_007_199_254_740_992.0;
+    (value.fract() == 0.0 && value.abs() <= MAX_EXACT).then(|| Number::from(value as i64))
 }
 
 /// The JSON pointer of a path.

@@ -29,24 +29,48 @@ pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Re
 
 /// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.
 pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -> Vec<FieldError> {
-    let Walked { mut findings, long_lists } = walked::<T>(value, false);
-    let first = match long_lists.get(&first.pointer) {
-        Some([length, allowed]) if first.detail.starts_with("has ") => {
-            FieldError { detail: format!("has {length} elements; expected {allowed}"), ..first }
-        }
-        _ => first,
-    };
-    let names_field = first.detail.starts_with("missing field") || first.detail.starts_with("unknown field");
-    let is_named = |finding: &FieldError| {
-        let below = finding.pointer.strip_prefix(&first.pointer);
-        let name = below.and_then(|below| below.strip_prefix('/'));
-        below == Some("") || name.is_some_and(|name| first.detail.contains(&format!("`{name}`")))
-    };
-    if !(names_field && findings.iter().any(is_named)) {
+    let Walked { mut findings, odd_lists } = walked::<T>(value, false);
+    let first = placed(first, &findings, &odd_lists);
+    let is_told = field_named(&first.detail).is_some_and(|name| {
+        let end = format!("/{}", escape(name));
+        let is_it = |finding: &FieldError| finding.pointer == first.pointer || finding.pointer.ends_with(&end);
+        findings.iter().any(|finding| is_it(finding) && is_within(&finding.pointer, &first.pointer))
+    });
+    if !is_told {
         findings.retain(|finding| finding.pointer != first.pointer);
         findings.insert(0, first);
     }
     findings
+}
+
+/// The finding of serde at its place. Of what is wrong inside a tagged enum serde tells the place of the whole, since it reads the
+/// fields from a copy; of a list that is too long it does not always tell which length is allowed.
+fn placed(first: FieldError, findings: &[FieldError], odd_lists: &BTreeMap<String, [u64; 2]>) -> FieldError {
+    let list = odd_lists.iter().find(|(pointer, [length, _])| {
+        is_within(pointer, &first.pointer) && first.detail.starts_with(&format!("has {length} element"))
+    });
+    let inside = findings
+        .iter()
+        .find(|finding| is_within(&finding.pointer, &first.pointer) && first.detail.starts_with(finding.detail.as_str()));
+    match (list, inside) {
+        (Some((pointer, [length, allowed])), _) if length > allowed => {
+            FieldError { pointer: pointer.clone(), detail: format!("has {length} elements; expected {allowed}") }
+        }
+        (Some((pointer, _)), _) => FieldError { pointer: pointer.clone(), ..first },
+        (None, Some(finding)) => FieldError { pointer: finding.pointer.clone(), ..first },
+        (None, None) => first,
+    }
+}
+
+/// Name of the field that serde misses or does not know.
+fn field_named(detail: &str) -> Option<&str> {
+    let rest = ["missing field `", "unknown field `"].iter().find_map(|start| detail.strip_prefix(start))?;
+    rest.split('`').next()
+}
+
+/// Returns true if `pointer` is `whole`, or leads into what lies there.
+fn is_within(pointer: &str, whole: &str) -> bool {
+    pointer.strip_prefix(whole).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
 /// Lists in `value` where the schema of `T` has an object: serde takes the fields of a structure from a list too.
@@ -55,18 +79,18 @@ pub(crate) fn lists_for_objects<T: ToSchema + 'static>(value: &Value) -> Vec<Fie
 }
 
 /// Outcome of the walk through `value`: fields that are missing, unknown or of another kind by the schema of `T`, and lists that are
-/// too long.
+/// too long or too short.
 struct Walked {
     findings: Vec<FieldError>,
-    long_lists: BTreeMap<String, [u64; 2]>,
+    odd_lists: BTreeMap<String, [u64; 2]>,
 }
 
 fn walked<T: ToSchema + 'static>(value: &Value, lists_only: bool) -> Walked {
     let schema = schema_of::<T>();
-    let (findings, long_lists) = (Vec::new(), BTreeMap::new());
-    let mut walk = Walk { components: &schema.components, findings, long_lists, values: 0, lists_only };
+    let (findings, odd_lists) = (Vec::new(), BTreeMap::new());
+    let mut walk = Walk { components: &schema.components, findings, odd_lists, values: 0, lists_only };
     walk.value(value, &schema.root, "");
-    Walked { findings: walk.findings, long_lists: walk.long_lists }
+    Walked { findings: walk.findings, odd_lists: walk.odd_lists }
 }
 
 /// Schema of a type as JSON.
@@ -111,7 +135,8 @@ fn is_of_kind(value: &Value, kind: &str) -> bool {
     match kind {
         "null" => value.is_null(),
         "boolean" => value.is_boolean(),
-        "integer" => value.is_i64() || value.is_u64(),
+        // Of those beyond every kind of integer serde tells the range.
+        "integer" => value.is_i64() || value.is_u64() || value.as_f64().is_some_and(|number| number.fract() == 0.0),
         "number" => value.is_number(),
         "string" => value.is_string(),
         "array" => value.is_array(),
@@ -152,8 +177,8 @@ struct Walk<'s> {
     /// Named schemas.
     components: &'s BTreeMap<String, Value>,
     findings: Vec<FieldError>,
-    /// Length and allowed length of each list that is too long, by its pointer.
-    long_lists: BTreeMap<String, [u64; 2]>,
+    /// Length and allowed length of each list that is too long or too short, by its pointer.
+    odd_lists: BTreeMap<String, [u64; 2]>,
     /// Values seen.
     values: usize,
     /// Look for nothing but lists in the place of objects.
@@ -219,8 +244,9 @@ impl Walk<'_> {
             Value::Array(items) => {
                 let schema = self.variants(&schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or_default();
                 let length = items.len() as u64;
-                if let Some(allowed) = schema["maxItems"].as_u64().filter(|allowed| length > *allowed) {
-                    self.long_lists.insert(at.to_owned(), [length, allowed]);
+                let [min, max] = ["minItems", "maxItems"].map(|limit| schema[limit].as_u64());
+                if let Some(allowed) = max.filter(|max| length > *max).or(min.filter(|min| length < *min)) {
+                    self.odd_lists.insert(at.to_owned(), [length, allowed]);
                 }
                 for (index, item) in items.iter().enumerate() {
                     self.value(item, &schema["items"], &format!("{at}/{index}"));
@@ -256,18 +282,22 @@ impl Walk<'_> {
     /// The shape that an object is meant to have: of several variants the one that its tag names, else the one that it misses
     /// least of. `None` where it is not known.
     fn shape_for(&mut self, object: &Map<String, Value>, schema: &Value, at: &str) -> Option<ObjectShape> {
-        let shapes: Vec<ObjectShape> = self.variants(schema).iter().filter_map(|variant| self.object_shape(variant)).collect();
-        if shapes.len() > 1
-            && let Some((tag, values)) = common_tag(&shapes).filter(|(tag, _)| !object.contains_key(tag))
-        {
-            self.push(format!("{at}/{}", escape(&tag)), format!("is missing: one of {}", values.join(", ")));
-            return None;
+        let mut shapes: Vec<ObjectShape> =
+            self.variants(schema).iter().filter_map(|variant| self.object_shape(variant)).collect();
+        let tag = common_tag(&shapes).filter(|_| shapes.len() > 1);
+        if let Some((tag, values)) = &tag {
+            if !object.contains_key(tag) {
+                self.push(format!("{at}/{}", escape(tag)), format!("is missing: one of {}", values.join(", ")));
+                return None;
+            }
+            // Tagged enums refuse unknown fields, which the schemas of their variants do not tell.
+            shapes.iter_mut().for_each(|shape| shape.is_closed = true);
         }
         let fitting = shapes.iter().filter(|shape| !shape.contradicts(object));
         let mut best = fitting.min_by_key(|shape| shape.missing(object).count() + shape.unknown(object).count())?.clone();
         // A field of another variant is not unknown: serde says what is wrong with it.
         let others: Vec<(String, Value)> = shapes.iter().flat_map(|shape| shape.properties.clone()).collect();
-        if common_tag(&shapes).is_none() {
+        if tag.is_none() {
             for (name, schema) in others {
                 let known = best.properties.entry(name).or_default();
                 if *known != schema {
@@ -377,8 +407,11 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::from_value;
-    use crate::cell::{BodySpec, CellSpec, FieldError, KinematicsSpec, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary};
+    use crate::cell::{
+        BodySpec, CellSpec, FieldError, KinematicsSpec, Presets, RobotSpec, RotationSpec, ScannerSpec, SpecKind, SpecLibrary,
+    };
     use crate::planning::params::PlanParams;
+    use crate::wire::calibration::PlacementData;
 
     fn pointers(errors: &[FieldError]) -> Vec<&str> {
         errors.iter().map(|error| error.pointer.as_str()).collect()
@@ -499,6 +532,36 @@ mod tests {
         assert!(errors[0].detail.contains("cone") && errors.len() == 1, "{errors:?}");
         let arm = from_value::<KinematicsSpec>(&json!({"kind": "ur", "d1_mm": 100.0})).expect_err("incomplete");
         assert!(arm.len() >= 5 && pointers(&arm).contains(&"/a2_mm"), "{arm:?}");
+    }
+
+    #[test]
+    fn what_is_wrong_inside_a_variant_is_told_at_its_field() {
+        let shape = |shape: Value| from_value::<BodySpec>(&json!({"name": "b", "shape": shape})).expect_err("wrong");
+        for (wrong, told) in [
+            (
+                json!({"kind": "box", "size_mm": [1, 2, 3], "colour": 1}),
+                "/shape/colour: unknown field `colour`; allowed are kind, size_mm",
+            ),
+            (
+                json!({"kind": "cylinder", "radius_mm": "3 mm", "height_mm": 1}),
+                "/shape/radius_mm: is \"3 mm\"; expected a number",
+            ),
+            (json!({"kind": "box", "size_mm": [1, 2, 3, 4]}), "/shape/size_mm: has 4 elements; expected 3"),
+            (json!({"kind": "box", "size_mm": [1, 2]}), "/shape/size_mm: has 2 elements; expected a list of 3"),
+        ] {
+            let errors = shape(wrong);
+            assert_eq!(errors.iter().map(ToString::to_string).collect::<Vec<_>>(), [told]);
+        }
+        let errors = from_value::<RotationSpec>(&json!({"kind": "continuous", "min_deg": 0})).expect_err("wrong");
+        assert_eq!(pointers(&errors), ["/min_deg"], "{errors:?}");
+        let pose = json!({"translation_mm": [0, 0, 0], "rpy_deg": [0, 0, 0], "unit": "m"});
+        let placed = json!({"method": "cloud", "joints_deg": [0, 0, 0, 0, 0, 0], "cloud_from_part": pose});
+        let errors = from_value::<PlacementData>(&placed).expect_err("wrong");
+        assert_eq!(pointers(&errors), ["/cloud_from_part/unit"], "{errors:?}");
+        let region = json!({"regions": {"exclude": [{"kind": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 1, "radius": 2}]}});
+        let errors = from_value::<PlanParams>(&region).expect_err("wrong");
+        assert_eq!(pointers(&errors), ["/regions/exclude/0/radius"], "{errors:?}");
+        assert!(errors[0].detail.ends_with("did you mean `radius_mm`?"), "{errors:?}");
     }
 
     #[test]

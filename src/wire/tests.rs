@@ -22,6 +22,10 @@ fn the_pointer_names_the_field_at_fault() {
         shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"target": "x"}}}}}}"#)).0,
         "/params/selection/target"
     );
+    let region = r#"{"kind": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 1, "colour": {"colour": 1}}"#;
+    let params = format!(r#"{{"regions": {{"exclude": [{region}]}}}}"#);
+    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {params}}}"#)).0, "/params/regions/exclude/0/colour");
+    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "colour": {{"colour": 1}}}}"#)).0, "/colour");
     assert_eq!(shape(r#"{"mesh_id": "x"}"#).0, "/mesh_id");
     assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "scanner": {{"name": "a", "mass": 1}}}}"#)).0, "/scanner/mass");
     let (pointer, detail) = shape("{}");
@@ -36,6 +40,32 @@ fn json_of_another_shape_is_not_a_syntax_error() {
     assert!(pointer.starts_with("/cell/base_from_table/translation_mm"), "{pointer}");
     assert_eq!(detail, "has 4 elements; expected fewer");
     assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "priority": 1e400}}"#)).0, "/priority");
+}
+
+/// Some programs write every number with a point.
+#[test]
+fn a_number_without_a_fraction_is_a_whole_number() {
+    let written = |priority: &str, params: &str| {
+        parse::<JobRequest>(format!(r#"{{"mesh_id": "{MESH}", "priority": {priority}, "params": {params}}}"#).as_bytes())
+    };
+    let params = r#"{"setups": 2.0, "seed": 1e15, "scan": {"brightness": 5.0}, "selection": {"max_views": 3e1},
+        "regions": {"exclude": [{"kind": "faces", "faces": [1.0, 2]}]}}"#;
+    let plain = r#"{"setups": 2, "seed": 1000000000000000, "scan": {"brightness": 5}, "selection": {"max_views": 30},
+        "regions": {"exclude": [{"kind": "faces", "faces": [1, 2]}]}}"#;
+    assert_eq!(written("-5.0", params), written("-5", plain));
+    assert!(written("-5.0", params).is_ok_and(|request| request.priority == -5));
+    assert!(parse::<f64>(b"-0.0").is_ok_and(f64::is_sign_negative));
+    for (text, number) in [
+        ("-0", Some(0)),
+        ("9007199254740992.0", Some(1 << 53)),
+        ("9007199254740993.0", Some(1 << 53)),
+        ("9007199254740994.0", None),
+        ("-1.0", None),
+    ] {
+        assert_eq!(parse::<u64>(text.as_bytes()).ok(), number, "{text}");
+    }
+    let (pointer, detail) = shape(&format!(r#"{{"mesh_id": "{MESH}", "priority": 5.5}}"#));
+    assert_eq!((&pointer[..], &detail[..]), ("/priority", "is 5.5; expected a whole number from -2147483648 to 2147483647"));
 }
 
 #[test]
@@ -92,6 +122,20 @@ fn names_of_specifications_are_plain() {
     }
     for bad in ["", "-a", ".", "..", "A", "a/b", "a b", "ä", "none\n", &"a".repeat(65)] {
         assert!(!is_spec_name(bad), "{bad}");
+    }
+}
+
+#[test]
+fn jobs_are_not_selected_by_a_label_without_a_key() {
+    let checked = |label: &str| JobSelection { label: Some(label.to_owned()), ..JobSelection::default() }.check();
+    for keyless in ["", "=", "=3"] {
+        let errors = checked(keyless).expect_err("no label has an empty key");
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        assert_eq!(errors[0].pointer, "/label");
+        assert!(errors[0].detail.contains("names no key; allowed is key or key=value"), "{}", errors[0].detail);
+    }
+    for label in ["line", "line=", "line=a=b"] {
+        assert_eq!(checked(label), Ok(()));
     }
 }
 

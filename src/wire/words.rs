@@ -379,7 +379,9 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
     };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
-        RemedyKind::View => format!("raise selection.target or selection.max_views, so that candidate {candidate} is chosen too"),
+        RemedyKind::View => format!(
+            "raise selection.target or selection.max_views, or lower selection.min_growth, so that candidate {candidate} is chosen too"
+        ),
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
         RemedyKind::Standoff => {

@@ -18,7 +18,7 @@ use crate::http::router::ApiState;
 use crate::service::{Error, JobQuery, Submission};
 use crate::wire::{
     DeletedJobs, Job, JobBatch, JobBatchRequest, JobId, JobListItem, JobPage, JobProblem, JobRequest, JobSelection, JobSort,
-    JobState, JobUpdate, LabelsRequest, problem_type,
+    JobState, JobUpdate, LabelsRequest, label_filter_fault, problem_type,
 };
 
 /// Polling interval that responses suggest, seconds.
@@ -212,12 +212,10 @@ fn query(params: &mut Params) -> Result<JobQuery, ApiError> {
 
 /// Refuses a filter by a label without a key.
 pub(super) fn keyed(label: Option<String>) -> Result<Option<String>, ApiError> {
-    // No label has an empty key: nothing would ever be found.
-    if let Some(keyless) = label.as_deref().filter(|label| label.is_empty() || label.starts_with('=')) {
-        let said = format!("is {keyless:?}, which names no key; allowed is key or key=value, with a key of 1 to 64 characters");
-        return Err(ApiError::query("label", &said));
+    match label.as_deref().and_then(label_filter_fault) {
+        Some(said) => Err(ApiError::query("label", &said)),
+        None => Ok(label),
     }
-    Ok(label)
 }
 
 /// Get a job, or wait for its end

@@ -245,7 +245,12 @@ pub(in crate::http) async fn audit(
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
     let id = run_id(&id)?;
-    let log = state.app.run_audit(id).await?;
+    let log = state.app.run_audit(id).await?.ok_or_else(|| {
+        let detail = format!(
+            "run {id} has no audit log: it ended before it connected to the controllers, or the log was deleted or left out of a backup"
+        );
+        ApiError::new(Code::ResultNotFound, detail)
+    })?;
     let name = format!("attachment; filename=\"run-{id}.log\"");
     let body: Body = streamed(log, state.downloads.clone());
     Ok(([(CONTENT_TYPE, AUDIT_TEXT.to_owned()), (CONTENT_DISPOSITION, name)], body).into_response())

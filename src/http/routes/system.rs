@@ -64,14 +64,16 @@ pub(in crate::http) async fn version() -> Json<Version> {
     operation_id = "metrics",
     responses((status = 200, description = "Metrics in the Prometheus text format.", content_type = "text/plain", body = String))
 )]
-pub(in crate::http) async fn metrics(State(state): State<ApiState>) -> Result<impl IntoResponse, ApiError> {
-    for (job_state, count) in state.app.open_jobs().await? {
-        metrics::gauge!("vantage_jobs", "state" => job_state.as_str()).set(count as f64);
+pub(in crate::http) async fn metrics(State(state): State<ApiState>) -> impl IntoResponse {
+    // What is not known is no number; the other metrics are needed most while the store cannot be read.
+    let value = |count: Option<u64>| count.map_or(f64::NAN, |count| count as f64);
+    for (job_state, count) in state.app.open_jobs().await {
+        metrics::gauge!("vantage_jobs", "state" => job_state.as_str()).set(value(count));
     }
-    for (run_state, count) in state.app.open_runs().await? {
-        metrics::gauge!("vantage_runs", "state" => run_state.as_str()).set(count as f64);
+    for (run_state, count) in state.app.open_runs().await {
+        metrics::gauge!("vantage_runs", "state" => run_state.as_str()).set(value(count));
     }
-    Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], crate::http::metrics::render()))
+    ([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], crate::http::metrics::render())
 }
 
 /// Get this document

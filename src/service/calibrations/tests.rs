@@ -1,6 +1,7 @@
 //! Calibrations while the disk is full.
 
 use super::*;
+use crate::cell::{Named, Presets, SpecLibrary as _};
 use crate::service::tests::service;
 use crate::wire::example;
 
@@ -48,4 +49,25 @@ async fn observations_that_are_held_out_leave_enough_to_calibrate_from() {
         ("/hold_out", "is 6 of 6 observations; at least 3 must remain")
     );
     held_out(3).await.expect("three remain");
+}
+
+/// `vantage calibrate cell` tells it too: the result is about to be stored as the cell.
+#[tokio::test]
+async fn a_result_far_from_the_cell_that_was_observed_is_doubted() {
+    let (app, _folder) = service().await;
+    let ended = async |shift_mm: f64| {
+        let mut spec = Presets.cell("e05-transcan").expect("a preset");
+        spec.flange_from_scanner.translation_mm[0] += shift_mm;
+        let request: CalibrationRequest = serde_json::from_value(example::calibration()).expect("a request");
+        let request = CalibrationRequest { cell: Named::Inline(Box::new(spec)), ..request };
+        let id = app.submit_calibration(request, Submission::default()).await.expect("accepted").id;
+        app.calibration_when_ended(id, Duration::from_secs(60)).await.expect("it")
+    };
+    let near = ended(0.0).await;
+    assert_eq!((near.state, near.warnings), (CalibrationState::Succeeded, Vec::new()));
+    let far = ended(80.0).await;
+    assert_eq!(far.state, CalibrationState::Succeeded, "{far:?}");
+    let told: Vec<&str> = far.warnings.iter().map(|warning| warning.pointer.as_str()).collect();
+    assert_eq!(told, ["/cell/flange_from_scanner"]);
+    assert!(far.warnings[0].detail.contains("80 mm"), "{far:?}");
 }

@@ -1,9 +1,12 @@
 //! Inspections while the disk is full, and of what was deleted or damaged meanwhile.
 
 use super::*;
+use crate::cell::Configuration;
 use crate::inspection::InspectionParams;
+use crate::program::Program;
 use crate::service::planner::Artifact;
 use crate::service::tests::{ended_job, job, service, service_with};
+use crate::wire::run::{Run, RunRequest};
 
 fn inspection_of(job_id: JobId, state: JobState) -> InspectionJob {
     InspectionJob {
@@ -89,6 +92,31 @@ async fn a_scan_that_was_deleted_since_the_request_was_checked_is_not_inspected(
     let refused = app.0.store.insert_inspection(&job, &StoredInspection { scans: vec![scan] }, 10).await;
     assert!(matches!(refused, Err(Error::ScanNotFound(gone)) if gone == id), "{refused:?}");
     assert!(matches!(app.inspection(job.id).await, Err(Error::InspectionNotFound(_))));
+}
+
+/// A dry run was once taken for one that scans.
+#[tokio::test]
+async fn a_dry_run_is_none_in_which_scans_were_taken() {
+    let (app, _folder) = service().await;
+    let job_id = job(&app).await;
+    let program = Program {
+        plan_sha256: String::new(),
+        setup: 0,
+        calibration: None,
+        robot: String::new(),
+        turntable: String::new(),
+        home_rad: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+        steps: Vec::new(),
+        cycle_secs: 0.0,
+    };
+    for (mode, is_refused) in [(RunMode::Simulate, false), (RunMode::DryRun, true), (RunMode::Live, false)] {
+        let run = Run::new(&RunRequest { mode, ..RunRequest::new(job_id) }, Some(job_id), "cell", &program, "");
+        let (run, _) = app.0.store.insert_run(&run, 8).await.expect("stored");
+        let checked = app.check_run(job_id, run.id).await;
+        let is_told = |errors: &[FieldError]| errors[0].pointer == "/run_id" && errors[0].detail.contains("dry run");
+        assert_eq!(matches!(&checked, Err(Error::Invalid(errors)) if is_told(errors)), is_refused, "{mode:?}: {checked:?}");
+        assert_eq!(checked.is_err(), is_refused, "{mode:?}");
+    }
 }
 
 #[tokio::test]

@@ -127,6 +127,10 @@ pub struct CalibrationJob {
     pub point_at_best_focus_sd_mm: Option<f64>,
     /// Remarks on the observations.
     pub findings: Vec<FindingDocument>,
+    /// Doubts about poses that were found far from those of the cell (`/cell/flange_from_scanner`, `/cell/base_from_table`): it may be
+    /// another cell, or have another base than the controller.
+    #[serde(default)]
+    pub warnings: Vec<FieldWarning>,
     /// Reason for a failure.
     pub problem: Option<JobProblem>,
     /// Stage of the computation; absent unless it is running.

@@ -2,14 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Number, Value, json};
 use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
 use crate::planning::plan::{AdviceKind, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
 use crate::wire::angle::degrees;
 use crate::wire::words::{fixed, percent_below, turn_phrase};
+
+/// Parameters of an advice that are whole numbers.
+const WHOLE_SETTINGS: [&str; 2] = ["setups", "selection.max_views"];
 
 /// Turn of the part from one way of lying to another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -51,6 +54,7 @@ pub struct AdviceDocument {
     /// Description in one sentence.
     pub text: String,
     /// Parameters to set, by their dotted names.
+    #[serde(deserialize_with = "settings_as_written")]
     pub set: BTreeMap<String, Value>,
     /// Pose of the part in the further setup, for `turn_over`.
     #[serde(default)]
@@ -155,6 +159,26 @@ pub(crate) fn options(set: &BTreeMap<String, Value>) -> String {
     set.iter().rev().map(option).collect::<Vec<_>>().join(" ")
 }
 
+/// Reads parameters such that their numbers are written as they were: some programs write 1.0 as `1`, and the digest of a plan is that of
+/// its text.
+fn settings_as_written<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, Value>, D::Error> {
+    fn as_floats(value: &mut Value) {
+        match value {
+            Value::Number(number) => {
+                if let Some(float) = number.as_f64().and_then(Number::from_f64) {
+                    *number = float;
+                }
+            }
+            Value::Array(items) => items.iter_mut().for_each(as_floats),
+            Value::Object(fields) => fields.values_mut().for_each(as_floats),
+            Value::Null | Value::Bool(_) | Value::String(_) => {}
+        }
+    }
+    let mut set: BTreeMap<String, Value> = Deserialize::deserialize(deserializer)?;
+    set.iter_mut().filter(|(name, _)| !WHOLE_SETTINGS.contains(&name.as_str())).for_each(|(_, value)| as_floats(value));
+    Ok(set)
+}
+
 /// Name and value of a parameter to set.
 fn setting(change: &ParamChange) -> (String, Value) {
     let (name, value) = match change {
@@ -219,6 +243,25 @@ mod tests {
              99.1 % of what is visible then, with 10 views; meets the target of bore, rim"
         );
         assert_eq!(told.options(), "--set selection.target=0.992 --set selection.max_views=10");
+    }
+
+    #[test]
+    fn advice_that_a_program_wrote_without_points_has_the_same_bytes() {
+        let pose = crate::geometry::Pose::identity();
+        let changes = vec![
+            ParamChange::Setups(2),
+            ParamChange::RestingPoses(vec![pose]),
+            ParamChange::Registration(Registration::Markers),
+            ParamChange::Target(1.0),
+            ParamChange::MaxViews(10),
+        ];
+        let told = document(&advice(AdviceKind::TurnOver, changes));
+        let text = serde_json::to_string(&told).expect("JSON");
+        let mut without_points = serde_json::to_value(&told).expect("JSON");
+        let set = &mut without_points["set"];
+        (set["selection.target"], set["part.resting_poses"][0]["quaternion_xyzw"]) = (json!(1), json!([0, 0, 0, 1]));
+        let read: AdviceDocument = serde_json::from_value(without_points).expect("advice");
+        assert_eq!(serde_json::to_string(&read).expect("JSON"), text);
     }
 
     #[test]

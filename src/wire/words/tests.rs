@@ -111,6 +111,15 @@ fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
     assert_eq!(fix_sentence(&tilt(0.9)), remedy_sentence(&tilt(0.9)));
 }
 
+/// Each of the three rules may have ended the choice.
+#[test]
+fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
+    let more = remedy_sentence(&Remedy { kind: RemedyKind::View, ..tilt(1.0) });
+    for rule in ["raise selection.target", "selection.max_views", "lower selection.min_growth", "candidate 7"] {
+        assert!(more.contains(rule), "{rule:?} is not in {more}");
+    }
+}
+
 #[test]
 fn turns_are_told_in_an_operator_s_words() {
     let turn = |kind, side, deg: f64| Turn { kind, side, angle_rad: deg.to_radians() };

@@ -305,6 +305,8 @@ async fn compressed_bodies_are_refused() {
     }
     let plain = [("content-encoding", "identity")];
     api.send("POST", "/api/v1/meshes?unit=mm", &plain, cube(1.0)).await.ok(201);
+    let coded = [("content-type", "application/json"), ("transfer-encoding", "gzip, chunked")];
+    api.send("POST", "/api/v1/jobs", &coded, "{}").await.problem_at("unsupported_transfer_coding", &["Transfer-Encoding"]);
 }
 
 #[tokio::test]

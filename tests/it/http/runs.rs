@@ -361,14 +361,17 @@ async fn a_cell_has_one_holder_at_a_time() {
     let mut options = service_options();
     (options.execution.lease_ttl, options.execution.heartbeat) = (Duration::from_millis(1500), Duration::from_millis(300));
     let api = Api::start_with(options, http_options()).await;
+    let mut second = api.get("/api/v1/cells/e05-transcan").await.ok(200);
+    second["name"] = "e05-transcan-two".into();
+    api.send("PUT", "/api/v1/cells/e05-transcan-two", &[("content-type", "application/json")], second.to_string()).await.ok(201);
     let take = async |cell: &str, holder: &str| api.post_json("/api/v1/leases", &json!({"cell": cell, "holder": holder})).await;
-    let answer = take("a", "line 3").await;
+    let answer = take("e05-transcan", "line 3").await;
     let lease = answer.ok(201);
     let path = format!("/api/v1/leases/{}", lease["id"].as_str().expect("an id"));
     assert_eq!((answer.header("location"), &lease["ttl_ms"], &lease["heartbeat_ms"]), (&path[..], &json!(1500), &json!(300)));
-    let held = take("a", "line 4").await.problem("lease_held");
+    let held = take("e05-transcan", "line 4").await.problem("lease_held");
     assert!(held["detail"].as_str().expect("words").contains("line 3"), "{held}");
-    let other = take("b", "line 4").await.ok(201);
+    let other = take("e05-transcan-two", "line 4").await.ok(201);
     assert!(other["token"].as_u64() > lease["token"].as_u64());
     let list = api.get("/api/v1/leases").await.ok(200);
     let items = list["items"].as_array().expect("a list");
@@ -382,12 +385,12 @@ async fn a_cell_has_one_holder_at_a_time() {
     }
     assert_eq!(api.send("DELETE", &path, &[], "").await.status, 204);
     api.send("PUT", &path, &[], "").await.problem("lease_not_found");
-    let again = take("a", "line 4").await.ok(201);
+    let again = take("e05-transcan", "line 4").await.ok(201);
     assert!(again["token"].as_u64() > other["token"].as_u64());
     // One that is not renewed ends by itself.
     tokio::time::sleep(Duration::from_millis(1800)).await;
     assert_eq!(api.get("/api/v1/leases").await.ok(200)["items"], json!([]));
-    take("a", "line 5").await.ok(201);
+    take("e05-transcan", "line 5").await.ok(201);
 }
 
 #[tokio::test]
