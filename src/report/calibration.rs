@@ -75,9 +75,9 @@ fn result(calibration: &CalibrationDocument) -> String {
     let point = format!("{} mm", number(calibration.point_at_best_focus_sd_mm, 3));
     rows += &row(&["Standard deviation of a scanned point at best focus".to_owned(), point]);
     if let Some(face) = &calibration.plate_face {
-        let (height, sd, tilt) = (number(face.height_mm, 3), number(face.height_sd_mm, 3), number(face.tilt_deg, 4));
+        let (height, tilt) = (with_sd(&format!("{} mm", number(face.height_mm, 3)), face.height_sd_mm), number(face.tilt_deg, 4));
         let name = "Face of the plate above the nominal table".to_owned();
-        rows += &row(&[name, format!("{height} mm ± {sd} mm, tilted by {tilt}°")]);
+        rows += &row(&[name, format!("{height}, tilted by {tilt}°")]);
     }
     let taken_out: Vec<String> = calibration.turntable_runout.iter().map(|harmonic| harmonic.order.to_string()).collect();
     if !taken_out.is_empty() {
@@ -85,20 +85,29 @@ fn result(calibration: &CalibrationDocument) -> String {
         rows += &row(&[name, format!("harmonics {} of the angle", taken_out.join(", "))]);
     }
     for harmonic in &calibration.table_runout {
-        let (radial, axial, sd) = (number(harmonic.radial_mm, 3), number(harmonic.axial_mm, 3), number(harmonic.sd_mm, 3));
+        let [radial, axial] = [harmonic.radial_mm, harmonic.axial_mm].map(|mm| number(mm, 3));
         let name = format!("Runout of the table, {} a turn", harmonic.order);
-        rows += &row(&[name, format!("{radial} mm across, {axial} mm along the axis, ± {sd} mm")]);
+        rows += &row(&[name, with_sd(&format!("{radial} mm across, {axial} mm along the axis"), harmonic.sd_mm)]);
     }
     format!("<section>\n<h2>Result</h2>\n<div class=\"card\"><table>\n{rows}</table></div>\n</section>\n")
 }
 
+/// A figure with its standard deviation.
+fn with_sd(figure: &str, sd_mm: f64) -> String {
+    format!("{figure} (standard deviation {} mm)", number(sd_mm, 3))
+}
+
 fn findings(calibration: &CalibrationDocument) -> String {
-    let item = |code: &str, detail: &str| format!("<li><strong>{}</strong>: {}</li>\n", escape(code), escape(detail));
-    let items: String = calibration.findings.iter().map(|finding| item(finding.code.as_str(), &finding.detail)).collect();
+    let items: String = calibration.findings.iter().map(|found| finding(found.code.as_str(), &found.detail)).collect();
     if items.is_empty() {
         return String::new();
     }
     format!("<section>\n<h2>Findings</h2>\n<ul>\n{items}</ul>\n</section>\n")
+}
+
+/// A finding: the name of its code in words, and its sentence.
+fn finding(code: &str, detail: &str) -> String {
+    format!("<li><strong>{}</strong>: {}</li>\n", escape(&code.replace('_', " ")), escape(detail))
 }
 
 /// Number of a series: used, dropped, held out.
@@ -130,7 +139,7 @@ fn legend(svg: &mut Svg) {
 }
 
 fn over_angle(residuals: &[ResidualDocument]) -> String {
-    let mut svg = Svg::new(WIDTH, HEIGHT, "mm", "Length of each residual over the angle of the table");
+    let mut svg = Svg::new(WIDTH, HEIGHT, "Residual, mm", "Length of each residual over the angle of the table");
     let (limit, bottom) = (limit_mm(residuals), HEIGHT - BOTTOM);
     let y = |mm: f64| bottom - (bottom - TOP) * (mm / limit).min(1.0);
     let x = |angle: f64| LEFT + (WIDTH - LEFT - 16.0) * (angle + 360.0) / 720.0;
@@ -154,7 +163,8 @@ fn over_angle(residuals: &[ResidualDocument]) -> String {
 
 /// Shifts in the board's planes xy and xz, each with the ellipse that holds 95 % of those used.
 fn ellipses(residuals: &[ResidualDocument]) -> String {
-    let mut svg = Svg::new(WIDTH, 380.0, "mm", "Shift of each residual in two planes of the board, with 95 % ellipses");
+    let title = "Shift, mm; an ellipse holds 95 % of those used";
+    let mut svg = Svg::new(WIDTH, 380.0, title, "Shift of each residual in two planes of the board, with 95 % ellipses");
     let limit = limit_mm(residuals);
     for (place, (across, up, name)) in [(0, 1, "y over x"), (0, 2, "z over x")].into_iter().enumerate() {
         let centre = [190.0 + 340.0 * place as f64, 210.0];
@@ -214,4 +224,15 @@ fn observations(residuals: &[ResidualDocument]) -> String {
     };
     let rows: String = residuals.iter().map(line).collect();
     format!("<section>\n<h2>Observations</h2>\n<div class=\"card\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n</section>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_says_what_its_uncertainty_is_and_a_finding_is_told_in_words() {
+        assert_eq!(with_sd("0.120 mm", 0.004), "0.120 mm (standard deviation 0.004 mm)");
+        assert_eq!(finding("too_few", "three are"), "<li><strong>too few</strong>: three are</li>\n");
+    }
 }

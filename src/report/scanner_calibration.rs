@@ -96,7 +96,8 @@ fn header(calibration: &ScannerCalibration) -> String {
 }
 
 fn with_sigma(value: f64, sigma: Option<f64>, decimals: usize) -> String {
-    let sigma = sigma.map_or_else(|| "uncertainty not known".to_owned(), |sigma| format!("± {}", significant(sigma)));
+    let sigma =
+        sigma.map_or_else(|| "uncertainty not known".to_owned(), |sigma| format!("standard deviation {}", significant(sigma)));
     format!("{} ({sigma})", number(value, decimals))
 }
 
@@ -142,19 +143,16 @@ fn rig(calibration: &ScannerCalibration) -> String {
     rows.extend(field.stated_mm.map(|stated| vec!["Field as stated".to_owned(), size(stated)]));
     rows.extend(calibration.epipolar_rms_px.map(|rms| vec!["Distance from epipolar lines, px rms".to_owned(), number(rms, 3)]));
     if let Some(pitch) = calibration.board_pitch {
-        let said = format!("{} (mean {}, {} distances)", number(pitch.rms_mm, 4), number(pitch.mean_mm, 4), pitch.count);
+        let count = number(pitch.count as f64, 0);
+        let said = format!("{} (mean {}, {count} distances)", number(pitch.rms_mm, 4), number(pitch.mean_mm, 4));
         rows.push(vec!["Triangulated board pitch, error, mm rms".to_owned(), said]);
     }
     if let Some([near, far]) = calibration.board_depth_mm {
         rows.push(vec!["Depths of the board, mm".to_owned(), format!("{} to {}", number(near, 0), number(far, 0))]);
     }
     if let Some(origin) = &calibration.depth_origin {
-        let said = format!(
-            "{} ± {} ({})",
-            number(origin.origin_mm, 2),
-            number(origin.sigma_mm, 2),
-            origin.datum.as_str().replace('_', " ")
-        );
+        let place = with_sigma(origin.origin_mm, Some(origin.sigma_mm), 2);
+        let said = format!("{place}: {}", origin.datum.as_str().replace('_', " "));
         rows.push(vec!["Working distances count from z, mm".to_owned(), said]);
     }
     table(&["Figure", "Value"], &rows)
@@ -171,8 +169,10 @@ fn lens_table(device: &DeviceFigures) -> String {
         })
         .collect();
     let rms = device.rms_px.map_or_else(|| "reprojection error not given".to_owned(), |rms| format!("{} px rms", number(rms, 3)));
-    let counted =
-        device.used.map_or_else(String::new, |used| format!(", {used} points, {} left out", device.left_out.unwrap_or_default()));
+    let counted = device.used.map_or_else(String::new, |used| {
+        let [used, left_out] = [used, device.left_out.unwrap_or_default()].map(|count| number(count as f64, 0));
+        format!(", {used} points, {left_out} left out")
+    });
     let [width, height] = device.size_px;
     let heading = format!("<h3>{}: {width} × {height} px, {rms}{counted}</h3>\n", device.name);
     heading + &table(&["Parameter", "Value", "Standard deviation"], &rows)
@@ -303,6 +303,12 @@ fn views_table(views: &[ViewFigures]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_figure_says_what_its_uncertainty_is() {
+        assert_eq!(with_sigma(209.941, Some(0.012_34), 3), "209.941 (standard deviation 0.0123)");
+        assert_eq!(with_sigma(209.941, None, 3), "209.941 (uncertainty not known)");
+    }
 
     #[test]
     fn residuals_left_out_are_drawn_as_the_legend_says() {

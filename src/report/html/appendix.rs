@@ -6,8 +6,9 @@ use super::markup::{area, duration, escape, number, percent, prose, triple};
 use super::views::swatch;
 use super::words;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{MissedCause, Obstruction, RiskReason, SetupId, Stability, share};
+use crate::planning::plan::{CandidateCounts, MissedCause, Obstruction, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
+use crate::planning::verdict::Rejection;
 use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
 use crate::wire::words::{
@@ -56,12 +57,14 @@ fn shares(coverage: &CoverageDocument) -> String {
     )
 }
 
-/// Part on coverage after each view.
+/// Part on coverage after each view; empty if none is executed.
 fn curve(input: &ReportInput<'_>) -> String {
-    format!(
-        "<h3>Coverage after each view</h3>\n<div class=\"card narrow\">{}</div>\n",
-        chart::curve(&input.outcome.plan.coverage)
-    )
+    let plan = &input.outcome.plan;
+    let chart = chart::curve(&plan.coverage, &plan.views);
+    if chart.is_empty() {
+        return chart;
+    }
+    format!("<h3>Coverage after each view</h3>\n<div class=\"card narrow\">{chart}</div>\n")
 }
 
 /// Part on the causes of missed area; empty if nothing is missed.
@@ -109,7 +112,8 @@ fn at_risk(input: &ReportInput<'_>) -> String {
     let document = AtRiskDocument::from(&plan.coverage);
     let row = |(reason, found): (RiskReason, &RiskReasonDocument)| {
         format!(
-            "<tr><td><code>{}</code></td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+            "<tr><td><b>{}</b> <code>{}</code></td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+            words::risk_name(reason),
             reason.as_str(),
             area(found.area_mm2),
             percent(found.of_visible),
@@ -134,7 +138,7 @@ fn registration(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let row = |name: String, stability: &Stability| {
         let document = StabilityDocument::new(stability, input.subject.scanner, &plan.params);
-        let error = document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{:.1} µm", 1e3 * mm));
+        let error = document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{} µm", number(1e3 * mm, 1)));
         format!(
             "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{error}</td>\
              <td>{}</td></tr>\n",
@@ -240,15 +244,18 @@ fn obstruction_row(obstruction: &Obstruction) -> String {
 
 /// Part on candidates and on parameters that are not at their defaults.
 fn settings(input: &ReportInput<'_>) -> String {
-    let counts = &input.outcome.plan.candidates;
-    let rejected: Vec<String> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
-    let rejected = if rejected.is_empty() { String::new() } else { format!(" Dropped: {}.", rejected.join(", ")) };
-    format!(
-        "<h3>How it was planned</h3>\n<p>{} viewpoints were considered, {} of them usable.{rejected}</p>\n{}",
-        counts.generated,
-        counts.kept,
-        parameters(&input.outcome.plan.params)
-    )
+    let plan = &input.outcome.plan;
+    format!("<h3>How it was planned</h3>\n<p>{}</p>\n{}", considered(&plan.candidates), parameters(&plan.params))
+}
+
+/// Sentences on what became of the candidates.
+fn considered(counts: &CandidateCounts) -> String {
+    let [generated, kept] = [counts.generated, counts.kept].map(|count| number(count as f64, 0));
+    let dropped =
+        |(reason, count): (&Rejection, &usize)| format!("{} ({})", words::rejection_remark(*reason), number(*count as f64, 0));
+    let dropped: Vec<String> = counts.rejected.iter().map(dropped).collect();
+    let dropped = if dropped.is_empty() { String::new() } else { format!(" Dropped: {}.", dropped.join(", ")) };
+    format!("{generated} viewpoints were considered, {kept} of them usable.{dropped}")
 }
 
 /// Table of the parameters that are not at their defaults.
@@ -264,4 +271,20 @@ pub(super) fn parameters(params: &PlanParams) -> String {
         "<div class=\"card scroll\"><table>\n<thead><tr><th>Parameter, changed from its default or derived</th><th>Value</th></tr></thead>\n\
          <tbody>\n{rows}</tbody></table></div>\n"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_viewpoints_are_told_in_words() {
+        let rejected = [(Rejection::BelowTable, 1778), (Rejection::BodyMeetsPart, 6)].into();
+        let counts = CandidateCounts { generated: 5820, kept: 4036, rejected };
+        let told = "5\u{202f}820 viewpoints were considered, 4\u{202f}036 of them usable. Dropped: below the plate (1\u{202f}778), the \
+                    scanner’s body would meet the part (6).";
+        assert_eq!(considered(&counts), told);
+        let all = CandidateCounts { generated: 4, kept: 4, ..CandidateCounts::default() };
+        assert_eq!(considered(&all), "4 viewpoints were considered, 4 of them usable.");
+    }
 }

@@ -1,10 +1,10 @@
-//! Coverage after each view, as an inline SVG: measured share of the asked area over the number of views, with the coverable
-//! share as a ceiling. Colours come from the page, so that the chart follows light and dark themes.
+//! Coverage after each view, as an inline SVG: measured share of the asked area over the number of views that are executed, with the
+//! coverable share as a ceiling. Colours come from the page, so that the chart follows light and dark themes.
 
 use std::fmt::Write;
 
 use super::markup::{number, percent};
-use crate::planning::plan::{Coverage, share};
+use crate::planning::plan::{Coverage, PlannedView, share};
 
 const WIDTH: f64 = 680.0;
 const HEIGHT: f64 = 300.0;
@@ -15,9 +15,10 @@ const BOTTOM: f64 = 52.0;
 /// Max labels along the axis of views.
 const MAX_TICKS: usize = 12;
 
-/// The chart; empty if no view was chosen.
-pub(super) fn curve(coverage: &Coverage) -> String {
-    let shares: Vec<f64> = coverage.curve_area_mm2.iter().map(|area_mm2| share(*area_mm2, coverage.asked_area_mm2)).collect();
+/// The chart; empty if no view is executed. A view without a path measures nothing, and counts as none.
+pub(super) fn curve(coverage: &Coverage, views: &[PlannedView]) -> String {
+    let executed = views.iter().zip(&coverage.curve_area_mm2).filter(|(view, _)| view.rejected.is_none());
+    let shares: Vec<f64> = executed.map(|(_, area_mm2)| share(*area_mm2, coverage.asked_area_mm2)).collect();
     let Some(last) = shares.last() else { return String::new() };
     let chart = Chart { views: shares.len() };
     let after = if shares.len() == 1 { "1 view".to_owned() } else { format!("each of {} views", shares.len()) };
@@ -101,14 +102,49 @@ impl Chart {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
+    use crate::planning::candidates::Label;
+    use crate::planning::plan::{CandidateId, Cause, SetupId, ViewId};
+
+    fn view(id: u32, rejected: Option<Cause>) -> PlannedView {
+        PlannedView {
+            id: ViewId(id),
+            candidate: CandidateId(id),
+            setup: SetupId(0),
+            label: Label::Top,
+            part_from_scanner: Pose::identity(),
+            gain_of_asked: 0.1,
+            score: 1.0,
+            station: None,
+            stance: None,
+            rejected,
+            exposure: None,
+        }
+    }
+
+    fn chart(curve_area_mm2: &[f64], rejected: &[Option<Cause>]) -> String {
+        let coverage = Coverage { asked_area_mm2: 100.0, curve_area_mm2: curve_area_mm2.to_vec(), ..Coverage::default() };
+        let views: Vec<PlannedView> = (0..).zip(rejected).map(|(id, rejected)| view(id, *rejected)).collect();
+        curve(&coverage, &views)
+    }
+
+    fn label(chart: &str) -> &str {
+        chart.split_once("area after ").and_then(|(_, rest)| rest.split_once(',')).expect("a label").0
+    }
 
     #[test]
     fn one_view_is_no_views() {
-        let label = |curve_area_mm2: &[f64]| {
-            let coverage = Coverage { asked_area_mm2: 100.0, curve_area_mm2: curve_area_mm2.to_vec(), ..Coverage::default() };
-            let svg = curve(&coverage);
-            svg.split_once("area after ").and_then(|(_, rest)| rest.split_once(',')).expect("a label").0.to_owned()
-        };
-        assert_eq!([label(&[50.0]), label(&[50.0, 75.0])], ["1 view", "each of 2 views"]);
+        let charts = [chart(&[50.0], &[None]), chart(&[50.0, 75.0], &[None; 2])];
+        assert_eq!(charts.each_ref().map(|chart| label(chart)), ["1 view", "each of 2 views"]);
+    }
+
+    /// The report says of a plan how many views are executed, and the chart beside it once had more.
+    #[test]
+    fn views_without_a_path_are_no_views_of_the_chart() {
+        let no_path = Some(Cause::NoPath);
+        let all = chart(&[50.0, 50.0, 75.0, 75.0], &[None, no_path, None, no_path]);
+        assert_eq!(label(&all), "each of 2 views");
+        assert_eq!(all, chart(&[50.0, 75.0], &[None; 2]));
+        assert_eq!(chart(&[0.0], &[no_path]), "");
     }
 }

@@ -26,6 +26,8 @@ const FRONT_PART: [f64; 2] = [270.0, 380.0];
 const FRONT_PLATE_Y: f64 = 470.0;
 /// Middle of the part in it.
 const FRONT_X: f64 = 235.0;
+/// Ends of the plate in it where there is no room for all of it.
+const FRONT_ENDS: [f64; 2] = [70.0, 400.0];
 /// Top of the name of the side that is up in it, over its arrow.
 const UP_ARROW_TOP: f64 = 180.0;
 /// Distance of dimension lines from what they measure.
@@ -291,14 +293,11 @@ pub(super) fn from_front(placed: &PlacedPart, up: &str, album: &mut Album) -> St
          {up} of the file up\">\n",
         height - top
     );
-    // Writing to a String cannot fail.
-    let [left, right] = placed
-        .plate_radius_mm
-        .map_or([70.0, 400.0], |radius_mm| [at(-radius_mm, 0.0)[0].clamp(70.0, 400.0), at(radius_mm, 0.0)[0].clamp(70.0, 400.0)]);
-    let _ = writeln!(svg, "<path class=\"ground\" d=\"M{left:.1} {FRONT_PLATE_Y}H{right:.1}v10H{left:.1}z\"/>");
+    svg += &ground(placed.plate_radius_mm.map_or(FRONT_ENDS, |radius_mm| [-radius_mm, radius_mm].map(|x_mm| at(x_mm, 0.0)[0])));
     svg += &placed.image(album, [-Vector3::y(), Vector3::z()], scale, at(0.5 * (min.x + max.x), 0.5 * (min.z + max.z)));
     let [axis_x, part_top] = at(0.0, high_mm);
-    if (70.0..=400.0).contains(&axis_x) {
+    // Writing to a String cannot fail.
+    if (FRONT_ENDS[0]..=FRONT_ENDS[1]).contains(&axis_x) {
         let _ = writeln!(svg, "<path class=\"axis\" d=\"M{axis_x:.1} {:.1}V{:.1}\"/>", part_top - 26.0, FRONT_PLATE_Y + 26.0);
         let _ = writeln!(svg, "<text class=\"small\" x=\"{axis_x:.1}\" y=\"{:.1}\">table’s axis</text>", FRONT_PLATE_Y + 40.0);
     }
@@ -310,6 +309,26 @@ pub(super) fn from_front(placed: &PlacedPart, up: &str, album: &mut Album) -> St
     svg += &placed.axes([52.0, height - 62.0], |direction| [direction.x, direction.z]);
     let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"{}\">From the front (−90° of the table)</text>", top + 24.0);
     svg + "</svg>\n"
+}
+
+/// The plate from the front between its two ends: whole where there is room, else cut off at break lines, with a word on that.
+fn ground(ends: [f64; 2]) -> String {
+    let [first, last] = FRONT_ENDS;
+    let [left, right] = ends.map(|end| end.clamp(first, last));
+    let mut svg = format!("<path class=\"ground\" d=\"M{left:.1} {FRONT_PLATE_Y}H{right:.1}v10H{left:.1}z\"/>\n");
+    let cuts = [(ends[0] < first, left), (ends[1] > last, right)].into_iter().filter_map(|(is_cut, x)| is_cut.then_some(x));
+    let lines: String =
+        cuts.map(|x| format!("<path class=\"break\" d=\"M{x:.1} {}v8l-6 5l12 8l-6 5v8\"/>\n", FRONT_PLATE_Y - 12.0)).collect();
+    if !lines.is_empty() {
+        svg += &lines;
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            svg,
+            "<text class=\"small end\" x=\"{last:.1}\" y=\"{:.1}\">plate drawn shortened</text>",
+            FRONT_PLATE_Y + 60.0
+        );
+    }
+    svg
 }
 
 /// A dimension line, beside what it measures.
@@ -477,6 +496,17 @@ mod tests {
         let names = [("0°", 0.0), ("robot", std::f64::consts::PI)].map(|(name, rad)| super::side(name, rad, 240.0));
         assert!(names[0].contains("points=\"402.0,246.0 416.0,240.0 402.0,234.0\""), "{names:?}");
         assert!(names[1].contains("x=\"32.0\"") && names[1].ends_with(">robot</text>\n"), "{names:?}");
+    }
+
+    #[test]
+    fn a_plate_that_has_no_room_is_cut_off_at_break_lines_and_says_so() {
+        let whole = super::ground([100.0, 370.0]);
+        assert!(whole.contains("M100.0 470H370.0") && !whole.contains("break") && !whole.contains("shortened"), "{whole}");
+        for (ends, drawn, breaks) in [([-300.0, 800.0], "M70.0 470H400.0", 2), ([90.0, 500.0], "M90.0 470H400.0", 1)] {
+            let cut = super::ground(ends);
+            assert!(cut.contains(drawn) && cut.contains(">plate drawn shortened</text>"), "{cut}");
+            assert_eq!(cut.matches("class=\"break\"").count(), breaks, "{cut}");
+        }
     }
 
     #[test]

@@ -4,11 +4,11 @@
 use std::fmt::Write;
 
 use super::album::Album;
-use super::markup::{area, escape, number, percent, triple};
-use super::page::document;
+use super::markup::{area, escape, grouped, number, percent, triple};
 use super::pictures::{PicturedPart, in_inks};
-use super::views::{swatch, three_sides};
-use crate::geometry::{Mesh, Part, Pose, Table};
+use super::views::{swatch, three_sides, together};
+use super::{ReportSubject, sections};
+use crate::geometry::{Part, Pose, Table};
 use crate::inspection::Inspection;
 use crate::inspection::losses::LossCause;
 use crate::planning::context::{Cancelled, Context};
@@ -18,8 +18,9 @@ use crate::planning::visibility::SampleSet;
 use crate::rendering::{Ink, MissGroup, SampledModel};
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
-    InspectionDocument, LearnedDocument, LossDocument, RateBinDocument, RegionDeviationDocument, StatisticsDocument,
-    colour_limit_mm, deviation_step, excluded_sentence, remedy_words,
+    AlignmentDocument, EstimateDocument, InspectionDocument, LearnedDocument, LossDocument, MeasuredCoverageDocument,
+    RateBinDocument, RegionDeviationDocument, StatisticsDocument, TakenScanDocument, colour_limit_mm, deviation_step,
+    excluded_sentence, remedy_words,
 };
 
 /// Plot: width, height and margins, px.
@@ -32,16 +33,18 @@ const BOTTOM: f64 = 40.0;
 /// An inspection and the part that it is of.
 #[derive(Clone, Copy)]
 pub struct InspectionReport<'a> {
+    /// The part as it was to be, and what it was planned for; undated.
+    pub subject: ReportSubject<'a>,
+    /// Time at which the job was accepted that made the plan, RFC 3339; `None` where it is not known.
+    pub planned_at: Option<&'a str>,
+    /// Time at which the run was accepted that took the scans, RFC 3339; `None` without its record.
+    pub run_at: Option<&'a str>,
     /// Samples and their verdicts.
     pub inspection: &'a Inspection,
     /// The result.
     pub document: &'a InspectionDocument,
     /// Findings about the scanner.
     pub learned: &'a LearnedDocument,
-    /// The part as it was to be.
-    pub mesh: &'a Mesh,
-    /// Name of the part.
-    pub part_name: &'a str,
     /// Samples that scans of earlier rounds measured; none in the first round.
     pub before: Option<&'a SampleSet>,
     /// Pose of the part on the plate, for the sides of the pictures.
@@ -53,9 +56,12 @@ pub struct InspectionReport<'a> {
 /// # Errors
 /// [`Cancelled`].
 pub fn inspection_html(report: &InspectionReport<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
-    let mut album = Album::new(SampledModel::new(report.mesh, &report.inspection.surface, None, ctx)?);
+    let (subject, document) = (&report.subject, report.document);
+    let mut album = Album::new(SampledModel::new(subject.mesh, &report.inspection.surface, None, ctx)?);
+    let dates = [("Date of the plan", report.planned_at), ("Date of the run", report.run_at)];
+    let own = facts(&document.coverage, document.scans.len(), &document.plan_sha256, dates);
     let body = [
-        header(report),
+        sections::header(subject, "Inspection", &own),
         "<main>\n".to_owned(),
         verdict(report),
         alignment(report),
@@ -68,7 +74,7 @@ pub fn inspection_html(report: &InspectionReport<'_>, ctx: &Context<'_>) -> Resu
         files(report),
         "</main>\n".to_owned(),
     ];
-    album.into_draft(document(&format!("Inspection: {}", report.part_name), &body.concat())).draw(ctx)
+    album.into_draft(sections::document(subject, "Inspection", &body.concat())).draw(ctx)
 }
 
 fn section(name: &str, body: &str) -> String {
@@ -84,20 +90,22 @@ fn row(cells: &[String]) -> String {
     format!("<tr>{}</tr>\n", cells.iter().map(|cell| format!("<td>{cell}</td>")).collect::<String>())
 }
 
-fn header(report: &InspectionReport<'_>) -> String {
-    let (coverage, scans) = (&report.document.coverage, report.document.scans.len());
-    let facts = [
-        ("Planned", percent(coverage.planned_of_asked)),
-        ("Measured", percent(coverage.measured_of_asked)),
-        ("Scans", scans.to_string()),
-        ("Plan", report.document.plan_sha256.chars().take(12).collect()),
-    ];
-    let facts = facts.map(|(name, value)| format!("<div><dt>{name}</dt><dd>{}</dd></div>", escape(&value)));
-    format!(
-        "<header>\n<p class=\"kind\">Inspection</p>\n<h1>{}</h1>\n<dl class=\"facts\">{}</dl>\n</header>\n",
-        escape(report.part_name),
-        facts.concat()
-    )
+/// Facts of an inspection beside those of its part; a date that is not known is left out.
+fn facts(
+    coverage: &MeasuredCoverageDocument,
+    scans: usize,
+    plan_sha256: &str,
+    dates: [(&'static str, Option<&str>); 2],
+) -> Vec<(&'static str, String)> {
+    let known = dates.into_iter().filter_map(|(name, date)| Some((name, date.filter(|date| !date.is_empty())?)));
+    let mut facts: Vec<_> = known.map(|(name, date)| (name, escape(&sections::date_text(date)))).collect();
+    facts.extend([
+        ("Planned of asked", percent(coverage.planned_of_asked)),
+        ("Measured of asked", percent(coverage.measured_of_asked)),
+        ("Scans", number(scans as f64, 0)),
+        ("SHA-256 of the plan", sections::digest(plan_sha256)),
+    ]);
+    facts
 }
 
 fn verdict(report: &InspectionReport<'_>) -> String {
@@ -106,24 +114,27 @@ fn verdict(report: &InspectionReport<'_>) -> String {
     format!("<section>\n<h2>Result</h2>\n<p>{}</p>\n{offers}</section>\n", escape(&report.document.verdict))
 }
 
+/// Sentences on where the part lies.
+fn place(alignment: &AlignmentDocument) -> String {
+    let on_part = percent(alignment.inlier_share);
+    if !alignment.holds_part() {
+        return format!("The place of the part was not found: {on_part} of the points lie on it. Are these scans of this part?");
+    }
+    format!(
+        "The part lies {} mm ± {} mm and {}° ± {}° (k = 2) from where it was planned. {on_part} of the points lie on it, and scatter \
+         with a standard deviation of {} mm.",
+        number(alignment.part_shifted_mm, 3),
+        number(2.0 * alignment.part_sd.translation_mm, 4),
+        number(alignment.part_turned_deg, 3),
+        number(2.0 * alignment.part_sd.rotation_deg, 4),
+        number(alignment.noise_mm, 4),
+    )
+}
+
 fn alignment(report: &InspectionReport<'_>) -> String {
     let alignment = &report.document.alignment;
-    let place = if alignment.holds_part() {
-        format!(
-            "The part lies {} mm and {}° from where it was planned (± {} mm, {}°). {} of the points lie on it, with a spread of {} mm.",
-            number(alignment.part_shifted_mm, 3),
-            number(alignment.part_turned_deg, 3),
-            number(alignment.part_sd.translation_mm, 4),
-            number(alignment.part_sd.rotation_deg, 4),
-            percent(alignment.inlier_share),
-            number(alignment.noise_mm, 4),
-        )
-    } else {
-        let on_part = percent(alignment.inlier_share);
-        format!("The place of the part was not found: {on_part} of the points lie on it. Are these scans of this part?")
-    };
     let method = alignment.method.as_str().replace('_', " ");
-    let part = format!("<p>{place} Deviations are at the alignment <b>{method}</b>.</p>\n");
+    let part = format!("<p>{} Deviations are at the alignment <b>{method}</b>.</p>\n", place(alignment));
     let of_view = |view: &crate::wire::inspection::ViewAlignmentDocument| {
         let kept = view.kept_pose.map_or("corrected", |reason| reason.as_str());
         row(&[
@@ -136,7 +147,7 @@ fn alignment(report: &InspectionReport<'_>) -> String {
         ])
     };
     let rows: String = alignment.views.iter().map(of_view).collect();
-    let head = ["View", "Shift, mm", "Turn, °", "Residual, mm", "On the part", "Pose"];
+    let head = ["View", "Shift, mm", "Turn, °", "Residual, mm rms", "On the part", "Pose"];
     section("Alignment", &(part + &table(&head, &rows)))
 }
 
@@ -150,14 +161,33 @@ fn statistics_row(name: &str, figures: &StatisticsDocument) -> String {
 /// Pictures of the part from three sides in some inks, with a legend.
 fn pictures(report: &InspectionReport<'_>, album: &mut Album, codes: &[u8], alt: &str, legend: &str) -> String {
     let inks = album.inks(codes);
-    let part = PicturedPart { mesh: report.mesh, table_from_part: report.table_from_part };
+    let part = PicturedPart { mesh: report.subject.mesh, table_from_part: report.table_from_part };
     let figures = three_sides(|side| in_inks(&part, album, side, &inks, alt));
-    format!("{figures}<ul class=\"legend\">{legend}</ul>\n")
+    together(&figures, &format!("<ul class=\"legend\">{legend}{}</ul>\n", back_entry(album.is_open())))
+}
+
+/// Entry of a legend for the inner side of the surface, which pictures of an open one show.
+fn back_entry(is_open: bool) -> String {
+    if is_open { format!("<li>{}{}</li>", swatch(Ink::Back), Ink::Back.label()) } else { String::new() }
+}
+
+/// Legend of the colours of deviations: the range that each stands for.
+fn deviation_legend(limit_mm: f64) -> String {
+    // Lower end of a step; all are equally wide.
+    let from = |step: u8| number((2.0 * f64::from(step) / 7.0 - 1.0) * limit_mm, 3);
+    let range = |step: u8| match step {
+        0 => format!("below {}", from(1)),
+        6 => format!("above {}", from(6)),
+        _ => format!("{} to {}", from(step), from(step + 1)),
+    };
+    let entry = |step: u8| format!("<li>{}{} mm</li>", swatch(Ink::Deviation(step)), range(step));
+    let entries: String = (0..7).map(entry).collect();
+    format!("{entries}<li>{}Not measured</li>", swatch(Ink::NotAsked))
 }
 
 fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let (found, limit_mm) = (&report.document.deviation, colour_limit_mm(report.inspection));
-    let excluded = format!("<p>{}</p>\n", escape(&excluded_sentence(found)));
+    let excluded = format!("<p>{}</p>\n", escape(&grouped(&excluded_sentence(found))));
     let Some(figures) = &found.statistics else {
         return section("Deviation", &format!("<p>Nothing was measured.</p>\n{excluded}"));
     };
@@ -167,12 +197,6 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
         if sample.points > 0 { Ink::Deviation(step) } else { Ink::NotAsked }
     };
     let codes: Vec<u8> = samples.iter().map(|sample| ink(sample).code()).collect();
-    let entry = |step: u8| {
-        let middle_mm = (f64::from(step) - 3.0) / 3.0 * limit_mm;
-        format!("<li>{}{} mm</li>", swatch(Ink::Deviation(step)), number(middle_mm, 3))
-    };
-    let legend: String = (0..7).map(entry).collect();
-    let legend = format!("{legend}<li>{}Not measured</li>", swatch(Ink::NotAsked));
     let head = ["", "Mean, mm", "RMS, mm", "1 %, mm", "Median, mm", "99 %, mm", "Largest, mm"];
     let extents = found.extents.iter().zip(["Length (x)", "Width (y)", "Height (z)"]).map(|(extent, name)| {
         let measured = extent.measured_mm.map_or("not measured".to_owned(), |measured| {
@@ -198,11 +222,11 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     };
     let heaps = off_surface(report);
     let body = excluded
-        + &pictures(report, album, &codes, "the part, coloured by deviation", &legend)
+        + &pictures(report, album, &codes, "the part, coloured by deviation", &deviation_legend(limit_mm))
         + &format!("<div class=\"card\">{}</div>\n", histogram(report))
         + &table(&head, &statistics_row("Whole part", figures))
         + "<h3>Extents</h3>\n"
-        + &table(&["", "Nominal", "Measured"], &extents)
+        + &table(&["", "Nominal", "Measured (difference)"], &extents)
         + "<h3>Spots that deviate</h3>\n"
         + &worst
         + &heaps;
@@ -214,17 +238,18 @@ fn no_spot(off_of_area: f64) -> String {
     if off_of_area > 0.0 {
         let off = percent(off_of_area);
         return format!(
-            "<p>No spot of what is compared deviates by more than 0.1 mm and its uncertainty; {off} of the area lies beyond the search \
-             distance and is not compared.</p>\n"
+            "<p>No spot of what is compared deviates by more than 0.1 mm and its uncertainty (k = 2); {off} of the area lies beyond the \
+             search distance and is not compared.</p>\n"
         );
     }
-    "<p>No spot deviates by more than 0.1 mm and its uncertainty.</p>\n".to_owned()
+    "<p>No spot deviates by more than 0.1 mm and its uncertainty (k = 2).</p>\n".to_owned()
 }
 
 /// Points off the surface.
 fn off_surface(report: &InspectionReport<'_>) -> String {
     let heaps = report.document.deviation.off_surface.iter().take(10).map(|heap| {
-        row(&[heap.kind.as_str().to_owned(), heap.points.to_string(), number(heap.mean_mm, 2), triple(heap.centre_mm, 1)])
+        let (points, mean) = (number(heap.points as f64, 0), number(heap.mean_mm, 2));
+        row(&[heap.kind.as_str().to_owned(), points, mean, triple(heap.centre_mm, 1)])
     });
     let heaps: String = heaps.collect();
     if heaps.is_empty() {
@@ -244,8 +269,9 @@ fn anchor(part: u32) -> &'static str {
 
 fn histogram(report: &InspectionReport<'_>) -> String {
     let histogram = &report.document.deviation.histogram;
-    let mut svg = Svg::new(WIDTH, HEIGHT, "Area by deviation", "Histogram of the measured area by its deviation");
     let most = histogram.area_mm2.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let title = format!("Area by deviation; highest bar {}, the outermost bars hold what lies beyond", area(most));
+    let mut svg = Svg::new(WIDTH, HEIGHT, &title, "Histogram of the measured area by its deviation");
     let (classes, bottom) = (histogram.area_mm2.len().max(1), HEIGHT - BOTTOM);
     let width = (WIDTH - LEFT - 16.0) / classes as f64;
     let limit_mm = colour_limit_mm(report.inspection);
@@ -306,13 +332,13 @@ fn losses(report: &InspectionReport<'_>, album: &mut Album) -> String {
             format!("<b>{}</b>", escape(&loss.cause.as_str().replace('_', " "))),
             percent(loss.of_asked),
             area(loss.area_mm2),
-            loss.spots.to_string(),
+            number(loss.spots as f64, 0),
             escape(&loss.detail),
             remedy.to_owned(),
         ])
     };
     let rows: String = losses.iter().map(of_cause).collect();
-    let head = ["Cause", "Of asked", "Area", "Spots", "", "Remedy"];
+    let head = ["Cause", "Of asked", "Area", "Spots", "Meaning", "Remedy"];
     section("Losses", &(pictures(report, album, &codes, "the part, lost surface by cause", &legend) + &table(&head, &rows)))
 }
 
@@ -363,8 +389,20 @@ fn regions(report: &InspectionReport<'_>) -> String {
             + "<p>Verdicts after ISO 14253-1: <i>undecided</i> where the deviation lies within its uncertainty of the limit, where too \
          little is measured, or where surface is <i>off</i>: points before or behind it lie beyond the search distance; raise \
          <code>compare.search_mm</code> so that it is judged. <i>Steep</i> points show a surface that is turned too far against the \
-         model: where most are, and beyond the limit, the area counts as not measured.</p>\n"),
+         model: where most are, and beyond the limit, the area counts as not measured. U holds what is open of the poses where nothing \
+         but the model holds a view.</p>\n"
+            + &open_by_poses(&report.document.deviation.regions)),
     )
+}
+
+/// Regions that only what is open of the poses keeps from passing, with the remedy.
+fn open_by_poses(regions: &[RegionDeviationDocument]) -> String {
+    let told = |region: &RegionDeviationDocument| {
+        crate::wire::inspection::open_poses_sentence(region)
+            .map(|sentence| format!("<li>{}: {}</li>\n", escape(&region.name), escape(&sentence)))
+    };
+    let told: String = regions.iter().filter_map(told).collect();
+    if told.is_empty() { told } else { format!("<ul>\n{told}</ul>\n") }
 }
 
 fn region_row(region: &RegionDeviationDocument) -> String {
@@ -393,17 +431,17 @@ fn learned(report: &InspectionReport<'_>) -> String {
     let curves = curves.into_iter().filter(|(_, _, bins)| bins.len() > 1);
     let body: String =
         curves.map(|(name, unit, bins)| format!("<div class=\"card\">{}</div>\n", rates(name, unit, bins))).collect();
-    let noise = learned.noise_best_mm.map_or_else(String::new, |noise| {
-        let [low, high] = noise.interval;
-        format!(
-            "<p>Noise at best focus: {} mm ({} to {} mm, {} triples of points).</p>\n",
-            number(noise.value, 4),
-            number(low, 4),
-            number(high, 4),
-            noise.count
-        )
-    });
+    let noise = learned.noise_best_mm.as_ref().map_or_else(String::new, noise_words);
     section("What the scans teach about the scanner", &(noise + &body))
+}
+
+fn noise_words(noise: &EstimateDocument) -> String {
+    let [value, low, high] = [noise.value, noise.interval[0], noise.interval[1]].map(|mm| number(mm, 4));
+    format!(
+        "<p>Standard deviation of a point at best focus: {value} mm (95 % confidence: {low} to {high} mm, from {} triples of \
+         points).</p>\n",
+        number(noise.count as f64, 0)
+    )
 }
 
 fn rates(name: &str, unit: &str, bins: &[RateBinDocument]) -> String {
@@ -441,33 +479,144 @@ fn views(report: &InspectionReport<'_>) -> String {
 }
 
 fn files(report: &InspectionReport<'_>) -> String {
-    let of_scan = |scan: &crate::wire::inspection::TakenScanDocument| {
-        let removed: Vec<String> = scan
-            .removed
-            .iter()
-            .map(|removed| format!("{} {}", removed.points, removed.reason.as_str().replace('_', " ")))
-            .collect();
-        row(&[
-            escape(&scan.file),
-            scan.viewpoint.to_string(),
-            scan.points.to_string(),
-            format!("{}, {} frame", scan.unit, scan.frame.as_str()),
-            percent(scan.on_part),
-            escape(&removed.join(", ")),
-        ])
-    };
-    let rows: String = report.document.scans.iter().map(of_scan).collect();
+    let rows: String = report.document.scans.iter().map(scan_row).collect();
     let findings: String =
         report.document.findings.iter().map(|finding| format!("<li>{}</li>\n", escape(&finding.detail))).collect();
     let findings = if findings.is_empty() { findings } else { format!("<ul>\n{findings}</ul>\n") };
     section("Files", &(findings + &table(&["File", "View", "Points", "Read as", "On the part", "Removed"], &rows)))
 }
 
+fn scan_row(scan: &TakenScanDocument) -> String {
+    let removed = scan.removed.iter().map(|removed| {
+        let points = number(removed.points as f64, 0);
+        format!("{points} {}", removed.reason.as_str().replace('_', " "))
+    });
+    row(&[
+        escape(&scan.file),
+        scan.viewpoint.to_string(),
+        number(scan.points as f64, 0),
+        format!("{}, {} frame", scan.unit, scan.frame.as_str()),
+        percent(scan.on_part),
+        escape(&removed.collect::<Vec<String>>().join(", ")),
+    ])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inspection::deviation::Conformity;
-    use crate::wire::inspection::ExcludedSharesDocument;
+    use crate::cell::PoseSpec;
+    use crate::inspection::deviation::{Alignment, Conformity};
+    use crate::inspection::ingest::{RemovedBecause, ScanFrame};
+    use crate::testing::{box_mesh, nominal_scanner};
+    use crate::wire::echo::Echo;
+    use crate::wire::inspection::{ExcludedSharesDocument, RemovedDocument, RigidSdDocument, ViewAlignmentDocument};
+
+    #[test]
+    fn the_head_has_the_facts_of_the_plan_s_report_and_the_dates_that_are_known() {
+        let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
+        let echo = Echo { part_number: Some("PN-4711".into()), serial: Some("S <7>".into()), ..Echo::default() };
+        let subject = ReportSubject {
+            mesh: &mesh,
+            fixture: None,
+            part_sha256: "",
+            part_name: "block",
+            scanner: &scanner,
+            cell: None,
+            echo: &echo,
+            date: None,
+            size_warnings: &[],
+        };
+        let coverage = MeasuredCoverageDocument {
+            asked_area_mm2: 100.0,
+            planned_of_asked: 0.9,
+            measured_of_asked: 0.8,
+            measured_in_all_of_asked: 0.8,
+            measured_of_coverable: None,
+            both_of_asked: 0.8,
+            lost_of_asked: 0.1,
+            gained_of_asked: 0.0,
+            neither_of_asked: 0.1,
+            lost_near_limit_of_asked: 0.0,
+            gained_near_limit_of_asked: 0.0,
+            approximate: false,
+            by_view: Vec::new(),
+        };
+        let dates = [("Date of the plan", Some("2026-01-31T08:15:42Z")), ("Date of the run", Some(""))];
+        let own = facts(&coverage, 5, &"ab".repeat(32), dates);
+        let head = sections::header(&subject, "Inspection", &own).replace('\u{a0}', " ");
+        for said in [
+            "<dt>Part number</dt><dd>PN-4711</dd>",
+            "<dt>Serial number</dt><dd>S &lt;7&gt;</dd>",
+            "<dt>Version</dt><dd>Vantage ",
+            "<dt>Scanner</dt>",
+            "<dt>Cell</dt><dd>none: viewpoints only</dd>",
+            "<dt>Date of the plan</dt><dd>2026-01-31 08:15 UTC</dd>",
+            "<dt>Measured of asked</dt><dd>80.00 %</dd>",
+            "<dt>Scans</dt><dd>5</dd>",
+            ">abababababab…</code>",
+        ] {
+            assert!(head.contains(said), "{said:?} is not in {head}");
+        }
+        assert!(!head.contains("Date of the run") && !head.contains("<dt>Date</dt>"), "{head}");
+    }
+
+    #[test]
+    fn the_place_of_the_part_is_told_with_its_expanded_uncertainty() {
+        let view = ViewAlignmentDocument {
+            viewpoint: 3,
+            points: 900,
+            inlier_share: 0.95,
+            rms_mm: 0.02,
+            turned_deg: 0.001,
+            shifted_mm: 0.01,
+            kept_pose: None,
+        };
+        let found = AlignmentDocument {
+            method: Alignment::BestFit,
+            mesh_from_stated: PoseSpec::default(),
+            table_from_part: None,
+            part_turned_deg: 0.12,
+            part_shifted_mm: 0.412,
+            part_sd: RigidSdDocument { rotation_deg: 0.0105, translation_mm: 0.0925 },
+            noise_mm: 0.0123,
+            inlier_share: 0.95,
+            views: vec![view],
+        };
+        let told = place(&found);
+        assert!(told.contains("0.412 mm ± 0.1850 mm and 0.120° ± 0.0210° (k = 2) from where it was planned"), "{told}");
+        assert!(told.contains("a standard deviation of 0.0123 mm"), "{told}");
+    }
+
+    #[test]
+    fn the_legend_of_deviations_has_the_ranges_that_the_colours_stand_for() {
+        let legend = deviation_legend(0.7);
+        for (step, range) in
+            [(0, "below −0.500 mm"), (1, "−0.500 to −0.300 mm"), (3, "−0.100 to 0.100 mm"), (6, "above 0.500 mm")]
+        {
+            assert!(legend.contains(&format!("{}{range}</li>", swatch(Ink::Deviation(step)))), "{range} of {step}: {legend}");
+        }
+        assert_eq!((back_entry(false).as_str(), back_entry(true).contains("Inner side")), ("", true));
+        assert_eq!([-0.51, -0.49, -0.31, -0.09, 0.09, 0.51].map(|mm| deviation_step(mm, 0.7)), [0, 1, 1, 3, 3, 6]);
+    }
+
+    #[test]
+    fn noise_says_what_its_interval_is_and_large_counts_are_grouped() {
+        let noise = noise_words(&EstimateDocument { value: 0.0123, interval: [0.012, 0.0126], count: 133_343 });
+        assert!(noise.contains("(95 % confidence: 0.0120 to 0.0126 mm, from 133\u{202f}343 triples of points)"), "{noise}");
+        let scan = TakenScanDocument {
+            viewpoint: 3,
+            file: "view_03.ply".to_owned(),
+            unit: "mm".to_owned(),
+            frame: ScanFrame::Scanner,
+            points: 50_800,
+            in_frusta: 1.0,
+            on_part: 0.9,
+            grid: None,
+            removed: vec![RemovedDocument { reason: RemovedBecause::MixedPixel, points: 1200 }],
+        };
+        let row = scan_row(&scan);
+        assert!(row.contains("<td>50\u{202f}800</td>") && row.contains("<td>1\u{202f}200 mixed pixel</td>"), "{row}");
+    }
 
     #[test]
     fn no_spot_is_told_with_the_share_that_is_not_compared() {
@@ -484,10 +633,15 @@ mod tests {
             measured: 0.9,
             excluded: ExcludedSharesDocument { turned_of_points: 0.25, turned_of_area: 0.05, off_of_area: 0.03 },
             verdict: Some(Conformity::Undecided),
-            expanded_uncertainty_mm: None,
+            expanded_uncertainty_mm: Some(0.25),
+            pose_uncertainty_mm: Some(0.24),
+            is_open_by_poses: true,
             statistics: None,
         };
         let row = region_row(&region).replace('\u{a0}', " ");
         assert!(row.contains("25.00 % of the points steep; area: 5.00 % steep, 3.00 % off"), "{row}");
+        let told = open_by_poses(std::slice::from_ref(&region));
+        assert!(told.contains("<li>top: U is mostly what poses leave open (± 0.240 mm)"), "{told}");
+        assert_eq!(open_by_poses(&[RegionDeviationDocument { is_open_by_poses: false, ..region }]), "");
     }
 }

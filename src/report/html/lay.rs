@@ -30,9 +30,9 @@ pub(super) fn section(subject: &ReportSubject<'_>, lays: &[Lay], album: &mut Alb
     }
     let figures: String = lays.iter().zip(1..).map(|(lay, number)| figure(subject, lay, number, lays.len(), album)).collect();
     format!(
-        "<section class=\"lays\">\n<h2>How the part lies on the plate</h2>\n<p>Drawn to scale with the table at 0°, in millimetres. \
-         Offsets are those of the box around the part from the table’s axis; angles of the table count counter-clockwise seen from \
-         above, from the 0° mark.</p>\n{figures}</section>\n"
+        "<section class=\"lays\">\n<h2>How the part lies on the plate</h2>\n<p>Drawn to scale with the table at 0°, in millimetres; a \
+         plate too wide for its drawing is cut off at break lines. Offsets are those of the box around the part from the table’s \
+         axis; angles of the table count counter-clockwise seen from above, from the 0° mark.</p>\n{figures}</section>\n"
     )
 }
 

@@ -54,15 +54,17 @@ fn by_thousands(text: &str) -> String {
     grouped + fraction
 }
 
-/// Groups the digits of whole numbers in our own text as [`number`] does.
+/// Groups the digits of numbers in our own text as [`number`] does.
 pub(in crate::report) fn grouped(text: &str) -> String {
-    let word = |word: &str| {
-        let digits = word.trim_start_matches('(');
-        let is_long = digits.len() > 3 && digits.bytes().all(|byte| byte.is_ascii_digit());
-        let value = digits.parse::<f64>().ok().filter(|_| is_long);
-        value.map_or_else(|| word.to_owned(), |value| format!("{}{}", &word[..word.len() - digits.len()], number(value, 0)))
-    };
-    text.split(' ').map(word).collect::<Vec<String>>().join(" ")
+    text.split(' ').map(grouped_word).collect::<Vec<String>>().join(" ")
+}
+
+/// A word of our own text, with its digits grouped if it is a number, whatever punctuation stands around it.
+fn grouped_word(word: &str) -> String {
+    let digits = word.trim_start_matches('(').trim_end_matches([',', ';', ':', '.', ')']);
+    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let is_number = [whole, fraction].iter().all(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()));
+    if is_number && whole.len() > 3 { word.replacen(digits, &by_thousands(digits), 1) } else { word.to_owned() }
 }
 
 /// Formats the edges of a box, with a decimal unless they are so long that nobody needs it.
@@ -115,5 +117,15 @@ mod tests {
         assert_eq!(edges([121_000.0, 73_000.0, 99.94]), "121\u{202f}000 × 73\u{202f}000 × 100\u{a0}mm");
         assert_eq!(edges([121.0, 73.04, 37.0]), "121.0 × 73.0 × 37.0\u{a0}mm");
         assert_eq!(grouped("is 121000 × 73.5 mm (3073 × 85)"), "is 121\u{202f}000 × 73.5 mm (3\u{202f}073 × 85)");
+    }
+
+    #[test]
+    fn digits_of_a_sentence_are_grouped_whatever_punctuation_follows() {
+        assert_eq!(
+            grouped("133343 are compared; 1200, 50800.0 mm² of 1778: (see"),
+            "133\u{202f}343 are compared; 1\u{202f}200, 50\u{202f}800.0 mm² of 1\u{202f}778: (see"
+        );
+        let others = "vantage 1.2.3 of part-12345.stl, x=5000 and 999.5 mm";
+        assert_eq!(grouped(others), others);
     }
 }

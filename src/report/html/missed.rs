@@ -5,7 +5,7 @@ use super::album::Album;
 use super::markup::{area, escape, number, percent, triple};
 use super::pictures::{self, SIDES};
 use super::spots::{self, NumberedSpot};
-use super::views::{figures, legend, swatch, unmeasured};
+use super::views::{figures, legend, swatch, together, unmeasured};
 use super::words;
 use crate::geometry::SimdLevel;
 use crate::planning::params::SelectionGoal;
@@ -36,16 +36,17 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLev
     let spots = spots::numbered(input);
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
     let count: usize = plan.missed.iter().map(|missed| missed.spots.len()).sum();
+    let pictures = numbered_pictures(input, album, &spots, level);
+    let legend = legend(album, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers]), Ink::label);
     format!(
         "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>On the samples that views are chosen on, {} of the asked area is missed: {} in {} {}. The part is shown in \
          grey; every missed spot has the colour of its cause, paler where something hides it from this side. Numbers are those \
-         of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}{}</section>\n",
+         of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}</section>\n",
         percent(share(missed_mm2, plan.coverage.asked_area_mm2)),
         area(missed_mm2),
         number(count as f64, 0),
         if count == 1 { "spot" } else { "spots" },
-        numbered_pictures(input, album, &spots, level),
-        legend(album, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers])),
+        together(&pictures, &legend),
         advice(input),
         fixes(input, &spots),
         list(input, &spots)

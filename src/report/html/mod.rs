@@ -103,7 +103,7 @@ pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'
         .map(|(id, setup)| lay::Lay { table_from_part: setup.table_from_part, turn: plan.turn_into(id) })
         .collect();
     let body = [
-        sections::header(subject, "Scan plan"),
+        sections::header(subject, "Scan plan", &[]),
         "<main>\n".to_owned(),
         size::notices(subject.size_warnings),
         verdict::section(input, &views::overviews(input, &mut album)),

@@ -196,7 +196,7 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
     let lays: Vec<Lay> =
         poses.iter().enumerate().map(|(place, pose)| Lay { table_from_part: *pose, turn: turn(place) }).collect();
     let body = [
-        sections::header(subject, "No scan plan"),
+        sections::header(subject, "No scan plan", &[]),
         "<main>\n".to_owned(),
         // The refusal asks for the unit itself.
         if input.is_of_implausible_size() { String::new() } else { size::notices(subject.size_warnings) },

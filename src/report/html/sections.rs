@@ -17,8 +17,8 @@ pub(super) fn document(subject: &ReportSubject<'_>, kind: &str, body: &str) -> S
     page::printed(&title, &[subject.part_name, part_number, &date, &version], body)
 }
 
-/// Header: the part, its hardware, the date and the version.
-pub(super) fn header(subject: &ReportSubject<'_>, kind: &str) -> String {
+/// Header: the part, its hardware, the date and the version, and the report's `own` facts, whose text is escaped already.
+pub(super) fn header(subject: &ReportSubject<'_>, kind: &str, own: &[(&'static str, String)]) -> String {
     let size = edges(subject.mesh.aabb().extent_mm().into());
     let mut facts = Vec::new();
     facts.extend(subject.echo.part_number.iter().map(|number| ("Part number", escape(number))));
@@ -31,6 +31,7 @@ pub(super) fn header(subject: &ReportSubject<'_>, kind: &str) -> String {
         ("Scanner", escape(&subject.scanner.name)),
         ("Cell", subject.cell.map_or_else(|| "none: viewpoints only".into(), |cell| escape(&cell.name))),
     ]);
+    facts.extend_from_slice(own);
     let label = |(name, value): (&String, &String)| format!("<span class=\"chip\">{}: {}</span>", escape(name), escape(value));
     let labels: Vec<String> = subject.echo.labels.iter().map(label).collect();
     if !labels.is_empty() {

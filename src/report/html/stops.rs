@@ -71,15 +71,25 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, ctx: &Context<
          coloured by what this view measures; grey is measured by other views. The dashed line is the field that both cameras and \
          the projector share at best focus. {}{}</p>\n{program}{}{body}</section>\n",
         if ordered { "Stops in the robot’s order" } else { "The chosen views" },
-        if ordered {
-            "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn \
-             it takes longer. Click a stop to see its pose and joints."
-        } else {
-            "Click a view to see its pose."
-        },
+        how_to_read(ordered),
         if count > MAX_PICTURES { format!(" The first {MAX_PICTURES} have pictures.") } else { String::new() },
-        legend(album, inks)
+        legend(album, inks, ink_name)
     ))
+}
+
+/// Name of an ink in the picture of one view.
+fn ink_name(ink: Ink) -> &'static str {
+    if ink == Ink::ByOthers { "Measured by other views" } else { ink.label() }
+}
+
+/// Says what the times of the stops are, and on a screen how to open one.
+fn how_to_read(ordered: bool) -> &'static str {
+    if ordered {
+        "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn \
+         it takes longer. <span class=\"screen\">Click a stop to see its pose and joints.</span>"
+    } else {
+        "<span class=\"screen\">Click a view to see its pose.</span>"
+    }
 }
 
 /// Stops of each setup in order, and last the views that are not executed.
@@ -167,4 +177,22 @@ fn details(input: &ReportInput<'_>, stop: &Stop<'_>) -> Vec<(&'static str, Strin
 
 fn quadruple(xyzw: &[f64; 4]) -> String {
     format!("({})", xyzw.map(|value| number(value, 5)).join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::plan::Grade;
+
+    #[test]
+    fn how_to_open_a_stop_is_said_on_a_screen_alone() {
+        assert!(how_to_read(true).ends_with(" longer. <span class=\"screen\">Click a stop to see its pose and joints.</span>"));
+        assert_eq!(how_to_read(false), "<span class=\"screen\">Click a view to see its pose.</span>");
+    }
+
+    #[test]
+    fn grey_is_not_what_the_pictured_view_measures() {
+        assert_eq!(ink_name(Ink::ByOthers), "Measured by other views");
+        assert_eq!(ink_name(Ink::Measured(Grade::A)), "Grade A");
+    }
 }

@@ -8,6 +8,7 @@ use super::draft_bytes::NoDraft;
 use super::markup::{area, duration, escape, number};
 use super::page::printed;
 use super::sections::date_text;
+use super::views::together;
 use crate::geometry::Pose;
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{PartParams, RegionParams};
@@ -43,6 +44,16 @@ fn the_foot_of_a_printed_page_is_text_and_nothing_else() {
     assert!(foot.starts_with("\"\\22 \\3b \\20 ") && foot.ends_with("PN\\20 7\\fffd \""), "{foot}");
     assert_eq!(page.matches("</style>").count(), 1);
     assert!(page.contains("counter(page)") && !page.contains("<script"));
+}
+
+#[test]
+fn print_keeps_pictures_with_their_legend_and_leaves_out_what_is_for_a_screen() {
+    let page = printed("t", &[], "");
+    let print = page.split("@media print {").nth(1).expect("a style for print");
+    for rule in [".together { break-inside: avoid; }", ".screen, .fold:not([open]) { display: none; }"] {
+        assert!(print.contains(rule), "{rule} is not in {print}");
+    }
+    assert_eq!(together("<img/>", "<ul></ul>\n"), "<div class=\"together\">\n<img/><ul></ul>\n</div>\n");
 }
 
 /// A page with pictures of a cylinder from two cameras, two of them from one, with ink in stripes.

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::ReportInput;
 use super::markup::{duration, escape, number, percent};
-use super::views::swatch;
+use super::views::{swatch, together};
 use crate::planning::plan::{Grade, Plan, share};
 use crate::rendering::Ink;
 use crate::wire::summary::{MissedGroup, PlanLevel, ProgramCycle, Summary};
@@ -199,14 +199,13 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
     }
     let (missed, ink) = (1.0 - coverage.of_asked(), Ink::Unmeasured);
     bar += &segment(missed, ink, "missed");
-    format!(
-        "<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n\
-         <ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n\
-         <p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area, on the samples that views are chosen on. The grade of a point says how squarely, and how \
-         close to best focus, its best view sees it: A is close to the ideal, D is close to the scanner’s limits.</p>\n",
-        swatch(ink),
-        missed = percent(missed)
-    )
+    let missed = percent(missed);
+    let bar = format!("<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n");
+    let legend = format!("<ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n", swatch(ink));
+    let meaning = "<p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area, on the samples that views are chosen on. The grade of a \
+                   point says how squarely, and how close to best focus, its best view sees it: A is close to the ideal, D is close to the \
+                   scanner’s limits.</p>\n";
+    together(&bar, &(legend + meaning))
 }
 
 #[cfg(test)]

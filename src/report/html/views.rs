@@ -14,12 +14,18 @@ pub(super) const GRADES: [Ink; 4] =
 
 /// The part from three sides, as all views together measure it.
 pub(super) fn overviews(input: &ReportInput<'_>, album: &mut Album) -> String {
+    let pictures = three_sides(|side| pictures::overview(input, album, side));
+    let legend = legend(album, GRADES.into_iter().chain(unmeasured(input, Ink::of_grade)), Ink::label);
     format!(
-        "{}{}<p class=\"soft\">All views together. x, y, z are the axes of the uploaded file. The scale bar holds at the part’s \
+        "{}<p class=\"soft\">All views together. x, y, z are the axes of the uploaded file. The scale bar holds at the part’s \
          centre.</p>\n",
-        three_sides(|side| pictures::overview(input, album, side)),
-        legend(album, GRADES.into_iter().chain(unmeasured(input, Ink::of_grade)))
+        together(&pictures, &legend)
     )
+}
+
+/// What is coloured and its legend, which print does not part.
+pub(super) fn together(coloured: &str, legend: &str) -> String {
+    format!("<div class=\"together\">\n{coloured}{legend}</div>\n")
 }
 
 /// A figure a side, side by side.
@@ -43,13 +49,13 @@ pub(super) fn unmeasured(input: &ReportInput<'_>, ink: impl Fn(Verdict) -> Ink) 
     others.map(|verdict| ink(*verdict)).collect()
 }
 
-/// Legend of the inks of a picture.
-pub(super) fn legend(album: &Album, inks: impl IntoIterator<Item = Ink>) -> String {
+/// Legend of the inks of a picture, each with its name.
+pub(super) fn legend(album: &Album, inks: impl IntoIterator<Item = Ink>, name: impl Fn(Ink) -> &'static str) -> String {
     let mut inks: BTreeSet<Ink> = inks.into_iter().collect();
     if album.is_open() {
         inks.insert(Ink::Back);
     }
-    let items: String = inks.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();
+    let items: String = inks.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), name(*ink))).collect();
     format!("<ul class=\"legend\">{items}</ul>\n")
 }
 

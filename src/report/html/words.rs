@@ -3,7 +3,7 @@
 use super::markup::{escape, number};
 use crate::cell::{OpticalDevice, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
-use crate::planning::plan::{Cause, Remedy, RemedyKind};
+use crate::planning::plan::{Cause, Remedy, RemedyKind, RiskReason};
 use crate::planning::verdict::Rejection;
 use crate::wire::words::{cause_phrase, fix_sentence, partial_percent, rejection_phrase};
 
@@ -20,7 +20,17 @@ pub(super) fn capitalised(text: &str) -> String {
 
 /// Names a reason for which a viewpoint was dropped, in a few words, with a capital.
 pub(super) fn rejection_name(reason: Rejection) -> String {
-    capitalised(rejection_phrase(reason)).replace('\'', "’")
+    capitalised(&rejection_remark(reason))
+}
+
+/// Names a reason for which a viewpoint was dropped, within a sentence.
+pub(super) fn rejection_remark(reason: Rejection) -> String {
+    rejection_phrase(reason).replace('\'', "’")
+}
+
+/// Names a reason for which area is at risk, with a capital.
+pub(super) fn risk_name(reason: RiskReason) -> String {
+    capitalised(&reason.as_str().replace('_', " "))
 }
 
 /// Explains a cause.
@@ -136,6 +146,7 @@ mod tests {
             assert!(name.to_lowercase() == phrase.to_lowercase() && name.starts_with(char::is_uppercase), "{name} of {phrase}");
         }
         assert_eq!(cause_name(Cause::ShadowProjector), "In the projector’s shadow");
+        assert_eq!(risk_name(RiskReason::ConcaveZone), "Concave zone");
         assert_eq!((capitalised("turn it upside down"), capitalised("")), ("Turn it upside down".to_owned(), String::new()));
     }
 }
