@@ -39,10 +39,15 @@ async function refusal(response: Response): Promise<Refused> {
   return new Refused(problem, response.status, etagOf(response));
 }
 
+/** Lead of the server's clock over this computer's, ms: the largest that an answer tells, since one may be late or from the browser's store. */
+let aheadMs = -Infinity;
+export const serverNow = (): number => Date.now() + (Number.isFinite(aheadMs) ? aheadMs : 0);
+
 async function send(path: string, options: RequestInit): Promise<Response> {
   const response = await fetch(apiPath + path, { ...options, headers: { ...asPage, ...options.headers } }).catch((error: Error) => {
     throw error.name === "AbortError" ? error : new Error(text.noAnswer);
   });
+  aheadMs = Math.max(aheadMs, Date.parse(response.headers.get("date") ?? "") - Date.now() || -Infinity);
   if (!response.ok) throw await refusal(response);
   return response;
 }
@@ -322,7 +327,7 @@ export interface CalibrationFinding { code: string; severity: string; observatio
 export interface CalibrationJob {
   id: string; state: string; cell: string; solve: string; hold_out: number; observations: number; submitted_by: string | null;
   created_at: string; ended_at: string | null; summary: ResidualSummary | null; point_at_best_focus_sd_mm: number | null;
-  findings: CalibrationFinding[]; problem: Job["problem"];
+  findings: CalibrationFinding[]; warnings?: Note[]; problem: Job["problem"];
 }
 export interface Residual {
   id: string; rotation_deg: number; translation_mm: number; shift_mm: number[]; table_angle_deg: number; used: boolean;

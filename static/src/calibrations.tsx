@@ -3,11 +3,11 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { apiPath, ask, askSeen, post, putVersion, Refused, remove, type Calibration, type CalibrationFinding, type CalibrationJob, type Page, type Pose, type Residual } from "./api";
 import { Chart, type Line } from "./chart";
-import { UnitNote } from "./job";
+import { UnitNote, Warnings } from "./job";
 import { LINES } from "./palette";
-import { fixed, goTo, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when } from "./settings";
+import { fixed, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when } from "./settings";
 import { text } from "./text";
-import { Button, Dialog, known, Select, useLoaded } from "./widgets";
+import { Button, ConfirmButton, Cut, Dialog, goToMade, known, NumberInput, Pending, Select, useLoaded } from "./widgets";
 
 const words = text.calibrations;
 const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
@@ -28,8 +28,7 @@ export function CalibrationList() {
     const timer = setTimeout(reload, 1000);
     return () => clearTimeout(timer);
   }, [value]);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !value) return <Pending error={error} />;
   return (
     <section class="runs calibrations" aria-labelledby="calibrations-title">
       <h1 id="calibrations-title">{words.title}</h1>
@@ -48,12 +47,13 @@ export function CalibrationList() {
                 <td>{job.summary ? deg(job.summary.spread.rms_rotation_deg) : text.none}</td>
                 <td>{job.point_at_best_focus_sd_mm == null ? text.none : smallLength(job.point_at_best_focus_sd_mm)}</td>
                 <td>{isOpen(job) ? <Button onClick={() => post(`/calibrations/${job.id}/cancel`).then(reload)}>{words.cancel}</Button>
-                  : <Button aria-label={`${words.remove} ${when(job.created_at)}`} onClick={() => remove(`/calibrations/${job.id}`).then(reload)}>{words.remove}</Button>}</td>
+                  : <ConfirmButton label={words.remove} aria-label={`${words.remove} ${when(job.created_at)}`} sure={text.sure(words.oneOf(job.cell, when(job.created_at)))} onConfirm={() => remove(`/calibrations/${job.id}`).then(reload)} />}</td>
               </tr>
             ))}</tbody>
           </table>
         </div>
       )}
+      <Cut page={value} />
     </section>
   );
 }
@@ -71,8 +71,10 @@ function NewCalibration() {
     } catch (error) {
       throw new Error(`${words.notJson} ${(error as Error).message}`);
     }
-    const made = await post<CalibrationJob>("/calibrations", { data, cell: cell || names!.cells[0], solve, hold_out: holdOut });
-    goTo(hrefOf(["calibrations", made.id]));
+    await goToMade(async () => {
+      const made = await post<CalibrationJob>("/calibrations", { data, cell: cell || names!.cells[0], solve, hold_out: holdOut });
+      return hrefOf(["calibrations", made.id]);
+    });
   };
   if (!names) return null;
   return (
@@ -83,7 +85,7 @@ function NewCalibration() {
         <label><span>{words.file}</span><input type="file" name="observations" accept=".json" onChange={(event) => { file.value = event.currentTarget.files?.[0] ?? null; }} /></label>
         <Select label={words.cell} value={cell || names.cells[0] || ""} onChange={setCell} options={names.cells.map((name) => [name, name])} />
         <Select label={words.solve} value={solve} onChange={setSolve} options={Object.entries(words.solves)} />
-        <label><span>{words.holdOut}</span><input type="number" min={0} max={1000} value={holdOut} onInput={(event) => setHoldOut(event.currentTarget.valueAsNumber || 0)} /></label>
+        <label><span>{words.holdOut}</span><NumberInput step={1} min={0} max={1000} value={holdOut} onNumber={(value) => setHoldOut(value ?? 0)} /></label>
       </div>
       <p class="actions"><Button kind="primary" disabled={!file.value} onClick={start}>{words.start}</Button></p>
     </details>
@@ -100,8 +102,7 @@ export function CalibrationView({ id }: { id: string }) {
     void askSeen(`/calibrations/${id}?wait=30s`, left.signal).then(() => left.signal.aborted || reload(), () => {});
     return () => left.abort();
   }, [job]);
-  if (error || problem) return <p class="problem" role="alert">{error || problem}</p>;
-  if (!job) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || problem || !job) return <Pending error={error || problem} />;
   return (
     <section class="runs calibration" aria-labelledby="calibration-title" data-state={job.state}>
       <div class="title">
@@ -125,9 +126,10 @@ function Verdict({ job }: { job: CalibrationJob }) {
   return (
     <div id="verdict">
       {summary && point != null && <p><strong>{words.verdict(smallLength(point))}</strong> {words.verdictOf(words.of(summary.used, job.observations), smallLength(summary.spread.rms_translation_mm), deg(summary.spread.rms_rotation_deg))}</p>}
-      {summary && findings.length === 0 && <p class="good">{words.noFindings}</p>}
+      {summary && findings.length === 0 && !job.warnings?.length && <p class="good">{words.noFindings}</p>}
       {findings.map((finding) => <Finding key={finding.code + finding.observations.join()} finding={finding} />)}
       <UnitNote of={findings.map(({ detail }) => detail)} />
+      <Warnings job={job} />
     </div>
   );
 }

@@ -12,7 +12,7 @@ import { fine, length, lengthIn, lengthUnit, percent, seconds, unit } from "./se
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
 import { configurationAt, sampled, spanAt, timelineOf, type Timeline } from "./timeline";
-import { Button, Select, useLoaded } from "./widgets";
+import { Button, Pending, Select, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.cell;
@@ -38,8 +38,7 @@ export function CellView(props: Props) {
   const hasCell = props.job.results.some((file) => file.name === "program.json");
   const { value, error } = useLoaded(() => (hasCell ? load(props.job) : Promise.resolve(null)), [props.job.id]);
   if (!hasCell) return <p class="empty">{words.noCell}</p>;
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !value) return <Pending error={error} />;
   return <Player {...props} loaded={value} />;
 }
 
@@ -85,12 +84,11 @@ function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, 
     ask.current = (asked) => {
       if (isBusy) return;
       isBusy = true;
-      void tracer.at([asked]).then(([now]) => {
-        isBusy = false;
+      void tracer.at([asked]).finally(() => { isBusy = false; }).then(([now]) => {
         state.value = { ...state.value, now: now ?? null };
         // The clock went on meanwhile.
         if (wanted.current.join() !== asked.join()) ask.current?.(wanted.current);
-      });
+      }, () => {});
     };
     ask.current(wanted.current);
     const count = clearancePoints(timeline.total);

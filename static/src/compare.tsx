@@ -10,7 +10,7 @@ import { jobIds, jobSignal, keepJob, partName } from "./jobs";
 import { coverageBytes, preview, type Preview } from "./mesh";
 import { css, DIFFERENCES, LINES, type Rgb } from "./palette";
 import { apiDocument, changesOf } from "./schema";
-import { area, goTo, hrefOf, percent } from "./settings";
+import { area, goTo, hrefOf, percent, points, when } from "./settings";
 import { PartMesh, Stage, STANDARD_VIEWS } from "./stage";
 import { text } from "./text";
 import { Button, Select, Swatch, useLoaded } from "./widgets";
@@ -99,7 +99,7 @@ function FigureTable({ sides }: { sides: [Side, Side] }) {
         const difference = value === null || other === null ? null : other - value;
         return (
           <tr key={name}><th scope="row">{words.figures[name]}</th><td class="number">{show(value, isShare, name)}</td><td class="number">{show(other, isShare, name)}</td>
-            <td class="number">{difference === null ? text.none : `${difference > 0 ? "+" : ""}${show(difference, isShare, name)}`}</td></tr>
+            <td class="number">{difference === null ? text.none : isShare ? words.points(points(difference)) : `${difference > 0 ? "+" : ""}${show(difference, false, name)}`}</td></tr>
         );
       })}</tbody>
     </table>
@@ -181,7 +181,7 @@ export function Compare({ first: one, second: two }: { first: string; second: st
   const [first, second] = [one, two].map((id) => (id === "-" ? "" : id)) as [string, string];
   const { value, error } = useLoaded(async () => (first && second ? Promise.all([sideOf(first), sideOf(second)]) : null), [first, second]);
   const choices = jobIds.value.map((id) => jobSignal(id)!.value).filter((job) => job.state === "succeeded")
-    .map((job): [string, string] => [job.id, `${partName(job)} · ${facts(job)}`]);
+    .map((job): [string, string] => [job.id, `${partName(job)} · ${text.jobs.views(job.summary?.views ?? 0)} · ${when(job.created_at)} · ${facts(job)}`]);
   const pick = (label: string, chosen: string, onChange: (id: string) => void) => (
     <Select label={label} value={chosen} onChange={onChange} options={[["", words.pick], ...choices]} />
   );

@@ -5,18 +5,18 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
 import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type Pose, type ScannerSpec, type Turntable } from "./api";
 import { dropped } from "./dropped";
-import { copied, JobProblem, withSet } from "./joblist";
+import { copied, JobProblem, labelsOf, withSet } from "./joblist";
 import { cellName, keepJob, scannerName } from "./jobs";
 import { preview, readFile, stablePoses, type Preview } from "./mesh";
 import { matrixOf } from "./poses";
 import type { Read } from "./readmesh";
-import { apiDocument, changesOf, nested, ParamForm, type Api } from "./schema";
-import { area, goTo, hrefOf, percent, sizes, length } from "./settings";
+import { apiDocument, changesOf, nested, ParamForm, toCorrect, type Api } from "./schema";
+import { area, count, fileSize, hrefOf, percent, sizes, length } from "./settings";
 import { lines, plateOf } from "./solids";
 import { PartMesh, STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
 import { drawTurned } from "./thumbnail";
-import { Button, guarded, Select, Slider, useLoaded } from "./widgets";
+import { Button, goToMade, guarded, message, NumberInput, Pending, Select, Slider, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const MM: Record<string, number> = { mm: 1, cm: 10, m: 1000, inch: 25.4 };
@@ -27,6 +27,8 @@ const SMALLEST_OF_FIELD = 0.02;
 interface Entry { file: File; reading: Promise<Read | null>; read: Read | null; mesh: Mesh | null; share: number; problem: string; isStarted?: boolean }
 /** Turns, degrees; where the middle of the part's box comes to lie, and how far its lowest point is above the plate, mm. */
 interface Placement { roll: number; pitch: number; yaw: number; x: number; y: number; z: number }
+/** Tells files of one name apart. */
+const idOf = ({ name, size, lastModified }: File): string => [name, size, lastModified].join();
 const AS_IN_FILE: Placement = { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0, z: 0 };
 interface Choice { cell: string; scanner: string; partNumber: string; serial: string; labels: string; priority: number }
 
@@ -56,14 +58,22 @@ function verdictOf(size: number[], { field, plate }: Bounds): { fits: boolean; w
   return isTooLarge ? { fits: false, words: text.create.fitsNot } : { fits: true, words: text.create.fits };
 }
 
+const sizeIn = ({ min, max }: Read, unit: string): number[] => max.map((value, i) => (value - min[i]!) * MM[unit]!);
+
+/** Size of one of several files, and whether it fits. */
+function Fit({ read, unit, bounds }: { read: Read; unit: string; bounds: Bounds }) {
+  const size = sizeIn(read, unit);
+  const { fits, words } = verdictOf(size, bounds);
+  return <span class={fits ? "soft" : "bad"}> · {sizes(size)}, {words}</span>;
+}
+
 function UnitTable({ read, bounds, unit, isFixed, onUnit }: { read: Read; bounds: Bounds; unit: string; isFixed: boolean; onUnit: (unit: string) => void }) {
-  const raw = read.max.map((max, i) => max - read.min[i]!);
   return (
     <table class="units">
       <caption>{text.create.unitTable}</caption>
       <tbody>
-        {Object.entries(MM).map(([name, scale]) => {
-          const size = raw.map((value) => value * scale);
+        {Object.keys(MM).map((name) => {
+          const size = sizeIn(read, name);
           const { fits, words } = verdictOf(size, bounds);
           return (
             <tr key={name} class={name === unit ? "chosen" : ""}>
@@ -88,7 +98,7 @@ export function Health({ mesh }: { mesh: Mesh }) {
       <h3>{words.health}</h3>
       <table><tbody>
         {row(words.part, sizes(health.bbox_mm.max.map((max, i) => max - health.bbox_mm.min[i]!)))}
-        {row(words.triangles, health.triangles.toLocaleString("en"))}{row(words.bodies, String(health.bodies))}
+        {row(words.triangles, count(health.triangles))}{row(words.bodies, String(health.bodies))}
         {row(words.surface, area(health.area_mm2))}{row(words.closed, health.watertight ? words.yes : words.no)}
       </tbody></table>
       {health.warnings.length === 0 && <p class="good">{words.healthy}</p>}
@@ -203,7 +213,7 @@ function StableList({ shape, at, onPlace }: { shape: Preview; at: Placement | nu
     const { roll, pitch } = turned(down);
     return at !== null && Math.abs(at.roll - roll) < 0.01 && Math.abs(at.pitch - pitch) < 0.01;
   };
-  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (!value) return <Pending />;
   if (value.length === 0) return <p class="soft">{words.noStable}</p>;
   return (
     <ul class="poses" aria-label={words.stable}>
@@ -269,10 +279,22 @@ function HardwareForm({ choice, names }: { choice: Signal<Choice>; names: { cell
       )}
       {field(text.create.partNumber, "partNumber", text.create.optional)}{field(text.create.serial, "serial", text.create.optional)}
       {field(text.create.labels, "labels", "key=value, key=value")}
-      <label><span>{text.create.priority}</span><input type="number" min={-100} max={100} value={choice.value.priority}
-        onInput={(event) => set({ priority: event.currentTarget.valueAsNumber || 0 })} /></label>
+      <label><span>{text.create.priority}</span><NumberInput step={1} min={-100} max={100} value={choice.value.priority} onNumber={(priority) => set({ priority: priority ?? 0 })} /></label>
     </div>
   );
+}
+
+/** Labels of a job in one line. */
+const written = ({ labels }: Job): string => Object.entries(copied(labels)).map(([name, value]) => `${name}=${value}`).join(", ");
+
+/** Fault of labels in one line; empty where they are pairs. */
+function labelFault(labels: string): string {
+  try {
+    labelsOf(labels.split(","));
+    return "";
+  } catch (error) {
+    return (error as Error).message;
+  }
 }
 
 /** Request for a plan; cell and scanner are those of the job that it is based on, as long as no others are chosen. */
@@ -282,13 +304,13 @@ function requestOf(mesh: Mesh, choice: Choice, params: Record<string, unknown>, 
   if (choice.partNumber) request.part_number = choice.partNumber;
   if (choice.serial) request.serial = choice.serial;
   if (choice.priority) request.priority = choice.priority;
-  const pairs = choice.labels.split(",").filter((pair) => pair.includes("=")).map((pair) => pair.split("=").map((word) => word.trim()));
-  if (pairs.length) request.labels = Object.fromEntries(pairs);
+  // The value of a label that is taken over may have a comma.
+  request.labels = from && choice.labels === written(from) ? copied(from.labels) : labelsOf(choice.labels.split(","));
   return request;
 }
 
-function Files({ entries, unit, onFiles, onUpload, onDrop }: {
-  entries: Signal<Entry[]>; unit: string; onFiles: (files: File[]) => void; onUpload: (entry: Entry) => Promise<unknown>; onDrop: (entry: Entry) => void;
+function Files({ entries, unit, bounds, onFiles, onUpload, onDrop }: {
+  entries: Signal<Entry[]>; unit: string; bounds: Bounds; onFiles: (files: File[]) => void; onUpload: (entry: Entry) => Promise<unknown>; onDrop: (entry: Entry) => void;
 }) {
   const [isOver, setOver] = useState(false);
   return (
@@ -304,8 +326,9 @@ function Files({ entries, unit, onFiles, onUpload, onDrop }: {
       <p class="soft">{text.create.dropHint}</p>
       <ul>
         {entries.value.map((entry) => (
-          <li key={entry.file.name}>
-            <strong>{entry.file.name}</strong> <span class="soft">{(entry.file.size / 1e6).toFixed(1)} MB{entry.read && ` · ${entry.read.faces.toLocaleString("en")} ${text.create.triangles.toLowerCase()}`}</span>
+          <li key={idOf(entry.file)}>
+            <strong>{entry.file.name}</strong> <span class="soft">{fileSize(entry.file.size)}{entry.read && ` · ${count(entry.read.faces)} ${text.create.triangles.toLowerCase()}`}</span>
+            {entries.value.length > 1 && entry.read && unit && <Fit read={entry.read} unit={unit} bounds={bounds} />}
             {entry.share > 0 && !entry.mesh && <progress max={1} value={entry.share} aria-label={text.create.uploading(entry.file.name)} />}
             {entry.mesh && <span class="good"> ✓ {percent(1, 0)}</span>}
             {!entry.mesh && unit && entry.share === 0 && <Button onClick={() => onUpload(entry)}>{text.create.upload}</Button>}
@@ -368,10 +391,14 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
   };
   const take = (files: File[]): void => {
     setBase(null);
-    const fresh = files.filter((file) => !entries.value.some((entry) => entry.file.name === file.name))
-      .map((file): Entry => ({ file, reading: readFile(file).catch(() => null), read: null, mesh: null, share: 0, problem: "" }));
-    entries.value = [...entries.value, ...fresh];
-    fresh.forEach((entry) => void entry.reading.then((read) => replace(entry, read ? { read } : { problem: text.create.notDrawn })));
+    const [known, fresh] = [true, false].map((isKnown) => files.filter((file) => entries.value.some((entry) => idOf(entry.file) === idOf(file)) === isKnown)) as [File[], File[]];
+    message.value = known.map(({ name }) => text.create.inList(name)).join("\n");
+    for (const file of fresh) {
+      const reading = readFile(file);
+      const entry: Entry = { file, reading: reading.catch(() => null), read: null, mesh: null, share: 0, problem: "" };
+      entries.value = [...entries.value, entry];
+      reading.then((read) => replace(entry, { read }), (error: Error) => replace(entry, { problem: error.message === text.viewGone ? text.create.notRead : text.create.notDrawn }));
+    }
   };
   const whileSending = async <T,>(work: () => Promise<T>): Promise<T> => {
     sending.value += 1;
@@ -411,7 +438,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
       params.value = withSet(made.changes, Object.fromEntries(offered));
       const { job } = made;
       choice.value = { cell: cellName(job), scanner: scannerName(job), partNumber: job.part_number ?? "", serial: job.serial ?? "",
-        labels: Object.entries(copied(job.labels)).map(([name, value]) => `${name}=${value}`).join(", "), priority: job.priority };
+        labels: written(job), priority: job.priority };
     });
   }, [from, api]);
   useEffect(() => {
@@ -443,7 +470,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
     keepJob(job);
     return job;
   };
-  const start = async (): Promise<void> => {
+  const start = async (): Promise<string> => {
     const jobs: Job[] = base ? [await startOne(base.shape.positions, async () => base.mesh)] : [];
     const problems: string[] = [];
     for (const entry of entries.value) {
@@ -460,9 +487,11 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
       entries.value = entries.value.filter((entry) => !entry.isStarted);
       throw new Error([...problems, ...(jobs.length > 0 ? [text.create.othersStarted(jobs.length)] : [])].join("\n"));
     }
-    goTo(jobs.length === 1 ? hrefOf(["jobs", jobs[0]!.id]) : hrefOf(["jobs"]));
+    return hrefOf(jobs.length === 1 ? ["jobs", jobs[0]!.id] : ["jobs"]);
   };
-  const canStart = Boolean(base ?? (first && unit.value)) && Boolean(choice.value.cell);
+  const { cell, labels } = choice.value;
+  const fault = toCorrect() || (base && labels === written(base.job) ? "" : labelFault(labels)) || (first && !unit.value ? text.create.readFirst : "");
+  const canStart = Boolean(base ?? first) && Boolean(cell) && !fault;
   const meshShown = base?.mesh ?? first?.mesh;
 
   return (
@@ -474,7 +503,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
         {base && <p>{text.create.from} <a href={hrefOf(["jobs", base.job.id])}>{base.mesh.name ?? base.job.id}</a></p>}
         {!base && !from && (
           <>
-            <Files entries={entries} unit={unit.value} onFiles={take} onUpload={(entry) => whileSending(() => upload(entry))}
+            <Files entries={entries} unit={unit.value} bounds={bounds} onFiles={take} onUpload={(entry) => whileSending(() => upload(entry))}
               onDrop={(entry) => { entries.value = entries.value.filter((other) => other.file !== entry.file); }} />
             {entries.value.length > 0 && (
               <>
@@ -499,8 +528,8 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
           </details>
         )}
         <p class="actions sticky">
-          <Button kind="primary" disabled={!canStart} onClick={() => whileSending(start)}>{entries.value.length > 1 ? text.create.startAll(entries.value.length) : text.create.start}</Button>
-          {first && !unit.value && <span class="soft">{text.create.readFirst}</span>}
+          <Button kind="primary" disabled={!canStart} onClick={() => whileSending(() => goToMade(start))}>{entries.value.length > 1 ? text.create.startAll(entries.value.length) : text.create.start}</Button>
+          {fault && <span class="soft">{fault}</span>}
         </p>
       </div>
       {shape && <div class="look"><Look shape={shape} scale={scale} bounds={bounds} place={at ?? AS_IN_FILE} /></div>}

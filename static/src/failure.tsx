@@ -4,9 +4,9 @@ import { cellName, keepJob } from "./jobs";
 import { UnitNote } from "./job";
 import { copied, planAgain } from "./joblist";
 import { apiDocument, changesOf, resolved, type Api, type Schema } from "./schema";
-import { goTo, hrefOf } from "./settings";
+import { hrefOf } from "./settings";
 import { text } from "./text";
-import { Button, useLoaded } from "./widgets";
+import { Button, goToMade, useLoaded } from "./widgets";
 
 const words = text.failure;
 
@@ -59,7 +59,7 @@ function FixLink({ job, fix: { field, value }, kind = "" }: { job: Job; fix: Fix
 const SUITS = /it would fit if the file is in (mm|cm|m|inch)\b/;
 
 /** Uploads the same file read in another unit, and plans it. */
-async function planInUnit(job: Job, unit: string): Promise<void> {
+const planInUnit = (job: Job, unit: string): Promise<void> => goToMade(async () => {
   const mesh = await ask<Mesh>(`/meshes/${job.mesh_id}`);
   const bytes = await (await request(`/meshes/${job.mesh_id}/file`)).blob();
   const { id } = await uploadMesh(new File([bytes], mesh.name ?? job.mesh_id), unit, () => {});
@@ -68,8 +68,8 @@ async function planInUnit(job: Job, unit: string): Promise<void> {
   const made = await post<Job>("/jobs", { mesh_id: id, cell, params, labels: copied(labels), priority,
     ...(cellName(whole) === "none" && { scanner }), ...(part_number && { part_number }), ...(serial && { serial }) }, idempotencyKey());
   keepJob(made);
-  goTo(hrefOf(["jobs", made.id]));
-}
+  return hrefOf(["jobs", made.id]);
+});
 
 /** Problems that another attempt at the same job may not have. */
 const PASSING = ["job_panicked", "job_attempts_exhausted", "internal", "job_too_long"];
@@ -83,7 +83,6 @@ export function Failure({ job }: { job: Job }) {
   const fixes = fixesIn(sentences, parameters, errors.flatMap(({ field }) => field ?? []));
   const unit = SUITS.exec(sentences)?.[1];
   const hasReport = job.results.some((file) => file.name === "report.html");
-  const again = (): Promise<void> => planAgain(job.id).then((made) => goTo(hrefOf(["jobs", made.id])));
   const changed = api ? Object.entries(changesOf(api, job.params ?? {})).filter(([name]) => !errors.some(({ field }) => field === name)) : [];
   const isPassing = PASSING.includes(problem?.code ?? "");
   return (
@@ -105,7 +104,7 @@ export function Failure({ job }: { job: Job }) {
       <p class="actions">
         {unit && <Button kind="primary" onClick={() => planInUnit(job, unit)}>{words.inUnit(unit)}</Button>}
         {fixes.map((fix) => <FixLink key={fix.field} job={job} fix={fix} />)}
-        {isPassing && <Button kind="primary" onClick={again}>{text.jobs.retry}</Button>}
+        {isPassing && <Button kind="primary" onClick={() => planAgain(job.id)}>{text.jobs.retry}</Button>}
         {hasReport && <a class="button" href={`${apiPath}/jobs/${job.id}/report`} target="_blank" rel="noopener">{words.report}</a>}
         {problem?.code === "file_damaged" || errors.some(({ pointer }) => pointer === "/mesh_id") ? <a class="button" href={hrefOf(["new"])}>{words.upload}</a> : null}
         {problem && <a class="button" href={`problems/${problem.code}`}>{text.jobs.whatToDo}</a>}

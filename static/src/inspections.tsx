@@ -6,23 +6,18 @@ import { apiPath, ask, post, remove, type Estimate, type Inspection, type Inspec
   type Statistics, type Vector } from "./api";
 import { Chart } from "./chart";
 import { faceMapOf, type MapKind } from "./facemap";
-import { RESCAN_OF, StateMark } from "./joblist";
+import { JobLink, RESCAN_OF, StateMark } from "./joblist";
 import { UnitNote } from "./job";
-import { jobIds, jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
+import { jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
 import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
-import { area, areaIn, degrees, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, setQuery, unit, when } from "./settings";
+import { area, areaIn, count, degrees, fileSize, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, points, setQuery, unit, when } from "./settings";
 import { text } from "./text";
-import { Button, known, Swatch, useLoaded } from "./widgets";
+import { Button, ConfirmButton, CopyLink, Cut, known, NumberInput, Pending, Swatch, useLoaded } from "./widgets";
 
 const words = text.inspections;
 export const isOpen = ({ state }: { state: string }): boolean => ["queued", "running", "cancelling"].includes(state);
 const share = (value: number): string => percent(value, 2);
-/** Difference of shares, percentage points. */
-function points(difference: number): string {
-  const shown = fixed(100 * difference, 2);
-  return Number(shown) > 0 ? `+${shown}` : shown;
-}
 
 const rowsOf = (pairs: [string, string][]) => pairs.map(([name, value]) => <tr key={name}><th scope="row">{name}</th><td class="number">{value}</td></tr>);
 
@@ -53,13 +48,13 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
   }, [items]);
   const end = (job: InspectionJob) => (isOpen(job)
     ? <Button onClick={() => post(`/inspections/${job.id}/cancel`).then(reload)}>{text.jobs.cancel}</Button>
-    : <Button aria-label={`${text.jobs.remove} ${when(job.created_at)}`} onClick={() => remove(`/inspections/${job.id}`).then(reload)}>{text.jobs.remove}</Button>);
+    : <ConfirmButton label={text.jobs.remove} aria-label={`${text.jobs.remove} ${when(job.created_at)}`} sure={text.sure(words.oneOf(when(job.created_at)))} onConfirm={() => remove(`/inspections/${job.id}`).then(reload)} />);
   return (
     <Table label={words.title} heads={[words.started, ...(withJob ? [words.part] : []), words.state, words.planned, words.measured, words.inAll, words.rms, words.actions]}>
       {items.map((job) => (
         <tr key={job.id} data-state={job.state}>
           <th scope="row"><a href={hrefOf(["inspections", job.id])}>{when(job.created_at)}</a></th>
-          {withJob && <td class="name"><JobLink id={job.job_id} /></td>}
+          {withJob && <td class="name"><JobLink id={job.job_id} tab={["inspection"]} /></td>}
           <td><span class={`state ${job.state}`}>{text.states[job.state]}</span> <InspectionProgress job={job} /></td>
           <td>{job.summary ? share(job.summary.planned_of_asked) : text.none}</td><td>{job.summary ? share(job.summary.measured_of_asked) : text.none}</td>
           <td>{job.summary ? share(job.summary.measured_in_all_of_asked) : text.none}</td>
@@ -70,23 +65,15 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
   );
 }
 
-function JobLink({ id }: { id: string }) {
-  useEffect(() => { if (!jobSignal(id)) void readJob(id).catch(() => {}); }, [id]);
-  // Read once it is kept.
-  void jobIds.value;
-  const job = jobSignal(id)?.value;
-  return <a href={hrefOf(["jobs", id, "inspection"])}>{job ? partName(job) : id.slice(0, 8)}</a>;
-}
-
 export function InspectionList(_: object) {
   const { value, error, reload } = useLoaded(() => ask<Page<InspectionJob>>("/inspections?page_size=200"), []);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !value) return <Pending error={error} />;
   return (
     <section class="runs" aria-labelledby="inspections-title">
       <h1 id="inspections-title">{words.title}</h1>
       <p class="soft">{words.hint}</p>
       {value.items.length === 0 ? <p class="empty">{words.empty}</p> : <InspectionTable items={value.items} reload={reload} withJob />}
+      <Cut page={value} />
     </section>
   );
 }
@@ -101,8 +88,7 @@ export function InspectionView({ id }: { id: string }) {
     const timer = setTimeout(reload, 700);
     return () => clearTimeout(timer);
   }, [job]);
-  if (error || problem || lost) return <p class="problem" role="alert">{error || problem || lost}</p>;
-  if (!job || !planned) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || problem || lost || !job || !planned) return <Pending error={error || problem || lost} />;
   return (
     <section class="runs inspection" aria-labelledby="inspection-title" data-state={job.state}>
       <Head job={job} planned={planned} onChange={reload} />
@@ -113,11 +99,6 @@ export function InspectionView({ id }: { id: string }) {
 
 function Head({ job, planned, onChange }: { job: InspectionJob; planned: Job; onChange: () => void }) {
   const name = partName(jobSignal(planned.id)?.value ?? planned);
-  const copied = useSignal(false);
-  const copy = async (): Promise<void> => {
-    await navigator.clipboard.writeText(location.href);
-    copied.value = true;
-  };
   return (
     <>
       <div class="title">
@@ -127,7 +108,7 @@ function Head({ job, planned, onChange }: { job: InspectionJob; planned: Job; on
           <a class="button" href={hrefOf(["jobs", job.job_id])}>{words.toPlan}</a><a class="button" href={hrefOf(["jobs", job.job_id, "inspection"])}>{words.toScans}</a>
           {job.state === "succeeded" && <a class="button" href={`${apiPath}/inspections/${job.id}/report?format=html`} target="_blank" rel="noopener">{text.job.report}</a>}
           {isOpen(job) && <Button onClick={() => post(`/inspections/${job.id}/cancel`).then(onChange)}>{text.jobs.cancel}</Button>}
-          <Button onClick={copy}>{copied.value ? text.job.copied : text.job.share}</Button>
+          <CopyLink />
         </span>
       </div>
       <InspectionProgress job={job} />
@@ -230,8 +211,7 @@ function Rescan({ job }: { job: InspectionJob }) {
         ))}
       </span>
       <span class="actions">
-        <label><span>{words.maxViews}</span><input type="number" name="max_views" min={1} max={MAX_VIEWS} value={views}
-          onInput={(event) => setViews(event.currentTarget.valueAsNumber || 0)} /></label>
+        <label><span>{words.maxViews}</span><NumberInput name="max_views" step={1} min={1} max={MAX_VIEWS} value={views} onNumber={(value) => setViews(value ?? 0)} /></label>
         <Button kind="primary" disabled={!(views >= 1 && views <= MAX_VIEWS)} onClick={start}>{words.rescan}</Button>
       </span>
     </div>
@@ -279,15 +259,15 @@ function Deviation({ result: { deviation }, onShow }: { result: Inspection; onSh
       <Chart title={words.histogram} {...plot} xLabel={`${words.deviation}, ${lengthUnit()}`} yLabel={`${lengthUnit()}²`} />
       <p class="soft">{words.histogramNote}</p>
       <StatisticsTable statistics={statistics} />
-      <p class="soft">{words.comparedAt(words.methods[deviation.alignment] ?? deviation.alignment, deviation.fixed_freedoms, deviation.compared_points.toLocaleString("en"))}</p>
-      {deviation.excluded && <p class="soft">{words.leftOut((deviation.turned_points ?? 0).toLocaleString("en"), share(deviation.excluded.turned_of_area), share(deviation.excluded.off_of_area))}</p>}
+      <p class="soft">{words.comparedAt(words.methods[deviation.alignment] ?? deviation.alignment, deviation.fixed_freedoms, count(deviation.compared_points))}</p>
+      {deviation.excluded && <p class="soft">{words.leftOut(count(deviation.turned_points ?? 0), share(deviation.excluded.turned_of_area), share(deviation.excluded.off_of_area))}</p>}
       {deviation.worst.length > 0 && <><h3>{words.worst}</h3><ul class="spots">{deviation.worst.map((spot, i) => (
         <li key={i}><button type="button" class="row" onClick={() => onShow(spot.centre_mm, Math.sqrt(spot.area_mm2))}>
           <span>{words.kinds[spot.kind]}</span><span class="number">{fine(spot.max_mm)}</span><span class="soft">{words.spot(fine(spot.mean_mm), area(spot.area_mm2), placed(spot.centre_mm))}</span></button></li>
       ))}</ul></>}
       {deviation.off_surface.length > 0 && <><h3>{words.off}</h3><ul class="spots">{deviation.off_surface.map((heap, i) => (
         <li key={i}><button type="button" class="row" onClick={() => onShow(heap.centre_mm, 10)}>
-          <span>{words.kinds[heap.kind]}</span><span class="number">{fine(heap.mean_mm)}</span><span class="soft">{words.heap(heap.points.toLocaleString("en"), placed(heap.centre_mm))}</span></button></li>
+          <span>{words.kinds[heap.kind]}</span><span class="number">{fine(heap.mean_mm)}</span><span class="soft">{words.heap(count(heap.points), placed(heap.centre_mm))}</span></button></li>
       ))}</ul></>}
     </>
   );
@@ -383,30 +363,28 @@ function Alignment({ result: { alignment: found } }: { result: Inspection }) {
 const Taken = ({ result }: { result: Inspection }) => (
   <Table label={words.taken} heads={[words.view, words.file, words.unit, words.frame, words.count, words.near, words.removed]}>
     {result.scans.map((scan, i) => (
-      <tr key={i}><th scope="row">{scan.viewpoint}</th><td class="name">{scan.file}</td><td>{scan.unit}</td><td>{words.frames[scan.frame] ?? scan.frame}</td><td>{scan.points.toLocaleString("en")}</td><td>{percent(scan.on_part)}</td>
-        <td class="wide">{scan.removed.map(({ reason, points }) => `${words.reasons[reason] ?? reason}: ${points.toLocaleString("en")}`).join(", ") || text.none}</td></tr>
+      <tr key={i}><th scope="row">{scan.viewpoint}</th><td class="name">{scan.file}</td><td>{scan.unit}</td><td>{words.frames[scan.frame] ?? scan.frame}</td><td>{count(scan.points)}</td><td>{percent(scan.on_part)}</td>
+        <td class="wide">{scan.removed.map(({ reason, points }) => `${words.reasons[reason] ?? reason}: ${count(points)}`).join(", ") || text.none}</td></tr>
     ))}
   </Table>
 );
 
 const DOWNLOADS: [string, string][] = [["inspection.html", "report?format=html"], ["inspection.txt", "report?format=text"], ["inspection.json", "result"], ["losses.json", "losses?format=json"],
   ["coverage.csv", "losses?format=csv"], ["deviation.csv", "deviation?format=csv"], ["deviation.ply", "deviation?format=ply"], ["learned.json", "learned"]];
-const sizeOf = (bytes: number | null | undefined): string => (bytes == null ? text.none : bytes < 1e6 ? `${(bytes / 1e3).toFixed(0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 
 const Downloads = ({ job }: { job: InspectionJob }) => (
   <table aria-label={words.downloads}><tbody>{DOWNLOADS.map(([name, path]) => (
-    <tr key={name}><th scope="row">{words.files[name]}</th><td class="number">{sizeOf(job.files.find((file) => file.name === name)?.size_bytes)}</td>
+    <tr key={name}><th scope="row">{words.files[name]}</th><td class="number">{fileSize(job.files.find((file) => file.name === name)?.size_bytes)}</td>
       <td><a href={`${apiPath}/inspections/${job.id}/${path}`} download={`${job.id}_${name}`}>{name}</a></td></tr>
   ))}</tbody></table>
 );
 
 function Teach({ job, planned }: { job: InspectionJob; planned: Job }) {
   const { value: learned, error } = useLoaded(() => ask<Learned>(`/inspections/${job.id}/learned`), [job.id]);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!learned) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !learned) return <Pending error={error} />;
   const row = (name: string, estimate: Estimate | null, show: (value: number) => string) => (
     <tr key={name}><th scope="row">{name}</th><td class="number">{estimate ? show(estimate.value) : words.noLimit}</td>
-      <td class="number">{estimate ? `${show(estimate.interval[0])} … ${show(estimate.interval[1])}` : ""}</td><td class="number">{estimate ? estimate.count.toLocaleString("en") : ""}</td></tr>
+      <td class="number">{estimate ? `${show(estimate.interval[0])} … ${show(estimate.interval[1])}` : ""}</td><td class="number">{estimate ? count(estimate.count) : ""}</td></tr>
   );
   const factor = (value: number): string => value.toFixed(2);
   return (
@@ -448,7 +426,7 @@ function Offers({ offers, planned, job }: { offers: Offer[]; planned: Job; job: 
       <ul class="offers">{offers.map((offer) => (
         <li key={offer.field}>
           <p>{offer.detail}</p>
-          <p class="soft">{words.offer(offer.from === null ? text.none : String(offer.from), String(offer.to), offer.identified.interval.map((value) => Number(value.toPrecision(4))).join(" … "), offer.identified.count.toLocaleString("en"))}</p>
+          <p class="soft">{words.offer(offer.from === null ? text.none : String(offer.from), String(offer.to), offer.identified.interval.map((value) => Number(value.toPrecision(4))).join(" … "), count(offer.identified.count))}</p>
           <p class="actions">{offer.parameter
             ? <a class="button" href={plan([offer])}>{words.planWith(`${offer.parameter} = ${offer.to}`)}</a>
             : <a class="button" href={hrefOf(["specs", "scanners", scanner])}>{words.setIn(offer.in_scanner.join(", "), scanner)}</a>}</p>

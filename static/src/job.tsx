@@ -1,22 +1,19 @@
 // One job: its head with verdict and actions, and its parts: plan, cell, results.
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { apiPath, askAhead, type Job, type Region } from "./api";
+import { apiPath, askAhead, type Job, type Note, type Region } from "./api";
 import { jobSignal, partName, readJob, stream } from "./jobs";
 import { facts, JobActions, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
 import { area, fine, goTo, hrefOf, percent, place, setQuery, unit, withoutOptions } from "./settings";
 import { StartRun } from "./startrun";
 import { text } from "./text";
-import { Button, known, Lazy, Tabs } from "./widgets";
+import { Button, CopyLink, known, Lazy, Pending, Tabs } from "./widgets";
 
 export function Remedy({ job, label, set }: { job: Job; label: string; set: Record<string, unknown> }) {
   const values = Object.entries(set).map(([name, value]) => `${name} = ${JSON.stringify(value)}`);
   if (values.length === 0) return null;
   return (
-    <Button kind="primary" title={`${text.job.applied} ${values.join(", ")}`} onClick={async () => {
-      const made = await planAgain(job.id, set);
-      goTo(hrefOf(["jobs", made.id]));
-    }}>{label}</Button>
+    <Button kind="primary" title={`${text.job.applied} ${values.join(", ")}`} onClick={() => planAgain(job.id, set)}>{label}</Button>
   );
 }
 
@@ -38,7 +35,7 @@ export function UnitNote({ of }: { of: (string | null | undefined)[] }) {
   return isNeeded ? <p class="soft unit-note">{text.job.unitNote}</p> : null;
 }
 
-export function Warnings({ job }: { job: Job }) {
+export function Warnings({ job }: { job: { warnings?: Note[] } }) {
   if (!job.warnings?.length) return null;
   return (
     <section class="warnings" aria-label={text.job.warnings}>
@@ -73,30 +70,26 @@ export function RegionTable({ regions }: { regions: Region[] }) {
 }
 
 function Head({ job, tab }: { job: Job; tab: string }) {
-  const [labels, copied] = [useSignal(false), useSignal(false)];
+  const labels = useSignal(false);
   const action = job.summary?.action;
   const programs = job.results.filter((file) => /^program(-\d)?\.json$/.test(file.name)).length;
-  const share = async (): Promise<void> => {
-    await navigator.clipboard.writeText(location.href);
-    copied.value = true;
-    setTimeout(() => { copied.value = false; }, 2000);
-  };
   return (
     <div class="jobhead">
       <div class="title">
-        <h1>{partName(job)}</h1><StateMark job={job} />
-        <span class="soft facts">{facts(job)}</span>
+        <h1 title={partName(job)}>{partName(job)}</h1><StateMark job={job} />
         <span class="actions">
           {programs > 0 && <StartRun kind="primary" job={job.id} setups={programs} />}
           {job.results.some((file) => file.name === "report.html") && (
             <a class="button" href={`${apiPath}/jobs/${job.id}/report`} target="_blank" rel="noopener">{text.job.report}</a>
           )}
-          <Button onClick={share}>{copied.value ? text.job.copied : text.job.share}</Button>
+          <CopyLink />
           <JobActions job={job} onLabels={() => { labels.value = true; }} />
         </span>
       </div>
+      <p class="soft facts">{facts(job)}</p>
       {action && <p class="next"><span>{text.job.next}: {withoutOptions(action.text)}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
       <Progress job={job} />
+      {job.state !== "succeeded" && tab !== "results" && <Warnings job={job} />}
       {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
       <div class="headrow">
         <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name], Object.fromEntries(place.value.query)))} />
@@ -120,10 +113,9 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
       [read.value, problem.value] = [job, ""];
     }, (error) => { problem.value = error.message; });
   }, [id, isLost]);
-  if (problem.value) return <p class="problem" role="alert">{problem.value}</p>;
   // `read` only says that the job is there; its state comes from the live signal.
   const job = read.value && jobSignal(id)?.value;
-  if (!job) return <p class="soft" role="status">{read.value ? text.notFound : text.loading}</p>;
+  if (problem.value || !job) return <Pending error={problem.value || (read.value && text.notFound)} />;
   const isReady = job.state === "succeeded" && job.params !== undefined;
   const props = { job, query: place.value.query, setQuery };
   return (

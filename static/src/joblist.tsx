@@ -3,11 +3,11 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { ask, idempotencyKey, post, put, remove, type Job, type Summary } from "./api";
 import {
-  cellName, ENDED, filterJobs, findJobs, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, scannerName, secondsLeft, forgetJob,
+  cellName, ENDED, filterJobs, findJobs, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, refresh, scannerName, secondsLeft, forgetJob,
 } from "./jobs";
 import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
 import { text } from "./text";
-import { Button, Dialog, guarded, Select } from "./widgets";
+import { Button, ConfirmButton, Dialog, goToMade, guarded, message, Select } from "./widgets";
 import { dropped } from "./dropped";
 
 /** Label under which a job of further views names the inspection that it follows. */
@@ -24,6 +24,15 @@ export function facts(job: Job): string {
     job.submitted_by && text.jobs.by(job.submitted_by),
     spent > 0 && ENDED.includes(job.state) && text.jobs.spent(seconds(spent)),
   ].filter(Boolean).join(" · ");
+}
+
+/** Link to a job by the name of its part. */
+export function JobLink({ id, tab = [] }: { id: string; tab?: string[] }) {
+  useEffect(() => { if (!jobSignal(id)) void readJob(id).catch(() => {}); }, [id]);
+  // Read once it is kept.
+  void jobIds.value;
+  const job = jobSignal(id)?.value;
+  return <a href={hrefOf(["jobs", id, ...tab])}>{job ? partName(job) : id.slice(0, 8)}</a>;
 }
 
 export function StateMark({ job }: { job: Job }) {
@@ -112,8 +121,8 @@ export function withSet(given: Record<string, unknown>, set: Record<string, unkn
 /** Labels that a copy of a job takes over: it is planned anew, and follows no inspection. */
 export const copied = ({ [RESCAN_OF]: _, ...labels }: Record<string, string>): Record<string, string> => labels;
 
-/** Starts the same job once more, from what the server has of it, with some parameters changed. */
-export async function planAgain(id: string, set: Record<string, unknown> = {}): Promise<Job> {
+/** Starts the same job once more, from what the server has of it, with some parameters changed, and goes there. */
+export const planAgain = (id: string, set: Record<string, unknown> = {}): Promise<void> => goToMade(async () => {
   const job = await ask<Job>(`/jobs/${id}`);
   const params = withSet((job.params ?? {}) as Record<string, unknown>, set);
   const request: Record<string, unknown> = { mesh_id: job.mesh_id, cell: job.cell, params, labels: copied(job.labels), priority: job.priority };
@@ -122,42 +131,39 @@ export async function planAgain(id: string, set: Record<string, unknown> = {}): 
   if (job.serial) request.serial = job.serial;
   const made = await post<Job>("/jobs", request, idempotencyKey());
   keepJob(made);
-  return made;
-}
+  return hrefOf(["jobs", made.id]);
+});
 
 const cancelJob = (id: string): Promise<unknown> => post<Job>(`/jobs/${id}/cancel`).then(() => readJob(id));
 
 export function JobActions({ job, onLabels }: { job: Job; onLabels?: () => void }) {
-  const sure = useSignal(false);
-  const isOver = ENDED.includes(job.state);
   return (
     <span class="actions">
       {(job.state === "queued" || job.state === "running") && <Button onClick={() => cancelJob(job.id)}>{text.jobs.cancel}</Button>}
       {(job.state === "failed" || job.state === "cancelled") && (
-        <Button onClick={() => planAgain(job.id).then((made) => goTo(hrefOf(["jobs", made.id])))}>{text.jobs.retry}</Button>
+        <Button onClick={() => planAgain(job.id)}>{text.jobs.retry}</Button>
       )}
       <a class="button" href={hrefOf(["new"], { from: job.id })}>{text.jobs.clone}</a>
       {onLabels && <Button onClick={onLabels}>{text.jobs.labels}</Button>}
-      {isOver && <Button onClick={() => { sure.value = true; }}>{text.jobs.remove}</Button>}
-      {sure.value && (
-        <Dialog title={text.jobs.remove} onClose={() => { sure.value = false; }}>
-          <p>{text.jobs.removeOneSure(partName(job))}</p>
-          <p class="actions">
-            <Button kind="danger" onClick={async () => { await remove(`/jobs/${job.id}`); forgetJob(job.id); goTo(hrefOf(["jobs"])); }}>{text.jobs.remove}</Button>
-            <Button onClick={() => { sure.value = false; }}>{text.close}</Button>
-          </p>
-        </Dialog>
-      )}
+      {ENDED.includes(job.state) && <ConfirmButton label={text.jobs.remove} sure={text.sure(text.jobs.results([partName(job)]))}
+        onConfirm={async () => { await remove(`/jobs/${job.id}`); forgetJob(job.id); goTo(hrefOf(["jobs"])); }} />}
     </span>
   );
+}
+
+/** Labels as they are written, one `key=value` each; throws at one that is no such pair. */
+export function labelsOf(written: string[]): Record<string, string> {
+  return Object.fromEntries(written.filter((one) => one.trim()).map((one) => {
+    const [, key, value] = /^\s*([^=]*?)\s*=\s*(.*?)\s*$/s.exec(one) ?? [];
+    if (!key) throw new Error(text.jobs.noLabel(one.trim()));
+    return [key, value!];
+  }));
 }
 
 export function LabelsDialog({ job, onClose }: { job: Job; onClose: () => void }) {
   const lines = useSignal(Object.entries(job.labels).map(([name, value]) => `${name}=${value}`).join("\n"));
   const save = async (): Promise<void> => {
-    const pairs = lines.value.split("\n").filter((line) => line.trim())
-      .map((line) => [line.split("=")[0]!.trim(), line.split("=").slice(1).join("=").trim()]);
-    await put(`/jobs/${job.id}/labels`, { labels: Object.fromEntries(pairs) });
+    await put(`/jobs/${job.id}/labels`, { labels: labelsOf(lines.value.split("\n")) });
     await readJob(job.id);
     onClose();
   };
@@ -243,28 +249,21 @@ function useServerFilter(state: string, words: string): void {
   }, [state, words]);
 }
 
+/** Deletes jobs; says which the server kept, of which the list then has the present state. */
 async function deleteJobs(ids: string[]): Promise<void> {
-  await post("/jobs/delete", { ids });
-  ids.filter((id) => ENDED.includes(jobSignal(id)?.peek().state ?? "")).forEach(forgetJob);
+  const { held, not_ended: going } = await post<{ held: number; not_ended: number }>("/jobs/delete", { ids });
+  if (held + going === 0) return ids.forEach(forgetJob);
+  await Promise.all(ids.map(refresh));
+  message.value = text.jobs.kept(held, going);
 }
 
 function Chosen({ ids, onDone }: { ids: string[]; onDone: () => void }) {
-  const sure = useSignal(false);
   if (ids.length === 0) return <p class="soft">{text.jobs.compareHint}</p>;
   return (
     <p class="actions">
       <span>{text.jobs.chosen(ids.length)}</span>
       {ids.length === 2 && <a class="button primary" href={hrefOf(["compare", ids[0]!, ids[1]!])}>{text.jobs.compare}</a>}
-      <Button onClick={() => { sure.value = true; }}>{text.jobs.remove}</Button>
-      {sure.value && (
-        <Dialog title={text.jobs.remove} onClose={() => { sure.value = false; }}>
-          <p>{text.jobs.removeSure(ids.length)}</p>
-          <p class="actions">
-            <Button kind="danger" onClick={() => deleteJobs(ids).then(() => { sure.value = false; onDone(); })}>{text.jobs.remove}</Button>
-            <Button onClick={() => { sure.value = false; }}>{text.close}</Button>
-          </p>
-        </Dialog>
-      )}
+      <ConfirmButton label={text.jobs.remove} sure={text.sure(text.jobs.results(ids.map((id) => partName(jobSignal(id)!.value))))} onConfirm={() => deleteJobs(ids).then(onDone)} />
     </p>
   );
 }
@@ -295,6 +294,8 @@ export function JobList() {
     const job = jobSignal(id)?.value;
     return job && fits(job) && (words !== "" || !reached?.token || id >= reached.last);
   });
+  // Names are searched only in what is read; states, labels and numbers by the server.
+  const isPart = words !== "" && !LABEL.test(words) && reached?.token;
   return (
     <section class="jobs" aria-labelledby="jobs-title" onDragOver={(event) => event.preventDefault()} onDrop={takeDrop}>
       <div class="title">
@@ -306,9 +307,10 @@ export function JobList() {
         </label>
         <a class="button primary" href={hrefOf(["new"])}>{text.nav.create}</a>
       </div>
-      <Chosen ids={chosen.value} onDone={() => { chosen.value = []; }} />
+      <Chosen ids={chosen.value.filter((id) => shown.includes(id))} onDone={() => { chosen.value = chosen.peek().filter(jobSignal); }} />
       {reached && ids.length === 0 && <p id="empty" class="empty">{text.jobs.empty}</p>}
-      {ids.length > 0 && shown.length === 0 && <p class="empty">{text.jobs.noneFit}</p>}
+      {ids.length > 0 && shown.length === 0 && !isPart && <p class="empty">{text.jobs.noneFit}</p>}
+      {isPart && <p class={shown.length ? "soft" : "empty"} role="status">{text.jobs.searched(ids.filter((id) => id >= reached.last).length)}</p>}
       <ul id="jobs">
         {shown.map((id) => (
           <Row key={id} id={id} fits={fits} chosen={chosen.value.includes(id)} onChoose={choose} />

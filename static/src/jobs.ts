@@ -1,6 +1,6 @@
 // The jobs that the page knows, each a signal of its own so that one event draws one row; and the live events that change them.
 import { signal, type Signal } from "@preact/signals";
-import { ask, type Job, type Mesh, type Page, type Region, type Note } from "./api";
+import { ask, serverNow, type Job, type Mesh, type Page, type Region, type Note } from "./api";
 import { Stream, type LiveEvent } from "./live";
 
 const jobs = new Map<string, Signal<Job>>();
@@ -109,7 +109,8 @@ export async function readRegions(id: string): Promise<void> {
 // One request a job at a time, and one more when something happened meanwhile.
 const reading = new Map<string, boolean>();
 
-async function refresh(id: string): Promise<void> {
+/** Reads a job anew; forgets one that was deleted. */
+export async function refresh(id: string): Promise<void> {
   if (reading.has(id)) { reading.set(id, true); return; }
   reading.set(id, false);
   await readJob(id).catch((error) => { if (error.code === "job_not_found") forgetJob(id); });
@@ -168,6 +169,6 @@ export const stream = new Stream({
 /** Seconds left, from the time that the present fraction took. */
 export function secondsLeft(job: Job): number | null {
   if (job.state !== "running" || !job.started_at || job.fraction < 0.05) return null;
-  const spent = (Date.now() - Date.parse(job.started_at)) / 1000;
+  const spent = (serverNow() - Date.parse(job.started_at)) / 1000;
   return Math.max(0, (spent * (1 - job.fraction)) / job.fraction);
 }

@@ -4,6 +4,7 @@ import type { Read } from "./readmesh";
 import type { Clearance, ClearanceCell } from "./collide";
 import type { ReachMap } from "./reach";
 import type { StablePose } from "./stable";
+import { text } from "./text";
 import type { Ask, Hit, Judgement, Scores } from "./worker";
 
 export interface Preview {
@@ -108,42 +109,59 @@ export async function coverageBytes(jobId: string): Promise<Uint8Array> {
   return new Uint8Array(await (await request(`/jobs/${jobId}/coverage.bin`)).arrayBuffer());
 }
 
-/** A worker and what it has been asked. */
+/** A worker and what it has been asked. It begins with the first question; one that could not be loaded, with the next one. */
 class Asked {
-  private readonly worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+  private worker: Worker | null = null;
+  protected isClosed = false;
   private readonly waiting = new Map<number, { resolve: (value: never) => void; reject: (error: Error) => void;
     onProgress?: (share: number) => void }>();
   private next = 1;
 
-  constructor() {
-    this.worker.onmessage = ({ data }) => {
+  /** `first`: what each worker is told before anything else. */
+  constructor(private readonly first?: () => [Ask, Transferable[]]) {}
+
+  protected start(): Worker {
+    if (this.worker) return this.worker;
+    const worker = this.worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+    worker.onmessage = ({ data }) => {
       const waiting = this.waiting.get(data.id);
       if ("progress" in data) { waiting?.onProgress?.(data.progress); return; }
       this.waiting.delete(data.id);
       if ("error" in data) waiting?.reject(new Error(data.error));
       else waiting?.resolve(data.value as never);
     };
+    worker.onerror = () => {
+      worker.terminate();
+      this.worker = null;
+      this.waiting.forEach(({ reject }) => reject(new Error(text.viewGone)));
+      this.waiting.clear();
+    };
+    if (this.first) void this.send(...this.first()).catch(() => {});
+    return worker;
   }
 
   send<T>(ask: Ask, transfer: Transferable[] = [], onProgress?: (share: number) => void): Promise<T> {
-    const id = this.next;
-    this.next += 1;
     return new Promise((resolve, reject) => {
+      // Nobody waits for the answer any more.
+      if (this.isClosed) return;
+      const worker = this.start();
+      const id = this.next;
+      this.next += 1;
       this.waiting.set(id, { resolve, reject, ...(onProgress && { onProgress }) });
-      this.worker.postMessage({ id, ask }, transfer);
+      worker.postMessage({ id, ask }, transfer);
     });
   }
 
-  close = (): void => this.worker.terminate();
+  close = (): void => {
+    this.isClosed = true;
+    this.worker?.terminate();
+  };
 }
 
 /** The worker with the bodies of one cell. */
 export class ClearanceTracer extends Asked {
-  readonly ready: Promise<null>;
-
   constructor(given: ClearanceCell) {
-    super();
-    this.ready = this.send({ kind: "cell", given });
+    super(() => [{ kind: "cell", given }, []]);
   }
 
   at = (configurations: number[][], onProgress?: (share: number) => void): Promise<(Clearance | null)[]> =>
@@ -156,36 +174,24 @@ export class ReachCounter extends Asked {
     this.send({ kind: "reach", given, edge }, [], onProgress);
 }
 
-/** The worker with the tree of one mesh; it begins when it is told to, so that what is drawn first need not wait for it. */
-export class Tracer {
-  readonly ready: Promise<{ faces: number; secs: number }>;
-  private worker: Asked | null = null;
-  private begin!: (worker: Asked) => void;
-
+/** The worker with the tree of one mesh. */
+export class Tracer extends Asked {
   /** `fixture`: what hides the mesh besides itself. */
-  constructor(private readonly positions: Float32Array, fixture: Float32Array | null = null) {
-    this.ready = new Promise<Asked>((begin) => { this.begin = begin; }).then((worker) => {
-      const copy = this.positions.slice();
-      return worker.send({ kind: "load", positions: copy, fixture }, [copy.buffer]);
+  constructor(positions: Float32Array, fixture: Float32Array | null = null) {
+    super(() => {
+      const copy = positions.slice();
+      return [{ kind: "load", positions: copy, fixture }, [copy.buffer]];
     });
   }
 
-  start = (): void => { if (!this.worker) this.begin(this.worker = new Asked()); };
-  close = (): void => {
-    this.worker?.close();
-    this.start = () => {};
-  };
-
-  private send = <T>(ask: Ask, onProgress?: (share: number) => void): Promise<T> => {
-    this.start();
-    return this.ready.then(() => this.worker!.send<T>(ask, [], onProgress));
-  };
+  /** Begins ahead of the first question. */
+  begin = (): void => { if (!this.isClosed) this.start(); };
 
   pick = (origin: number[], direction: number[], section: number[] | null): Promise<Hit | null> =>
     this.send({ kind: "pick", origin, direction, section });
   judge = (ask: Omit<Extract<Ask, { kind: "judge" }>, "kind">): Promise<Judgement[]> => this.send({ kind: "judge", ...ask });
   score = (ask: Omit<Extract<Ask, { kind: "score" }>, "kind">, onProgress: (share: number) => void): Promise<Scores | null> =>
-    this.send({ kind: "score", ...ask }, onProgress);
+    this.send({ kind: "score", ...ask }, [], onProgress);
   flood = (face: number, maxDeg: number): Promise<Int32Array> => this.send({ kind: "flood", face, maxDeg });
   near = (point: number[], radius: number, normal: number[]): Promise<Int32Array> =>
     this.send({ kind: "near", point, radius, normal });

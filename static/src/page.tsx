@@ -1,13 +1,14 @@
 // The page: its frame, and the view that its address names.
+import { effect } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { isSignedIn, keyRequest, signOut } from "./api";
-import { applyEvent, keepJob, seen, stream } from "./jobs";
+import { applyEvent, jobIds, jobSignal, keepJob, partName, seen, stream } from "./jobs";
 import { JobList } from "./joblist";
 import { JobView } from "./job";
 import { hrefOf, place, theme, unit, type Theme, type Unit } from "./settings";
 import { text } from "./text";
-import { Dialog, Lazy, message } from "./widgets";
+import { Dialog, Lazy, made, message, Pending } from "./widgets";
 
 function Nav() {
   const [first = "jobs"] = place.value.path;
@@ -106,7 +107,7 @@ function View() {
   if (room === "calibrations" && first) return <Lazy key={first} load={async () => (await import("./calibrations")).CalibrationView} props={{ id: first }} />;
   if (room === "calibrations") return <Lazy key="calibrations" load={async () => (await import("./calibrations")).CalibrationList} props={{}} />;
   if (room === "specs") return <Lazy key="specs" load={async () => (await import("./specs")).Specs} props={{ kind: first ?? "scanners", name: second ?? "" }} />;
-  return <p>{text.notFound}</p>;
+  return <Pending error={text.notFound} />;
 }
 
 /** Moves the keyboard to the view when the address names another one, as a page load would. */
@@ -130,11 +131,25 @@ function App() {
           <button type="button" onClick={() => { message.value = ""; }}>{text.close}</button>
         </p>
       )}
+      {made.value && (
+        <p class="banner" role="status"><a href={made.value}>{text.made}</a>
+          <button type="button" onClick={() => { made.value = ""; }}>{text.close}</button>
+        </p>
+      )}
       <main id="main" tabIndex={-1} data-room={place.value.path[0] ?? "jobs"}><View /></main>
       <KeyDialog />
     </>
   );
 }
+
+// Tabs and the history of the browser tell the views apart.
+effect(() => {
+  const [room = "jobs", first] = place.value.path;
+  void jobIds.value;
+  const job = room === "jobs" && first ? jobSignal(first)?.value : undefined;
+  const names: Record<string, string> = { ...text.nav, compare: text.jobs.compare, new: text.nav.create };
+  document.title = [job ? partName(job) : names[room], text.product].filter(Boolean).join(" · ");
+});
 
 // What tests hold the page against: events handled, and through the views what is drawn.
 declare global { interface Window { vantage: Record<string, unknown> } }

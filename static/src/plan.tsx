@@ -2,20 +2,21 @@
 // part, views changed by hand and re-scored at once.
 import { useSignal, useComputed, batch, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import type { Box3 } from "three";
 import type { Job, Spot } from "./api";
 import { meaningOf } from "./bytes";
-import { goTo, hrefOf, length, percent, visits } from "./settings";
+import { length, percent, visits } from "./settings";
 import { planAgain } from "./joblist";
 import { Tracer } from "./mesh";
 import {
   areasBy, editedViews, editsOf, isEdited, lookingAt, modelOf, moved, plannedViews, plateOf, shownSetup, STILL, tableFromPart, type EditedView, type Model,
 } from "./planmodel";
 import { ChartsPanel, Legend, MissesPanel, RegionsPanel, SpotPanel, SummaryPanel, ViewsPanel } from "./planpanels";
-import { OPEN, painter, PlanScene, type Colouring, type SectionAxis, type Threshold } from "./planscene";
+import { lyingBox, OPEN, painter, PlanScene, sectionAt, type Colouring, type SectionAxis, type Threshold } from "./planscene";
 import { matrixOf } from "./poses";
 import { Stage, type PointerPick } from "./stage";
 import { text } from "./text";
-import { Button, known, Select, Slider, Tabs, useLoaded } from "./widgets";
+import { Button, known, Pending, Select, Slider, Tabs, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 import type { Hit, Judgement, Scores } from "./worker";
 
@@ -35,8 +36,7 @@ type Query = { query: URLSearchParams; setQuery: (changes: Record<string, string
 
 export function PlanView({ job, query, setQuery }: { job: Job } & Query) {
   const { value: model, error } = useLoaded(() => modelOf(job), [job.id]);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!model) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !model) return <Pending error={error} />;
   return <Loaded key={job.id} model={model} query={query} setQuery={setQuery} />;
 }
 
@@ -105,10 +105,7 @@ function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
     chooseView(id);
     void score().then(() => askAt(hit));
   };
-  const apply = async (set: Record<string, unknown>): Promise<void> => {
-    const made = await planAgain(model.job.id, set);
-    goTo(hrefOf(["jobs", made.id]));
-  };
+  const apply = (set: Record<string, unknown>): Promise<void> => planAgain(model.job.id, set);
   return { model, tracer, ...state, chooseView, askAt, addView, showSpot, score, apply };
 }
 
@@ -136,14 +133,17 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
   const measuring = useSignal<number[][] | null>(null);
   const [withViews, setWithViews] = useState(true);
   const areas = useMemo(() => areasBy(model), [model]);
+  const lies = useMemo(() => {
+    const pose = setup === null ? null : tableFromPart(model.plan, setup);
+    return pose && matrixOf(pose);
+  }, [model, setup]);
   const chosen = useComputed(() => state.views.value.find((view) => view.id === state.chosen.value) ?? null);
 
   useEffect(() => {
-    const pose = setup === null ? null : tableFromPart(model.plan, setup);
     if (!stage) { scene.current = null; return; }
-    if (scene.current?.stage === stage) { scene.current.lay(pose && matrixOf(pose)); return; }
-    void stage.drawn.then(state.tracer.start);
-    scene.current = new PlanScene(stage, model, pose && matrixOf(pose));
+    if (scene.current?.stage === stage) { scene.current.lay(lies); return; }
+    void stage.drawn.then(() => state.tracer.begin());
+    scene.current = new PlanScene(stage, model, lies);
     window.vantage.plan = { model, scene: scene.current, state };
   }, [stage, setup]);
   useEffect(() => {
@@ -220,15 +220,15 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
             <Button aria-pressed={measuring.value !== null} onClick={() => { measuring.value = measuring.value ? null : []; }}>{text.plan.measure}</Button>
             <Button aria-pressed={withViews} onClick={() => setWithViews(!withViews)}>{text.plan.allViews}</Button>
           </>}>
-          <div class="overlaybar">
+          <div class="overlay"><div class="overlaybar">
             <Select label={text.plan.colour} value={mode} onChange={(value) => setQuery({ colour: value === "grade" ? undefined : value, level: undefined })} options={Object.entries(text.plan.colours)} />
             <ThresholdSlider mode={mode} at={threshold} scores={state.scores.value} onLevel={(value) => setQuery({ level: String(value) })} />
             {model.plan.cell && <Select label={text.plan.lying} name="setup" value={setup === null ? "file" : String(setup)} onChange={lay} options={standings(model)} />}
-            <SectionTool section={section} at={() => scene.current?.sectionAt() ?? 0} onSection={(axis, share) => setQuery({ section: axis === "off" ? undefined : `${axis}${share}` })} />
+            <SectionTool section={section} box={lyingBox(model, lies)} onSection={(axis, share) => setQuery({ section: axis === "off" ? undefined : `${axis}${share}` })} />
             {measuring.value && <span class="soft">{measured.length === 2 ? text.plan.distance(length(distance)) : text.plan.measureHint}</span>}
             {state.computing.value !== null && <span role="status">{text.plan.computing(percent(state.computing.value, 0))}</span>}
           </div>
-          <Legend state={state} mode={mode} areas={areas} />
+          <Legend state={state} mode={mode} areas={areas} /></div>
         </View3d>
       </div>
       <aside class="side">
@@ -277,12 +277,12 @@ function sectionOf(given: string | null): Section {
   return { axis: axis as SectionAxis, share: Number(share) };
 }
 
-function SectionTool({ section: { axis, share }, at, onSection }: { section: Section; at: () => number; onSection: (axis: SectionAxis, share: number) => void }) {
+function SectionTool({ section: { axis, share }, box, onSection }: { section: Section; box: Box3; onSection: (axis: SectionAxis, share: number) => void }) {
   return (
     <>
       <Select label={text.plan.section} value={axis} onChange={(value) => onSection(value as SectionAxis, share)}
         options={[["off", text.plan.sectionOff], ["x", "X"], ["y", "Y"], ["z", "Z"]]} />
-      {axis !== "off" && <Slider label={text.plan.position} min={0} max={1} step={0.005} value={share} show={length(at())} onInput={(value) => onSection(axis, value)} />}
+      {axis !== "off" && <Slider label={text.plan.position} min={0} max={1} step={0.005} value={share} show={length(sectionAt(box, axis, share))} onInput={(value) => onSection(axis, value)} />}
     </>
   );
 }

@@ -1,6 +1,6 @@
 // What the plan view draws: part by colour mode, viewpoints, frustums, marked faces, chosen spot, section and measure.
 import {
-  type Box3, BufferAttribute, BufferGeometry, CircleGeometry, Color, EdgesGeometry, Group, type InstancedMesh, Matrix4, Mesh,
+  Box3, BufferAttribute, BufferGeometry, CircleGeometry, Color, EdgesGeometry, Group, type InstancedMesh, Matrix4, Mesh,
   MeshBasicMaterial, type Object3D, Plane, SphereGeometry, Vector3,
 } from "three";
 import { colourOf, isGrade, meaningOf } from "./bytes";
@@ -90,7 +90,7 @@ export class PlanScene {
   /** Lays the part on the plate, or, with no pose, shows it as its file has it. */
   lay(shownFromPart: Matrix4 | null): void {
     place(this.root, shownFromPart ?? new Matrix4()).updateMatrixWorld(true);
-    this.box = this.part.box.clone().applyMatrix4(this.root.matrix);
+    this.box = lyingBox(this.model, shownFromPart);
     this.stage.clear(this.plate);
     if (shownFromPart) this.plate.add(...plateDisc(this.model.plateRadius));
     this.cut(this.section.axis, this.section.at);
@@ -205,18 +205,10 @@ export class PlanScene {
     this.stage.invalidate();
   }
 
-  /** Where the section plane is along its axis, mm. */
-  sectionAt(): number {
-    const i = "xyz".indexOf(this.section.axis);
-    if (i < 0) return 0;
-    const [min, max] = [this.box.min.getComponent(i), this.box.max.getComponent(i)];
-    return min + (max - min) * this.section.at;
-  }
-
   /** Section plane as it is drawn; what lies behind it is shown. */
   private sectionPlane(): Plane | null {
     const normal = AXES[this.section.axis];
-    return normal ? new Plane(new Vector3(...normal), this.sectionAt()) : null;
+    return normal ? new Plane(new Vector3(...normal), sectionAt(this.box, this.section.axis, this.section.at)) : null;
   }
 
   /** Normal and constant of the section plane in the part's coordinates. */
@@ -225,6 +217,14 @@ export class PlanScene {
     return plane ? [...plane.normal.toArray(), plane.constant] : null;
   }
 }
+
+/** Box of the part as it lies, or, with no pose, as its file has it. */
+export const lyingBox = ({ mesh: { min, max } }: Model, shownFromPart: Matrix4 | null): Box3 =>
+  new Box3(new Vector3(...min), new Vector3(...max)).applyMatrix4(shownFromPart ?? new Matrix4());
+
+/** Where a section plane is along its axis, mm, of its share of a box. */
+export const sectionAt = ({ min, max }: Box3, axis: SectionAxis, share: number): number =>
+  (axis === "off" ? 0 : min[axis] + (max[axis] - min[axis]) * share);
 
 /** Cosine to its normal up to which a face is seen from a place: nearly edge-on it is but a line. */
 const FACING_COS = 0.1;

@@ -2,12 +2,9 @@
 import { apiPath, type Job } from "./api";
 import { RegionTable, Sentences, Warnings } from "./job";
 import { apiDocument, changesOf } from "./schema";
-import { seconds } from "./settings";
+import { fileSize, seconds } from "./settings";
 import { text } from "./text";
 import { useLoaded } from "./widgets";
-
-const sizeOf = (bytes: number | null): string =>
-  (bytes === null ? text.none : bytes < 1e4 ? `${bytes} B` : bytes < 1e6 ? `${(bytes / 1e3).toFixed(0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 
 function nameOf(file: string): string {
   const own = file.replace(".foreign", "");
@@ -34,7 +31,7 @@ export function Results({ job }: { job: Job }) {
           <thead><tr><th scope="col">{text.results.file}</th><th scope="col">{text.results.size}</th><th scope="col"><span class="hidden">{text.results.download}</span></th></tr></thead>
           <tbody>{job.results.map((file) => (
             <tr key={file.name}>
-              <th scope="row">{nameOf(file.name)}</th><td class="number">{sizeOf(file.size_bytes)}</td>
+              <th scope="row">{nameOf(file.name)}</th><td class="number">{fileSize(file.size_bytes)}</td>
               <td>{file.name === "report.html" ? <a href={`${apiPath}/jobs/${job.id}/report`} target="_blank" rel="noopener">{text.results.open}</a>
                 : <a href={path(file.name)} download aria-label={`${text.results.download} ${file.name}`}>{file.name}</a>}</td>
             </tr>

@@ -5,6 +5,7 @@ import { apiPath, ask, askSeen, post, Refused, remove, type Job, type Page, type
 import { CellScene, cellModelOf } from "./cellscene";
 import { programsOf } from "./cell";
 import { Chart } from "./chart";
+import { JobLink } from "./joblist";
 import { partName, readJob } from "./jobs";
 import { giveBack, lease, takeLease, withToken } from "./lease";
 import { giveWay, Stream, type LiveEvent } from "./live";
@@ -14,7 +15,7 @@ import { hrefOf, percent, seconds, when } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { StartRun } from "./startrun";
 import { text } from "./text";
-import { Button, guarded, Slider, useLoaded } from "./widgets";
+import { Button, ConfirmButton, Cut, guarded, Pending, Slider, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.runs;
@@ -40,12 +41,13 @@ export function RunList(_: object) {
             <tr key={run.id}>
               <td><a href={hrefOf(["runs", run.id])}>{when(run.created_at)}</a></td><td><span class={`state ${run.state}`}>{stateName(run.state)}</span></td>
               <td>{words.modes[run.mode]}</td><td>{run.cell}</td><td class="number">{run.step} {words.of} {run.steps}</td>
-              <td>{run.job_id && <a href={hrefOf(["jobs", run.job_id])}>{run.job_id.slice(0, 8)}</a>}</td>
-              <td>{OVER.includes(run.state) && <Button onClick={() => remove(`/runs/${run.id}`).then(reload)} aria-label={`${words.remove} ${when(run.created_at)}`}>{words.remove}</Button>}</td>
+              <td class="name">{run.job_id && <JobLink id={run.job_id} />}</td>
+              <td>{OVER.includes(run.state) && <ConfirmButton label={words.remove} aria-label={`${words.remove} ${when(run.created_at)}`} sure={text.sure(words.oneOf(when(run.created_at)))} onConfirm={() => remove(`/runs/${run.id}`).then(reload)} />}</td>
             </tr>
           ))}</tbody>
         </table>
       )}
+      {value && <Cut page={value} />}
     </section>
   );
 }
@@ -53,8 +55,7 @@ export function RunList(_: object) {
 /** The run alone is waited for: its controls need nothing else. */
 export function RunView({ id }: { id: string }) {
   const { value, error } = useLoaded(() => ask<Run>(`/runs/${id}`), [id]);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !value) return <Pending error={error} />;
   return <Live key={id} first={value} />;
 }
 
@@ -103,15 +104,16 @@ function useRun(first: Run) {
   const left = useMemo(() => new AbortController(), []);
   // What was measured before the page was opened stands in the record, up to this step.
   const recorded = useRef(-1);
-  const readRecord = (isWhole: boolean): Promise<void> => ask<{ steps: StepRecord[] }>(`/runs/${first.id}/record`).then(({ steps }) => {
+  const readRecord = (): Promise<void> => ask<{ steps: StepRecord[] }>(`/runs/${first.id}/record`).then(({ steps }) => {
     const past = pointsOf(steps);
     const { step, secs } = past.at(-1) ?? { step: -1, secs: 0 };
-    const since = isWhole ? [] : samples.peek().filter((point) => point.step > step);
+    // A step that was stopped is in no record.
+    const since = samples.peek().filter((point) => point.step > step);
     recorded.current = step;
     samples.value = [...past, ...since.map((point) => ({ ...point, secs: point.secs - since[0]!.secs + secs }))];
   }, () => {});
   useEffect(() => {
-    void readRecord(false);
+    void readRecord();
     return () => left.abort();
   }, []);
   const read = async (isEnd = false): Promise<void> => {
@@ -124,7 +126,7 @@ function useRun(first: Run) {
         // An answer that was under way at the end is older than the end.
         if (OVER.includes(told.state) || !OVER.includes(run.peek().state)) run.value = told;
         // The record has the time of each step; the curves so far are as the page counted it.
-        if (OVER.includes(told.state)) return readRecord(true);
+        if (OVER.includes(told.state)) return readRecord();
       }
       if (!isEnd || left.signal.aborted) return;
       await new Promise((tried) => { setTimeout(tried, 1000); });
@@ -152,16 +154,18 @@ function useRun(first: Run) {
     },
   }), [first.id]);
   useEffect(() => () => stream.close(), [stream]);
-  return { run, samples, log, stream, read };
+  return { run, samples, log, stream, read, recorded };
 }
 
 function Live({ first }: { first: Run }) {
-  const { run, samples, log, stream, read } = useRun(first);
+  const { run, samples, log, stream, read, recorded } = useRun(first);
   const { job, programs, scenery, problem } = useAround(first.job_id);
   const scene = useRef<CellScene | null>(null);
   const [stage, setStage] = useState<Stage | null>(null);
   const program = programs[run.value.setup] ?? programs[0];
   const last = samples.value.at(-1);
+  // Where a run that did not finish came to rest is known only to a page that saw it.
+  const isCut = ["stopped", "failed"].includes(run.value.state) && (!last || last.step <= recorded.current);
   useEffect(() => { window.vantage.run = { scene, run, samples }; }, []);
   useEffect(() => {
     if (!stage || !scenery) return undefined;
@@ -183,7 +187,7 @@ function Live({ first }: { first: Run }) {
       <div class="left">
         {scenery ? <View3d label={text.cell.scene} name="run" box={() => scene.current?.box() ?? null} onStage={setStage} />
           : problem ? <p class="empty" role="alert">{problem}</p> : <p class="empty" role="status">{text.loading}</p>}
-        <p class="soft">{words.ghost}</p>
+        <p class="soft">{isCut ? words.lastStep : words.ghost}</p>
       </div>
       <aside class="side">
         <h1>{job ? <a href={hrefOf(["jobs", job.id])}>{partName(job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
@@ -318,7 +322,7 @@ function RunFacts({ run, program, elapsed }: { run: Run; program: Program | unde
         <dt>{words.elapsed}</dt><dd>{seconds(elapsed)} {words.of} {seconds(run.planned_secs)}{run.speed_override < 1 && ` ${words.atFullSpeed}`}</dd>
         {run.coverage && <><dt>{words.coverage}</dt><dd>{percent(run.coverage.measured_of_asked, 2)} ({words.planned} {percent(run.coverage.planned_of_asked, 2)})</dd></>}
         {run.jitter && <><dt>{words.jitter}</dt><dd>{run.jitter.p99_ms?.toFixed(2)} ms</dd></>}
-        {run.armed_by && <><dt>{words.arm}</dt><dd>{run.armed_by}</dd></>}
+        {run.armed_by && <><dt>{words.armedBy}</dt><dd>{run.armed_by}</dd></>}
       </dl>
       {run.objections.length > 0 && <><h3>{words.objections}</h3><ul>{run.objections.map((objection) => <li key={objection} class="problem">{objection}</li>)}</ul></>}
     </>

@@ -111,8 +111,8 @@ export const Legend = ({ rows, whole, note }: { rows: LegendRow[]; whole: number
 
 const STEPS = 7;
 
-/** Legend of a map; areas of losses and coverage are the server's. */
-function legendOf(map: FaceMap, kind: MapKind, result: Inspection, limit: number): LegendRow[] {
+/** Legend of a map; areas of losses and coverage are the server's, those of deviation by what is drawn: the samples, or the faces. */
+function legendOf(map: FaceMap, kind: MapKind, result: Inspection, limit: number, cloud: Cloud | null): LegendRow[] {
   const { coverage, losses } = result;
   const asked = coverage.asked_area_mm2;
   const row = (key: string, colour: Rgb, name: string, mm2: number): LegendRow => ({ key, colour, name, area: mm2 });
@@ -122,8 +122,10 @@ function legendOf(map: FaceMap, kind: MapKind, result: Inspection, limit: number
       ...losses.map((loss) => row(loss.cause, lossColour(loss.cause), words.losses[loss.cause] ?? loss.cause, loss.area_mm2))];
   }
   const areas = new Float64Array(STEPS + 1);
+  const add = (deviation: number, mm2: number): void => { areas[Math.max(0, Math.min(STEPS - 1, Math.floor((deviation / limit + 1) * STEPS / 2)))]! += mm2; };
+  cloud?.deviations.forEach((deviation) => add(deviation, areaOfSample(result, cloud)));
   map.compared.forEach((compared, face) => {
-    if (compared > 0) areas[Math.max(0, Math.min(STEPS - 1, Math.floor((map.deviation[face]! / limit + 1) * STEPS / 2)))]! += compared;
+    if (compared > 0 && !cloud) add(map.deviation[face]!, compared);
     areas[STEPS]! += Math.max(0, map.asked[face]! - compared);
   });
   const edge = (step: number): number => limit * ((2 * step) / STEPS - 1);
@@ -131,6 +133,8 @@ function legendOf(map: FaceMap, kind: MapKind, result: Inspection, limit: number
     step === STEPS - 1 ? words.above(fine(edge(step))) : step === 0 ? words.below(fine(edge(1))) : words.between(fine(edge(step)), fine(edge(step + 1))), areas[step]!));
   return [...steps, row("unmeasured", UNMEASURED, words.unmeasured, areas[STEPS]!)];
 }
+
+const areaOfSample = ({ deviation: { statistics } }: Inspection, cloud: Cloud): number => (statistics?.area_mm2 ?? 0) / cloud.count;
 
 /** Largest deviation that the colours of the server's report tell apart. */
 function limitOf({ deviation: { statistics } }: Inspection): number {
@@ -157,7 +161,7 @@ export function ScanMap({ job, result, map, kind, onKind, pin, onPin }: {
     window.vantage.inspection = { scene: scene.current, map };
   }, [stage]);
   useEffect(() => scene.current?.paint(shown ? (): Rgb => UNMEASURED : painterOf(map, kind, limit)), [stage, kind, limit, shown]);
-  useEffect(() => scene.current?.showCloud(shown, limit, shown ? (result.deviation.statistics?.area_mm2 ?? 0) / shown.count : 1), [stage, shown, limit]);
+  useEffect(() => scene.current?.showCloud(shown, limit, shown ? areaOfSample(result, shown) : 1), [stage, shown, limit]);
   useEffect(() => { if (pin) chosen.value = null; }, [pin]);
   useEffect(() => scene.current?.showPin(pin?.at ?? chosen.value?.point ?? null, pin?.size ?? null), [stage, pin, chosen.value]);
   if (stage) {
@@ -166,7 +170,7 @@ export function ScanMap({ job, result, map, kind, onKind, pin, onPin }: {
       chosen.value = hit && { face: hit.face, point: hit.point as Vector };
     });
   }
-  const rows = useMemo(() => legendOf(map, kind, result, limit), [map, kind, result, limit, unit.value]);
+  const rows = useMemo(() => legendOf(map, kind, result, limit, shown), [map, kind, result, limit, shown, unit.value]);
   return (
     <View3d label={words.map} name="inspection" onStage={setStage} box={() => scene.current?.part.box ?? null}>
       <div class="overlaybar">
@@ -174,7 +178,7 @@ export function ScanMap({ job, result, map, kind, onKind, pin, onPin }: {
         {kind === "deviation" && <Slider label={words.scale} min={-4} max={4} step={0.25} value={zoom.value} show={`± ${fine(limit)}`} onInput={(value) => { zoom.value = value; }} />}
         {chosen.value ? <FaceFigures map={map} at={chosen.value} result={result} /> : <span class="soft">{words.mapHint}</span>}
       </div>
-      <Legend rows={rows} whole={result.coverage.asked_area_mm2} note={kind === "deviation" ? words.deviationNote : words.facesNote} />
+      <Legend rows={rows} whole={result.coverage.asked_area_mm2} note={kind === "deviation" ? words.deviationNote + (shown ? "" : words.byFace) : words.facesNote} />
     </View3d>
   );
 }

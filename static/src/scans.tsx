@@ -4,13 +4,12 @@ import { useState } from "preact/hooks";
 import { apiPath, ask, post, remove, uploadScan, type InspectionJob, type Job, type Page, type Plan, type Run, type Scan } from "./api";
 import { InspectionTable } from "./inspections";
 import { RESCAN_OF } from "./joblist";
-import { goTo, hrefOf, percent, when } from "./settings";
+import { fileSize, hrefOf, percent, when } from "./settings";
 import { text } from "./text";
-import { Button, Select, useLoaded } from "./widgets";
+import { Button, ConfirmButton, goToMade, NumberInput, Pending, Select, useLoaded } from "./widgets";
 
 const words = text.inspections;
 const UNITS = ["mm", "cm", "m", "inch"];
-const sizeOf = (bytes: number): string => `${(bytes / 1e6).toFixed(1)} MB`;
 
 interface Entry { file: File; view: string; share: number; problem: string }
 
@@ -33,8 +32,7 @@ export function ScansView({ job }: { job: Job }) {
   const left = useSignal(new Set<string>());
   const views = plan?.viewpoints.filter(({ rejected }) => !rejected).map(({ id }) => id) ?? [];
   const before = job.labels[RESCAN_OF];
-  if (error || problem) return <p class="problem" role="alert">{error || problem}</p>;
-  if (!scans || !inspections) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || problem || !scans || !inspections) return <Pending error={error || problem} />;
   return (
     <div class="results scans">
       <section>
@@ -92,7 +90,7 @@ function Upload({ job, views, onDone }: { job: Job; views: number[]; onDone: () 
           <ul>
             {entries.value.map(({ file, view, share, problem }) => (
               <li key={file.name + file.size} class="entry">
-                <strong>{file.name}</strong> <span class="soft">{sizeOf(file.size)}</span>
+                <strong>{file.name}</strong> <span class="soft">{fileSize(file.size)}</span>
                 {share > 0 ? <progress max={1} value={share} aria-label={text.create.uploading(file.name)} aria-valuetext={percent(share, 0)} />
                   : <><Select label={words.viewOf(file.name)} hideLabel value={view} options={choices} onChange={(value) => replace(file, { view: value })} />
                     <Button aria-label={text.create.drop1(file.name)} onClick={() => replace(file, null)}>×</Button></>}
@@ -128,8 +126,8 @@ function ScanTable({ scans, left, reload }: { scans: Scan[]; left: Signal<Set<st
             <td><input type="checkbox" aria-label={words.useOf(name(scan))} checked={!left.value.has(scan.id)} onChange={(event) => use(scan.id, event.currentTarget.checked)} /></td>
             <th scope="row" class="name"><a href={`${apiPath}/scans/${scan.id}/file`} download>{name(scan)}</a></th>
             <td>{scan.view ?? words.byName}</td><td>{scan.unit ?? words.auto}</td><td>{scan.frame ? words.frames[scan.frame] ?? scan.frame : words.auto}</td>
-            <td>{sizeOf(scan.size_bytes)}</td><td class="time">{when(scan.created_at)}</td>
-            <td><Button aria-label={`${text.jobs.remove} ${name(scan)}`} onClick={() => remove(`/scans/${scan.id}`).then(reload)}>{text.jobs.remove}</Button></td>
+            <td>{fileSize(scan.size_bytes)}</td><td class="time">{when(scan.created_at)}</td>
+            <td><ConfirmButton label={text.jobs.remove} aria-label={`${text.jobs.remove} ${name(scan)}`} sure={text.sure(name(scan))} onConfirm={() => remove(`/scans/${scan.id}`).then(reload)} /></td>
           </tr>
         ))}</tbody>
       </table>
@@ -144,17 +142,17 @@ function Order({ job, plan, scans, left }: { job: Job; plan: Plan | null; scans:
   const { value: runs } = useLoaded(() => ask<Page<Run>>(`/runs?job=${job.id}&page_size=100`), [job.id]);
   const [method, setMethod] = useState("best_fit");
   const [region, setRegion] = useState("");
-  const [tolerance, setTolerance] = useState("");
+  const [tolerance, setTolerance] = useState<number>();
   const [run, setRun] = useState("");
   const regions = (plan?.params as Interests | undefined)?.regions;
   const names = [...regions?.interest ?? [], ...regions?.features ?? []].flatMap(({ name }) => (name ? [name] : []));
   const used = scans.filter(({ id }) => !left.has(id));
-  const start = async (): Promise<void> => {
-    const params = { align: { method, ...(method === "best_fit_on" && { region: region || names[0] }) }, ...(tolerance && { compare: { tolerance_mm: Number(tolerance) } }) };
+  const start = (): Promise<void> => goToMade(async () => {
+    const params = { align: { method, ...(method === "best_fit_on" && { region: region || names[0] }) }, ...(tolerance !== undefined && { compare: { tolerance_mm: tolerance } }) };
     const request = { params, ...(left.size > 0 && { scans: used.map(({ id }) => id) }), ...(run && { run_id: run }) };
     const made = await post<InspectionJob>(`/jobs/${job.id}/inspections`, request);
-    goTo(hrefOf(["inspections", made.id]));
-  };
+    return hrefOf(["inspections", made.id]);
+  });
   const methods = Object.entries(words.methods).filter(([name]) => name !== "best_fit_on" || names.length > 0);
   const ended = runs?.items.filter(({ state }) => ["done", "stopped", "failed"].includes(state)) ?? [];
   return (
@@ -163,7 +161,7 @@ function Order({ job, plan, scans, left }: { job: Job; plan: Plan | null; scans:
       <div class="grid">
         <Select label={words.method} name="method" value={method} onChange={setMethod} options={methods} />
         {method === "best_fit_on" && <Select label={words.region} value={region || names[0]!} onChange={setRegion} options={names.map((name) => [name, name])} />}
-        <label><span>{words.measuredWithin}</span><input type="number" name="tolerance" min={0.001} step="any" placeholder={text.create.default} value={tolerance} onInput={(event) => setTolerance(event.currentTarget.value)} /></label>
+        <label><span>{words.measuredWithin}</span><NumberInput name="tolerance" min={0.001} placeholder={text.create.default} value={tolerance} onNumber={setTolerance} /></label>
         {ended.length > 0 && <Select label={words.poses} value={run} onChange={setRun} options={[["", words.asPlanned], ...ended.map(({ id, created_at: at }): [string, string] => [id, words.ofRun(when(at))])]} />}
       </div>
       <p class="actions"><Button kind="primary" class="inspect" disabled={used.length === 0} onClick={start}>{words.inspectScans(used.length)}</Button></p>

@@ -1,7 +1,9 @@
 // Forms made from the server's own schema: ranges, defaults and help are those of the API document.
-import { useState } from "preact/hooks";
+import { signal } from "@preact/signals";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { ask } from "./api";
 import { text } from "./text";
+import { NumberInput } from "./widgets";
 
 export interface Schema {
   $ref?: string; type?: string | string[]; enum?: (string | number)[]; properties?: Record<string, Schema>; required?: string[];
@@ -43,9 +45,28 @@ function hint(schema: Schema, fallback: unknown): string {
   return [range, standard].filter(Boolean).join(" · ");
 }
 
+/** Fields of the form that is shown whose text is not valid JSON: with them, nothing is sent. */
+const unread = signal<{ name: string }[]>([]);
+
+/** Counts a field among those as long as it is shown and cannot be read. */
+export function useUnread(name: string, isUnread: boolean): void {
+  useEffect(() => {
+    if (!isUnread) return undefined;
+    const mine = { name };
+    unread.value = [...unread.peek(), mine];
+    return () => { unread.value = unread.peek().filter((other) => other !== mine); };
+  }, [isUnread]);
+}
+
+/** Returns what is to be corrected first; nothing where the whole form can be read. */
+export const toCorrect = (): string => (unread.value[0] ? text.create.correct(unread.value[0].name) : "");
+
 function JsonField({ value, onChange, label, rows = 2 }: { value: unknown; onChange: (value: unknown) => void; label: string; rows?: number }) {
   const [draft, setDraft] = useState(() => (value === undefined ? "" : JSON.stringify(value)));
   const [problem, setProblem] = useState("");
+  const field = useRef<HTMLTextAreaElement>(null);
+  useUnread(label, problem !== "");
+  useEffect(() => { if (value === undefined && document.activeElement !== field.current) { setDraft(""); setProblem(""); } }, [value]);
   const take = (given: string): void => {
     setDraft(given);
     try {
@@ -57,7 +78,7 @@ function JsonField({ value, onChange, label, rows = 2 }: { value: unknown; onCha
   };
   return (
     <>
-      <textarea aria-label={label} rows={rows} spellcheck={false} value={draft} onInput={(event) => take(event.currentTarget.value)} />
+      <textarea ref={field} aria-label={label} rows={rows} spellcheck={false} value={draft} onInput={(event) => take(event.currentTarget.value)} />
       {problem && <span class="problem">{problem}</span>}
     </>
   );
@@ -67,9 +88,8 @@ function NumberField({ schema, value, onChange, label, fallback }: {
   schema: Schema; value: unknown; onChange: (value: unknown) => void; label: string; fallback?: unknown;
 }) {
   return (
-    <input type="number" aria-label={label} step={typeOf(schema) === "integer" ? 1 : "any"} min={schema.minimum} max={schema.maximum}
-      value={typeof value === "number" ? value : ""} placeholder={fallback === undefined || fallback === null ? "" : String(fallback)}
-      onInput={(event) => onChange(event.currentTarget.value === "" ? undefined : event.currentTarget.valueAsNumber)} />
+    <NumberInput aria-label={label} {...(typeOf(schema) === "integer" && { step: 1 })} min={schema.minimum} max={schema.maximum}
+      value={typeof value === "number" ? value : undefined} placeholder={fallback === undefined || fallback === null ? "" : String(fallback)} onNumber={onChange} />
   );
 }
 
@@ -78,8 +98,8 @@ function Numbers({ value, onChange, label, count }: { value: unknown; onChange: 
   return (
     <span class="numbers">
       {numbers.map((number, i) => (
-        <input key={i} type="number" step="any" aria-label={`${label} ${i + 1}`} value={number}
-          onInput={(event) => onChange(numbers.map((old, at) => (at === i ? event.currentTarget.valueAsNumber : old)))} />
+        <NumberInput key={i} aria-label={`${label} ${i + 1}`} value={number}
+          onNumber={(given) => { if (given !== undefined) onChange(numbers.map((old, at) => (at === i ? given : old))); }} />
       ))}
     </span>
   );
@@ -323,7 +343,7 @@ export function ParamForm({ api, value, onChange, at = null }: {
     const change = (now: unknown): void => (group ? set(group, key, now) : set(key, null, now));
     const name = group ? `${group}.${key}` : key;
     return has(group, key, schema) && (
-      <div key={`${key}${given === undefined}`} data-field={name} class={name === at ? "fault" : ""}>
+      <div key={key} data-field={name} class={name === at ? "fault" : ""}>
         <Field api={api} schema={schema} name={name} value={given} fallback={fallback} isChanged={given !== undefined} onReset={() => change(undefined)} onChange={change} />
       </div>
     );

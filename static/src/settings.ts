@@ -1,5 +1,6 @@
 // What the reader chose for this browser: unit of length, colours; and the place in the page, which its address holds.
 import { batch, computed, effect, signal } from "@preact/signals";
+import { text } from "./text";
 
 export type Theme = "auto" | "light" | "dark";
 export type Unit = "mm" | "inch";
@@ -20,9 +21,18 @@ effect(() => localStorage.setItem("vantage-unit", unit.value));
 /** The address within the page: `#/jobs/ID/plan?view=3` is path `["jobs", "ID", "plan"]` and query `view=3`. */
 export interface Place { path: string[]; query: URLSearchParams }
 
+/** A part of an address; as it is where its escapes are damaged. */
+function decoded(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
+  }
+}
+
 function placeOf(hash: string): Place {
   const [path = "", query = ""] = hash.replace(/^#\/?/, "").split("?");
-  return { path: path.split("/").filter(Boolean).map(decodeURIComponent), query: new URLSearchParams(query) };
+  return { path: path.split("/").filter(Boolean).map(decoded), query: new URLSearchParams(query) };
 }
 
 export const place = signal<Place>(placeOf(location.hash));
@@ -32,8 +42,8 @@ addEventListener("hashchange", () => batch(() => { place.value = placeOf(locatio
 
 export function hrefOf(path: string[], query: Record<string, string | undefined> = {}): string {
   const given = Object.entries(query).filter((entry): entry is [string, string] => Boolean(entry[1]));
-  const text = new URLSearchParams(given).toString();
-  return `#/${path.map(encodeURIComponent).join("/")}${text ? `?${text}` : ""}`;
+  const asked = new URLSearchParams(given).toString();
+  return `#/${path.map(encodeURIComponent).join("/")}${asked ? `?${asked}` : ""}`;
 }
 
 // Browsers ignore an address that is changed more than some 20 times a second, as a slider would.
@@ -66,11 +76,14 @@ export function goTo(hash: string): void {
 
 const MM_PER_INCH = 25.4;
 
+/** A number with the thousands apart, as reports have it. */
+export const count = (value: number, places = 0): string =>
+  value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places }).replaceAll(",", "\u202f");
+
 /** Digits that a reader can use: three significant ones below a thousand. */
 function digits(value: number, decimals: number): string {
   const size = Math.abs(value);
-  const places = size >= 1000 ? 0 : size >= 100 ? Math.min(1, decimals) : decimals;
-  return value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places });
+  return count(value, size >= 1000 ? 0 : size >= 100 ? Math.min(1, decimals) : decimals);
 }
 
 export const lengthIn = (mm: number): number => (unit.value === "mm" ? mm : mm / MM_PER_INCH);
@@ -92,10 +105,18 @@ export const area = (mm2: number): string =>
 export const sizes = (mm: readonly number[]): string =>
   `${mm.map((value) => digits(lengthIn(value), unit.value === "mm" ? 1 : 3)).join(" × ")} ${lengthUnit()}`;
 export const percent = (share: number, decimals = 1): string => `${(100 * share).toFixed(decimals)} %`;
+/** Difference of shares, percentage points. */
+export function points(difference: number): string {
+  const shown = fixed(100 * difference, 2);
+  return Number(shown) > 0 ? `+${shown}` : shown;
+}
 export const seconds = (secs: number): string => {
   if (secs < 90) return `${secs < 10 ? secs.toFixed(1) : secs.toFixed(0)} s`;
-  return secs < 5400 ? `${Math.round(secs / 60)} min` : `${(secs / 3600).toFixed(1)} h`;
+  const [all, isLong] = [Math.round(secs < 3600 ? secs : secs / 60), secs >= 3600];
+  return `${Math.floor(all / 60)} ${isLong ? "h" : "min"} ${all % 60} ${isLong ? "min" : "s"}`;
 };
+export const fileSize = (bytes: number | null | undefined): string =>
+  (bytes == null ? text.none : bytes < 1e6 ? `${count(bytes / 1e3, bytes < 1e4 ? 1 : 0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 export const degrees = (deg: number): string => `${deg.toFixed(1)}°`;
 export const when = (time: string): string => new Date(time).toLocaleString();
 

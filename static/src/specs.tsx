@@ -7,12 +7,12 @@ import { CellScene, cellModelOf } from "./cellscene";
 import { commonField, opticsOf } from "./optics";
 import { matrixOf, poseOf, rigOf, type BoardPose } from "./poses";
 import { ReachPanel } from "./reachpanel";
-import { apiDocument, ObjectField } from "./schema";
+import { apiDocument, ObjectField, toCorrect, useUnread } from "./schema";
 import { goTo, hrefOf, length, lengthIn, lengthUnit, sizes, unit } from "./settings";
 import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
-import { Button, known, Tabs, useLoaded } from "./widgets";
+import { Button, ConfirmButton, known, Pending, Tabs, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.specs;
@@ -28,8 +28,7 @@ const listAll = async (): Promise<Record<string, Item[]>> => Object.fromEntries(
 export function Specs({ kind: named, name }: { kind: string; name: string }) {
   const kind = known(words.kinds, named);
   const { value, error, reload } = useLoaded(listAll, []);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!value) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !value) return <Pending error={error} />;
   const item = value[kind]?.find((item) => item.name === name);
   return (
     <div class="specs">
@@ -68,8 +67,7 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
   const [said, setSaid] = useState("");
   const spec = draft.value ?? loaded?.value ?? null;
   const report = useCheck(spec);
-  if (error) return <p class="problem" role="alert">{error}</p>;
-  if (!spec || !api) return <p class="soft" role="status">{text.loading}</p>;
+  if (error || !spec || !api) return <Pending error={error} />;
   const etag = stored || loaded!.etag;
   const save = async (): Promise<void> => {
     const isSame = saveAs === item.name;
@@ -90,9 +88,9 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
           : <Source value={spec} onChange={(value) => { draft.value = value; }} />}
         <p class="actions sticky">
           <label><span>{words.saveAs}</span><input type="text" maxLength={128} value={saveAs} onInput={(event) => setSaveAs(event.currentTarget.value)} /></label>
-          <Button kind="primary" disabled={report?.sound === false || !saveAs || (item.preset && saveAs === item.name)} onClick={save}>{words.save}</Button>
-          {!item.preset && <Button onClick={() => remove(path, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })}>{words.remove}</Button>}
-          <span class="good" role="status">{said}</span>
+          <Button kind="primary" disabled={report?.sound === false || toCorrect() !== "" || !saveAs || (item.preset && saveAs === item.name)} onClick={save}>{words.save}</Button>
+          {!item.preset && <ConfirmButton label={words.remove} sure={text.sure(item.name)} onConfirm={() => remove(path, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })} />}
+          <span class={toCorrect() ? "problem" : "good"} role="status">{toCorrect() || said}</span>
         </p>
       </div>
       <div class="drawn"><Drawing key={kind} kind={kind} spec={spec} /></div>
@@ -130,6 +128,7 @@ function CheckResult({ report }: { report: Report | null }) {
 function Source({ value, onChange }: { value: Record<string, unknown>; onChange: (value: Record<string, unknown>) => void }) {
   const [draft, setDraft] = useState(() => JSON.stringify(value, null, 2));
   const [problem, setProblem] = useState("");
+  useUnread(words.source, problem !== "");
   return (
     <>
       <textarea class="source" aria-label={words.source} spellcheck={false} value={draft} onInput={(event) => {

@@ -1,9 +1,9 @@
 // Start of a run in simulation: of which setup, how fast its clock goes, where it begins.
 import { useSignal } from "@preact/signals";
 import { post, type Run } from "./api";
-import { goTo, hrefOf } from "./settings";
+import { hrefOf } from "./settings";
 import { text } from "./text";
-import { Button, Dialog, Select } from "./widgets";
+import { Button, Dialog, goToMade, NumberInput, Select } from "./widgets";
 
 const words = text.runs;
 const DEMO_CLOCK = 5;
@@ -11,24 +11,20 @@ const DEMO_CLOCK = 5;
 export function StartRun({ job, setups, kind, setup = 0, timeFactor = DEMO_CLOCK, fromStep = 0 }: {
   job: string; setups: number; kind?: string; setup?: number; timeFactor?: number; fromStep?: number;
 }) {
-  const [isOpen, problem] = [useSignal(false), useSignal("")];
+  const isOpen = useSignal(false);
   const given = useSignal({ setup, time_factor: timeFactor, from_step: fromStep, single_step: false });
   const set = (change: Partial<typeof given.value>): void => { given.value = { ...given.value, ...change }; };
   const open = (): void => {
     given.value = { ...given.value, setup, time_factor: timeFactor, from_step: fromStep };
-    [isOpen.value, problem.value] = [true, ""];
+    isOpen.value = true;
   };
-  const start = async (): Promise<void> => {
-    try {
-      const run = await post<Run>("/runs", { job_id: job, mode: "simulate", ...given.value });
-      isOpen.value = false;
-      goTo(hrefOf(["runs", run.id]));
-    } catch (error) {
-      problem.value = (error as Error).message;
-    }
-  };
+  const start = (): Promise<void> => goToMade(async () => {
+    const run = await post<Run>("/runs", { job_id: job, mode: "simulate", ...given.value });
+    isOpen.value = false;
+    return hrefOf(["runs", run.id]);
+  });
   const number = (label: string, key: "time_factor" | "from_step", min: number, max: number) => (
-    <label><span>{label}</span><input type="number" name={key} min={min} max={max} value={given.value[key]} onInput={(event) => set({ [key]: event.currentTarget.valueAsNumber || min })} /></label>
+    <label><span>{label}</span><NumberInput name={key} min={min} max={max} value={given.value[key]} onNumber={(value) => set({ [key]: value ?? min })} /></label>
   );
   return (
     <>
@@ -42,7 +38,6 @@ export function StartRun({ job, setups, kind, setup = 0, timeFactor = DEMO_CLOCK
           {number(words.timeFactor, "time_factor", 1, 100)}
           {number(words.fromStep, "from_step", 0, 1e6)}
           <label class="check"><input type="checkbox" name="single_step" checked={given.value.single_step} onChange={(event) => set({ single_step: event.currentTarget.checked })} />{words.singleStep}</label>
-          {problem.value && <p class="problem" role="alert">{problem.value}</p>}
           <p class="actions"><Button kind="primary" onClick={start}>{text.job.run}</Button><Button onClick={() => { isOpen.value = false; }}>{text.close}</Button></p>
         </Dialog>
       )}

@@ -1,12 +1,18 @@
 // Small parts of which the views are made.
-import { signal } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import type { Page } from "./api";
 import { stream } from "./jobs";
+import { goTo, hrefOf, visits } from "./settings";
 import { text } from "./text";
 
-/** What went wrong last, said once at the top. */
+/** What went wrong last, said once at the top, until the reader goes elsewhere or what failed works again. */
 export const message = signal("");
+/** Address of what was made while the reader was elsewhere. */
+export const made = signal("");
+effect(() => { if (visits.value) [message.value, made.value] = ["", ""]; });
+effect(() => { if (stream.connection.value === "live" && message.peek().includes(text.noAnswer)) message.value = ""; });
 
 export async function guarded<T>(work: () => Promise<T>): Promise<T | undefined> {
   message.value = "";
@@ -16,6 +22,14 @@ export async function guarded<T>(work: () => Promise<T>): Promise<T | undefined>
     message.value = (error as Error).message || text.failed;
     return undefined;
   }
+}
+
+/** Goes to what is made, whose address `work` answers; a reader who is elsewhere by then gets a link instead. */
+export async function goToMade(work: () => Promise<string>): Promise<void> {
+  const from = visits.peek();
+  const hash = await work();
+  if (visits.peek() === from) goTo(hash);
+  else made.value = hash;
 }
 
 export function Button({ onClick, children, kind = "", ...rest }: {
@@ -31,6 +45,68 @@ export function Button({ onClick, children, kind = "", ...rest }: {
   };
   return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} disabled={rest.disabled || busy} onClick={click}>{children}</button>;
 }
+
+/** Button of what cannot be taken back, which is done once the reader confirms it. */
+export function ConfirmButton({ label, sure, onConfirm, ...rest }: {
+  label: string; sure: string; onConfirm: () => Promise<unknown>; kind?: string; disabled?: boolean; "aria-label"?: string;
+}) {
+  const [isOpen, setOpen] = useState(false);
+  const close = (): void => setOpen(false);
+  return (
+    <>
+      <Button {...rest} onClick={() => setOpen(true)}>{label}</Button>
+      {isOpen && (
+        <Dialog title={label} onClose={close}>
+          <p>{sure}</p>
+          <p class="actions"><Button kind="danger" onClick={() => onConfirm().then(close)}>{label}</Button><Button onClick={close}>{text.close}</Button></p>
+        </Dialog>
+      )}
+    </>
+  );
+}
+
+/** Field of a number, which is not written anew while one types in it. `onNumber` is told `undefined` where it is empty, and nothing
+ * while what stands there is no number. */
+export function NumberInput({ value, onNumber, ...rest }: {
+  value: number | undefined; onNumber: (value: number | undefined) => void; name?: string; min?: number | undefined; max?: number | undefined; step?: number;
+  placeholder?: string; "aria-label"?: string;
+}) {
+  const field = useRef<HTMLInputElement>(null);
+  // A field that is removed loses the focus too.
+  const show = (): void => { if (field.current) field.current.value = value === undefined ? "" : String(value); };
+  useLayoutEffect(() => { if (document.activeElement !== field.current) show(); }, [value]);
+  return (
+    <input type="number" step="any" {...rest} ref={field} onBlur={show} onInput={({ currentTarget: { validity, value: given, valueAsNumber } }) => {
+      if (!validity.badInput) onNumber(given === "" ? undefined : valueAsNumber);
+    }} />
+  );
+}
+
+/** Button that copies the address of the page; where the browser does not let the page do so, as over plain HTTP, it shows the address. */
+export function CopyLink() {
+  const [state, setState] = useState("");
+  const close = (): void => setState("");
+  const copy = (): Promise<void> => (navigator.clipboard?.writeText(location.href) ?? Promise.reject()).then(() => setState("copied"), () => setState("shown"));
+  return (
+    <>
+      <Button onClick={copy}>{state === "copied" ? text.job.copied : text.job.share}</Button>
+      {state === "shown" && (
+        <Dialog title={text.job.share} onClose={close}>
+          <input type="text" class="wide" readOnly aria-label={text.job.share} value={location.href} onFocus={(event) => event.currentTarget.select()} />
+          <p class="actions"><Button onClick={close}>{text.close}</Button></p>
+        </Dialog>
+      )}
+    </>
+  );
+}
+
+/** Stands in place of a view that cannot be shown, or not yet. */
+export const Pending = ({ error }: { error?: string | undefined }) => (error
+  ? <div class="empty"><p class="problem" role="alert">{error}</p><a href={hrefOf(["jobs"])}>{text.nav.jobs}</a></div>
+  : <p class="soft pending" role="status">{text.loading}</p>);
+
+/** Says that a list is not whole. */
+export const Cut = ({ page: { items, next_page_token: token } }: { page: Page<unknown> }) => (token ? <p class="soft">{text.cut(items.length)}</p> : null);
 
 /** A name of an address, or the first where it is none of the names. */
 export const known = (names: object, name: string | null): string => (name !== null && Object.hasOwn(names, name) ? name : Object.keys(names)[0]!);
@@ -85,13 +161,20 @@ export function Slider({ label, value, min, max, step = 1, onInput, show, disabl
   );
 }
 
-/** Dialog that takes the keyboard while it is open. */
+/** Dialog that takes the keyboard while it is open and gives it back; what goes wrong is said in it, since it hides the page. */
 export function Dialog({ title, onClose, children }: { title: string; onClose?: () => void; children: ComponentChildren }) {
   const [element, setElement] = useState<HTMLDialogElement | null>(null);
-  useEffect(() => { if (element && !element.open) element.showModal(); }, [element]);
+  useEffect(() => {
+    if (!element) return undefined;
+    const before = document.activeElement as HTMLElement | null;
+    message.value = "";
+    element.showModal();
+    return () => before?.focus();
+  }, [element]);
   return (
     <dialog ref={setElement} aria-label={title} onCancel={(event) => { event.preventDefault(); onClose?.(); }}>
       <h2>{title}</h2>
+      {message.value && <p class="problem" role="alert">{message.value}</p>}
       {children}
     </dialog>
   );
@@ -150,7 +233,7 @@ export function Lazy<P>({ load, props }: { load: () => Promise<(props: P) => unk
     return () => { isWanted = false; };
   }, []);
   if (error) return <p class="problem" role="alert">{error} {error === text.viewGone && <Button onClick={() => location.reload()}>{text.reload}</Button>}</p>;
-  if (!View) return <p class="soft" role="status">{text.loading}</p>;
+  if (!View) return <Pending />;
   const Loaded = View.view as unknown as (props: P) => never;
   return <Loaded {...(props as P & object)} />;
 }

@@ -417,6 +417,7 @@ async function inspectScans(id, part) {
     await uploadScans(id, files);
     await check("scans");
     await page.locator("#scans tbody tr").last().locator("button").click();
+    await confirm();
     await page.waitForFunction((count) => document.querySelectorAll("#scans tbody tr").length === count, files.length - 1);
     return startInspection();
   });
@@ -533,6 +534,7 @@ async function versions() {
   }
   assert.equal((await api("/scanners/walked")).depth_mm.far, spec.depth_mm.far - 1);
   await press("Delete");
+  await confirm();
   await page.waitForFunction(() => !location.hash.includes("walked"));
 }
 
@@ -605,6 +607,32 @@ async function clone(id) {
   for (const job of [original.id, made]) await fetch(`${base}api/v1/jobs/${job}/cancel`, { method: "POST" });
 }
 
+/** What is typed key by key stands in its field as it was typed, and the field keeps the focus; what is no JSON holds up the start. */
+async function typed() {
+  await page.goto(`${base}#/new`);
+  await page.locator(".create details.group > summary").click();
+  const find = (words) => page.locator(".params input[type=search]").fill(words);
+  const enter = async (field, words) => {
+    await field.click();
+    await page.keyboard.press("Control+A");
+    await page.keyboard.type(words);
+    assert.deepEqual(await field.evaluate((field) => [field.value, field === document.activeElement]), [words, true]);
+  };
+  for (const [name, words] of [["selection.target", "0.97"], ["motion.clearance_mm", "12"], ["dialects.program_name", "part7"]]) {
+    await find(name);
+    await enter(page.locator(`.params input[aria-label="${name}"]`), words);
+  }
+  await find("part.table_from_part");
+  await page.locator(".pose button").click();
+  await enter(page.locator('.pose input[aria-label="translation_mm 3"]'), "-150.5");
+  await enter(page.locator(".grid input[type=number]"), "-5");
+  await find("candidates.rolls_deg");
+  await enter(page.locator(".params textarea"), "[0, 90");
+  await page.locator(".sticky", { hasText: "Correct candidates.rolls_deg first." }).waitFor();
+  await page.keyboard.type("]");
+  await page.locator(".sticky", { hasNotText: "Correct" }).waitFor();
+}
+
 /** Of several files, each is let down by its own box, and one that is no mesh is named and holds up none; none is waited for. */
 async function batch() {
   const corners = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
@@ -639,6 +667,8 @@ async function begin(fields) {
 }
 
 const press = (name) => page.getByRole("button", { name, exact: true }).click();
+/** Says in its dialog that something is to be deleted. */
+const confirm = () => page.locator("dialog .danger").click();
 const runId = async () => (await page.evaluate(() => location.hash)).split("/")[2];
 
 /** Takes the connections that the page leaves of the six which a browser has to a server; what is asked then waits. */
@@ -879,6 +909,7 @@ for (const part of parts) {
     await stepped(id);
     await arm();
     await clone(id);
+    await typed();
     await batch();
     await page.goto(`${base}#/jobs/${id}/cell`);
     await page.locator(".player .primary").waitFor();

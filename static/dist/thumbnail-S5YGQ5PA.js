@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-CQREGZOW.js";import"./chunk-WLVDOSYS.js";import"./chunk-OKMPJ6NT.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-2WEC36DX.js";export{a as drawThumbnail,b as drawTurned};
