@@ -20,6 +20,8 @@ mod tests;
 const ALIKE_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// A body that tips over within this angle does not stand, radians (3°).
 const TIPPING_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
+/// Height within which corners touch the plane, as a share of the body's size: that by which a face of facets [`ALIKE_RAD`] apart bulges.
+const CONTACT: f64 = 0.009;
 /// Digits to which corners are told apart, as a share of the body's size.
 const SAME_CORNER: f64 = 1e-6;
 
@@ -153,10 +155,31 @@ impl Hull {
             Some((foot - a).dot(&down.cross(&along)))
         };
         let min_mm = rim.iter().filter_map(margin_mm).fold(f64::INFINITY, f64::min);
-        let stands = height_mm > SAME_CORNER * self.size_mm && min_mm >= height_mm * TIPPING_RAD.tan();
+        let margin_mm = height_mm * TIPPING_RAD.tan();
+        let stands = height_mm > SAME_CORNER * self.size_mm && min_mm >= margin_mm && self.encloses(&down, &foot, margin_mm);
         let share =
             face.iter().map(|triangle| solid_angle(&self.corners(*triangle), centre)).sum::<f64>() / (4.0 * std::f64::consts::PI);
         stands.then_some(StablePose { down, share })
+    }
+
+    /// Returns true if the corners that touch the plane below the body enclose a point of it by a distance. A facet does not tell that
+    /// alone: of many corners on a circle some facets are slivers, the normals of which mean nothing.
+    fn encloses(&self, down: &Vector3<f64>, foot: &Point3<f64>, by_mm: f64) -> bool {
+        let height_mm = |p: &Point3<f64>| (p - foot).dot(down);
+        let lowest_mm = self.points.iter().map(height_mm).fold(f64::NEG_INFINITY, f64::max);
+        let across = down.cross(&Vector3::ith(down.iamin(), 1.0)).normalize();
+        let along = down.cross(&across);
+        let contacts = self.points.iter().filter(|p| height_mm(p) >= lowest_mm - CONTACT * self.size_mm);
+        let mut contacts: Vec<[f64; 2]> = contacts.map(|p| [(p - foot).dot(&across), (p - foot).dot(&along)]).collect();
+        contacts.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        let lower = half_outline(contacts.iter());
+        let upper = half_outline(contacts.iter().rev());
+        let mut edges = lower.windows(2).chain(upper.windows(2));
+        let is_within = |edge: &[[f64; 2]]| {
+            let [[ax, ay], [bx, by]] = [edge[0], edge[1]];
+            ax * by - ay * bx >= by_mm * (bx - ax).hypot(by - ay)
+        };
+        contacts.len() > 2 && edges.all(is_within)
     }
 
     /// Edges that a face shares with other faces, counter-clockwise seen from outside.
@@ -169,6 +192,21 @@ impl Hull {
         let outer = face.iter().flat_map(edges).filter(|(a, b)| !all.contains(&(*b, *a)));
         outer.map(|(a, b)| (self.points[a], self.points[b])).collect()
     }
+}
+
+/// Half of the convex outline of sorted points, counter-clockwise (A. M. Andrew 1979, *Another efficient algorithm for convex hulls in two
+/// dimensions*, Information Processing Letters 9(5)).
+fn half_outline<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> Vec<[f64; 2]> {
+    let mut outline: Vec<[f64; 2]> = Vec::new();
+    for [x, y] in points {
+        while let [.., [ax, ay], [bx, by]] = outline[..]
+            && (bx - ax) * (y - ay) - (by - ay) * (x - ax) <= 0.0
+        {
+            outline.pop();
+        }
+        outline.push([*x, *y]);
+    }
+    outline
 }
 
 /// Solid angle of a triangle seen from a point, steradians (A. van Oosterom and J. Strackee 1983, *The Solid Angle of a Plane

@@ -274,7 +274,7 @@ fn e57_of(points: u16) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// What was wrong with an E57 file was once told in the words of its reader alone.
+/// Faults of an E57 file were once told in the words of its reader alone.
 #[test]
 fn an_e57_file_is_told_to_be_cut_off_or_damaged_and_what_to_do() {
     let whole = e57_of(500);

@@ -39,3 +39,46 @@ fn what_has_no_volume_stands_nowhere() {
     };
     assert!(stable_poses(&flat).is_empty());
 }
+
+/// Cylinder on the plate as a file of 32-bit numbers has it.
+fn cylinder(radius_mm: f64, height_mm: f64, sections: u32) -> Mesh {
+    let ring = |z: f64| {
+        (0..sections).map(move |section| {
+            let angle = std::f64::consts::TAU * f64::from(section) / f64::from(sections);
+            Point3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), z)
+        })
+    };
+    let centres = [0.0, height_mm].map(|z| Point3::new(0.0, 0.0, z));
+    let vertices: Vec<_> = ring(0.0).chain(ring(height_mm)).chain(centres).collect();
+    let face = |section: u32| {
+        let (a, b) = (section, (section + 1) % sections);
+        [
+            [a, b, sections + b],
+            [a, sections + b, sections + a],
+            [b, a, 2 * sections],
+            [sections + a, sections + b, 2 * sections + 1],
+        ]
+    };
+    let faces: Vec<_> = (0..sections).flat_map(face).collect();
+    Mesh {
+        vertices_mm: vertices.iter().map(|p| p.map(|c| f64::from(c as f32))).collect(),
+        source_face: (0..faces.len() as u32).collect(),
+        faces,
+        groups: Vec::new(),
+    }
+}
+
+/// Slivers of the hull were once taken for faces, so that cylinders were balanced on their rim.
+#[test]
+fn a_cylinder_of_many_sections_stands_on_its_ends_alone() {
+    for (radius_mm, height_mm, sections) in
+        [(30.0, 80.0, 24), (30.0, 80.0, 720), (25.0, 60.0, 900), (30.0, 80.0, 1440), (40.0, 30.0, 1440)]
+    {
+        let poses = stable_poses(&cylinder(radius_mm, height_mm, sections));
+        let on_end = poses.iter().filter(|pose| pose.down.z.abs() > 0.9999).count();
+        let on_side = poses.iter().filter(|pose| pose.down.z.abs() < 1e-3).count();
+        // Of few sections, each side is wide enough to stand on.
+        assert_eq!((on_end, on_side), (2, if sections == 24 { 24 } else { 0 }), "{radius_mm} {height_mm} {sections}: {poses:?}");
+        assert_eq!(poses.len(), on_end + on_side, "{radius_mm} {height_mm} {sections}: {poses:?}");
+    }
+}
