@@ -113,7 +113,7 @@ pub fn check(
             warnings = warnings::of_params(&document.params, "/params");
             // The size of the part is in the plan, the unit of its file is not: what was said of it stands.
             warnings.extend(document.warnings.iter().filter(|warning| warning.pointer == "/part/bbox_mm").cloned());
-            format!("plan with {}{}", counted(document.viewpoints.len(), "viewpoint"), extent(cell))
+            format!("plan with {}{}", counted(document.viewpoints.len(), "viewpoint"), extent_of_plan(cell))
         }
         DocumentKind::Program => {
             let document: ProgramDocument = read(value)?;
@@ -227,6 +227,19 @@ fn read<T: DeserializeOwned + ToSchema + 'static>(value: Value) -> Result<T, Vec
 /// A finding about the whole document.
 fn whole(detail: String) -> Vec<FieldError> {
     vec![FieldError { pointer: String::new(), detail }]
+}
+
+/// Extent of the checks of a plan, in words: what it says of collisions and coverage is not derived anew.
+fn extent_of_plan(cell: Option<&Cell>) -> String {
+    cell.map_or_else(
+        || extent(None),
+        |cell| {
+            let name = &cell.name;
+            format!(
+                ", its stations at their views and within the limits of cell {name} (collisions and coverage: check its program)"
+            )
+        },
+    )
 }
 
 /// Extent of the checks, in words.

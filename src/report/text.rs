@@ -8,10 +8,8 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cell::Separation;
 use crate::geometry::Pose;
-use crate::planning::params::{PlanParams, PoseErrorParams};
-use crate::planning::plan::{
-    Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, RiskReason, SetupId, Stability, share,
-};
+use crate::planning::params::{Objective, PlanParams, PoseErrorParams, SelectionGoal, Solver};
+use crate::planning::plan::{Coverage, MissedCause, Obstruction, Plan, RegionCoverage, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RobustDocument};
@@ -59,7 +57,7 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary) -> fmt::Result {
     write_setups(out, plan)?;
     write_links(out, plan)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
-    write_bound(out, &plan.bound)?;
+    write_bound(out, plan)?;
     write_views(out, plan)?;
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
     write_obstructions(out, &plan.obstructions)?;
@@ -243,8 +241,16 @@ fn write_advice(out: &mut String, plan: &Plan) -> fmt::Result {
     AdviceDocument::all_of(plan).iter().try_for_each(|advice| writeln!(out, "  {}", advice.text))
 }
 
-fn write_bound(out: &mut String, bound: &Bound) -> fmt::Result {
-    writeln!(out, "bound: no fewer than {}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+/// Returns true if the views, and so the bound on their number, have to keep the grades of greedy's choice.
+pub(super) fn holds_grades(params: &PlanParams) -> bool {
+    let selection = &params.selection;
+    let is_asked = selection.max_grade_loss.is_some() && matches!(selection.solver, Solver::Local | Solver::Certified);
+    is_asked && selection.objective == Objective::Score && params.score.b > 0.0 && selection.goal != SelectionGoal::BestCoverage
+}
+
+fn write_bound(out: &mut String, plan: &Plan) -> fmt::Result {
+    let (bound, grades) = (&plan.bound, if holds_grades(&plan.params) { " at such grades" } else { "" });
+    writeln!(out, "bound: no fewer than {}{grades}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
     if let (Some(upper), Some(gap)) = (bound.of_asked_upper, bound.gap_of_asked) {
         writeln!(out, "bound: no more than {} % of asked, gap {} %", percent(upper), percent(gap))?;
     }

@@ -229,10 +229,11 @@ pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -
 /// pointer to its parameters.
 #[must_use]
 pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Option<FieldWarning> {
-    let mut kinds = vec![("each view", robust.of_asked), ("the part as a whole", robust.part.of_asked)];
-    kinds.extend(robust.hand_eye.map(|hand_eye| ("the hand-eye calibration", hand_eye.of_asked)));
+    let mut kinds =
+        vec![("each view", robust.of_asked, robust.draws), ("the part as a whole", robust.part.of_asked, robust.part.draws)];
+    kinds.extend(robust.hand_eye.map(|hand_eye| ("the hand-eye calibration", hand_eye.of_asked, hand_eye.draws)));
     let worst = kinds.into_iter().reduce(|a, b| if b.1.nominal - b.1.worst > a.1.nominal - a.1.worst { b } else { a });
-    let (kind, drawn) = worst.filter(|(_, drawn)| drawn.nominal - drawn.worst > Robust::MAX_LOSS)?;
+    let (kind, drawn, draws) = worst.filter(|(_, drawn, _)| drawn.nominal - drawn.worst > Robust::MAX_LOSS)?;
     let error = robust.pose_error;
     let (state, remedy) = if params.robust.select {
         ("true, and yet", "raise selection.target, so that more of the surface is measured twice")
@@ -243,8 +244,8 @@ pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Opti
         code: WarningCode::FragileUnderPoseError,
         pointer: format!("{at}/robust/select"),
         detail: format!(
-            "is {state} an error of {kind} by {}° and {} mm costs up to {:.2} points of coverage: {:.2} % of the asked area instead \
-             of {:.2} %; a plan that tolerates it loses at most {:.1}",
+            "is {state} an error of {kind} by {}° and {} mm costs up to {:.2} points of coverage in {draws} trials: {:.2} % of the asked \
+             area instead of {:.2} %; a plan that tolerates it loses at most {:.1}",
             error.angle_deg,
             error.translation_mm,
             100.0 * (drawn.nominal - drawn.worst),

@@ -7,7 +7,7 @@ use super::sections::digest;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Bound, Drawn, Robust};
 use crate::planning::sequence::Sequence;
-use crate::report::text::pose_error_sizes;
+use crate::report::text::{holds_grades, pose_error_sizes};
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{at_risk_sentence, counted};
@@ -47,7 +47,7 @@ fn independent(input: &ReportInput<'_>) -> String {
 fn bounds(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let bound = &plan.bound;
-    let proved = proved(bound, plan.executed_views() == plan.views.len());
+    let proved = proved(bound, plan.executed_views() == plan.views.len()) + grades_held(&plan.params);
     let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
         format!(
             " Of the samples that views are chosen on, no choice of as many views measures more than {} more of the asked area: at most \
@@ -57,6 +57,15 @@ fn bounds(input: &ReportInput<'_>) -> String {
         )
     });
     format!("<p>{proved}{area}</p>\n")
+}
+
+/// Says that a bound is one of choices that hold the grades too; empty where the plan does not have to.
+fn grades_held(params: &PlanParams) -> &'static str {
+    if holds_grades(params) {
+        " As much means at each grade too (selection.max_grade_loss): fewer views may reach the target with worse grades."
+    } else {
+        ""
+    }
 }
 
 /// Says how many views any choice needs for what the chosen ones measure, which is more than the plan does where some have no path.

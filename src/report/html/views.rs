@@ -23,7 +23,7 @@ pub(super) fn overviews(input: &ReportInput<'_>, album: &mut Album) -> String {
     )
 }
 
-/// What is coloured and its legend, which print does not part.
+/// Coloured pictures or a bar with their legend, which print does not part.
 pub(super) fn together(coloured: &str, legend: &str) -> String {
     format!("<div class=\"together\">\n{coloured}{legend}</div>\n")
 }

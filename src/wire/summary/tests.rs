@@ -260,6 +260,15 @@ fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
     assert_eq!(PlanVerdict::of(&enough), PlanVerdict::PartlyMeasured);
 }
 
+/// Views that tolerate errors are chosen on few samples; of all samples a little less may be measured.
+#[test]
+fn a_target_of_views_that_tolerate_errors_is_met_only_where_the_figures_say_so() {
+    let mut short = plan(3, 0, 400.0);
+    assert_ne!(PlanVerdict::of(&short), PlanVerdict::TargetMissed);
+    short.params.robust.select = true;
+    assert_eq!(PlanVerdict::of(&short), PlanVerdict::TargetMissed);
+}
+
 #[test]
 fn best_coverage_has_no_target_to_miss() {
     let mut best = Plan { stopped_because: StopReason::MaxViews, ..plan(4, 0, 400.0) };

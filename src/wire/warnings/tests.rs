@@ -130,8 +130,8 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
     assert_eq!(
         found.detail,
-        "is false, and an error of the part as a whole by 1° and 1 mm costs up to 2.31 points of coverage: 94.79 % of the asked \
-         area instead of 97.10 %; a plan that tolerates it loses at most 1.0"
+        "is false, and an error of the part as a whole by 1° and 1 mm costs up to 2.31 points of coverage in 5 trials: 94.79 % of \
+         the asked area instead of 97.10 %; a plan that tolerates it loses at most 1.0"
     );
     assert!(found.remedy.contains("robust.select = true"), "{}", found.remedy);
     params.robust.select = true;
