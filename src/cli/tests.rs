@@ -162,7 +162,7 @@ fn paths_in_a_specification_count_from_its_folder() {
     assert_eq!(named("").expect("a cell").robot, Named::Name(String::new()), "told as empty, not as a folder");
 }
 
-/// What came through a pipe was taken to lie in the folder of its descriptor.
+/// A file that came through a pipe was once taken to lie in the folder of its descriptor.
 #[test]
 #[cfg(unix)]
 fn paths_in_a_specification_that_comes_through_a_pipe_count_from_the_working_folder() {

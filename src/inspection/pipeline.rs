@@ -410,8 +410,7 @@ mod tests {
     use crate::planning::params::{FeatureParams, Region};
     use crate::testing::{box_mesh, nominal_scanner};
 
-    /// Of a scanner that is noisier than the default, few points once counted as if it were not; and what was stated of a merged cloud did
-    /// not count.
+    /// Few points of a scanner noisier than the default once counted as if it were not; and what was stated of a merged cloud did not count.
     #[test]
     fn deviations_are_judged_by_the_noise_that_was_planned_with_and_by_what_is_stated_of_a_merged_cloud() {
         let (mesh, scanner, mut plan_params) = (box_mesh([0.0; 3], [30.0; 3]), nominal_scanner(), PlanParams::default());

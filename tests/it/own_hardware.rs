@@ -144,7 +144,8 @@ fn the_page_has_no_unit_chosen() {
         page.contains("const unit = useSignal(\"\");") && page.contains("[\"\", text.create.unitChoose]"),
         "the first choice is none"
     );
-    assert!(page.contains("const canStart = Boolean(base ?? (first && unit.value))"), "nothing begins without a unit");
+    let without_unit = "(first && !unit.value ? text.create.readFirst : \"\")";
+    assert!(page.contains(without_unit) && page.contains("&& !fault;"), "nothing begins without a unit");
     let uses = page.matches("unit.value = ").count();
     assert_eq!(uses, 1, "only the reader chooses it");
     assert!(include_str!("../../static/src/job.tsx").contains("job.warnings"), "warnings of a job are shown");

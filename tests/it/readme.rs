@@ -174,7 +174,7 @@ fn own_hardware_and_two_setups_run_as_written() {
 fn the_study_runs_as_written() {
     let folder = tempfile::tempdir().expect("a folder");
     bash("vantage part base --triangles 8000 --out base.stl", folder.path());
-    let told = bash(block_after("## See what a knob does"), folder.path());
+    let told = bash(block_after("## Vary one parameter"), folder.path());
     assert!(told.contains("a = 0.25, b = 0.75") && folder.path().join("study/weights.html").is_file(), "{told}");
 }
 

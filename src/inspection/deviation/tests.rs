@@ -631,7 +631,7 @@ fn alignments_fit_the_part_or_one_region_and_leave_what_slides() {
     assert!(figures.rms_mm < 0.002, "{figures:?}");
 }
 
-/// What a small region leaves open of the place of the part was once in no uncertainty.
+/// Freedom that a small region leaves to the place of the part was once in no uncertainty.
 #[test]
 fn an_alignment_by_a_small_region_is_told_by_the_uncertainty_far_from_it() {
     let model = Model::of(plate(0.0, 1.5), 0.3);
@@ -752,7 +752,7 @@ impl Walls {
     }
 }
 
-/// What the mesh alone holds was once told against the place that points give the part, and compared against that which area gives: of
+/// Freedom that the mesh alone takes from views was once told against the place that points give the part, and compared against that which area gives: of
 /// six views of one wall and one of the other, that of a part 0.3 mm too wide was told to lie at 0.003 ± 0.108 mm.
 #[test]
 fn a_wall_of_many_views_is_known_no_better_than_the_opposite_one() {
@@ -800,7 +800,7 @@ fn an_error_that_all_poses_share_does_not_average_out() {
     }
 }
 
-/// What is open of the pose hid a groove of 0.4 mm in the wall.
+/// An open pose once hid a groove of 0.4 mm in the wall.
 #[test]
 fn a_wall_whose_place_is_open_fails_where_it_is_less_even_than_its_tolerance() {
     let around = [[-30.0, 0.0], [-30.0, 30.0], [30.0, 30.0], [30.0, 0.0]];
@@ -836,7 +836,7 @@ fn a_region_does_not_step_over_a_wall_whose_pose_is_open() {
     assert_eq!(verdict([0.3, 0.3]), Some(Conformity::Pass), "of few points");
 }
 
-/// What poses are off moves a whole wall, and once hid every spot of it.
+/// Errors of poses move a whole wall, and once hid every spot of it.
 #[test]
 fn spots_are_found_whatever_is_open_of_the_poses() {
     let model = Model::of(plate(0.0, 1.5), 0.5);
