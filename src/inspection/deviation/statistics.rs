@@ -225,6 +225,9 @@ fn verdict_by(sample: &SampleDeviation, tolerance_mm: f64, expanded: f64) -> Con
     }
 }
 
+/// Expanded uncertainty of a sample, mm, with or without what poses leave open.
+type Uncertainty<'a> = &'a dyn Fn(&SampleDeviation) -> f64;
+
 /// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
 /// `pass` where samples of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points
 /// leave uncommonly much open, and alone do so, says little either way; else undecided. A sample before or behind which most points are off
@@ -235,7 +238,7 @@ fn verdict(
     surface: &Surface,
     region: &RegionToJudge,
     tolerance: f64,
-    ((min_area_mm2, median_of_points_mm), uncertainty): ((f64, f64), &dyn Fn(&SampleDeviation) -> f64),
+    ((min_area_mm2, median_of_points_mm), uncertainty): ((f64, f64), Uncertainty<'_>),
 ) -> Conformity {
     let (mut measured, mut failed, mut open, mut passed_mm2) = (0_usize, 0_usize, 0_usize, 0.0);
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
