@@ -7,10 +7,9 @@ use std::path::{Path, PathBuf};
 
 use super::app::App;
 use super::error::Error;
+use super::store::RESERVE;
 
-/// File in the data folder that is given up on a full disk.
-const RESERVE_FILE: &str = "reserve";
-/// Its size: room for what the database writes to delete a job.
+/// Size of the file that is given up on a full disk: room for what the database writes to delete a job.
 const RESERVE_BYTES: usize = 1 << 20;
 
 /// Free and total space of a disk.
@@ -48,7 +47,7 @@ impl App {
     }
 
     fn reserve(&self) -> PathBuf {
-        self.0.options.data_dir.join(RESERVE_FILE)
+        self.0.options.data_dir.join(RESERVE)
     }
 
     /// Keeps the reserve, where the disk has room for it.

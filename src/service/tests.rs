@@ -9,10 +9,11 @@ use sha2::{Digest, Sha256};
 use super::planner::{Artifact, JobInput, MeshSource};
 use super::store::{NewJob, NewMesh};
 use super::*;
-use crate::cell::{CellSpec, Named, Presets, SpecLibrary};
+use crate::cell::{CellSpec, Configuration, Named, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
+use crate::program::Program;
 use crate::wire::echo::Echo;
 use crate::wire::{JobId, JobRequest, MeshHealthReport};
 
@@ -21,6 +22,20 @@ pub(super) const TRIANGLE: &str =
     "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 9 0 0\nvertex 0 9 0\nendloop\nendfacet\nendsolid a\n";
 /// A file that fails with EIO: nothing lies at the first address of a process.
 pub(super) const BAD_SECTOR: &str = "/proc/self/mem";
+
+/// A program that does nothing, for runs of which only the document counts.
+pub(super) fn no_steps() -> Program {
+    Program {
+        plan_sha256: String::new(),
+        setup: 0,
+        calibration: None,
+        robot: String::new(),
+        turntable: String::new(),
+        home_rad: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+        steps: Vec::new(),
+        cycle_secs: 0.0,
+    }
+}
 
 /// Options of a small service in a folder.
 pub(super) fn options(data: &Path) -> Options {

@@ -1,11 +1,9 @@
 //! Inspections while the disk is full, and of what was deleted or damaged meanwhile.
 
 use super::*;
-use crate::cell::Configuration;
 use crate::inspection::InspectionParams;
-use crate::program::Program;
 use crate::service::planner::Artifact;
-use crate::service::tests::{ended_job, job, service, service_with};
+use crate::service::tests::{ended_job, job, no_steps, service, service_with};
 use crate::wire::run::{Run, RunRequest};
 
 fn inspection_of(job_id: JobId, state: JobState) -> InspectionJob {
@@ -99,16 +97,7 @@ async fn a_scan_that_was_deleted_since_the_request_was_checked_is_not_inspected(
 async fn a_dry_run_is_none_in_which_scans_were_taken() {
     let (app, _folder) = service().await;
     let job_id = job(&app).await;
-    let program = Program {
-        plan_sha256: String::new(),
-        setup: 0,
-        calibration: None,
-        robot: String::new(),
-        turntable: String::new(),
-        home_rad: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
-        steps: Vec::new(),
-        cycle_secs: 0.0,
-    };
+    let program = no_steps();
     for (mode, is_refused) in [(RunMode::Simulate, false), (RunMode::DryRun, true), (RunMode::Live, false)] {
         let run = Run::new(&RunRequest { mode, ..RunRequest::new(job_id) }, Some(job_id), "cell", &program, "");
         let (run, _) = app.0.store.insert_run(&run, 8).await.expect("stored");

@@ -78,7 +78,7 @@ const MAX_READERS: u32 = 4;
 /// File name of the database in a store's folder.
 const DATABASE: &str = "vantage.db";
 /// File in a store's folder that is given up on a full disk.
-const RESERVE: &str = "reserve";
+pub(crate) const RESERVE: &str = "reserve";
 
 /// Reasons why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]

@@ -4,26 +4,15 @@ use std::io::Read as _;
 
 use super::super::{RunCursor, RunMessage};
 use super::*;
-use crate::cell::Configuration;
 use crate::execution::audit::{AuditLimits, verify};
-use crate::program::Program;
 use crate::service::Options;
 use crate::service::planner::JobInput;
-use crate::service::tests::{options, service};
+use crate::service::tests::{no_steps, options, service};
 use crate::wire::run::{RunAudit, RunRequest};
 use crate::wire::{JobId, RunId};
 
 async fn supervisor(app: &App) -> Supervisor {
-    let program = Program {
-        plan_sha256: String::new(),
-        setup: 0,
-        calibration: None,
-        robot: String::new(),
-        turntable: String::new(),
-        home_rad: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
-        steps: Vec::new(),
-        cycle_secs: 0.0,
-    };
+    let program = no_steps();
     let run = Run::new(&RunRequest::new(JobId::generate()), None, "cell", &program, "");
     let open = app.0.runs.enter(run.id, &run.cell, run.mode).expect("free");
     let (run, _) = app.0.store.insert_run(&run, 1).await.expect("stored");
