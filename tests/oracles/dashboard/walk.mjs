@@ -730,7 +730,9 @@ async function arm() {
   await page.route(at(""), (route) => route.fulfill({ json: waiting }));
   await page.route(at("/events"), (route) => route.fulfill({ status: 204 }));
   await page.route(at("/arm\\?token=\\d+"), (route) => route.fulfill({ json: waiting }));
+  // The page of the run before is left: one that is still shown would not ask anew.
   await page.goto(`${base}#/runs`);
+  await page.locator("#runs-title").waitFor();
   await page.goto(`${base}#/runs/${run.id}`);
   await page.locator("#run-state.ready").waitFor();
   const speed = page.getByRole("slider", { name: "Speed" });
