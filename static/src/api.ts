@@ -214,6 +214,8 @@ export interface Summary {
 export interface Region {
   name: string; kind: string; tolerance_mm?: number; asked_area_mm2: number; samples: number; target?: number; of_asked: number;
   met?: boolean; why_unmet?: string;
+  /** On samples that views were not chosen on; absent in plans of earlier releases. */
+  independent_of_asked?: number; independent_standard_error?: number; independently_met?: boolean;
 }
 
 export interface Job {

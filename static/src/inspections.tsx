@@ -340,8 +340,8 @@ const ByView = ({ result: { coverage } }: { result: Inspection }) => (
 
 function Alignment({ result: { alignment: found } }: { result: Inspection }) {
   const facts: [string, string][] = [
-    [words.partShifted, `${fine(found.part_shifted_mm)} ± ${fine(2 * found.part_sd.translation_mm)}`],
-    [words.partTurned, `${found.part_turned_deg.toFixed(3)}° ± ${(2 * found.part_sd.rotation_deg).toFixed(3)}°`],
+    [words.partShifted, `${fine(found.part_shifted_mm)} ${words.uncertainty(fine(2 * found.part_sd.translation_mm))}`],
+    [words.partTurned, `${found.part_turned_deg.toFixed(3)}° ${words.uncertainty(`${(2 * found.part_sd.rotation_deg).toFixed(3)}°`)}`],
     [words.translation, `${found.mesh_from_stated.translation_mm.map((value) => fixed(lengthIn(value), unit.value === "mm" ? 3 : 4)).join(", ")} ${lengthUnit()}`],
     [words.onPart, share(found.inlier_share)], [words.noise, fine(found.noise_mm)], [words.method, words.methods[found.method] ?? found.method],
   ];

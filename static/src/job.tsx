@@ -47,21 +47,32 @@ export function Warnings({ job }: { job: { warnings?: Note[] } }) {
   );
 }
 
+/** Share on samples that the views were not chosen on. */
+const onOtherSamples = ({ independent_of_asked: share, independent_standard_error: error }: Region): string =>
+  (share === undefined || error === undefined ? text.none : text.regionTable.withError(percent(share, 2), (100 * error).toFixed(2)));
+
+/** Verdict on a region: a target that is reached on the samples that views were chosen on alone is not told as met. */
+function verdictOf(region: Region): string {
+  const words = text.regionTable;
+  if (region.met === true) return region.independently_met === false ? words.unconfirmed : words.met;
+  return region.met === false ? words.unmet : text.none;
+}
+
 export function RegionTable({ regions }: { regions: Region[] }) {
   const words = text.regionTable;
   return (
     <table class="regions">
-      <thead><tr>{[words.name, words.kind, words.area, words.samples, words.target, words.reached, words.verdict, words.why]
+      <thead><tr>{[words.name, words.kind, words.area, words.samples, words.target, words.reached, words.others, words.verdict, words.why]
         .map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead>
       <tbody>
         {regions.map((region) => (
-          <tr key={region.name} class={region.met === false ? "unmet" : ""}>
+          <tr key={region.name} class={region.met === false || region.independently_met === false ? "unmet" : ""}>
             <td>{region.name}</td>
             <td>{region.tolerance_mm === undefined || region.tolerance_mm === null ? region.kind : `${region.kind}, ${fine(region.tolerance_mm)}`}</td>
             <td class="number">{area(region.asked_area_mm2)}</td><td class="number">{region.samples}</td>
             <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
-            <td class="number">{percent(region.of_asked, 2)}</td>
-            <td>{region.met === true ? words.met : region.met === false ? words.unmet : text.none}</td><td>{region.why_unmet ?? ""}</td>
+            <td class="number">{percent(region.of_asked, 2)}</td><td class="number">{onOtherSamples(region)}</td>
+            <td>{verdictOf(region)}</td><td>{region.why_unmet ?? ""}</td>
           </tr>
         ))}
       </tbody>

@@ -1,6 +1,6 @@
-// The ways in which a part can stand on a plate, as `src/geometry/stable_poses.rs` finds them: the flat faces of its convex hull
-// above which its centre of mass lies, the likeliest first (K. Goldberg and others 1999, *Part pose statistics*, IEEE
-// Transactions on Robotics and Automation 15(5)).
+// The ways in which a part can stand on a plate, as `src/geometry/stable_poses.rs` finds them: the facets of its convex hull on
+// which its centre of mass has its foot, and from which it takes a tilt to topple it, the likeliest first (K. Goldberg and others
+// 1999, *Part pose statistics*, IEEE Transactions on Robotics and Automation 15(5)).
 import { Vector3 } from "three";
 import { ConvexHull } from "three/addons/math/ConvexHull.js";
 
@@ -10,7 +10,6 @@ type Face = Hull["faces"][number];
 /** A face to stand on: the direction that points down, and the share of all ways to stand. */
 export interface StablePose { down: [number, number, number]; share: number }
 
-const ALIKE_RAD = (0.5 * Math.PI) / 180;
 const TIPPING_RAD = (3 * Math.PI) / 180;
 const MAX_POSES = 12;
 /** Corners are told apart to this share of the part's size. */
@@ -71,26 +70,6 @@ function centreOfMass(positions: Float32Array, hull: Hull, { min, max, middle }:
   return isSensible ? centre : centreOf(hull.faces.map(cornersOfFace), middle).centre;
 }
 
-/** Triangles of each flat face of the hull. */
-function flatFaces(hull: Hull): Face[][] {
-  const taken = new Set<Face>();
-  return hull.faces.flatMap((seed) => {
-    if (taken.has(seed)) return [];
-    taken.add(seed);
-    const [face, open]: [Face[], Face[]] = [[], [seed]];
-    for (let at = open.pop(); at; at = open.pop()) {
-      face.push(at);
-      for (let i = 0; i < 3; i += 1) {
-        const next = at.getEdge(i).twin!.face;
-        if (taken.has(next) || next.normal.angleTo(seed.normal) > ALIKE_RAD) continue;
-        taken.add(next);
-        open.push(next);
-      }
-    }
-    return [face];
-  });
-}
-
 /** Solid angle of a triangle (A. van Oosterom and J. Strackee 1983, *The Solid Angle of a Plane Triangle*). */
 function solidAngle(corners: [Vector3, Vector3, Vector3], from: Vector3): number {
   const [a, b, c] = corners.map((corner) => corner.clone().sub(from)) as [Vector3, Vector3, Vector3];
@@ -99,23 +78,58 @@ function solidAngle(corners: [Vector3, Vector3, Vector3], from: Vector3): number
   return 2 * Math.atan2(Math.abs(a.dot(new Vector3().crossVectors(b, c))), divisor);
 }
 
-function standingOn(face: Face[], centre: Vector3, size: number): StablePose | null {
-  const down = face.reduce((sum, { normal, area }) => sum.addScaledVector(normal, area), new Vector3()).normalize();
-  const height = cornersOfFace(face[0]!)[0].clone().sub(centre).dot(down);
-  const foot = centre.clone().addScaledVector(down, height);
-  let least = Infinity;
-  for (const triangle of face) {
-    for (let i = 0; i < 3; i += 1) {
-      const edge = triangle.getEdge(i);
-      if (face.includes(edge.twin!.face)) continue;
-      const [from, to] = [edge.tail()!.point, edge.head().point];
-      const along = to.clone().sub(from).normalize();
-      least = Math.min(least, foot.clone().sub(from).dot(new Vector3().crossVectors(down, along)));
+/** A pose with the centre of mass lower than in any other nearby. */
+interface Rest { down: Vector3; height: number }
+
+/** The pose on a facet, if that holds the foot of the centre of mass. */
+function restOn(face: Face, centre: Vector3, rounding: number): Rest | null {
+  const corners = cornersOfFace(face);
+  const height = corners[0].clone().sub(centre).dot(face.normal);
+  const foot = centre.clone().addScaledVector(face.normal, height);
+  const isInside = (from: Vector3, to: Vector3): boolean => {
+    const edge = to.clone().sub(from);
+    return edge.clone().cross(foot.clone().sub(from)).dot(face.normal) >= -rounding * edge.length();
+  };
+  const rests = height > rounding && corners.every((corner, i) => isInside(corner, corners[(i + 1) % 3]!));
+  return rests ? { down: face.normal.clone(), height } : null;
+}
+
+/** Half of the convex outline of sorted points, counter-clockwise (A. M. Andrew 1979). */
+function halfOutline(points: [number, number][]): [number, number][] {
+  const outline: [number, number][] = [];
+  for (const [x, y] of points) {
+    for (;;) {
+      const [a, b] = outline.slice(-2);
+      if (!b || (b[0] - a![0]) * (y - a![1]) - (b[1] - a![1]) * (x - a![0]) > 0) break;
+      outline.pop();
     }
+    outline.push([x, y]);
   }
-  const stands = height > SAME_CORNER * size && least >= height * Math.tan(TIPPING_RAD);
-  const share = face.reduce((sum, triangle) => sum + solidAngle(cornersOfFace(triangle), centre), 0) / (4 * Math.PI);
-  return stands ? { down: down.toArray(), share } : null;
+  return outline;
+}
+
+function enclosesOrigin(points: [number, number][], margin: number): boolean {
+  points.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+  const [lower, upper] = [halfOutline(points), halfOutline([...points].reverse())];
+  const isWithin = ([ax, ay]: [number, number], [bx, by]: [number, number]): boolean =>
+    ax * by - ay * bx >= margin * Math.hypot(bx - ax, by - ay);
+  return points.length > 2 && [lower, upper].every((half) => half.every((at, i) => i === 0 || isWithin(half[i - 1]!, at)));
+}
+
+/** True if it takes a tilt by more than `TIPPING_RAD` to topple the body: the condition at the head of `stable_poses.rs`. */
+function isStable({ down, height }: Rest, corners: Vector3[], centre: Vector3, rounding: number): boolean {
+  const margin = height * Math.tan(TIPPING_RAD);
+  const depth = margin * Math.tan(TIPPING_RAD);
+  const across = new Vector3(1, 0, 0).cross(down);
+  if (across.lengthSq() < 0.1) across.set(0, 1, 0).cross(down);
+  const along = down.clone().cross(across.normalize());
+  const supports = corners.flatMap((corner): [number, number][] => {
+    const offset = corner.clone().sub(centre);
+    const shorter = depth / (depth + Math.max(height - offset.dot(down), 0));
+    const [x, y] = [offset.dot(across) * shorter, offset.dot(along) * shorter];
+    return x * x + y * y >= margin * margin ? [[x, y]] : [];
+  });
+  return enclosesOrigin(supports, margin + rounding);
 }
 
 /** Ways to stand, the likeliest first, of triangles as nine numbers each; none for what has no volume. */
@@ -123,10 +137,24 @@ export function stablePoses(positions: Float32Array): StablePose[] {
   const box = boxOf(positions);
   const corners = cornersOf(positions, box.size);
   const edges = box.max.clone().sub(box.min);
-  if (corners.length < 4 || Math.min(edges.x, edges.y, edges.z) <= SAME_CORNER * box.size) return [];
+  const rounding = SAME_CORNER * box.size;
+  if (corners.length < 4 || Math.min(edges.x, edges.y, edges.z) <= rounding) return [];
   const hull = new ConvexHull().setFromPoints(corners);
   const centre = centreOfMass(positions, hull, box);
-  const found = flatFaces(hull).flatMap((face) => standingOn(face, centre, box.size) ?? []).sort((a, b) => b.share - a.share);
+  const rests = hull.faces.flatMap((face) => restOn(face, centre, rounding) ?? []).sort((a, b) => a.height - b.height);
+  // Of those within twice the tipping angle of one another a body tips over from all but the lowest.
+  const lowest: Rest[] = [];
+  for (const rest of rests) if (lowest.every(({ down }) => down.dot(rest.down) < Math.cos(2 * TIPPING_RAD))) lowest.push(rest);
+  const shareOf = ({ down }: Rest): number => {
+    const face = hull.faces.filter(({ normal }) => normal.dot(down) >= Math.cos(TIPPING_RAD));
+    return face.reduce((sum, triangle) => sum + solidAngle(cornersOfFace(triangle), centre), 0) / (4 * Math.PI);
+  };
+  const hullCorners = [...new Set(hull.faces.flatMap(cornersOfFace))];
+  // Shares that are equal but for rounding are in the order of their directions, so that rounding decides nothing.
+  const digits = ({ share, down: [x, y, z] }: StablePose): number[] => [-share, z, y, x].map((value) => Math.round(value * 1e6));
+  const found = lowest.filter((rest) => isStable(rest, hullCorners, centre, rounding))
+    .map((rest): StablePose => ({ down: rest.down.toArray(), share: shareOf(rest) }))
+    .sort((a, b) => digits(a).map((digit, i) => digit - digits(b)[i]!).find((difference) => difference !== 0) ?? 0);
   const all = found.reduce((sum, { share }) => sum + share, 0);
   return found.slice(0, MAX_POSES).map(({ down, share }) => ({ down, share: share / all }));
 }

@@ -114,7 +114,8 @@ export const text = {
     lying: "Part", onPlate: "on the plate", asFile: "axes of the file", fileAxes: "in the axes of the file",
     keys: "Arrow keys turn, + and − zoom, Enter asks for the spot in the middle.",
   },
-  regionTable: { name: "Region", kind: "Kind", area: "Area", samples: "Samples", target: "Target", reached: "Reached", verdict: "Verdict", why: "Why not", met: "met", unmet: "not met" },
+  regionTable: { name: "Region", kind: "Kind", area: "Area", samples: "Samples", target: "Target", reached: "Reached", others: "On other samples", verdict: "Verdict", why: "Why not", met: "met", unmet: "not met", unconfirmed: "not confirmed",
+    withError: (share: string, points: string) => `${share} (standard error ${points} points)` },
   causes: {
     excluded_resting: "the part stands on it", enclosed: "enclosed: no open direction", faces_table: "faces the table", facing: "turned away",
     depth: "outside the working distance", frame_left: "outside the left image", frame_right: "outside the right image", frame_projector: "outside the projection",

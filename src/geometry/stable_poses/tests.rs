@@ -68,7 +68,51 @@ fn cylinder(radius_mm: f64, height_mm: f64, sections: u32) -> Mesh {
     }
 }
 
-/// Slivers of the hull were once taken for faces, so that this cylinder was balanced on its rim. They may still hide an end.
+/// A body turned by no round angle, as a file of 32-bit numbers has it.
+fn turned(mut mesh: Mesh) -> Mesh {
+    let turn = turn();
+    mesh.vertices_mm.iter_mut().for_each(|p| *p = (turn * *p).map(|c| f64::from(c as f32)));
+    mesh
+}
+
+fn turn() -> nalgebra::Rotation3<f64> {
+    nalgebra::Rotation3::from_euler_angles(0.3, -0.7, 1.1)
+}
+
+fn joined(bodies: &[Mesh]) -> Mesh {
+    let mut all = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
+    for body in bodies {
+        let first = all.vertices_mm.len() as u32;
+        all.faces.extend(body.faces.iter().map(|face| face.map(|corner| corner + first)));
+        all.vertices_mm.extend(&body.vertices_mm);
+    }
+    all.source_face = (0..all.faces.len() as u32).collect();
+    all
+}
+
+/// Corners on an ellipsoid about the origin, evenly spread for equal radii, without faces.
+fn ellipsoid(radii_mm: [f64; 3], corners: u32) -> Mesh {
+    let golden_rad = std::f64::consts::PI * (1.0 + 5.0_f64.sqrt());
+    let corner = |number: u32| {
+        let place = f64::from(number) + 0.5;
+        let z = 1.0 - 2.0 * place / f64::from(corners);
+        let (sin, cos) = (golden_rad * place).sin_cos();
+        let across = (1.0 - z * z).sqrt();
+        Point3::new(radii_mm[0] * across * cos, radii_mm[1] * across * sin, radii_mm[2] * z)
+    };
+    Mesh { vertices_mm: (0..corners).map(corner).collect(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() }
+}
+
+fn assert_stands_on_its_two_ends(mesh: &Mesh, axis: &Vector3<f64>, name: &str) {
+    let poses = stable_poses(mesh);
+    let [one, other] = poses[..] else { panic!("{name}: {poses:?}") };
+    assert!(one.down.dot(&other.down) < 0.0, "{name}: {poses:?}");
+    for pose in [one, other] {
+        assert!(pose.down.cross(axis).norm() < 0.1_f64.to_radians().sin(), "{name}: {poses:?}");
+    }
+}
+
+/// Slivers of the hull were once taken for faces, so that this cylinder was balanced on its rim.
 #[test]
 fn a_cylinder_of_many_sections_stands_on_no_edge() {
     let poses = stable_poses(&cylinder(30.0, 80.0, 720));
@@ -77,4 +121,119 @@ fn a_cylinder_of_many_sections_stands_on_no_edge() {
     let poses = stable_poses(&cylinder(30.0, 80.0, 24));
     let on_side = poses.iter().filter(|pose| pose.down.z.abs() < 1e-3).count();
     assert_eq!((poses.len(), on_side), (26, 24), "{poses:?}");
+}
+
+#[test]
+fn a_cylinder_of_many_sections_stands_on_its_two_ends() {
+    for sections in [360, 720, 900] {
+        assert_stands_on_its_two_ends(&cylinder(25.0, 60.0, sections), &Vector3::z(), &format!("{sections} sections"));
+    }
+}
+
+#[test]
+fn a_turned_cylinder_of_many_sections_stands_on_its_two_ends() {
+    let axis = turn() * Vector3::z();
+    for sections in [360, 720, 900] {
+        let mesh = turned(cylinder(25.0, 60.0, sections));
+        assert_stands_on_its_two_ends(&mesh, &axis, &format!("{sections} sections"));
+    }
+}
+
+#[test]
+fn a_prism_stands_on_its_sides_until_they_are_too_narrow() {
+    // From the axis, half a side is seen under 180° over their number: 30°, 15°, 3.1°.
+    for (sections, expected) in [(6, 8), (12, 14), (58, 60)] {
+        for mesh in [cylinder(20.0, 40.0, sections), turned(cylinder(20.0, 40.0, sections))] {
+            let poses = stable_poses(&mesh);
+            assert_eq!(poses.len(), expected, "{sections} sections: {poses:?}");
+            assert!((poses.iter().map(|pose| pose.share).sum::<f64>() - 1.0).abs() < 1e-5, "{sections} sections: {poses:?}");
+        }
+    }
+    assert_stands_on_its_two_ends(&cylinder(20.0, 40.0, 62), &Vector3::z(), "62 sections");
+}
+
+#[test]
+fn a_cone_of_many_sections_stands_on_its_base_alone() {
+    let mut cone = cylinder(30.0, 60.0, 720);
+    for vertex in cone.vertices_mm.iter_mut().filter(|vertex| vertex.z > 1.0) {
+        (vertex.x, vertex.y) = (vertex.x * 1e-4, vertex.y * 1e-4);
+    }
+    let poses = stable_poses(&cone);
+    assert!(poses.len() == 1 && poses[0].down.z < -1.0 + 1e-6, "{poses:?}");
+}
+
+#[test]
+fn a_table_stands_on_its_legs_though_one_is_short() {
+    let leg = |x: f64, y: f64| box_mesh([x, y, 0.0], [x + 6.0, y + 6.0, 40.0]);
+    let top = box_mesh([0.0, 0.0, 40.0], [100.0, 60.0, 45.0]);
+    let mut table = joined(&[top, leg(0.0, 0.0), leg(94.0, 0.0), leg(0.0, 54.0), leg(94.0, 54.0)]);
+    for short_mm in [0.0, 0.3] {
+        // The first leg's foot: corners 8 to 15 are the leg's, the first four of them below.
+        table.vertices_mm[8..12].iter_mut().for_each(|corner| corner.z = short_mm);
+        for (mesh, axis) in [(table.clone(), Vector3::z()), (turned(table.clone()), turn() * Vector3::z())] {
+            let poses = stable_poses(&mesh);
+            let on_legs: Vec<_> = poses.iter().filter(|pose| pose.down.dot(&axis) < -0.9).collect();
+            assert!(poses.len() == 6 && on_legs.len() == 1, "{short_mm} mm: {poses:?}");
+            // At most as far as a leg that is short by this tilts the table over its width.
+            assert!(on_legs[0].down.cross(&axis).norm() < 1e-6 + short_mm / 54.0, "{short_mm} mm: {poses:?}");
+        }
+    }
+}
+
+#[test]
+fn a_warped_plate_stands_on_both_faces() {
+    let mut plate = box_mesh([0.0; 3], [100.0, 100.0, 1.0]);
+    plate.vertices_mm[0].z -= 0.3;
+    assert_stands_on_two_faces(&plate, 0.5);
+}
+
+fn assert_stands_on_two_faces(mesh: &Mesh, within_deg: f64) {
+    let poses = stable_poses(mesh);
+    let [one, other] = poses[..] else { panic!("{poses:?}") };
+    let are_level = [one, other].iter().all(|pose| pose.down.z.abs() > within_deg.to_radians().cos());
+    assert!(are_level && one.down.z * other.down.z < 0.0, "{poses:?}");
+}
+
+/// A round underside stands from a radius of twice the height of the centre of mass on.
+#[test]
+fn a_ball_and_an_egg_of_many_facets_roll_and_a_lens_does_not() {
+    assert_eq!(stable_poses(&ellipsoid([20.0, 20.0, 20.0], 1200)), []);
+    assert_eq!(stable_poses(&ellipsoid([10.0, 10.0, 15.0], 1200)), []);
+    assert_stands_on_two_faces(&ellipsoid([50.0, 50.0, 10.0], 1200), 3.0);
+}
+
+#[test]
+fn poses_of_one_share_are_in_the_order_of_their_directions() {
+    let poses = stable_poses(&box_mesh([0.0; 3], [60.0, 40.0, 20.0]));
+    let signs: Vec<_> = poses.iter().map(|pose| pose.down.sum() > 0.0).collect();
+    assert_eq!(signs, [false, true, false, true, false, true], "{poses:?}");
+    let digits = |pose: &StablePose| <[i64; 3]>::from(pose.down.map(|c| (c * 1e6).round() as i64));
+    let cube = stable_poses(&box_mesh([-10.0; 3], [10.0; 3]));
+    let directions: Vec<_> = cube.iter().map(|pose| digits(pose).map(|c| c / 1_000_000)).collect();
+    assert_eq!(directions, [[0, 0, -1], [0, -1, 0], [-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+}
+
+#[test]
+fn the_hull_is_closed_and_convex_though_its_corners_lie_in_planes_but_for_rounding() {
+    let mesh = turned(cylinder(25.0, 60.0, 120));
+    // Steps of 10 µm: the corners of an end do not lie in one plane.
+    let on_grid = |p: &Point3<f64>| p.coords.map(|c| (c * 100.0).round() as i64);
+    let points: Vec<Vector3<i64>> = mesh.vertices_mm.iter().map(on_grid).collect();
+    let facets = quickhull(&points).expect("a volume");
+    let is_below =
+        |facet: &ExactFacet| facet.normal != Vector3::zeros() && (0..points.len()).all(|p| facet.height(p, &points) <= 0);
+    assert!(facets.iter().all(is_below));
+    let edges = |facet: &ExactFacet| [0, 1, 2].map(|side| (facet.corners[side], facet.corners[(side + 1) % 3]));
+    let mut forward: Vec<(usize, usize)> = facets.iter().flat_map(edges).collect();
+    let mut backward: Vec<(usize, usize)> = forward.iter().map(|(from, to)| (*to, *from)).collect();
+    forward.sort_unstable();
+    backward.sort_unstable();
+    assert_eq!(forward, backward, "each edge is that of two facets");
+    assert!(forward.windows(2).all(|pair| pair[0] != pair[1]), "and of no more");
+}
+
+#[test]
+fn points_in_a_plane_have_no_hull() {
+    let points: Vec<Vector3<i64>> = (0..20).map(|i| Vector3::new(i * i, 3 * i, i * i + 3 * i)).collect();
+    assert!(quickhull(&points).is_none() && quickhull(&points[..2]).is_none() && quickhull(&[]).is_none());
 }

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-6LCZDRSZ.js";import"./chunk-WLVDOSYS.js";import"./chunk-NFFIPA4R.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-DOZLCP4X.js";export{a as drawThumbnail,b as drawTurned};
