@@ -1,7 +1,7 @@
 //! Pseudo-random numbers that depend on seed and position alone, never on threads: SplitMix64 (Steele, Lea, Flood 2014,
 //! *Fast Splittable Pseudorandom Number Generators*).
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 
 /// Increment of SplitMix64: 2⁶⁴ divided by the golden ratio, odd.
 const GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -48,5 +48,41 @@ impl Stream {
         let (z, azimuth_rad) = (self.within(1.0), self.unit() * std::f64::consts::TAU);
         let across = (1.0 - z * z).sqrt();
         Unit::new_normalize(Vector3::new(across * azimuth_rad.cos(), across * azimuth_rad.sin(), z))
+    }
+
+    /// Three axes at right angles, right-handed, uniform over all rotations, so that each is uniform on the sphere (Shoemake 1992,
+    /// *Uniform Random Rotations*, Graphics Gems III).
+    pub fn axes(&mut self) -> [Unit<Vector3<f64>>; 3] {
+        let across = self.unit();
+        let [first_rad, second_rad] = [(); 2].map(|()| self.unit() * std::f64::consts::TAU);
+        let [first, second] = [(1.0 - across).sqrt(), across.sqrt()];
+        let [x, y, z] = [first * first_rad.sin(), first * first_rad.cos(), second * second_rad.sin()];
+        let turn = UnitQuaternion::new_normalize(Quaternion::new(second * second_rad.cos(), x, y, z));
+        [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()].map(|axis| turn * axis)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_axes_are_at_right_angles_and_each_is_spread_over_the_sphere() {
+        const FRAMES: u32 = 4_000;
+        let mut stream = Stream::new(7, &[]);
+        let (mut sums, mut squares) = ([Vector3::<f64>::zeros(); 3], [Vector3::<f64>::zeros(); 3]);
+        for _ in 0..FRAMES {
+            let axes = stream.axes().map(Unit::into_inner);
+            assert!((axes[0].cross(&axes[1]) - axes[2]).norm() < 1e-12, "{axes:?}");
+            for (place, axis) in axes.iter().enumerate() {
+                sums[place] += *axis;
+                squares[place] += axis.component_mul(axis);
+            }
+        }
+        // Standard errors of the means: √(1/3 / 4000) = 0.009, and √(4/45 / 4000) = 0.005.
+        for (sum, square) in sums.iter().zip(&squares) {
+            assert!((sum / f64::from(FRAMES)).amax() < 0.04, "{sum}");
+            assert!((square / f64::from(FRAMES)).add_scalar(-1.0 / 3.0).amax() < 0.02, "{square}");
+        }
     }
 }

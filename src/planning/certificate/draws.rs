@@ -1,5 +1,12 @@
 //! Coverage with poses that are off, draw by draw.
 //!
+//! Directions are spread over the draws, since independent ones miss the axis that a plan is sensitive to. Six draws are a block:
+//! they turn both ways about three axes at right angles and shift both ways along three others; both frames are random. Each
+//! direction is uniform on the sphere for itself, so that the mean is unbiased; what is linear in the turn or in the shift cancels in
+//! it (antithetic sampling: Owen 2013, *Monte Carlo theory, methods and examples*, chapter 8). For any direction u some draw of a
+//! block has at least 1/√3 of the turn, since max |uᵢ| ≥ 1/√3 in every frame (orthogonal directions: Yu et al. 2016, *Orthogonal
+//! Random Features*).
+//!
 //! The share that is told of a draw is the nominal share of all samples and the difference between the draw and the planned poses, both on
 //! the same thinned samples: few samples change sides, so that the difference is known far better than either share
 //! ([`crate::planning::method::robustness`] has its standard error). Draws run side by side; in each a sample that one view
@@ -7,7 +14,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use nalgebra::{Point3, UnitQuaternion};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::SecondSampling;
@@ -27,6 +34,18 @@ const MAX_SAMPLES: usize = 30_000;
 const EACH_VIEW: u64 = 0x76_6965_7773;
 const WHOLE_PART: u64 = 0x7061_7274;
 const HAND_EYE: u64 = 0x68_616e_6465_7965;
+
+/// Turn and shift of each draw of a block: number of the axis in its frame, and sign. Either sign of every axis is drawn once. The
+/// two turns about an axis come with shifts along different axes, at one relative sign or the other: were the one error the other
+/// reversed, a shift that takes back what the turn costs would do so both times.
+const BLOCK: [[(usize, f64); 2]; 6] = [
+    [(0, 1.0), (0, 1.0)],
+    [(1, 1.0), (1, -1.0)],
+    [(2, 1.0), (2, 1.0)],
+    [(0, -1.0), (1, 1.0)],
+    [(1, -1.0), (2, -1.0)],
+    [(2, -1.0), (0, -1.0)],
+];
 
 /// Poses of all views, in the order of [`SecondSampling::views`].
 type Poses = Vec<Pose<Part, ScannerFrame>>;
@@ -51,13 +70,24 @@ fn robust_on(
     (nominal, max_samples): (f64, usize),
     ctx: &Context<'_>,
 ) -> Result<Robust, Cancelled> {
+    let of_kinds = [drawn_views(second, &error), drawn_parts(second, &error), drawn_hand_eyes(second, &error)];
+    let [views, part, hand_eye] = evaluated(second, of_kinds, (nominal, max_samples), ctx)?;
+    Ok(Robust { pose_error: error, views, part, hand_eye })
+}
+
+/// Evaluates the draws of each kind, all of them on the same samples.
+fn evaluated<const KINDS: usize>(
+    second: &SecondSampling<'_>,
+    of_kinds: [Vec<Poses>; KINDS],
+    (nominal, max_samples): (f64, usize),
+    ctx: &Context<'_>,
+) -> Result<[Drawn; KINDS], Cancelled> {
     let thinned = ThinnedSamples::of(second, max_samples);
     let optics = Optics::new(second.input.scanner, &second.params, &thinned.surface.requirements);
     let silent = ctx.silent();
     let occluders = second.setups.iter().map(|setup| setup.occluders);
     let by_setup: Vec<UnitedViews<'_>> =
         occluders.map(|occluders| UnitedViews::new(&thinned.surface, &optics, occluders, &second.params, &silent)).collect();
-    let of_kinds = [drawn_views(second, &error), drawn_parts(second, &error), drawn_hand_eyes(second, &error)];
     let planned: Poses = second.views().map(|(_, view)| *view).collect();
     let all: Vec<&Poses> = std::iter::once(&planned).chain(of_kinds.iter().flatten()).collect();
     let done = AtomicUsize::new(0);
@@ -69,9 +99,7 @@ fn robust_on(
     let measured_mm2 = all.par_iter().map(measured_mm2).collect::<Result<Vec<f64>, Cancelled>>()?;
     let (planned_mm2, mut drawn_mm2) = (measured_mm2[0], measured_mm2[1..].iter());
     let of_asked = |mm2: &f64| (nominal + share(mm2 - planned_mm2, second.asked_mm2)).clamp(0.0, 1.0);
-    let [views, part, hand_eye] =
-        of_kinds.map(|draws| Drawn::new(nominal, drawn_mm2.by_ref().take(draws.len()).map(of_asked).collect()));
-    Ok(Robust { pose_error: error, views, part, hand_eye })
+    Ok(of_kinds.map(|draws| Drawn::new(nominal, drawn_mm2.by_ref().take(draws.len()).map(of_asked).collect())))
 }
 
 /// Samples that stand for all of the second set.
@@ -121,42 +149,55 @@ impl ThinnedSamples {
     }
 }
 
-fn streams(second: &SecondSampling<'_>, kind: u64, draws: u32) -> impl Iterator<Item = Stream> {
+/// Stream of the block, and place in it, of each draw of a kind.
+fn places(second: &SecondSampling<'_>, kind: u64, draws: u32) -> impl Iterator<Item = (Stream, usize)> {
     let seed = second.params.seed;
-    (0..u64::from(draws)).map(move |draw| Stream::new(seed, &[kind, draw]))
+    (0..draws as usize).map(move |draw| (Stream::new(seed, &[kind, (draw / BLOCK.len()) as u64]), draw % BLOCK.len()))
 }
 
-/// Every view off by an error of its own.
+/// Every view off by an error of its own, from frames of its own in each block.
 fn drawn_views(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
-    let poses = |mut stream: Stream| {
-        second.views().map(|(_, view)| *view * random_error(error, &Point3::origin(), &mut stream)).collect()
+    let poses = |(mut stream, place): (Stream, usize)| {
+        second.views().map(|(_, view)| *view * spread_error(error, place, &Point3::origin(), &mut stream)).collect()
     };
-    streams(second, EACH_VIEW, second.params.robust.draws).map(poses).collect()
+    places(second, EACH_VIEW, second.params.robust.draws).map(poses).collect()
 }
 
 /// The part off as a whole, in each setup by an error of its own.
 fn drawn_parts(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
     let centre_mm = &second.surface.centre_mm;
-    let poses = |mut stream: Stream| {
-        let errors: Vec<Pose<Part, Part>> = second.setups.iter().map(|_| random_error(error, centre_mm, &mut stream)).collect();
+    let poses = |(mut stream, place): (Stream, usize)| {
+        let errors: Vec<Pose<Part, Part>> =
+            second.setups.iter().map(|_| spread_error(error, place, centre_mm, &mut stream)).collect();
         second.views().map(|(setup, view)| errors[setup] * *view).collect()
     };
-    streams(second, WHOLE_PART, second.params.robust.part_draws).map(poses).collect()
+    places(second, WHOLE_PART, second.params.robust.part_draws).map(poses).collect()
 }
 
 /// Every view off by the same error in the scanner frame.
 fn drawn_hand_eyes(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
-    let poses = |mut stream: Stream| {
-        let error = random_error(error, &Point3::origin(), &mut stream);
+    let poses = |(mut stream, place): (Stream, usize)| {
+        let error = spread_error(error, place, &Point3::origin(), &mut stream);
         second.views().map(|(_, view)| *view * error).collect()
     };
-    streams(second, HAND_EYE, second.params.robust.hand_eye_draws).map(poses).collect()
+    places(second, HAND_EYE, second.params.robust.hand_eye_draws).map(poses).collect()
 }
 
-/// Draws the pose of a frame that should be at the identity: turned about `centre_mm`, then moved.
-pub(super) fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
-    let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
-    let shift_mm = stream.direction().into_inner() * error.translation_mm;
+/// Draws the pose of a frame that should be at the identity: the error at a place of a block, whose frames come next in `stream`.
+pub(super) fn spread_error<Frame>(
+    error: &PoseErrorParams,
+    place: usize,
+    centre_mm: &Point3<f64>,
+    stream: &mut Stream,
+) -> Pose<Frame, Frame> {
+    let (turns, shifts) = (stream.axes(), stream.axes());
+    let [(turn, turn_sign), (shift, shift_sign)] = BLOCK[place];
+    let turn = UnitQuaternion::from_axis_angle(&turns[turn], turn_sign * error.angle_deg.to_radians());
+    displaced(centre_mm, turn, shifts[shift].into_inner() * (shift_sign * error.translation_mm))
+}
+
+/// Pose of a frame that was turned about `centre_mm`, then moved.
+fn displaced<Frame>(centre_mm: &Point3<f64>, turn: UnitQuaternion<f64>, shift_mm: Vector3<f64>) -> Pose<Frame, Frame> {
     Pose::from_parts(centre_mm.coords + shift_mm - turn * centre_mm.coords, turn)
 }
 
@@ -169,10 +210,10 @@ mod tests {
     use crate::geometry::{Mesh, demo_parts};
     use crate::planning::candidates::{looking_along, spiral};
     use crate::planning::context::Silent;
-    use crate::planning::params::PlanParams;
+    use crate::planning::params::{Engine, PlanParams};
     use crate::planning::scene::PlanInput;
     use crate::planning::visibility::Occluders;
-    use crate::testing::nominal_scanner;
+    use crate::testing::{box_mesh, nominal_scanner};
 
     const ERROR: PoseErrorParams = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
 
@@ -184,7 +225,7 @@ mod tests {
         change(&mut params);
         let (ctx, occluders) = (Context::new(&cancel, &Silent), Occluders::new([mesh]));
         let middle = mesh.aabb().centre().coords;
-        let pose = |out: nalgebra::Vector3<f64>| Pose::from_parts(middle + out * scanner.best_mm, looking_along(&-out, 0.3));
+        let pose = |out: Vector3<f64>| Pose::from_parts(middle + out * scanner.best_mm, looking_along(&-out, 0.3));
         let views: Vec<_> = spiral(6, -0.6).map(pose).collect();
         let table_rad = vec![None; views.len()];
         let setups = [SetupViews { occluders: &occluders, sight: None, views, table_rad }];
@@ -193,7 +234,7 @@ mod tests {
         pool.install(|| {
             let second = SecondSampling::new(&input, &params, &setups, None, &ctx).unwrap_or_else(|error| panic!("{error}"));
             let part = crate::geometry::RayScene::new([mesh]);
-            let nominal = second.independent(&part, &[], &ctx).expect("not cancelled").of_asked();
+            let nominal = second.independent(&part, &[], &ctx).expect("not cancelled").0.of_asked();
             let robust = |max: &usize| robust_on(&second, ERROR, (nominal, *max), &ctx).expect("not cancelled");
             max_samples.iter().map(robust).collect()
         })
@@ -224,5 +265,70 @@ mod tests {
             let [one, two] = [1, 2].map(|threads| drawn(&mesh, 4_000.0, change, &[3_000], threads));
             assert_eq!(one, two);
         }
+    }
+
+    /// Evaluates a plate of 2 mm in one view from the side `azimuth_rad`, 0.4° within the limit of incidence on its upper face: an
+    /// error that tilts it further away by more than that loses the face.
+    fn near_the_limit<T>(azimuth_rad: f64, evaluate: impl FnOnce(SecondSampling<'_>, &Context<'_>) -> T) -> T {
+        let (scanner, cancel, mut params) = (nominal_scanner(), AtomicBool::new(false), PlanParams::default());
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(12.0), Some(1.0));
+        (params.visibility.engine, params.limits.projector_deg, params.seed) = (Engine::Rays, Some(60.0), 0);
+        let mesh = box_mesh([-1.0, -1.0, -0.2], [1.0, 1.0, 0.0]);
+        let (ctx, occluders) = (Context::new(&cancel, &Silent), Occluders::new([&mesh]));
+        let (across, up) = 59.6_f64.to_radians().sin_cos();
+        let out = Vector3::new(across * azimuth_rad.cos(), across * azimuth_rad.sin(), up);
+        let views = vec![Pose::from_parts(out * scanner.best_mm, looking_along(&-out, 0.0))];
+        let setups = [SetupViews { occluders: &occluders, sight: None, views, table_rad: vec![None] }];
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        let second = SecondSampling::new(&input, &params, &setups, None, &ctx).unwrap_or_else(|error| panic!("{error}"));
+        evaluate(second, &ctx)
+    }
+
+    /// The part off by errors that are drawn one by one.
+    fn independent_parts(second: &SecondSampling<'_>, draws: usize) -> Vec<Poses> {
+        let poses = |draw: usize| {
+            let mut stream = Stream::new(second.params.seed, &[WHOLE_PART, draw as u64]);
+            let turn = UnitQuaternion::from_axis_angle(&stream.direction(), ERROR.angle_deg.to_radians());
+            let shift_mm = stream.direction().into_inner() * ERROR.translation_mm;
+            let error: Pose<Part, Part> = displaced(&second.surface.centre_mm, turn, shift_mm);
+            second.views().map(|(_, view)| error * *view).collect()
+        };
+        (0..draws).map(poses).collect()
+    }
+
+    #[test]
+    fn the_worst_loss_is_found_on_whichever_axis_it_lies() {
+        let mut missed_by_independent = 0;
+        for side in 0..8 {
+            let azimuth_rad = f64::from(side) * std::f64::consts::FRAC_PI_4;
+            let [told, as_many, many] = near_the_limit(azimuth_rad, |second, ctx| {
+                let told = robust_on(&second, ERROR, (1.0, MAX_SAMPLES), ctx).expect("not cancelled").part;
+                let independent = [told.draws(), 400].map(|draws| independent_parts(&second, draws));
+                let [as_many, many] = evaluated(&second, independent, (1.0, MAX_SAMPLES), ctx).expect("not cancelled");
+                [told, as_many, many].map(|drawn| drawn.nominal - drawn.worst())
+            });
+            // The upper face is 4 of 9.6 mm².
+            assert!((many - 4.0 / 9.6).abs() < 0.01, "{many} lost from side {side}");
+            assert!(told >= 0.5 * many, "{told} told of {many} from side {side}");
+            missed_by_independent += u32::from(as_many < 0.5 * many);
+        }
+        assert!(missed_by_independent > 0, "as many independent draws find it from every side");
+    }
+
+    #[test]
+    fn further_draws_leave_those_before_them_as_they_are() {
+        near_the_limit(0.0, |mut second, _| {
+            let kinds: [fn(&SecondSampling<'_>, &PoseErrorParams) -> Vec<Poses>; 3] = [drawn_views, drawn_parts, drawn_hand_eyes];
+            for kind in kinds {
+                let [some, more] = [8, 20].map(|draws| {
+                    let robust = &mut second.params.robust;
+                    (robust.draws, robust.part_draws, robust.hand_eye_draws) = (draws, draws, draws);
+                    kind(&second, &ERROR)
+                });
+                assert_eq!((some.len(), more.len()), (8, 20));
+                assert_eq!(some[..], more[..8]);
+                assert!(more.iter().skip(1).all(|poses| *poses != more[0]), "no draw is repeated");
+            }
+        });
     }
 }

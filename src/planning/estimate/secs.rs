@@ -30,8 +30,8 @@ pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams)
         Engine::Rays => PAIR_BY_RAYS,
     };
     let (stations, ways) = if input.cell.is_some() { (STATIONS, WAY * views * views) } else { (0.0, 0.0) };
-    // As planned, and under each of six errors.
-    let castings = if params.robust.select { 7.0 } else { 1.0 };
+    // As planned, and under each of twelve errors.
+    let castings = if params.robust.select { 13.0 } else { 1.0 };
     let robust = &params.robust;
     let draws = robust.pose_error.map_or(0, |_| robust.draws + robust.part_draws + robust.hand_eye_draws);
     let looked_at = (measured * counts.pairs() * views / 1e6).min(f64::from(params.selection.work_limit));

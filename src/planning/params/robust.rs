@@ -20,17 +20,20 @@ params! {
     RobustParams {
         /// Error of poses for which coverage is evaluated again, on samples that the views were not chosen on; `null` evaluates
         /// none. The default turn is the one that the thesis accepts (§4.1.2); the shift has no source. In a cell whose poses are
-        /// calibrated, twice the standard deviations of the calibration stand in for the default.
+        /// calibrated, twice the standard deviations of the calibration stand in for the default, also where the default is written out.
         pose_error: Option<PoseErrorParams> = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
-        /// Draws in which every view is put off by an error of its own.
-        draws: u32 = 5, [1.0, 1000.0] "";
-        /// Draws in which the part as a whole is put off.
-        part_draws: u32 = 5, [1.0, 1000.0] "";
-        /// Draws of one error that every view shares in the scanner frame: a wrong hand-eye calibration.
-        hand_eye_draws: u32 = 5, [1.0, 1000.0] "";
-        /// Chooses views by what they measure under each of six stated errors as well (`planning/problem/robust_rows.rs`): turned
-        /// about x, y and z both ways by the angle, and moved by the distance to where the turn takes the field. Seven times
-        /// the time for visibility.
+        /// Draws in which every view is put off by an error of its own. Six turn and shift both ways along three axes each; fewer, or
+        /// a rest of fewer than six, leave axes out.
+        draws: u32 = 6, [1.0, 1000.0] "";
+        /// Draws in which the part as a whole is put off; as with `draws`, fewer than six leave axes out.
+        part_draws: u32 = 12, [1.0, 1000.0] "";
+        /// Draws of one error that every view shares in the scanner frame: a wrong hand-eye calibration. As with `draws`, fewer than
+        /// six leave axes out.
+        hand_eye_draws: u32 = 12, [1.0, 1000.0] "";
+        /// Chooses views by what they measure under each of twelve stated errors as well (`planning/problem/robust_rows.rs`): six of the
+        /// scanner, turned about its x, y and z both ways by the angle, and moved by the distance to where the turn takes the field; six
+        /// of the part, turned about the x, y and z through the centre of its box both ways, and moved by the distance across the axis.
+        /// Thirteen times the time for visibility.
         select: bool = false;
     }
 }
@@ -39,7 +42,8 @@ params! {
 const CALIBRATION_SIGMAS: f64 = 2.0;
 
 impl RobustParams {
-    /// Puts the error that a calibration leaves in the place of the default.
+    /// Puts the error that a calibration leaves in the place of the default. An error that was given and equals the default is taken for
+    /// it: parameters are stored with their defaults filled in, so that the two are one in every stored job.
     pub(in crate::planning) fn use_calibration(&mut self, calibrated: Option<&CalibrationProvenance>) {
         if let Some(calibrated) = calibrated
             && self.pose_error == Self::default().pose_error
@@ -98,6 +102,8 @@ mod tests {
         assert_eq!(error_of(default(), Some(&known)), Some([0.01, 0.08]));
         let own = PoseErrorParams { angle_deg: 0.5, translation_mm: 1.0 };
         assert_eq!(error_of(RobustParams { pose_error: Some(own), ..default() }, Some(&known)), Some([0.5, 1.0]));
+        let as_default = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+        assert_eq!(error_of(RobustParams { pose_error: Some(as_default), ..default() }, Some(&known)), Some([0.01, 0.08]));
         assert_eq!(error_of(RobustParams { pose_error: None, ..default() }, Some(&known)), None);
         let poor = CalibrationProvenance { rotation_sd_deg: 30.0, translation_sd_mm: 1e3, ..known };
         assert_eq!(error_of(default(), Some(&poor)), Some([20.0, 100.0]), "within the ranges of the parameter");

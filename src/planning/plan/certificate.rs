@@ -1,6 +1,6 @@
 //! Coverage of the chosen views on samples that they were not chosen on.
 
-use super::{MeasuredArea, VisibleShares, share};
+use super::{IndependentRegion, MeasuredArea, VisibleShares, share};
 use crate::planning::params::PoseErrorParams;
 
 /// Coverage of the chosen views on a second set of samples.
@@ -8,6 +8,8 @@ use crate::planning::params::PoseErrorParams;
 pub struct Certificate {
     /// Coverage with the poses as planned.
     pub independent: Independent,
+    /// Coverage of each region of interest and feature with the poses as planned, in the order of their numbers.
+    pub regions: Vec<IndependentRegion>,
     /// Coverage with poses that are off; with `robust.pose_error`.
     pub robust: Option<Robust>,
 }
@@ -88,7 +90,11 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    pub(in crate::planning) fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
+    /// Fewest draws of which the 5th percentile is told: of fewer, it lies between the two worst.
+    pub const MIN_DRAWS_OF_P5: usize = 20;
+
+    /// The draws with these shares, of which there is at least one.
+    pub fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
         of_asked.sort_by(f64::total_cmp);
         Self { nominal, of_asked }
     }
@@ -111,12 +117,19 @@ impl Drawn {
         self.of_asked.iter().sum::<f64>() / self.of_asked.len() as f64
     }
 
-    /// The 5th percentile: linear between the draws on both sides of it.
+    /// The 5th percentile: linear between the draws on both sides of it. Of fewer than [`Drawn::MIN_DRAWS_OF_P5`] draws it is a value
+    /// between the two worst and no percentile; see [`Drawn::told_p5`].
     #[must_use]
     pub fn p5(&self) -> f64 {
         let place = 0.05 * (self.of_asked.len() - 1) as f64;
         let (below, above) = (self.of_asked[place.floor() as usize], self.of_asked[place.ceil() as usize]);
         below + (above - below) * place.fract()
+    }
+
+    /// The 5th percentile where there are draws enough for one.
+    #[must_use]
+    pub fn told_p5(&self) -> Option<f64> {
+        (self.draws() >= Self::MIN_DRAWS_OF_P5).then(|| self.p5())
     }
 }
 
@@ -140,5 +153,11 @@ mod tests {
         }
         // Coverage that a wrong pose happens to gain is no loss.
         assert_eq!(losing([-0.02, -0.02, -0.02]).worst_loss(), 0.0);
+    }
+
+    #[test]
+    fn a_5th_percentile_is_told_of_20_draws_and_not_of_fewer() {
+        let told = |draws: usize| Drawn::new(0.97, vec![0.96; draws]).told_p5();
+        assert_eq!([told(1), told(19), told(20)], [None, None, Some(0.96)]);
     }
 }

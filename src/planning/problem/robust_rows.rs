@@ -1,17 +1,25 @@
 //! Rows of the visibility matrix that hold under stated errors of pose, for views that are chosen to tolerate them.
 //!
-//! The set: with φ the angle and t the distance of `robust.pose_error`, in the scanner's frame, the six errors of a turn
-//! by ±φ about x, y or z together with a shift by t to the side to which the turn takes the field, where the two add up:
-//! ∓y for ±x, ±x for ±y, ±z for ±z. Cost: six times the time for visibility.
+//! The set: with φ the angle and t the distance of `robust.pose_error`,
+//!
+//! - in the scanner's frame, where a wrong hand-eye calibration is off, the six errors of a turn by ±φ about x, y or z together with a
+//!   shift by t to the side to which the turn takes the field, where the two add up: ∓y for ±x, ±x for ±y, ±z for ±z;
+//! - of the part as a whole, the six of a turn by ±φ about the x, y or z through the centre of its box together with a shift by t
+//!   across the axis. With e₁, e₂, e₃ the axes from that of the turn on, cyclic: +e₁ with +e₃, −e₁ with −e₂. A turn about +e₁ takes a
+//!   viewpoint on the side of +e₂ towards +e₃, and one about −e₁ a viewpoint on the side of −e₃ towards −e₂: on each of the six
+//!   sides there is one error in which turn and shift add up. Signs and directions have no source.
+//!
+//! Errors of the part move viewpoints sideways by the lever to its centre, and so change incidence and shadows; those of the scanner
+//! move the field. Cost: twelve times the time for visibility.
 
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::evaluated::EvaluatedCandidates;
 use crate::cell::Scanner;
-use crate::geometry::{Pose, ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{PlanParams, PoseErrorParams};
 use crate::planning::surface::Surface;
@@ -38,16 +46,41 @@ pub(super) fn rows(
     let Some(error) = scene.params.robust.pose_error.filter(|_| scene.params.robust.select) else { return Ok(None) };
     let (candidates, mut rows) = (&evaluated.candidates, evaluated.matrix.rows.clone());
     let usable: Vec<bool> = candidates.indices().map(|candidate| evaluated.is_usable(candidate)).collect();
-    for scanner_from_off in stated_errors(&error) {
-        let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
+    let views: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
+    for stated in stated_errors(&error, &scene.surface.centre_mm) {
+        let poses: Vec<_> = views.iter().map(|view| stated.moved(*view)).collect();
         let off = visibility::cast(scene.surface, &poses, &usable, scene.scanner, scene.occluders, scene.params, ctx)?;
         rows.iter_mut().zip(&off.rows).for_each(|(row, off)| *row = row.within(off.measured()));
     }
     Ok(Some(rows))
 }
 
-/// The six stated errors, scanner frame.
-fn stated_errors(error: &PoseErrorParams) -> [Pose<ScannerFrame, ScannerFrame>; 6] {
+/// A stated error.
+enum StatedError {
+    /// The scanner is off in its own frame.
+    Scanner(Pose<ScannerFrame, ScannerFrame>),
+    /// The part is off as a whole.
+    Part(Pose<Part, Part>),
+}
+
+impl StatedError {
+    /// A view under the error.
+    fn moved(&self, part_from_scanner: Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame> {
+        match self {
+            Self::Scanner(off) => part_from_scanner * *off,
+            Self::Part(off) => *off * part_from_scanner,
+        }
+    }
+}
+
+/// The twelve stated errors; `centre_mm` is the centre of the part's box.
+fn stated_errors(error: &PoseErrorParams, centre_mm: &Point3<f64>) -> impl Iterator<Item = StatedError> {
+    let of_scanner = scanner_errors(error).into_iter().map(StatedError::Scanner);
+    of_scanner.chain(part_errors(error, centre_mm).into_iter().map(StatedError::Part))
+}
+
+/// The six stated errors of the scanner, scanner frame.
+fn scanner_errors(error: &PoseErrorParams) -> [Pose<ScannerFrame, ScannerFrame>; 6] {
     let (angle_rad, shift_mm) = (error.angle_deg.to_radians(), error.translation_mm);
     let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
     // Axis of the turn, and the way that a positive one takes the field; roll takes it nowhere, and depth adds to it.
@@ -55,5 +88,17 @@ fn stated_errors(error: &PoseErrorParams) -> [Pose<ScannerFrame, ScannerFrame>; 
     std::array::from_fn(|number| {
         let ((axis, way), sign) = (ways[number / 2], if number % 2 == 0 { 1.0 } else { -1.0 });
         Pose::from_parts(way * (sign * shift_mm), UnitQuaternion::from_axis_angle(&axis, sign * angle_rad))
+    })
+}
+
+/// The six stated errors of the part, part frame.
+fn part_errors(error: &PoseErrorParams, centre_mm: &Point3<f64>) -> [Pose<Part, Part>; 6] {
+    let (angle_rad, shift_mm) = (error.angle_deg.to_radians(), error.translation_mm);
+    let axis = |number: usize| Vector3::<f64>::ith(number % 3, 1.0);
+    std::array::from_fn(|number| {
+        let first = number / 2;
+        let (turn_axis, way) = if number % 2 == 0 { (axis(first), axis(first + 2)) } else { (-axis(first), -axis(first + 1)) };
+        let turn = UnitQuaternion::from_scaled_axis(turn_axis * angle_rad);
+        Pose::from_parts(centre_mm.coords + way * shift_mm - turn * centre_mm.coords, turn)
     })
 }
