@@ -395,8 +395,12 @@ fn certify(
     };
     let views: Vec<_> = SetupId::number(&plan.setups).filter_map(views).collect();
     let standing: Vec<_> = setups.iter().filter(|setup| setup.scene.is_some()).map(|setup| setup.table_from_part).collect();
-    let Certificate { independent, robust } = certificate::certify((input, params), &views, (part, asked_as), &standing, ctx)?;
+    let Certificate { independent, regions, robust } =
+        certificate::certify((input, params), &views, (part, asked_as), &standing, ctx)?;
     (plan.coverage.independent, plan.coverage.robust) = (independent, robust);
+    for (region, independent) in plan.coverage.regions.iter_mut().zip(regions) {
+        region.independent = Some(independent).filter(|independent| independent.samples > 0);
+    }
     Ok(())
 }
 

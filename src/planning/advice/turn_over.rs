@@ -10,15 +10,22 @@ use crate::planning::ids::SampleId;
 use crate::planning::params::{Hemisphere, Registration};
 use crate::planning::plan::{AdviceKind, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, Turn, Verdict};
 use crate::planning::problem::TriedSetup;
-use crate::planning::setups::{self, FurtherPose};
+use crate::planning::setups::{FurtherPose, FurtherPoses};
 use crate::planning::sky::stands_on;
 use crate::planning::surface::systematic;
 use crate::planning::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 
 /// Setups that a plan may have.
 const MAX_SETUPS: u32 = 4;
-/// Candidates that are tried.
-const MAX_CANDIDATES: usize = 80;
+/// Candidates that are tried for each block cube of the part: the views of one see little of the others. No source: as many as a part of
+/// four blocks is tried with.
+const CANDIDATES_OF_A_BLOCK: usize = 20;
+/// Candidates that are tried at least, of a part of few blocks.
+const MIN_CANDIDATES: usize = 80;
+/// Candidates that are tried at most, since each takes stations and a row. No source: four times those of a part of few blocks.
+const MAX_CANDIDATES: usize = 320;
+/// Further poses that are tried, the best first, while those before lead to nothing. No source.
+const MAX_POSES: usize = 3;
 /// Block cubes of a part for which it is tried: beyond them, comparing poses takes a large part of a plan's time.
 const MAX_BLOCKS: f64 = 32.0;
 /// Samples on which views are chosen for it: a share of the area is then known to half a point.
@@ -58,32 +65,51 @@ pub(super) fn advice(
     if !may_plan_another(scope) || !may_help {
         return Ok(None);
     }
-    match tried(basis, outcome, scope, regions, &ctx.silent()) {
-        // The part cannot lie like this in the cell, or a plan with one more setup would be refused.
-        Err(PlanError::BadParams(_)) => Ok(None),
-        found => found,
-    }
+    tried(basis, outcome, scope, &regions, &ctx.silent())
 }
 
+/// Tries the further poses, the best first, until one leads to advice.
 fn tried(
     basis: &Basis,
     outcome: &Outcome,
     scope: &AdviceScope<'_>,
-    regions: Vec<UnmetRegion>,
+    regions: &[UnmetRegion],
     ctx: &Context<'_>,
 ) -> Result<Option<PlanAdvice>, PlanError> {
     let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
     let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), ctx)?);
-    let further = setups::further(scope.input, &sampled.params, (sampled.resting_poses(scope.input), &standing), &part, ctx)?;
-    let Some(further) = further else { return Ok(None) };
+    let pool = (sampled.resting_poses(scope.input), standing.as_slice());
+    let Some(poses) = FurtherPoses::of(scope.input, &sampled.params, pool, &part, ctx)? else { return Ok(None) };
+    let mut places = Vec::new();
+    while places.len() < MAX_POSES
+        && let Some(further) = poses.best(&places)
+    {
+        match tried_in(basis, outcome, scope, (&further, regions), &part, ctx) {
+            // The part cannot lie like this in the cell, or a plan with one more setup would be refused.
+            Ok(None) | Err(PlanError::BadParams(_)) => places.push(further.place),
+            found => return found,
+        }
+    }
+    Ok(None)
+}
+
+fn tried_in(
+    basis: &Basis,
+    outcome: &Outcome,
+    scope: &AdviceScope<'_>,
+    (further, regions): (&FurtherPose, &[UnmetRegion]),
+    part: &Occluders,
+    ctx: &Context<'_>,
+) -> Result<Option<PlanAdvice>, PlanError> {
+    let sampled = scope.sampled;
     let other = scope.setups.iter().find_map(|setup| setup.scene.as_ref());
     let scene = sampled.scene(scope.input, further.table_from_part, other, ctx)?;
     let some = systematic(&basis.asked_area_mm2, TRIED_SAMPLES);
     let surface = outcome.surface.of_samples(&some);
     // The plate hides nothing from above it.
     let setup =
-        TriedSetup { table_from_part: further.table_from_part, surface: &surface, occluders: &part, scene: scene.as_ref() };
-    let candidates = sampled.evaluate_some(scope.input, &setup, MAX_CANDIDATES, ctx)?;
+        TriedSetup { table_from_part: further.table_from_part, surface: &surface, occluders: part, scene: scene.as_ref() };
+    let candidates = sampled.evaluate_some(scope.input, &setup, max_candidates(blocks(scope)), ctx)?;
     let regions_of_some: Vec<UnmetRegion> = regions.iter().map(|region| region.on(&some)).collect();
     let on_some = basis.on(&some);
     let mut trial = Trial::new(&on_some, &setup, &candidates);
@@ -98,7 +124,7 @@ fn tried(
         return Ok(None);
     }
     let recovered = Recovered { moving_secs, ..recovered(basis, outcome, scope, &trial, ctx)? };
-    Ok(into_advice(basis, outcome, scope, (&further, recovered), regions))
+    Ok(into_advice(basis, outcome, scope, (further, recovered), regions))
 }
 
 /// Evaluates the views of a trial on all samples that the plan leaves open; what its other candidates measure of those makes the
@@ -141,8 +167,17 @@ fn may_plan_another(scope: &AdviceScope<'_>) -> bool {
     let above_only = params.candidates.hemisphere == Some(Hemisphere::AboveTable);
     // A plan that may have more setups than it has gains nothing by another.
     let has_all = scope.setups.len() == params.setups as usize;
-    let blocks = candidates::block_counts(&scope.input.mesh.aabb().extent_mm(), scope.input.scanner).product();
-    above_only && has_all && params.setups < MAX_SETUPS && scope.input.fixture.is_none() && blocks <= MAX_BLOCKS
+    above_only && has_all && params.setups < MAX_SETUPS && scope.input.fixture.is_none() && blocks(scope) <= MAX_BLOCKS
+}
+
+/// Block cubes of the part.
+fn blocks(scope: &AdviceScope<'_>) -> f64 {
+    candidates::block_counts(&scope.input.mesh.aabb().extent_mm(), scope.input.scanner).product()
+}
+
+/// Candidates that are tried of a part of so many blocks.
+fn max_candidates(blocks: f64) -> usize {
+    (CANDIDATES_OF_A_BLOCK * blocks as usize).clamp(MIN_CANDIDATES, MAX_CANDIDATES)
 }
 
 /// Returns true if another pose may let the cell measure what is missed for a cause.
@@ -195,14 +230,15 @@ fn into_advice(
     outcome: &Outcome,
     scope: &AdviceScope<'_>,
     (further, recovered): (&FurtherPose, Recovered),
-    mut regions: Vec<UnmetRegion>,
+    regions: &[UnmetRegion],
 ) -> Option<PlanAdvice> {
     let (params, plan) = (&scope.sampled.params, &outcome.plan);
     let Recovered { measured, enough_mm2, added_views, moving_secs } = recovered;
-    regions.retain(|region| region.measured_mm2(&measured) >= region.needed_mm2);
+    let met = regions.iter().filter(|region| region.measured_mm2(&measured) >= region.needed_mm2);
+    let regions_met: Vec<String> = met.map(|region| region.name.clone()).collect();
     // A plan ends once it meets its target.
     let measured_mm2 = basis.area_mm2(&measured).min(enough_mm2.max(basis.measured_mm2()));
-    if added_views == 0 || !basis.is_worth(measured_mm2) && regions.is_empty() {
+    if added_views == 0 || !basis.is_worth(measured_mm2) && regions_met.is_empty() {
         return None;
     }
     let pose = further.table_from_part;
@@ -221,7 +257,7 @@ fn into_advice(
         measured_area_mm2: measured_mm2,
         visible_area_mm2: plan.coverage.visible_area_mm2 + freed_mm2,
         cycle_secs: cycle_secs(outcome, params, added_views, moving_secs),
-        regions_met: regions.into_iter().map(|region| region.name).collect(),
+        regions_met,
     })
 }
 
@@ -240,4 +276,15 @@ fn changes(scope: &AdviceScope<'_>, further: &FurtherPose, views: usize) -> Vec<
         changes.push(ParamChange::MaxViews(views as u32));
     }
     changes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_of_more_blocks_is_tried_with_more_candidates_up_to_a_limit() {
+        let tried = [1.0, 4.0, 5.0, 12.0, 16.0, MAX_BLOCKS].map(max_candidates);
+        assert_eq!(tried, [80, 80, 100, 240, 320, 320]);
+    }
 }

@@ -1,11 +1,13 @@
 //! Coverage of the chosen views on samples that they were not chosen on: as planned, and with poses that are off.
 //!
 //! Views chosen on a set of samples fit that set: its share reads high, by up to half a point on machined parts. So it is
-//! evaluated again on a second set from another seed, as dense up to 400 000 triangles. A pose that is off is turned by the whole angle of
+//! evaluated again on a second set from another seed, as dense up to 400 000 triangles, and denser where a region of interest or a feature
+//! is small, so that each region's share is told by samples of its own. A pose that is off is turned by the whole angle of
 //! `robust.pose_error` about a random axis and moved by its whole distance in a random direction: each view by an error
 //! of its own about the viewpoint, the part as a whole about the centre of its box, or every view by the same error in the
-//! scanner frame. Every draw has a stream of its own, so that neither threads nor the number of draws change it
-//! (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some ten thousand samples for each draw.
+//! scanner frame. Directions are spread over blocks of six draws, each block with a stream of its own, so that neither threads nor
+//! the number of draws change them (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some ten thousand
+//! samples for each draw.
 
 mod draws;
 pub mod recheck;
@@ -19,7 +21,7 @@ use super::context::{Cancelled, Context, PlanError};
 use super::demand::mask_alike;
 use super::ids::{SampleId, SetupId};
 use super::params::{Objective, PlanParams};
-use super::plan::{Certificate, Independent, PlannedView};
+use super::plan::{Certificate, Independent, IndependentRegion, PlannedView};
 use super::random::split_mix;
 use super::realism::{self, RiskInput, RiskView};
 use super::scene::PlanInput;
@@ -33,6 +35,9 @@ use crate::geometry::{Part, Pose, RayScene, ScannerFrame, Table};
 /// Triangles up to which every one has a second sample of its own; a finer mesh gets as many samples, by area. The standard error of a share
 /// of 97 % is then below 0.03 points: √(p (1 − p) / n), less for samples that are spread over the part (Cochran 1977, chapter 8).
 const MAX_SAMPLES: usize = 400_000;
+/// Samples that each region of interest and feature has at least: the standard error of a share of 95 % of it is then one point, 0.05 · 0.95 /
+/// 0.01².
+const SAMPLES_OF_A_REGION: usize = 475;
 /// Name of the second samples among what is hashed with the seed.
 const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
 
@@ -99,10 +104,10 @@ pub(super) fn certify(
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
     let second = SecondSampling::new(input, params, setups, asked_as, ctx)?;
-    let independent = second.independent(part, standing, ctx)?;
+    let (independent, regions) = second.independent(part, standing, ctx)?;
     let nominal = independent.of_asked();
     let robust = params.robust.pose_error.map(|error| draws::robust(&second, error, nominal, ctx)).transpose()?;
-    Ok(Certificate { independent, robust })
+    Ok(Certificate { independent, regions, robust })
 }
 
 /// The second set of samples, with what is evaluated on it.
@@ -132,9 +137,9 @@ impl<'a> SecondSampling<'a> {
         // What is asked is told by samples in the same patches.
         let is_dense = asked_as.is_some() || asks_for_more || input.mesh.faces.len() <= MAX_SAMPLES;
         let mut surface = if is_dense {
-            requirements::sampled(input.mesh, &params, seed, ctx)?
+            requirements::sampled_densely(input.mesh, &params, (SAMPLES_OF_A_REGION, seed), ctx)?
         } else {
-            requirements::sampled_sparsely(input.mesh, &params, (MAX_SAMPLES, seed), ctx)?
+            requirements::sampled_sparsely(input.mesh, &params, (MAX_SAMPLES, SAMPLES_OF_A_REGION, seed), ctx)?
         };
         asked_as.into_iter().for_each(|first| mask_alike(first, &mut surface));
         let asked_area_mm2 = surface.asked_area_mm2();
@@ -142,8 +147,13 @@ impl<'a> SecondSampling<'a> {
         Ok(Self { input, params, setups, surface, asked_area_mm2, asked_mm2 })
     }
 
-    /// Coverage with the poses as planned.
-    fn independent(&self, part: &RayScene, standing: &[Pose<Table, Part>], ctx: &Context<'_>) -> Result<Independent, Cancelled> {
+    /// Coverage with the poses as planned, of the part and of each region.
+    fn independent(
+        &self,
+        part: &RayScene,
+        standing: &[Pose<Table, Part>],
+        ctx: &Context<'_>,
+    ) -> Result<(Independent, Vec<IndependentRegion>), Cancelled> {
         let poses: Vec<_> = self.views().map(|(_, view)| *view).collect();
         let mut rows = self.rows(&poses, &ctx.silent())?;
         for (row, view) in rows.iter_mut().zip(&poses) {
@@ -154,13 +164,30 @@ impl<'a> SecondSampling<'a> {
         let rows = self.counted(&self.surface, rows, &poses, &ctx.silent())?;
         let views = poses.iter().map(Pose::origin_mm).zip(&rows);
         let measured = measured_area(&self.surface, &self.asked_area_mm2, views);
-        Ok(Independent {
+        let independent = Independent {
             samples: self.asked_area_mm2.len(),
             asked_area_mm2: self.asked_mm2,
             total_area_mm2: self.surface.area_where(|_| true),
             visible_area_mm2: self.visible_mm2(&is_measured, part, standing, ctx)?,
             measured,
-        })
+        };
+        Ok((independent, self.of_regions(&rows)))
+    }
+
+    /// Coverage of each region of interest and feature by views of these rows together.
+    fn of_regions(&self, rows: &[Row]) -> Vec<IndependentRegion> {
+        let mut regions = vec![IndependentRegion::default(); requirements::regions(&self.params).len()];
+        if regions.is_empty() {
+            return regions;
+        }
+        let mut measured = SampleSet::none_of(self.asked_area_mm2.len());
+        rows.iter().for_each(|row| measured.insert_all(row.measured()));
+        for (sample, area_mm2) in SampleId::number(&self.asked_area_mm2).filter(|(_, area_mm2)| **area_mm2 > 0.0) {
+            for region in &self.surface.requirements.of(sample).regions {
+                regions[*region].add(*area_mm2, measured.holds(sample));
+            }
+        }
+        regions
     }
 
     /// Asked area that is measured, or neither rests on the plate in every pose of `standing` nor is enclosed.

@@ -91,6 +91,7 @@ fn nothing_of(region: NamedRegion, noise: &NoiseParams) -> RegionCoverage {
         min_tolerance_mm: noise.min_tolerance_mm(),
         missed_mm2: Vec::new(),
         beyond_noise_area_mm2: 0.0,
+        independent: None,
     }
 }
 

@@ -370,6 +370,7 @@ mod tests {
             min_tolerance_mm: 0.156,
             missed_mm2: vec![(Cause::BelowGrade, 10.0 - measured_area_mm2)],
             beyond_noise_area_mm2: 0.0,
+            independent: None,
         }
     }
 

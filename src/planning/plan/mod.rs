@@ -17,8 +17,8 @@ pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use exposure::{ExposureLoss, ViewExposure};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 pub use plan_advice::{AdviceKind, ParamChange, PlanAdvice};
-pub use region_coverage::RegionCoverage;
 pub(in crate::planning) use region_coverage::SHARE_SLACK;
+pub use region_coverage::{IndependentRegion, RegionCoverage};
 pub use remedy::{Remedy, RemedyKind, RemedyView};
 pub use turn::{PartSide, Turn, TurnKind};
 

@@ -32,6 +32,46 @@ pub struct RegionCoverage {
     pub missed_mm2: Vec<(Cause, f64)>,
     /// Area that is missed as [`Cause::BelowGrade`] where a finer tolerance is asked for than the noise can serve.
     pub beyond_noise_area_mm2: f64,
+    /// Coverage on a second set of samples, on which the views were not chosen; `None` where that has none in the region.
+    pub independent: Option<IndependentRegion>,
+}
+
+/// Coverage of a region on a second set of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IndependentRegion {
+    /// Number of asked samples in it.
+    pub samples: usize,
+    /// Asked area that they stand for.
+    pub asked_area_mm2: f64,
+    /// Part of the asked area that the chosen views measure.
+    pub measured_area_mm2: f64,
+    /// Sum of the squares of the areas that the samples stand for, mm⁴.
+    pub squares_mm4: f64,
+}
+
+impl IndependentRegion {
+    /// Counts an asked sample.
+    pub(in crate::planning) fn add(&mut self, area_mm2: f64, is_measured: bool) {
+        self.samples += 1;
+        self.asked_area_mm2 += area_mm2;
+        self.measured_area_mm2 += if is_measured { area_mm2 } else { 0.0 };
+        self.squares_mm4 += area_mm2 * area_mm2;
+    }
+
+    /// Measured share of the asked area.
+    #[must_use]
+    pub fn of_asked(&self) -> f64 {
+        share(self.measured_area_mm2, self.asked_area_mm2)
+    }
+
+    /// Standard error of the share, √(p (1 − p) / n): an upper bound for samples that are spread over the region (W. G. Cochran 1977,
+    /// *Sampling Techniques*, chapters 3 and 8). n = (Σ a)² / Σ a² is the number of equal samples that tell as much as these of areas a
+    /// (L. Kish 1965, *Survey Sampling*, 11.7).
+    #[must_use]
+    pub fn standard_error(&self) -> f64 {
+        let p = self.of_asked();
+        (p * (1.0 - p) * self.squares_mm4).max(0.0).sqrt() / self.asked_area_mm2.max(f64::MIN_POSITIVE)
+    }
 }
 
 impl RegionCoverage {
@@ -57,5 +97,75 @@ impl RegionCoverage {
     #[must_use]
     pub fn is_unmet(&self) -> bool {
         self.is_met() == Some(false)
+    }
+
+    /// True if the measured share on the second set of samples reaches the target, or misses it by no more than its standard error; `None`
+    /// without a target or samples.
+    #[must_use]
+    pub fn is_met_independently(&self) -> Option<bool> {
+        let (target, independent) = self.target.zip(self.independent)?;
+        Some(independent.of_asked() + independent.standard_error() >= target - SHARE_SLACK)
+    }
+
+    /// Returns true if the target is reached on the samples of the plan alone: what the views were chosen on flatters them.
+    #[must_use]
+    pub fn is_refuted(&self) -> bool {
+        self.is_met() == Some(true) && self.is_met_independently() == Some(false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A region with a target of 0.95 that is met on the samples of the plan, and so many of a second set, so many of them measured.
+    fn region(samples: usize, measured: usize) -> RegionCoverage {
+        let mut independent = IndependentRegion::default();
+        (0..samples).for_each(|sample| independent.add(0.2, sample < measured));
+        RegionCoverage {
+            name: "seat".into(),
+            kind: RegionKind::Interest,
+            samples: 100,
+            asked_area_mm2: 20.0,
+            coverable_area_mm2: 20.0,
+            measured_area_mm2: 19.2,
+            target: Some(0.95),
+            tolerance_mm: None,
+            min_tolerance_mm: 0.156,
+            missed_mm2: Vec::new(),
+            beyond_noise_area_mm2: 0.0,
+            independent: Some(independent),
+        }
+    }
+
+    #[test]
+    fn a_target_that_other_samples_miss_by_more_than_their_standard_error_is_refuted() {
+        // 0.9 of 400: the standard error is 1.5 points.
+        let error = region(400, 360).independent.map(|independent| independent.standard_error());
+        assert!(error.is_some_and(|error| (error - 0.015).abs() < 1e-12), "{error:?}");
+        // 375 of 400 are 0.9375, and the standard error is 1.21 points.
+        assert!(region(400, 360).is_refuted() && region(400, 375).is_refuted());
+        for measured in [376, 380, 400] {
+            assert_eq!(region(400, measured).is_met_independently(), Some(true), "{measured}");
+            assert!(!region(400, measured).is_refuted(), "{measured}");
+        }
+        let unmet = RegionCoverage { measured_area_mm2: 10.0, ..region(400, 100) };
+        assert!(!unmet.is_refuted() && unmet.is_met_independently() == Some(false), "it is unmet anyway");
+        let untold = RegionCoverage { independent: None, ..region(0, 0) };
+        assert!(!untold.is_refuted() && untold.is_met_independently().is_none());
+        let without_target = RegionCoverage { target: None, ..region(400, 0) };
+        assert_eq!(without_target.is_met_independently(), None);
+    }
+
+    #[test]
+    fn samples_of_unequal_area_tell_less_of_a_share() {
+        let (mut equal, mut unequal) = (IndependentRegion::default(), IndependentRegion::default());
+        (0..100).for_each(|sample| equal.add(1.0, sample % 2 == 0));
+        (0..100).for_each(|sample| unequal.add(if sample < 2 { 49.0 } else { 1.0 }, sample % 2 == 0));
+        assert!((equal.standard_error() - 0.05).abs() < 1e-12, "{}", equal.standard_error());
+        // (Σ a)² / Σ a² = 196² / (2 · 49² + 98).
+        let expected = 0.5 * (2.0 * 49.0_f64.powi(2) + 98.0).sqrt() / 196.0;
+        assert!((unequal.standard_error() - expected).abs() < 1e-12, "{}", unequal.standard_error());
+        assert_eq!(IndependentRegion::default().standard_error(), 0.0);
     }
 }

@@ -9,7 +9,7 @@ use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::surface;
 
 /// Lean within which a part that stands has an axis up, radians (3°): files are seldom aligned better.
-const STANDS_WITHIN_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
+pub(super) const STANDS_WITHIN_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
 
 /// Part axes parallel to the table's, bottom of the bounding box on the plate, its centre on the axis
 /// ([`crate::planning::method::frames`]).

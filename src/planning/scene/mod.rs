@@ -9,7 +9,7 @@ pub(super) use defaults::standing_on;
 pub use defaults::{UpAxis, resolve, resting, standing};
 pub use input::PlanInput;
 pub(super) use placement::check as check_placement;
-pub use placement::plate;
+pub use placement::{plate, tips_over};
 
 use rayon::prelude::*;
 

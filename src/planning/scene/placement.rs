@@ -1,11 +1,12 @@
-//! Checks of the part's placement: poses are refused that would make every figure of a plan meaningless. The plate hides what
-//! lies behind it from below. Table frame, millimetres.
+//! Checks of the part's placement: poses are refused that would make every figure of a plan meaningless, and one is known in which the part
+//! would tip over. The plate hides what lies behind it from below. Table frame, millimetres.
 
 use nalgebra::{Point3, Vector3};
 
 use super::PlanInput;
+use super::defaults::STANDS_WITHIN_RAD;
 use crate::cell::Cell;
-use crate::geometry::{Mesh, Part, Pose, Table};
+use crate::geometry::{Mesh, Part, Pose, StablePose, Table};
 use crate::planning::context::PlanError;
 
 /// Depth to which a part may reach into the plate: more than meshes and poses are rounded by.
@@ -54,6 +55,14 @@ pub(in crate::planning) fn check(
     Ok(())
 }
 
+/// Returns true if a part that nothing holds would tip over in a pose: it stands in other ways, `stable` ([`crate::geometry::stable_poses()`]),
+/// and none of them is within 3° of it. Of what stands in no way that is known, a sheet or a ball, nothing is said.
+#[must_use]
+pub fn tips_over(stable: &[StablePose], table_from_part: &Pose<Table, Part>) -> bool {
+    let down = table_from_part.inverse().direction(&-Vector3::z());
+    !stable.is_empty() && stable.iter().all(|pose| pose.down.angle(&down) > STANDS_WITHIN_RAD)
+}
+
 /// The plate's upper face as an occluder, in the part frame.
 #[must_use]
 pub fn plate(cell: &Cell, table_from_part: &Pose<Table, Part>) -> Mesh {
@@ -67,4 +76,44 @@ pub fn plate(cell: &Cell, table_from_part: &Pose<Table, Part>) -> Mesh {
     let vertices_mm = points.map(|p| part_from_table.point(&Point3::from(p + down))).collect();
     let faces: Vec<_> = (0..SECTORS).map(|sector| [SECTORS, sector, (sector + 1) % SECTORS]).collect();
     Mesh { vertices_mm, source_face: (0..SECTORS).collect(), faces, groups: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+    use crate::geometry::stable_poses;
+    use crate::planning::scene::resting;
+    use crate::testing::{box_mesh, cylinder_mesh};
+
+    /// A pose turned about the part's x axis.
+    fn turned(degrees: f64) -> Pose<Table, Part> {
+        Pose::from_parts(Vector3::zeros(), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), degrees.to_radians()))
+    }
+
+    #[test]
+    fn a_block_stands_on_its_sides_and_tips_over_on_an_edge() {
+        let block = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+        let stable = stable_poses(&block);
+        assert!(!tips_over(&stable, &resting(&block)));
+        // The numbers of a file are seldom aligned better than to some degrees.
+        for degrees in [0.0, 2.5, 90.0, 180.0, -90.0] {
+            assert!(!tips_over(&stable, &turned(degrees)), "{degrees}°");
+        }
+        for degrees in [5.0, 45.0, 80.0, 135.0] {
+            assert!(tips_over(&stable, &turned(degrees)), "{degrees}°");
+        }
+    }
+
+    #[test]
+    fn a_cone_tips_over_on_its_apex_alone() {
+        let mut cone = cylinder_mesh(30.0, 60.0, 24);
+        for vertex in cone.vertices_mm.iter_mut().filter(|vertex| vertex.z > 1.0) {
+            (vertex.x, vertex.y) = (vertex.x / 30.0, vertex.y / 30.0);
+        }
+        let stable = stable_poses(&cone);
+        assert!(!tips_over(&stable, &turned(0.0)) && tips_over(&stable, &turned(180.0)));
+        assert!(!tips_over(&[], &turned(180.0)), "where it stands in no way, none is worse");
+    }
 }

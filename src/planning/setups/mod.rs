@@ -88,6 +88,8 @@ pub(super) type PoolAndStanding<'a> = (&'a [Pose<Table, Part>], &'a [Pose<Table,
 
 /// One more pose to plan in.
 pub(super) struct FurtherPose {
+    /// Place among the poses of [`FurtherPoses`].
+    pub(super) place: usize,
     pub(super) table_from_part: Pose<Table, Part>,
     /// True if a plan in one more setup, registered like this, chooses the poses that it has and this one by itself.
     pub(super) is_default: bool,
@@ -95,39 +97,63 @@ pub(super) struct FurtherPose {
     pub(super) registration: Registration,
 }
 
-/// The pose of a pool that adds most to `standing`, the poses that are planned in, all that can be measured from above the plate counted;
-/// of those first that share enough surface with one of them. `None` where no pose adds what a setup is worth. `part` are the
-/// occluders of the part alone.
-///
-/// # Errors
-/// [`PlanError`].
-pub(super) fn further(
-    input: &PlanInput<'_>,
-    params: &PlanParams,
-    (pool, standing): PoolAndStanding<'_>,
-    part: &Occluders,
-    ctx: &Context<'_>,
-) -> Result<Option<FurtherPose>, PlanError> {
-    let offered = pool.len();
-    let mut pool = pool.to_vec();
-    pool.extend(standing.iter().filter(|pose| !pool.contains(pose)).copied().collect::<Vec<_>>());
-    let own: Vec<usize> = (0..pool.len()).filter(|place| standing.contains(&pool[*place])).collect();
-    if own.len() == pool.len() {
-        return Ok(None);
+/// Poses of a pool beside those that are planned in.
+pub(super) struct FurtherPoses {
+    pool: Vec<Pose<Table, Part>>,
+    /// Places of the poses that are planned in.
+    own: Vec<usize>,
+    /// True if the pool was offered with them.
+    are_own_offered: bool,
+    reachable: Reachable,
+    /// Surface that poses share, where setups have to be registered by it.
+    links: Option<Links>,
+    registration: Registration,
+    worth_mm2: f64,
+}
+
+impl FurtherPoses {
+    /// The poses of `pool` beside `standing`, those that are planned in; `None` if there are none. `part` are the occluders of the
+    /// part alone.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(super) fn of(
+        input: &PlanInput<'_>,
+        params: &PlanParams,
+        (offered, standing): PoolAndStanding<'_>,
+        part: &Occluders,
+        ctx: &Context<'_>,
+    ) -> Result<Option<Self>, PlanError> {
+        let mut pool = offered.to_vec();
+        pool.extend(standing.iter().filter(|pose| !offered.contains(pose)).copied());
+        let own: Vec<usize> = (0..pool.len()).filter(|place| standing.contains(&pool[*place])).collect();
+        if own.len() == pool.len() {
+            return Ok(None);
+        }
+        let reachable = measured_from(&pool, input, params, part, ctx)?;
+        let registration = params.registration;
+        let links = (registration == Registration::Surface).then(|| reachable.links());
+        let worth_mm2 = FLIP_WORTH * reachable.area_mm2.iter().sum::<f64>();
+        Ok(Some(Self { are_own_offered: pool.len() == offered.len(), pool, own, reachable, links, registration, worth_mm2 }))
     }
-    let reachable = measured_from(&pool, input, params, part, ctx)?;
-    let links = (params.registration == Registration::Surface).then(|| reachable.links());
-    let is_joined = |pose: usize| links.as_ref().is_none_or(|links| own.iter().any(|own| links.between(*own, pose).is_fixed()));
-    let worth_mm2 = FLIP_WORTH * reachable.area_mm2.iter().sum::<f64>();
-    let joined = reachable.best_beside(&own, worth_mm2, is_joined);
-    let registration = if joined.is_some() { params.registration } else { Registration::Markers };
-    let Some(pose) = joined.or_else(|| reachable.best_beside(&own, worth_mm2, |_| true)) else { return Ok(None) };
-    let links = links.filter(|_| registration == Registration::Surface);
-    let mut all = own;
-    all.push(pose);
-    all.sort_unstable();
-    let is_default = pool.len() == offered && reachable.fewest(all.len(), worth_mm2, links.as_ref()) == all;
-    Ok(Some(FurtherPose { table_from_part: pool[pose], is_default, registration }))
+
+    /// The pose that adds most to those that are planned in, all that can be measured from above the plate counted, without those at the
+    /// places that were `tried`; of them first that share enough surface with one that is planned in. `None` where no pose adds
+    /// what a setup is worth.
+    pub(super) fn best(&self, tried: &[usize]) -> Option<FurtherPose> {
+        let Self { own, reachable, links, worth_mm2, .. } = self;
+        let is_new = |pose: usize| !tried.contains(&pose);
+        let is_joined =
+            |pose: usize| links.as_ref().is_none_or(|links| own.iter().any(|own| links.between(*own, pose).is_fixed()));
+        let joined = reachable.best_beside(own, *worth_mm2, |pose| is_new(pose) && is_joined(pose));
+        let registration = if joined.is_some() { self.registration } else { Registration::Markers };
+        let place = joined.or_else(|| reachable.best_beside(own, *worth_mm2, is_new))?;
+        let links = links.as_ref().filter(|_| registration == Registration::Surface);
+        let mut all = [own.as_slice(), &[place]].concat();
+        all.sort_unstable();
+        let is_default = self.are_own_offered && reachable.fewest(all.len(), *worth_mm2, links) == all;
+        Some(FurtherPose { place, table_from_part: self.pool[place], is_default, registration })
+    }
 }
 
 /// Poses to choose from: those given, else the first and the stable ones.

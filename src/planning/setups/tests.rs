@@ -121,8 +121,8 @@ fn a_fixture_holds_one_setup() {
     assert!(refused.to_string().contains("/setups"), "{refused}");
 }
 
-/// The further pose beside the one that a part is given in.
-fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<FurtherPose> {
+/// The further pose beside the one that a part is given in, and those at the places that were tried.
+fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams), tried: &[usize]) -> Option<FurtherPose> {
     let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let mut params = PlanParams::default();
@@ -131,14 +131,15 @@ fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<FurtherPo
     let standing = params.part.table_from_part.unwrap_or_default().pose();
     let part = Occluders::new([mesh]);
     let (pool, ctx) = (pool(mesh, &params), Context::new(&cancel, &Silent));
-    further(&input, &params, (&pool, &[standing]), &part, &ctx).unwrap_or_else(|error| panic!("{error}"))
+    let poses = FurtherPoses::of(&input, &params, (&pool, &[standing]), &part, &ctx).unwrap_or_else(|error| panic!("{error}"));
+    poses.and_then(|poses| poses.best(tried))
 }
 
 #[test]
 fn the_further_pose_of_a_box_is_the_one_that_a_plan_in_two_setups_chooses() {
     let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
     for registration in [Registration::None, Registration::Surface] {
-        let further = further_of(&mesh, |params| params.registration = registration).unwrap_or_else(|| panic!("a pose"));
+        let further = further_of(&mesh, |params| params.registration = registration, &[]).unwrap_or_else(|| panic!("a pose"));
         assert!(further.is_default && further.registration == registration, "{registration:?}");
         let chosen = poses_of(&mesh, |params| (params.setups, params.registration) = (2, registration));
         assert_eq!(chosen[1], further.table_from_part, "{registration:?}");
@@ -149,11 +150,24 @@ fn the_further_pose_of_a_box_is_the_one_that_a_plan_in_two_setups_chooses() {
 }
 
 #[test]
+fn poses_are_offered_one_after_the_other_until_none_is_left() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    let mut tried = Vec::new();
+    let without_registration = |params: &mut PlanParams| params.registration = Registration::None;
+    while let Some(further) = further_of(&mesh, without_registration, &tried) {
+        assert!(!tried.contains(&further.place), "{tried:?}");
+        assert_eq!(further.is_default, tried.is_empty(), "the first alone is chosen by itself");
+        tried.push(further.place);
+    }
+    assert_eq!(tried.len(), 5, "all but the side that it stands on: {tried:?}");
+}
+
+#[test]
 fn no_further_pose_is_offered_where_none_may_be_chosen() {
     let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
     let alone = |params: &mut PlanParams| params.part.resting_poses = params.part.table_from_part.into_iter().collect();
-    assert!(further_of(&mesh, alone).is_none());
+    assert!(further_of(&mesh, alone, &[]).is_none());
     // The underside is not asked for: no other pose is worth it.
     let without_underside = |params: &mut PlanParams| params.regions.exclude = vec![Region::Faces { faces: vec![0, 1] }];
-    assert!(further_of(&mesh, without_underside).is_none());
+    assert!(further_of(&mesh, without_underside, &[]).is_none());
 }

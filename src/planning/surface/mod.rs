@@ -1,6 +1,7 @@
 //! Mesh to patches and samples ([`crate::planning::method::sampling`]). A patch is a facet after refinement: facets are
 //! bisected across their longest edge until no edge exceeds `patch_edge_mm`. A sample is one of k area-stratified points of a
-//! patch, fixed by patch and seed and the same for every view; each stands for the k-th part of its patch.
+//! patch, fixed by patch and seed and the same for every view; each stands for the k-th part of its patch. Patches that a small
+//! region of interest or feature touches have more of them (`small_regions.rs`).
 //!
 //! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 29 a sample.
 
@@ -15,12 +16,13 @@ use crate::geometry::Mesh;
 
 mod region_finder;
 pub mod requirements;
+mod small_regions;
 mod subset;
 #[cfg(test)]
 mod tests;
 pub(super) mod thinned;
 
-use region_finder::RegionFinder;
+use region_finder::{RegionFinder, excluded};
 use requirements::Requirements;
 pub(super) use subset::{sample_some, systematic};
 
@@ -62,7 +64,7 @@ impl Patch {
 /// Patches and samples of a part. Samples are ordered by patch.
 #[derive(Clone, Debug, Default)]
 pub struct Surface {
-    /// Patches: of a part, ordered by face.
+    /// Patches: of a part, ordered by face, but where some of its triangles stand for others.
     pub patches: Vec<Patch>,
     /// Centre of the part's bounding box.
     pub centre_mm: Point3<f64>,
@@ -106,6 +108,16 @@ impl Surface {
     #[must_use]
     pub fn area_where(&self, keep: impl Fn(SampleId) -> bool) -> f64 {
         self.samples().filter(|sample| keep(*sample)).map(|sample| self.sample_area_mm2(sample)).sum()
+    }
+
+    /// Resamples the patches, each of which stands for its area as before; nothing of the surface is asked yet.
+    fn with_samples(&self, samples: &[u32], seed: u64) -> Self {
+        let mut surface = Self { centre_mm: self.centre_mm, ..Self::default() };
+        for (patch, samples) in self.patches.iter().zip(samples) {
+            push_patch(&mut surface, patch.corners_mm, patch.face, patch.normal, *samples, seed);
+            surface.patches.last_mut().into_iter().for_each(|own| own.area_mm2 = patch.area_mm2);
+        }
+        surface
     }
 }
 
@@ -166,12 +178,7 @@ fn cut<E: From<Vec<FieldError>>>(
     let params = resolve(params, mesh);
     let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
     refuse_too_many(mesh, &params)?;
-    let excluded = regions
-        .exclude
-        .iter()
-        .enumerate()
-        .map(|(index, region)| RegionFinder::new(mesh, region, &format!("/regions/exclude/{index}")))
-        .collect::<Result<Vec<_>, _>>()?;
+    let excluded = excluded(mesh, regions)?;
     let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
     let mut stack = Vec::new();
     for face in 0..mesh.faces.len() {
@@ -190,6 +197,17 @@ fn cut<E: From<Vec<FieldError>>>(
             }
         }
     }
+    surface.asked = asked(mesh, &surface, &excluded, check)?;
+    Ok(surface)
+}
+
+/// True for each sample that no excluded region holds.
+fn asked<E>(
+    mesh: &Mesh,
+    surface: &Surface,
+    excluded: &[RegionFinder<'_>],
+    check: impl Fn() -> Result<(), E>,
+) -> Result<Vec<bool>, E> {
     let asked = |sample: SampleId| {
         if sample.index().is_multiple_of(PATCHES_PER_LOOK) {
             check()?;
@@ -197,8 +215,7 @@ fn cut<E: From<Vec<FieldError>>>(
         let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
         Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample.index()])))
     };
-    surface.asked = surface.samples().map(asked).collect::<Result<_, E>>()?;
-    Ok(surface)
+    surface.samples().map(asked).collect()
 }
 
 /// Places, among some regions of the mesh, of those that hold none of the samples.
@@ -267,10 +284,14 @@ fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, norma
     let first_sample = SampleId::at(surface.sample_mm.len());
     surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
     for index in 0..samples {
-        let offset_mm = stratified_point(&corners, patch, index, seed) - surface.centre_mm;
-        surface.sample_mm.push(surface.centre_mm + offset_mm.map(rounded));
+        surface.sample_mm.push(sample_point(&corners, (patch, index), seed, &surface.centre_mm));
         surface.sample_patch.push(PatchId(patch));
     }
+}
+
+/// Point `index` of a patch, its offset from the part's centre a whole f32.
+fn sample_point(corners: &[Point3<f64>; 3], (patch, index): (u32, u32), seed: u64, centre_mm: &Point3<f64>) -> Point3<f64> {
+    centre_mm + (stratified_point(corners, patch, index, seed) - centre_mm).map(rounded)
 }
 
 fn triangle_mm2(corners: &[Point3<f64>; 3]) -> f64 {

@@ -5,8 +5,11 @@ use std::collections::HashSet;
 use nalgebra::{Point3, Vector3};
 
 use crate::cell::FieldError;
-use crate::geometry::Mesh;
-use crate::planning::params::Region;
+use crate::geometry::{Aabb, Mesh, nearest_of_triangle};
+use crate::planning::params::{Region, RegionParams};
+
+/// Distance from which on a region certainly holds nothing of a triangle, mm: more than samples are rounded by.
+const SLACK_MM: f64 = 1e-3;
 
 /// A region, looked up in a mesh.
 pub(in super::super) struct RegionFinder<'a> {
@@ -39,6 +42,42 @@ impl<'a> RegionFinder<'a> {
             Region::Faces { .. } | Region::Name { .. } => self.source_faces.contains(&source_face),
         }
     }
+
+    /// Returns false where it certainly holds no point of a triangle of a face.
+    pub(super) fn may_hold_some_of(&self, source_face: u32, corners: &[Point3<f64>; 3]) -> bool {
+        let heights_mm = |point_mm: &[f64; 3], normal: &[f64; 3]| {
+            let (point, normal) = (Point3::from(*point_mm), Vector3::from(*normal).normalize());
+            corners.map(|corner| (corner - point).dot(&normal))
+        };
+        match self.region {
+            Region::Box { min_mm, max_mm } => {
+                let around = Aabb::around(corners);
+                let overlaps =
+                    |axis: usize| min_mm[axis] - SLACK_MM <= around.max[axis] && around.min[axis] <= max_mm[axis] + SLACK_MM;
+                (0..3).all(overlaps)
+            }
+            Region::Sphere { centre_mm, radius_mm } => {
+                let centre = Point3::from(*centre_mm);
+                (nearest_of_triangle(corners, &centre).0 - centre).norm() <= *radius_mm + SLACK_MM
+            }
+            Region::HalfSpace { point_mm, normal } => heights_mm(point_mm, normal).iter().any(|height_mm| *height_mm <= SLACK_MM),
+            Region::Plane { point_mm, normal, within_mm } => {
+                let (heights_mm, reach_mm) = (heights_mm(point_mm, normal), within_mm + SLACK_MM);
+                heights_mm.iter().any(|height_mm| *height_mm <= reach_mm)
+                    && heights_mm.iter().any(|height_mm| *height_mm >= -reach_mm)
+            }
+            Region::Faces { .. } | Region::Name { .. } => self.source_faces.contains(&source_face),
+        }
+    }
+}
+
+/// The excluded regions, looked up in a mesh.
+///
+/// # Errors
+/// Faces or a group that the file does not have.
+pub(super) fn excluded<'a>(mesh: &Mesh, regions: &'a RegionParams) -> Result<Vec<RegionFinder<'a>>, Vec<FieldError>> {
+    let finder = |(index, region): (usize, &'a Region)| RegionFinder::new(mesh, region, &format!("/regions/exclude/{index}"));
+    regions.exclude.iter().enumerate().map(finder).collect()
 }
 
 fn named_faces<'f>(mesh: &Mesh, faces: &'f [u32], at: &str) -> Result<impl Iterator<Item = u32> + 'f, Vec<FieldError>> {

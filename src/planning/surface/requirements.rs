@@ -19,7 +19,9 @@ use std::collections::HashMap;
 
 use nalgebra::Point3;
 
-use super::{RegionFinder, Surface, sample_for};
+use super::small_regions::{SAMPLES_OF_A_REGION, SmallRegions, denser};
+use super::subset::sample_some_and_all_of;
+use super::{RegionFinder, Surface, sample_for, sample_some};
 use crate::cell::{FieldError, Material, closed_list};
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
@@ -114,29 +116,54 @@ pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
     interest.chain(features).collect()
 }
 
-/// The samples of a part, after [`super::resolve`], with what is asked of them.
+/// The samples of a part, after [`super::resolve`], with what is asked of them. A region of interest or a feature has about a hundred at
+/// least, however small it is ([`crate::planning::method::sampling`]).
 ///
 /// # Errors
 /// The errors of [`sample_for`] and [`Requirements::new`].
 pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64, ctx: &Context<'_>) -> Result<Surface, PlanError> {
-    let mut surface = sample_for(mesh, &params.part, &params.regions, seed, ctx)?;
-    surface.requirements = Requirements::new(mesh, &surface, params).map_err(PlanError::BadParams)?;
-    Ok(surface)
+    sampled_densely(mesh, params, (SAMPLES_OF_A_REGION, seed), ctx)
 }
 
-/// Samples, at most `max`, that stand for those of a mesh with more triangles ([`super::sample_some`]), with what is asked of them.
+/// [`sampled`], with about `of_region` samples at least of each region of interest and feature.
 ///
 /// # Errors
-/// The errors of [`super::sample_some`] and [`Requirements::new`].
+/// The errors of [`sample_for`] and [`Requirements::new`].
+pub(in crate::planning) fn sampled_densely(
+    mesh: &Mesh,
+    params: &PlanParams,
+    (of_region, seed): (usize, u64),
+    ctx: &Context<'_>,
+) -> Result<Surface, PlanError> {
+    let mut surface = sample_for(mesh, &params.part, &params.regions, seed, ctx)?;
+    surface.requirements = Requirements::new(mesh, &surface, params)?;
+    denser(mesh, surface, params, (of_region, seed), ctx)
+}
+
+/// Samples, about `max`, that stand for those of a mesh with more triangles ([`sample_some`]), with what is asked of them; about
+/// `of_region` at least of each region of interest and feature, whose triangles stand for themselves where that is small, unless those
+/// of all such regions are more than `max`.
+///
+/// # Errors
+/// The errors of [`sample_some`] and [`Requirements::new`].
 pub(in crate::planning) fn sampled_sparsely(
     mesh: &Mesh,
     params: &PlanParams,
-    (max, seed): (usize, u64),
+    (max, of_region, seed): (usize, usize, u64),
     ctx: &Context<'_>,
 ) -> Result<Surface, PlanError> {
-    let mut surface = super::sample_some(mesh, &params.regions, (max, seed), ctx)?;
-    surface.requirements = Requirements::new(mesh, &surface, params).map_err(PlanError::BadParams)?;
-    Ok(surface)
+    let mut surface = sample_some(mesh, &params.regions, (max, seed), ctx)?;
+    surface.requirements = Requirements::new(mesh, &surface, params)?;
+    let Some(small) = SmallRegions::of(mesh, &surface, params, of_region)? else { return Ok(surface) };
+    let own = small.faces();
+    // Of many slivers that a narrow region crosses, those that stand for others are as good, and do not take longer than the part.
+    if own.len() > max {
+        return denser(mesh, surface, params, (of_region, seed), ctx);
+    }
+    let with_own = sample_some_and_all_of(mesh, &params.regions, (&own, max, seed), ctx)?;
+    // More samples may find more overlaps of regions than can be told apart: then they stay as few as they were.
+    let Ok(requirements) = Requirements::new(mesh, &with_own, params) else { return Ok(surface) };
+    denser(mesh, Surface { requirements, ..with_own }, params, (of_region, seed), ctx)
 }
 
 impl Requirements {

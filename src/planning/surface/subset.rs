@@ -3,8 +3,7 @@
 
 use nalgebra::Point3;
 
-use super::{PATCHES_PER_LOOK, Patch, RegionFinder, Surface, push_patch, rounded};
-use crate::cell::FieldError;
+use super::{PATCHES_PER_LOOK, Patch, Surface, excluded, push_patch, rounded};
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::{PatchId, SampleId};
@@ -43,8 +42,21 @@ pub(in crate::planning) fn sample_some(
     (max, seed): (usize, u64),
     ctx: &Context<'_>,
 ) -> Result<Surface, PlanError> {
-    let finder = |(index, region)| RegionFinder::new(mesh, region, &format!("/regions/exclude/{index}"));
-    let excluded = regions.exclude.iter().enumerate().map(finder).collect::<Result<Vec<_>, Vec<FieldError>>>()?;
+    sample_some_and_all_of(mesh, regions, (&[], max, seed), ctx)
+}
+
+/// [`sample_some`], of which the triangles `own`, with an area each, stand for themselves alone, each a patch after those of the
+/// others.
+///
+/// # Errors
+/// The errors of [`sample_some`].
+pub(super) fn sample_some_and_all_of(
+    mesh: &Mesh,
+    regions: &RegionParams,
+    (own, max, seed): (&[u32], usize, u64),
+    ctx: &Context<'_>,
+) -> Result<Surface, PlanError> {
+    let excluded = excluded(mesh, regions)?;
     let mut areas_mm2 = Vec::with_capacity(mesh.faces.len());
     for face in 0..mesh.faces.len() {
         if face.is_multiple_of(PATCHES_PER_LOOK) {
@@ -54,7 +66,9 @@ pub(in crate::planning) fn sample_some(
     }
     let part_mm2 = areas_mm2.iter().sum::<f64>() / max as f64;
     let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
-    for (SampleId(face), area_mm2) in systematic(&areas_mm2, max) {
+    let own: Vec<(u32, f64)> = own.iter().map(|face| (*face, std::mem::take(&mut areas_mm2[*face as usize]))).collect();
+    let others = systematic(&areas_mm2, max).into_iter().map(|(SampleId(face), area_mm2)| (face, area_mm2));
+    for (face, area_mm2) in others.chain(own) {
         let normal = mesh.scaled_normal(face as usize).normalize().map(rounded);
         let (first, samples) = (surface.sample_mm.len(), (area_mm2 / part_mm2).round().max(1.0) as u32);
         push_patch(&mut surface, mesh.corners(face as usize), face, normal, samples, seed);

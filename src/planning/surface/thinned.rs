@@ -30,7 +30,7 @@ const SAMPLES_OF_A_VIEW: usize = 500;
 const CELL_OF_SPACING: f64 = 2.0;
 /// Bins of a normal along each edge of a cube around it.
 const BINS: f64 = 3.0;
-/// A requirement of its own has a region stand on so many samples at least, where it has them.
+/// Samples that a requirement of its own keeps at least, where it has them; a region of interest or a feature that has no more keeps all.
 const MIN_OF_A_KIND: f64 = 2_000.0;
 /// Share of all samples from which on all are taken.
 const NEARLY_ALL: f64 = 0.7;
@@ -66,6 +66,8 @@ struct Stratum {
     samples: u32,
     area_mm2: f64,
     kind: u8,
+    /// True if all samples are kept, each with the area that it stands for.
+    is_whole: bool,
 }
 
 /// Upper bound on the samples that views of a part are chosen on, where they are fewer than all.
@@ -83,7 +85,8 @@ pub(in crate::planning) fn thinned(whole: &Surface, count: f64) -> Option<(Surfa
     }
     let area_mm2 = whole.area_where(|_| true);
     let cell_mm = CELL_OF_SPACING * (area_mm2 / count).sqrt();
-    let (of_sample, strata) = stratify(whole, cell_mm);
+    let (of_sample, mut strata) = stratify(whole, cell_mm);
+    keep_small_regions(whole, &mut strata);
     let picks = picks(whole, &of_sample, &strata, &takes(whole, &strata, count / area_mm2));
     if picks.len() as f64 >= nearly_all {
         return None;
@@ -187,14 +190,27 @@ fn bin(normal: &Vector3<f64>) -> [i8; 3] {
     on_cube.map(|x| ((x + 1.0) * 0.5 * BINS).floor().min(BINS - 1.0) as i8).into()
 }
 
-/// Samples that are taken of each stratum: by its area, at least one, and more where a requirement has little area.
-fn takes(whole: &Surface, strata: &[Stratum], per_mm2: f64) -> Vec<u32> {
+/// Area and number of the samples of each kind of requirement.
+fn by_kind(whole: &Surface, strata: &[Stratum]) -> Vec<(f64, f64)> {
     let mut of_kind = vec![(0.0_f64, 0.0_f64); whole.requirements.kinds.len()];
     for stratum in strata {
         let (area_mm2, samples) = &mut of_kind[usize::from(stratum.kind)];
         *area_mm2 += stratum.area_mm2;
         *samples += f64::from(stratum.samples);
     }
+    of_kind
+}
+
+/// Has the strata of regions of interest and features with few samples keep all of them.
+fn keep_small_regions(whole: &Surface, strata: &mut [Stratum]) {
+    let of_kind = by_kind(whole, strata);
+    let is_whole = |kind: usize| !whole.requirements.kinds[kind].regions.is_empty() && of_kind[kind].1 <= MIN_OF_A_KIND;
+    strata.iter_mut().for_each(|stratum| stratum.is_whole = is_whole(usize::from(stratum.kind)));
+}
+
+/// Samples that are taken of each stratum: by its area, at least one, and more where a requirement has little area.
+fn takes(whole: &Surface, strata: &[Stratum], per_mm2: f64) -> Vec<u32> {
+    let of_kind = by_kind(whole, strata);
     let density = |kind: u8| {
         let (area_mm2, samples) = of_kind[usize::from(kind)];
         let least = if kind == 0 { 0.0 } else { MIN_OF_A_KIND.min(samples) / area_mm2.max(f64::MIN_POSITIVE) };
@@ -202,7 +218,7 @@ fn takes(whole: &Surface, strata: &[Stratum], per_mm2: f64) -> Vec<u32> {
     };
     let take = |stratum: &Stratum| {
         let by_area = (stratum.area_mm2 * density(stratum.kind)).round() as u32;
-        by_area.clamp(1, stratum.samples)
+        if stratum.is_whole { stratum.samples } else { by_area.clamp(1, stratum.samples) }
     };
     strata.iter().map(take).collect()
 }
@@ -228,7 +244,8 @@ fn picks(whole: &Surface, stratum_of: &[u32], strata: &[Stratum], takes: &[u32])
         let is_needed = stratum.samples - passed.samples < take - passed.taken.min(take);
         if passed.taken < take && (passed.area_mm2 >= due_mm2 || is_needed) {
             passed.taken += 1;
-            picks.push((sample, stratum.area_mm2 / f64::from(take)));
+            let area_mm2 = if stratum.is_whole { whole.sample_area_mm2(sample) } else { stratum.area_mm2 / f64::from(take) };
+            picks.push((sample, area_mm2));
         }
     }
     picks

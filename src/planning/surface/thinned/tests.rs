@@ -3,7 +3,7 @@ use std::sync::atomic::AtomicBool;
 use super::*;
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::PlanParams;
+use crate::planning::params::{InterestParams, PlanParams, Region};
 use crate::planning::surface::requirements;
 
 /// A box of 100 × 80 × 60 mm, each side a grid of `cells` × `cells` squares, with a pin of 1 × 1 × 4 mm on top.
@@ -39,8 +39,12 @@ fn box_with_pin(cells: usize) -> Mesh {
 }
 
 fn sampled(mesh: &Mesh) -> Surface {
+    sampled_with(mesh, &PlanParams::default())
+}
+
+fn sampled_with(mesh: &Mesh, params: &PlanParams) -> Surface {
     let cancel = AtomicBool::new(false);
-    let surface = requirements::sampled(mesh, &PlanParams::default(), 1, &Context::new(&cancel, &Silent));
+    let surface = requirements::sampled(mesh, params, 1, &Context::new(&cancel, &Silent));
     surface.unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -78,6 +82,29 @@ fn every_stratum_keeps_its_area_and_a_small_feature_keeps_samples() {
     for normal in [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y()] {
         assert!(on_pin(normal) >= 1, "side {normal:?}");
     }
+}
+
+#[test]
+fn a_small_region_of_interest_keeps_every_sample_that_it_has() {
+    let mut params = PlanParams::default();
+    params.regions.interest = vec![InterestParams {
+        name: None,
+        region: Region::Sphere { centre_mm: [20.0, 20.0, 60.0], radius_mm: 2.5 },
+        weight: 1.0,
+        target: Some(0.95),
+        camera_deg: None,
+        projector_deg: None,
+        min_grade: None,
+    }];
+    let whole = sampled_with(&box_with_pin(60), &params);
+    let of_region = |surface: &Surface| {
+        let is_held = |sample: &SampleId| !surface.requirements.of(*sample).regions.is_empty();
+        let held: Vec<SampleId> = surface.samples().filter(is_held).collect();
+        (held.len(), held.iter().map(|sample| surface.sample_area_mm2(*sample)).sum::<f64>())
+    };
+    let ((all, all_mm2), (kept, kept_mm2)) = (of_region(&whole), of_region(&chosen_on(&whole).0));
+    assert!(all >= 100 && kept == all, "{kept} of {all} samples");
+    assert!((kept_mm2 - all_mm2).abs() < 1e-9 && (all_mm2 - 6.25 * std::f64::consts::PI).abs() < 1.0, "{kept_mm2} mm²");
 }
 
 #[test]
