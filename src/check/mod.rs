@@ -1,7 +1,9 @@
 //! Checks of specifications, parameters, plans and programs, whoever wrote them. The kind of a document is recognised by its
 //! content. The command line reads documents from files, the service from requests.
 
+mod coverage;
 mod plan;
+mod plan_in_cell;
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -9,17 +11,16 @@ use utoipa::ToSchema;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
-    Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, UseConditions,
+    Cell, CellSpec, CollisionScene, FieldError, PoseSpec, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, UseConditions,
 };
-use crate::geometry::Mesh;
-use crate::planning::PlanInput;
-use crate::planning::certificate::recheck::{self, TakenView};
+use crate::geometry::{Mesh, Part, Pose, Table};
 use crate::planning::context::Context;
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
 use crate::program::{self, Expected, Fault, Finding, Program};
 use crate::wire::calibration::use_conditions;
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument, ViewpointDocument};
+use crate::wire::preset::check_beside_preset;
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{counted, percent_below};
@@ -28,12 +29,12 @@ use crate::wire::{DocumentKind, UtcTime, from_value, warnings};
 /// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
 const ROUNDING_MM: f64 = 0.01;
 
-/// Plan and meshes that a program is checked against, besides the cell.
+/// Plan and meshes that plans and programs are checked against, besides the cell.
 #[derive(Default)]
 pub struct Reference {
-    /// Plan that the program has to carry out, with the SHA-256 of its file, lower-case hexadecimal.
+    /// Plan that a program has to carry out, with the SHA-256 of its file, lower-case hexadecimal.
     pub plan: Option<(PlanDocument, String)>,
-    /// The part, for collisions and the area that the scans measure: the plan says where it lies.
+    /// The part, for collisions and the area that scans and views measure: the plan says where it lies.
     pub part: Option<Mesh>,
     /// The fixture that holds it, in part coordinates.
     pub fixture: Option<Mesh>,
@@ -65,7 +66,8 @@ pub struct Sound {
     pub kind: DocumentKind,
     /// Description in words.
     pub description: String,
-    /// Share of the asked area that the scans of a program measure, if plan and part are given.
+    /// Share of the asked area that the views of a plan or the scans of a program measure, derived anew, if cell and part are
+    /// given, and for a program its plan.
     pub measured_of_asked: Option<f64>,
     /// Warnings on parameters that cannot be reached, and on cells and parts that are hardly what was meant.
     pub warnings: Vec<FieldWarning>,
@@ -101,8 +103,9 @@ pub fn check(
             format!("cell {}", built.name)
         }
         DocumentKind::Params => {
-            let params: PlanParams = read(value)?;
+            let params: PlanParams = from_value(&value)?;
             params.check()?;
+            check_beside_preset(&value, &params)?;
             cell.map_or(Ok(()), |cell| params.check_limits(&cell.scanner))?;
             warnings = warnings::of_params(&params, "");
             "parameters".to_owned()
@@ -110,15 +113,18 @@ pub fn check(
         DocumentKind::Plan => {
             let document: PlanDocument = read(value)?;
             plan::check(&document, cell)?;
+            let in_cell = cell.map(|cell| plan_in_cell::check(&document, cell, reference, ctx)).transpose()?;
+            measured_of_asked = in_cell.as_ref().and_then(|in_cell| in_cell.measured_of_asked);
             warnings = warnings::of_params(&document.params, "/params");
             // The size of the part is in the plan, the unit of its file is not: what was said of it stands.
             warnings.extend(document.warnings.iter().filter(|warning| warning.pointer == "/part/bbox_mm").cloned());
-            format!("plan with {}{}", counted(document.viewpoints.len(), "viewpoint"), extent_of_plan(cell))
+            let extent = in_cell.map_or_else(|| plan_in_cell::WITHOUT_CELL.to_owned(), |in_cell| in_cell.extent);
+            format!("plan with {}{extent}", counted(document.viewpoints.len(), "viewpoint"))
         }
         DocumentKind::Program => {
             let document: ProgramDocument = read(value)?;
             measured_of_asked = check_program(&document, cell, reference, ctx)?;
-            let measured = measured_of_asked.map_or_else(String::new, measured_as_planned);
+            let measured = measured_of_asked.map_or_else(String::new, |of_asked| measured_as_planned("scans", of_asked));
             let steps = counted(document.steps.len(), "step");
             format!("program with {steps}, {:.1} s{}{measured}", document.cycle_secs, extent(cell))
         }
@@ -134,7 +140,8 @@ pub fn read_plan(value: Value) -> Result<PlanDocument, Vec<FieldError>> {
     read(value)
 }
 
-/// Checks the document of a plan, in the cell if there is one.
+/// Checks the document of a plan; with a cell, also that the plan was made in it and its stations are at their views. Collisions
+/// and coverage are left to [`check()`].
 ///
 /// # Errors
 /// Every finding.
@@ -229,20 +236,7 @@ fn whole(detail: String) -> Vec<FieldError> {
     vec![FieldError { pointer: String::new(), detail }]
 }
 
-/// Extent of the checks of a plan, in words: what it says of collisions and coverage is not derived anew.
-fn extent_of_plan(cell: Option<&Cell>) -> String {
-    cell.map_or_else(
-        || extent(None),
-        |cell| {
-            let name = &cell.name;
-            format!(
-                ", its stations at their views and within the limits of cell {name} (collisions and coverage: check its program)"
-            )
-        },
-    )
-}
-
-/// Extent of the checks, in words.
+/// Extent of the checks of a program, in words.
 fn extent(cell: Option<&Cell>) -> String {
     cell.map_or_else(
         || " (structure and ranges checked; given a cell, motion too)".to_owned(),
@@ -250,9 +244,9 @@ fn extent(cell: Option<&Cell>) -> String {
     )
 }
 
-/// Share of the asked area that the scans of a program measure, in words.
-fn measured_as_planned(of_asked: f64) -> String {
-    format!("; its scans measure {} % of the asked area, as planned", percent_below(of_asked, 1.0, 2))
+/// Share of the asked area that scans or views measure, in words.
+fn measured_as_planned(what: &str, of_asked: f64) -> String {
+    format!("; its {what} measure {} % of the asked area, as planned", percent_below(of_asked, 1.0, 2))
 }
 
 /// Checks a program; returns the share of the asked area that its scans measure, if plan and part are given.
@@ -292,14 +286,30 @@ pub fn field_errors(found: &[Finding]) -> Vec<FieldError> {
     found.iter().map(|Finding { step, fault }| FieldError { pointer: pointer(*step), detail: fault.to_string() }).collect()
 }
 
+/// Number of setups of a plan, which does not list a single one.
+fn setup_count(document: &PlanDocument) -> usize {
+    document.setups.len().max(1)
+}
+
+/// Pose of the part in a setup of a plan; `None` where the plan says nothing of it, as with neither a cell nor several setups.
+fn table_from_part(document: &PlanDocument, setup: usize) -> Option<Pose<Table, Part>> {
+    let placed = document.setups.get(setup).map(|placed| &placed.table_from_part);
+    placed.or(document.cell.as_ref().map(|cell| &cell.table_from_part)).map(PoseSpec::pose)
+}
+
+/// Viewpoints of a setup, each with its place in the plan.
+fn views_in(document: &PlanDocument, setup: usize) -> impl Iterator<Item = (usize, &ViewpointDocument)> {
+    let placed = document.setups.get(setup);
+    let is_here = move |id: u32| placed.is_none_or(|placed| placed.viewpoints.contains(&id));
+    document.viewpoints.iter().enumerate().filter(move |(_, view)| is_here(view.id))
+}
+
 /// Requirements of a plan with a cell on the program of a setup.
 fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Option<Expected> {
-    let cell = document.cell.as_ref()?;
-    let placed = document.setups.get(setup);
-    let table_from_part = placed.map_or(&cell.table_from_part, |placed| &placed.table_from_part).pose();
-    let is_here = |id: u32| placed.is_none_or(|placed| placed.viewpoints.contains(&id));
-    let visited = document.viewpoints.iter().filter(|view| view.station.is_some() && is_here(view.id));
-    let views = visited.map(|view| (ViewId(view.id), view.part_from_scanner.pose())).collect();
+    document.cell.as_ref()?;
+    let table_from_part = table_from_part(document, setup)?;
+    let visited = views_in(document, setup).filter(|(_, view)| view.station.is_some());
+    let views = visited.map(|(_, view)| (ViewId(view.id), view.part_from_scanner.pose())).collect();
     let table_alone = document.params.motion.table == TableMotion::Alone;
     Some(Expected { plan_sha256, table_from_part, table_alone, views })
 }
@@ -311,8 +321,7 @@ impl Reference {
     /// The finding; never one without a plan.
     pub fn owns(&self, program: &Program) -> Result<(), Finding> {
         let Some((plan, sha256)) = &self.plan else { return Ok(()) };
-        // A plan of one setup does not list it.
-        let setups = plan.setups.len().max(1);
+        let setups = setup_count(plan);
         let fault = match () {
             () if program.plan_sha256 != *sha256 => {
                 Fault::OtherPlan { program: program.plan_sha256.clone(), plan: sha256.clone() }
@@ -373,49 +382,19 @@ impl Reference {
     /// The cell, with the part if there is one and the plan says where it lies.
     #[must_use]
     pub fn scene(&self, cell: &Cell, expected: Option<&Expected>) -> CollisionScene {
-        let clearance_mm = self.plan.as_ref().map_or(MIN_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
-        match self.part.as_ref().zip(expected) {
-            None => CollisionScene::without_part(cell, clearance_mm),
-            Some((part, expected)) => {
-                CollisionScene::new(cell, part, self.fixture.as_ref(), &expected.table_from_part, clearance_mm)
-            }
-        }
+        let clearance_mm = self.plan.as_ref().map_or(MIN_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm);
+        self.scene_with(cell, clearance_mm, expected.map(|expected| &expected.table_from_part))
     }
 
-    /// Shares of the asked area: measured by the program's scans, and stated by the plan for the setup.
-    fn shares(
-        &self,
-        program: &Program,
-        cell: &Cell,
-        expected: Option<&Expected>,
-        ctx: &Context<'_>,
-    ) -> Result<Option<(f64, f64)>, Vec<FieldError>> {
-        let (Some((plan, _)), Some(expected), Some(part)) = (&self.plan, expected, &self.part) else { return Ok(None) };
-        let input = PlanInput {
-            mesh: part,
-            fixture: self.fixture.as_ref(),
-            part_sha256: &plan.part.sha256,
-            scanner: &cell.scanner,
-            cell: Some(cell),
-            roadmaps: None,
-        };
-        // Views of other setups than the program's clear samples of risks; what they measure is not to be had here.
-        if !plan.params.realism.count_at_risk && plan.setups.len() > 1 {
-            return Ok(None);
+    /// The cell, with the part if there is one and it is known where it lies. Bodies keep a clearance, less what a file loses.
+    fn scene_with(&self, cell: &Cell, clearance_mm: f64, table_from_part: Option<&Pose<Table, Part>>) -> CollisionScene {
+        let clearance_mm = clearance_mm - ROUNDING_MM;
+        match self.part.as_ref().zip(table_from_part) {
+            None => CollisionScene::without_part(cell, clearance_mm),
+            Some((part, table_from_part)) => {
+                CollisionScene::new(cell, part, self.fixture.as_ref(), table_from_part, clearance_mm)
+            }
         }
-        // Parameters do not say what earlier scans left open.
-        if plan.coverage.of_open {
-            return Ok(None);
-        }
-        let poses = program::scan_poses(program, cell, &expected.table_from_part).into_iter();
-        let scans = poses.zip(program::scan_configurations(program));
-        let view =
-            |(part_from_scanner, here): (_, Configuration)| TakenView { part_from_scanner, table_rad: Some(here.table_rad) };
-        let views: Vec<TakenView> = scans.map(view).collect();
-        let measured = recheck::measured_in_cell(&input, &plan.params, &expected.table_from_part, &views, ctx)
-            .map_err(|error| whole(error.to_string()))?;
-        let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
-        Ok(Some((measured.measured_mm2 / measured.asked_mm2, here / plan.coverage.asked_area_mm2)))
     }
 }
 
@@ -440,6 +419,6 @@ mod tests {
         let never = AtomicBool::new(false);
         let sound = check(program, &Presets, None, &Reference::default(), &Context::new(&never, &Silent)).expect("sound");
         assert!(sound.description.starts_with("program with 1 step, 0.0 s"), "{}", sound.description);
-        assert_eq!(measured_as_planned(0.999_99), "; its scans measure 99.99 % of the asked area, as planned");
+        assert_eq!(measured_as_planned("scans", 0.999_99), "; its scans measure 99.99 % of the asked area, as planned");
     }
 }

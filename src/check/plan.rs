@@ -1,5 +1,5 @@
 //! Checks on the document of a plan, whoever wrote it: names from closed lists, shares in range that add up, ids and sequence
-//! that are consistent; and with the cell, that every station puts the scanner on its viewpoint.
+//! that are consistent; and with the cell, that the plan was made in it and every station puts the scanner on its viewpoint.
 
 mod regions;
 
@@ -7,14 +7,15 @@ use std::collections::BTreeSet;
 
 use nalgebra::Point3;
 
-use super::expected;
+use super::{setup_count, table_from_part, views_in};
 use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings};
 use crate::geometry::{Device, ScannerFrame};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{AdviceKind, Cause, RemedyKind, RiskReason, StopReason, ViewId};
-use crate::program::{self, Expected};
+use crate::program;
 use crate::wire::plan::{
-    CellDocument, CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument, VisibleSharesDocument,
+    CellDocument, CoverageDocument, PartDocument, PlanDocument, RemedyDocument, StationDocument, ViewpointDocument,
+    VisibleSharesDocument,
 };
 
 /// Tolerance of sums of shares.
@@ -36,9 +37,13 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     if let Err(errors) = document.params.check() {
         errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
     }
+    let elsewhere = cell.map(|cell| made_elsewhere(document, cell)).unwrap_or_default();
+    // A plan of viewpoints alone is for no cell; in another cell than the plan's everything else would differ too.
+    let cell = cell.filter(|_| document.cell.is_some() && elsewhere.is_empty());
+    elsewhere.into_iter().for_each(|error| findings.push(error.pointer, error.detail));
     check_part(&document.part, &mut findings);
-    check_limits(document, cell.filter(|_| document.cell.is_some()), &mut findings);
-    check_depth(document, cell.filter(|_| document.cell.is_some()), &mut findings);
+    check_limits(document, cell, &mut findings);
+    check_depth(document, cell, &mut findings);
     check_candidates(document, &mut findings);
     check_coverage(&document.coverage, &mut findings);
     regions::check(document, &mut findings);
@@ -50,12 +55,43 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
     check_setups(document, &mut findings);
     document.cell.iter().for_each(|planned_in| check_cell(planned_in, &mut findings));
-    for setup in 0..document.setups.len().max(1) {
-        if let (Some(cell), Some(expected)) = (cell, expected(document, String::new(), setup)) {
-            check_stations(document, cell, &expected, &mut findings);
-        }
+    if let Some(cell) = cell {
+        (0..setup_count(document)).for_each(|setup| check_stations(document, cell, setup, &mut findings));
     }
     findings.into_result()
+}
+
+/// Findings of a plan that was made in another cell than `cell`, or with another scanner than that has.
+fn made_elsewhere(document: &PlanDocument, cell: &Cell) -> Vec<FieldError> {
+    const NEXT: &str = "give the cell that it was made in, or plan again";
+    let Some(planned_in) = &document.cell else { return Vec::new() };
+    let names = [
+        ("/cell/name", &planned_in.name, &cell.name),
+        ("/cell/robot", &planned_in.robot, &cell.robot.name),
+        ("/cell/turntable", &planned_in.turntable, &cell.turntable.name),
+        ("/scanner/name", &document.scanner.name, &cell.scanner.name),
+    ];
+    let other = names.into_iter().filter(|(_, planned, present)| planned != present);
+    let mut found: Vec<FieldError> = other
+        .map(|(pointer, planned, present)| FieldError {
+            pointer: pointer.to_owned(),
+            detail: format!("is {planned:?}; the given cell has {present:?}: {NEXT}"),
+        })
+        .collect();
+    // A scanner of another name differs in everything.
+    if document.scanner.name == cell.scanner.name {
+        let differences = document.scanner_differences(&cell.scanner).into_iter();
+        found.extend(differences.map(|FieldError { pointer, detail }| FieldError {
+            pointer,
+            detail: format!("in the given cell it {detail}: {NEXT}"),
+        }));
+    }
+    found
+}
+
+/// Joints and table angle of a station.
+pub(super) fn configuration(station: &StationDocument) -> Configuration {
+    Configuration { joints_rad: station.joints_deg.map(f64::to_radians), table_rad: station.table_angle_deg.to_radians() }
 }
 
 fn one_of(pointer: impl std::fmt::Display, name: &str, allowed: &[&str], findings: &mut Findings) {
@@ -420,15 +456,13 @@ fn check_raised_limits(at: &str, remedy: &RemedyDocument, document: &PlanDocumen
     }
 }
 
-fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, findings: &mut Findings) {
+/// Requires stations of a setup within the limits of the axes and at their views.
+fn check_stations(document: &PlanDocument, cell: &Cell, setup: usize, findings: &mut Findings) {
+    let Some(table_from_part) = table_from_part(document, setup) else { return };
     let axes = cell.axes();
-    for (index, view) in document.viewpoints.iter().enumerate() {
-        let is_here = expected.views.iter().any(|(id, _)| id.0 == view.id);
-        let Some(station) = view.station.as_ref().filter(|_| is_here) else { continue };
-        let configuration = Configuration {
-            joints_rad: station.joints_deg.map(f64::to_radians),
-            table_rad: station.table_angle_deg.to_radians(),
-        };
+    for (index, view) in views_in(document, setup) {
+        let Some(station) = &view.station else { continue };
+        let configuration = configuration(station);
         let at = format!("/viewpoints/{index}/station");
         for (axis, (limits, angle)) in axes.0.iter().zip(configuration.axes_rad()).enumerate() {
             let (min_deg, max_deg) = (limits.min_rad.to_degrees(), limits.max_rad.to_degrees());
@@ -440,7 +474,7 @@ fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, fin
             findings.range(field, angle.to_degrees(), min_deg - ROUNDING_DEG, max_deg + ROUNDING_DEG, "°");
         }
         let wanted = view.part_from_scanner.pose();
-        if let Some(fault) = program::off_pose(cell, &expected.table_from_part, ViewId(view.id), &configuration, &wanted) {
+        if let Some(fault) = program::off_pose(cell, &table_from_part, ViewId(view.id), &configuration, &wanted) {
             findings.push(at, fault.to_string());
         }
     }

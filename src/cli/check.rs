@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::doubts;
 use super::files::{self, FileLibrary};
-use super::{CliError, FileFinding, given_params, output};
+use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec, SpecKind};
 use crate::check::{OtherPart, Present, Reference, Sound, check, check_part, check_part_of, check_plan, kind_of};
 use crate::geometry::{LengthUnit, Poll};
@@ -29,20 +29,23 @@ const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
 #[command(after_help = "Examples:
   vantage check cell.toml robot.json params.toml
   vantage check plan/plan.json plan/program.json
+  vantage check plan/plan.json --cell e05-transcan --mesh part.stl --unit mm
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json \\
       --mesh part.stl --unit mm
 
-Without --cell a program is checked for structure and ranges only, and that it belongs to the plan.json beside it, if there is \
-one. With --mesh a program needs --plan, which says where the part lies. For an incomplete file every missing field is listed at \
-once. Warnings, such as a tolerance finer than the scanner's noise allows or a home that looks like radians, are not findings \
-unless --strict is given.
+Without --cell plans and programs are checked for structure and ranges only, and a program that it belongs to the plan.json \
+beside it, if there is one. With --cell a plan must have been made in that cell, and its stations are recomputed: limits, poses \
+and collisions. With --mesh the part is among what may collide, and the coverage that a plan states is derived anew from its \
+views; a program then needs --plan, which says where the part lies. The line of a plan says what was checked and what was not. \
+For an incomplete file every missing field is listed at once. Warnings, such as a tolerance finer than the scanner's noise \
+allows or a home that looks like radians, are not findings unless --strict is given.
 
 Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Cell to recompute limits, times, collisions and poses with: name of a preset, or a TOML or JSON file.
+    /// Cell to recompute limits, times, collisions, poses and coverage with: name of a preset, or a TOML or JSON file.
     #[arg(long)]
     cell: Option<String>,
     /// Treat warnings as errors.
@@ -52,16 +55,16 @@ pub struct CheckArgs {
     reference: ReferenceArgs,
 }
 
-/// Files that a program is checked against, besides the cell.
+/// Files that plans and programs are checked against, besides the cell.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ReferenceArgs {
-    /// Plan that the program has to carry out.
+    /// Plan that a program has to carry out.
     #[arg(long, requires = "cell")]
     pub(super) plan: Option<PathBuf>,
-    /// Part, STL, OBJ or PLY: for collisions and for the area that the scans measure. The plan says where it lies.
+    /// Part, STL, OBJ or PLY: for collisions and for the area that scans and views measure. The plan says where it lies.
     #[arg(long, requires = "cell")]
     pub(super) mesh: Option<PathBuf>,
-    /// Fixture, in the part's coordinates and unit: for collisions.
+    /// Fixture, in the part's coordinates and unit: for collisions and for what it hides of the part.
     #[arg(long, requires = "mesh")]
     fixture: Option<PathBuf>,
     /// Unit of the meshes: mm, cm, m or inch.
@@ -107,11 +110,8 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
             if let Ok(Some(controllers)) = &controllers {
                 doubts.extend(doubts::of_controllers(controllers, &value[SpecKind::Robot.as_str()]));
             }
-            let is_params = kind_of(&value) == Some(DocumentKind::Params);
-            let as_given = if is_params { given_params::check_document(&value) } else { Ok(()) };
-            let checked = check(value, &FileLibrary, cell.as_ref(), &reference, &ctx)
-                .and_then(|sound| as_given.map(|()| sound))
-                .map_err(|errors| files::findings(&shown, &errors));
+            let checked =
+                check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
             with_controllers(checked, controllers)
         });
         let sound = sound.map(|sound| Sound { warnings: [sound.warnings, doubts].concat(), ..sound });
@@ -307,6 +307,8 @@ fn read_plan(path: &Path) -> Result<(PlanDocument, String), CliError> {
     Ok((document, plan_sha256(&bytes)))
 }
 
+#[cfg(test)]
+mod plan_in_cell_tests;
 #[cfg(test)]
 mod plan_tests;
 #[cfg(test)]

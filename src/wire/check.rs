@@ -43,8 +43,8 @@ pub struct CheckRequest {
     #[serde(default)]
     #[schema(value_type = Option<Object>)]
     pub plan: Option<Map<String, Value>>,
-    /// Part: a plan is held against it; a program, with its `plan`, which says where the part lies, for collisions and for the area that
-    /// its scans measure.
+    /// Part: a plan is held against it, and in the cell checked for collisions with it and for the coverage that it states; a program,
+    /// with its `plan`, which says where the part lies, for collisions and for the area that its scans measure.
     #[serde(default)]
     pub mesh_id: Option<MeshId>,
     /// Fixture, in the part's coordinates.
@@ -65,7 +65,8 @@ pub struct CheckReport {
     pub sound: bool,
     /// Description of a sound document.
     pub description: Option<String>,
-    /// Share of the asked area that the scans of a program measure, 0 to 1; with `cell`, `plan` and `mesh_id`.
+    /// Share of the asked area that the views of a plan (with `cell` and `mesh_id`) or the scans of a program (with `plan` too)
+    /// measure, 0 to 1.
     pub measured_of_asked: Option<f64>,
     /// Findings, each with the pointer into the document; empty for the whole.
     pub findings: Vec<ProblemField>,

@@ -11,6 +11,10 @@ use crate::wire::{CheckReport, CheckRequest};
 ///
 /// Nothing is stored. A program is recomputed from itself alone: limits, times, collisions along every segment and where the
 /// scanner is at each capture; with plan and part also the area that its captures measure, by the reference engine.
+///
+/// A plan is checked for structure and ranges; with the cell, that it was made in this cell with this scanner, and each of its
+/// stations: limits, pose and collisions; with the part also collisions with the part, and the coverage that it states, by the
+/// reference engine. The description says what was checked and what was not.
 #[utoipa::path(
     post,
     path = "/check",

@@ -110,6 +110,12 @@ async fn a_program_is_recomputed_from_itself() {
     assert_eq!(report["sound"], false, "a step is missing: {report}");
     let report = api.post_json("/api/v1/check", &json!({"document": plan, "cell": "e05-transcan"})).await.ok(200);
     assert_eq!((&report["kind"], &report["sound"]), (&json!("plan"), &json!(true)), "{report}");
+    let told = report["description"].as_str().unwrap_or_default();
+    assert!(told.contains(": stations, collisions without the part; not checked: coverage (give the part), moves"), "{report}");
+    let mut of_another = plan.clone();
+    of_another["cell"]["robot"] = json!("another");
+    let report = api.post_json("/api/v1/check", &json!({"document": of_another, "cell": "e05-transcan"})).await.ok(200);
+    assert_eq!((&report["sound"], &report["findings"][0]["pointer"]), (&json!(false), &json!("/cell/robot")), "{report}");
 }
 
 /// A damaged plan switched the check of collisions off, another part and other captures were not noticed.

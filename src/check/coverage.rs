@@ -1,0 +1,165 @@
+//! Coverage derived anew, by the reference engine, beside the coverage that a plan states: from the scans of a program, or from
+//! the viewpoints of the plan itself.
+
+use super::{Reference, setup_count, table_from_part, views_in, whole};
+use crate::cell::{Cell, Configuration, FieldError};
+use crate::geometry::{Part, Pose, Table};
+use crate::planning::PlanInput;
+use crate::planning::certificate::recheck::{TakenView, recheck};
+use crate::planning::context::{Context, PlanError};
+use crate::planning::params::PlanParams;
+use crate::planning::selection::coverable_mm2;
+use crate::planning::visibility::Row;
+use crate::program::{self, Expected, Program};
+use crate::wire::plan::{PlanDocument, ViewpointDocument};
+
+/// Coverage of a plan, derived anew.
+pub(super) enum PlanCoverage {
+    /// Agreement with what the plan states: the share of the asked area that its views measure.
+    AsStated(f64),
+    /// No comparison, with the reason or with what to give.
+    Unchecked(String),
+}
+
+/// Views that are taken while the part lies in one way.
+struct PlacedViews {
+    table_from_part: Pose<Table, Part>,
+    views: Vec<TakenView>,
+}
+
+/// Share of the asked area that views measure, derived anew.
+struct Measured {
+    of_asked: f64,
+    /// Number of samples that it was derived on.
+    samples: usize,
+}
+
+impl Measured {
+    /// Returns true if it differs from the share that a plan states for its own samples.
+    fn is_off(&self, planned: f64) -> bool {
+        program::off_coverage(self.of_asked, planned).is_some()
+    }
+
+    /// Returns true if the plan was made on other samples, as earlier releases took them for small regions: two sound shares may
+    /// then differ.
+    fn is_on_other_samples(&self, plan: &PlanDocument) -> bool {
+        plan.chosen_on.is_none_or(|chosen_on| chosen_on.of_samples != self.samples)
+    }
+}
+
+/// Share of the asked area that the views of some setups measure together.
+///
+/// Setups are evaluated one by one, which loses nothing where area at risk is not counted: a sample in the margins of images is
+/// left out of a setup unless one of its views measures it outside of them, and so out of all setups unless a view of any does;
+/// one beside a concave edge is left out of each.
+fn measured_together(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    setups: &[PlacedViews],
+    ctx: &Context<'_>,
+) -> Result<Measured, PlanError> {
+    let (mut rows, mut asked_area_mm2) = (Vec::new(), Vec::new());
+    for PlacedViews { table_from_part, views } in setups {
+        let of_setup = recheck(input, params, table_from_part, views, ctx)?;
+        rows.extend(of_setup.rows);
+        // The samples are the same in every setup.
+        asked_area_mm2 = of_setup.asked_area_mm2;
+    }
+    let rows: Vec<&Row> = rows.iter().collect();
+    let of_asked = coverable_mm2(&rows, &asked_area_mm2) / asked_area_mm2.iter().sum::<f64>();
+    Ok(Measured { of_asked, samples: asked_area_mm2.len() })
+}
+
+/// A viewpoint of a plan as the plan says it is taken.
+fn taken(view: &ViewpointDocument) -> TakenView {
+    let table_rad = view.station.as_ref().map(|station| station.table_angle_deg.to_radians());
+    TakenView { part_from_scanner: view.part_from_scanner.pose(), table_rad }
+}
+
+impl Reference {
+    /// Input of a plan, to evaluate views anew; `None` without the part.
+    fn input<'a>(&'a self, plan: &'a PlanDocument, cell: &'a Cell) -> Option<PlanInput<'a>> {
+        Some(PlanInput {
+            mesh: self.part.as_ref()?,
+            fixture: self.fixture.as_ref(),
+            part_sha256: &plan.part.sha256,
+            scanner: &cell.scanner,
+            // A plan without a cell knows neither its plate nor its obstacles.
+            cell: plan.cell.as_ref().map(|_| cell),
+            roadmaps: None,
+        })
+    }
+
+    /// Shares of the asked area: measured by the program's scans, and stated by the plan for the setup. `None` where they cannot
+    /// be compared.
+    pub(super) fn shares(
+        &self,
+        program: &Program,
+        cell: &Cell,
+        expected: Option<&Expected>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<(f64, f64)>, Vec<FieldError>> {
+        let (Some((plan, _)), Some(expected)) = (&self.plan, expected) else { return Ok(None) };
+        let Some(input) = self.input(plan, cell) else { return Ok(None) };
+        // Views of other setups than the program's clear samples of risks; what they measure is not to be had here.
+        if !plan.params.realism.count_at_risk && plan.setups.len() > 1 {
+            return Ok(None);
+        }
+        // Parameters do not say what earlier scans left open.
+        if plan.coverage.of_open {
+            return Ok(None);
+        }
+        let poses = program::scan_poses(program, cell, &expected.table_from_part).into_iter();
+        let scans = poses.zip(program::scan_configurations(program));
+        let view =
+            |(part_from_scanner, here): (_, Configuration)| TakenView { part_from_scanner, table_rad: Some(here.table_rad) };
+        let setup = PlacedViews { table_from_part: expected.table_from_part, views: scans.map(view).collect() };
+        let measured = measured_together(&input, &plan.params, &[setup], ctx).map_err(|error| whole(error.to_string()))?;
+        let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
+        let planned = here / plan.coverage.asked_area_mm2;
+        if measured.is_off(planned) && measured.is_on_other_samples(plan) {
+            return Ok(None);
+        }
+        Ok(Some((measured.of_asked, planned)))
+    }
+
+    /// Derives the coverage of a plan anew, that of all its setups together, on the samples that the plan states it for.
+    ///
+    /// # Errors
+    /// The finding that its viewpoints measure something else than it states, or why they cannot be evaluated.
+    pub(super) fn coverage(&self, plan: &PlanDocument, cell: &Cell, ctx: &Context<'_>) -> Result<PlanCoverage, Vec<FieldError>> {
+        let unchecked = |reason: &str| Ok(PlanCoverage::Unchecked(reason.to_owned()));
+        let Some(input) = self.input(plan, cell) else { return unchecked("give the part") };
+        if self.lacks_fixture(plan) {
+            return unchecked("give the fixture that it was planned with");
+        }
+        // Parameters do not say what earlier scans left open.
+        if plan.coverage.of_open {
+            return unchecked("the plan asks for what earlier scans left open alone");
+        }
+        if input.cell.is_none() && !plan.scanner_differences(input.scanner).is_empty() {
+            return unchecked("the plan was made with another scanner than that of the cell");
+        }
+        let views = |setup: usize| views_in(plan, setup).map(|(_, view)| view).filter(|view| view.rejected.is_none()).map(taken);
+        let placed = |setup: usize| PlacedViews {
+            table_from_part: table_from_part(plan, setup).unwrap_or_else(Pose::identity),
+            views: views(setup).collect(),
+        };
+        let setups: Vec<PlacedViews> = (0..setup_count(plan)).map(placed).collect();
+        let measured = measured_together(&input, &plan.params, &setups, ctx).map_err(|error| whole(error.to_string()))?;
+        let planned = plan.coverage.of_asked;
+        if !measured.is_off(planned) {
+            return Ok(PlanCoverage::AsStated(measured.of_asked));
+        }
+        if measured.is_on_other_samples(plan) {
+            return unchecked("the plan was made on other samples, by another release: plan again");
+        }
+        let detail = format!("is {planned:.5}; by its viewpoints it is {:.5}: plan again", measured.of_asked);
+        Err(vec![FieldError { pointer: "/coverage/of_asked".to_owned(), detail }])
+    }
+
+    /// Returns true if the plan was made with a fixture, and none is given.
+    pub(super) fn lacks_fixture(&self, plan: &PlanDocument) -> bool {
+        self.fixture.is_none() && plan.params.part.fixture_mesh.is_some()
+    }
+}
