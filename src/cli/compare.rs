@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
-use super::plan::pool;
+use super::plan::{now, pool};
 use super::scanned_part::{RecordArgs, ScannedPartArgs, read_state, with_sets};
 use super::{CliError, files, output, params};
 use crate::geometry::LengthUnit;
@@ -77,7 +77,7 @@ pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
     args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;
-    let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before };
+    let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before, date: Some(now()) };
     let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
     let inspected = pool.install(|| job.inspect(&scanned.part(), &progress, &Context::new(cancel, &Silent)));
     let inspected = inspected.map_err(to_cli_error)?;

@@ -5,10 +5,10 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::check::warn;
-use super::{CliError, doubts, files, presets, set_value};
-use crate::cell::FieldError;
+use super::{CliError, doubts, files, set_value};
 use crate::planning::params::PlanParams;
-use crate::wire::{decode, parameters};
+use crate::wire::parameters;
+use crate::wire::preset::check_beside_preset;
 
 /// Loads the parameter file and applies every `--set` to it.
 pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
@@ -61,42 +61,6 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         Err(errors) => Err(files::findings("parameters", &errors)),
     });
     checked.map_err(|error| named_by_sets(error, sets))
-}
-
-/// Checks what a document of parameters gives beside its preset, as a plan does; ranges are not looked at, and one that cannot be read
-/// has no findings.
-///
-/// # Errors
-/// Every finding.
-pub(super) fn check_document(given: &Value) -> Result<(), Vec<FieldError>> {
-    decode(given).map_or(Ok(()), |params: PlanParams| check_beside_preset(given, &params))
-}
-
-/// Refuses what is given beside a preset that sets it otherwise, defaults too: once read, they are as if they were not given.
-fn check_beside_preset(given: &Value, params: &PlanParams) -> Result<(), Vec<FieldError>> {
-    let (set, read) = (presets::set_by(params.preset).unwrap_or_default(), serde_json::to_value(params).unwrap_or_default());
-    let mut pointers = Vec::new();
-    set_otherwise(&set, given, &read, "", &mut pointers);
-    let name = given["preset"].as_str().unwrap_or_default();
-    let error = |pointer: String| {
-        let detail = format!("is set by preset = {name}; leave it out, or leave out the preset");
-        FieldError { pointer, detail }
-    };
-    let errors: Vec<FieldError> = pointers.into_iter().map(error).collect();
-    if errors.is_empty() { Ok(()) } else { Err(errors) }
-}
-
-/// Pointers of the fields that are in `set` and `given`, and that `read` has with another value than `set`.
-fn set_otherwise(set: &Value, given: &Value, read: &Value, at: &str, pointers: &mut Vec<String>) {
-    if let Value::Object(fields) = set {
-        for (name, field) in fields {
-            if let Some(given) = given.get(name) {
-                set_otherwise(field, given, &read[name], &format!("{at}/{name}"), pointers);
-            }
-        }
-    } else if read != set {
-        pointers.push(at.to_owned());
-    }
 }
 
 /// The error with each finding in a parameter that a `--set` gives at that option, which its user typed; the pointer is then the

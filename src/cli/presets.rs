@@ -2,13 +2,14 @@
 //! one as a file to start from.
 
 use serde::Serialize;
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::{CliError, output};
 use crate::cell::{
     KinematicsSpec, Named, NotFound, Presets, RobotSpec, RotationSpec, SpecKind, SpecLibrary, did_you_mean, preset_text,
 };
-use crate::planning::params::{PlanParams, Preset};
+use crate::planning::params::Preset;
+use crate::wire::preset::{all_defaults, set_by};
 
 /// List the scanners, robots, turntables, cells and sets of parameters that ship with Vantage.
 #[derive(Clone, Debug, clap::Args)]
@@ -101,34 +102,9 @@ fn list() -> Result<Vec<PresetLine>, CliError> {
 fn parameter_set(name: &str) -> Result<Value, serde_json::Error> {
     let preset: Preset = serde_json::from_value(name.into())?;
     if preset != Preset::default() {
-        return set_by(preset);
+        return Ok(set_by(preset));
     }
-    let all = serde_json::to_value(PlanParams::default())?;
-    Ok(difference(all, &Value::Null).unwrap_or_else(|| Value::Object(Map::new())))
-}
-
-/// Parameters that a preset sets otherwise than the defaults, as a file of parameters has them.
-pub(super) fn set_by(preset: Preset) -> Result<Value, serde_json::Error> {
-    let default = PlanParams::default();
-    let set = serde_json::to_value(preset.apply(&default))?;
-    Ok(difference(set, &serde_json::to_value(default)?).unwrap_or_else(|| Value::Object(Map::new())))
-}
-
-/// The fields of a value that differ from `other`, without those that are not given; `None` if there are none.
-fn difference(value: Value, other: &Value) -> Option<Value> {
-    match value {
-        Value::Object(fields) => {
-            let differing = fields.into_iter().filter_map(|(name, field)| {
-                let differing = difference(field, other.get(&name).unwrap_or(&Value::Null))?;
-                Some((name, differing))
-            });
-            let differing: Map<String, Value> = differing.collect();
-            (!differing.is_empty()).then_some(Value::Object(differing))
-        }
-        value @ (Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) | Value::Array(_)) => {
-            (value != *other && !value.is_null()).then_some(value)
-        }
-    }
+    Ok(all_defaults())
 }
 
 /// A set of parameters as a TOML file, with its source.
@@ -189,6 +165,7 @@ fn named<T>(part: &Named<T>) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::params::PlanParams;
 
     #[test]
     fn every_preset_is_listed_with_its_figures() {

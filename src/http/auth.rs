@@ -192,8 +192,11 @@ mod tests {
 
     #[test]
     fn the_host_that_a_trusted_proxy_was_asked_for_is_ours_if_we_answer_to_it() {
-        let options =
-            ServerOptions { trusted_proxies: vec![PROXY], hosts: vec!["planner".to_owned()], ..ServerOptions::for_tests() };
+        let options = ServerOptions {
+            trusted_proxies: vec![PROXY.into()],
+            hosts: vec!["planner".to_owned()],
+            ..ServerOptions::for_tests()
+        };
         for (peer, origin, forwarded, is_cross) in [
             (PROXY, "http://127.0.0.1:8080", "", false),
             (PROXY, "http://planner", "", true),

@@ -8,6 +8,7 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName};
 
+use super::network::IpNetwork;
 use super::router::ApiState;
 
 /// The address at the other end of the connection.
@@ -30,9 +31,9 @@ const FORWARDED_PREFIX: HeaderName = HeaderName::from_static("x-forwarded-prefix
 
 impl Client {
     /// Determines the client of a request. Requests without a connection, as in tests, share one client.
-    pub(super) fn from_parts(parts: &Parts, trusted_proxies: &[IpAddr]) -> Self {
+    pub(super) fn from_parts(parts: &Parts, trusted_proxies: &[IpNetwork]) -> Self {
         let peer = peer(parts);
-        if !trusted_proxies.contains(&peer) {
+        if !is_trusted(peer, trusted_proxies) {
             return Self { address: peer, is_https: false };
         }
         let is_https = entries(&parts.headers, &FORWARDED_PROTO).next_back().is_some_and(|p| p.eq_ignore_ascii_case("https"));
@@ -48,31 +49,36 @@ impl FromRequestParts<ApiState> for Client {
     }
 }
 
+/// Returns true if the address is that of a trusted proxy.
+fn is_trusted(address: IpAddr, trusted_proxies: &[IpNetwork]) -> bool {
+    trusted_proxies.iter().any(|network| network.contains(address))
+}
+
 /// Address at the other end of a request's connection; unspecified without a connection, as in tests.
 fn peer(parts: &Parts) -> IpAddr {
     parts.extensions.get::<Peer>().map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0)
 }
 
 /// Entries of `X-Forwarded-Prefix`; none unless a trusted proxy sent them.
-pub(super) fn forwarded_prefixes<'a>(parts: &'a Parts, trusted_proxies: &[IpAddr]) -> impl Iterator<Item = &'a str> + use<'a> {
-    let is_trusted = trusted_proxies.contains(&peer(parts));
+pub(super) fn forwarded_prefixes<'a>(parts: &'a Parts, trusted_proxies: &[IpNetwork]) -> impl Iterator<Item = &'a str> + use<'a> {
+    let is_trusted = is_trusted(peer(parts), trusted_proxies);
     entries(&parts.headers, &FORWARDED_PREFIX).filter(move |_| is_trusted)
 }
 
 /// Host that the nearest proxy was asked for, with its port if the proxy says it; none unless a trusted proxy sent it.
-pub(super) fn forwarded_host<'a>(parts: &'a Parts, trusted_proxies: &[IpAddr]) -> Option<&'a str> {
-    let is_trusted = trusted_proxies.contains(&peer(parts));
+pub(super) fn forwarded_host<'a>(parts: &'a Parts, trusted_proxies: &[IpNetwork]) -> Option<&'a str> {
+    let is_trusted = is_trusted(peer(parts), trusted_proxies);
     entries(&parts.headers, &FORWARDED_HOST).next_back().filter(|_| is_trusted)
 }
 
 /// The last address in `X-Forwarded-For` that is not a trusted proxy. Each proxy appends the address it was asked by, so
 /// the entries before that one come from the client and may be anything.
-fn behind(peer: IpAddr, headers: &HeaderMap, trusted_proxies: &[IpAddr]) -> IpAddr {
+fn behind(peer: IpAddr, headers: &HeaderMap, trusted_proxies: &[IpNetwork]) -> IpAddr {
     let mut nearest = peer;
     for entry in entries(headers, &FORWARDED_FOR).rev() {
         let Some(address) = address(entry) else { return nearest };
         nearest = address;
-        if !trusted_proxies.contains(&address) {
+        if !is_trusted(address, trusted_proxies) {
             return address;
         }
     }

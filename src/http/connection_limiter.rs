@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
+use super::network::IpNetwork;
+
 /// Connections beyond the maximum, on which only probes are answered.
 pub const RESERVED_CONNECTIONS: usize = 64;
 /// Reserved connections that one address may hold.
@@ -43,8 +45,8 @@ enum Pool {
 pub(super) struct ConnectionLimiter {
     max: usize,
     per_address: usize,
-    /// Addresses without a limit of their own: proxies, which serve many clients.
-    exempt: Vec<IpAddr>,
+    /// Networks whose addresses have no limit of their own: proxies, which serve many clients.
+    exempt: Vec<IpNetwork>,
     began: Instant,
     table: Mutex<Table>,
 }
@@ -98,7 +100,7 @@ pub(super) struct ConnectionSlot {
 
 impl ConnectionLimiter {
     /// Limits connections to `max`, and to `per_address` from one address that is not `exempt`.
-    pub(super) fn new(max: usize, per_address: usize, exempt: Vec<IpAddr>) -> Arc<Self> {
+    pub(super) fn new(max: usize, per_address: usize, exempt: Vec<IpNetwork>) -> Arc<Self> {
         Arc::new(Self { max, per_address, exempt, began: Instant::now(), table: Mutex::default() })
     }
 
@@ -109,7 +111,7 @@ impl ConnectionLimiter {
     pub(super) fn admit(self: &Arc<Self>, address: IpAddr) -> Result<Arc<ConnectionSlot>, ExceededLimit> {
         let mut table = self.lock();
         let held = table.addresses.get(&address).map_or(0, |occupancies| occupancies[Pool::General as usize].held);
-        let exceeded = if held >= self.per_address && !self.exempt.contains(&address) {
+        let exceeded = if held >= self.per_address && !self.exempt.iter().any(|network| network.contains(address)) {
             Some(ExceededLimit::Address).filter(|_| !table.evict(Pool::General, Some(address)))
         } else if table.held[Pool::General as usize] >= self.max {
             Some(ExceededLimit::Server).filter(|_| !table.evict(Pool::General, None))

@@ -44,11 +44,15 @@ impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for Json<T>
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &ApiState) -> Result<Self, ApiError> {
-        let (parts, body) = request.into_parts();
-        check_json(&parts.headers)?;
-        let bytes = read(body, state.options.max_json_bytes, BodyRate::new(state.options.body_idle_timeout)).await?;
-        Ok(Self(wire::parse_document(&bytes)?))
+        Ok(Self(wire::parse_document(&json_body(request, state).await?)?))
     }
+}
+
+/// Bytes of a JSON body.
+pub(super) async fn json_body(request: Request, state: &ApiState) -> Result<Vec<u8>, ApiError> {
+    let (parts, body) = request.into_parts();
+    check_json(&parts.headers)?;
+    read(body, state.options.max_json_bytes, BodyRate::new(state.options.body_idle_timeout)).await
 }
 
 fn check_json(headers: &HeaderMap) -> Result<(), ApiError> {

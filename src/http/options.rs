@@ -1,10 +1,11 @@
 //! Options of the HTTP server.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use super::auth::ApiKey;
+use super::network::IpNetwork;
 
 /// Addresses, keys, limits and timeouts of the HTTP server.
 #[derive(Clone, Debug)]
@@ -17,8 +18,9 @@ pub struct ServerOptions {
     pub api_keys_file: Option<PathBuf>,
     /// Names of the server besides its addresses and `localhost`, in lower case. Empty with a key: any name.
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Host`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
-    pub trusted_proxies: Vec<IpAddr>,
+    /// Addresses and networks of proxies whose `X-Forwarded-For`, `X-Forwarded-Host`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are
+    /// trusted.
+    pub trusted_proxies: Vec<IpNetwork>,
     /// Path prefix below which clients reach the server, unless a trusted proxy sends another; empty for none.
     pub public_path: String,
     /// Origins of other sites' pages that may use the API with its key, in lower case.

@@ -228,6 +228,10 @@ fn the_page_shows_every_figure_of_a_region_by_the_name_that_answers_have() {
         min_tolerance_mm: None,
         missed: Vec::new(),
         beyond_noise_area_mm2: 0.0,
+        independent_samples: None,
+        independent_of_asked: None,
+        independent_standard_error: None,
+        independently_met: None,
         why_unmet: Some(String::new()),
     };
     let region = serde_json::to_value(region).expect("JSON");

@@ -16,6 +16,7 @@ use super::inspections::Inspections;
 use super::jobs::{self, JobRunner};
 use super::maintenance::maintain;
 use super::options::Options;
+use super::parse_memory::ParseMemory;
 use super::planner::{JobInput, Planner, plan_files};
 use super::runs::Runs;
 use super::size::{Sizer, size_of};
@@ -39,6 +40,8 @@ pub(super) struct Inner {
     pub(super) cells: Arc<KeptCells>,
     /// Limits the meshes parsed at the same time.
     pub(super) parsing: Arc<Semaphore>,
+    /// Memory of the meshes parsed at the same time.
+    pub(super) parse_memory: ParseMemory,
     /// Limits the requests resolved at the same time.
     pub(super) resolving: Arc<Semaphore>,
     /// Limits the concurrent uploads.
@@ -94,6 +97,7 @@ impl App {
         });
         let runner = JobRunner::new(&options, planner, sizer)?;
         let parsing = Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into)));
+        let parse_memory = ParseMemory::new(options.parse_memory_bytes);
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (uploads, resolving) =
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
@@ -106,6 +110,7 @@ impl App {
             runner,
             cells,
             parsing,
+            parse_memory,
             resolving,
             uploads,
             drawing,

@@ -11,7 +11,7 @@ use super::error::is_transient_io;
 use super::hashing_reader::HashingReader;
 use super::plan_job::{Artifact, plan_sha256};
 use super::planner::{JobError, JobInput, opened, read_error, read_with_retry};
-use super::rescan_job::{RESCAN_STATE_FILE, check_words};
+use super::rescan_job::RESCAN_STATE_FILE;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::check::read_plan;
 use crate::geometry::cloud_io::{self, CloudError, CloudLimits};
@@ -168,6 +168,8 @@ pub struct InspectJob {
     pub record: Option<RunRecordDocument>,
     /// State after the round before, whose surface stays measured.
     pub before: Option<RescanState>,
+    /// Date of the inspection in UTC, RFC 3339; the report says it.
+    pub date: Option<String>,
 }
 
 /// Part and hardware of an inspection.
@@ -197,13 +199,11 @@ pub struct Inspected {
 }
 
 impl InspectJob {
-    /// Samples that the round before measured.
-    fn measured_before(&self, now: &SampleSet) -> Result<Option<SampleSet>, InspectError> {
-        let refused = |error| InspectError::Refused(vec![error]);
+    /// Samples that the round before measured, of so many.
+    fn measured_before(&self, samples: usize) -> Result<Option<SampleSet>, InspectError> {
         let Some(before) = &self.before else { return Ok(None) };
-        let measured = before.measured().map_err(refused)?;
-        check_words(&measured, now.words().len()).map_err(refused)?;
-        Ok(Some(measured))
+        let measured = before.check_samples(samples).and_then(|()| before.measured());
+        measured.map(Some).map_err(|error| InspectError::Refused(vec![error]))
     }
 
     /// Inspects the part of a job; `progress` is told the share done.
@@ -282,14 +282,14 @@ impl InspectJob {
             params: &self.params,
         };
         let inspection = inspect(&input, &|share| progress(0.2 + 0.7 * share), ctx)?;
-        let before = self.measured_before(&inspection.coverage.measured)?;
+        let before = self.measured_before(inspection.surface.sample_mm.len())?;
         let plan_sha256 = plan_sha256(&self.plan);
         let state = RescanState::new(&inspection, &plan, &plan_sha256, self.before.as_ref());
         let taken = InspectedFiles::new(&taken);
         let document = InspectionDocument::new(&inspection, &taken, &self.params, part.mesh, (&plan_sha256, &state));
         let learned = LearnedDocument::new(inspection.learned.as_ref(), &inspection.offer, &plan_sha256);
         let report = InspectionReport {
-            subject: part.subject(&plan),
+            subject: ReportSubject { date: self.date.as_deref(), ..part.subject(&plan) },
             planned_at,
             run_at: self.record.as_ref().map(|record| record.run.created_at.as_str()),
             inspection: &inspection,

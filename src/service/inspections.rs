@@ -381,6 +381,7 @@ impl App {
                 params: job.params.clone(),
                 record,
                 before: input.rescan.as_ref().map(|rescan| rescan.state.clone()),
+                date: Some(job.created_at.clone()),
             },
             input,
         })

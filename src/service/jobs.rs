@@ -24,7 +24,7 @@ use self::tracker::{Tracker, persist_progress};
 use super::app::App;
 use super::error::Error;
 use super::failpoint;
-use super::plan_job::PLAN_FILE;
+use super::plan_job::{PLAN_FILE, left_out_candidates};
 use super::planner::{Artifact, JobError};
 use super::progress::Course;
 use super::retry::{MAX_STORE_RETRY, STORE_RETRY};
@@ -352,18 +352,23 @@ struct PlanWarnings {
     warnings: Vec<FieldWarning>,
 }
 
-/// Warnings of the plan among the files of an attempt, but for those that its job has had since it was submitted.
+/// Warnings on what an attempt came to, but for those that its job has had since it was submitted.
 fn warnings_of(artifacts: &[Artifact]) -> Vec<FieldWarning> {
+    let of_plan = warnings_of_plan(artifacts).into_iter().filter(|warning| warning.code.is_of_plan());
+    of_plan.chain(left_out_candidates(artifacts, "/params")).collect()
+}
+
+/// Warnings of the plan among the files of an attempt.
+fn warnings_of_plan(artifacts: &[Artifact]) -> Vec<FieldWarning> {
     let Some(file) = artifacts.iter().find(|artifact| artifact.name == PLAN_FILE) else { return Vec::new() };
     // Not by way of a value: a plan is large, and little of it is kept.
-    let plan: PlanWarnings = match serde_json::from_slice(&file.bytes) {
-        Ok(plan) => plan,
+    match serde_json::from_slice::<PlanWarnings>(&file.bytes) {
+        Ok(plan) => plan.warnings,
         Err(error) => {
             tracing::warn!(error = &error as &dyn std::error::Error, "the warnings of a plan cannot be read");
-            return Vec::new();
+            Vec::new()
         }
-    };
-    plan.warnings.into_iter().filter(|warning| warning.code.is_of_plan()).collect()
+    }
 }
 
 #[cfg(test)]

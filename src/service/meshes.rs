@@ -1,7 +1,7 @@
 //! Meshes: hashed while they are received, parsed and checked, stored by content.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -12,6 +12,7 @@ use tokio::task::JoinHandle;
 use super::app::App;
 use super::error::{Error, InternalError};
 use super::hashing_reader::HashingReader;
+use super::parse_memory::bytes_to_read;
 use super::plan_job::PREVIEW_TRIANGLES;
 use super::store::{NewMesh, Page, Received, blocking};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
@@ -141,8 +142,9 @@ impl App {
         self.check_open()?;
         let FinishedUpload(received) = upload;
         let limits = Limits { max_triangles: self.0.options.max_triangles };
+        let path = received.file.path().to_owned();
         let (received, health) = self
-            .run_abandonable(move |poll| {
+            .run_abandonable(path, move |poll| {
                 let (read, _) = read(received.file.path(), about.unit, &limits, poll)?;
                 Ok((received, MeshHealthReport::new(&read)))
             })
@@ -152,18 +154,22 @@ impl App {
         self.run_to_completion(async move { app.0.store.add_mesh(new).await }).await
     }
 
-    /// Runs work on a mesh on a thread that may block, a few at a time. The work is interrupted when the caller goes away, when
-    /// the service stops, and at the time limit.
+    /// Runs work on the mesh of a file on a thread that may block: a few at a time, which together stay within the memory for it. The
+    /// work is interrupted when the caller goes away, when the service stops, and at the time limit.
     async fn run_abandonable<T: Send + 'static>(
         &self,
+        path: PathBuf,
         work: impl FnOnce(&Poll<'_>) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
         let permit = Arc::clone(&self.0.parsing).acquire_owned().await.map_err(|_| Error::Draining)?;
+        let max_triangles = self.0.options.max_triangles;
+        let bytes = blocking(move || Ok(bytes_to_read(&path, max_triangles)?)).await?;
+        let memory = self.0.parse_memory.take(bytes).await?;
         let (abandoned, limit) = (self.0.stopping.child_token(), self.0.options.parse_limit);
         // Dropped, and so cancelling, when the caller goes away.
         let _guard = abandoned.clone().drop_guard();
         blocking(move || {
-            let _permit = permit;
+            let _held = (permit, memory);
             let began = Instant::now();
             let stop = || abandoned.is_cancelled() || began.elapsed() > limit;
             work(&Poll::new(&stop)).map_err(|error| {
@@ -222,7 +228,8 @@ impl App {
         let mesh = self.mesh(id).await?;
         let path = self.0.store.files().path(&mesh.sha256);
         let (unit, limits) = (unit_of(&mesh)?, Limits { max_triangles: self.0.options.max_triangles });
-        let bytes = self.run_abandonable(move |poll| preview(&path, &mesh.sha256, unit, &limits, poll)).await?;
+        let file = path.clone();
+        let bytes = self.run_abandonable(file, move |poll| preview(&path, &mesh.sha256, unit, &limits, poll)).await?;
         let app = self.clone();
         self.run_to_completion(async move { app.0.store.put_preview(id, bytes).await }).await
     }

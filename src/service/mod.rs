@@ -21,6 +21,7 @@ mod library;
 mod maintenance;
 mod meshes;
 mod options;
+mod parse_memory;
 pub mod plan_job;
 pub mod planner;
 mod presets;

@@ -27,6 +27,8 @@ pub struct Options {
     pub max_triangles: usize,
     /// Max time for parsing and checking an uploaded mesh.
     pub parse_limit: Duration,
+    /// Max estimated memory of the meshes that are read at the same time after uploads and for previews; one beyond it is read alone.
+    pub parse_memory_bytes: u64,
     /// Max estimated memory of a job, and of all that run at the same time.
     pub job_memory_bytes: u64,
     /// Max planning time of a job.
@@ -90,7 +92,9 @@ pub struct RetentionOptions {
     pub jobs_per_part: u32,
     /// Age at which meshes that no job and no specification refers to are deleted, days since their upload; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Max share of the disk for stored files; the oldest ended jobs are deleted first. 0 for no limit.
+    /// Time after its end at which a run is deleted with its record and its audit log, days; 0 keeps them.
+    pub run_days: u32,
+    /// Max share of the disk for stored files and audit logs; the oldest ended jobs are deleted first. 0 for no limit.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,

@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 use super::rescan_job::RescanJob;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
-use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
+use crate::geometry::{self, LengthUnit, Mesh, Part, Poll, Pose, Preview, Table};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
@@ -27,7 +27,7 @@ use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
-use crate::wire::warnings::{FieldWarning, RegionUse, of_empty_region};
+use crate::wire::warnings::{FieldWarning, RegionUse, WarningCode, of_empty_region, of_poses};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -257,6 +257,21 @@ impl PlanJob<'_> {
         uses.into_iter().flat_map(warnings).collect()
     }
 
+    /// Warnings on poses of a plan in which the part would tip over on the plate; `at` is the pointer to the parameters.
+    #[must_use]
+    pub fn standing_warnings(&self, plan: &Plan, at: &str) -> Vec<FieldWarning> {
+        if self.cell.is_none() || self.fixture.is_some() {
+            return Vec::new();
+        }
+        let given = &plan.params.part.resting_poses;
+        let pointer = |pose: &Pose<Table, Part>| match given.iter().position(|given| given.pose() == *pose) {
+            Some(place) => format!("{at}/part/resting_poses/{place}"),
+            None => format!("{at}/part/table_from_part"),
+        };
+        let poses = plan.setups.iter().map(|setup| (pointer(&setup.table_from_part), setup.table_from_part));
+        of_poses(self.mesh, &poses.collect::<Vec<_>>())
+    }
+
     /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
     /// too large. Its user gave the file and its unit. `None` for an error of parameters, as one on a pose that `is_pose_given`.
     #[must_use]
@@ -300,6 +315,7 @@ impl PlanJob<'_> {
         let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
         document.warnings.extend(size_warnings.iter().cloned());
         document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
+        document.warnings.extend(self.standing_warnings(plan, "/params"));
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
@@ -484,6 +500,20 @@ pub fn refused_programs(artifacts: &[Artifact], dialect: Dialect) -> Vec<(String
         name.rsplit_once('.').is_some_and(|(stem, extension)| stem.starts_with("program") && Some(extension) == first)
     };
     refused.into_iter().filter(|(name, _)| is_in_dialect(name)).collect()
+}
+
+/// Warning on the list of every candidate, where it was asked for and is not among the files; `at` is the pointer to the parameters.
+#[must_use]
+pub fn left_out_candidates(artifacts: &[Artifact], at: &str) -> Option<FieldWarning> {
+    let mut refused: Refused = serde_json::from_slice(bytes_of(artifacts, REFUSED_FILE)).unwrap_or_default();
+    let reason = refused.remove(CANDIDATES_FILE)?;
+    let (reason, remedy) = reason.split_once("; ").unwrap_or((reason.as_str(), "reduce the number of candidates"));
+    Some(FieldWarning {
+        code: WarningCode::CandidatesLeftOut,
+        pointer: format!("{at}/output/candidates"),
+        detail: format!("is true, and {CANDIDATES_FILE} is not written: {reason}"),
+        remedy: remedy.to_owned(),
+    })
 }
 
 /// The reports of a plan.

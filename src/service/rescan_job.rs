@@ -1,13 +1,11 @@
 //! Plans of further views, from the state that an inspection left.
 
-use crate::cell::FieldError;
 use crate::inspection::rescan::{Rescan, RescanInput, rescan};
 use crate::planning::PlanInput;
 use crate::planning::context::{Context, NoPlan, PlanError};
 use crate::planning::params::RescanParams;
 use crate::planning::plan::Outcome;
 use crate::planning::surface::requirements;
-use crate::planning::visibility::SampleSet;
 use crate::wire::inspection::RescanState;
 
 /// State of the file that inspections leave for the next round.
@@ -22,13 +20,6 @@ pub struct RescanJob {
     pub params: RescanParams,
 }
 
-/// Refuses the samples that an earlier round measured, if they are not those of this part, which has so many words of them.
-pub(super) fn check_words(measured: &SampleSet, words: usize) -> Result<(), FieldError> {
-    let own = measured.words().len();
-    let detail = || format!("is of another part: it has {} samples, this part has {}", 64 * own, 64 * words);
-    if own == words { Ok(()) } else { Err(FieldError { pointer: "/measured".to_owned(), detail: detail() }) }
-}
-
 impl RescanJob {
     /// Chooses and plans the further views.
     ///
@@ -39,10 +30,7 @@ impl RescanJob {
         let (measured, hopeless) = (self.state.measured().map_err(unread)?, self.state.hopeless().map_err(unread)?);
         let plan_params = &self.state.plan_params;
         let surface = requirements::sampled(input.mesh, plan_params, plan_params.seed, ctx)?;
-        let words = surface.sample_mm.len().div_ceil(64);
-        for set in [&measured, &hopeless] {
-            check_words(set, words).map_err(unread)?;
-        }
+        self.state.check_samples(surface.sample_mm.len()).map_err(unread)?;
         let part = RescanInput {
             input,
             params: plan_params,

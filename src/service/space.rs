@@ -28,6 +28,12 @@ pub(super) fn space_at(folder: &Path) -> io::Result<DiskSpace> {
     Ok(DiskSpace { free_bytes: bytes(about.f_bavail), total_bytes: bytes(about.f_blocks) })
 }
 
+/// True if two folders lie on one disk; false if one of them cannot be looked at.
+pub(super) fn share_a_disk(one: &Path, other: &Path) -> bool {
+    let device = |folder: &Path| rustix::fs::stat(folder).map(|about| about.st_dev).ok();
+    device(one).is_some_and(|one| device(other) == Some(one))
+}
+
 impl App {
     /// Space of the store's disk, and the reserve in bytes: the smaller of two settings, so that small disks can be used too.
     pub(super) fn space(&self) -> Result<(DiskSpace, u64), Error> {

@@ -67,6 +67,9 @@ pub struct LimitSettings {
     pub queued_jobs: u64,
     /// Longest time for reading an uploaded mesh.
     pub parse_secs: f64,
+    /// Largest estimated memory of the meshes that are read at the same time after uploads and for previews; 0 for a share of the
+    /// machine's memory.
+    pub parse_memory_bytes: u64,
     /// Largest estimated memory of a job, and of all that run at the same time; 0 for a share of the machine's memory.
     pub job_memory_bytes: u64,
     /// Longest planning time of a job; 0 for no limit.
@@ -103,7 +106,9 @@ pub struct RetentionSettings {
     pub jobs_per_part: u32,
     /// Time after the upload at which unused meshes are deleted; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Largest share of the disk that stored files may take; 0 for no limit.
+    /// Time after its end at which a run is deleted with its record and its audit log; 0 keeps them.
+    pub run_days: u32,
+    /// Largest share of the disk that stored files and audit logs may take; 0 for no limit.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,
@@ -211,6 +216,7 @@ impl Settings {
         whole("/retention/job_days", self.retention.job_days.into(), 0.0, 36_500.0);
         whole("/retention/jobs_per_part", self.retention.jobs_per_part.into(), 0.0, 1e6);
         whole("/retention/unused_mesh_days", self.retention.unused_mesh_days.into(), 0.0, 36_500.0);
+        whole("/retention/run_days", self.retention.run_days.into(), 0.0, 36_500.0);
         whole("/planning/threads", self.planning.threads.into(), 0.0, 1024.0);
         whole("/planning/concurrent_jobs", self.planning.concurrent_jobs.into(), 0.0, 64.0);
         whole("/planning/max_attempts", self.planning.max_attempts.into(), 1.0, 100.0);
@@ -226,10 +232,15 @@ impl Settings {
         });
         findings.range("/limits/parse_secs", self.limits.parse_secs, 1.0, 3600.0, "s");
         let zero_or_more = |value: f64, min: f64| if value == 0.0 { min } else { value };
-        let memory = zero_or_more(self.limits.job_memory_bytes as f64, MIN_JOB_MEMORY_BYTES);
-        findings.require(memory >= MIN_JOB_MEMORY_BYTES, "/limits/job_memory_bytes", || {
-            format!("is {memory:.0}; allowed is 0 (a share of the machine's memory) or at least {MIN_JOB_MEMORY_BYTES}")
-        });
+        for (pointer, bytes, min_bytes) in [
+            ("/limits/parse_memory_bytes", self.limits.parse_memory_bytes, MIN_PARSE_MEMORY_BYTES),
+            ("/limits/job_memory_bytes", self.limits.job_memory_bytes, MIN_JOB_MEMORY_BYTES),
+        ] {
+            let memory = zero_or_more(bytes as f64, min_bytes);
+            findings.require(memory >= min_bytes, pointer, || {
+                format!("is {memory:.0}; allowed is 0 (a share of the machine's memory) or at least {min_bytes}")
+            });
+        }
         let secs = zero_or_more(self.limits.job_secs, 1.0);
         findings.require((1.0..=MAX_JOB_SECS).contains(&secs), "/limits/job_secs", || {
             format!("is {secs} s; allowed is 0 (no limit) or 1 to {MAX_JOB_SECS} s")
@@ -256,6 +267,10 @@ impl Settings {
             max_upload_bytes: self.limits.upload_bytes,
             max_triangles: usize::try_from(self.limits.mesh_triangles).unwrap_or(usize::MAX),
             parse_limit: Duration::from_secs_f64(self.limits.parse_secs),
+            parse_memory_bytes: match self.limits.parse_memory_bytes {
+                0 => machine::memory_bytes().map_or(FALLBACK_PARSE_MEMORY_BYTES, |bytes| bytes / 100 * PARSE_PERCENT),
+                bytes => bytes,
+            },
             job_memory_bytes: match self.limits.job_memory_bytes {
                 0 => job_memory_bytes(),
                 bytes => bytes,
@@ -271,6 +286,7 @@ impl Settings {
                 job_days: self.retention.job_days,
                 jobs_per_part: self.retention.jobs_per_part,
                 unused_mesh_days: self.retention.unused_mesh_days,
+                run_days: self.retention.run_days,
                 max_disk_share: self.retention.max_disk_share,
                 hold_label: self.retention.hold_label.clone(),
             },
@@ -281,6 +297,12 @@ impl Settings {
 
 /// Percentage of the machine's memory for planning; the rest is for errors of the estimate and for other processes.
 const PLANNING_PERCENT: u64 = 60;
+/// Percentage of the machine's memory for meshes that are read after uploads and for previews: half of what planning leaves.
+const PARSE_PERCENT: u64 = 20;
+/// Memory limit of those meshes if the system does not report its memory, bytes.
+const FALLBACK_PARSE_MEMORY_BYTES: u64 = 1 << 30;
+/// Smallest memory limit of those meshes, bytes.
+const MIN_PARSE_MEMORY_BYTES: f64 = 67_108_864.0;
 /// Memory limit of a job if the system does not report its memory, bytes.
 const FALLBACK_JOB_MEMORY_BYTES: u64 = 4 << 30;
 /// Smallest memory limit of a job, bytes.

@@ -1,6 +1,6 @@
 //! Settings of the HTTP server and their allowed values.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -25,9 +25,9 @@ pub struct ServerSettings {
     /// Names of the server besides its addresses and `localhost`.
     #[serde(deserialize_with = "list")]
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
-    #[serde(deserialize_with = "addresses")]
-    pub trusted_proxies: Vec<IpAddr>,
+    /// Addresses and networks of proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
+    #[serde(deserialize_with = "list")]
+    pub trusted_proxies: Vec<http::IpNetwork>,
     /// Path prefix below which clients reach the server.
     pub public_path: String,
     /// Origins of other sites' pages that may use the API with its key.
@@ -68,7 +68,7 @@ impl ServerSettings {
             api_key: self.api_key.clone(),
             api_keys_file: self.api_keys_file.clone(),
             hosts: self.hosts.iter().map(|host| host.to_ascii_lowercase()).collect(),
-            trusted_proxies: self.trusted_proxies.iter().map(IpAddr::to_canonical).collect(),
+            trusted_proxies: self.trusted_proxies.clone(),
             public_path: self.public_path.clone(),
             cors_origins: self.cors_origins.iter().map(|origin| origin.to_ascii_lowercase()).collect(),
             max_connections: self.max_connections as usize,
@@ -174,18 +174,6 @@ where
     T: std::str::FromStr<Err: std::fmt::Display>,
     D: Deserializer<'de>,
 {
-    entries(deserializer, |entry| entry.parse::<T>().map_err(|error| error.to_string()))
-}
-
-/// Deserialises a list of addresses.
-fn addresses<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<IpAddr>, D::Error> {
-    let reason =
-        |entry: &str| if entry.contains('/') { "is a network; give the address of each proxy" } else { "is no IP address" };
-    entries(deserializer, |entry| entry.parse::<IpAddr>().map_err(|_| reason(entry).to_owned()))
-}
-
-/// Deserialises a list of what `parse` makes of each entry.
-fn entries<'de, T, D: Deserializer<'de>>(deserializer: D, parse: impl Fn(&str) -> Result<T, String>) -> Result<Vec<T>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged, expecting = "a list of strings, or one string with entries separated by commas")]
     enum Written {
@@ -196,6 +184,6 @@ fn entries<'de, T, D: Deserializer<'de>>(deserializer: D, parse: impl Fn(&str) -
         Written::List(entries) => entries,
         Written::Text(text) => text.split(',').map(|entry| entry.trim().to_owned()).filter(|entry| !entry.is_empty()).collect(),
     };
-    let parse = |entry: &String| parse(entry).map_err(|reason| serde::de::Error::custom(format!("{entry:?}: {reason}")));
+    let parse = |entry: &String| entry.parse::<T>().map_err(|reason| serde::de::Error::custom(format!("{entry:?}: {reason}")));
     entries.iter().map(parse).collect()
 }

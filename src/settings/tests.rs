@@ -66,12 +66,19 @@ fn limits_of_jobs_are_shares_of_the_machine_unless_they_are_given() {
     let beside = service("[planning]\nconcurrent_jobs = 2\n");
     assert_eq!((defaults.job_memory_bytes, defaults.concurrent_jobs), (beside.job_memory_bytes, 0));
     if let Some(bytes) = machine::memory_bytes() {
+        assert!(defaults.job_memory_bytes + defaults.parse_memory_bytes < bytes);
+        assert!((bytes / 10..bytes / 4).contains(&defaults.parse_memory_bytes));
         assert!((bytes / 2..bytes).contains(&defaults.job_memory_bytes));
     }
-    let given = service("[limits]\njob_memory_bytes = 1073741824\njob_secs = 0\nparse_secs = 5\n");
+    let given = service("[limits]\njob_memory_bytes = 1073741824\njob_secs = 0\nparse_secs = 5\nparse_memory_bytes = 67108864\n");
+    assert_eq!(given.parse_memory_bytes, 64 << 20);
     assert_eq!((given.job_memory_bytes, given.job_limit, given.parse_limit), (1 << 30, None, Duration::from_secs(5)));
-    let text = refusal(Some("[limits]\njob_memory_bytes = 5\njob_secs = 0.5\nparse_secs = 0\n"), &[], &Vec::new());
-    for key in ["limits.job_memory_bytes", "limits.job_secs", "limits.parse_secs"] {
+    let text = refusal(
+        Some("[limits]\njob_memory_bytes = 5\njob_secs = 0.5\nparse_secs = 0\nparse_memory_bytes = 67108863\n"),
+        &[],
+        &Vec::new(),
+    );
+    for key in ["limits.job_memory_bytes", "limits.job_secs", "limits.parse_secs", "limits.parse_memory_bytes"] {
         assert!(text.contains(key), "{key} is not in {text}");
     }
 }
@@ -129,13 +136,19 @@ fn a_file_of_keys_guards_the_server_and_is_read_at_the_start() {
 
 #[test]
 fn lists_are_lists_in_files_and_texts_with_commas_in_the_environment() {
-    let file = "[server]\nhosts = [\"Planner\", \"planner.plant.example\"]\ntrusted_proxies = [\"10.0.0.1\", \"::1\"]\n";
-    let in_environment =
-        [("VANTAGE_SERVER__HOSTS", "Planner, planner.plant.example"), ("VANTAGE_SERVER__TRUSTED_PROXIES", "10.0.0.1,::1")];
+    let file = "[server]\nhosts = [\"Planner\", \"planner.plant.example\"]\n\
+                trusted_proxies = [\"10.0.0.1\", \"::1\", \"172.16.0.0/12\", \"fd00::/8\"]\n";
+    let in_environment = [
+        ("VANTAGE_SERVER__HOSTS", "Planner, planner.plant.example"),
+        ("VANTAGE_SERVER__TRUSTED_PROXIES", "10.0.0.1,::1, 172.16.0.0/12,fd00::/8"),
+    ];
     for settings in [load(Some(file), &[], &Vec::new()), load(None, &in_environment, &Vec::new())] {
         let http = settings.expect("settings").http();
         assert_eq!(http.hosts, ["planner", "planner.plant.example"]);
-        assert_eq!(http.trusted_proxies.iter().map(ToString::to_string).collect::<Vec<_>>(), ["10.0.0.1", "::1"]);
+        assert_eq!(
+            http.trusted_proxies.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            ["10.0.0.1", "::1", "172.16.0.0/12", "fd00::/8"]
+        );
     }
     let none = load(None, &[("VANTAGE_SERVER__HOSTS", "")], &Vec::new()).expect("settings");
     assert!(none.server.hosts.is_empty());
@@ -143,7 +156,11 @@ fn lists_are_lists_in_files_and_texts_with_commas_in_the_environment() {
         let text = refusal(None, &[("VANTAGE_SERVER__HOSTS", host)], &Vec::new());
         assert!(text.contains("server.hosts") && text.contains(host), "{text}");
     }
-    for (proxy, reason) in [("10.0.0.0/8", "is a network; give the address of each proxy"), ("proxy", "is no IP address")] {
+    for (proxy, reason) in [
+        ("10.0.0.0/33", "has \"33\" for the length of its prefix"),
+        ("10.1.2.3/8", "is not the lowest address of its network; give 10.0.0.0/8"),
+        ("proxy", "is no IP address"),
+    ] {
         let text = refusal(None, &[("VANTAGE_SERVER__TRUSTED_PROXIES", proxy)], &Vec::new());
         assert!(text.contains("server.trusted_proxies") && text.contains(&format!("{proxy:?}: {reason}")), "{text}");
     }

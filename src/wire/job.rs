@@ -213,7 +213,7 @@ pub struct Job {
     pub cell: Named<CellSpec>,
     /// Scanner, as given in the request; used only if `cell` is `"none"`.
     pub scanner: Named<ScannerSpec>,
-    /// Planning parameters, with defaults filled in.
+    /// Planning parameters, with defaults and what the preset sets filled in.
     pub params: PlanParams,
     /// Labels, as given in the request or replaced by `PUT /jobs/{id}/labels`.
     pub labels: BTreeMap<String, String>,
@@ -244,8 +244,9 @@ pub struct Job {
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
     /// Warnings on what was accepted: a part whose size tells of a wrong unit (`/mesh_id`), a doubtful cell, tolerances finer than the
-    /// scanner's noise. Once the job has succeeded, those of its plan too: regions and features that do not reach their target or hold
-    /// nothing of the part, excluded regions that hold nothing of it, and views that do not tolerate an error of their poses.
+    /// scanner's noise. Once the job has succeeded, those of its plan too: regions and features that do not reach their target, reach it
+    /// on the samples that views were chosen on alone, or hold nothing of the part, excluded regions that hold nothing of it, views that
+    /// do not tolerate an error of their poses, and a list of every candidate that was asked for and is too large.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Coverage of each region of interest and each feature, once the job has succeeded.

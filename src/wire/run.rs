@@ -218,6 +218,9 @@ pub struct Run {
     pub objections: Vec<String>,
     /// Jitter of streamed set points; `null` where none were streamed.
     pub jitter: Option<RunJitter>,
+    /// Joints and table angle that were measured last, once the run has ended: where it left arm and table. `null` before, where
+    /// nothing was measured, and for a run that a restart of the server cut off; its record has those of the last step.
+    pub last_measured: Option<ConfigurationDocument>,
     /// Coverage at the measured poses beside the plan's, once the run is done.
     pub coverage: Option<RunCoverage>,
     /// End of its audit log, once the run has ended; `null` where none is kept. A log that lacks its last entries shows against it.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::ids::{JobId, MeshId};
+use super::ids::{JobId, MeshId, RunId};
 
 /// Free space, sizes and damage of the store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -18,6 +18,10 @@ pub struct Storage {
     pub database_bytes: u64,
     /// Total size of all stored files.
     pub files_bytes: u64,
+    /// Total size of the files that nothing names any more, which are kept for `store.swept_hours`.
+    pub swept_bytes: u64,
+    /// Total size of the audit logs of runs; they may lie on another disk (`execution.audit_dir`).
+    pub audit_bytes: u64,
     /// Items known to be damaged; empty if there are none.
     pub damaged: Vec<DamagedItem>,
 }
@@ -39,7 +43,7 @@ pub enum RetentionReason {
     Age,
     /// The job is not among the newest `retention.jobs_per_part` ended jobs of its part.
     Count,
-    /// Stored files take more than `retention.max_disk_share` of the disk.
+    /// Stored files and audit logs take more than `retention.max_disk_share` of the disk.
     Disk,
 }
 
@@ -64,13 +68,16 @@ pub struct RetentionPolicy {
     pub jobs_per_part: u32,
     /// Days after upload at which meshes that no job and no specification refers to are deleted; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Max share of the disk for stored files, beyond which the oldest ended jobs are deleted; 0 for no limit.
+    /// Days after its end at which a run is deleted with its record and its audit log; 0 keeps them.
+    pub run_days: u32,
+    /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs are deleted; 0 for no limit.
+    /// Audit logs are not deleted for it, and no job is where they alone exceed it.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,
 }
 
-/// Jobs and meshes that retention has just deleted, or, if only asked for, would delete now.
+/// Jobs, meshes and runs that retention has just deleted, or, if only asked for, would delete now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Retention {
     /// Retention policy in force.
@@ -79,12 +86,16 @@ pub struct Retention {
     pub job_count: u64,
     /// Number of meshes.
     pub mesh_count: u64,
-    /// Size of their files; files shared with items that stay are counted too.
+    /// Number of runs.
+    pub run_count: u64,
+    /// Size of their files and audit logs; files shared with items that stay are counted too.
     pub size_bytes: u64,
     /// Jobs, the oldest first; at most 1000 are listed.
     pub jobs: Vec<RetiredJob>,
     /// Meshes, the oldest first; at most 1000 are listed.
     pub meshes: Vec<RetiredMesh>,
+    /// Runs, the oldest first; at most 1000 are listed.
+    pub runs: Vec<RetiredRun>,
 }
 
 /// A job that retention deletes.
@@ -104,5 +115,14 @@ pub struct RetiredMesh {
     /// Id of the mesh.
     pub id: MeshId,
     /// Size of the mesh's file.
+    pub size_bytes: u64,
+}
+
+/// A run that retention deletes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct RetiredRun {
+    /// Id of the run.
+    pub id: RunId,
+    /// Size of the run's audit log.
     pub size_bytes: u64,
 }

@@ -6,6 +6,11 @@ use super::*;
 
 const PROXY: &str = "10.0.0.1";
 const INNER: &str = "127.0.0.1";
+const INGRESS: &str = "172.16.0.0/12";
+
+fn proxies() -> [IpNetwork; 3] {
+    [PROXY, INNER, INGRESS].map(|text| text.parse().expect("a network"))
+}
 
 fn ip(text: &str) -> IpAddr {
     text.parse().expect("an address")
@@ -17,7 +22,7 @@ fn client(peer: &str, headers: &[(&str, &str)]) -> Client {
         request = request.header(*name, *value);
     }
     let (parts, ()) = request.body(()).expect("a request").into_parts();
-    Client::from_parts(&parts, &[ip(PROXY), ip(INNER)])
+    Client::from_parts(&parts, &proxies())
 }
 
 #[test]
@@ -40,6 +45,12 @@ fn the_last_address_that_is_not_a_proxy_counts() {
     ] {
         assert_eq!(client(INNER, &[("x-forwarded-for", forwarded)]).address, ip(address), "{forwarded:?}");
     }
+    let through_ingress = [("x-forwarded-for", "1.1.1.1, 192.168.1.7, 172.31.0.9"), ("x-forwarded-proto", "https")];
+    for peer in ["172.16.0.0", "172.31.255.255", "::ffff:172.20.1.1"] {
+        let expected = Client { address: ip("192.168.1.7"), is_https: true };
+        assert_eq!(client(peer, &through_ingress), expected, "{peer} is in {INGRESS}");
+    }
+    assert_eq!(client("172.32.0.0", &through_ingress), Client { address: ip("172.32.0.0"), is_https: false });
     let spread = [("x-forwarded-for", "1.1.1.1"), ("x-forwarded-for", "192.168.1.7, 10.0.0.1")];
     assert_eq!(client(INNER, &spread).address, ip("192.168.1.7"));
 }

@@ -64,7 +64,7 @@ async fn what_is_in_use_keeps_its_place_and_the_next_gets_one_of_the_reserve() {
 
 #[test]
 fn a_proxy_speaks_for_many_and_has_no_share() {
-    let limiter = ConnectionLimiter::new(100, 2, vec![A]);
+    let limiter = ConnectionLimiter::new(100, 2, vec![A.into()]);
     let _open: Vec<_> = (0..50).map(|_| admitted(&limiter, A).begin_request()).collect();
     assert_eq!(limiter.held(), 50);
 }

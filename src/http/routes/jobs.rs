@@ -7,18 +7,21 @@ use axum::http::header::{LOCATION, RETRY_AFTER};
 use axum::http::{HeaderName, StatusCode};
 use axum::response::Response;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::job_id;
-use crate::http::extract::{Json, Params};
+use crate::http::extract::{Json, Params, json_body};
 use crate::http::fields::Fields;
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
+use crate::planning::params::Preset;
 use crate::service::{Error, JobQuery, Submission};
+use crate::wire::preset::check_beside_preset;
 use crate::wire::{
     DeletedJobs, Job, JobBatch, JobBatchRequest, JobId, JobListItem, JobPage, JobProblem, JobRequest, JobSelection, JobSort,
-    JobState, JobUpdate, LabelsRequest, label_filter_fault, problem_type,
+    JobState, JobUpdate, LabelsRequest, label_filter_fault, parse, parse_document, problem_type,
 };
 
 /// Polling interval that responses suggest, seconds.
@@ -48,6 +51,62 @@ impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for ChangeO
     }
 }
 
+/// A request for jobs that gives nothing which a preset of parameters sets otherwise.
+pub(in crate::http) struct NewJobs<T>(T);
+
+/// A request with requests for jobs in it.
+pub(in crate::http) trait HasJobs: DeserializeOwned + ToSchema + 'static {
+    /// Requests for jobs, as many as are accepted at once, each with the pointer to it.
+    fn jobs(&self) -> Vec<(String, &JobRequest)>;
+}
+
+impl HasJobs for JobRequest {
+    fn jobs(&self) -> Vec<(String, &JobRequest)> {
+        vec![(String::new(), self)]
+    }
+}
+
+impl HasJobs for JobBatchRequest {
+    fn jobs(&self) -> Vec<(String, &JobRequest)> {
+        self.jobs.iter().take(Self::MAX_JOBS).enumerate().map(|(index, job)| (format!("/jobs/{index}"), job)).collect()
+    }
+}
+
+impl<T: HasJobs> FromRequest<ApiState> for NewJobs<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &ApiState) -> Result<Self, ApiError> {
+        let bytes = json_body(request, state).await?;
+        let request: T = parse_document(&bytes)?;
+        check_beside_presets(&request, &bytes)?;
+        Ok(Self(request))
+    }
+}
+
+/// Refuses what the body of a request gives beside a preset that sets it otherwise, defaults too, which the request as read does not
+/// tell from what is not given.
+pub(super) fn check_beside_presets(request: &impl HasJobs, body: &[u8]) -> Result<(), ApiError> {
+    let jobs = request.jobs();
+    if jobs.iter().all(|(_, job)| job.params.preset == Preset::default()) {
+        return Ok(());
+    }
+    let given: Value = parse(body).map_err(|error| vec![error])?;
+    let mut errors = Vec::new();
+    for (at, job) in &jobs {
+        let params = format!("{at}/params");
+        let beside = given.pointer(&params).and_then(|given| check_beside_preset(given, &job.params).err());
+        errors.extend(beside.into_iter().flatten().map(|error| error.below(&params)));
+    }
+    if errors.is_empty() {
+        return Ok(());
+    }
+    // What else is wrong with the fields is told with it.
+    let others = jobs.iter().flat_map(|(at, job)| job.check().err().into_iter().flatten().map(move |error| error.below(at)));
+    let others: Vec<_> = others.filter(|error| errors.iter().all(|known| known.pointer != error.pointer)).collect();
+    errors.extend(others);
+    Err(Error::Invalid(errors).into())
+}
+
 type Accepted = (StatusCode, [(HeaderName, String); 2], Json<Job>);
 
 /// Start a job
@@ -74,7 +133,7 @@ pub(in crate::http) async fn create(
     submission: Submission,
     prefix: Prefix,
     params: Params,
-    Json(request): Json<JobRequest>,
+    NewJobs(request): NewJobs<JobRequest>,
 ) -> Result<Accepted, ApiError> {
     params.deny_unknown()?;
     Ok(accepted(state.app.submit(request, submission).await?, &prefix))
@@ -121,7 +180,7 @@ pub(in crate::http) async fn create_batch(
     submission: Submission,
     prefix: Prefix,
     params: Params,
-    Json(batch): Json<JobBatchRequest>,
+    NewJobs(batch): NewJobs<JobBatchRequest>,
 ) -> Result<(StatusCode, [(HeaderName, &'static str); 1], Json<JobBatch>), ApiError> {
     params.deny_unknown()?;
     let batch = state.app.submit_batch(batch, submission).await?;

@@ -9,7 +9,7 @@ use crate::wire::{Retention, Storage};
 
 /// Get the state of the store
 ///
-/// Free space on its disk, sizes, and items known to be damaged.
+/// Free space on its disk, sizes of all that is stored, audit logs included, and items known to be damaged.
 #[utoipa::path(
     get,
     path = "/storage",
@@ -24,14 +24,14 @@ pub(in crate::http) async fn storage(State(state): State<ApiState>, params: Para
 
 /// Preview retention
 ///
-/// Lists the jobs and meshes that the policy would delete now; deletes nothing. The policy is in the server's settings, in
+/// Lists the jobs, meshes and runs that the policy would delete now; deletes nothing. The policy is in the server's settings, in
 /// the section `[retention]`.
 #[utoipa::path(
     get,
     path = "/retention",
     tag = "server",
     operation_id = "get_retention",
-    responses((status = 200, description = "The jobs and meshes that the policy would delete now.", body = Retention))
+    responses((status = 200, description = "The jobs, meshes and runs that the policy would delete now.", body = Retention))
 )]
 pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Params) -> Result<Json<Retention>, ApiError> {
     params.deny_unknown()?;
@@ -40,14 +40,14 @@ pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Pa
 
 /// Apply retention now
 ///
-/// Deletes the jobs and meshes that the policy selects. The server also does this by itself every hour. Each deleted job
-/// gets an event with the reason as `code`.
+/// Deletes the jobs, meshes and runs that the policy selects. The server also does this by itself every hour. Each deleted job
+/// gets an event with the reason as `code`. A run does not go with its job, but by its own age, and its audit log with it.
 #[utoipa::path(
     post,
     path = "/retention",
     tag = "server",
     operation_id = "apply_retention",
-    responses((status = 200, description = "The jobs and meshes that were deleted.", body = Retention))
+    responses((status = 200, description = "The jobs, meshes and runs that were deleted.", body = Retention))
 )]
 pub(in crate::http) async fn apply_retention(State(state): State<ApiState>, params: Params) -> Result<Json<Retention>, ApiError> {
     params.deny_unknown()?;

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::cell::FieldError;
+use crate::service::plan_job::REFUSED_FILE;
 use crate::service::tests::{ended_job, job, service, service_with};
+use crate::wire::warnings::WarningCode;
 
 /// A job that runs: the dispatcher, with one job at a time, starts none beside it.
 async fn running(app: &App) -> JobId {
@@ -67,4 +69,18 @@ async fn a_job_tells_what_its_plan_warns_of() {
     assert_eq!(app.job(job.id).await.expect("it").warnings, job.warnings);
     let unreadable = Artifact { name: PLAN_FILE.into(), bytes: b"{".to_vec() };
     assert_eq!(warnings_of(&[unreadable]), []);
+}
+
+/// Whoever asked for it was told nothing, and to ask for it.
+#[tokio::test]
+async fn a_job_tells_that_its_list_of_candidates_is_too_large() {
+    let refused = serde_json::json!({"candidates.json": "it would be larger than 512 MiB; reduce part.samples_per_mm2"});
+    let files = [(PLAN_FILE, "{}".to_owned()), (REFUSED_FILE, refused.to_string())];
+    let files = files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() });
+    let (app, _folder) = service_with(files.into()).await;
+    let job = ended_job(&app).await;
+    let told = job.warnings.iter().find(|warning| warning.pointer == "/params/output/candidates").expect("a warning");
+    assert_eq!((told.code, told.remedy.as_str()), (WarningCode::CandidatesLeftOut, "reduce part.samples_per_mm2"));
+    assert!(told.detail.ends_with("it would be larger than 512 MiB"), "{}", told.detail);
+    assert_eq!(app.job(job.id).await.expect("it").warnings, job.warnings);
 }

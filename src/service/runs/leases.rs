@@ -37,7 +37,8 @@ impl HeldLeases {
         self.ids().get(&id).cloned().ok_or(Error::LeaseNotFound(id))
     }
 
-    fn current(&self) -> Vec<Lease> {
+    /// Leases that are held, by the name of their cell.
+    pub(super) fn current(&self) -> Vec<Lease> {
         let mut cells: Vec<String> = self.ids().values().map(|(cell, _)| cell.clone()).collect();
         cells.sort();
         cells.dedup();

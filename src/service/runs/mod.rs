@@ -6,13 +6,14 @@
 mod commands;
 mod devices;
 mod leases;
+mod logs;
 mod order;
 mod queries;
 pub mod session;
 mod stream;
 mod supervise;
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -20,6 +21,7 @@ use tokio::runtime::{Handle, Runtime};
 use tokio::sync::{broadcast, watch};
 use tokio_util::sync::CancellationToken;
 
+pub(super) use logs::log_sizes;
 pub use order::{cell_sha256, coverage};
 pub use stream::{RunCursor, RunMessage, RunStream};
 
@@ -93,6 +95,11 @@ impl Runs {
 
     fn subscribe(&self) -> broadcast::Receiver<Arc<RunEventDocument>> {
         self.feed.subscribe()
+    }
+
+    /// Names of the cells whose leases are held.
+    pub(super) fn leased_cells(&self) -> BTreeSet<String> {
+        self.leases.current().into_iter().map(|lease| lease.cell).collect()
     }
 
     /// Runs that move or read controllers under a lease.

@@ -146,16 +146,19 @@ impl App {
     /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move {
-            if let Some(event) = app.freeing(|| app.0.store.delete_run(id)).await? {
-                app.0.runs.publish(event);
-            }
-            let folder = app.audit_folder(id);
-            blocking(move || match std::fs::remove_dir_all(folder) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
-                Ok(()) | Err(_) => Ok(()),
-            })
-            .await
+        self.run_to_completion(async move { app.delete_run_and_log(id, None).await }).await
+    }
+
+    /// Deletes an ended run, its record and its audit log. With the key of the label that holds jobs, as retention does: not that of a
+    /// job that is held or in use.
+    pub(in crate::service) async fn delete_run_and_log(&self, id: RunId, hold: Option<&str>) -> Result<(), Error> {
+        if let Some(event) = self.freeing(|| self.0.store.delete_run(id, hold)).await? {
+            self.0.runs.publish(event);
+        }
+        let folder = self.audit_folder(id);
+        blocking(move || match std::fs::remove_dir_all(folder) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
+            Ok(()) | Err(_) => Ok(()),
         })
         .await
     }

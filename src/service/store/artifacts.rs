@@ -162,7 +162,11 @@ impl Store {
     /// Way to get a result that a job has succeeded without.
     async fn advice_on(&self, id: JobId, name: &str) -> Result<&'static str, Error> {
         if name == CANDIDATES_FILE {
-            return Ok("; plan with params.output.candidates to have it written");
+            return Ok(if self.is_listing_asked_for(id).await? {
+                "; it would have been too large: what to do stands in warnings of the job"
+            } else {
+                "; plan with params.output.candidates to have it written"
+            });
         }
         let is_without_cell: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM job WHERE id = ?1 AND cell = 'none')")
             .bind(id.to_string())
@@ -170,6 +174,13 @@ impl Store {
             .await?;
         let is_program = is_without_cell && name.starts_with("program");
         Ok(if is_program { "; it was planned without a cell and holds viewpoints alone: plan the part in a cell" } else { "" })
+    }
+
+    /// True if the job asks for the list of every candidate.
+    async fn is_listing_asked_for(&self, id: JobId) -> Result<bool, Error> {
+        let query = "SELECT EXISTS (SELECT 1 FROM job_body WHERE job_id = ?1
+            AND CASE WHEN json_valid(request) THEN json_extract(request, '$.params.output.candidates') END)";
+        Ok(sqlx::query_scalar(query).bind(id.to_string()).fetch_one(&self.reader).await?)
     }
 
     /// Replaces the draft of a job's report by the drawn report.

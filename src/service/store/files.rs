@@ -273,6 +273,16 @@ impl Files {
         list_folder(&self.swept)
     }
 
+    /// Total size of the swept files.
+    pub(crate) fn swept_bytes(&self) -> io::Result<u64> {
+        let mut bytes = 0;
+        for entry in read_dir(&self.swept)? {
+            // A file may be removed after it was listed.
+            bytes += entry?.metadata().map_or(0, |about| about.len());
+        }
+        Ok(bytes)
+    }
+
     /// Removes a swept file for good.
     pub(crate) fn remove_swept(&self, sha256: &str) -> io::Result<()> {
         ignore_absent(fs::remove_file(self.swept.join(sha256)))

@@ -82,7 +82,8 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         mesh_id: request.mesh_id,
         cell: request.cell,
         scanner: request.scanner,
-        params: request.params,
+        // Sent again as they are shown, they are those of the same plan: with its defaults a preset would be refused.
+        params: request.params.preset.apply(&request.params),
         labels: text("labels").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
         part_number: text("part_number"),
         serial: text("serial"),

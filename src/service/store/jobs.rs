@@ -185,7 +185,8 @@ impl Store {
     }
 }
 
-async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result<(), Error> {
+/// Checks that the job does not have the label `hold`.
+pub(super) async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result<(), Error> {
     let held: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM job_label WHERE job_id = ?1 AND key = ?2)")
         .bind(id.to_string())
         .bind(label)
@@ -195,7 +196,7 @@ async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result
 }
 
 /// Checks that no inspection and no run of the job is open: they read its plan, and a run is continued by it.
-async fn check_idle(tx: &mut SqliteConnection, id: JobId) -> Result<(), Error> {
+pub(super) async fn check_idle(tx: &mut SqliteConnection, id: JobId) -> Result<(), Error> {
     let in_use: bool = sqlx::query_scalar(concat!("SELECT EXISTS (SELECT 1 FROM job WHERE id = ?1 AND ", is_used!(), ")"))
         .bind(id.to_string())
         .fetch_one(tx)

@@ -1,6 +1,8 @@
-//! Retention: the policy deletes ended jobs that are too old or too many for their part, meshes that nothing uses any more,
-//! and the oldest jobs while the store exceeds its share of the disk. A job with the hold label is never deleted, and nothing is
-//! deleted for its age while the clock is not steady.
+//! Retention: the policy deletes ended jobs that are too old or too many for their part, meshes that nothing uses any more, runs that
+//! ended long ago, and the oldest jobs while the store exceeds its share of the disk. A job with the hold label is never deleted, nor
+//! are its runs, and nothing is deleted for its age while the clock is not steady.
+//!
+//! Runs do not go with their job: they are records of what was moved, and have an age of their own.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +12,7 @@ use super::Store;
 use super::jobs::is_used;
 use super::runs::not_ended;
 use crate::service::error::Error;
-use crate::wire::{JobId, MeshId, RetentionReason};
+use crate::wire::{JobId, MeshId, RetentionReason, RunId};
 
 /// Retention policy.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +23,8 @@ pub(crate) struct Policy {
     pub jobs_per_part: u32,
     /// Age at which meshes that no job refers to are deleted, days since their upload; 0 keeps them.
     pub unused_mesh_days: u32,
+    /// Time after its end at which a run is deleted with its record and its audit log, days; 0 keeps them.
+    pub run_days: u32,
     /// Max total size of the stored files; the oldest ended jobs are deleted first. 0 for no limit.
     pub max_bytes: u64,
     /// Key of the label that protects a job from deletion.
@@ -41,6 +45,27 @@ pub(crate) struct Due {
     /// Meshes with the bytes of their files.
     pub meshes: Vec<(MeshId, u64)>,
 }
+
+/// A run that the policy deletes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct DueRun {
+    pub id: RunId,
+    /// Name of its cell.
+    pub cell: String,
+}
+
+/// SQL of the runs that ended `?1` days ago, oldest first, without those of a job that has the label `?2` or is in use. As of jobs, one
+/// that ended while the clock was behind is no older than the newest one before it.
+const OLD_RUNS: &str = concat!(
+    "SELECT id, cell FROM (SELECT rowid AS number, id, job_id, cell, state, ended_at, max(created_at) OVER (ORDER BY rowid) AS newest
+        FROM run) AS run
+     WHERE max(ended_at, newest) < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AND NOT (",
+    not_ended!(),
+    ") AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = run.job_id AND key = ?2)
+        AND NOT EXISTS (SELECT 1 FROM job WHERE job.id = run.job_id AND ",
+    is_used!(),
+    ") ORDER BY number"
+);
 
 /// An ended job without the hold label.
 struct EndedJob {
@@ -87,6 +112,20 @@ impl Store {
         let jobs = ended.iter().filter_map(|job| reasons.get(&job.id).map(|reason| (job.id, *reason, job.size_bytes))).collect();
         let meshes = if policy.unused_mesh_days > 0 { self.unused_meshes(policy.unused_mesh_days).await? } else { Vec::new() };
         Ok(Due { jobs, meshes })
+    }
+
+    /// Runs that the policy would delete now for their age, oldest first.
+    pub(crate) async fn due_runs(&self, policy: &Policy) -> Result<Vec<DueRun>, Error> {
+        if policy.run_days == 0 || !self.clock.is_steady() {
+            return Ok(Vec::new());
+        }
+        let rows = sqlx::query(OLD_RUNS).bind(policy.run_days).bind(&policy.hold_label).fetch_all(&self.reader).await?;
+        let read = |row: &sqlx::sqlite::SqliteRow| -> Result<Option<DueRun>, Error> {
+            // A run whose id cannot be read cannot be deleted by it.
+            let Ok(id) = row.try_get::<String, _>("id")?.parse() else { return Ok(None) };
+            Ok(Some(DueRun { id, cell: row.try_get("cell")? }))
+        };
+        rows.iter().filter_map(|row| read(row).transpose()).collect()
     }
 
     /// Ended jobs without the hold label of which no inspection and no run is open, oldest first.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::jobs::{check_hold, check_idle};
 use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
@@ -13,7 +14,7 @@ use crate::service::error::{Error, InternalError};
 use crate::wire::run::{
     ReportedReason, ReportedState, Run, RunEventDocument, RunEventKind, RunPage, RunSelection, RunStepRecord,
 };
-use crate::wire::{RunId, UtcTime};
+use crate::wire::{JobId, RunId, UtcTime};
 
 /// Events of a run read at a time.
 const BATCH: u32 = 256;
@@ -130,12 +131,21 @@ impl Store {
         Ok(count.unsigned_abs())
     }
 
-    /// Deletes an ended run with its record; its last event tells so, unless the run cannot be read.
-    pub(crate) async fn delete_run(&self, id: RunId) -> Result<Option<Arc<RunEventDocument>>, Error> {
+    /// Deletes an ended run with its record; its last event tells so, unless the run cannot be read. Retention gives the key of the
+    /// label that holds jobs: with it, a run of a job that is held or in use stays.
+    pub(crate) async fn delete_run(&self, id: RunId, hold: Option<&str>) -> Result<Option<Arc<RunEventDocument>>, Error> {
         let mut tx = self.writer.begin().await?;
         let state = state_of(&mut tx, id).await?;
         if !state.is_ended() {
             return Err(Error::RunNotEnded { run: id, state });
+        }
+        if let Some(hold) = hold {
+            let job: Option<String> =
+                sqlx::query_scalar("SELECT job_id FROM run WHERE id = ?1").bind(id.to_string()).fetch_one(&mut *tx).await?;
+            if let Some(job) = job.and_then(|job| job.parse::<JobId>().ok()) {
+                check_hold(&mut tx, job, hold).await?;
+                check_idle(&mut tx, job).await?;
+            }
         }
         let row = sqlx::query("DELETE FROM run WHERE id = ?1 RETURNING body").bind(id.to_string()).fetch_one(&mut *tx).await?;
         sqlx::query("DELETE FROM run_event WHERE run_id = ?1").bind(id.to_string()).execute(&mut *tx).await?;

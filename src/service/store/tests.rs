@@ -10,6 +10,7 @@ use sqlx::{QueryBuilder, Sqlite};
 
 use super::*;
 use crate::cell::Named;
+use crate::planning::params::{PlanParams, Preset};
 use crate::service::planner::Artifact;
 use crate::service::store::specs::Precondition;
 use crate::wire::{
@@ -242,7 +243,8 @@ async fn a_job_that_is_inspected_or_run_is_not_deleted() {
     let id = submit(store, add_mesh(store, b"one").await.id).await;
     store.claim_next().await.expect("the queue").expect("a job");
     succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await;
-    let everything = Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, max_bytes: 1, hold_label: "hold".into() };
+    let everything =
+        Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, run_days: 0, max_bytes: 1, hold_label: "hold".into() };
     for (open, ended) in [
         (
             "INSERT INTO inspection (id, job_id, state, body, input) VALUES ('i', ?1, 'running', '', '')",
@@ -457,6 +459,14 @@ async fn what_a_job_lacks_is_told_with_the_way_to_get_it() {
         assert_eq!(told(in_cell, name).await, format!("job {in_cell} has no {name}"));
     }
     assert!(told(in_cell, "candidates.json").await.contains("params.output.candidates"));
+    let mut params = PlanParams::default();
+    params.output.candidates = true;
+    let request = JobRequest { params, ..JobRequest::new(mesh) };
+    let listed = store.submit_one(&NewJob { request, ..new_job(mesh, 0) }).await.expect("a job").id;
+    store.claim_next().await.expect("the queue").expect("the job");
+    succeed(store, listed, vec![("plan.json", b"{}".to_vec())]).await;
+    let said = told(listed, "candidates.json").await;
+    assert!(said.ends_with("it would have been too large: what to do stands in warnings of the job"), "{said}");
     assert_eq!(told(without_cell, "nothing").await, format!("job {without_cell} has no nothing"));
     let failed = claimed("none").await;
     let report = Artifact { name: "report.txt".into(), bytes: b"no plan".to_vec() };
@@ -485,4 +495,17 @@ async fn a_deleted_job_that_had_succeeded_is_not_said_to_be_at_its_beginning() {
         done,
         [(EventKind::Queued, false), (EventKind::Started, false), (EventKind::Succeeded, true), (EventKind::Deleted, true)]
     );
+}
+
+/// Clients send the parameters of a job again as they are shown, and beside a preset what it sets otherwise is refused.
+#[tokio::test]
+async fn a_job_is_shown_with_what_its_preset_sets() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let params = PlanParams { preset: Preset::Thesis, ..PlanParams::default() };
+    let request = JobRequest { params: params.clone(), ..JobRequest::new(mesh) };
+    let job = store.submit_one(&NewJob { request, ..new_job(mesh, 0) }).await.expect("a job");
+    assert_eq!(job.params, Preset::Thesis.apply(&params));
+    assert_eq!(store.job(job.id).await.expect("it").params, job.params);
 }

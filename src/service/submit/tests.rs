@@ -55,6 +55,7 @@ fn stored_rescan() -> StoredRescan {
         plan_params: PlanParams::default(),
         target_of_mm2: 1.0,
         rounds: 0,
+        samples: None,
         measured: String::new(),
         hopeless: String::new(),
         easy_rate: 1.0,

@@ -40,6 +40,9 @@ pub struct RescanState {
     pub target_of_mm2: f64,
     /// Rescans that were made.
     pub rounds: u32,
+    /// Number of samples; `null` in states from before it was introduced.
+    #[serde(default)]
+    pub samples: Option<usize>,
     /// Samples that scans have measured: bits, 64 a word, little-endian, in Base64.
     pub measured: String,
     /// Samples that no further view mends, likewise.
@@ -60,6 +63,13 @@ pub struct RescanState {
 pub struct RescanRequest {
     /// Rules on when further views are worth it.
     pub params: RescanParams,
+}
+
+fn other_samples(found: usize, own: usize) -> String {
+    format!(
+        "is of {found} samples, this part has {own}: it is of another part or of another release; compare the first round's scans with their \
+         plan again"
+    )
 }
 
 fn bits(samples: &SampleSet) -> String {
@@ -114,6 +124,7 @@ impl RescanState {
             plan_params: before.map_or_else(|| params.clone(), |before| before.plan_params.clone()),
             target_of_mm2: before.map_or(target_of_mm2, |before| before.target_of_mm2),
             rounds: before.map_or(0, |before| before.rounds + 1),
+            samples: Some(inspection.surface.sample_mm.len()),
             measured: bits(&measured),
             hopeless: bits(&hopeless(&inspection.losses, inspection.surface.sample_mm.len())),
             easy_rate: model.easy_rate,
@@ -121,6 +132,21 @@ impl RescanState {
             by_mirror: RateCurveDocument::from(&model.mirror),
             by_depth: RateCurveDocument::from(&model.depth),
         }
+    }
+
+    /// Refuses a state of another number of samples than those of the part that it is used for.
+    ///
+    /// # Errors
+    /// The finding; [`Self::measured`] and [`Self::hopeless`] have others.
+    pub fn check_samples(&self, own: usize) -> Result<(), FieldError> {
+        if let Some(samples) = self.samples.filter(|samples| *samples != own) {
+            return Err(FieldError { pointer: "/samples".to_owned(), detail: other_samples(samples, own) });
+        }
+        let sets = [("/measured", self.measured()?), ("/hopeless", self.hopeless()?)];
+        let other = sets.into_iter().find(|(_, set)| set.words().len() != own.div_ceil(64));
+        other.map_or(Ok(()), |(pointer, set)| {
+            Err(FieldError { pointer: pointer.to_owned(), detail: other_samples(64 * set.words().len(), own) })
+        })
     }
 
     /// Samples that scans have measured.
@@ -148,5 +174,45 @@ impl RescanState {
             mirror: RateCurve::from(&self.by_mirror),
             depth: RateCurve::from(&self.by_depth),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(samples: Option<usize>, measured: usize) -> RescanState {
+        let none = RateCurveDocument::default();
+        RescanState {
+            schema: RESCAN_STATE_SCHEMA.to_owned(),
+            plan_sha256: String::new(),
+            plan_params: PlanParams::default(),
+            target_of_mm2: 1.0,
+            rounds: 0,
+            samples,
+            measured: bits(&SampleSet::none_of(measured)),
+            hopeless: bits(&SampleSet::none_of(measured)),
+            easy_rate: 1.0,
+            by_incidence: none.clone(),
+            by_mirror: none.clone(),
+            by_depth: none,
+        }
+    }
+
+    #[test]
+    fn a_state_of_other_samples_is_refused_to_the_last_one() {
+        assert_eq!(state(Some(130), 130).check_samples(130), Ok(()));
+        assert_eq!(state(None, 130).check_samples(131), Ok(()), "an old one tells no more than its words");
+        let told = |state: RescanState, own| state.check_samples(own).expect_err("refused").to_string();
+        assert!(
+            told(state(Some(130), 130), 131).starts_with("/samples: is of 130 samples, this part has 131: it is of another part")
+        );
+        assert!(told(state(None, 130), 300).starts_with("/measured: is of 192 samples, this part has 300"));
+        let before = serde_json::to_value(state(Some(130), 130)).map(|mut value| {
+            value.as_object_mut().map(|fields| fields.remove("samples"));
+            value
+        });
+        let read: RescanState = serde_json::from_value(before.expect("JSON")).expect("a state");
+        assert_eq!(read.samples, None);
     }
 }

@@ -76,6 +76,7 @@ impl Run {
             devices: None,
             objections: Vec::new(),
             jitter: None,
+            last_measured: None,
             coverage: None,
             audit: None,
             armed_by: None,
@@ -97,6 +98,7 @@ impl Run {
         self.devices = record.identities.as_ref().map(Into::into);
         self.objections = record.objections.iter().map(ToString::to_string).collect();
         self.jitter = record.jitter.as_ref().map(Into::into);
+        self.last_measured = record.last_measured.as_ref().map(Into::into);
     }
 }
 

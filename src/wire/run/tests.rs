@@ -3,6 +3,10 @@
 use serde_json::{Value, json};
 
 use super::*;
+use crate::cell::Configuration;
+use crate::execution::record::RunRecord;
+use crate::execution::session::{RunReason, RunState, RunStatus, StopCause};
+use crate::program::Program;
 use crate::wire::parse;
 
 const JOB: &str = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
@@ -50,4 +54,30 @@ fn every_state_reads_back_and_three_of_them_are_ends() {
     }
     let ends: Vec<ReportedState> = ReportedState::ALL.into_iter().filter(|state| state.is_ended()).collect();
     assert_eq!(ends, [ReportedState::Done, ReportedState::Stopped, ReportedState::Failed]);
+}
+
+/// Whoever looks once the samples are gone would take the arm for where its last step ended.
+#[test]
+fn a_run_that_has_ended_says_where_arm_and_table_were_measured_last() {
+    let program = Program {
+        plan_sha256: String::new(),
+        setup: 0,
+        calibration: None,
+        robot: String::new(),
+        turntable: String::new(),
+        home_rad: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+        steps: Vec::new(),
+        cycle_secs: 0.0,
+    };
+    let mut run = Run::new(&RunRequest::new(JOB.parse().expect("an id")), None, "cell", &program, "");
+    assert_eq!(run.last_measured, None);
+    let here = Configuration { joints_rad: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25], table_rad: 1.5 };
+    let status = RunStatus { state: RunState::Stopped, reason: RunReason::Ended(StopCause::Client) };
+    run.conclude(&RunRecord { last_measured: Some(here), ..RunRecord::lost(status) });
+    assert_eq!(run.last_measured, Some(ConfigurationDocument::from(&here)));
+    let mut stored = serde_json::to_value(&run).expect("JSON");
+    assert_eq!(parse::<Run>(stored.to_string().as_bytes()).expect("a run"), run);
+    // As an earlier release stored it.
+    stored.as_object_mut().expect("an object").remove("last_measured");
+    assert_eq!(parse::<Run>(stored.to_string().as_bytes()).expect("a run").last_measured, None);
 }

@@ -2,9 +2,10 @@
 
 use super::*;
 use crate::wire::RetentionReason::{Age, Count, Disk};
+use crate::wire::RunId;
 
 fn policy() -> Policy {
-    Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, max_bytes: 0, hold_label: "hold".into() }
+    Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, run_days: 0, max_bytes: 0, hold_label: "hold".into() }
 }
 
 /// A succeeded job of a part, with a result of this many bytes.
@@ -185,4 +186,74 @@ async fn the_bytes_that_deletions_remove_are_counted_once_and_when_the_last_refe
     store.delete_job(b, "hold", None).await.expect("deleted");
     assert_eq!(store.removed_bytes(), 6);
     assert_eq!(store.stored_bytes().await.expect("a sum"), before - 6);
+}
+
+/// A run by its rows: `days` since its acceptance and its end.
+async fn run(store: &Store, job: Option<JobId>, state: &str, days: u32) -> RunId {
+    let id = RunId::generate();
+    let insert = "INSERT INTO run (id, job_id, cell, mode, state, body, created_at, ended_at)
+        SELECT ?1, ?2, 'c', 'live', ?3, '{}', past, past
+        FROM (SELECT strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?4 || ' days') AS past)";
+    let query = sqlx::query(insert).bind(id.to_string()).bind(job.map(|id| id.to_string())).bind(state).bind(days);
+    query.execute(&store.reader).await.expect("a run");
+    id
+}
+
+#[tokio::test]
+async fn runs_go_by_an_age_of_their_own_unless_they_are_open_or_their_job_is_held_or_in_use() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let (idle, held, inspected, driven) = (
+        ended(store, mesh, None, 10).await,
+        ended(store, mesh, None, 10).await,
+        ended(store, mesh, None, 10).await,
+        ended(store, mesh, None, 10).await,
+    );
+    store.put_labels(held, &std::collections::BTreeMap::from([("hold".to_owned(), String::new())])).await.expect("held");
+    let inspection = "INSERT INTO inspection (id, job_id, state, body, input) VALUES ('i', ?1, 'running', '', '')";
+    sqlx::query(inspection).bind(inspected.to_string()).execute(&store.reader).await.expect("a row");
+    let of_deleted_job = run(store, Some(JobId::generate()), "done", 3).await;
+    let of_idle_job = run(store, Some(idle), "failed", 3).await;
+    let of_held_job = run(store, Some(held), "done", 3).await;
+    let of_inspected_job = run(store, Some(inspected), "done", 3).await;
+    let of_driven_job = run(store, Some(driven), "stopped", 3).await;
+    run(store, Some(driven), "paused", 3).await;
+    run(store, None, "running", 3).await;
+    run(store, None, "done", 1).await;
+    let due = async |run_days: u32| {
+        let policy = Policy { run_days, ..policy() };
+        store.due_runs(&policy).await.expect("a list").into_iter().map(|run| run.id).collect::<Vec<_>>()
+    };
+    assert_eq!(due(0).await, [], "they are kept unless it is asked for");
+    assert_eq!(due(4).await, []);
+    assert_eq!(due(2).await, [of_deleted_job, of_idle_job], "the oldest first");
+    // What has changed since they were found due.
+    assert!(matches!(store.delete_run(of_held_job, Some("hold")).await, Err(Error::JobHeld { .. })));
+    for in_use in [of_inspected_job, of_driven_job] {
+        assert!(matches!(store.delete_run(in_use, Some("hold")).await, Err(Error::JobInUse(_))));
+    }
+    store.delete_run(of_held_job, None).await.expect("whoever asks for this run may");
+    store.delete_run(of_deleted_job, Some("hold")).await.expect("due");
+    assert_eq!(due(2).await, [of_idle_job]);
+    let everything = Policy { job_days: 1, jobs_per_part: 1, unused_mesh_days: 1, max_bytes: 1, ..policy() };
+    assert_eq!(store.due_runs(&everything).await.expect("a list"), [], "nothing else deletes a run");
+    store.delete_job(idle, "hold", None).await.expect("deleted");
+    assert_eq!(due(2).await, [of_idle_job], "it outlives its job");
+}
+
+#[tokio::test]
+async fn no_run_is_deleted_for_its_age_once_the_clock_has_jumped_or_was_behind() {
+    let mut opened = open().await;
+    let old = run(&opened.store, None, "done", 30).await;
+    let policy = Policy { run_days: 2, ..policy() };
+    assert_eq!(opened.store.due_runs(&policy).await.expect("a list").len(), 1);
+    opened.store.clock.wall -= std::time::Duration::from_secs(365 * 86_400);
+    assert_eq!(opened.store.due_runs(&policy).await.expect("a list"), []);
+    opened.store.clock = super::super::clock::Clock::start();
+    let store = &opened.store;
+    run(store, None, "done", 0).await;
+    let behind = run(store, None, "done", 20_000).await;
+    let due: Vec<RunId> = store.due_runs(&policy).await.expect("a list").into_iter().map(|run| run.id).collect();
+    assert_eq!(due, [old], "{behind} is no older than the one before it");
 }
