@@ -20,6 +20,7 @@ use crate::cell::{CellSpec, FieldError};
 use crate::wire::calibration::{
     CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_easy_handeye, from_pose_samples, from_zivid, sentence,
 };
+use crate::wire::words::fixed;
 use crate::wire::{Distinct, hex, json_error, json_file_bytes};
 
 /// Files of observations that are read.
@@ -171,6 +172,16 @@ fn write_cell(path: &Path, spec: &CellSpec, head: &str) -> Result<(), CliError> 
 /// SHA-256 of a document as a file has it.
 fn digest_of(document: &impl Serialize) -> String {
     hex(&Sha256::digest(json_file_bytes(document)))
+}
+
+/// A figure with its standard deviation: ± would be read as an interval of k = 2.
+fn with_sd(figure: &str, sd: &str) -> String {
+    format!("{figure} (standard deviation {sd})")
+}
+
+/// Coordinates with so many decimals.
+fn coordinates(values: [f64; 3], decimals: usize) -> String {
+    values.map(|value| fixed(value, decimals)).join(" ")
 }
 
 /// Error that lists findings, each with its code.

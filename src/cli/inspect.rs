@@ -2,16 +2,18 @@
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use super::plan::load_scanner;
 use super::{CliError, check, files, inspect_scanner, output};
-use crate::cell::{SpecKind, preset_text};
+use crate::cell::{Presets, SpecKind, SpecLibrary as _, did_you_mean, preset_text};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
 use crate::wire::MeshHealthReport;
 use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text};
 use crate::wire::warnings::FieldWarning;
+use crate::wire::words::{area_mm2, by_thousands, fixed, fixed_nonzero};
 
 /// Describe a mesh and its defects, or a scanner and its field of view.
 #[derive(Clone, Debug, clap::Args)]
@@ -65,7 +67,7 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
     let mut file = match File::open(&args.file) {
         Ok(file) => file,
-        Err(error) => return preset_report(args).unwrap_or_else(|| Err(files::unreadable(&args.file, &error))),
+        Err(error) => return preset_report(args).unwrap_or_else(|| Err(unopened(&args.file, &error))),
     };
     let length_bytes = file.metadata().map_err(|error| bad_input(&error))?.len();
     let unit = args.unit.unwrap_or(LengthUnit::Millimetre);
@@ -130,6 +132,24 @@ fn preset_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
     Some(inspect_scanner::render(text, args.json))
 }
 
+/// Error for a file that cannot be opened. What may be the name of a preset, since it names no folder and has no ending, is told the
+/// presets too.
+fn unopened(path: &Path, error: &io::Error) -> CliError {
+    let name = path.to_str().filter(|name| Path::new(name).file_name().is_some_and(|file| file == *name));
+    let name = name.filter(|_| error.kind() == io::ErrorKind::NotFound && path.extension().is_none());
+    let told = files::unreadable(path, error);
+    let (Some(name), CliError::BadInput(text)) = (name.filter(|name| *name != "-"), &told) else { return told };
+    let others = [SpecKind::Robot, SpecKind::Turntable, SpecKind::Cell];
+    if let Some(kind) = others.into_iter().find(|kind| preset_text(*kind, name).is_some()) {
+        let kind = kind.as_str();
+        let what = format!("it is the name of a {kind} preset, not of a scanner's; `vantage presets {name}` prints it");
+        return CliError::BadInput(format!("{text}; {what}"));
+    }
+    let known = Presets.names(SpecKind::Scanner);
+    let question = did_you_mean(name, known.iter().map(String::as_str));
+    CliError::BadInput(format!("{text}; nor is there such a scanner preset; these are {}{question}", known.join(", ")))
+}
+
 /// Rows on the size: in the unit that is given, else in each.
 fn size_rows(
     args: &InspectArgs,
@@ -149,13 +169,15 @@ fn size_rows(
     }
     let size = mesh.health.aabb.extent_mm();
     let (min, max) = (report.bbox_mm.min, report.bbox_mm.max);
-    let span = |axis: usize| format!("{:.3} … {:.3}", min[axis], max[axis]);
-    let volume = report.volume_mm3.map_or("unknown (not closed, or inconsistently wound)".into(), |v| format!("{v:.1} mm³"));
+    let span = |axis: usize| format!("{} … {}", fixed(min[axis], 3), fixed(max[axis], 3));
+    let [x, y, z] = [size.x, size.y, size.z].map(|edge_mm| fixed_nonzero(edge_mm, 3));
+    let unknown = || "unknown (not closed, or inconsistently wound)".to_owned();
+    let volume = report.volume_mm3.map_or_else(unknown, |mm3| format!("{} mm³", by_thousands(&fixed_nonzero(mm3, 1))));
     let rows = [
         ("unit", format!("{} (1 {} = {} mm)", mesh.unit, mesh.unit, mesh.unit.mm())),
-        ("size", format!("{:.3} × {:.3} × {:.3} mm", size.x, size.y, size.z)),
+        ("size", format!("{x} × {y} × {z} mm")),
         ("x, y, z", format!("{}, {}, {} mm", span(0), span(1), span(2))),
-        ("area", format!("{:.1} mm²", report.area_mm2)),
+        ("area", format!("{} mm²", area_mm2(report.area_mm2))),
         ("volume", volume),
     ];
     rows.map(|(key, value)| (key.to_owned(), value)).into()

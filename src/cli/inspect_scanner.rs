@@ -9,6 +9,7 @@ use super::CliError;
 use crate::cell::{DepthBoundSource, FieldError, ScannerSpec};
 use crate::check::kind_of;
 use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, PlanarFacts, ScannerFacts, StatedBox, VolumeFacts};
+use crate::wire::words::fixed;
 use crate::wire::{DocumentKind, from_value};
 
 /// Describes the scanner that `text` specifies, as text or as JSON.
@@ -39,13 +40,13 @@ fn describe(facts: &ScannerFacts) -> String {
     );
     out += "device     centre mm                 axis                     view          incidence up to\n";
     for device in &facts.devices {
-        let [cx, cy, cz] = device.centre_mm;
-        let [ax, ay, az] = device.axis;
+        let [cx, cy, cz] = device.centre_mm.map(|mm| fixed(mm, 2));
+        let [ax, ay, az] = device.axis.map(|part| fixed(part, 4));
         let [horizontal, vertical] = device.field_of_view_deg;
         line(
             &mut out,
             format_args!(
-                "{:<10} {cx:>8.2} {cy:>6.2} {cz:>6.2}   {ax:>7.4} {ay:>7.4} {az:>7.4}   {horizontal:.1}° × {vertical:.1}°   {:.1}°",
+                "{:<10} {cx:>8} {cy:>6} {cz:>6}   {ax:>7} {ay:>7} {az:>7}   {horizontal:.1}° × {vertical:.1}°   {:.1}°",
                 device.name, device.incidence_max_deg
             ),
         );
@@ -87,7 +88,7 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
 fn describe_fields(out: &mut String, fields: &[FieldFacts]) {
     *out += "\nfield mm   left x            right x           projector x       common x          common\n";
     for field in fields {
-        let x = |[from, to]: [f64; 2]| format!("{from:>7.1} … {to:<7.1}");
+        let x = |[from, to]: [f64; 2]| format!("{:>7} … {:<7}", fixed(from, 1), fixed(to, 1));
         let columns: String = field.devices.iter().chain([&field.common]).map(|f| x(f.x_mm)).collect();
         let size = |[from, to]: [f64; 2]| (to - from).max(0.0);
         line(
@@ -174,8 +175,9 @@ fn describe_box(out: &mut String, stated: &StatedBox) {
     };
     let [x, y, z] = stated.size_mm;
     line(out, format_args!("{name:<16} {x:.0} × {y:.0} × {z:.0}: {:.1} % inside", 100.0 * stated.inside));
-    for Excess { of, corner_mm: [x, y, z], outside_mm } in &stated.excess {
+    for Excess { of, corner_mm, outside_mm } in &stated.excess {
+        let [x, y, z] = corner_mm.map(|mm| fixed(mm, 1));
         let what = if *of == "depth" { "working depth".to_owned() } else { format!("field of the {of}") };
-        line(out, format_args!("                   leaves the {what} by {outside_mm:.1} mm at ({x:.1}, {y:.1}, {z:.1})"));
+        line(out, format_args!("                   leaves the {what} by {outside_mm:.1} mm at ({x}, {y}, {z})"));
     }
 }

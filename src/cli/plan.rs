@@ -24,7 +24,8 @@ use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
 use crate::report::html::NoPlanReason;
 use crate::service::plan_job::{
-    Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, plan_sha256, refused_programs,
+    Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, left_out_candidates,
+    plan_sha256, refused_programs,
 };
 use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
@@ -276,7 +277,7 @@ impl<'a> PartPlanner<'a> {
         let (planned, mut artifacts) = result?;
         watch.switch(Some(CommandStage::Writing.as_str()));
         let outcome = planned.map_err(|error| without_plan(error, &artifacts, folder))?;
-        warn("parameters", &job.empty_region_warnings(&outcome, ""));
+        self.warn_of_plan(&job, &outcome, &artifacts);
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
         let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
@@ -284,6 +285,17 @@ impl<'a> PartPlanner<'a> {
         folder.replace_timed(&artifacts, &timings, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
         warn_of_refused(self.cell.as_ref(), &artifacts, folder.path());
         Ok(PlannedPart { outcome, artifacts })
+    }
+
+    /// Warns of regions that hold nothing of the part, of a list of candidates that is left out, and of poses in which the part would
+    /// tip over.
+    fn warn_of_plan(&self, job: &PlanJob<'_>, outcome: &Outcome, artifacts: &[Artifact]) {
+        warn("parameters", left_out_candidates(artifacts, "").as_slice());
+        warn("parameters", &job.empty_region_warnings(outcome, ""));
+        // With --up its user was warned before.
+        if self.args.up.is_none() {
+            warn("parameters", &job.standing_warnings(&outcome.plan, ""));
+        }
     }
 
     fn watch(&self) -> std::sync::MutexGuard<'_, Option<Stopwatch>> {
@@ -365,11 +377,13 @@ fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>) {
     warn("parameters", fragile.as_slice());
 }
 
-/// Warns of regions that do not reach their target; with `strict` they are an error.
+/// Warns of regions that do not reach their target, which with `strict` are an error, and of those that reach it on the samples that
+/// views were chosen on alone.
 fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) -> Result<(), CliError> {
     let regions: Vec<_> = regions.iter().map(RegionCoverageDocument::from).collect();
     let unmet = warnings::of_regions(params, &regions, "");
     warn("parameters", &unmet);
+    warn("parameters", &warnings::of_refuted_regions(params, &regions, ""));
     if !strict {
         return Ok(());
     }

@@ -7,7 +7,7 @@ use crate::service::plan_job::Artifact;
 use crate::wire::parse;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
-use crate::wire::words::{area_mm2, at_risk_sentence, counted, percent_below, stability_sentence};
+use crate::wire::words::{area_mm2, at_risk_sentence, counted, percent_below, region_verdict, stability_sentence};
 
 /// Lines on a plan, by its files.
 ///
@@ -62,32 +62,28 @@ fn setup_lines(plan: &PlanDocument) -> Vec<String> {
 /// Coverage of a region: what is asked and what is reached on one line, and the reasons on another if that is too little.
 pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
     let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {mm} mm"));
-    let target = match (region.target, region.met) {
-        (Some(target), Some(true)) => format!("target {:.2} %: met", 100.0 * target),
-        (Some(target), _) => format!("target {:.2} %: NOT MET", 100.0 * target),
-        (None, _) => "no target".to_owned(),
-    };
     let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n  missed: {why}"));
     format!(
-        "Region {:?} ({}{tolerance}; {} mm², {}): {} %, {target}{why}",
+        "Region {:?} ({}{tolerance}; {} mm², {}): {} %, {}{why}",
         region.name,
         region.kind,
         area_mm2(region.asked_area_mm2),
         counted(region.samples, "sample"),
-        reached_percent(region.of_asked, region.target)
+        reached_percent(region.of_asked, region.target),
+        region_verdict(region)
     )
 }
 
 /// Worst shares of the asked area under pose errors, on one line.
 fn under_pose_errors(robust: &RobustDocument) -> String {
     let worst = |name: &str, drawn: &DrawnDocument, draws: usize| {
-        format!("{} % with {name} off ({})", percent_below(drawn.worst, 1.0, 2), counted(draws, "trial"))
+        format!("{} % with {name} off (worst of {})", percent_below(drawn.worst, 1.0, 2), counted(draws, "draw"))
     };
     let (part, hand_eye) = (&robust.part, robust.hand_eye.as_ref());
     let mut cases = vec![worst("each view", &robust.of_asked, robust.draws), worst("the part", &part.of_asked, part.draws)];
     cases.extend(hand_eye.map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked, hand_eye.draws)));
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
-    format!("Worst coverage of the asked area if poses are off by {angle_deg}° and {shift_mm} mm: {}", cases.join(", "))
+    format!("Coverage of the asked area if poses are off by {angle_deg}° and {shift_mm} mm: {}", cases.join(", "))
 }
 
 #[cfg(test)]
@@ -97,7 +93,7 @@ mod tests {
     use crate::wire::plan::MisplacedDocument;
 
     #[test]
-    fn each_kind_of_pose_error_is_told_with_its_own_number_of_trials() {
+    fn each_kind_of_pose_error_is_told_with_its_own_number_of_draws() {
         let of_asked = |worst: f64| DrawnDocument { nominal: 1.0, worst, p5: 1.0, mean: 1.0 };
         let robust = RobustDocument {
             pose_error: PoseErrorParams { angle_deg: 0.004_691, translation_mm: 2.0 },
@@ -106,8 +102,8 @@ mod tests {
             part: MisplacedDocument { draws: 7, of_asked: of_asked(0.75) },
             hand_eye: Some(MisplacedDocument { draws: 1, of_asked: of_asked(0.5) }),
         };
-        let told = "99.99 % with each view off (21 trials), 75.00 % with the part off (7 trials), \
-                    50.00 % with the hand-eye calibration off (1 trial)";
+        let told = "99.99 % with each view off (worst of 21 draws), 75.00 % with the part off (worst of 7 draws), \
+                    50.00 % with the hand-eye calibration off (worst of 1 draw)";
         assert!(under_pose_errors(&robust).ends_with(told), "{}", under_pose_errors(&robust));
         assert!(under_pose_errors(&robust).contains(" off by 0.00469° and 2 mm: "), "{}", under_pose_errors(&robust));
     }

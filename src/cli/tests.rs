@@ -25,6 +25,39 @@ fn a_scanner_is_inspected_by_the_name_of_its_preset() {
     assert!(report(&args("transcan-d")).is_err_and(|error| error.to_string().contains("transcan-d")));
 }
 
+/// A misspelled preset was told as a missing file alone.
+#[test]
+fn a_name_that_is_neither_a_file_nor_a_scanner_preset_is_told_the_presets() {
+    let told = |file: &str| {
+        let args = InspectArgs { file: file.into(), unit: None, cell: None, scanner: None, json: false };
+        let error = report(&args).expect_err("no such file");
+        assert_eq!(error.exit_code(), 2);
+        error.to_string()
+    };
+    let preset = told("transcan-d");
+    assert!(preset.starts_with("transcan-d: there is no such file; nor is there such a scanner preset; these are "), "{preset}");
+    assert!(preset.contains("transcan-c, ") && preset.ends_with("; did you mean transcan-c?"), "{preset}");
+    let robot = told("hans-e05");
+    assert!(
+        robot.ends_with("it is the name of a robot preset, not of a scanner's; `vantage presets hans-e05` prints it"),
+        "{robot}"
+    );
+    for file in ["transcan-d.toml", "/nowhere/transcan-d"] {
+        assert!(!told(file).contains("preset"), "{}", told(file));
+    }
+    assert!(told("-").contains("standard input is not read") && !told("-").contains("preset"), "{}", told("-"));
+}
+
+/// −0.000 was told.
+#[test]
+fn a_figure_that_rounds_to_nothing_has_no_sign_and_what_is_not_nothing_has_digits() {
+    let text =
+        inspect(b"v -0.0000004 0 0\nv 0.2 0 0\nv 0 0.1 0\nf 1 2 3\n", Some(LengthUnit::Millimetre), false).expect("a report");
+    for line in ["x, y, z     0.000 … 0.200, 0.000 … 0.100, 0.000 … 0.000 mm\n", "area        0.0100 mm²\n"] {
+        assert!(text.contains(line), "{line:?} is not in\n{text}");
+    }
+}
+
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n";
 
 #[test]
@@ -230,6 +263,10 @@ fn a_region_is_told_with_what_is_asked_reached_and_missed() {
         min_tolerance_mm: Some(0.156),
         missed: vec![RegionMissDocument { reason: "below_grade".to_owned(), area_mm2: 900.0 }],
         beyond_noise_area_mm2: 900.0,
+        independent_samples: None,
+        independent_of_asked: None,
+        independent_standard_error: None,
+        independently_met: None,
         why_unmet: Some("below_grade 900.0 mm²".to_owned()),
     };
     let told = summary::region_summary(&unmet);
@@ -244,8 +281,23 @@ fn a_region_is_told_with_what_is_asked_reached_and_missed() {
     assert!(summary::region_summary(&free).ends_with("(feature; 900.0 mm², 90 samples): 0.00 %, no target"));
     let nearly = RegionCoverageDocument { samples: 1, of_asked: 0.999_96, ..met.clone() };
     assert!(summary::region_summary(&nearly).contains("1 sample): 99.99 %, target 95.00 %: met"));
-    let below = RegionCoverageDocument { of_asked: 0.949_96, met: Some(false), ..met };
+    let below = RegionCoverageDocument { of_asked: 0.949_96, met: Some(false), ..met.clone() };
     assert!(summary::region_summary(&below).ends_with(": 94.99 %, target 95.00 %: NOT MET"));
+    let refuted = RegionCoverageDocument {
+        independent_samples: Some(475),
+        independent_of_asked: Some(0.931),
+        independent_standard_error: Some(0.011_6),
+        independently_met: Some(false),
+        ..met
+    };
+    assert!(
+        summary::region_summary(&refuted).ends_with(
+            ": 97.00 %, target 95.00 %: met on the samples that views were chosen on; on 475 others 93.10 %, standard error 1.16 points: \
+             NOT CONFIRMED"
+        ),
+        "{}",
+        summary::region_summary(&refuted)
+    );
 }
 
 #[test]

@@ -16,14 +16,14 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
         let _ = writeln!(text, "{words}");
     };
     let alignment = &document.alignment;
-    let on_part = 100.0 * alignment.inlier_share;
+    let on_part = percent_below(alignment.inlier_share, 1.0, 1);
     line(if alignment.holds_part() {
         let (mm, deg) = (alignment.part_shifted_mm, alignment.part_turned_deg);
         format!(
-            "\nAlignment: the part lies {mm:.3} mm and {deg:.3}° from where it was planned; {on_part:.1} % of the points lie on it."
+            "\nAlignment: the part lies {mm:.3} mm and {deg:.3}° from where it was planned; {on_part} % of the points lie on it."
         )
     } else {
-        format!("\nAlignment: not found; {on_part:.1} % of the points lie on the part. Are these scans of this part?")
+        format!("\nAlignment: not found; {on_part} % of the points lie on the part. Are these scans of this part?")
     });
     for view in alignment.views.iter().filter_map(|view| Some((view, view.kept_pose?))) {
         line(format!("  view {} keeps its stated pose: {}", view.0.viewpoint, view.1.as_str().replace('_', " ")));
@@ -33,8 +33,7 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
     }
     for loss in &document.losses {
         let remedy = loss.largest.first().map_or("none", |spot| remedy_words(spot.remedy));
-        let (share, cause) = (100.0 * loss.of_asked, loss.cause.as_str().replace('_', " "));
-        line(format!("  {share:6.2} %  {cause:<20} {}; remedy: {remedy}", counted(loss.spots, "spot")));
+        line(loss_words(loss.of_asked, loss.cause.as_str(), &counted(loss.spots, "spot"), remedy));
     }
     line(format!("\nDeviation: {}", excluded_sentence(&document.deviation)));
     document.deviation.regions.iter().for_each(|region| line(region_words(region)));
@@ -48,6 +47,11 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
     document.findings.iter().for_each(|finding| line(format!("  {}", finding.detail)));
     line(format!("\nplan {}", document.plan_sha256));
     text
+}
+
+/// A loss: its share of the asked area, its cause, its spots and the remedy of the largest.
+fn loss_words(of_asked: f64, cause: &str, spots: &str, remedy: &str) -> String {
+    format!("  {:>6} %  {:<20} {spots}; remedy: {remedy}", percent_below(of_asked, 1.0, 2), cause.replace('_', " "))
 }
 
 /// Verdict of a region, and what it leaves out.
@@ -70,6 +74,13 @@ mod tests {
     use super::*;
     use crate::inspection::deviation::Conformity;
     use crate::wire::inspection::ExcludedSharesDocument;
+
+    #[test]
+    fn a_small_loss_is_not_told_as_none() {
+        let told = |of_asked: f64| loss_words(of_asked, "view_missing", "1 spot", "add a view");
+        assert_eq!(told(0.25), "   25.00 %  view missing         1 spot; remedy: add a view");
+        assert_eq!(told(0.000_03), "  0.0030 %  view missing         1 spot; remedy: add a view");
+    }
 
     #[test]
     fn a_region_tells_what_its_verdict_leaves_out() {

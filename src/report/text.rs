@@ -12,12 +12,12 @@ use crate::planning::params::{Objective, PlanParams, PoseErrorParams, SelectionG
 use crate::planning::plan::{Coverage, MissedCause, Obstruction, Plan, RegionCoverage, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
-use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RobustDocument};
+use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument};
 use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, of_robust};
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fix_sentence, fixed, freedom,
-    headline, lie_phrase, noise_remark, percent_below, risk_meaning, treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fix_sentence, fixed, fixed_nonzero,
+    freedom, headline, lie_phrase, noise_remark, percent_below, region_verdict, risk_meaning, treated_spots,
 };
 
 /// The text of a plan without a program. Same plan, same text; every line ends with a newline.
@@ -104,7 +104,7 @@ fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
     let told = |stability: &Stability| {
         let (shared, weakest) = (area_mm2(stability.shared_area_mm2), freedom(stability));
         let verdict = if stability.is_fixed() { "all freedoms fixed" } else { "not all freedoms fixed" };
-        format!("share {shared} mm²; weakest is {weakest}, resistance {}: {verdict}", fixed(stability.resistance, 3))
+        format!("share {shared} mm²; weakest is {weakest}, resistance {}: {verdict}", fixed_nonzero(stability.resistance, 3))
     };
     if !plan.setup_links.is_empty() || plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
         writeln!(out, "\nregistration by shared surface")?;
@@ -179,11 +179,7 @@ fn write_regions(out: &mut String, regions: &[RegionCoverage]) -> fmt::Result {
         writeln!(out, "\nregions of interest and features")?;
     }
     for region in regions {
-        let verdict = match (region.target, region.is_met()) {
-            (Some(target), Some(true)) => format!("target {} %: met", percent(target)),
-            (Some(target), _) => format!("target {} %: NOT MET", percent(target)),
-            (None, _) => "no target".to_owned(),
-        };
+        let verdict = region_verdict(&RegionCoverageDocument::from(region));
         let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", fixed(mm, 3)));
         // Quoted, so that no name breaks a line.
         writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
@@ -215,9 +211,10 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
     writeln!(out, "\nmeasured of asked on these samples if poses are off by {angle_deg}° and {shift_mm} mm")?;
     for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part), ("hand-eye", &robust.hand_eye)] {
-        write!(out, "  {name:<12} {:>4} trials: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
-        let [worst, p5, mean] = [drawn.worst(), drawn.p5(), drawn.mean()].map(percent);
-        writeln!(out, ", worst {worst} %, 5th percentile {p5} %, mean {mean} %")?;
+        let [nominal, mean, worst] = [drawn.nominal, drawn.mean(), drawn.worst()].map(percent);
+        let p5 = drawn.told_p5().map_or_else(String::new, |p5| format!(", 5th percentile {} %", percent(p5)));
+        let draws = counted(drawn.draws(), "draw");
+        writeln!(out, "  {name:<12} nominal {nominal} %, mean {mean} %{p5}, worst of {draws} {worst} %")?;
     }
     Ok(())
 }
@@ -263,7 +260,7 @@ fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
         writeln!(out, "  {:>3}  candidate {}, {}", view.id.0, view.candidate.0, view.label.as_str())?;
         write!(out, "       adds {} % of asked, in all ", percent(view.gain_of_asked))?;
         write!(out, "{} %", percent(share(*measured_mm2, plan.coverage.asked_area_mm2)))?;
-        writeln!(out, "; score {} mm²", fixed(view.score, 1))?;
+        writeln!(out, "; score {} mm²", area_mm2(view.score))?;
         writeln!(out, "       {}", pose(&view.part_from_scanner))?;
         if let Some(station) = &view.station {
             writeln!(out, "       {}", station_text(station))?;
@@ -303,10 +300,10 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
         write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
         match separation {
             Some(Separation { distance_mm, place_in_base_mm, .. }) if *distance_mm < 0.0 => {
-                write!(out, "; {} mm deep at {} in the base", fixed(-distance_mm, 1), point(place_in_base_mm))?
+                write!(out, "; {} mm deep at {} in the base", fixed_nonzero(-distance_mm, 1), point(place_in_base_mm))?
             }
             Some(Separation { distance_mm, place_in_base_mm, .. }) => {
-                write!(out, "; {} mm apart at {} in the base", fixed(*distance_mm, 1), point(place_in_base_mm))?
+                write!(out, "; {} mm apart at {} in the base", fixed_nonzero(*distance_mm, 1), point(place_in_base_mm))?
             }
             None => {}
         }
@@ -400,7 +397,7 @@ fn measuring(views: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::plan::RegionKind;
+    use crate::planning::plan::{Drawn, IndependentRegion, RegionKind, Robust};
 
     #[test]
     fn a_region_that_misses_its_target_is_not_told_with_the_share_of_the_target() {
@@ -417,6 +414,7 @@ mod tests {
                 min_tolerance_mm: 0.1,
                 missed_mm2: Vec::new(),
                 beyond_noise_area_mm2: 0.0,
+                independent: None,
             };
             let mut out = String::new();
             write_regions(&mut out, &[region]).expect("a String takes all");
@@ -426,6 +424,62 @@ mod tests {
         assert!(told(900.0).contains("90.00 %; target 90.00 %: met"), "{}", told(900.0));
         assert!(told(999.99).contains("99.99 %; target 90.00 %: met"), "{}", told(999.99));
         assert_eq!((reached_percent(0.999_999, None), reached_percent(1.0, None)), ("99.99".to_owned(), "100.00".to_owned()));
+    }
+
+    #[test]
+    fn a_region_is_told_with_its_share_on_samples_that_the_views_were_not_chosen_on() {
+        let told = |measured_of_400: u32| {
+            let independent = IndependentRegion {
+                samples: 400,
+                asked_area_mm2: 80.0,
+                measured_area_mm2: 0.2 * f64::from(measured_of_400),
+                squares_mm4: 400.0 * 0.04,
+            };
+            let region = RegionCoverage {
+                name: "seat".to_owned(),
+                kind: RegionKind::Interest,
+                samples: 100,
+                asked_area_mm2: 80.0,
+                coverable_area_mm2: 80.0,
+                measured_area_mm2: 76.8,
+                target: Some(0.95),
+                tolerance_mm: None,
+                min_tolerance_mm: 0.1,
+                missed_mm2: Vec::new(),
+                beyond_noise_area_mm2: 0.0,
+                independent: Some(independent),
+            };
+            let mut out = String::new();
+            write_regions(&mut out, &[region]).expect("a String takes all");
+            out
+        };
+        let (refuted, held) = (told(360), told(384));
+        assert!(
+            refuted.ends_with(
+                "96.00 %; target 95.00 %: met on the samples that views were chosen on; on 400 others 90.00 %, standard error 1.50 \
+                 points: NOT CONFIRMED\n"
+            ),
+            "{refuted}"
+        );
+        assert!(held.ends_with("target 95.00 %: met (independent 96.00 %, standard error 0.98 points)\n"), "{held}");
+    }
+
+    #[test]
+    fn the_5th_percentile_under_pose_errors_is_told_of_20_draws_and_not_of_fewer() {
+        let drawn = |draws: usize| Drawn::new(0.97, vec![0.95; draws]);
+        let pose_error = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+        let robust = Robust { pose_error, views: drawn(6), part: drawn(20), hand_eye: drawn(1) };
+        let mut out = String::new();
+        write_certificate(&mut out, &Coverage { robust: Some(robust), ..Coverage::default() }).expect("a String takes all");
+        let told: Vec<&str> = out.lines().skip_while(|line| !line.ends_with("off by 1° and 1 mm")).skip(1).collect();
+        assert_eq!(
+            told,
+            [
+                "  every view   nominal 97.00 %, mean 95.00 %, worst of 6 draws 95.00 %",
+                "  the part     nominal 97.00 %, mean 95.00 %, 5th percentile 95.00 %, worst of 20 draws 95.00 %",
+                "  hand-eye     nominal 97.00 %, mean 95.00 %, worst of 1 draw 95.00 %",
+            ]
+        );
     }
 
     #[test]

@@ -12,6 +12,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::total::total;
 use crate::cell::PoseSpec;
 use crate::geometry::Mesh;
 use crate::planning::context::{Cancelled, Context};
@@ -233,7 +234,7 @@ fn document(entry: &TableEntry, surface: &Surface, areas_mm2: &[f64], score: &Sc
         fate: fate.fate.as_str().to_owned(),
         dropped_because: fate.rejection.map(|reason| reason.as_str().to_owned()),
         viewpoint: fate.view.map(|view| view.0),
-        measured_area_mm2: row.as_ref().map(|row| row.samples().map(|sample| areas_mm2[sample.index()]).sum()),
+        measured_area_mm2: row.as_ref().map(|row| total(row.samples().map(|sample| areas_mm2[sample.index()]))),
         score_mm2: row.as_ref().map(|row| score_mm2(row, surface, areas_mm2, score)),
         measured_runs: row.iter().flat_map(|row| runs(row.samples())).flatten().collect(),
         quality: row.iter().flat_map(Row::graded).map(|(_, quality)| rounded(quality)).collect(),
@@ -245,7 +246,7 @@ fn score_mm2(row: &Row, surface: &Surface, areas_mm2: &[f64], score: &ScoreParam
     let of_sample = |(sample, quality): (SampleId, f32)| {
         areas_mm2[sample.index()] * surface.requirements.of(sample).weight * score.value(f64::from(quality))
     };
-    row.graded().map(of_sample).sum()
+    total(row.graded().map(of_sample))
 }
 
 /// Quality to four decimals; never −0.

@@ -104,7 +104,9 @@ impl FaceCounts {
 }
 
 /// The table, one row per face of the uploaded file from face 0 on without gaps: number, area, measured share of that area,
-/// grade of most of the measured area, cause of most of the missed area (`not_asked` where nothing of it is asked for).
+/// `best_grade`, cause of most of the missed area (`not_asked` where nothing of it is asked for). `best_grade` is the grade of most of
+/// the measured area, the better one on ties, where each sample has the grade of its best chosen view
+/// ([`crate::planning::method::quality`]); it is not the best grade found anywhere on the face.
 /// Cells without a value are empty; a face that was dropped as degenerate has area 0 and no values. With
 /// `visibility.pixel_set` there is the number of chosen views that hit the face with a pixel of each device. The last column names
 /// the plan, in the first row alone.

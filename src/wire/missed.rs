@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{MissedDocument, RemedyDocument};
+use super::total::total;
 use crate::planning::plan::{MissedCause, MissedSpot, Plan};
 
 /// Schema name in the document.
@@ -57,7 +58,7 @@ pub fn json(plan: &Plan, plan_sha256: &str) -> MissedListing {
         schema: MISSED_SCHEMA.to_owned(),
         plan_sha256: plan_sha256.to_owned(),
         asked_area_mm2: plan.coverage.asked_area_mm2,
-        missed_area_mm2: plan.missed.iter().map(|missed| missed.area_mm2).sum(),
+        missed_area_mm2: total(plan.missed.iter().map(|missed| missed.area_mm2)),
         missed: plan.missed.iter().map(MissedEntry::from).collect(),
     }
 }

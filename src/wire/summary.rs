@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 pub use action::SummaryAction;
 pub use cycle::{CycleParts, ProgramCycle};
 pub use missed::MissedGroup;
-pub(crate) use missed::further_setup;
+pub(crate) use missed::{further_setup, stop_rules};
 pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
@@ -91,7 +91,8 @@ pub struct Summary {
     pub plan_sha256: Option<String>,
 }
 
-/// Shares that head a plan: on independent samples, but for the coverable area, which is known on the others alone.
+/// Shares that head a plan: on independent samples, but for the share of the coverable area, which is known on the samples that views
+/// are chosen on alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryShares {
@@ -105,7 +106,7 @@ pub struct SummaryShares {
     pub within_60_deg_of_visible: f64,
     /// Measured share of the asked area.
     pub of_asked: f64,
-    /// Measured share of the coverable area.
+    /// Measured share of the coverable area, on the samples that views are chosen on.
     pub of_coverable: f64,
     /// Measured share of the whole surface.
     pub of_total: f64,
@@ -233,7 +234,7 @@ impl SummaryShares {
     fn text(&self) -> String {
         format!(
             "Simulated coverage, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, \
-             {} of the whole surface; {} of coverable",
+             {} of the whole surface; on the samples that views are chosen on: {} of coverable",
             percent(self.of_visible),
             percent(self.grades_a_b_of_visible),
             percent(self.within_35_deg_of_visible),

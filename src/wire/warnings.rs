@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
-use super::words::{area_mm2, fixed, percent_below, rounded_up_mm};
+use super::words::{area_mm2, counted, fixed, independent_share, percent_below, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, closed_list};
-use crate::geometry::{Aabb, Mesh, stable_poses};
-use crate::planning::UpAxis;
+use crate::geometry::{Aabb, Mesh, Part, Pose, StablePose, Table, stable_poses};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
+use crate::planning::{UpAxis, tips_over};
 
 #[cfg(test)]
 mod tests;
@@ -22,6 +22,9 @@ closed_list! {
         ToleranceBeyondNoise = "tolerance_beyond_noise",
         /// A smaller share of the region or feature is measured than its target.
         RegionUnmet = "region_unmet",
+        /// The region or feature reaches its target on the samples that views were chosen on, and misses it on others by more than the
+        /// standard error of their share.
+        RegionUnconfirmed = "region_unconfirmed",
         /// The plan loses more than one point of the asked area if poses are off by the error that it was evaluated with.
         FragileUnderPoseError = "fragile_under_pose_error",
         /// The part's longest edge is less than 5 % of the scanner's field: its unit may be wrong.
@@ -40,21 +43,28 @@ closed_list! {
         ExclusionEmpty = "exclusion_empty",
         /// A region of interest or a feature holds none of the part's surface: it may lie elsewhere, or be in another unit.
         RegionEmpty = "region_empty",
+        /// The list of every candidate was asked for and is left out: it would be too large.
+        CandidatesLeftOut = "candidates_left_out",
         /// The value is accepted, and hardly what was meant: it looks like metres or radians, or turns something upside down.
         DoubtfulValue = "doubtful_value",
     }
 }
 
 impl WarningCode {
-    /// Returns true for warnings on what a plan came to, which nobody can give before there is one.
+    /// Returns true for warnings on what a plan came to, which no job has before there is one.
     #[must_use]
     pub fn is_of_plan(self) -> bool {
         match self {
-            Self::RegionUnmet | Self::FragileUnderPoseError | Self::ExclusionEmpty | Self::RegionEmpty => true,
+            Self::RegionUnmet
+            | Self::RegionUnconfirmed
+            | Self::FragileUnderPoseError
+            | Self::PartUnstable
+            | Self::ExclusionEmpty
+            | Self::RegionEmpty
+            | Self::CandidatesLeftOut => true,
             Self::ToleranceBeyondNoise
             | Self::PartSmall
             | Self::PartLargerThanPlate
-            | Self::PartUnstable
             | Self::HomeInRadians
             | Self::HomeTooClose
             | Self::PlateBeyondReach
@@ -109,14 +119,36 @@ pub fn of_standing(mesh: &Mesh, up: UpAxis, at: &str) -> Option<FieldWarning> {
     if stable.is_empty() || up.is_among(&stable) {
         return None;
     }
-    let stands: Vec<String> = UpAxis::all().filter(|axis| axis.is_among(&stable)).map(|axis| axis.to_string()).collect();
-    let other = if stands.is_empty() { String::new() } else { format!("; it stands with {} up", stands.join(", ")) };
     Some(FieldWarning {
         code: WarningCode::PartUnstable,
         pointer: at.to_owned(),
-        detail: format!("is {up}, and the part would tip over that way{other}"),
+        detail: format!("is {up}, and the part would tip over that way{}", ways_to_stand(&stable)),
         remedy: "choose another axis, or plan with the fixture that holds the part (part.fixture_mesh)".to_owned(),
     })
+}
+
+/// Warnings of poses in which a part without a fixture would tip over, each with the pointer to it; none where that cannot be told.
+#[must_use]
+pub fn of_poses(mesh: &Mesh, poses: &[(String, Pose<Table, Part>)]) -> Vec<FieldWarning> {
+    let stable = stable_poses(mesh);
+    let remedy = "by default the part lies as in its file: turn it onto a side on which it stands (part.table_from_part, --up), or plan \
+                  with the fixture that holds it (part.fixture_mesh)";
+    let warning = |pointer: &String| FieldWarning {
+        code: WarningCode::PartUnstable,
+        pointer: pointer.clone(),
+        detail: format!(
+            "lets the part tip over: it does not stand that way, or within 3° of it, and nothing holds it{}",
+            ways_to_stand(&stable)
+        ),
+        remedy: remedy.to_owned(),
+    };
+    poses.iter().filter(|(_, pose)| tips_over(&stable, pose)).map(|(pointer, _)| warning(pointer)).collect()
+}
+
+/// Axes of a part that point up where it stands, at the end of a sentence; empty if there are none.
+fn ways_to_stand(stable: &[StablePose]) -> String {
+    let stands: Vec<String> = UpAxis::all().filter(|axis| axis.is_among(stable)).map(|axis| axis.to_string()).collect();
+    if stands.is_empty() { String::new() } else { format!("; it stands with {} up", stands.join(", ")) }
 }
 
 /// Warning of a home that is free, but not with the clearance of a plan.
@@ -189,6 +221,14 @@ pub fn of_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &
     unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region)).collect()
 }
 
+/// Warnings on the targets that the regions of a plan reach on the samples that views were chosen on alone; `at` is the pointer to its
+/// parameters.
+#[must_use]
+pub fn of_refuted_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &str) -> Vec<FieldWarning> {
+    let refuted = regions.iter().enumerate().filter(|(_, region)| region.is_refuted());
+    refuted.map(|(number, region)| refuted_region(&pointer_of_region(params, number, at), region)).collect()
+}
+
 closed_list! {
     /// Lists of regions among the parameters.
     pub enum RegionUse {
@@ -207,7 +247,7 @@ closed_list! {
 pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> FieldWarning {
     let spans: Vec<String> = (0..3)
         .zip(["x", "y", "z"])
-        .map(|(axis, name)| format!("{name} {:.1} to {:.1}", part.min[axis], part.max[axis]))
+        .map(|(axis, name)| format!("{name} {} to {}", fixed(part.min[axis], 1), fixed(part.max[axis], 1)))
         .collect();
     FieldWarning {
         code: if list == RegionUse::Exclude { WarningCode::ExclusionEmpty } else { WarningCode::RegionEmpty },
@@ -221,6 +261,7 @@ pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> 
 #[must_use]
 pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -> Vec<FieldWarning> {
     let mut warnings = of_regions(params, &coverage.regions, at);
+    warnings.extend(of_refuted_regions(params, &coverage.regions, at));
     warnings.extend(coverage.robust.as_ref().and_then(|robust| of_robust(params, robust, at)));
     warnings
 }
@@ -229,11 +270,7 @@ pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -
 /// pointer to its parameters.
 #[must_use]
 pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Option<FieldWarning> {
-    let mut kinds =
-        vec![("each view", robust.of_asked, robust.draws), ("the part as a whole", robust.part.of_asked, robust.part.draws)];
-    kinds.extend(robust.hand_eye.map(|hand_eye| ("the hand-eye calibration", hand_eye.of_asked, hand_eye.draws)));
-    let worst = kinds.into_iter().reduce(|a, b| if b.1.nominal - b.1.worst > a.1.nominal - a.1.worst { b } else { a });
-    let (kind, drawn, draws) = worst.filter(|(_, drawn, _)| drawn.nominal - drawn.worst > Robust::MAX_LOSS)?;
+    let costliest = Some(robust.costliest()).filter(|costliest| costliest.loss() > Robust::MAX_LOSS)?;
     let error = robust.pose_error;
     let (state, remedy) = if params.robust.select {
         ("true, and yet", "raise selection.target, so that more of the surface is measured twice")
@@ -244,13 +281,15 @@ pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Opti
         code: WarningCode::FragileUnderPoseError,
         pointer: format!("{at}/robust/select"),
         detail: format!(
-            "is {state} an error of {kind} by {}° and {} mm costs up to {:.2} points of coverage in {draws} trials: {:.2} % of the asked \
-             area instead of {:.2} %; a plan that tolerates it loses at most {:.1}",
+            "is {state} an error of {} by {}° and {} mm costs {:.2} points of coverage in the worst of {}: {} % of the asked area \
+             instead of {} %; a plan that tolerates it loses at most {:.1}",
+            costliest.kind,
             error.angle_deg,
             error.translation_mm,
-            100.0 * (drawn.nominal - drawn.worst),
-            100.0 * drawn.worst,
-            100.0 * drawn.nominal,
+            100.0 * costliest.loss(),
+            counted(costliest.draws, "draw"),
+            percent_below(costliest.of_asked.worst, 1.0, 2),
+            percent_below(costliest.of_asked.nominal, 1.0, 2),
             100.0 * Robust::MAX_LOSS,
         ),
         remedy: remedy.to_owned(),
@@ -262,6 +301,22 @@ fn pointer_of_region(params: &PlanParams, number: usize, at: &str) -> String {
     match number.checked_sub(params.regions.interest.len()) {
         None => format!("{at}/regions/interest/{number}"),
         Some(feature) => format!("{at}/regions/features/{feature}"),
+    }
+}
+
+fn refuted_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning {
+    FieldWarning {
+        code: WarningCode::RegionUnconfirmed,
+        pointer: format!("{pointer}/target"),
+        detail: format!(
+            "is {}; {:?} reaches it on the samples that views were chosen on, but not on {} others: {}",
+            region.target.unwrap_or_default(),
+            region.name,
+            region.independent_samples.unwrap_or_default(),
+            independent_share(region).unwrap_or_default()
+        ),
+        remedy: "raise the target a little, so that views are chosen for more of the region, or raise part.samples_per_mm2"
+            .to_owned(),
     }
 }
 

@@ -11,7 +11,7 @@ use crate::planning::plan::{
 };
 use crate::planning::registration::Stability;
 use crate::planning::verdict::{MIN_RESISTANCE, Rejection};
-use crate::wire::plan::{AtRiskDocument, CoverageDocument, StabilityDocument};
+use crate::wire::plan::{AtRiskDocument, CoverageDocument, RegionCoverageDocument, StabilityDocument};
 
 #[cfg(test)]
 mod tests;
@@ -22,8 +22,10 @@ const MAX_VALUE_CHARS: usize = 160;
 const NAMED_CAUSES: usize = 3;
 /// Reason for which a region without samples does not reach its target.
 pub(crate) const NOTHING_IN_REGION: &str = "it holds none of the asked surface";
-/// Share from which on a part of an area counts as all of it: sums over samples are not exact to the last bit.
-const ALL: f64 = 1.0 - 1e-9;
+/// Share that may be lacking of a whole, or be left of nothing: sums over samples are not exact to the last bit.
+const SUM_SLACK: f64 = 1e-9;
+/// Share from which on a part of an area counts as all of it.
+const ALL: f64 = 1.0 - SUM_SLACK;
 
 /// Every parameter that differs from its default, by its dotted key in alphabetical order, with its value as JSON, cut
 /// where it is long. Defaults that were resolved (`part.patch_edge_mm` …) are among them.
@@ -81,8 +83,8 @@ pub struct HeadlineShare {
     pub meaning: &'static str,
 }
 
-/// The shares that head a plan, the one to read first at the top: on independent samples, but for the coverable area, which is
-/// known on the others alone.
+/// The shares that head a plan, the one to read first at the top: on independent samples, but for the share of the coverable area,
+/// which is known on the samples that views are chosen on alone.
 #[must_use]
 pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
     let independent = coverage.independent;
@@ -102,7 +104,8 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
         (
             "measured of coverable",
             coverage.of_coverable,
-            "coverable: asked area that some viewpoint considered measures in this cell; targets are shares of it by default",
+            "coverable: asked area that some viewpoint considered measures in this cell, on the samples that views are chosen on; \
+             targets are shares of it by default",
         ),
         ("measured of total", of_total, "total: every face of the part"),
     ]
@@ -112,7 +115,7 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
 /// Area at risk on one line: how much of the visible area, whether it counts, and for which reasons.
 #[must_use]
 pub fn at_risk_sentence(at_risk: &AtRiskDocument) -> String {
-    let percent = |share: f64| format!("{} %", fixed(100.0 * share, 2));
+    let percent = |share: f64| format!("{} %", percent_below(share, 1.0, 2));
     let counts = if at_risk.counted { "counted as measured" } else { "not counted as measured" };
     let there = at_risk.reasons.iter().filter(|reason| reason.area_mm2 > 0.0);
     let reasons: Vec<_> =
@@ -210,13 +213,12 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
         NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, .. } => (candidates, asked_mm2, missed_mm2),
         NoPlan::NothingInStudy => return "no candidate measures anything; check the part's unit and size".to_owned(),
         NoPlan::NoFurtherView { measured_of_asked, left_of_asked, hopeless_of_asked, rule } => {
+            let [measured, left, hopeless] =
+                [measured_of_asked, left_of_asked, hopeless_of_asked].map(|share| percent_below(*share, 1.0, 2));
             return format!(
-                "no further view is worth it ({}): {:.2} % of the asked area is measured, further views are expected to add {:.2} %, and \
-                 {:.2} % is missing that no view mends",
-                rule.replace('_', " "),
-                100.0 * measured_of_asked,
-                100.0 * left_of_asked,
-                100.0 * hopeless_of_asked
+                "no further view is worth it ({}): {measured} % of the asked area is measured, further views are expected to add \
+                 {left} %, and {hopeless} % is missing that no view mends",
+                rule.replace('_', " ")
             );
         }
         NoPlan::NotRegistered { stability } => {
@@ -240,7 +242,7 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
         }
     };
     let named = missed_mm2.iter().take(NAMED_CAUSES);
-    let named = named.map(|(cause, mm2)| format!("{} ({:.0} %)", cause_phrase(*cause), 100.0 * mm2 / asked_mm2));
+    let named = named.map(|(cause, mm2)| format!("{} ({} %)", cause_phrase(*cause), percent_below(mm2 / asked_mm2, 1.0, 0)));
     format!("{usable}; area missed by cause: {}", named.collect::<Vec<_>>().join(", "))
 }
 
@@ -248,9 +250,11 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
 #[must_use]
 pub fn stability_sentence(stability: &StabilityDocument) -> String {
     let StabilityDocument { shared_area_mm2, fixed: is_fixed, resistance, weakest, expected_error_mm } = stability;
-    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm (1 σ)", fixed(1e3 * error_mm, 1)));
+    let error =
+        expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm (1 σ)", fixed_nonzero(1e3 * error_mm, 1)));
+    let resistance = fixed_nonzero(*resistance, 3);
     format!(
-        "share {} mm², {}: weakest is {weakest}, resistance {resistance:.3} (at least {MIN_RESISTANCE} needed), error by noise alone {error}",
+        "share {} mm², {}: weakest is {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), error by noise alone {error}",
         area_mm2(*shared_area_mm2),
         if *is_fixed { "all six freedoms fixed" } else { "not all six freedoms fixed" }
     )
@@ -281,6 +285,32 @@ pub fn shortfall(region: &RegionCoverage) -> Option<String> {
         format!("{} {} mm²{noise}", cause.as_str(), area_mm2(*missed_mm2))
     };
     Some(region.missed_mm2.iter().map(miss).collect::<Vec<_>>().join(", "))
+}
+
+/// Target of a region and the verdict on it: "target 95.00 %: met (independent 96.00 %, standard error 0.98 points)". One that is met on the
+/// samples that views were chosen on alone says so.
+pub(crate) fn region_verdict(region: &RegionCoverageDocument) -> String {
+    let independent = independent_share(region);
+    let told = independent.as_ref().map_or_else(String::new, |share| format!(" (independent {share})"));
+    let Some(target) = region.target else { return format!("no target{told}") };
+    let target = percent_below(target, 1.0, 2);
+    match (region.met, independent) {
+        (Some(true), Some(share)) if region.is_refuted() => {
+            let samples = region.independent_samples.unwrap_or_default();
+            format!("target {target} %: met on the samples that views were chosen on; on {samples} others {share}: NOT CONFIRMED")
+        }
+        (Some(true), _) => format!("target {target} %: met{told}"),
+        (Some(false) | None, _) => format!("target {target} %: NOT MET{told}"),
+    }
+}
+
+/// Measured share of a region on samples that the views were not chosen on: "93.75 %, standard error 1.21 points". `None` where there are
+/// none.
+pub(crate) fn independent_share(region: &RegionCoverageDocument) -> Option<String> {
+    let (of_asked, error) = region.independent_of_asked.zip(region.independent_standard_error)?;
+    // A share that misses the target is not rounded up to it.
+    let limit = region.target.filter(|target| of_asked < *target).unwrap_or(1.0);
+    Some(format!("{} %, standard error {} points", percent_below(of_asked, limit, 2), fixed_nonzero(100.0 * error, 2)))
 }
 
 /// Remark on the area of a region that is missed for a cause, where the scanner's noise is the reason for it.
@@ -328,16 +358,26 @@ pub fn advice_sentence(advice: &Advice) -> String {
     text.to_owned()
 }
 
-/// A share as a percentage, without the sign. A share below `limit`, a target or the whole, is not rounded up to it.
+/// A share as a percentage, without the sign. A share below `limit`, a target or the whole, is not rounded up to it, and one above 0
+/// is not rounded to that: it has as many more decimals as show two digits.
 #[must_use]
 pub fn percent_below(share: f64, limit: f64, decimals: usize) -> String {
     let [text, of_limit] = [share, limit].map(|share| fixed(100.0 * share, decimals));
-    if share < limit - 1e-9 && text == of_limit {
+    if share > SUM_SLACK && is_zero(&text) {
+        fixed_nonzero(100.0 * share, decimals)
+    } else if share < limit - SUM_SLACK && text == of_limit {
         let steps = 10_f64.powi(decimals as i32);
         fixed((100.0 * share * steps).floor() / steps, decimals)
     } else {
         text
     }
+}
+
+/// Two shares as percentages, without the sign: with one decimal, and with as many more, at most six, as tell them apart.
+pub(crate) fn percents_apart(shares: [f64; 2]) -> [String; 2] {
+    const MAX_DECIMALS: usize = 6;
+    let told = |decimals: usize| shares.map(|share| percent_below(share, 1.0, decimals));
+    (1..=MAX_DECIMALS).map(told).find(|[one, other]| one != other).unwrap_or_else(|| told(1))
 }
 
 /// Share of a spot that a remedy measures, in whole percent; `None` where it works.
@@ -469,14 +509,30 @@ fn degrees(angle_rad: f64) -> String {
     fixed(angle_rad.to_degrees(), 0)
 }
 
-/// Formats an area with one decimal, and with as many more as show three digits where it is small.
+/// Formats an area with one decimal, with as many more as show three digits where it is small, and with a narrow space between
+/// thousands.
 pub(crate) fn area_mm2(area_mm2: f64) -> String {
     /// Area below which three digits are fewer than one decimal, mm².
     const SMALL_MM2: f64 = 10.0;
-    const MAX_DECIMALS: f64 = 9.0;
+    /// Area that is nothing but the rounding of a sum, mm².
+    const NOTHING_MM2: f64 = 1e-9;
     let size = area_mm2.abs();
-    let decimals = if size > 0.0 && size < SMALL_MM2 { (2.0 - size.log10().floor()).min(MAX_DECIMALS) } else { 1.0 };
-    fixed(area_mm2, decimals as usize)
+    let decimals = if (NOTHING_MM2..SMALL_MM2).contains(&size) { 2.0 - size.log10().floor() } else { 1.0 };
+    by_thousands(&fixed(area_mm2, decimals as usize))
+}
+
+/// The number with a narrow space between thousands, and with a true minus sign.
+pub(crate) fn by_thousands(number: &str) -> String {
+    let (sign, digits) = number.strip_prefix('-').map_or(("", number), |digits| ("−", digits));
+    let (whole, fraction) = digits.split_at(digits.find('.').unwrap_or(digits.len()));
+    let mut grouped = String::from(sign);
+    for (position, digit) in whole.chars().enumerate() {
+        if position > 0 && (whole.len() - position).is_multiple_of(3) {
+            grouped.push('\u{202f}');
+        }
+        grouped.push(digit);
+    }
+    grouped + fraction
 }
 
 /// A number with its noun: "1 view", "2 views".
@@ -488,7 +544,23 @@ pub(crate) fn counted(count: usize, noun: &str) -> String {
 pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
-        Some(rest) if rest.bytes().all(|b| b == b'0' || b == b'.') => rest.into(),
+        Some(rest) if is_zero(rest) => rest.into(),
         _ => text,
     }
+}
+
+/// Formats `value` with so many decimals; where they would show a value as zero that is not, with as many more, at most twelve in
+/// all, as show two digits, which is what an uncertainty has (GUM 7.2.6).
+pub(crate) fn fixed_nonzero(value: f64, decimals: usize) -> String {
+    const MAX_DECIMALS: f64 = 12.0;
+    let text = fixed(value, decimals);
+    if value == 0.0 || !is_zero(&text) {
+        return text;
+    }
+    fixed(value, (1.0 - value.abs().log10().floor()).min(MAX_DECIMALS) as usize)
+}
+
+/// Returns true for a number without a sign that has no digit but zeros.
+fn is_zero(number: &str) -> bool {
+    number.bytes().all(|byte| byte == b'0' || byte == b'.')
 }

@@ -99,7 +99,7 @@ fn a_feature_that_gets_nothing_is_warned_of_and_with_strict_exits_with_3() {
     for said in [
         "Regions unmet: 1 of 2 regions and features with a target: \"top\" 0.00 %, target 95.00 %",
         "Region \"side\" (interest;",
-        "Region \"top\" (feature, tolerance 0.05 mm; 2400.0 mm²",
+        "Region \"top\" (feature, tolerance 0.05 mm; 2 400.0 mm²",
     ] {
         assert!(summary.contains(said), "{said:?} is not in\n{summary}");
     }
@@ -110,7 +110,7 @@ fn a_feature_that_gets_nothing_is_warned_of_and_with_strict_exits_with_3() {
         early.contains("/regions/features/0/tolerance_mm: is 0.05 mm") && early.contains("0.156 mm"),
         "before planning: {warned}"
     );
-    assert!(late.contains("/regions/features/0/target: is 0.95, and 0.00 % of the 2400.0 mm² of \"top\""), "{warned}");
+    assert!(late.contains("/regions/features/0/target: is 0.95, and 0.00 % of the 2 400.0 mm² of \"top\""), "{warned}");
     assert!(late.contains("→ "), "with advice: {warned}");
 
     std::fs::remove_dir_all(folder.path().join("out")).expect("results");

@@ -103,11 +103,12 @@ fn every_file_tells_regions_with_what_is_asked_reached_and_missed() {
     let top = &regions[1];
     assert_eq!((&top["kind"], &top["met"], &top["of_asked"]), (&json!("feature"), &json!(false), &json!(0.0)), "{top}");
     assert_eq!((&top["tolerance_mm"], &top["missed"][0]["reason"]), (&json!(0.05), &json!("below_grade")), "{top}");
+    assert_eq!((&top["independent_of_asked"], &top["independently_met"]), (&json!(0.0), &json!(false)), "{top}");
     let min_mm = top["min_tolerance_mm"].as_f64().expect("the finest tolerance");
     assert!((0.155..0.156).contains(&min_mm), "{min_mm}");
     let noise = "tolerance beyond the scanner's noise; the finest that it can serve is 0.156 mm";
     assert!(
-        top["why_unmet"].as_str().is_some_and(|why| why.starts_with("below_grade 2400.0 mm²") && why.contains(noise)),
+        top["why_unmet"].as_str().is_some_and(|why| why.starts_with("below_grade 2 400.0 mm²") && why.contains(noise)),
         "{top}"
     );
     let document: PlanDocument = serde_json::from_value(plan).expect("a plan");
@@ -117,12 +118,13 @@ fn every_file_tells_regions_with_what_is_asked_reached_and_missed() {
     for said in [
         "stopped because: regions_unmet",
         "\"fine <top>\": feature, tolerance 0.050 mm",
-        "0.0 of 2400.0 mm² measured, 0.00 %",
+        "0.0 of 2 400.0 mm² measured, 0.00 %",
         noise,
     ] {
         assert!(report.contains(said), "{said:?} is not in\n{report}");
     }
     assert!(report.contains("target 95.00 %: NOT MET") && report.contains("target 90.00 %: met"), "{report}");
+    assert!(report.contains("NOT MET (independent 0.00 %, standard error 0.00 points)"), "{report}");
 
     let page = text("report.html");
     well_formed(&page).expect("well-formed");
@@ -140,6 +142,8 @@ fn every_file_tells_regions_with_what_is_asked_reached_and_missed() {
     let table = text("regions.csv");
     let rows: Vec<&str> = table.split("\r\n").filter(|row| !row.is_empty()).collect();
     assert_eq!(rows.len(), 3, "{table}");
+    let added = ",plan_sha256,independent_samples,independent_of_asked,independent_standard_error,independently_met";
+    assert!(rows[0].ends_with(added) && rows[2].ends_with(",0,0,false"), "{table}");
     assert!(rows[1].starts_with("side,interest,,") && rows[1].contains(",0.9,true,"), "{table}");
     assert!(rows[2].starts_with("fine <top>,feature,0.05,0.155") && rows[2].contains(",0.95,false,"), "{table}");
 }

@@ -41,7 +41,7 @@ pub(super) fn run(args: &CalibrateBrightnessArgs) -> Result<(), CliError> {
 }
 
 fn text(identified: &BrightnessDocument, section: &str) -> String {
-    let mut text = String::from("level  gain     ± of it\n");
+    let mut text = String::from("level  gain     U of it (k = 2)\n");
     for (level, (gain, sd)) in identified.exposure.levels.iter().zip(&identified.relative_sd).enumerate() {
         let of_it = sd.map_or_else(|| "not captured, from its neighbours".to_owned(), |sd| format!("{:.2} %", 200.0 * sd));
         text += &format!("{level:>5}  {gain:<7.4}  {of_it}\n");
@@ -58,4 +58,26 @@ fn text(identified: &BrightnessDocument, section: &str) -> String {
         text += &format!("Darker than the level before: {falling}; check whether captures are swapped or the scene changed.\n");
     }
     format!("{text}\n{section}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::calibration::BRIGHTNESS_SCHEMA;
+
+    #[test]
+    fn the_uncertainty_of_a_gain_is_told_with_its_coverage_factor() {
+        let exposure = ExposureSpec::default();
+        let relative_sd = exposure.levels.map(|_| Some(0.005)).into();
+        let identified = BrightnessDocument {
+            schema: BRIGHTNESS_SCHEMA.to_owned(),
+            exposure,
+            relative_sd,
+            best_level: None,
+            falling_levels: Vec::new(),
+            saturated_levels: Vec::new(),
+        };
+        let told = text(&identified, "");
+        assert!(told.starts_with("level  gain     U of it (k = 2)\n    0  ") && told.contains("  1.00 %\n"), "{told}");
+    }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::{ReadArgs, observations, one_of, refused};
+use super::{ReadArgs, coordinates, observations, one_of, refused, with_sd};
 use crate::cell::calibration::data::Solve;
 use crate::cell::calibration::findings::Severity;
 use crate::cell::{Cell, CellSpec};
@@ -12,8 +12,9 @@ use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
 use crate::report::calibration::calibration_html;
-use crate::wire::calibration::{CalibrationDocument, CalibrationError, FindingDocument};
+use crate::wire::calibration::{CalibrationDocument, CalibrationError, FindingDocument, PlateFaceDocument, WeakestDocument};
 use crate::wire::json_file_bytes;
+use crate::wire::words::fixed;
 
 /// Solve for scanner and table, screen the observations, and say how well the result is known.
 #[derive(Clone, Debug, clap::Args)]
@@ -114,14 +115,12 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "  {label:<22} {value}");
     };
-    let [x, y, z] = document.flange_from_scanner.translation_mm;
-    line("flange from scanner", format!("{x:.3} {y:.3} {z:.3} mm"));
+    line("flange from scanner", format!("{} mm", coordinates(document.flange_from_scanner.translation_mm, 3)));
     if let Some(table) = &document.base_from_table {
-        let [x, y, z] = table.translation_mm;
-        line("base from table", format!("{x:.3} {y:.3} {z:.3} mm"));
+        line("base from table", format!("{} mm", coordinates(table.translation_mm, 3)));
     }
     if let Some(face) = &document.plate_face {
-        line("face of the plate", format!("{:.3} ± {:.3} mm above the nominal table", face.height_mm, face.height_sd_mm));
+        line("face of the plate", face_text(face));
     }
     line(
         "residuals",
@@ -137,17 +136,42 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
     if let Some(held_out) = &document.held_out {
         line("held out", format!("rms {:.3} mm, {:.4}°", held_out.rms_translation_mm, held_out.rms_rotation_deg));
     }
-    line("a scanned point", format!("± {:.3} mm (one standard deviation) at best focus", document.point_at_best_focus_sd_mm));
+    line("a scanned point", format!("standard deviation {:.3} mm at best focus", document.point_at_best_focus_sd_mm));
     if let Some(weakest) = &document.observability.weakest {
-        let [x, y, z] = weakest.axis;
-        let sd = weakest
-            .sd_deg
-            .map_or_else(|| format!("{:.3} mm", weakest.sd_mm.unwrap_or(f64::NAN)), |sd_deg| format!("{sd_deg:.4}°"));
-        line("known least", format!("{} along ({x:.2} {y:.2} {z:.2}) of the cloud: ± {sd}", weakest.freedom.as_str()));
+        line("known least", weakest_text(weakest));
     }
     let sigma = &document.sigma;
     let source = if document.sigma_estimated { "estimated" } else { "as given" };
     line("arm", format!("{:.4}°, {:.3} mm for each axis, {source}", sigma.robot_deg, sigma.robot_mm));
     line("board", format!("{:.4}°, {:.3} mm for each axis, {source}", sigma.board_deg, sigma.board_mm));
     text
+}
+
+/// Height of the plate's face.
+fn face_text(face: &PlateFaceDocument) -> String {
+    with_sd(&format!("{} mm above the nominal table", fixed(face.height_mm, 3)), &format!("{:.3} mm", face.height_sd_mm))
+}
+
+/// Direction that is known least.
+fn weakest_text(weakest: &WeakestDocument) -> String {
+    let by_mm = || format!("{:.3} mm", weakest.sd_mm.unwrap_or(f64::NAN));
+    let sd = weakest.sd_deg.map_or_else(by_mm, |sd_deg| format!("{sd_deg:.4}°"));
+    with_sd(&format!("{} along ({}) of the cloud", weakest.freedom.as_str(), coordinates(weakest.axis, 2)), &sd)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::calibration::observability::Freedom;
+
+    /// ± was told of one standard deviation.
+    #[test]
+    fn an_uncertainty_says_that_it_is_a_standard_deviation() {
+        let face = PlateFaceDocument { height_mm: -0.000_2, height_sd_mm: 0.004, tilt_deg: 0.0, rms_mm: 0.01 };
+        assert_eq!(face_text(&face), "0.000 mm above the nominal table (standard deviation 0.004 mm)");
+        let shift = WeakestDocument { freedom: Freedom::Shift, axis: [-0.001, 0.6, 0.8], sd_deg: None, sd_mm: Some(0.012) };
+        assert_eq!(weakest_text(&shift), "shift along (0.00 0.60 0.80) of the cloud (standard deviation 0.012 mm)");
+        let turn = WeakestDocument { freedom: Freedom::Turn, sd_deg: Some(0.001_2), sd_mm: None, ..shift };
+        assert!(weakest_text(&turn).ends_with("(standard deviation 0.0012°)"), "{}", weakest_text(&turn));
+    }
 }

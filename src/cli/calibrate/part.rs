@@ -7,6 +7,7 @@ use crate::cli::files;
 use crate::cli::{CliError, output};
 use crate::wire::calibration::{PlacementData, PlacementDocument};
 use crate::wire::json_file_bytes;
+use crate::wire::words::fixed;
 
 /// Find the pose of the part on the table from points, a registered cloud or a seat of a fixture.
 #[derive(Clone, Debug, clap::Args)]
@@ -37,9 +38,9 @@ pub(super) fn run(args: &CalibratePartArgs) -> Result<(), CliError> {
 }
 
 fn text(placed: &PlacementDocument) -> String {
-    let ([x, y, z], [qx, qy, qz, qw]) = (placed.table_from_part.translation_mm, placed.table_from_part.quaternion_xyzw);
+    let [x, y, z] = placed.table_from_part.translation_mm.map(|mm| fixed(mm, 4));
+    // Adding 0 turns −0 into 0.
+    let [qx, qy, qz, qw] = placed.table_from_part.quaternion_xyzw.map(|part| part + 0.0);
     let rms = placed.rms_mm.map_or_else(String::new, |rms| format!("rms of the points {rms:.3} mm\n"));
-    format!(
-        "{rms}--set part.table_from_part='{{\"translation_mm\":[{x:.4},{y:.4},{z:.4}],\"quaternion_xyzw\":[{qx},{qy},{qz},{qw}]}}'\n"
-    )
+    format!("{rms}--set part.table_from_part='{{\"translation_mm\":[{x},{y},{z}],\"quaternion_xyzw\":[{qx},{qy},{qz},{qw}]}}'\n")
 }

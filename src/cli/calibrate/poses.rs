@@ -207,8 +207,8 @@ fn document(plan: &PosePlan, planner: &PosePlanner<'_>, cell: &Cell, hold_out: u
 
 fn text(document: &CalibrationPosesDocument) -> String {
     format!(
-        "{} poses of {} candidates, {} of them to hold out; with a calibrated arm the scanner will be known to ± {:.3} mm and ± {:.4}°, \
-         the axis to ± {:.3} mm\n",
+        "{} poses of {} candidates, {} of them to hold out; with a calibrated arm the scanner will be known with a standard deviation \
+         of {:.3} mm and {:.4}°, the axis with one of {:.3} mm\n",
         document.poses.len(),
         document.candidates,
         document.hold_out,
@@ -220,7 +220,29 @@ fn text(document: &CalibrationPosesDocument) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{BoardSize, params};
+    use super::{BoardSize, CalibrationPosesDocument, params, text};
+    use crate::cell::PoseSpec;
+    use crate::wire::calibration::CALIBRATION_POSES_SCHEMA;
+
+    #[test]
+    fn what_the_poses_will_tell_is_told_as_a_standard_deviation() {
+        let document = CalibrationPosesDocument {
+            schema: CALIBRATION_POSES_SCHEMA.to_owned(),
+            cell: "line-4".to_owned(),
+            plate_from_board: PoseSpec::default(),
+            poses: Vec::new(),
+            hold_out: 0,
+            candidates: 120,
+            rotation_sd_deg: 0.001_2,
+            translation_sd_mm: 0.034,
+            axis_sd_mm: 0.021,
+        };
+        let told = text(&document);
+        assert!(
+            told.ends_with("known with a standard deviation of 0.034 mm and 0.0012°, the axis with one of 0.021 mm\n"),
+            "{told}"
+        );
+    }
 
     #[test]
     fn a_clearance_out_of_range_is_told_the_range() {

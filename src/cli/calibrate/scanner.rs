@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use sha2::{Digest, Sha256};
 
+use super::with_sd;
 use crate::cell::calibration::lens::{
     self, AdjustOptions, Adjusted, BoardObservations, CalibrationFormat, DepthOrigin, DraftFigures, ImportOptions, LensError,
     LitRectangleSpec, MAX_FILE_BYTES, PARAMETER_NAMES, Quality, Rig, ScannerDraft, ScannerObservationsSpec, StatedPlane,
@@ -18,6 +19,7 @@ use crate::cli::{CliError, FileFinding, files, output, spec_paths};
 use crate::geometry::LengthUnit;
 use crate::report::scanner_calibration::{CalibrationPictures, html};
 use crate::wire::scanner_calibration::{CalibrationSource, ScannerCalibration};
+use crate::wire::words::fixed;
 use crate::wire::{Distinct, hex};
 
 /// Names of the parameters that can be held at 0.
@@ -343,15 +345,16 @@ fn provenance(
 
 /// The result for people.
 fn summary(document: &ScannerCalibration) -> String {
-    let plus_minus = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |sigma| format!(" ± {sigma:.digits$}"));
+    let known = |figure: String, sd: Option<String>| match sd {
+        Some(sd) => with_sd(&figure, &sd),
+        None => figure,
+    };
     let rig = &document.rig;
     let mut out = format!(
-        "scanner {}: baseline {:.2}{} mm, optical axes {:.2}{}° apart\n",
+        "scanner {}: baseline {}, optical axes {}\n",
         document.scanner,
-        rig.baseline_mm,
-        plus_minus(rig.baseline_sigma_mm, 3),
-        rig.axes_angle_deg,
-        plus_minus(rig.axes_angle_sigma_deg, 4)
+        known(format!("{:.2} mm", rig.baseline_mm), rig.baseline_sigma_mm.map(|mm| format!("{mm:.3} mm"))),
+        known(format!("{:.2}° apart", rig.axes_angle_deg), rig.axes_angle_sigma_deg.map(|deg| format!("{deg:.4}°")))
     );
     if let (Some(boards), Some([low, high])) = (rig.boards, rig.board_baseline_mm) {
         let _ = writeln!(
@@ -380,15 +383,18 @@ fn summary(document: &ScannerCalibration) -> String {
         let _ = writeln!(
             out,
             "together  epipolar {epipolar:.3} px rms, board pitch {:.4} mm rms ({:+.4} mean)",
-            pitch.rms_mm, pitch.mean_mm
+            pitch.rms_mm,
+            // Adding 0 turns what is rounded to −0 into 0.
+            (pitch.mean_mm * 1e4).round() / 1e4 + 0.0
         );
     }
     if let Some(origin) = &document.depth_origin {
         let datum = origin.datum.as_str().replace('_', " ");
         let _ = writeln!(
             out,
-            "distance counts from z = {:.2} ± {:.2} mm ({datum}); 1 mm stated is {:.4} mm measured",
-            origin.origin_mm, origin.sigma_mm, origin.scale
+            "distance counts from z = {} ({datum}); 1 mm stated is {:.4} mm measured",
+            with_sd(&format!("{} mm", fixed(origin.origin_mm, 2)), &format!("{:.2} mm", origin.sigma_mm)),
+            origin.scale
         );
     }
     out

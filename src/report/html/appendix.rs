@@ -2,7 +2,7 @@
 
 use super::ReportInput;
 use super::chart;
-use super::markup::{area, duration, escape, number, percent, prose, triple};
+use super::markup::{area, duration, escape, nonzero, number, percent, prose, triple};
 use super::views::swatch;
 use super::words;
 use crate::planning::params::PlanParams;
@@ -21,6 +21,10 @@ const SPOTS_LISTED: usize = 3;
 const OPEN_ROWS: usize = 24;
 /// Max pairs of blocking bodies listed.
 const OBSTRUCTIONS_LISTED: usize = 10;
+/// Files that tell of every face and every spot.
+const FILES_OF_MISSED: &str = "<code>coverage.csv</code> lists every face of the uploaded file with its measured share, the grade of most \
+     of its measured area (<code>best_grade</code>: each point has the best grade that a view gives it), and the cause of most of its \
+     missed area; <code>missed.json</code> lists every spot, and the views of every remedy.";
 
 /// All sections of the appendix.
 pub(super) fn sections(input: &ReportInput<'_>) -> String {
@@ -78,9 +82,7 @@ fn causes(input: &ReportInput<'_>) -> String {
     format!(
         "<h3>Causes of missed area</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th><th class=\"n\">Area</th>\
          <th class=\"n\">Of asked</th><th class=\"n\">Spots</th><th>Largest spots, centre in mm</th></tr></thead>\n\
-         <tbody>\n{rows}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\"><code>coverage.csv</code> lists every face \
-         of the uploaded file with its measured share, grade and cause; <code>missed.json</code> lists every spot, and the views of \
-         every remedy.</p>\n"
+         <tbody>\n{rows}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\">{FILES_OF_MISSED}</p>\n"
     )
 }
 
@@ -138,13 +140,14 @@ fn registration(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let row = |name: String, stability: &Stability| {
         let document = StabilityDocument::new(stability, input.subject.scanner, &plan.params);
-        let error = document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{} µm", number(1e3 * mm, 1)));
+        let error =
+            document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{} µm", nonzero(1e3 * mm, 1)));
         format!(
             "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{error}</td>\
              <td>{}</td></tr>\n",
             area(document.shared_area_mm2),
             document.weakest,
-            number(document.resistance, 3),
+            nonzero(document.resistance, 3),
             if document.fixed { "yes" } else { "no" }
         )
     };
@@ -232,7 +235,7 @@ pub(super) fn obstructions(obstructions: &[Obstruction]) -> String {
 
 fn obstruction_row(obstruction: &Obstruction) -> String {
     let Obstruction { bodies, without_station, without_path, separation, advice, .. } = obstruction;
-    let apart = separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", number(found.distance_mm, 1)));
+    let apart = separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", nonzero(found.distance_mm, 1)));
     let place = separation.as_ref().map_or_else(|| "—".into(), |found| triple(found.place_in_base_mm.into(), 0));
     format!(
         "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
@@ -276,6 +279,15 @@ pub(super) fn parameters(params: &PlanParams) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// `best_grade` was told as the face's grade, and read as the best grade on it.
+    #[test]
+    fn the_grade_of_a_face_is_told_as_that_of_most_of_its_area() {
+        assert!(
+            FILES_OF_MISSED.contains("the grade of most of its measured area (<code>best_grade</code>:"),
+            "{FILES_OF_MISSED}"
+        );
+    }
 
     #[test]
     fn dropped_viewpoints_are_told_in_words() {

@@ -1,6 +1,6 @@
 //! Helpers that all sections of a page share: escaping of text, and numbers formatted for people.
 
-use crate::wire::words::{self, fixed};
+use crate::wire::words::{self, by_thousands, fixed};
 
 /// Escapes untrusted text for use between tags and inside quoted attributes. Characters that markup forbids become the
 /// replacement character.
@@ -41,17 +41,9 @@ pub(in crate::report) fn number(value: f64, decimals: usize) -> String {
     by_thousands(&fixed(value, decimals))
 }
 
-fn by_thousands(text: &str) -> String {
-    let (sign, digits) = text.strip_prefix('-').map_or(("", text), |digits| ("−", digits));
-    let (whole, fraction) = digits.split_at(digits.find('.').unwrap_or(digits.len()));
-    let mut grouped = String::from(sign);
-    for (position, digit) in whole.chars().enumerate() {
-        if position > 0 && (whole.len() - position).is_multiple_of(3) {
-            grouped.push('\u{202f}');
-        }
-        grouped.push(digit);
-    }
-    grouped + fraction
+/// Formats a number as [`number`] does, with more decimals where it would be told as zero and is not.
+pub(in crate::report) fn nonzero(value: f64, decimals: usize) -> String {
+    by_thousands(&words::fixed_nonzero(value, decimals))
 }
 
 /// Groups the digits of numbers in our own text as [`number`] does.

@@ -12,11 +12,11 @@ use crate::planning::params::SelectionGoal;
 use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AdviceDocument, options};
-use crate::wire::summary::further_setup;
+use crate::wire::summary::{further_setup, stop_rules};
 use crate::wire::words::{counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
-struct FixGroup {
+struct FixGroup<'a> {
     /// Action in words.
     action: String,
     /// Parameters that do it, as options; may be empty.
@@ -25,6 +25,16 @@ struct FixGroup {
     is_help: bool,
     numbers: Vec<usize>,
     area_mm2: f64,
+    /// Remedies of the spots, as far as one was searched for.
+    remedies: Vec<&'a Remedy>,
+}
+
+impl FixGroup<'_> {
+    /// Its options, with those that keep the choice of views from ending before the views of the remedies.
+    fn all_options(&self, plan: &Plan) -> String {
+        let rules = options(&stop_rules(plan, &self.remedies));
+        [self.options.as_str(), rules.as_str()].into_iter().filter(|options| !options.is_empty()).collect::<Vec<_>>().join(" ")
+    }
 }
 
 /// The section.
@@ -77,21 +87,22 @@ fn advice(input: &ReportInput<'_>) -> String {
 /// Table of the fixes, those that mend most first.
 fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let plan = &input.outcome.plan;
-    let mut groups: Vec<FixGroup> = Vec::new();
+    let mut groups: Vec<FixGroup<'_>> = Vec::new();
     for spot in spots {
         let (action, options, is_help) = fix(spot, plan);
         let at = groups.iter().position(|group| group.action == action).unwrap_or_else(|| {
-            groups.push(FixGroup { action, options, is_help, numbers: Vec::new(), area_mm2: 0.0 });
+            groups.push(FixGroup { action, options, is_help, numbers: Vec::new(), area_mm2: 0.0, remedies: Vec::new() });
             groups.len() - 1
         });
         groups[at].numbers.push(spot.number);
+        groups[at].remedies.extend(spot.spot.remedy.as_ref());
         groups[at].area_mm2 += spot.spot.area_mm2;
     }
     // Stable: equal ones stay in the order of their largest spots.
     groups.sort_by(|a, b| b.is_help.cmp(&a.is_help).then(b.area_mm2.total_cmp(&a.area_mm2)));
-    let row = |group: &FixGroup| {
-        let options =
-            if group.options.is_empty() { String::new() } else { format!("<br/><code>{}</code>", escape(&group.options)) };
+    let row = |group: &FixGroup<'_>| {
+        let options = group.all_options(plan);
+        let options = if options.is_empty() { options } else { format!("<br/><code>{}</code>", escape(&options)) };
         format!(
             "<tr><td>{}{options}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
             escape(&group.action),
@@ -129,10 +140,10 @@ fn without_number(spots: usize, of_asked: &str) -> String {
     )
 }
 
-/// Fix of a spot: what to do, the options that do it, and whether it is any help.
+/// Fix of a spot: what to do, the options that do it beside rules that end the choice of views, and whether it is any help.
 fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
     let turned = |turn: Option<&str>| options(&further_setup(plan, turn));
-    let told = |action: &str, options: &str| (action.to_owned(), options.to_owned(), true);
+    let told = |action: &str| (action.to_owned(), String::new(), true);
     match &spot.spot.remedy {
         Some(remedy) => match remedy.kind {
             RemedyKind::Setup => {
@@ -140,13 +151,10 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
                 let action = words::capitalised(turn.as_deref().unwrap_or("turn it onto another side"));
                 (format!("{action} and scan again"), turned(turn.as_deref()), true)
             }
-            RemedyKind::View => {
-                let (action, options) = more_views(plan.stopped_because, plan.params.selection.goal);
-                told(action, options)
-            }
-            RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses", ""),
-            RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses", ""),
-            RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses", ""),
+            RemedyKind::View => told(more_views(plan.stopped_because, plan.params.selection.goal)),
+            RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses"),
+            RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses"),
+            RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses"),
             RemedyKind::Limit => limits(remedy),
             RemedyKind::None => {
                 ("No fix found: up to 8 of the views tried together see less than half of it".to_owned(), String::new(), false)
@@ -159,15 +167,19 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
     }
 }
 
-/// Action by which a plan chooses more of the views that it has, with the options for it: it changes the rule that ended the choice.
-fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> (&'static str, &'static str) {
+/// Action by which a plan chooses more of the views that it has: it changes the rule that ended the choice.
+fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> &'static str {
     match stopped_because {
-        StopReason::Growth => ("Choose more views, which add less than selection.min_growth", "--set selection.min_growth=0.0"),
-        StopReason::MaxViews => ("Choose more views: raise selection.max_views", ""),
-        StopReason::Target | StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => match goal {
-            SelectionGoal::BestCoverage => ("Choose more views: raise selection.max_views", ""),
+        StopReason::Growth => "Choose more views, which add less than selection.min_growth",
+        StopReason::MaxViews => "Choose more views: raise selection.max_views",
+        StopReason::NoGain => {
+            "Choose more views: none of these was worth its cost (selection.view_cost_mm2_per_s) with the overlap asked for \
+             (selection.overlap)"
+        }
+        StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => match goal {
+            SelectionGoal::BestCoverage => "Choose more views: raise selection.max_views",
             SelectionGoal::FewestViews | SelectionGoal::MinTime => {
-                ("Choose more views: raise selection.target or selection.max_views", "")
+                "Choose more views: raise selection.target or selection.max_views"
             }
         },
     }
@@ -250,12 +262,15 @@ mod tests {
     #[test]
     fn more_views_are_asked_for_by_the_rule_that_ended_the_choice() {
         let fewest = |stopped_because: StopReason| more_views(stopped_because, SelectionGoal::FewestViews);
-        let (action, options) = fewest(StopReason::Growth);
-        assert!(action.contains("selection.min_growth") && options == "--set selection.min_growth=0.0", "{action}");
-        assert_eq!(fewest(StopReason::MaxViews).0, "Choose more views: raise selection.max_views");
-        assert_eq!(fewest(StopReason::Target).0, "Choose more views: raise selection.target or selection.max_views");
-        let best = more_views(StopReason::NoGain, SelectionGoal::BestCoverage).0;
-        assert!(!best.contains("selection.target"), "targets do not count: {best}");
+        assert!(fewest(StopReason::Growth).contains("selection.min_growth"), "{}", fewest(StopReason::Growth));
+        assert_eq!(fewest(StopReason::MaxViews), "Choose more views: raise selection.max_views");
+        assert_eq!(fewest(StopReason::Target), "Choose more views: raise selection.target or selection.max_views");
+        for stopped_because in [StopReason::NoGain, StopReason::RegionsUnmet] {
+            let best = more_views(stopped_because, SelectionGoal::BestCoverage);
+            assert!(!best.contains("selection.target"), "targets do not count: {best}");
+        }
+        let unworthy = fewest(StopReason::NoGain);
+        assert!(unworthy.contains("selection.view_cost_mm2_per_s") && !unworthy.contains("selection.target"), "{unworthy}");
     }
 
     #[test]

@@ -7,7 +7,8 @@ use super::words;
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
 use crate::rendering::{Ink, MissGroup};
 use crate::report::text::reached_percent;
-use crate::wire::words::{NOTHING_IN_REGION, noise_remark};
+use crate::wire::plan::RegionCoverageDocument;
+use crate::wire::words::{NOTHING_IN_REGION, independent_share, noise_remark};
 
 /// The section; empty if there are no regions.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
@@ -18,7 +19,8 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let rows: Vec<String> = regions.iter().map(row).collect();
     format!(
         "<section>\n<h2>Regions and features</h2>\n{}<p>Shares are of the asked area of each region; only what meets its \
-         requirements counts as measured.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
+         requirements counts as measured. A target that is met on the samples that views were chosen on, and missed on others by more \
+         than the standard error of their share, is not confirmed.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
          <th class=\"n\">Area</th><th class=\"n\">Samples</th><th class=\"n\">Target</th><th class=\"n\">Reached</th><th>Verdict</th>\
          <th>What is missed, and why</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n</section>\n",
         notice(regions),
@@ -26,19 +28,23 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     )
 }
 
-/// Notice of regions below their targets; empty if there are none.
+/// Notice of regions below their targets, and of those that reach them on the samples that views were chosen on alone; empty if there
+/// are none.
 fn notice(regions: &[RegionCoverage]) -> String {
-    let unmet = regions.iter().filter(|region| region.is_unmet()).count();
     let with_target = regions.iter().filter(|region| region.target.is_some()).count();
-    if unmet == 0 {
-        return String::new();
-    }
-    let verb = if unmet == 1 { "does" } else { "do" };
-    format!(
-        "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>{} of {} {verb} not reach the target.</b></p></div>\n",
-        number(unmet as f64, 0),
-        number(with_target as f64, 0)
-    )
+    let told = |is_among: fn(&RegionCoverage) -> bool, [one, several]: [&str; 2]| {
+        let count = regions.iter().filter(|region| is_among(region)).count();
+        let verb = if count == 1 { one } else { several };
+        let (count_text, of) = (number(count as f64, 0), number(with_target as f64, 0));
+        if count == 0 { String::new() } else { format!("<p><b>{count_text} of {of} {verb}.</b></p>") }
+    };
+    let unmet = told(RegionCoverage::is_unmet, ["does not reach the target", "do not reach the target"]);
+    let refuted = [
+        "reaches the target on the samples that views were chosen on, but not on others",
+        "reach the target on the samples that views were chosen on, but not on others",
+    ];
+    let notes = unmet + &told(RegionCoverage::is_refuted, refuted);
+    if notes.is_empty() { notes } else { format!("<div class=\"notice\" style=\"margin-bottom:12px\">{notes}</div>\n") }
 }
 
 fn row(region: &RegionCoverage) -> String {
@@ -48,6 +54,7 @@ fn row(region: &RegionCoverage) -> String {
     };
     let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", number(mm, 3)));
     let verdict = match region.is_met() {
+        Some(true) if region.is_refuted() => "<b>Not confirmed</b>",
         Some(true) => "Met",
         Some(false) => "<b>Not met</b>",
         None => "—",
@@ -55,14 +62,23 @@ fn row(region: &RegionCoverage) -> String {
     let reached = reached_percent(region.of_asked(), region.target) + "\u{a0}%";
     format!(
         "<tr><td><b>{}</b><br/><span class=\"soft\">{kind}{tolerance}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
-         <td class=\"n\">{}</td><td class=\"n\">{}</td><td>{verdict}</td><td>{}</td></tr>\n",
+         <td class=\"n\">{}</td><td class=\"n\">{}</td><td>{verdict}{}</td><td>{}</td></tr>\n",
         escape(&region.name),
         area(region.asked_area_mm2),
         number(region.samples as f64, 0),
         region.target.map_or_else(|| "—".to_owned(), percent),
         reached,
+        on_other_samples(region),
         misses(region)
     )
+}
+
+/// Share on samples that the views were not chosen on, on a line of its own; empty where there are none.
+fn on_other_samples(region: &RegionCoverage) -> String {
+    let document = RegionCoverageDocument::from(region);
+    let samples = number(document.independent_samples.unwrap_or_default() as f64, 0);
+    let share = independent_share(&document);
+    share.map_or_else(String::new, |share| format!("<br/><span class=\"soft\">on other samples ({samples}): {share}</span>"))
 }
 
 /// Causes of the missed area, the largest first.
@@ -83,10 +99,11 @@ fn misses(region: &RegionCoverage) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::plan::IndependentRegion;
 
-    #[test]
-    fn a_region_below_its_target_shows_less_than_the_target() {
-        let region = RegionCoverage {
+    /// A region with a target of 0.9 that is missed by little.
+    fn region() -> RegionCoverage {
+        RegionCoverage {
             name: "rim".to_owned(),
             kind: RegionKind::Interest,
             samples: 90,
@@ -98,8 +115,37 @@ mod tests {
             min_tolerance_mm: 0.1,
             missed_mm2: Vec::new(),
             beyond_noise_area_mm2: 0.0,
+            independent: None,
+        }
+    }
+
+    #[test]
+    fn a_target_that_other_samples_refute_is_not_told_as_met() {
+        let independent = |measured_area_mm2: f64| {
+            Some(IndependentRegion { samples: 1600, asked_area_mm2: 1600.0, measured_area_mm2, squares_mm4: 1600.0 })
         };
-        let row = row(&region);
+        let refuted = RegionCoverage { measured_area_mm2: 910.0, independent: independent(1280.0), ..region() };
+        let held = RegionCoverage { independent: independent(1472.0), ..refuted.clone() };
+        let told = "<td><b>Not confirmed</b><br/><span class=\"soft\">on other samples (1\u{202f}600): 80.00 %, standard error 1.00 \
+                    points</span></td>";
+        assert!(row(&refuted).contains(told), "{}", row(&refuted));
+        assert!(
+            row(&held).contains("<td>Met<br/>") && row(&held).contains(": 92.00 %, standard error 0.68 points"),
+            "{}",
+            row(&held)
+        );
+        let both = notice(&[refuted, held.clone(), region()]);
+        assert!(
+            both.contains("<b>1 of 3 does not reach the target.</b>")
+                && both.contains("<b>1 of 3 reaches the target on the samples"),
+            "{both}"
+        );
+        assert_eq!(notice(&[held]), "");
+    }
+
+    #[test]
+    fn a_region_below_its_target_shows_less_than_the_target() {
+        let row = row(&region());
         let (target, reached) = ("<td class=\"n\">90.00\u{a0}%</td>", "<td class=\"n\">89.99\u{a0}%</td>");
         assert!(row.contains(&format!("{target}{reached}<td><b>Not met</b></td>")), "{row}");
     }

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 use super::Draft;
 use super::album::{Album, Picture};
 use super::draft_bytes::NoDraft;
-use super::markup::{area, duration, escape, number};
+use super::markup::{area, duration, escape, nonzero, number, percent};
 use super::page::printed;
 use super::sections::date_text;
 use super::views::together;
@@ -22,6 +22,11 @@ fn markup_neutralises_text_and_reads_numbers_out() {
     assert_eq!(escape("<b a='1'>\"&\u{7}\u{202e}\n"), "&lt;b a=&#39;1&#39;&gt;&quot;&amp;\u{fffd}\u{fffd} ");
     assert_eq!(number(-1_234_567.891, 1), "−1\u{202f}234\u{202f}567.9");
     assert_eq!((number(-0.001, 1), number(999.0, 0)), ("0.0".into(), "999".into()));
+    assert_eq!(
+        (nonzero(0.031, 1), nonzero(-0.031, 1), nonzero(1234.0, 1)),
+        ("0.031".into(), "−0.031".into(), "1\u{202f}234.0".into())
+    );
+    assert_eq!((percent(0.000_031), percent(0.0)), ("0.0031\u{a0}%".into(), "0.00\u{a0}%".into()));
     assert_eq!((area(12.34), area(12345.6)), ("12.3\u{a0}mm²".into(), "12\u{202f}346\u{a0}mm²".into()));
     assert_eq!((duration(42.04), duration(143.2)), ("42.0\u{a0}s".into(), "2\u{a0}min 23\u{a0}s".into()));
     assert_eq!((duration(99.94), duration(99.96)), ("99.9\u{a0}s".into(), "1\u{a0}min 40\u{a0}s".into()));

@@ -141,22 +141,29 @@ fn files(input: &ReportInput<'_>) -> String {
     format!("<p>SHA-256 of the part’s file: {}{plan}.</p>\n", digest(input.subject.part_sha256))
 }
 
-/// Coverage under pose errors.
+/// Coverage under pose errors, with the 5th percentile where some kind has draws enough for one.
 fn under_pose_errors(robust: &Robust) -> String {
-    let row = |name: &str, drawn: &Drawn| {
-        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()]
-            .map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
-        format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
+    let kinds = [
+        ("Every view, independently", &robust.views),
+        ("The part as a whole", &robust.part),
+        ("The hand-eye calibration, the same in every view", &robust.hand_eye),
+    ];
+    let tells_p5 = kinds.iter().any(|(_, drawn)| drawn.told_p5().is_some());
+    let cell = |text: String| format!("<td class=\"n\">{text}</td>");
+    let row = |(name, drawn): (&str, &Drawn)| {
+        let [nominal, mean, worst] = [drawn.nominal, drawn.mean(), drawn.worst()].map(|share| cell(percent(share)));
+        let p5 = if tells_p5 { cell(drawn.told_p5().map_or_else(|| "–".to_owned(), percent)) } else { String::new() };
+        let draws = cell(number(drawn.draws() as f64, 0));
+        format!("<tr><td>{name}</td>{draws}{nominal}{mean}{p5}{worst}</tr>\n")
     };
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
+    let p5 = if tells_p5 { "<th class=\"n\">5th percentile</th>" } else { "" };
     format!(
         "<h3>Coverage under pose errors</h3>\n<p>Measured share of the asked area if poses are off by {angle_deg}° about a random axis \
          and by {shift_mm}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
-         <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th>\
-         <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}{}</tbody></table></div>\n",
-        row("Every view, independently", &robust.views),
-        row("The part as a whole", &robust.part),
-        row("The hand-eye calibration, the same in every view", &robust.hand_eye),
+         <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th><th class=\"n\">Mean</th>{p5}\
+         <th class=\"n\">Worst of the draws</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n",
+        kinds.map(row).concat()
     )
 }
 
@@ -177,6 +184,21 @@ fn fragile(params: &PlanParams, robust: &Robust) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::params::PoseErrorParams;
+
+    #[test]
+    fn the_column_of_the_5th_percentile_is_left_out_where_no_kind_has_20_draws() {
+        let drawn = |draws: usize| Drawn::new(0.97, vec![0.95; draws]);
+        let table = |part_draws: usize| {
+            let pose_error = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+            under_pose_errors(&Robust { pose_error, views: drawn(6), part: drawn(part_draws), hand_eye: drawn(12) })
+        };
+        let few = table(12);
+        assert!(!few.contains("5th percentile") && !few.contains('–'), "{few}");
+        assert!(few.contains("<td class=\"n\">6</td>") && few.contains("Worst of the draws"), "{few}");
+        let many = table(20);
+        assert!(many.contains("5th percentile") && many.matches("<td class=\"n\">–</td>").count() == 2, "{many}");
+    }
 
     #[test]
     fn a_bound_of_views_without_a_path_is_not_one_of_what_the_plan_reaches() {

@@ -373,6 +373,16 @@ fn every_finding_has_a_sentence() {
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
 }
 
+/// ± was told of one standard deviation, and −0.00 of an axis.
+#[test]
+fn a_weak_motion_is_told_by_standard_deviations() {
+    let vector = Some(Vector3::new(-0.001, 0.6, 0.8));
+    let figures = Figures { length_mm: Some(2.1), other_turn_rad: Some(0.1_f64.to_radians()), vector, ..Figures::default() };
+    let told = sentence(&CalibrationFinding::new(FindingCode::WeakMotion, Severity::Warning).with(figures));
+    let known = "the shift along (0.00 0.60 0.80) has a standard deviation of 2.10 mm, turns one of 0.100°;";
+    assert!(told.contains(known), "{told}");
+}
+
 /// The observations with the pixels of a camera at the cloud's origin, of a board of 9 × 7 points, in place of poses.
 fn imaged(cell: &Cell) -> Value {
     let camera = json!({"width_px": 2000, "height_px": 2000, "fx": 1500.0, "fy": 1500.0, "cx": 1000.0, "cy": 1000.0,

@@ -1,6 +1,7 @@
 //! Sentences of the findings: what the data look like, and what to do.
 
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode};
+use crate::wire::words::fixed;
 
 /// The finding as a sentence.
 #[must_use]
@@ -62,7 +63,9 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
     let spread = figures.turn_rad.unwrap_or(0.0).to_degrees();
     let axis = figures.vector.map_or_else(String::new, |axis| format!(" {}", near_axis(axis.into())));
     let known = match (figures.length_mm, figures.other_turn_rad) {
-        (Some(mm), Some(rad)) => format!("the shift along{axis} is known to ±{mm:.2} mm, turns to ±{:.3}°", rad.to_degrees()),
+        (Some(mm), Some(rad)) => {
+            format!("the shift along{axis} has a standard deviation of {mm:.2} mm, turns one of {:.3}°", rad.to_degrees())
+        }
         _ if axis.is_empty() => "the scanner's pose stays open".to_owned(),
         _ => format!("all turns are about{axis}: the shift along it stays open"),
     };
@@ -80,7 +83,7 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
 /// Axis by name where it is within 15° of one, else its direction.
 fn near_axis(axis: [f64; 3]) -> String {
     let named = ["x", "y", "z"].into_iter().zip(axis).find(|(_, component)| component.abs() > 0.966);
-    named.map_or_else(|| format!("({:.2} {:.2} {:.2})", axis[0], axis[1], axis[2]), |(name, _)| name.to_owned())
+    named.map_or_else(|| format!("({})", axis.map(|component| fixed(component, 2)).join(" ")), |(name, _)| name.to_owned())
 }
 
 #[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]

@@ -43,6 +43,17 @@ fn rows_say_share_grade_and_cause() {
 }
 
 #[test]
+fn the_grade_of_a_face_is_that_of_most_of_its_measured_area_and_the_better_one_on_ties() {
+    const B: Verdict = Verdict::Measured(Grade::B);
+    let grade = |verdicts: &[Verdict]| {
+        let mut csv = Csv::rows();
+        face_row(&mut csv, 0, &tally(verdicts), None, "");
+        csv.finish().split(',').nth(3).expect("a grade").to_owned()
+    };
+    assert_eq!((grade(&[A, B, B]), grade(&[A, B, SHADOW]), grade(&[SHADOW, SHADOW, B])), ("B".into(), "A".into(), "B".into()));
+}
+
+#[test]
 fn every_byte_has_one_meaning() {
     let meanings = byte_meanings();
     assert_eq!(meanings.len(), 4 + Cause::ALL.len() + 1);

@@ -156,7 +156,8 @@ pub struct OffSurfaceDocument {
 
 impl From<&DeviationStatistics> for StatisticsDocument {
     fn from(figures: &DeviationStatistics) -> Self {
-        let [p1_mm, p5_mm, p50_mm, p95_mm, p99_mm] = figures.percentiles_mm;
+        // Adding 0 turns −0, such as the sum of nothing, into 0.
+        let [p1_mm, p5_mm, p50_mm, p95_mm, p99_mm] = figures.percentiles_mm.map(|mm| mm + 0.0);
         Self {
             area_mm2: figures.area_mm2,
             mean_mm: figures.mean_mm,
@@ -167,7 +168,7 @@ impl From<&DeviationStatistics> for StatisticsDocument {
             p95_mm,
             p99_mm,
             max_mm: figures.max_mm,
-            in_tolerance: figures.in_tolerance,
+            in_tolerance: figures.in_tolerance.map(|share| share + 0.0),
         }
     }
 }

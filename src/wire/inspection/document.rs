@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::alignment::AlignmentDocument;
 use super::coverage::{LossDocument, MeasuredCoverageDocument};
-use super::deviation::DeviationDocument;
+use super::deviation::{DeviationDocument, StatisticsDocument};
 use super::files::{IngestFindingDocument, TakenScanDocument};
 use super::learned::OfferedChangeDocument;
 use super::order::InspectionSummary;
@@ -15,7 +15,8 @@ use crate::geometry::Mesh;
 use crate::inspection::ingest::Ingested;
 use crate::inspection::losses::LossCause;
 use crate::inspection::{Inspection, InspectionParams};
-use crate::wire::words::percent_below;
+use crate::wire::total::total;
+use crate::wire::words::{fixed, percent_below};
 
 /// Schema name in the document.
 pub const INSPECTION_SCHEMA: &str = "vantage.inspection/1";
@@ -86,7 +87,7 @@ impl InspectionDocument {
     ) -> Self {
         let in_all_mm2 = state.measured().map_or(inspection.coverage.measured_mm2, |measured| {
             let counts = |sample: &crate::planning::ids::SampleId| inspection.surface.asked[sample.index()];
-            measured.iter().filter(counts).map(|sample| inspection.surface.sample_area_mm2(sample)).sum()
+            total(measured.iter().filter(counts).map(|sample| inspection.surface.sample_area_mm2(sample)))
         });
         let mut document = Self {
             schema: INSPECTION_SCHEMA.to_owned(),
@@ -108,7 +109,7 @@ impl InspectionDocument {
     /// Share of the asked area that was lost for a cause.
     #[must_use]
     pub fn lost_of_asked(&self, cause: LossCause) -> f64 {
-        self.losses.iter().filter(|loss| loss.cause == cause).map(|loss| loss.of_asked).sum()
+        total(self.losses.iter().filter(|loss| loss.cause == cause).map(|loss| loss.of_asked))
     }
 
     /// Figures for a list.
@@ -156,10 +157,36 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         text += " The cloud is merged of several views: these figures are known to about one point.";
     }
     if let Some(figures) = &document.deviation.statistics {
-        text += &format!(
-            " The surface deviates by {:.3} mm in the mean and {:.3} mm rms; 98 % of it lies between {:.3} and {:.3} mm.",
-            figures.mean_mm, figures.rms_mm, figures.p1_mm, figures.p99_mm
-        );
+        text += &format!(" {}", deviation_sentence(figures));
     }
     text
+}
+
+/// Sentence on how the surface deviates.
+fn deviation_sentence(figures: &StatisticsDocument) -> String {
+    let [mean, rms, p1, p99] = [figures.mean_mm, figures.rms_mm, figures.p1_mm, figures.p99_mm].map(|mm| fixed(mm, 3));
+    format!("The surface deviates by {mean} mm in the mean and {rms} mm rms; 98 % of it lies between {p1} and {p99} mm.")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inspection::deviation::DeviationStatistics;
+
+    /// −0.000 mm was told, and −0.0 written for a share of nothing.
+    #[test]
+    fn no_deviation_has_no_sign() {
+        let figures = DeviationStatistics {
+            area_mm2: 100.0,
+            mean_mm: -0.000_2,
+            rms_mm: 0.012_3,
+            percentiles_mm: [-0.031, -0.02, -0.0, 0.02, 0.03],
+            max_mm: 0.05,
+            in_tolerance: Some(std::iter::empty::<f64>().sum()),
+        };
+        let document = StatisticsDocument::from(&figures);
+        let told = "The surface deviates by 0.000 mm in the mean and 0.012 mm rms; 98 % of it lies between -0.031 and 0.030 mm.";
+        assert_eq!(deviation_sentence(&document), told);
+        assert!([document.p50_mm, document.in_tolerance.expect("a tolerance")].iter().all(|value| value.is_sign_positive()));
+    }
 }

@@ -8,6 +8,7 @@ use crate::geometry::Mesh;
 use crate::inspection::Inspection;
 use crate::planning::ids::SampleId;
 use crate::wire::csv::Csv;
+use crate::wire::words::fixed;
 
 /// Areas of a face, mm².
 #[derive(Clone, Copy, Default)]
@@ -76,7 +77,7 @@ pub fn deviation_csv(inspection: &Inspection, mesh: &Mesh) -> String {
             csv.number(face);
             csv.number(area);
             csv.number(points);
-            sums.iter().for_each(|sum| csv.number(format!("{:.6}", sum / area)));
+            sums.iter().for_each(|sum| csv.number(fixed(sum / area, 6)));
             csv.end_row();
         }
     }

@@ -7,9 +7,10 @@ use serde_json::{Number, Value, json};
 use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
+use crate::geometry::{Part, Pose, Table};
 use crate::planning::plan::{AdviceKind, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
 use crate::wire::angle::degrees;
-use crate::wire::words::{fixed, percent_below, turn_phrase};
+use crate::wire::words::{fixed, percent_below, percents_apart, turn_phrase};
 
 /// Parameters of an advice that are whole numbers.
 const WHOLE_SETTINGS: [&str; 2] = ["setups", "selection.max_views"];
@@ -114,18 +115,16 @@ impl AdviceDocument {
             (AdviceKind::TurnOver, None) => format!("turn it onto another side and scan again, {more}"),
             (AdviceKind::MoreViews, _) => format!("choose {more}"),
         };
-        let percent = |share: f64| percent_below(share, 1.0, 1);
+        let [now, then] = percents_apart([now_of_asked, self.of_asked]);
         let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle {} s", fixed(secs, 1)));
         let regions = match self.regions_met.len() {
             0 => String::new(),
             _ => format!("; meets the target of {}", self.regions_met.join(", ")),
         };
         format!(
-            "{action} ({}): estimated {} % of asked, now {} %, and {} % of what is visible then, with {} views{cycle}{regions}",
+            "{action} ({}): estimated {then} % of asked, now {now} %, and {} % of what is visible then, with {} views{cycle}{regions}",
             self.settings(),
-            percent(self.of_asked),
-            percent(now_of_asked),
-            percent(self.of_visible),
+            percent_below(self.of_visible, 1.0, 1),
             self.views,
         )
     }
@@ -179,11 +178,19 @@ fn settings_as_written<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTr
     Ok(set)
 }
 
+/// A pose with as many digits as people copy: 10⁻⁷ of a quaternion, within what its norm may be off by, and 0.1 µm.
+fn rounded(pose: &Pose<Table, Part>) -> PoseSpec {
+    let PoseSpec { quaternion_xyzw, translation_mm } = PoseSpec::from(pose);
+    // The sum has no negative zero.
+    let to = |digits: f64| move |value: f64| (value * digits).round() / digits + 0.0;
+    PoseSpec { quaternion_xyzw: quaternion_xyzw.map(to(1e7)), translation_mm: translation_mm.map(to(1e4)) }
+}
+
 /// Name and value of a parameter to set.
 fn setting(change: &ParamChange) -> (String, Value) {
     let (name, value) = match change {
         ParamChange::Setups(setups) => ("setups", json!(setups)),
-        ParamChange::RestingPoses(poses) => ("part.resting_poses", json!(poses.iter().map(PoseSpec::from).collect::<Vec<_>>())),
+        ParamChange::RestingPoses(poses) => ("part.resting_poses", json!(poses.iter().map(rounded).collect::<Vec<_>>())),
         ParamChange::Registration(registration) => ("registration", json!(registration)),
         ParamChange::Target(target) => ("selection.target", json!(target)),
         ParamChange::MaxViews(views) => ("selection.max_views", json!(views)),
@@ -194,6 +201,7 @@ fn setting(change: &ParamChange) -> (String, Value) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::Findings;
     use crate::planning::params::Registration;
     use crate::planning::plan::{MeasuredArea, PartSide};
 
@@ -246,6 +254,13 @@ mod tests {
     }
 
     #[test]
+    fn advice_of_little_effect_is_told_with_the_digits_that_show_it() {
+        let little = PlanAdvice { measured_area_mm2: 80.02, ..advice(AdviceKind::MoreViews, vec![ParamChange::MaxViews(10)]) };
+        let told = document(&little).text;
+        assert!(told.contains("estimated 80.02 % of asked, now 80.00 %, and"), "{told}");
+    }
+
+    #[test]
     fn advice_that_a_program_wrote_without_points_has_the_same_bytes() {
         let pose = crate::geometry::Pose::identity();
         let changes = vec![
@@ -262,6 +277,18 @@ mod tests {
         (set["selection.target"], set["part.resting_poses"][0]["quaternion_xyzw"]) = (json!(1), json!([0, 0, 0, 1]));
         let read: AdviceDocument = serde_json::from_value(without_points).expect("advice");
         assert_eq!(serde_json::to_string(&read).expect("JSON"), text);
+    }
+
+    #[test]
+    fn a_pose_of_advice_has_few_digits_and_is_a_rotation() {
+        let turn = nalgebra::UnitQuaternion::from_euler_angles(0.3, -1.1, 2.7);
+        let pose = Pose::from_parts(nalgebra::Vector3::new(35.468_808_054_3, -1e-9, 43.522_333_4), turn);
+        let spec = rounded(&pose);
+        assert_eq!(serde_json::to_value(spec.translation_mm).expect("JSON"), json!([35.4688, 0.0, 43.5223]));
+        let mut findings = Findings::default();
+        spec.check("", &mut findings);
+        assert_eq!(findings.into_result(), Ok(()));
+        assert!(spec.pose::<Table, Part>().isometry().rotation.angle_to(&turn) < 1e-6);
     }
 
     #[test]

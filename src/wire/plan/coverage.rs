@@ -114,7 +114,7 @@ pub struct IndependentDocument {
 #[serde(expecting = "an object")]
 pub struct RobustDocument {
     /// Size of the error: each pose is rotated by the full angle about a random axis and moved by the full distance in a random
-    /// direction.
+    /// direction. Six draws rotate both ways about three axes at right angles, and move both ways along three; fewer leave axes out.
     pub pose_error: PoseErrorParams,
     /// Number of draws of an error for every view.
     pub draws: usize,
@@ -146,7 +146,7 @@ pub struct DrawnDocument {
     pub nominal: f64,
     /// Lowest share.
     pub worst: f64,
-    /// 5th percentile of the shares.
+    /// 5th percentile of the shares, linear between draws; of fewer than 20 draws a value between the two lowest, and no percentile.
     pub p5: f64,
     /// Mean of the shares.
     pub mean: f64,
@@ -217,6 +217,35 @@ impl From<&Robust> for RobustDocument {
             part: MisplacedDocument::from(&robust.part),
             hand_eye: Some(MisplacedDocument::from(&robust.hand_eye)),
         }
+    }
+}
+
+/// Kind of pose error that costs most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct CostliestError {
+    /// Its name, after "an error of".
+    pub(crate) kind: &'static str,
+    /// Number of draws.
+    pub(crate) draws: usize,
+    /// Measured shares of the asked area.
+    pub(crate) of_asked: DrawnDocument,
+}
+
+impl CostliestError {
+    /// Loss of the worst draw against nominal, as a share of the asked area.
+    pub(crate) fn loss(&self) -> f64 {
+        self.of_asked.nominal - self.of_asked.worst
+    }
+}
+
+impl RobustDocument {
+    /// Kind of error of which the worst draw costs most; the first of several that cost as much.
+    pub(crate) fn costliest(&self) -> CostliestError {
+        let each_view = CostliestError { kind: "each view", draws: self.draws, of_asked: self.of_asked };
+        let of =
+            |kind, misplaced: MisplacedDocument| CostliestError { kind, draws: misplaced.draws, of_asked: misplaced.of_asked };
+        let others = [Some(of("the part as a whole", self.part)), self.hand_eye.map(|off| of("the hand-eye calibration", off))];
+        others.into_iter().flatten().fold(each_view, |a, b| if b.loss() > a.loss() { b } else { a })
     }
 }
 

@@ -45,8 +45,24 @@ pub struct ExposureLossDocument {
 impl ExposureLossDocument {
     /// The loss beside the asked area.
     pub(in crate::wire) fn of(loss: &ExposureLoss, asked_area_mm2: f64) -> Self {
-        let ExposureLoss { dark_area_mm2, saturated_area_mm2, of_measured_area_mm2, is_assumed } = *loss;
+        // Adding 0 turns −0, the sum of nothing, into 0.
+        let [dark_area_mm2, saturated_area_mm2, of_measured_area_mm2] =
+            [loss.dark_area_mm2, loss.saturated_area_mm2, loss.of_measured_area_mm2].map(|area_mm2| area_mm2 + 0.0);
         let of_asked = share(dark_area_mm2 + saturated_area_mm2, asked_area_mm2);
-        Self { dark_area_mm2, saturated_area_mm2, of_asked, of_measured_area_mm2, levels_assumed: is_assumed }
+        Self { dark_area_mm2, saturated_area_mm2, of_asked, of_measured_area_mm2, levels_assumed: loss.is_assumed }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_lost_is_not_minus_nothing() {
+        let nothing: f64 = std::iter::empty::<f64>().sum();
+        let loss =
+            ExposureLoss { dark_area_mm2: nothing, saturated_area_mm2: -0.0, of_measured_area_mm2: -0.0, is_assumed: false };
+        let text = serde_json::to_string(&ExposureLossDocument::of(&loss, 100.0)).expect("JSON");
+        assert!(!text.contains('-'), "{text}");
     }
 }

@@ -48,6 +48,19 @@ pub struct RegionCoverageDocument {
     /// Area missed as `below_grade` because a tolerance there is finer than the scanner's noise can serve anywhere.
     #[serde(default)]
     pub beyond_noise_area_mm2: f64,
+    /// Number of asked samples in the region of a second set, on which the views were not chosen; absent if that has none there, and in
+    /// plans from before it was introduced.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub independent_samples: Option<usize>,
+    /// Measured share of the asked area on these samples: the figure to trust.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub independent_of_asked: Option<f64>,
+    /// Standard error of `independent_of_asked`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub independent_standard_error: Option<f64>,
+    /// True if `independent_of_asked` reaches the target or misses it by no more than its standard error; absent without either.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub independently_met: Option<bool>,
     /// Reasons for which the target is not reached, in words, those of most area first; absent if it is reached or there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why_unmet: Option<String>,
@@ -62,6 +75,14 @@ pub struct RegionMissDocument {
     pub reason: String,
     /// Missed area.
     pub area_mm2: f64,
+}
+
+impl RegionCoverageDocument {
+    /// Returns true if the target is reached on the samples of the plan and missed on those that the views were not chosen on.
+    #[must_use]
+    pub fn is_refuted(&self) -> bool {
+        self.met == Some(true) && self.independently_met == Some(false)
+    }
 }
 
 impl From<&RegionCoverage> for RegionCoverageDocument {
@@ -83,7 +104,51 @@ impl From<&RegionCoverage> for RegionCoverageDocument {
             min_tolerance_mm: region.tolerance_mm.map(|_| region.min_tolerance_mm),
             missed: region.missed_mm2.iter().map(miss).collect(),
             beyond_noise_area_mm2: region.beyond_noise_area_mm2,
+            independent_samples: region.independent.map(|independent| independent.samples),
+            independent_of_asked: region.independent.map(|independent| independent.of_asked()),
+            independent_standard_error: region.independent.map(|independent| independent.standard_error()),
+            independently_met: region.is_met_independently(),
             why_unmet: shortfall(region),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::plan::{IndependentRegion, RegionKind};
+
+    /// A region of 20 mm² with a target of 0.95, which is met on the samples of the plan.
+    fn region(independent: Option<IndependentRegion>) -> RegionCoverage {
+        RegionCoverage {
+            name: "seat".into(),
+            kind: RegionKind::Interest,
+            samples: 100,
+            asked_area_mm2: 20.0,
+            coverable_area_mm2: 20.0,
+            measured_area_mm2: 19.2,
+            target: Some(0.95),
+            tolerance_mm: None,
+            min_tolerance_mm: 0.156,
+            missed_mm2: Vec::new(),
+            beyond_noise_area_mm2: 0.0,
+            independent,
+        }
+    }
+
+    #[test]
+    fn a_region_tells_its_share_on_other_samples_and_one_from_before_them_is_read() {
+        let independent =
+            IndependentRegion { samples: 400, asked_area_mm2: 20.0, measured_area_mm2: 18.0, squares_mm4: 400.0 * 0.05 * 0.05 };
+        let document = RegionCoverageDocument::from(&region(Some(independent)));
+        assert_eq!((document.met, document.independently_met), (Some(true), Some(false)));
+        assert!(document.is_refuted() && !RegionCoverageDocument::from(&region(None)).is_refuted());
+        assert_eq!((document.independent_samples, document.independent_of_asked), (Some(400), Some(0.9)));
+        assert!(document.independent_standard_error.is_some_and(|error| (error - 0.015).abs() < 1e-12), "{document:?}");
+        let json = serde_json::to_value(RegionCoverageDocument::from(&region(None))).unwrap_or_default();
+        let names = ["independent_samples", "independent_of_asked", "independent_standard_error", "independently_met"];
+        assert!(names.iter().all(|name| json.get(name).is_none()), "{json}");
+        let read: Option<RegionCoverageDocument> = serde_json::from_value(json).ok();
+        assert_eq!(read.map(|region| (region.met, region.independently_met)), Some((Some(true), None)));
     }
 }

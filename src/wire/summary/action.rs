@@ -8,9 +8,10 @@ use utoipa::ToSchema;
 
 use super::missed::MissedGroup;
 use super::verdict::PlanVerdict;
+use crate::planning::params::RobustParams;
 use crate::planning::plan::{Plan, RemedyKind, share};
-use crate::wire::plan::{AdviceDocument, options};
-use crate::wire::words::{counted, fixed};
+use crate::wire::plan::{AdviceDocument, RobustDocument, options};
+use crate::wire::words::{counted, fixed, percents_apart};
 
 /// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
 /// spots. Of a plan that pose errors cost much: the choice of views that stand them, whose effect is not estimated.
@@ -51,14 +52,22 @@ pub(super) fn best(plan: &Plan, verdict: PlanVerdict, groups: &[MissedGroup], cy
 
 /// Views that are chosen for what they measure under pose errors too; `None` if they are, or if no errors are evaluated.
 fn robust(plan: &Plan) -> Option<SummaryAction> {
-    let errors = plan.coverage.robust.as_ref().filter(|_| !plan.params.robust.select)?.pose_error;
+    let robust = plan.coverage.robust.as_ref().filter(|_| !plan.params.robust.select)?;
+    let (error, costliest) = (robust.pose_error, RobustDocument::from(robust).costliest());
     let set = BTreeMap::from([("robust.select".to_owned(), Value::Bool(true))]);
     let command = options(&set);
     let of_asked = plan.coverage.of_asked();
+    // Neither given nor that of a calibration: the error of no cell.
+    let is_default = RobustParams::default().pose_error == Some(error);
+    let or_own =
+        if is_default { "; or give the cell's own error in place of the default: --set robust.pose_error=…" } else { "" };
     Some(SummaryAction {
         text: format!(
-            "choose the views for pose errors of {}° and {} mm too: {command}; effect not estimated",
-            errors.angle_deg, errors.translation_mm
+            "choose the views for pose errors of {}° and {} mm too (costliest: {}, {} points): {command}; effect not estimated{or_own}",
+            error.angle_deg,
+            error.translation_mm,
+            costliest.kind,
+            fixed(100.0 * costliest.loss(), 2)
         ),
         set,
         command: Some(command),
@@ -115,15 +124,20 @@ impl SummaryAction {
     /// 97.9 % of asked, +2 views, +9.0 s`. `views` are those that a plan with the parameters adds, where `what` does not say so.
     fn sentence(&self, what: &str, views: Option<String>) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
-        let [from, to] = [self.from_of_asked, self.to_of_asked].map(|share| fixed(100.0 * share, 1));
-        let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {} s", signed(secs)));
+        let [from, to] = percents_apart([self.from_of_asked, self.to_of_asked]);
+        let effect = if from == to { format!("{from} % of asked, as now") } else { format!("{from} → {to} % of asked") };
+        let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {}", cycle_change(secs)));
         let views = views.map_or_else(String::new, |views| format!(", {views}"));
-        format!("{what}{command}; estimated effect: {from} → {to} % of asked{views}{cycle}")
+        format!("{what}{command}; estimated effect: {effect}{views}{cycle}")
     }
 }
 
-/// Formats a change with its sign and one decimal.
-fn signed(change: f64) -> String {
-    let text = fixed(change, 1);
-    if text.starts_with('-') { text } else { format!("+{text}") }
+/// A change of the cycle with its sign and one decimal.
+fn cycle_change(secs: f64) -> String {
+    let text = fixed(secs, 1);
+    match text.as_str() {
+        "0.0" => "the same cycle time".to_owned(),
+        shorter if shorter.starts_with('-') => format!("{shorter} s"),
+        longer => format!("+{longer} s"),
+    }
 }

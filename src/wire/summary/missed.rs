@@ -8,9 +8,10 @@ use utoipa::ToSchema;
 
 use super::percent;
 use crate::cell::PoseSpec;
-use crate::planning::params::SelectionGoal;
+use crate::planning::params::{SelectionGoal, TargetOf};
 use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyKind, RemedyView, StopReason, share};
 use crate::wire::plan::{AdviceDocument, options};
+use crate::wire::total::total;
 use crate::wire::words::{area_mm2, cause_phrase, counted, fixed, none_found, partial_percent, rounded_down_deg, turn_phrase};
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -21,6 +22,10 @@ const MAX_VIEWS: usize = 1000;
 const POSES: &str = "candidates.poses";
 /// Largest number of poses in a command; more are left to `missed.json`.
 const MAX_POSES: usize = 2;
+/// Parameters that end the choice of views.
+const TARGET: &str = "selection.target";
+const VIEW_LIMIT: &str = "selection.max_views";
+const GROWTH: &str = "selection.min_growth";
 /// Steps of a target in one: three decimals.
 const TARGET_STEPS: f64 = 1e3;
 
@@ -60,6 +65,9 @@ struct Fix {
     turn: Option<String>,
 }
 
+/// Parameters by their dotted names.
+type Settings = BTreeMap<String, Value>;
+
 /// Spots of one cause, with the same fix.
 type SpotsOfFix<'a> = (Cause, Option<Fix>, Vec<&'a MissedSpot>);
 
@@ -75,8 +83,8 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
     for ((cause, fix), spots) in spots {
         let set = group(plan, cause, fix.as_ref(), &spots).set;
         let same = merged.iter_mut().find(|(other_cause, other_fix, other_spots)| {
-            let has_same_set = || group(plan, *other_cause, other_fix.as_ref(), other_spots).set == set;
-            *other_cause == cause && Fix::is_like(other_fix.as_ref(), fix.as_ref()) && !set.is_empty() && has_same_set()
+            let is_same = || is_same_command(&group(plan, *other_cause, other_fix.as_ref(), other_spots).set, &set);
+            *other_cause == cause && Fix::is_like(other_fix.as_ref(), fix.as_ref()) && !set.is_empty() && is_same()
         });
         match same {
             // One of them works and the other does not: both together do not.
@@ -91,6 +99,17 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
     // Stable: of equal ones the order of causes stays.
     groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     groups
+}
+
+/// Returns true if two groups ask for the same. The rules that end the choice follow from what a group recovers, so they tell two apart
+/// only where there is nothing else to set.
+fn is_same_command(one: &Settings, other: &Settings) -> bool {
+    let without_rules = |set: &Settings| -> Settings {
+        let own = set.iter().filter(|(name, _)| ![TARGET, VIEW_LIMIT, GROWTH].contains(&name.as_str()));
+        own.map(|(name, value)| (name.clone(), value.clone())).collect()
+    };
+    let own = without_rules(one);
+    if own.is_empty() { one == other } else { own == without_rules(other) }
 }
 
 impl Fix {
@@ -111,7 +130,7 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     let views = views_of(&remedies);
     // Further views of a part are planned with the first plan's parameters, and take none of their own.
     let settable = fix.filter(|_| !plan.coverage.is_of_open);
-    let set = settable.map_or_else(BTreeMap::new, |fix| settings(plan, fix, &remedies, &views, recovers_mm2));
+    let set = settable.map_or_else(Settings::new, |fix| settings(plan, fix, &remedies, &views));
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),
@@ -129,11 +148,6 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     group
 }
 
-/// Sum of areas; of none it is 0, not −0 as `sum` has it.
-fn total(areas_mm2: impl Iterator<Item = f64>) -> f64 {
-    areas_mm2.fold(0.0, |sum, area_mm2| sum + area_mm2)
-}
-
 /// Views of some remedies, each once.
 fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
     let mut views: Vec<&RemedyView> = Vec::new();
@@ -148,12 +162,12 @@ fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
 impl MissedGroup {
     /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera: …`.
     fn sentence(&self) -> String {
-        let command = match self.command() {
+        let (mut shown, mut left_out) = (self.set.clone(), "");
+        if shown.remove(POSES).is_some() {
             // Too long for a line that people read.
-            Some(_) if self.set.contains_key(POSES) => " (poses in missed.json)".to_owned(),
-            Some(command) => format!(": {command}"),
-            None => String::new(),
-        };
+            left_out = " (poses in missed.json)";
+        }
+        let command = if shown.is_empty() { left_out.to_owned() } else { format!("{left_out}: {}", options(&shown)) };
         let recovers = match self.fix {
             Some(RemedyKind::None) | None => String::new(),
             Some(_) => format!("; recovers {}", self.recovers()),
@@ -200,41 +214,61 @@ fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
 }
 
 /// Parameters that ask for a fix; empty where none does.
-fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView], recovers_mm2: f64) -> BTreeMap<String, Value> {
-    match fix.kind {
-        // Neither the target nor the limit ended the choice there.
-        RemedyKind::View if plan.stopped_because == StopReason::NoPath => BTreeMap::new(),
-        RemedyKind::View if plan.stopped_because == StopReason::Growth => {
-            BTreeMap::from([("selection.min_growth".to_owned(), json!(0.0))])
+fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView]) -> Settings {
+    let with_rules = |mut set: Settings| {
+        if !set.is_empty() {
+            set.extend(stop_rules(plan, remedies));
         }
-        RemedyKind::View => more_views(plan, views.len(), recovers_mm2),
-        RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => poses(plan, views),
+        set
+    };
+    match fix.kind {
+        RemedyKind::View => stop_rules(plan, remedies),
+        RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => with_rules(poses(plan, views)),
         RemedyKind::Setup => further_setup(plan, fix.turn.as_deref()),
-        RemedyKind::Limit => limits(remedies),
-        RemedyKind::None => BTreeMap::new(),
+        RemedyKind::Limit => with_rules(limits(remedies)),
+        RemedyKind::None => Settings::new(),
     }
 }
 
-/// Target, and limit of views, with which candidates that were left out are chosen.
-fn more_views(plan: &Plan, added_views: usize, recovers_mm2: f64) -> BTreeMap<String, Value> {
+/// Rules that end the choice of views, changed where they would end it before the views of some remedies of one kind are chosen: the
+/// target, the limit of views and the growth that a view has to bring. Empty for further views of a part, which take no parameters.
+pub(crate) fn stop_rules(plan: &Plan, remedies: &[&Remedy]) -> Settings {
+    let first = remedies.first().filter(|_| !plan.coverage.is_of_open);
+    let Some(kind) = first.map(|remedy| remedy.kind) else { return Settings::new() };
+    let is_candidate = match kind {
+        // None of the rules ended the choice where a candidate has no path, or is not worth its cost.
+        RemedyKind::View if matches!(plan.stopped_because, StopReason::NoPath | StopReason::NoGain) => return Settings::new(),
+        RemedyKind::View => true,
+        RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff | RemedyKind::Limit => false,
+        RemedyKind::Setup | RemedyKind::None => return Settings::new(),
+    };
     let (coverage, selection) = (&plan.coverage, &plan.params.selection);
-    let mut set = BTreeMap::new();
-    let of_target = coverage.of_target(selection.target_of) + share(recovers_mm2, coverage.whole_mm2(selection.target_of));
-    let target = ((of_target * TARGET_STEPS).floor() / TARGET_STEPS).min(1.0);
+    let (views, recovers_mm2) = (views_of(remedies), total(remedies.iter().map(|remedy| remedy.area_mm2)));
+    let mut set = Settings::new();
+    let whole_mm2 = coverage.whole_mm2(selection.target_of);
+    // What only new candidates measure is coverable with them.
+    let grown_mm2 = if is_candidate || selection.target_of != TargetOf::Coverable { 0.0 } else { recovers_mm2 };
+    let measured_mm2 = coverage.of_target(selection.target_of) * whole_mm2 + recovers_mm2;
+    let target = ((share(measured_mm2, whole_mm2 + grown_mm2) * TARGET_STEPS).floor() / TARGET_STEPS).min(1.0);
     if selection.goal != SelectionGoal::BestCoverage && target > selection.target {
-        set.insert("selection.target".to_owned(), json!(target));
+        set.insert(TARGET.to_owned(), json!(target));
     }
-    let views = plan.views.len() + added_views;
-    if selection.max_views.is_some_and(|limit| (limit as usize) < views) && views <= MAX_VIEWS {
-        set.insert("selection.max_views".to_owned(), json!(views));
+    let needed = plan.views.len() + views.len();
+    if selection.max_views.is_some_and(|limit| (limit as usize) < needed) && needed <= MAX_VIEWS {
+        set.insert(VIEW_LIMIT.to_owned(), json!(needed));
+    }
+    let min_gain_mm2 = selection.min_growth * coverage.asked_area_mm2;
+    let has_ended = is_candidate && plan.stopped_because == StopReason::Growth;
+    if has_ended || views.iter().any(|view| view.area_mm2 < min_gain_mm2) {
+        set.insert(GROWTH.to_owned(), json!(0.0));
     }
     set
 }
 
 /// Poses to consider besides the candidates of the plan, where they are few and the plan was given none of its own.
-fn poses(plan: &Plan, views: &[&RemedyView]) -> BTreeMap<String, Value> {
+fn poses(plan: &Plan, views: &[&RemedyView]) -> Settings {
     if views.len() > MAX_POSES || !plan.params.candidates.poses.is_empty() {
-        return BTreeMap::new();
+        return Settings::new();
     }
     let poses: Vec<PoseSpec> = views.iter().map(|view| rounded(PoseSpec::from(&view.part_from_scanner))).collect();
     BTreeMap::from([(POSES.to_owned(), json!(poses))])
@@ -251,7 +285,7 @@ fn rounded(pose: PoseSpec) -> PoseSpec {
 
 /// Parameters of one more setup, in which the part is turned as said, or onto any other side: as the advice on the plan has it. Empty
 /// where it is not known how a setup more would turn the part.
-pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> BTreeMap<String, Value> {
+pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> Settings {
     let advised = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
         let advised = document.turn.as_ref().map(|turn| turn.text.as_str());
         advice.kind == AdviceKind::TurnOver && (turn.is_none() || advised == turn)
@@ -268,12 +302,12 @@ pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> BTreeMap<String,
         {
             BTreeMap::from([("setups".to_owned(), json!(plan.params.setups + 1))])
         }
-        None => BTreeMap::new(),
+        None => Settings::new(),
     }
 }
 
 /// Limits of incidence, as large as the remedies need them.
-fn limits(remedies: &[&Remedy]) -> BTreeMap<String, Value> {
+fn limits(remedies: &[&Remedy]) -> Settings {
     let largest = |limit: fn(&Remedy) -> Option<f64>| {
         remedies.iter().filter_map(|remedy| limit(remedy)).max_by(f64::total_cmp).map(rounded_down_deg)
     };

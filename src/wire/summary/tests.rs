@@ -6,11 +6,11 @@ use crate::cell::Dialect;
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
-use crate::planning::params::{PlanParams, Registration, SelectionGoal};
+use crate::planning::params::{PlanParams, PoseErrorParams, Registration, SelectionGoal};
 use crate::planning::plan::{
-    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot,
-    ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView,
-    SetupPlan, StopReason, Turn, TurnKind,
+    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Drawn, Independent, MeasuredArea, MissedCause,
+    MissedSpot, ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind,
+    RemedyView, Robust, SetupPlan, StopReason, Turn, TurnKind,
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
@@ -100,6 +100,7 @@ fn region(name: &str, of_asked: f64) -> RegionCoverage {
         min_tolerance_mm: 0.1,
         missed_mm2: Vec::new(),
         beyond_noise_area_mm2: 0.0,
+        independent: None,
     }
 }
 
@@ -252,6 +253,7 @@ fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
             .to_owned()
     };
     assert_eq!(text(StopReason::Growth, 0), "the next best view would add less than 0.01 % of asked");
+    assert_eq!([1e-9, 0.25, 0.0].map(|growth| super::verdict::shortest(100.0 * growth)), ["0.0000001", "25", "0"]);
     assert_eq!(text(StopReason::NoGain, 0), "no further view adds anything worth its cost");
     assert_eq!(text(StopReason::NoPath, 3), "no collision-free path leads to 3 of 4 chosen views");
     assert_eq!(text(StopReason::NoPath, 0), "no collision-free path was found to some candidates");
@@ -464,6 +466,68 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "3 more views, rolled; recovers 10.0 mm² (100 %)");
 }
 
+/// Options that alone would not bring the views were told where another rule ends the choice as well.
+#[test]
+fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
+    let fixed = |measured_mm2: f64, kind, change: &dyn Fn(&mut Plan)| {
+        let mut plan = plan(3, 0, measured_mm2);
+        plan.missed = vec![missed(Cause::ShadowLeft, vec![Some(remedy(kind, 1.0, &[4]))])];
+        change(&mut plan);
+        let told = group_of(&plan).text;
+        told.split_once(": ").and_then(|(_, fix)| fix.strip_suffix("; recovers 10.0 mm² (100 %)")).expect("a fix").to_owned()
+    };
+    // The next view is too small, and would be one too many.
+    let small_and_many = |plan: &mut Plan| {
+        (plan.stopped_because, plan.params.selection.max_views) = (StopReason::Growth, Some(3));
+    };
+    assert_eq!(
+        fixed(700.0, RemedyKind::View, &small_and_many),
+        "1 more view: --set selection.min_growth=0.0 --set selection.max_views=4"
+    );
+    // The target ended the choice; beyond it, a view of 10 mm² adds too little.
+    let small = |plan: &mut Plan| plan.params.selection.min_growth = 0.02;
+    assert_eq!(
+        fixed(780.0, RemedyKind::View, &small),
+        "1 more view: --set selection.target=0.987 --set selection.min_growth=0.0"
+    );
+    // The target is reached without the views that are given, or that larger limits allow; with them, 810 mm² are coverable.
+    let as_it_is = |_: &mut Plan| {};
+    assert_eq!(
+        fixed(792.0, RemedyKind::Tilt, &as_it_is),
+        "1 more view, tilted (poses in missed.json): --set selection.target=0.99"
+    );
+    assert_eq!(
+        fixed(792.0, RemedyKind::Limit, &as_it_is),
+        "1 more view with larger limits of incidence: --set selection.target=0.99 --set limits.camera_deg=60.0"
+    );
+    let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
+    assert_eq!(
+        fixed(700.0, RemedyKind::Standoff, &limited),
+        "1 more view from another distance (poses in missed.json): --set selection.max_views=4"
+    );
+    let best = |plan: &mut Plan| {
+        (plan.params.selection.goal, plan.params.selection.max_views) = (SelectionGoal::BestCoverage, Some(3));
+    };
+    assert_eq!(fixed(792.0, RemedyKind::View, &best), "1 more view: --set selection.max_views=4", "it has no target");
+    // A view that is not worth its cost is had by none of these rules.
+    let no_gain = |plan: &mut Plan| plan.stopped_because = StopReason::NoGain;
+    assert_eq!(fixed(792.0, RemedyKind::View, &no_gain), "1 more view");
+}
+
+/// Their targets follow from what both measure.
+#[test]
+fn limits_of_one_value_are_one_command_whatever_they_recover() {
+    let mut plan = plan(3, 0, 790.0);
+    let limit = |of_spot: f64| Some(remedy(RemedyKind::Limit, of_spot, &[4]));
+    let command = |plan: &Plan| group_of(plan).command().expect("options");
+    plan.missed = vec![missed(Cause::IncidenceLeft, vec![limit(1.0); 5])];
+    assert_eq!(command(&plan), "--set selection.target=0.988 --set limits.camera_deg=60.0");
+    plan.missed = vec![missed(Cause::IncidenceLeft, vec![limit(0.6)])];
+    assert_eq!(command(&plan), "--set selection.target=0.987 --set limits.camera_deg=60.0");
+    plan.missed = vec![missed(Cause::IncidenceLeft, [vec![limit(1.0); 5], vec![limit(0.6)]].concat())];
+    assert_eq!((group_of(&plan).spots, group_of(&plan).fix_known), (6, false));
+}
+
 #[test]
 fn a_share_that_does_not_work_is_not_rounded_to_one_that_does() {
     let mut plan = plan(3, 0, 700.0);
@@ -507,6 +571,27 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
 }
 
 #[test]
+fn a_fragile_plan_is_told_which_error_costs_most_and_to_give_that_of_the_cell_where_it_is_the_default() {
+    let told = |angle_deg: f64| {
+        let [views, part, hand_eye] = [0.98, 0.884, 0.95].map(|worst| Drawn::new(0.99, vec![0.99, worst]));
+        let mut plan = plan_of_all(990.0);
+        plan.advice = vec![advice()];
+        let pose_error = PoseErrorParams { angle_deg, translation_mm: 1.0 };
+        plan.coverage.robust = Some(Robust { pose_error, views, part, hand_eye });
+        Summary::of(&plan).action.expect("an action").text
+    };
+    let choose = "mm too (costliest: the part as a whole, 10.60 points): --set robust.select=true; effect not estimated";
+    assert_eq!(told(0.5), format!("choose the views for pose errors of 0.5° and 1 {choose}"));
+    assert_eq!(
+        told(1.0),
+        format!(
+            "choose the views for pose errors of 1° and 1 {choose}; or give the cell's own error in place of the default: \
+             --set robust.pose_error=…"
+        )
+    );
+}
+
+#[test]
 fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
     let mut plan = plan(3, 0, 780.0);
     let spots = |kind, of_spot, count: usize, candidate| vec![Some(remedy(kind, of_spot, &[candidate])); count];
@@ -547,8 +632,42 @@ fn the_shares_are_those_that_head_every_output() {
     assert_eq!(
         summary.coverage_text,
         "Simulated coverage, independent check: 88.00 % of visible (0.00 % at grade A or B, 0.00 % within 35°, 0.00 % within 60°), \
-         79.20 % of asked, 79.20 % of the whole surface; 99.00 % of coverable"
+         79.20 % of asked, 79.20 % of the whole surface; on the samples that views are chosen on: 99.00 % of coverable"
     );
     let shares = [summary.coverage.of_visible, summary.coverage.of_asked, summary.coverage.of_coverable];
     assert!(shares.iter().zip([0.88, 0.792, 0.99]).all(|(is, wanted)| (is - wanted).abs() < 1e-12), "{shares:?}");
+}
+
+#[test]
+fn nothing_missed_is_not_minus_nothing() {
+    let listing = crate::wire::missed::json(&plan(3, 0, 1000.0), "");
+    assert!(listing.missed_area_mm2.is_sign_positive(), "{listing:?}");
+}
+
+/// 50.4 → 50.4 % was told.
+#[test]
+fn an_action_of_little_effect_is_told_with_the_digits_that_show_it() {
+    let action = |measured_area_mm2: f64, cycle_secs: Option<f64>| {
+        let mut plan = plan(3, 0, 504.0);
+        plan.setups[0].sequence = cycle_secs.map(|secs| Sequence {
+            visits: Vec::new(),
+            return_home: Leg {
+                via_rad: Vec::new(),
+                target: Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] },
+                duration_secs: secs,
+                passed_within_rad: None,
+                turning_secs: 0.0,
+            },
+            ordered_secs: secs,
+            lower_bound_secs: secs,
+            moving_lower_secs: secs,
+        });
+        let cycle_secs = cycle_secs.map(|secs| secs - 0.01);
+        plan.advice = vec![PlanAdvice { measured_area_mm2, cycle_secs, regions_met: Vec::new(), ..advice() }];
+        let text = Summary::of(&plan).action.expect("advice").text;
+        text.split_once("; estimated effect: ").expect("an effect").1.to_owned()
+    };
+    assert_eq!(action(504.2, None), "50.40 → 50.42 % of asked, +2 views");
+    assert_eq!(action(504.0, None), "50.4 % of asked, as now, +2 views");
+    assert_eq!(action(979.0, Some(9.0)), "50.4 → 97.9 % of asked, +2 views, the same cycle time");
 }

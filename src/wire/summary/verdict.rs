@@ -4,7 +4,7 @@ use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
 use crate::planning::plan::{MissedCause, Plan, RegionCoverage, StopReason, share};
-use crate::wire::words::{cause_phrase, counted, fixed, percent_below};
+use crate::wire::words::{cause_phrase, counted, fixed, fixed_nonzero, percent_below};
 
 closed_list! {
     /// Verdict on a plan: the first of these that holds.
@@ -206,9 +206,9 @@ fn largest_causes(plan: &Plan) -> String {
     told.join(", ")
 }
 
-/// A number with as many decimals as it takes, at most six.
-fn shortest(value: f64) -> String {
-    let text = fixed(value, 6);
+/// A number with as many decimals as it takes, at most six unless it is smaller.
+pub(super) fn shortest(value: f64) -> String {
+    let text = fixed_nonzero(value, 6);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
@@ -216,7 +216,7 @@ fn shortest(value: f64) -> String {
 fn fragile(plan: &Plan) -> String {
     plan.coverage.robust.as_ref().map_or_else(String::new, |robust| {
         format!(
-            "errors of {}° and {} mm cost up to {} points of the asked area in the trials",
+            "errors of {}° and {} mm cost up to {} points of the asked area in the worst draw",
             robust.pose_error.angle_deg,
             robust.pose_error.translation_mm,
             fixed(100.0 * robust.worst_loss(), 2)

@@ -1,7 +1,7 @@
 use super::*;
 use crate::cell::{Presets, SpecLibrary};
 use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
-use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
+use crate::planning::plan::{Cause, IndependentRegion, RegionCoverage, RegionKind};
 use crate::wire::plan::{DrawnDocument, MisplacedDocument};
 use crate::wire::words::shortfall;
 
@@ -36,6 +36,7 @@ fn feature() -> RegionCoverage {
         min_tolerance_mm: NoiseParams::default().min_tolerance_mm(),
         missed_mm2: vec![(Cause::BelowGrade, 850.0), (Cause::ShadowLeft, 50.0)],
         beyond_noise_area_mm2: 850.0,
+        independent: None,
     }
 }
 
@@ -98,6 +99,31 @@ fn an_unmet_region_is_named_at_its_target_with_its_causes() {
     assert!(found[0].remedy.contains("regions.noise.budget"), "{}", found[0].remedy);
 }
 
+/// A target that only the samples of the choice reach was told as met, and nothing else.
+#[test]
+fn a_region_that_other_samples_refute_is_warned_of_and_is_not_unmet() {
+    let params = params(&[0.2]);
+    let independent = |measured_area_mm2: f64| {
+        Some(IndependentRegion { samples: 400, asked_area_mm2: 900.0, measured_area_mm2, squares_mm4: 900.0 * 900.0 / 400.0 })
+    };
+    let told = |measured_area_mm2: f64| {
+        let reached =
+            RegionCoverage { measured_area_mm2: 870.0, missed_mm2: Vec::new(), beyond_noise_area_mm2: 0.0, ..feature() };
+        let region = RegionCoverage { independent: independent(measured_area_mm2), ..reached };
+        let regions = [RegionCoverageDocument::from(&region)];
+        assert_eq!(of_regions(&params, &regions, ""), [], "it is not unmet");
+        of_refuted_regions(&params, &regions, "/params")
+    };
+    let found = told(810.0);
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::RegionUnconfirmed, "/params/regions/features/0/target"));
+    assert_eq!(
+        found[0].detail,
+        "is 0.95; \"bore\" reaches it on the samples that views were chosen on, but not on 400 others: 90.00 %, standard error 1.50 points"
+    );
+    assert_eq!(told(850.0), [], "94.4 % with a standard error of 1.1 points does not refute 95 %");
+}
+
 #[test]
 fn a_shortfall_names_causes_by_area_and_says_where_noise_is_a_part_of_it() {
     let partly = RegionCoverage { beyond_noise_area_mm2: 12.0, ..feature() };
@@ -130,7 +156,7 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
     assert_eq!(
         found.detail,
-        "is false, and an error of the part as a whole by 1° and 1 mm costs up to 2.31 points of coverage in 5 trials: 94.79 % of \
+        "is false, and an error of the part as a whole by 1° and 1 mm costs 2.31 points of coverage in the worst of 5 draws: 94.79 % of \
          the asked area instead of 97.10 %; a plan that tolerates it loses at most 1.0"
     );
     assert!(found.remedy.contains("robust.select = true"), "{}", found.remedy);
@@ -175,6 +201,22 @@ fn a_part_that_does_not_stand_is_told_how_it_does() {
 }
 
 #[test]
+fn a_pose_in_which_the_part_tips_over_is_told_with_how_it_stands() {
+    let block = crate::testing::box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    let turned = |degrees: f64| {
+        let turn = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::x_axis(), degrees.to_radians());
+        Pose::from_parts(nalgebra::Vector3::zeros(), turn)
+    };
+    let poses = [0.0, 45.0, 90.0].map(|degrees| (format!("/at/{degrees}"), turned(degrees)));
+    let found = of_poses(&block, &poses);
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::PartUnstable, "/at/45"));
+    assert!(found[0].detail.ends_with("; it stands with x, -x, y, -y, z, -z up"), "{}", found[0].detail);
+    let sheet = Mesh { vertices_mm: block.corners(0).to_vec(), faces: vec![[0, 1, 2]], source_face: vec![0], ..block };
+    assert_eq!(of_poses(&sheet, &poses), [], "no volume, no telling");
+}
+
+#[test]
 fn a_region_that_holds_nothing_is_told_with_its_list_and_where_the_part_is() {
     let part = Aabb { min: [0.0, -5.0, 0.0].into(), max: [120.0, 68.0, 36.5].into() };
     for (list, pointer, code) in [
@@ -189,7 +231,18 @@ fn a_region_that_holds_nothing_is_told_with_its_list_and_where_the_part_is() {
 }
 
 #[test]
-fn warnings_of_a_plan_are_those_that_nobody_can_give_before() {
+fn warnings_of_a_plan_are_those_that_no_job_has_before() {
     let of_plan: Vec<_> = WarningCode::ALL.into_iter().filter(|code| code.is_of_plan()).map(WarningCode::as_str).collect();
-    assert_eq!(of_plan, ["region_unmet", "fragile_under_pose_error", "exclusion_empty", "region_empty"]);
+    assert_eq!(
+        of_plan,
+        [
+            "region_unmet",
+            "region_unconfirmed",
+            "fragile_under_pose_error",
+            "part_unstable",
+            "exclusion_empty",
+            "region_empty",
+            "candidates_left_out"
+        ]
+    );
 }

@@ -1,10 +1,14 @@
-use super::{changed_params, fix_sentence, fixed, lie_phrase, no_plan_sentence, remedy_sentence, turn_phrase};
+use super::{
+    area_mm2, at_risk_sentence, changed_params, fix_sentence, fixed, fixed_nonzero, lie_phrase, no_plan_sentence, percent_below,
+    percents_apart, remedy_sentence, stability_sentence, turn_phrase,
+};
 use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
 use crate::planning::params::{PlanParams, Region};
 use crate::planning::plan::{CandidateCounts, Cause, PartSide, Remedy, RemedyKind, RemedyView, Turn, TurnKind};
 use crate::planning::verdict::Rejection;
+use crate::wire::plan::{AtRiskDocument, RiskReasonDocument, StabilityDocument};
 
 #[test]
 fn zero_has_no_sign() {
@@ -12,6 +16,64 @@ fn zero_has_no_sign() {
         (fixed(-0.04, 1), fixed(-0.06, 1), fixed(0.0, 0), fixed(-0.4, 0)),
         ("0.0".into(), "-0.1".into(), "0".into(), "0".into())
     );
+}
+
+#[test]
+fn what_is_not_zero_is_not_told_as_zero() {
+    for (value, decimals, told) in [
+        (0.0, 1, "0.0"),
+        (-0.0, 1, "0.0"),
+        (0.031, 1, "0.031"),
+        (-0.031, 1, "-0.031"),
+        (0.06, 1, "0.1"),
+        (1e-20, 1, "0.000000000000"),
+    ] {
+        assert_eq!(fixed_nonzero(value, decimals), told);
+    }
+    for (share, told) in
+        [(0.0, "0.00"), (-1e-17, "0.00"), (1e-12, "0.00"), (0.000_042, "0.0042"), (0.000_06, "0.01"), (0.999_96, "99.99")]
+    {
+        assert_eq!(percent_below(share, 1.0, 2), told);
+    }
+    assert_eq!((percent_below(0.003, 1.0, 0), percent_below(0.997, 1.0, 0)), ("0.30".to_owned(), "99".to_owned()));
+    let stability = StabilityDocument {
+        shared_area_mm2: 50_800.0,
+        fixed: true,
+        resistance: 0.000_4,
+        weakest: "every motion".to_owned(),
+        expected_error_mm: Some(0.000_031),
+    };
+    let told = stability_sentence(&stability);
+    assert!(told.ends_with("resistance 0.00040 (at least 0.01 needed), error by noise alone 0.031 µm (1 σ)"), "{told}");
+    let reason = RiskReasonDocument { reason: "frame_margin".to_owned(), area_mm2: 0.5, of_visible: 0.000_05 - 1e-6 };
+    let at_risk = AtRiskDocument { area_mm2: 0.5, of_asked: 0.1, of_visible: 0.1, counted: true, reasons: vec![reason] };
+    assert!(at_risk_sentence(&at_risk).ends_with("counted as measured: frame margin 0.0049 %"), "{}", at_risk_sentence(&at_risk));
+}
+
+#[test]
+fn two_shares_that_differ_are_told_apart() {
+    let told = |from: f64, to: f64| percents_apart([from, to]).join(" → ");
+    assert_eq!(told(0.701, 0.979), "70.1 → 97.9");
+    assert_eq!(told(0.504_1, 0.504_3), "50.41 → 50.43");
+    assert_eq!(told(0.999_1, 0.999_6), "99.91 → 99.96", "below the whole");
+    assert_eq!((told(0.504, 0.504), told(0.504, 0.504 + 1e-12)), ("50.4 → 50.4".to_owned(), "50.4 → 50.4".to_owned()));
+}
+
+#[test]
+fn an_area_has_three_digits_at_least_and_a_space_between_thousands() {
+    for (mm2, told) in [
+        (0.0, "0.0"),
+        (1e-14, "0.0"),
+        (0.012_34, "0.0123"),
+        (8.5, "8.50"),
+        (999.96, "1\u{202f}000.0"),
+        (2400.0, "2\u{202f}400.0"),
+        (1_234_567.89, "1\u{202f}234\u{202f}567.9"),
+    ] {
+        assert_eq!(area_mm2(mm2), told);
+    }
+    let large = Remedy { area_mm2: 50_800.0, ..tilt(1.0) };
+    assert_eq!(remedy_sentence(&large), "tilt candidate 7 by 20°: measures 50\u{202f}800.0 mm², 100 % of it");
 }
 
 #[test]

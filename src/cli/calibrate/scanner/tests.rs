@@ -1,7 +1,9 @@
 use clap::Parser;
 
 use super::*;
+use crate::cell::calibration::lens::DepthDatum;
 use crate::cell::{ShapeSpec, preset_text};
+use crate::wire::scanner_calibration::{DepthOriginFigures, FieldCheck, PitchFigures, RigFigures};
 
 #[derive(Parser)]
 struct Line {
@@ -83,6 +85,57 @@ fn what_cannot_be_used_is_told_with_file_and_code() {
     assert!(error.to_string().contains("skew, k1, k2, p1, p2, k3"), "{error}");
     assert!(args(&[&left, "--field", "300x190"]).expect_err("no distance").contains("as in 300x190@480"));
     assert!(args(&[&left, "--from", "word"]).expect_err("no format").contains("opencv, bouguet"));
+}
+
+/// ± was told of one standard deviation.
+#[test]
+fn figures_are_told_with_standard_deviations_as_far_as_they_are_known() {
+    let mut document = ScannerCalibration {
+        schema: "vantage.scanner_calibration/1",
+        scanner: "mine".to_owned(),
+        from: Vec::new(),
+        files: Vec::new(),
+        data_sha256: String::new(),
+        taken_at: None,
+        rig: RigFigures {
+            baseline_mm: 209.94,
+            baseline_sigma_mm: Some(0.012),
+            axes_angle_deg: 21.3,
+            axes_angle_sigma_deg: Some(0.001_2),
+            boards: None,
+            board_baseline_mm: None,
+            board_turn_deg: None,
+        },
+        devices: Vec::new(),
+        epipolar_rms_px: Some(0.05),
+        board_pitch: Some(PitchFigures { rms_mm: 0.01, mean_mm: -0.000_04, count: 100 }),
+        views: Vec::new(),
+        board_depth_mm: None,
+        field: FieldCheck { depth_mm: 480.0, cameras_mm: [289.0, 190.0], common_mm: [278.0, 190.0], stated_mm: None },
+        depth_origin: Some(DepthOriginFigures {
+            origin_mm: -0.001,
+            sigma_mm: 0.03,
+            scale: 1.0,
+            datum: DepthDatum::ALL[0],
+            residuals_mm: Vec::new(),
+        }),
+        assumed: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let told = summary(&document);
+    for line in [
+        "baseline 209.94 mm (standard deviation 0.012 mm), optical axes 21.30° apart (standard deviation 0.0012°)\n",
+        "0.0100 mm rms (+0.0000 mean)\n",
+        "counts from z = 0.00 mm (standard deviation 0.03 mm) (",
+    ] {
+        assert!(told.contains(line), "{line:?} is not in\n{told}");
+    }
+    (document.rig.baseline_sigma_mm, document.rig.axes_angle_sigma_deg) = (None, None);
+    assert!(
+        summary(&document).starts_with("scanner mine: baseline 209.94 mm, optical axes 21.30° apart\n"),
+        "{}",
+        summary(&document)
+    );
 }
 
 /// A mesh was named from the folder of the specification that was read, or from the working folder.
