@@ -29,7 +29,7 @@ use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Optics, SampleSet, UnitedViews};
 
 /// Samples on which draws are evaluated at most.
-const MAX_SAMPLES: usize = 30_000;
+const MAX_SAMPLES: usize = 16_000;
 /// Names of the streams of random numbers.
 const EACH_VIEW: u64 = 0x76_6965_7773;
 const WHOLE_PART: u64 = 0x7061_7274;

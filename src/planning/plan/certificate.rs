@@ -63,8 +63,8 @@ pub struct Robust {
 }
 
 impl Robust {
-    /// Largest loss of a plan that tolerates the error, as a share of the asked area: one point. No published source; plans of parts
-    /// of one block lose up to 0.8 points (`tests/it/robust.rs`).
+    /// Largest loss of a plan that tolerates the error, as a share of the asked area: one point. No published source; most parts
+    /// of one block lose less ([`crate::planning::method::robustness`]).
     pub const MAX_LOSS: f64 = 0.01;
 
     /// Largest loss in a draw of any kind, as a share of the asked area.
