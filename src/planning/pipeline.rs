@@ -123,9 +123,8 @@ fn explained<'a>(
     let (shortened, part) =
         rayon::join(|| shorten(problem, sampled, setups, views, ctx), || sampled.part_alone(input, setups, ctx));
     let ((views, problem), part) = (shortened?, part?);
-    let mut outcome = explain(problem, sampled, setups, views, &part, ctx)?;
+    let mut outcome = explain(problem, sampled, setups, views, (&part, demand.is_some()), ctx)?;
     let asked_as = demand.map(|_| Arc::clone(&outcome.surface));
-    outcome.plan.coverage.is_of_open = demand.is_some();
     certify(&mut outcome, (input, &sampled.params), setups, (&part, asked_as.as_ref()), ctx)?;
     let scene_of = |plan: &SetupPlan| Some(setup_of(setups, plan)?.scene.as_ref()?.collision_scene().clone());
     outcome.scenes = outcome.plan.setups.iter().filter_map(scene_of).collect();
@@ -347,13 +346,14 @@ fn shorten<'a>(
     Ok((views, every))
 }
 
-/// Stage missed: verdicts, coverage, and the causes and remedies of what is missed.
+/// Stage missed: verdicts, coverage, and the causes and remedies of what is missed. `is_of_open` is true where asked is only what earlier
+/// scans left open.
 fn explain(
     problem: ViewPlanningProblem<'_>,
     sampled: &SampledPart,
     setups: &[Setup<'_>],
     views: OrderedViews<'_>,
-    part: &Arc<RayScene>,
+    (part, is_of_open): (&Arc<RayScene>, bool),
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     ctx.begin(Stage::Missed)?;
@@ -364,7 +364,7 @@ fn explain(
     let without_path = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path));
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
-    let surroundings = Surroundings { sampled, setups, occluders, part, can_execute };
+    let surroundings = Surroundings { sampled, setups, occluders, part, can_execute, is_of_open };
     let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
     if let Some(basis) = basis {

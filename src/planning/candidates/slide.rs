@@ -43,7 +43,7 @@ struct SlideSample {
     normal: Vector3<f64>,
     area_mm2: f64,
     /// Kind of its requirement.
-    kind: u8,
+    kind: u16,
 }
 
 impl<'a> Slide<'a> {

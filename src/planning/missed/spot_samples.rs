@@ -14,7 +14,7 @@ const MAX_CONFIRMED: usize = 8192;
 const MEASURED: u8 = u8::MAX;
 
 /// Position, normal, and kind of what is asked of a sample.
-pub(super) type AskedPoint = (Point3<f64>, Vector3<f64>, u8);
+pub(super) type AskedPoint = (Point3<f64>, Vector3<f64>, u16);
 
 /// Points of a spot.
 pub(super) struct SpotSamples {

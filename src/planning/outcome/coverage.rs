@@ -34,6 +34,13 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measur
     coverage
 }
 
+/// Marks the coverage as that of what earlier scans left open. The target of a region is one for all of its surface, of which earlier
+/// scans measured a part that is not known here: it tells nothing of the share of the open surface, so there is none.
+pub(super) fn ask_for_open_alone(coverage: &mut Coverage) {
+    coverage.is_of_open = true;
+    coverage.regions.iter_mut().for_each(|region| region.target = None);
+}
+
 /// Asked area that at least one candidate measures, whatever the cell can take and hides.
 fn optically_coverable_mm2(problem: &ViewPlanningProblem<'_>) -> f64 {
     let all: Vec<_> = problem.candidates.indices().collect();

@@ -52,6 +52,8 @@ pub(super) struct Surroundings<'a> {
     /// The part alone.
     pub(super) part: &'a RayScene,
     pub(super) can_execute: Option<&'a CanExecute<'a>>,
+    /// True where asked is only what earlier scans left open.
+    pub(super) is_of_open: bool,
 }
 
 /// Assembles the outcome of a selection, ordered, setup by setup, when there is a cell. `excluded` are candidates that were
@@ -77,6 +79,9 @@ pub(super) fn assemble(
     let scenes = (surroundings.occluders, surroundings.part);
     let verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
     let mut coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
+    if surroundings.is_of_open {
+        coverage::ask_for_open_alone(&mut coverage);
+    }
     coverage.at_risk = at_risk::area(&solution, &risks);
     let exposures = exposure::of(&solution, surroundings.setups, ctx)?;
     coverage.exposure = exposures.as_ref().map(|exposures| exposures.loss);
@@ -401,6 +406,17 @@ mod tests {
         assert_eq!(ended(StopReason::MaxViews, 99.0, 0.0), StopReason::MaxViews);
         assert_eq!(ended(StopReason::Growth, 80.0, 0.0), StopReason::Growth);
         assert_eq!(ended(StopReason::Target, 80.0, 0.0), StopReason::NoPath);
+    }
+
+    #[test]
+    fn a_plan_of_what_scans_left_open_has_no_verdict_on_the_targets_of_whole_regions() {
+        let nothing_open = RegionCoverage { samples: 0, asked_area_mm2: 0.0, ..region(0.0) };
+        let mut coverage = Coverage { regions: vec![nothing_open, region(2.0)], ..covered(99.0) };
+        coverage::ask_for_open_alone(&mut coverage);
+        assert!(coverage.is_of_open);
+        assert!(coverage.regions.iter().all(|region| region.is_met().is_none() && !region.is_unmet()), "{:?}", coverage.regions);
+        let ended = stopped_because(StopReason::Target, false, &coverage, &SelectionParams::default());
+        assert_eq!(ended, StopReason::Target, "no region is unmet");
     }
 
     #[test]

@@ -64,13 +64,20 @@ impl IndependentRegion {
         share(self.measured_area_mm2, self.asked_area_mm2)
     }
 
-    /// Standard error of the share, √(p (1 − p) / n): an upper bound for samples that are spread over the region (W. G. Cochran 1977,
-    /// *Sampling Techniques*, chapters 3 and 8). n = (Σ a)² / Σ a² is the number of equal samples that tell as much as these of areas a
-    /// (L. Kish 1965, *Survey Sampling*, 11.7).
+    /// Standard error of the share, √(p̃ (1 − p̃) / ñ) with ñ = n + 1 and p̃ = (n p + ½) / ñ, which a few samples that are all measured
+    /// do not make 0 (A. Agresti and B. A. Coull 1998, *Approximate is better than "exact" for interval estimation of binomial
+    /// proportions*, The American Statistician 52(2), with z = 1): about an upper bound for samples that are spread over the region
+    /// (W. G. Cochran 1977, *Sampling Techniques*, chapters 3 and 8). n = (Σ a)² / Σ a² is the number of equal samples that tell as much
+    /// as these of areas a (L. Kish 1965, *Survey Sampling*, 11.7). 0 without samples.
     #[must_use]
     pub fn standard_error(&self) -> f64 {
-        let p = self.of_asked();
-        (p * (1.0 - p) * self.squares_mm4).max(0.0).sqrt() / self.asked_area_mm2.max(f64::MIN_POSITIVE)
+        if self.squares_mm4 <= 0.0 {
+            return 0.0;
+        }
+        let n = self.asked_area_mm2 * self.asked_area_mm2 / self.squares_mm4;
+        let adjusted = n + 1.0;
+        let p = ((n * self.of_asked() + 0.5) / adjusted).clamp(0.0, 1.0);
+        (p * (1.0 - p) / adjusted).sqrt()
     }
 }
 
@@ -140,10 +147,11 @@ mod tests {
 
     #[test]
     fn a_target_that_other_samples_miss_by_more_than_their_standard_error_is_refuted() {
-        // 0.9 of 400: the standard error is 1.5 points.
+        // 0.9 of 400: p̃ = 360.5 / 401, and the standard error is 1.50 points.
         let error = region(400, 360).independent.map(|independent| independent.standard_error());
-        assert!(error.is_some_and(|error| (error - 0.015).abs() < 1e-12), "{error:?}");
-        // 375 of 400 are 0.9375, and the standard error is 1.21 points.
+        let expected = (360.5 * 40.5 / 401.0_f64.powi(3)).sqrt();
+        assert!(error.is_some_and(|error| (error - expected).abs() < 1e-12), "{error:?}");
+        // 375 of 400 are 0.9375, and the standard error is 1.22 points.
         assert!(region(400, 360).is_refuted() && region(400, 375).is_refuted());
         for measured in [376, 380, 400] {
             assert_eq!(region(400, measured).is_met_independently(), Some(true), "{measured}");
@@ -162,10 +170,26 @@ mod tests {
         let (mut equal, mut unequal) = (IndependentRegion::default(), IndependentRegion::default());
         (0..100).for_each(|sample| equal.add(1.0, sample % 2 == 0));
         (0..100).for_each(|sample| unequal.add(if sample < 2 { 49.0 } else { 1.0 }, sample % 2 == 0));
-        assert!((equal.standard_error() - 0.05).abs() < 1e-12, "{}", equal.standard_error());
+        // p̃ of a half is a half, and ñ one more than n.
+        assert!((equal.standard_error() - 0.5 / 101.0_f64.sqrt()).abs() < 1e-12, "{}", equal.standard_error());
         // (Σ a)² / Σ a² = 196² / (2 · 49² + 98).
-        let expected = 0.5 * (2.0 * 49.0_f64.powi(2) + 98.0).sqrt() / 196.0;
+        let expected = 0.5 / (196.0_f64.powi(2) / (2.0 * 49.0_f64.powi(2) + 98.0) + 1.0).sqrt();
         assert!((unequal.standard_error() - expected).abs() < 1e-12, "{}", unequal.standard_error());
         assert_eq!(IndependentRegion::default().standard_error(), 0.0);
+    }
+
+    #[test]
+    fn a_share_of_nothing_or_all_of_few_samples_is_not_told_as_exact() {
+        let error = |samples: usize, measured: usize| {
+            region(samples, measured).independent.map_or(0.0, |independent| independent.standard_error())
+        };
+        // One sample: ñ = 2, p̃ = ¼ or ¾.
+        for measured in [0, 1] {
+            assert!((error(1, measured) - (3.0_f64 / 32.0).sqrt()).abs() < 1e-12, "{}", error(1, measured));
+        }
+        // Three: ñ = 4, p̃ = ⅞.
+        assert!((error(3, 3) - (7.0_f64 / 256.0).sqrt()).abs() < 1e-12, "{}", error(3, 3));
+        assert!((0.001..0.002).contains(&error(475, 475)), "{}", error(475, 475));
+        assert!(region(475, 0).is_refuted() && !region(475, 475).is_refuted());
     }
 }

@@ -3,7 +3,7 @@
 //! patch, fixed by patch and seed and the same for every view; each stands for the k-th part of its patch. Patches that a small
 //! region of interest or feature touches have more of them (`small_regions.rs`).
 //!
-//! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 29 a sample.
+//! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 31 a sample.
 
 use nalgebra::{Point3, Vector3};
 

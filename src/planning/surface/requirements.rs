@@ -13,7 +13,7 @@
 //! 6.2; VDA Volume 5). The distance between its points is z / (f · cos i), f the smallest focal length of the cameras in
 //! pixels. Features of a finer tolerance count more in the score: the coarsest tolerance of the job over their own.
 //!
-//! Memory: one byte a sample. Cost: O(samples · regions), once.
+//! Memory: two bytes a sample. Cost: O(samples · regions), once.
 
 use std::collections::HashMap;
 
@@ -62,7 +62,7 @@ pub struct Requirements {
     /// The kinds that there are; the first is what is asked outside all regions.
     pub kinds: Vec<Requirement>,
     /// Kind of each sample; empty where all are of the first.
-    of_sample: Vec<u8>,
+    of_sample: Vec<u16>,
 }
 
 impl Default for Requirements {
@@ -161,16 +161,19 @@ pub(in crate::planning) fn sampled_sparsely(
         return denser(mesh, surface, params, (of_region, seed), ctx);
     }
     let with_own = sample_some_and_all_of(mesh, &params.regions, (&own, max, seed), ctx)?;
-    // More samples may find more overlaps of regions than can be told apart: then they stay as few as they were.
-    let Ok(requirements) = Requirements::new(mesh, &with_own, params) else { return Ok(surface) };
-    denser(mesh, Surface { requirements, ..with_own }, params, (of_region, seed), ctx)
+    // More samples may find more overlaps of regions than can be told apart.
+    let surface = match Requirements::new(mesh, &with_own, params) {
+        Ok(requirements) => Surface { requirements, ..with_own },
+        Err(_) => surface,
+    };
+    denser(mesh, surface, params, (of_region, seed), ctx)
 }
 
 impl Requirements {
     /// Applies `params` to the samples of `surface`.
     ///
     /// # Errors
-    /// Regions that the mesh does not have; more than 255 ways in which regions overlap.
+    /// Regions that the mesh does not have; more than 65 535 ways in which regions overlap.
     pub fn new(mesh: &Mesh, surface: &Surface, params: &PlanParams) -> Result<Self, Vec<FieldError>> {
         let mut requirements = Self::default();
         requirements.kinds[0].min_grade = params.selection.min_grade;
@@ -186,13 +189,13 @@ impl Requirements {
             materials.iter().enumerate().map(|(i, region)| (format!("/materials/regions/{i}/region"), &region.region));
         let finders = interest.chain(features).chain(materials).map(|(at, region)| RegionFinder::new(mesh, region, &at));
         let finders = finders.collect::<Result<Vec<_>, _>>()?;
-        let mut kind_of: HashMap<Vec<usize>, u8> = HashMap::from([(Vec::new(), 0)]);
+        let mut kind_of: HashMap<Vec<usize>, u16> = HashMap::from([(Vec::new(), 0)]);
         for (sample, p) in SampleId::number(&surface.sample_mm) {
             let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
             let kind = match kind_of.entry(holding(&finders, source_face, p)) {
                 std::collections::hash_map::Entry::Occupied(known) => *known.get(),
                 std::collections::hash_map::Entry::Vacant(new) => {
-                    let kind = u8::try_from(requirements.kinds.len()).map_err(|_| too_many_overlaps())?;
+                    let kind = u16::try_from(requirements.kinds.len()).map_err(|_| too_many_overlaps())?;
                     requirements.kinds.push(Requirement::of_regions(new.key(), params));
                     *new.insert(kind)
                 }
@@ -211,7 +214,7 @@ impl Requirements {
 
     /// Number of a sample's kind.
     #[must_use]
-    pub fn kind(&self, sample: SampleId) -> u8 {
+    pub fn kind(&self, sample: SampleId) -> u16 {
         self.of_sample.get(sample.index()).copied().unwrap_or(0)
     }
 
@@ -239,7 +242,7 @@ fn holding(finders: &[RegionFinder<'_>], source_face: u32, p: &Point3<f64>) -> V
 }
 
 fn too_many_overlaps() -> Vec<FieldError> {
-    let detail = "and /regions/features overlap in more than 255 ways; use fewer or disjoint regions".to_owned();
+    let detail = "and /regions/features overlap in more than 65 535 ways; use fewer or disjoint regions".to_owned();
     vec![FieldError { pointer: "/regions/interest".to_owned(), detail }]
 }
 

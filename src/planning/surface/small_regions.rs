@@ -8,6 +8,10 @@
 //! by its samples: one with about as many as it is to hold keeps them rather where they are many, which raises its area by less than half
 //! its standard error.
 //!
+//! Samples of unequal areas a tell as much as n = (Σ a)² / Σ a² equal ones (L. Kish 1965, *Survey Sampling*, 11.7): by that number a region
+//! has enough, not by its samples, which a smaller region in it may have drawn to one place. Each patch has the greatest density of those
+//! that the regions which touch it want.
+//!
 //! Part frame, mm. Cost: regions with few samples × patches, and a second look at every sample where there are such regions.
 
 #[cfg(test)]
@@ -22,7 +26,7 @@ use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::params::PlanParams;
 use crate::planning::random::split_mix;
 
-/// Samples that each region of interest and feature has at least, where its views are chosen: a share of 95 % of it is then known to
+/// Samples, of equal area, that each region of interest and feature has at least, where its views are chosen: a share of 95 % of it is then known to
 /// 2.2 points.
 pub(in crate::planning) const SAMPLES_OF_A_REGION: usize = 100;
 
@@ -36,8 +40,32 @@ const MAX_FOR_EACH: usize = 50;
 const MAX_OF_ALL: usize = 100_000;
 /// Smallest and largest step by which the density is raised at a time.
 const STEP: [f64; 2] = [1.1, 8.0];
+/// Relative rounding of a number of samples: sums of areas that are equal.
+const ROUNDING: f64 = 1e-9;
 /// Name of the deciding points among what is hashed with the seed.
 const DECIDING: u64 = 0x6465_6369_6469_6e67;
+
+/// Sums over samples, by which they count as so many of equal area.
+#[derive(Clone, Copy, Debug, Default)]
+struct Effective {
+    /// Sum of their areas, mm².
+    area_mm2: f64,
+    /// Sum of the squares of their areas, mm⁴.
+    squares_mm4: f64,
+}
+
+impl Effective {
+    /// Adds a number of samples of the same area.
+    fn add(&mut self, samples: usize, area_mm2: f64) {
+        self.area_mm2 += samples as f64 * area_mm2;
+        self.squares_mm4 += samples as f64 * area_mm2 * area_mm2;
+    }
+
+    /// Number of samples of equal area that tell as much: (Σ a)² / Σ a² (Kish 1965, 11.7); 0 where there is no area.
+    fn number(self) -> f64 {
+        if self.squares_mm4 > 0.0 { self.area_mm2 * self.area_mm2 / self.squares_mm4 } else { 0.0 }
+    }
+}
 
 /// Regions of interest and features that hold few asked samples.
 pub(super) struct SmallRegions<'a> {
@@ -50,7 +78,7 @@ pub(super) struct SmallRegions<'a> {
 }
 
 impl<'a> SmallRegions<'a> {
-    /// Regions that hold fewer than `least` of the asked samples of a surface; `None` where there are none.
+    /// Regions whose asked samples tell less than `least` of equal area; `None` where there are none.
     ///
     /// # Errors
     /// Regions that the mesh does not have.
@@ -61,15 +89,16 @@ impl<'a> SmallRegions<'a> {
         least: usize,
     ) -> Result<Option<Self>, Vec<FieldError>> {
         let (interest, features) = (&params.regions.interest, &params.regions.features);
-        let mut held = vec![0_usize; interest.len() + features.len()];
+        let mut held = vec![Effective::default(); interest.len() + features.len()];
         if held.is_empty() {
             return Ok(None);
         }
         for sample in surface.samples().filter(|sample| surface.asked[sample.index()]) {
-            surface.requirements.of(sample).regions.iter().for_each(|region| held[*region] += 1);
+            let area_mm2 = surface.sample_area_mm2(sample);
+            surface.requirements.of(sample).regions.iter().for_each(|region| held[*region].add(1, area_mm2));
         }
         let all = interest.iter().map(|interest| &interest.region).chain(features.iter().map(|feature| &feature.region));
-        let small = all.zip(held).filter(|(_, held)| *held < least);
+        let small = all.zip(held).filter(|(_, held)| held.number() < least as f64 * (1.0 - ROUNDING));
         let regions = small.map(|(region, _)| RegionFinder::new(mesh, region, "")).collect::<Result<Vec<_>, _>>()?;
         if regions.is_empty() {
             return Ok(None);
@@ -102,9 +131,15 @@ impl<'a> SmallRegions<'a> {
             };
             let touched: Vec<usize> = (0..surface.patches.len()).filter(is_touched).collect();
             let area_mm2: f64 = touched.iter().map(|place| surface.patches[*place].area_mm2).sum();
-            let held = |per_mm2: f64| -> usize {
-                let count = |place: &usize| samples[*place].max(samples_at(&surface.patches[*place], per_mm2));
-                touched.iter().map(|place| self.held(region, surface, (*place, count(place)), seed)).sum()
+            // Without the samples that other regions draw to some of the patches.
+            let held = |per_mm2: f64| -> f64 {
+                let mut held = Effective::default();
+                for place in &touched {
+                    let patch = &surface.patches[*place];
+                    let count = patch.samples.max(samples_at(patch, per_mm2));
+                    held.add(self.held(region, surface, (*place, count), seed), patch.area_mm2 / f64::from(count));
+                }
+                held.number()
             };
             let Some(per_mm2) = density(area_mm2, MARGIN * self.least as f64, most as f64, held) else { continue };
             for place in touched {
@@ -126,8 +161,8 @@ impl<'a> SmallRegions<'a> {
     }
 }
 
-/// The surface with more samples in the patches that a region touches which holds fewer than `least`, sampled with the same seed: those
-/// that it has, and others. The same surface where there is no such region.
+/// The surface with more samples in the patches that a region touches whose samples tell less than `least` of equal area, sampled with
+/// the same seed: those that it has, and others. The same surface where there is no such region.
 ///
 /// # Errors
 /// Regions that the mesh does not have; [`PlanError::Cancelled`].
@@ -138,18 +173,21 @@ pub(super) fn denser(
     (least, seed): (usize, u64),
     ctx: &Context<'_>,
 ) -> Result<Surface, PlanError> {
-    let Some(small) = SmallRegions::of(mesh, &surface, params, least)? else { return Ok(surface) };
-    let samples = small.samples_of_patches(&surface, seed, ctx)?;
-    if surface.patches.iter().zip(&samples).all(|(patch, samples)| patch.samples == *samples) {
-        return Ok(surface);
+    let Some(mut small) = SmallRegions::of(mesh, &surface, params, least)? else { return Ok(surface) };
+    while !small.regions.is_empty() {
+        let samples = small.samples_of_patches(&surface, seed, ctx)?;
+        if surface.patches.iter().zip(&samples).all(|(patch, samples)| patch.samples == *samples) {
+            return Ok(surface);
+        }
+        let mut denser = surface.with_samples(&samples, seed);
+        denser.asked = asked(mesh, &denser, &small.excluded, || ctx.check())?;
+        if let Ok(requirements) = Requirements::new(mesh, &denser, params) {
+            return Ok(Surface { requirements, ..denser });
+        }
+        // More samples find more overlaps of regions than can be told apart: only the first of the regions get more then.
+        small.regions.truncate(small.regions.len() / 2);
     }
-    let mut denser = surface.with_samples(&samples, seed);
-    denser.asked = asked(mesh, &denser, &small.excluded, || ctx.check())?;
-    // More samples may find more overlaps of regions than can be told apart: then they stay as few as they were.
-    match Requirements::new(mesh, &denser, params) {
-        Ok(requirements) => Ok(Surface { requirements, ..denser }),
-        Err(_) => Ok(surface),
-    }
+    Ok(surface)
 }
 
 /// Number of samples of a patch at a density.
@@ -158,13 +196,13 @@ fn samples_at(patch: &Patch, per_mm2: f64) -> u32 {
 }
 
 /// Density at which a region holds so many of the points in patches of an area; less where these would be more than `most`. `None` where
-/// it holds none even so. `held` counts those that it holds at a density.
-fn density(area_mm2: f64, wanted: f64, most: f64, held: impl Fn(f64) -> usize) -> Option<f64> {
+/// it holds none even so. `held` tells how many it holds at a density.
+fn density(area_mm2: f64, wanted: f64, most: f64, held: impl Fn(f64) -> f64) -> Option<f64> {
     let densest = most / area_mm2;
     let mut per_mm2 = wanted / area_mm2;
     loop {
         per_mm2 = per_mm2.min(densest);
-        let held = held(per_mm2) as f64;
+        let held = held(per_mm2);
         if held >= wanted || per_mm2 >= densest {
             return (held > 0.0).then_some(per_mm2);
         }

@@ -65,7 +65,7 @@ pub(in crate::planning) struct Strata {
 struct Stratum {
     samples: u32,
     area_mm2: f64,
-    kind: u8,
+    kind: u16,
     /// True if all samples are kept, each with the area that it stands for.
     is_whole: bool,
 }
@@ -165,7 +165,7 @@ impl Surface {
 
 /// Stratum of each sample, and the strata in the order of their first samples.
 fn stratify(whole: &Surface, cell_mm: f64) -> (Vec<u32>, Vec<Stratum>) {
-    let mut number_of: HashMap<([i32; 3], [i8; 3], u8, bool), u32> = HashMap::new();
+    let mut number_of: HashMap<([i32; 3], [i8; 3], u16, bool), u32> = HashMap::new();
     let mut strata: Vec<Stratum> = Vec::new();
     let stratum = |sample: SampleId| {
         let offset_mm: Vector3<f64> = whole.sample_mm[sample.index()] - whole.centre_mm;
@@ -211,7 +211,7 @@ fn keep_small_regions(whole: &Surface, strata: &mut [Stratum]) {
 /// Samples that are taken of each stratum: by its area, at least one, and more where a requirement has little area.
 fn takes(whole: &Surface, strata: &[Stratum], per_mm2: f64) -> Vec<u32> {
     let of_kind = by_kind(whole, strata);
-    let density = |kind: u8| {
+    let density = |kind: u16| {
         let (area_mm2, samples) = of_kind[usize::from(kind)];
         let least = if kind == 0 { 0.0 } else { MIN_OF_A_KIND.min(samples) / area_mm2.max(f64::MIN_POSITIVE) };
         per_mm2.max(least)

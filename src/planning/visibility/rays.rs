@@ -59,13 +59,13 @@ impl<'a> Probe<'a> {
     }
 
     /// The first step at which a point fails that has this unit normal and kind of requirement; else its quality.
-    pub(in crate::planning) fn measure(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+    pub(in crate::planning) fn measure(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
         let quality = self.seen(p, normal, kind)?;
         self.view.counted_quality(p, normal, quality, kind).ok_or(Cause::BelowGrade)
     }
 
     /// The first step at which a point fails, however well it is measured; else its quality.
-    fn seen(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+    fn seen(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
         let quality = self.before_shadow(p, normal, kind)?;
         for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
             if self.scene.blocked(centre, p, RAY_END_SHARE) {
@@ -82,7 +82,7 @@ impl<'a> Probe<'a> {
     }
 
     /// The first step before any shadow at which a point fails; else its quality. Shadows cost a ray each.
-    pub(in crate::planning) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+    pub(in crate::planning) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
         self.view.before_shadow(p, normal, kind)
     }
 

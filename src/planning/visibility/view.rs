@@ -231,7 +231,7 @@ impl View<'_> {
     ///
     /// # Errors
     /// The cause of the failing step.
-    pub fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+    pub fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
         let limits = self.optics.incidence_min[usize::from(kind)];
         let cause = self.first_failing_step((*p).into(), (*normal).into(), limits);
         if cause == u64::from(PASSES) { Ok(self.quality_at(p, normal)) } else { Err(Cause::ALL[cause as usize]) }
@@ -313,7 +313,7 @@ impl View<'_> {
 
     /// The quality by which a sample that is measured counts; `None` if it is not measured as well as is asked, or at no brightness
     /// level. Inside the mirror cone of a glossy surface it is the least that there is: a view from elsewhere is better.
-    pub(super) fn counted_quality(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> Option<f32> {
+    pub(super) fn counted_quality(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u16) -> Option<f32> {
         let requirement = &self.optics.requirements[usize::from(kind)];
         let Some(material) = &requirement.material else {
             return self.meets_requirement(p, normal, quality, kind).then_some(quality);
@@ -327,7 +327,7 @@ impl View<'_> {
     }
 
     /// Returns true if a sample that is measured is measured as well as is asked.
-    fn meets_requirement(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
+    fn meets_requirement(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u16) -> bool {
         let optics = self.optics;
         let requirement = &optics.requirements[usize::from(kind)];
         if !requirement.requires_quality() {

@@ -30,7 +30,8 @@ pub struct RegionCoverageDocument {
     pub of_asked: f64,
     /// Measured share of the coverable area.
     pub of_coverable: f64,
-    /// Target for the measured share of the asked area.
+    /// Target for the measured share of the asked area; absent in a plan of what earlier scans left open, as a target is one for the whole
+    /// region.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<f64>,
     /// True if `of_asked` reaches the target; absent without a target.
@@ -144,7 +145,9 @@ mod tests {
         assert_eq!((document.met, document.independently_met), (Some(true), Some(false)));
         assert!(document.is_refuted() && !RegionCoverageDocument::from(&region(None)).is_refuted());
         assert_eq!((document.independent_samples, document.independent_of_asked), (Some(400), Some(0.9)));
-        assert!(document.independent_standard_error.is_some_and(|error| (error - 0.015).abs() < 1e-12), "{document:?}");
+        // Agresti and Coull's p̃ = 360.5 / 401.
+        let expected = (360.5 * 40.5 / 401.0_f64.powi(3)).sqrt();
+        assert!(document.independent_standard_error.is_some_and(|error| (error - expected).abs() < 1e-12), "{document:?}");
         let json = serde_json::to_value(RegionCoverageDocument::from(&region(None))).unwrap_or_default();
         let names = ["independent_samples", "independent_of_asked", "independent_standard_error", "independently_met"];
         assert!(names.iter().all(|name| json.get(name).is_none()), "{json}");

@@ -75,6 +75,62 @@ fn a_disc_of_20_mm2_has_samples_of_its_own_that_tell_its_area_and_halves_without
     assert!((area_mm2 - 20.0).abs() < 0.2 && (left_mm2 / area_mm2 - 0.5).abs() < 0.01, "{left_mm2} of {area_mm2} mm²");
 }
 
+/// Number of samples of equal area that tell as much as the asked ones in a region.
+fn effective(surface: &Surface, region: usize) -> f64 {
+    let is_held = |sample: &SampleId| surface.asked[sample.index()] && surface.requirements.of(*sample).regions.contains(&region);
+    let mut sum = Effective::default();
+    surface.samples().filter(is_held).for_each(|sample| sum.add(1, surface.sample_area_mm2(sample)));
+    sum.number()
+}
+
+/// The inner disc draws thousands of samples to the patch that it lies in; a fifth of the middle one lies in the next.
+#[test]
+fn discs_around_a_disc_have_samples_in_all_their_patches() {
+    const SEEDS: u64 = 20;
+    let mesh = plate();
+    // Patches have edges at x = 81.25 mm.
+    let disc = |radius_mm: f64| Region::Sphere { centre_mm: [81.75, 115.6, 10.0], radius_mm };
+    let params = params(vec![disc(0.3), disc(1.0), disc(5.0)]);
+    let mut square = 0.0;
+    for seed in 0..SEEDS {
+        let surface = with(|ctx| sampled(&mesh, &params, seed, ctx));
+        for region in [1, 2] {
+            let number = effective(&surface, region);
+            assert!(number >= 100.0, "disc {region} has {number} samples of equal area with seed {seed}");
+        }
+        square += (held(&surface, 1).1 / PI - 1.0).powi(2) / SEEDS as f64;
+    }
+    assert!(square.sqrt() < 0.06, "the area of 3.14 mm² is told to {square:?}, squared");
+}
+
+/// 60 discs of a radius of 3 mm, 2 mm around a point: they overlap in some 3500 ways.
+#[test]
+fn discs_that_overlap_in_more_than_255_ways_have_their_samples() {
+    let disc = |index: u32| {
+        let (sin, cos) = (f64::from(index) * PI / 30.0).sin_cos();
+        let [x, y, z] = CENTRE_MM;
+        Region::Sphere { centre_mm: [x + 2.0 * cos, y + 2.0 * sin, z], radius_mm: 3.0 }
+    };
+    let params = params((0..60).map(disc).collect());
+    let surface = with(|ctx| sampled_densely(&plate(), &params, (475, 7), ctx));
+    assert!(surface.requirements.kinds.len() > 256, "{} kinds", surface.requirements.kinds.len());
+    for region in 0..60 {
+        let (samples, area_mm2) = held(&surface, region);
+        assert!(samples >= 475 && (area_mm2 / (9.0 * PI) - 1.0).abs() < 0.1, "{region}: {samples} samples of {area_mm2} mm²");
+    }
+}
+
+#[test]
+fn samples_of_unequal_area_count_as_fewer() {
+    let mut sum = Effective::default();
+    assert_eq!(sum.number(), 0.0);
+    sum.add(100, 0.25);
+    assert!((sum.number() - 100.0).abs() < 1e-9, "{sum:?}");
+    // 25 and 25 mm²: 50² / (100 · 0.25² + 25²).
+    sum.add(1, 25.0);
+    assert!((sum.number() - 2500.0 / 631.25).abs() < 1e-9, "{sum:?}");
+}
+
 #[test]
 fn a_second_set_has_as_many_as_are_asked_for() {
     let params = params(vec![disc(20.0)]);
@@ -190,11 +246,11 @@ fn triangles_of_small_regions_stand_for_others_where_they_are_more_than_there_ma
 #[test]
 fn the_density_is_raised_until_a_region_holds_enough_or_may_have_no_more() {
     // A region that is a tenth of an area of 50 mm².
-    let held = |per_mm2: f64| (5.0 * per_mm2) as usize;
+    let held = |per_mm2: f64| (5.0 * per_mm2).floor();
     let found = density(50.0, 125.0, 5_000.0, held).unwrap_or_default();
-    assert!((125..160).contains(&held(found)), "{found} a mm²");
+    assert!((125.0..160.0).contains(&held(found)), "{found} a mm²");
     let most = density(50.0, 125.0, 500.0, held).unwrap_or_default();
     assert!((most - 10.0).abs() < 1e-12, "{most} a mm²");
-    assert_eq!(density(50.0, 125.0, 5_000.0, |_| 0), None);
-    assert_eq!(density(0.0, 125.0, 5_000.0, |_| 0), None);
+    assert_eq!(density(50.0, 125.0, 5_000.0, |_| 0.0), None);
+    assert_eq!(density(0.0, 125.0, 5_000.0, |_| 0.0), None);
 }

@@ -36,7 +36,7 @@ pub(super) struct SampleCluster {
     /// Number of each sample in the surface, or [`NO_SAMPLE`].
     pub(super) number: [u32; SAMPLES],
     /// Kind of requirement of each sample.
-    pub(super) kind: [u8; SAMPLES],
+    pub(super) kind: [u16; SAMPLES],
     /// Edge of a square as large as the largest patch that has a sample here.
     pub(super) facet_mm: f32,
     /// Ball around the samples.
