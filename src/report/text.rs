@@ -9,29 +9,34 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::{Objective, PlanParams, PoseErrorParams, SelectionGoal, Solver};
-use crate::planning::plan::{Coverage, MissedCause, Obstruction, Plan, RegionCoverage, RiskReason, SetupId, Stability, share};
+use crate::planning::plan::{Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument};
 use crate::wire::summary::Summary;
-use crate::wire::warnings::{FieldWarning, of_robust};
+use crate::wire::warnings::{FieldWarning, of_robust, parameter_of};
 use crate::wire::words::{
     NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fix_sentence, fixed, fixed_nonzero,
     freedom, headline, lie_phrase, noise_remark, percent_below, region_verdict, risk_meaning, treated_spots,
 };
 
+/// Meaning of the asked surface in a plan of further views.
+const ASKED_OF_OPEN: &str = "asked: what earlier scans left open";
+/// Words on a region of which earlier scans left nothing open.
+const NOTHING_OPEN: &str = "met: earlier scans left nothing of it open";
+
 /// The text of a plan without a program. Same plan, same text; every line ends with a newline.
 #[must_use]
 pub fn text(plan: &Plan) -> String {
-    summarised_text(plan, &Summary::of(plan))
+    text_with_warnings(plan, &Summary::of(plan), &[])
 }
 
-/// The text of a plan, with its summary.
+/// The text of a plan, with its summary and, after that, the warnings that stand at the head of reports.
 #[must_use]
-pub fn summarised_text(plan: &Plan, summary: &Summary) -> String {
+pub fn text_with_warnings(plan: &Plan, summary: &Summary, warnings: &[FieldWarning]) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
-    let _ = write_plan(&mut out, plan, summary);
+    let _ = write_plan(&mut out, plan, summary, warnings);
     out
 }
 
@@ -45,15 +50,26 @@ pub fn warned(warnings: &[FieldWarning]) -> String {
     if all.is_empty() { all } else { all + "\n" }
 }
 
-fn write_plan(out: &mut String, plan: &Plan, summary: &Summary) -> fmt::Result {
+/// Warnings on a plan, which follow its summary; nothing where there are none.
+fn warned_of_plan(warnings: &[FieldWarning]) -> String {
+    let text = |warning: &FieldWarning| {
+        let FieldWarning { code, detail, remedy, .. } = warning;
+        format!("Warning ({}), {}: {detail}\n  {remedy}\n", code.as_str(), parameter_of(warning))
+    };
+    let all: String = warnings.iter().map(text).collect();
+    if all.is_empty() { all } else { all + "\n" }
+}
+
+fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[FieldWarning]) -> fmt::Result {
     write_summary(out, summary)?;
+    write!(out, "{}", warned_of_plan(warnings))?;
     write_part(out, plan)?;
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
     write_at_risk(out, plan)?;
     write_warnings(out, plan)?;
-    write_regions(out, &plan.coverage.regions)?;
+    write_regions(out, &plan.coverage)?;
     write_setups(out, plan)?;
     write_links(out, plan)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
@@ -140,7 +156,7 @@ fn write_candidates(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
-    writeln!(out, "\ncoverage")?;
+    writeln!(out, "\ncoverage{}", if coverage.is_of_open { " of what earlier scans left open" } else { "" })?;
     for (name, mm2) in [
         ("whole surface", coverage.total_area_mm2),
         ("asked", coverage.asked_area_mm2),
@@ -174,18 +190,27 @@ fn write_at_risk(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 /// Lists regions of interest and features, where there are any: what is asked of each, what is reached, and why not more.
-fn write_regions(out: &mut String, regions: &[RegionCoverage]) -> fmt::Result {
-    if !regions.is_empty() {
-        writeln!(out, "\nregions of interest and features")?;
+fn write_regions(out: &mut String, coverage: &Coverage) -> fmt::Result {
+    let is_of_open = coverage.is_of_open;
+    if !coverage.regions.is_empty() {
+        let of = if is_of_open { ", of what earlier scans left open" } else { "" };
+        writeln!(out, "\nregions of interest and features{of}")?;
     }
-    for region in regions {
+    for region in &coverage.regions {
         let verdict = region_verdict(&RegionCoverageDocument::from(region));
         let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", fixed(mm, 3)));
         // Quoted, so that no name breaks a line.
         writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
+        if is_of_open && region.samples == 0 {
+            writeln!(out, "       {NOTHING_OPEN}")?;
+            continue;
+        }
         let [asked, measured] = [region.asked_area_mm2, region.measured_area_mm2].map(area_mm2);
         let reached = reached_percent(region.of_asked(), region.target);
-        writeln!(out, "       {measured} of {asked} mm² measured, {reached} %; {verdict}")?;
+        match is_of_open {
+            true => writeln!(out, "       {measured} of {asked} mm² measured, {reached} % of what earlier scans left open")?,
+            false => writeln!(out, "       {measured} of {asked} mm² measured, {reached} %; {verdict}")?,
+        }
         if region.samples == 0 {
             writeln!(out, "       {NOTHING_IN_REGION}")?;
         }
@@ -205,7 +230,9 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
         independent.samples
     )?;
     for figure in headline(&CoverageDocument::from(coverage)) {
-        writeln!(out, "  {:<26} {:>10} %  {}", figure.name, percent(figure.share), figure.meaning)?;
+        let is_asked = figure.name == "measured of asked";
+        let meaning = if is_asked && coverage.is_of_open { ASKED_OF_OPEN } else { figure.meaning };
+        writeln!(out, "  {:<26} {:>10} %  {meaning}", figure.name, percent(figure.share))?;
     }
     let Some(robust) = &coverage.robust else { return Ok(()) };
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
@@ -397,6 +424,7 @@ fn measuring(views: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::plan::RegionCoverage;
     use crate::planning::plan::{Drawn, IndependentRegion, RegionKind, Robust};
 
     #[test]
@@ -417,7 +445,7 @@ mod tests {
                 independent: None,
             };
             let mut out = String::new();
-            write_regions(&mut out, &[region]).expect("a String takes all");
+            write_regions(&mut out, &Coverage { regions: vec![region], ..Coverage::default() }).expect("a String takes all");
             out
         };
         assert!(told(899.96).contains("89.99 %; target 90.00 %: NOT MET"), "{}", told(899.96));
@@ -450,7 +478,7 @@ mod tests {
                 independent: Some(independent),
             };
             let mut out = String::new();
-            write_regions(&mut out, &[region]).expect("a String takes all");
+            write_regions(&mut out, &Coverage { regions: vec![region], ..Coverage::default() }).expect("a String takes all");
             out
         };
         let (refuted, held) = (told(360), told(384));
@@ -461,7 +489,47 @@ mod tests {
             ),
             "{refuted}"
         );
-        assert!(held.ends_with("target 95.00 %: met (independent 96.00 %, standard error 0.98 points)\n"), "{held}");
+        assert!(held.ends_with("target 95.00 %: met (independent 96.00 %, standard error 0.99 points)\n"), "{held}");
+    }
+
+    #[test]
+    fn a_plan_of_what_scans_left_open_says_so_and_judges_no_whole_region() {
+        let region = |samples: usize, measured_area_mm2: f64| RegionCoverage {
+            name: "rim".to_owned(),
+            kind: RegionKind::Interest,
+            samples,
+            asked_area_mm2: samples as f64,
+            coverable_area_mm2: samples as f64,
+            measured_area_mm2,
+            target: None,
+            tolerance_mm: None,
+            min_tolerance_mm: 0.1,
+            missed_mm2: Vec::new(),
+            beyond_noise_area_mm2: 0.0,
+            independent: None,
+        };
+        let coverage = Coverage { is_of_open: true, regions: vec![region(0, 0.0), region(1000, 218.1)], ..Coverage::default() };
+        let mut out = String::new();
+        write_regions(&mut out, &coverage).expect("a String takes all");
+        assert!(out.contains("features, of what earlier scans left open\n") && out.contains(NOTHING_OPEN), "{out}");
+        assert!(out.ends_with(" mm² measured, 21.81 % of what earlier scans left open\n"), "{out}");
+        assert!(!out.contains("NOT MET") && !out.contains(NOTHING_IN_REGION), "{out}");
+        let mut out = String::new();
+        write_coverage(&mut out, &coverage).expect("a String takes all");
+        assert!(out.starts_with("\ncoverage of what earlier scans left open\n") && out.contains(ASKED_OF_OPEN), "{out}");
+        assert!(!out.contains("every face outside excluded regions"), "{out}");
+    }
+
+    #[test]
+    fn a_part_that_would_tip_over_is_told_after_the_summary() {
+        let warning = FieldWarning {
+            code: crate::wire::warnings::WarningCode::PartUnstable,
+            pointer: "/params/part/table_from_part".to_owned(),
+            detail: "the part would tip over as it is placed".to_owned(),
+            remedy: "turn it".to_owned(),
+        };
+        let told = "Warning (part_unstable), part.table_from_part: the part would tip over as it is placed\n  turn it\n\n";
+        assert_eq!((warned_of_plan(&[warning]).as_str(), warned_of_plan(&[]).as_str()), (told, ""));
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectErro
 use crate::program::{Expected, Program, compile_views};
 use crate::report::html::{self, NoPlanInput, NoPlanReason, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
-use crate::report::text::{summarised_text, warned};
+use crate::report::text::{text_with_warnings, warned};
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::hex;
@@ -27,7 +27,7 @@ use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
-use crate::wire::warnings::{FieldWarning, RegionUse, WarningCode, of_empty_region, of_poses};
+use crate::wire::warnings::{FieldWarning, RegionUse, WarningCode, at_head_of_reports, of_empty_region, of_poses};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -243,9 +243,13 @@ impl PlanJob<'_> {
         PartSize::new(&self.mesh.aabb(), self.unit).unit_question(self.params.part.table_from_part.as_ref(), &limits)
     }
 
-    /// Warnings on regions that hold nothing of the part; `at` is the pointer to the parameters.
+    /// Warnings on regions that hold nothing of the part; `at` is the pointer to the parameters. None for a plan of what earlier scans left
+    /// open, whose samples do not tell a region that lies elsewhere from one that is measured.
     #[must_use]
     pub fn empty_region_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
+        if outcome.plan.coverage.is_of_open {
+            return Vec::new();
+        }
         let (regions, part) = (&self.params.regions, self.mesh.aabb());
         let exclude = empty_regions(self.mesh, &outcome.surface, regions.exclude.iter());
         let interest = empty_regions(self.mesh, &outcome.surface, regions.interest.iter().map(|interest| &interest.region));
@@ -312,10 +316,9 @@ impl PlanJob<'_> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let size_warnings = self.size_warnings("/part/bbox_mm");
-        let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
-        document.warnings.extend(size_warnings.iter().cloned());
-        document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
-        document.warnings.extend(self.standing_warnings(plan, "/params"));
+        let document = self.document(outcome, &size_warnings);
+        let mut warnings = at_head_of_reports(&document.warnings);
+        warnings.retain(|warning| !size_warnings.contains(warning));
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
@@ -328,7 +331,13 @@ impl PlanJob<'_> {
         let summary = summary.with_unit_question(self.unit_question()).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
-        let report = ReportInput { subject: self.subject(&size_warnings), outcome, plan_sha256: &plan_sha256, summary: &summary };
+        let report = ReportInput {
+            subject: self.subject(&size_warnings),
+            outcome,
+            plan_sha256: &plan_sha256,
+            summary: &summary,
+            warnings: &warnings,
+        };
         let tables = || -> Files {
             vec![
                 (SUMMARY_FILE.into(), json_file_bytes(&summary)),
@@ -341,7 +350,7 @@ impl PlanJob<'_> {
                 ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
             ]
         };
-        let words = self.text(plan, &summary, &size_warnings);
+        let words = report_text(plan, &summary, &size_warnings, &warnings);
         let (mut files, reports) = rayon::join(tables, || report_files(&report, words, reports, &preview, ctx));
         files.extend(reports?);
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
@@ -361,6 +370,15 @@ impl PlanJob<'_> {
             files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));
         }
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
+    }
+
+    /// The plan as it is written, with every warning on it.
+    fn document(&self, outcome: &Outcome, size_warnings: &[FieldWarning]) -> PlanDocument {
+        let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
+        document.warnings.extend(size_warnings.iter().cloned());
+        document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
+        document.warnings.extend(self.standing_warnings(&outcome.plan, "/params"));
+        document
     }
 
     /// Renders the report of a job that has no plan.
@@ -452,11 +470,6 @@ impl PlanJob<'_> {
         Dialect::ALL.into_iter().filter(wanted).flat_map(rendered).collect()
     }
 
-    fn text(&self, plan: &Plan, summary: &Summary, size_warnings: &[FieldWarning]) -> String {
-        let sha256 = summary.plan_sha256.as_deref().unwrap_or_default();
-        format!("{}{}plan {sha256}\n", warned(size_warnings), summarised_text(plan, summary))
-    }
-
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {
         let (cell, table_from_part) = (self.cell?, outcome.plan.table_from_part?);
         Some(CellDocument {
@@ -514,6 +527,12 @@ pub fn left_out_candidates(artifacts: &[Artifact], at: &str) -> Option<FieldWarn
         detail: format!("is true, and {CANDIDATES_FILE} is not written: {reason}"),
         remedy: remedy.to_owned(),
     })
+}
+
+/// The report of a plan in plain text, after the warnings on the part's size.
+fn report_text(plan: &Plan, summary: &Summary, size_warnings: &[FieldWarning], warnings: &[FieldWarning]) -> String {
+    let sha256 = summary.plan_sha256.as_deref().unwrap_or_default();
+    format!("{}{}plan {sha256}\n", warned(size_warnings), text_with_warnings(plan, summary, warnings))
 }
 
 /// The reports of a plan.

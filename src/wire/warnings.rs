@@ -137,7 +137,7 @@ pub fn of_poses(mesh: &Mesh, poses: &[(String, Pose<Table, Part>)]) -> Vec<Field
         code: WarningCode::PartUnstable,
         pointer: pointer.clone(),
         detail: format!(
-            "lets the part tip over: it does not stand that way, or within 3° of it, and nothing holds it{}",
+            "the part would tip over as it is placed: it does not stand that way, or within 3° of it, and nothing holds it{}",
             ways_to_stand(&stable)
         ),
         remedy: remedy.to_owned(),
@@ -149,6 +149,29 @@ pub fn of_poses(mesh: &Mesh, poses: &[(String, Pose<Table, Part>)]) -> Vec<Field
 fn ways_to_stand(stable: &[StablePose]) -> String {
     let stands: Vec<String> = UpAxis::all().filter(|axis| axis.is_among(stable)).map(|axis| axis.to_string()).collect();
     if stands.is_empty() { String::new() } else { format!("; it stands with {} up", stands.join(", ")) }
+}
+
+/// Warnings of a plan that its reports list at their head: all but [`WarningCode::FragileUnderPoseError`], which stands beside the figures
+/// that it is on, and the one on the target of a region of which the list says that it is empty.
+#[must_use]
+pub fn at_head_of_reports(warnings: &[FieldWarning]) -> Vec<FieldWarning> {
+    let empty: Vec<&str> = warnings
+        .iter()
+        .filter(|warning| warning.code == WarningCode::RegionEmpty)
+        .map(|warning| warning.pointer.as_str())
+        .collect();
+    let is_said_of_empty = |warning: &FieldWarning| {
+        warning.code == WarningCode::RegionUnmet
+            && warning.pointer.strip_suffix("/target").is_some_and(|region| empty.contains(&region))
+    };
+    let is_told = |warning: &&FieldWarning| warning.code == WarningCode::FragileUnderPoseError || is_said_of_empty(warning);
+    warnings.iter().filter(|warning| !is_told(warning)).cloned().collect()
+}
+
+/// Name of the parameter that a warning on a plan is on, as options of the command line have it.
+pub(crate) fn parameter_of(warning: &FieldWarning) -> String {
+    let pointer = warning.pointer.strip_prefix("/params").unwrap_or(&warning.pointer);
+    pointer.trim_start_matches('/').replace('/', ".")
 }
 
 /// Warning of a home that is free, but not with the clearance of a plan.

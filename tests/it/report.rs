@@ -272,7 +272,7 @@ fn dated_page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo, date
         size_warnings: &[],
     };
     let summary = Summary { cycle_secs: Some(143.2), ..Summary::of(&outcome.plan) };
-    let input = ReportInput { subject, outcome, plan_sha256: PLAN_SHA256, summary: &summary };
+    let input = ReportInput { subject, outcome, plan_sha256: PLAN_SHA256, summary: &summary, warnings: &[] };
     render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 

@@ -82,6 +82,8 @@ pub struct ReportInput<'a> {
     pub plan_sha256: &'a str,
     /// Summary of the plan.
     pub summary: &'a Summary,
+    /// Warnings on the plan that stand at its head, those on the part's size excepted.
+    pub warnings: &'a [FieldWarning],
 }
 
 /// Renders the page.
@@ -106,6 +108,7 @@ pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'
         sections::header(subject, "Scan plan", &[]),
         "<main>\n".to_owned(),
         size::notices(subject.size_warnings),
+        size::notices_of_plan(input.warnings),
         verdict::section(input, &views::overviews(input, &mut album)),
         regions::section(input),
         lay::section(subject, &lays, &mut album),

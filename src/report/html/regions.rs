@@ -12,13 +12,21 @@ use crate::wire::words::{NOTHING_IN_REGION, independent_share, noise_remark};
 
 /// The section; empty if there are no regions.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
-    let regions = &input.outcome.plan.coverage.regions;
+    let coverage = &input.outcome.plan.coverage;
+    let regions = &coverage.regions;
     if regions.is_empty() {
         return String::new();
     }
-    let rows: Vec<String> = regions.iter().map(row).collect();
+    let rows: Vec<String> = regions.iter().map(|region| row(region, coverage.is_of_open)).collect();
+    let of_open = match coverage.is_of_open {
+        true => {
+            "<p><b>Asked of each region is what earlier scans left open of it.</b> A target is one for the whole region, so none is \
+                 judged here.</p>\n"
+        }
+        false => "",
+    };
     format!(
-        "<section>\n<h2>Regions and features</h2>\n{}<p>Shares are of the asked area of each region; only what meets its \
+        "<section>\n<h2>Regions and features</h2>\n{}{of_open}<p>Shares are of the asked area of each region; only what meets its \
          requirements counts as measured. A target that is met on the samples that views were chosen on, and missed on others by more \
          than the standard error of their share, is not confirmed.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
          <th class=\"n\">Area</th><th class=\"n\">Samples</th><th class=\"n\">Target</th><th class=\"n\">Reached</th><th>Verdict</th>\
@@ -47,19 +55,24 @@ fn notice(regions: &[RegionCoverage]) -> String {
     if notes.is_empty() { notes } else { format!("<div class=\"notice\" style=\"margin-bottom:12px\">{notes}</div>\n") }
 }
 
-fn row(region: &RegionCoverage) -> String {
+fn row(region: &RegionCoverage, is_of_open: bool) -> String {
     let kind = match region.kind {
         RegionKind::Interest => "Region of interest",
         RegionKind::Feature => "Feature",
     };
     let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", number(mm, 3)));
+    let is_nothing_open = is_of_open && region.samples == 0;
     let verdict = match region.is_met() {
+        _ if is_nothing_open => "Met",
         Some(true) if region.is_refuted() => "<b>Not confirmed</b>",
         Some(true) => "Met",
         Some(false) => "<b>Not met</b>",
         None => "—",
     };
-    let reached = reached_percent(region.of_asked(), region.target) + "\u{a0}%";
+    let reached = match is_nothing_open {
+        true => "—".to_owned(),
+        false => reached_percent(region.of_asked(), region.target) + "\u{a0}%",
+    };
     format!(
         "<tr><td><b>{}</b><br/><span class=\"soft\">{kind}{tolerance}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
          <td class=\"n\">{}</td><td class=\"n\">{}</td><td>{verdict}{}</td><td>{}</td></tr>\n",
@@ -69,7 +82,7 @@ fn row(region: &RegionCoverage) -> String {
         region.target.map_or_else(|| "—".to_owned(), percent),
         reached,
         on_other_samples(region),
-        misses(region)
+        if is_nothing_open { escape("earlier scans left nothing of it open") } else { misses(region) }
     )
 }
 
@@ -128,11 +141,11 @@ mod tests {
         let held = RegionCoverage { independent: independent(1472.0), ..refuted.clone() };
         let told = "<td><b>Not confirmed</b><br/><span class=\"soft\">on other samples (1\u{202f}600): 80.00 %, standard error 1.00 \
                     points</span></td>";
-        assert!(row(&refuted).contains(told), "{}", row(&refuted));
+        assert!(row(&refuted, false).contains(told), "{}", row(&refuted, false));
         assert!(
-            row(&held).contains("<td>Met<br/>") && row(&held).contains(": 92.00 %, standard error 0.68 points"),
+            row(&held, false).contains("<td>Met<br/>") && row(&held, false).contains(": 92.00 %, standard error 0.68 points"),
             "{}",
-            row(&held)
+            row(&held, false)
         );
         let both = notice(&[refuted, held.clone(), region()]);
         assert!(
@@ -145,8 +158,16 @@ mod tests {
 
     #[test]
     fn a_region_below_its_target_shows_less_than_the_target() {
-        let row = row(&region());
+        let row = row(&region(), false);
         let (target, reached) = ("<td class=\"n\">90.00\u{a0}%</td>", "<td class=\"n\">89.99\u{a0}%</td>");
         assert!(row.contains(&format!("{target}{reached}<td><b>Not met</b></td>")), "{row}");
+    }
+
+    #[test]
+    fn a_region_of_which_nothing_is_left_open_is_met() {
+        let done = RegionCoverage { samples: 0, asked_area_mm2: 0.0, measured_area_mm2: 0.0, target: None, ..region() };
+        let told = row(&done, true);
+        assert!(told.contains("<td>Met</td><td>earlier scans left nothing of it open</td>"), "{told}");
+        assert!(!told.contains("0.00\u{a0}%"), "no share of nothing: {told}");
     }
 }

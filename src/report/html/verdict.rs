@@ -142,7 +142,10 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
     let mut figures = vec![
         Figure {
             value: percent(summary.coverage.of_visible),
-            name: "of the visible surface measured",
+            name: match plan.coverage.is_of_open {
+                true => "of the visible surface that earlier scans left open measured",
+                false => "of the visible surface measured",
+            },
             detail: format!("{} of it at grade A or B", percent(summary.coverage.grades_a_b_of_visible)),
         },
         Figure {
@@ -202,10 +205,13 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
     let missed = percent(missed);
     let bar = format!("<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n");
     let legend = format!("<ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n", swatch(ink));
-    let meaning = "<p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area, on the samples that views are chosen on. The grade of a \
+    let of_open = if coverage.is_of_open { " (asked: what earlier scans left open)" } else { "" };
+    let meaning = format!(
+        "<p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area{of_open}, on the samples that views are chosen on. The grade of a \
                    point says how squarely, and how close to best focus, its best view sees it: A is close to the ideal, D is close to the \
-                   scanner’s limits.</p>\n";
-    together(&bar, &(legend + meaning))
+                   scanner’s limits.</p>\n"
+    );
+    together(&bar, &(legend + &meaning))
 }
 
 #[cfg(test)]

@@ -121,7 +121,7 @@ fn a_region_that_other_samples_refute_is_warned_of_and_is_not_unmet() {
         found[0].detail,
         "is 0.95; \"bore\" reaches it on the samples that views were chosen on, but not on 400 others: 90.00 %, standard error 1.50 points"
     );
-    assert_eq!(told(850.0), [], "94.4 % with a standard error of 1.1 points does not refute 95 %");
+    assert_eq!(told(850.0), [], "94.4 % with a standard error of 1.2 points does not refute 95 %");
 }
 
 #[test]
@@ -211,6 +211,7 @@ fn a_pose_in_which_the_part_tips_over_is_told_with_how_it_stands() {
     let found = of_poses(&block, &poses);
     assert_eq!(found.len(), 1, "{found:#?}");
     assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::PartUnstable, "/at/45"));
+    assert!(found[0].detail.starts_with("the part would tip over as it is placed: "), "{}", found[0].detail);
     assert!(found[0].detail.ends_with("; it stands with x, -x, y, -y, z, -z up"), "{}", found[0].detail);
     let sheet = Mesh { vertices_mm: block.corners(0).to_vec(), faces: vec![[0, 1, 2]], source_face: vec![0], ..block };
     assert_eq!(of_poses(&sheet, &poses), [], "no volume, no telling");
@@ -245,4 +246,23 @@ fn warnings_of_a_plan_are_those_that_no_job_has_before() {
             "candidates_left_out"
         ]
     );
+}
+
+#[test]
+fn reports_list_each_warning_of_a_plan_once() {
+    let warning = |code: WarningCode, pointer: &str| FieldWarning {
+        code,
+        pointer: pointer.to_owned(),
+        detail: String::new(),
+        remedy: String::new(),
+    };
+    let all = [
+        warning(WarningCode::FragileUnderPoseError, "/params/robust/select"),
+        warning(WarningCode::RegionUnmet, "/params/regions/interest/0/target"),
+        warning(WarningCode::RegionUnmet, "/params/regions/interest/1/target"),
+        warning(WarningCode::RegionEmpty, "/params/regions/interest/0"),
+        warning(WarningCode::PartUnstable, "/params/part/table_from_part"),
+    ];
+    assert_eq!(at_head_of_reports(&all), [all[2].clone(), all[3].clone(), all[4].clone()]);
+    assert_eq!(parameter_of(&all[4]), "part.table_from_part");
 }
