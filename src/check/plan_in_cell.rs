@@ -49,9 +49,10 @@ fn extent(document: &PlanDocument, cell: &Cell, reference: &Reference, coverage:
         (None, _) => "without the part",
     };
     let (measured, unchecked) = match coverage {
-        PlanCoverage::AsStated(of_asked) => {
-            (measured_as_planned("views", *of_asked), "coverage on independent samples".to_owned())
-        }
+        PlanCoverage::AsStated(of_asked) => (
+            measured_as_planned("views", *of_asked),
+            "coverage of regions, by grade, by setup and on independent samples".to_owned(),
+        ),
         PlanCoverage::Unchecked(reason) => (String::new(), format!("coverage ({reason})")),
     };
     if document.cell.is_none() {

@@ -30,6 +30,28 @@ fn check_shares(at: &str, region: &RegionCoverageDocument, findings: &mut Findin
     if let Some(target) = region.target {
         share(format!("{at}/target"), target, findings);
     }
+    check_independent(at, region, findings);
+}
+
+/// Checks the share on samples that the views were not chosen on, and the verdict that follows from it.
+fn check_independent(at: &str, region: &RegionCoverageDocument, findings: &mut Findings) {
+    let (of_asked, error) = (region.independent_of_asked, region.independent_standard_error);
+    let shares = [("independent_of_asked", of_asked), ("independent_standard_error", error)];
+    for (name, value) in shares.into_iter().filter_map(|(name, value)| Some((name, value?))) {
+        share(format!("{at}/{name}"), value, findings);
+    }
+    let has_samples = region.independent_samples.is_none_or(|samples| samples > 0);
+    findings.require(of_asked.is_none() || has_samples, format!("{at}/independent_samples"), || {
+        "is 0; allowed is 1 and more, or none of the fields on independent samples".to_owned()
+    });
+    let Some((of_asked, error)) = of_asked.zip(error) else { return };
+    let Some((target, told)) = region.target.zip(region.independently_met) else { return };
+    let margin = of_asked + error - target;
+    // Of what is met to the last digit either may be told.
+    let follows = margin.abs() <= 4.0 * SHARE_TOLERANCE || told == (margin > 0.0);
+    findings.require(follows, format!("{at}/independently_met"), || {
+        format!("is {told}; by independent_of_asked, independent_standard_error and target it is {}", !told)
+    });
 }
 
 fn check_region(at: &str, region: &RegionCoverageDocument, findings: &mut Findings) {

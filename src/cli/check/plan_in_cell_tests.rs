@@ -154,11 +154,12 @@ fn a_sound_plan_is_told_with_what_was_checked_and_what_was_not() {
         assert!(stated.is_some_and(|stated| (measured - stated).abs() <= 5e-4), "{measured} {stated:?}");
     }
     let begins = "plan with 2 viewpoints, sound in cell e05-transcan: stations, collisions with the part; its views measure ";
-    let ends = " % of the asked area, as planned; not checked: coverage on independent samples, moves between stations \
-                (check its program)";
+    let ends = " % of the asked area, as planned; not checked: coverage of regions, by grade, by setup and on independent \
+                samples, moves between stations (check its program)";
     assert!(in_cell.description.starts_with(begins) && in_cell.description.ends_with(ends), "{}", in_cell.description);
     let begins = "plan with 2 viewpoints, made without a cell; its views measure ";
-    let ends = " % of the asked area, as planned; not checked: coverage on independent samples";
+    let ends =
+        " % of the asked area, as planned; not checked: coverage of regions, by grade, by setup and on independent samples";
     assert!(alone.description.starts_with(begins) && alone.description.ends_with(ends), "{}", alone.description);
     let without_part = planned.check(&planned.in_cell, None).expect("sound");
     assert_eq!(

@@ -113,6 +113,14 @@ fn false_limits_and_regions_are_refused() {
         ("/coverage/regions/0/of_asked", json!(0.01), "is 0.01; by measured_area_mm2 it is"),
         ("/coverage/regions/0/met", json!(true), "is true; by of_asked and target it is false"),
         ("/coverage/regions/0/target", json!(0.0), "/coverage/regions/0/met: is false; by of_asked and target it is true"),
+        ("/coverage/regions/0/independent_samples", json!(0), "is 0; allowed is 1 and more"),
+        ("/coverage/regions/0/independent_of_asked", json!(1.5), "is 1.5; allowed is 0 to 1"),
+        ("/coverage/regions/0/independent_standard_error", json!(-0.1), "is -0.1; allowed is 0 to 1"),
+        (
+            "/coverage/regions/0/independently_met",
+            json!(true),
+            "is true; by independent_of_asked, independent_standard_error and",
+        ),
         ("/coverage/regions/0/missed", json!([]), "adds up to 0 mm²; asked less measured is"),
         ("/coverage/regions/0/missed/0/reason", json!("gremlins"), "is \"gremlins\"; allowed is one of"),
     ];

@@ -6,15 +6,16 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::missed::MissedGroup;
-use super::verdict::PlanVerdict;
+use super::missed::{MissedGroup, raised_target};
+use super::verdict::{PlanVerdict, fragile_loss};
 use crate::planning::params::RobustParams;
 use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
 use crate::wire::words::{counted, fixed, percents_apart};
 
 /// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
-/// spots. Of a plan that pose errors cost much: the choice of views that stand them, whose effect is not estimated.
+/// spots. Of a plan that pose errors cost no less than that would gain: the choice of views that stand them, whose effect is not
+/// estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -36,17 +37,46 @@ pub struct SummaryAction {
     pub added_cycle_secs: Option<f64>,
 }
 
-/// The best action for a plan; `None` where none is known. What pose errors cost comes before further views.
+/// The best action for a plan; `None` where none is known. Of a plan that reaches its targets, an action that gains no more than pose
+/// errors cost comes after the choice of views that stand them.
 pub(super) fn best(plan: &Plan, verdict: PlanVerdict, groups: &[MissedGroup], cycle_secs: Option<f64>) -> Option<SummaryAction> {
-    if let Some(action) = robust(plan).filter(|_| verdict == PlanVerdict::Fragile) {
-        return Some(action);
-    }
     let advised = AdviceDocument::all_of(plan).into_iter().next().map(|advice| advised(plan, &advice, cycle_secs));
-    advised.or_else(|| {
+    let fixed = || {
         let fixable = groups.iter().filter(|group| group.fix.is_some_and(|fix| fix != RemedyKind::None));
         // A fix that works is better than one that mends a part.
         let best = fixable.max_by(|a, b| a.fix_known.cmp(&b.fix_known).then(a.recovers_mm2.total_cmp(&b.recovers_mm2)));
         best.map(|group| fixed_group(plan, group))
+    };
+    let tolerant = fragile_loss(plan).filter(|_| meets_targets(verdict)).and_then(|loss| Some((loss, robust(plan)?)));
+    if let Some((loss, tolerant)) = tolerant {
+        // What a fragile plan misses is less than the loss, or what its target leaves open.
+        let is_open = verdict != PlanVerdict::Fragile;
+        let gains_more = |action: &SummaryAction| is_open && action.to_of_asked - action.from_of_asked > loss;
+        return advised.filter(gains_more).or_else(|| fixed().filter(gains_more)).or(Some(tolerant));
+    }
+    advised.or_else(fixed).or_else(|| higher_target(plan))
+}
+
+/// Returns true if nothing comes before what is not measured and what pose errors cost.
+fn meets_targets(verdict: PlanVerdict) -> bool {
+    match verdict {
+        PlanVerdict::Fragile | PlanVerdict::PartlyMeasured | PlanVerdict::BestCoverage | PlanVerdict::TargetMet => true,
+        PlanVerdict::TargetMissed | PlanVerdict::RegionsUnmet | PlanVerdict::ViewsWithoutPath => false,
+    }
+}
+
+/// A higher target for views that are chosen for pose errors too and miss theirs; `None` for any other plan.
+fn higher_target(plan: &Plan) -> Option<SummaryAction> {
+    let set = raised_target(plan)?;
+    let (command, of_asked) = (options(&set), plan.coverage.of_asked());
+    Some(SummaryAction {
+        text: format!("choose views up to a higher target: {command}; effect not estimated"),
+        set,
+        command: Some(command),
+        from_of_asked: of_asked,
+        to_of_asked: of_asked,
+        added_views: 0,
+        added_cycle_secs: None,
     })
 }
 

@@ -66,7 +66,7 @@ struct Fix {
 }
 
 /// Parameters by their dotted names.
-type Settings = BTreeMap<String, Value>;
+pub(super) type OptionSet = BTreeMap<String, Value>;
 
 /// Spots of one cause, with the same fix.
 type SpotsOfFix<'a> = (Cause, Option<Fix>, Vec<&'a MissedSpot>);
@@ -103,8 +103,8 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
 
 /// Returns true if two groups ask for the same. The rules that end the choice follow from what a group recovers, so they tell two apart
 /// only where there is nothing else to set.
-fn is_same_command(one: &Settings, other: &Settings) -> bool {
-    let without_rules = |set: &Settings| -> Settings {
+fn is_same_command(one: &OptionSet, other: &OptionSet) -> bool {
+    let without_rules = |set: &OptionSet| -> OptionSet {
         let own = set.iter().filter(|(name, _)| ![TARGET, VIEW_LIMIT, GROWTH].contains(&name.as_str()));
         own.map(|(name, value)| (name.clone(), value.clone())).collect()
     };
@@ -130,7 +130,7 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     let views = views_of(&remedies);
     // Further views of a part are planned with the first plan's parameters, and take none of their own.
     let settable = fix.filter(|_| !plan.coverage.is_of_open);
-    let set = settable.map_or_else(Settings::new, |fix| settings(plan, fix, &remedies, &views));
+    let set = settable.map_or_else(OptionSet::new, |fix| settings(plan, fix, &remedies, &views));
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),
@@ -214,8 +214,8 @@ fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
 }
 
 /// Parameters that ask for a fix; empty where none does.
-fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView]) -> Settings {
-    let with_rules = |mut set: Settings| {
+fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView]) -> OptionSet {
+    let with_rules = |mut set: OptionSet| {
         if !set.is_empty() {
             set.extend(stop_rules(plan, remedies));
         }
@@ -226,30 +226,31 @@ fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView])
         RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => with_rules(poses(plan, views)),
         RemedyKind::Setup => further_setup(plan, fix.turn.as_deref()),
         RemedyKind::Limit => with_rules(limits(remedies)),
-        RemedyKind::None => Settings::new(),
+        RemedyKind::None => OptionSet::new(),
     }
 }
 
 /// Rules that end the choice of views, changed where they would end it before the views of some remedies of one kind are chosen: the
 /// target, the limit of views and the growth that a view has to bring. Empty for further views of a part, which take no parameters.
-pub(crate) fn stop_rules(plan: &Plan, remedies: &[&Remedy]) -> Settings {
+pub(crate) fn stop_rules(plan: &Plan, remedies: &[&Remedy]) -> OptionSet {
     let first = remedies.first().filter(|_| !plan.coverage.is_of_open);
-    let Some(kind) = first.map(|remedy| remedy.kind) else { return Settings::new() };
+    let Some(kind) = first.map(|remedy| remedy.kind) else { return OptionSet::new() };
     let is_candidate = match kind {
         // None of the rules ended the choice where a candidate has no path, or is not worth its cost.
-        RemedyKind::View if matches!(plan.stopped_because, StopReason::NoPath | StopReason::NoGain) => return Settings::new(),
+        RemedyKind::View if matches!(plan.stopped_because, StopReason::NoPath | StopReason::NoGain) => return OptionSet::new(),
         RemedyKind::View => true,
         RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff | RemedyKind::Limit => false,
-        RemedyKind::Setup | RemedyKind::None => return Settings::new(),
+        RemedyKind::Setup | RemedyKind::None => return OptionSet::new(),
     };
     let (coverage, selection) = (&plan.coverage, &plan.params.selection);
     let (views, recovers_mm2) = (views_of(remedies), total(remedies.iter().map(|remedy| remedy.area_mm2)));
-    let mut set = Settings::new();
+    let mut set = OptionSet::new();
     let whole_mm2 = coverage.whole_mm2(selection.target_of);
     // What only new candidates measure is coverable with them.
     let grown_mm2 = if is_candidate || selection.target_of != TargetOf::Coverable { 0.0 } else { recovers_mm2 };
     let measured_mm2 = coverage.of_target(selection.target_of) * whole_mm2 + recovers_mm2;
     let target = ((share(measured_mm2, whole_mm2 + grown_mm2) * TARGET_STEPS).floor() / TARGET_STEPS).min(1.0);
+    let target = raised_share(plan).map_or(target, |raised| raised.max(target));
     if selection.goal != SelectionGoal::BestCoverage && target > selection.target {
         set.insert(TARGET.to_owned(), json!(target));
     }
@@ -265,10 +266,31 @@ pub(crate) fn stop_rules(plan: &Plan, remedies: &[&Remedy]) -> Settings {
     set
 }
 
+/// Target that makes up for what views chosen for pose errors too miss of theirs on every sample, though they reach it on those that they
+/// were chosen on: higher by as much as is missed, an estimate without a source. `None` where another rule ended the choice.
+pub(super) fn raised_target(plan: &Plan) -> Option<OptionSet> {
+    raised_share(plan).map(|target| BTreeMap::from([(TARGET.to_owned(), json!(target))]))
+}
+
+/// Share in [`raised_target`], above that of the plan.
+fn raised_share(plan: &Plan) -> Option<f64> {
+    /// Part of a step that is taken for rounding.
+    const SLACK: f64 = 1e-6;
+    let (coverage, selection) = (&plan.coverage, &plan.params.selection);
+    let ended_there = plan.stopped_because == StopReason::Target && plan.params.robust.select;
+    let takes_target = selection.goal != SelectionGoal::BestCoverage && !coverage.is_of_open;
+    if !ended_there || !takes_target || coverage.reaches_target(selection) {
+        return None;
+    }
+    let wanted = 2.0 * selection.target - coverage.of_target(selection.target_of);
+    let target = ((wanted * TARGET_STEPS - SLACK).ceil() / TARGET_STEPS).min(1.0);
+    (target > selection.target).then_some(target)
+}
+
 /// Poses to consider besides the candidates of the plan, where they are few and the plan was given none of its own.
-fn poses(plan: &Plan, views: &[&RemedyView]) -> Settings {
+fn poses(plan: &Plan, views: &[&RemedyView]) -> OptionSet {
     if views.len() > MAX_POSES || !plan.params.candidates.poses.is_empty() {
-        return Settings::new();
+        return OptionSet::new();
     }
     let poses: Vec<PoseSpec> = views.iter().map(|view| rounded(PoseSpec::from(&view.part_from_scanner))).collect();
     BTreeMap::from([(POSES.to_owned(), json!(poses))])
@@ -285,7 +307,7 @@ fn rounded(pose: PoseSpec) -> PoseSpec {
 
 /// Parameters of one more setup, in which the part is turned as said, or onto any other side: as the advice on the plan has it. Empty
 /// where it is not known how a setup more would turn the part.
-pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> Settings {
+pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> OptionSet {
     let advised = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
         let advised = document.turn.as_ref().map(|turn| turn.text.as_str());
         advice.kind == AdviceKind::TurnOver && (turn.is_none() || advised == turn)
@@ -302,12 +324,12 @@ pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> Settings {
         {
             BTreeMap::from([("setups".to_owned(), json!(plan.params.setups + 1))])
         }
-        None => Settings::new(),
+        None => OptionSet::new(),
     }
 }
 
 /// Limits of incidence, as large as the remedies need them.
-fn limits(remedies: &[&Remedy]) -> Settings {
+fn limits(remedies: &[&Remedy]) -> OptionSet {
     let largest = |limit: fn(&Remedy) -> Option<f64>| {
         remedies.iter().filter_map(|remedy| limit(remedy)).max_by(f64::total_cmp).map(rounded_down_deg)
     };

@@ -592,6 +592,62 @@ fn a_fragile_plan_is_told_which_error_costs_most_and_to_give_that_of_the_cell_wh
 }
 
 #[test]
+fn of_what_is_missed_and_what_pose_errors_cost_the_larger_loss_is_told_first() {
+    let verdict_at = |worst: f64| {
+        let mut plan = plan(3, 0, 792.0);
+        plan.advice = vec![advice()];
+        let [views, part, hand_eye] = [worst; 3].map(|worst| Drawn::new(0.792, vec![worst]));
+        let pose_error = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+        plan.coverage.robust = Some(Robust { pose_error, views, part, hand_eye });
+        let summary = Summary::of(&plan);
+        (PlanVerdict::of(&plan), summary.lines().join("\n"), summary.action.expect("an action").text)
+    };
+    let (verdict, told, action) = verdict_at(0.742);
+    assert_eq!(verdict, PlanVerdict::PartlyMeasured);
+    assert!(told.contains("errors of 1° and 1 mm cost 5.00 points of the asked area in the worst draw"), "{told}");
+    assert!(action.starts_with("turn it upside down"), "{action}");
+    let (verdict, told, action) = verdict_at(0.5);
+    assert_eq!(verdict, PlanVerdict::Fragile);
+    assert!(told.contains("small pose errors cost coverage") && action.contains("robust.select=true"), "{told}");
+    let (verdict, _, action) = verdict_at(0.592);
+    assert_eq!(verdict, PlanVerdict::PartlyMeasured, "20.8 points are missed");
+    assert!(action.contains("robust.select=true"), "advice gains 18.7 points, pose errors cost 20.0: {action}");
+}
+
+/// A plan without a target, like one with it.
+#[test]
+fn best_coverage_that_misses_more_than_pose_errors_cost_says_so() {
+    let mut best = plan(3, 0, 560.0);
+    best.params.selection.goal = SelectionGoal::BestCoverage;
+    best.advice = vec![advice()];
+    let [views, part, hand_eye] = [0.55, 0.5458, 0.55].map(|worst| Drawn::new(0.56, vec![worst]));
+    let pose_error = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+    best.coverage.robust = Some(Robust { pose_error, views, part, hand_eye });
+    let summary = Summary::of(&best);
+    assert_eq!(summary.verdict, PlanVerdict::BestCoverage);
+    assert!(summary.title.starts_with("Can be scanned, but 44.00 % of what was asked is not measured"), "{}", summary.title);
+    let told = "; errors of 1° and 1 mm cost 1.42 points of the asked area in the worst draw";
+    assert!(summary.verdict_text.ends_with(told), "{}", summary.verdict_text);
+    assert!(summary.action.is_some_and(|action| action.text.starts_with("turn it upside down")));
+}
+
+#[test]
+fn views_chosen_for_pose_errors_that_miss_the_target_are_not_said_to_have_no_further_view() {
+    let mut plan = plan(3, 0, 784.0);
+    (plan.stopped_because, plan.params.robust.select) = (StopReason::Target, true);
+    let summary = Summary::of(&plan);
+    assert_eq!(
+        summary.verdict_text,
+        "Target missed: 98.00 % of coverable, target 98.50 %: views were chosen for what they measure under pose errors too, and on \
+         those samples they reach it (a higher one takes more views: --set selection.target=0.99)"
+    );
+    let action = summary.action.expect("an action").text;
+    assert_eq!(action, "choose views up to a higher target: --set selection.target=0.99; effect not estimated");
+    plan.missed = vec![missed(Cause::NotChosen, vec![Some(remedy(RemedyKind::View, 0.2, &[4]))])];
+    assert_eq!(group_of(&plan).command().as_deref(), Some("--set selection.target=0.99"));
+}
+
+#[test]
 fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
     let mut plan = plan(3, 0, 780.0);
     let spots = |kind, of_spot, count: usize, candidate| vec![Some(remedy(kind, of_spot, &[candidate])); count];

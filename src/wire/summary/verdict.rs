@@ -1,9 +1,11 @@
 //! Verdict on a plan as a whole.
 
+use super::missed::raised_target;
 use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
-use crate::planning::plan::{MissedCause, Plan, RegionCoverage, StopReason, share};
+use crate::planning::plan::{MissedCause, Plan, RegionCoverage, Robust, StopReason, share};
+use crate::wire::plan::options;
 use crate::wire::words::{cause_phrase, counted, fixed, fixed_nonzero, percent_below};
 
 closed_list! {
@@ -16,7 +18,8 @@ closed_list! {
         /// Nothing of the above, and no collision-free path was found to some of the chosen views, which are not executed; or none was
         /// found to any of them.
         ViewsWithoutPath = "views_without_path",
-        /// Nothing of the above; wrong poses cost more than one point of the asked area in the worst draw (`coverage.robust`).
+        /// Nothing of the above; wrong poses cost more than one point of the asked area in the worst draw (`coverage.robust`), and no
+        /// less than what is not measured, unless the target leaves that open.
         Fragile = "fragile",
         /// Nothing of the above; more of the asked area is not measured than the target would allow of it, such as what the part
         /// stands on.
@@ -60,7 +63,10 @@ impl PlanVerdict {
     /// The verdict on a plan.
     #[must_use]
     pub fn of(plan: &Plan) -> Self {
-        let is_fragile = plan.coverage.robust.as_ref().is_some_and(|robust| robust.is_fragile());
+        let is_partly_measured = !is_asked_measured(plan);
+        // The larger loss is told first; the other is a clause.
+        let is_missing_more = |loss: f64| is_partly_measured && 1.0 - plan.coverage.of_asked() > loss;
+        let is_fragile = fragile_loss(plan).is_some_and(|loss| !is_missing_more(loss));
         let is_nothing_executed = plan.executed_views() == 0 && !plan.views.is_empty();
         let verdicts = [
             (is_nothing_executed, Self::ViewsWithoutPath),
@@ -68,11 +74,16 @@ impl PlanVerdict {
             (plan.coverage.regions.iter().any(RegionCoverage::is_unmet), Self::RegionsUnmet),
             (plan.executed_views() < plan.views.len(), Self::ViewsWithoutPath),
             (is_fragile, Self::Fragile),
-            (has_target(plan) && !is_asked_measured(plan), Self::PartlyMeasured),
+            (has_target(plan) && is_partly_measured, Self::PartlyMeasured),
             (!has_target(plan), Self::BestCoverage),
         ];
         verdicts.into_iter().find_map(|(holds, verdict)| holds.then_some(verdict)).unwrap_or(Self::TargetMet)
     }
+}
+
+/// Loss of a fragile plan in the worst draw, as a share of the asked area; `None` for one that stands pose errors, or without any.
+pub(super) fn fragile_loss(plan: &Plan) -> Option<f64> {
+    plan.coverage.robust.as_ref().filter(|robust| robust.is_fragile()).map(Robust::worst_loss)
 }
 
 fn has_target(plan: &Plan) -> bool {
@@ -142,12 +153,12 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         PlanVerdict::PartlyMeasured => {
             let causes = largest_causes(plan);
             let causes = if causes.is_empty() { causes } else { format!("; not measured (shares of asked): {causes}") };
-            format!("Target met: {reached}{causes}")
+            format!("Target met: {reached}{causes}{}", fragile_clause(plan))
         }
-        PlanVerdict::BestCoverage => match plan.bound.of_asked_upper {
-            Some(upper) => format!("Best coverage found: {reached}; upper bound {}", percent(upper)),
-            None => format!("Best coverage found: {reached}"),
-        },
+        PlanVerdict::BestCoverage => {
+            let bound = plan.bound.of_asked_upper.map_or_else(String::new, |upper| format!("; upper bound {}", percent(upper)));
+            format!("Best coverage found: {reached}{bound}{}", fragile_clause(plan))
+        }
         PlanVerdict::TargetMet => format!("Target met: {reached}"),
     }
 }
@@ -183,6 +194,11 @@ fn reason(plan: &Plan) -> String {
             None => "the limit of views is reached".to_owned(),
         },
         StopReason::NoPath => no_path(plan).unwrap_or_else(|| "no collision-free path was found to some candidates".to_owned()),
+        StopReason::Target if plan.params.robust.select => {
+            let higher = raised_target(plan)
+                .map_or_else(String::new, |set| format!(" (a higher one takes more views: {})", options(&set)));
+            format!("views were chosen for what they measure under pose errors too, and on those samples they reach it{higher}")
+        }
         StopReason::Target | StopReason::NoGain | StopReason::RegionsUnmet => {
             let overlaps = selection.overlap != OverlapParams::default();
             let overlapping = if overlaps { " and overlaps the others as selection.overlap asks" } else { "" };
@@ -212,11 +228,16 @@ pub(super) fn shortest(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
+/// Loss of a fragile plan in a clause that follows another; empty for one that stands pose errors.
+fn fragile_clause(plan: &Plan) -> String {
+    fragile_loss(plan).map_or_else(String::new, |_| format!("; {}", fragile(plan)))
+}
+
 /// Loss under pose errors in a clause.
 fn fragile(plan: &Plan) -> String {
     plan.coverage.robust.as_ref().map_or_else(String::new, |robust| {
         format!(
-            "errors of {}° and {} mm cost up to {} points of the asked area in the worst draw",
+            "errors of {}° and {} mm cost {} points of the asked area in the worst draw",
             robust.pose_error.angle_deg,
             robust.pose_error.translation_mm,
             fixed(100.0 * robust.worst_loss(), 2)
