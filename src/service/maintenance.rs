@@ -176,6 +176,8 @@ impl App {
                     Err(error) => return Err(error),
                 }
             }
+            // Runs have no events: the log alone tells which records are gone.
+            runs.iter().for_each(|(run, _)| tracing::info!(%run, "run and audit log deleted by the retention policy"));
             if deleted != Due::default() || !runs.is_empty() {
                 let (jobs, meshes) = (deleted.jobs.len(), deleted.meshes.len());
                 tracing::info!(jobs, meshes, runs = runs.len(), "deleted by the retention policy");

@@ -68,16 +68,22 @@ fn meets_targets(verdict: PlanVerdict) -> bool {
 /// A higher target for views that are chosen for pose errors too and miss theirs; `None` for any other plan.
 fn higher_target(plan: &Plan) -> Option<SummaryAction> {
     let set = raised_target(plan)?;
-    let (command, of_asked) = (options(&set), plan.coverage.of_asked());
-    Some(SummaryAction {
-        text: format!("choose views up to a higher target: {command}; effect not estimated"),
+    let text = format!("choose views up to a higher target: {}; effect not estimated", options(&set));
+    Some(without_estimate(plan, set, text))
+}
+
+/// Action whose effect is not estimated.
+fn without_estimate(plan: &Plan, set: BTreeMap<String, Value>, text: String) -> SummaryAction {
+    let of_asked = plan.coverage.of_asked();
+    SummaryAction {
+        text,
+        command: Some(options(&set)),
         set,
-        command: Some(command),
         from_of_asked: of_asked,
         to_of_asked: of_asked,
         added_views: 0,
         added_cycle_secs: None,
-    })
+    }
 }
 
 /// Views that are chosen for what they measure under pose errors too; `None` if they are, or if no errors are evaluated.
@@ -85,27 +91,19 @@ fn robust(plan: &Plan) -> Option<SummaryAction> {
     let robust = plan.coverage.robust.as_ref().filter(|_| !plan.params.robust.select)?;
     let (error, costliest) = (robust.pose_error, RobustDocument::from(robust).costliest());
     let set = BTreeMap::from([("robust.select".to_owned(), Value::Bool(true))]);
-    let command = options(&set);
-    let of_asked = plan.coverage.of_asked();
     // Neither given nor that of a calibration: the error of no cell.
     let is_default = RobustParams::default().pose_error == Some(error);
     let or_own =
         if is_default { "; or give the cell's own error in place of the default: --set robust.pose_error=…" } else { "" };
-    Some(SummaryAction {
-        text: format!(
-            "choose the views for pose errors of {}° and {} mm too (costliest: {}, {} points): {command}; effect not estimated{or_own}",
-            error.angle_deg,
-            error.translation_mm,
-            costliest.kind,
-            fixed(100.0 * costliest.loss(), 2)
-        ),
-        set,
-        command: Some(command),
-        from_of_asked: of_asked,
-        to_of_asked: of_asked,
-        added_views: 0,
-        added_cycle_secs: None,
-    })
+    let text = format!(
+        "choose the views for pose errors of {}° and {} mm too (costliest: {}, {} points): {}; effect not estimated{or_own}",
+        error.angle_deg,
+        error.translation_mm,
+        costliest.kind,
+        fixed(100.0 * costliest.loss(), 2),
+        options(&set)
+    );
+    Some(without_estimate(plan, set, text))
 }
 
 fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> SummaryAction {
