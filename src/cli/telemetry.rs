@@ -7,8 +7,9 @@ use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use super::{CliError, failed, output};
 use crate::cell::did_you_mean;
@@ -52,23 +53,37 @@ pub(super) fn start_if_verbose() -> Result<(), CliError> {
 }
 
 fn start_with(filter: &str, format: LogFormat) -> Result<(), CliError> {
-    let refused = |reason: String| CliError::BadInput(format!("telemetry.log {filter:?}: {reason}"));
-    check_words(filter).map_err(refused)?;
-    let parsed = EnvFilter::try_new(filter).map_err(|error| refused(error.to_string()))?;
-    let builder = tracing_subscriber::fmt().with_env_filter(parsed).with_writer(|| LogWriter).log_internal_errors(false);
+    let filter = targets(filter).map_err(|reason| CliError::BadInput(format!("telemetry.log {filter:?}: {reason}")))?;
+    let (filtered, lines) = (tracing_subscriber::registry().with(filter), tracing_subscriber::fmt::layer());
+    let lines = lines.with_writer(|| LogWriter).log_internal_errors(false);
     let started = match format {
-        LogFormat::Text => builder.with_ansi(io::IsTerminal::is_terminal(&io::stderr())).try_init(),
-        LogFormat::Json => builder.json().try_init(),
+        LogFormat::Text => filtered.with(lines.with_ansi(io::IsTerminal::is_terminal(&io::stderr()))).try_init(),
+        LogFormat::Json => filtered.with(lines.json()).try_init(),
     };
     started.map_err(|error| CliError::Failed(format!("the log: {error}")))
 }
 
-/// Refuses a word that is no level: the filter would take it for the name of a module, and log nothing else.
-fn check_words(filter: &str) -> Result<(), String> {
-    let is_known = |word: &str| word.contains(['=', ':', '[', ']']) || word.parse::<LevelFilter>().is_ok();
-    let Some(word) = filter.split(',').map(str::trim).find(|word| !is_known(word)) else { return Ok(()) };
-    let meant = did_you_mean(word, LEVELS);
-    Err(format!("{word:?} is no level; allowed are {}, and MODULE=LEVEL{meant}", LEVELS.join(", ")))
+/// Parses a filter: levels of modules, and of all others. Without any, errors are logged.
+fn targets(filter: &str) -> Result<Targets, String> {
+    let words: Vec<&str> = filter.split(',').map(str::trim).filter(|word| !word.is_empty()).collect();
+    words.iter().try_for_each(|word| check_word(word))?;
+    if words.is_empty() {
+        return Ok(Targets::new().with_default(LevelFilter::ERROR));
+    }
+    words.join(",").parse().map_err(|error: tracing_subscriber::filter::ParseError| error.to_string())
+}
+
+/// Refuses a word that is no level, which the filter would take for the name of a module and log nothing else, and one that names a
+/// span or a field.
+fn check_word(word: &str) -> Result<(), String> {
+    let allowed = || format!("allowed are {}, and MODULE=LEVEL", LEVELS.join(", "));
+    if word.contains(['[', ']']) {
+        return Err(format!("{word:?} names a span or a field; {}", allowed()));
+    }
+    if word.contains(['=', ':']) || word.parse::<LevelFilter>().is_ok() {
+        return Ok(());
+    }
+    Err(format!("{word:?} is no level; {}{}", allowed(), did_you_mean(word, LEVELS)))
 }
 
 /// Detaches the log: a thread of its own writes it from now on, so that a terminal that is paused or a pipe that nobody reads holds
@@ -222,14 +237,31 @@ mod tests {
 
     #[test]
     fn a_word_that_is_no_level_is_refused_with_the_one_that_was_meant() {
-        for filter in ["info", "WARN", "info,vantage::http=debug", "warn, hyper=off", "vantage::http", "3", "[span]=debug", ""] {
-            assert_eq!(check_words(filter), Ok(()), "{filter}");
+        for filter in ["info", "WARN", "info,vantage::http=debug", "warn, hyper=off", "vantage::http", "3", "info,"] {
+            assert!(targets(filter).is_ok(), "{filter}");
         }
-        let told = check_words("info,debgu").expect_err("no level");
+        let told = targets("info,debgu").expect_err("no level");
         assert!(
             told.starts_with("\"debgu\" is no level; allowed are off, error") && told.ends_with("did you mean debug?"),
             "{told}"
         );
-        assert!(check_words("everything").is_err());
+        assert!(targets("[span]=debug").expect_err("no module").contains("names a span or a field"));
+        assert!(targets("everything").is_err());
+    }
+
+    #[test]
+    fn a_filter_gives_each_module_its_level() {
+        let filter = targets("warn, vantage::http=debug, hyper=off").expect("a filter");
+        let levels = [("vantage::http::events", true), ("vantage::service", false), ("hyper::client", false)];
+        for (module, logs_debug) in levels {
+            assert_eq!(filter.would_enable(module, &tracing::Level::DEBUG), logs_debug, "{module}");
+        }
+        assert!(filter.would_enable("vantage::service", &tracing::Level::WARN));
+        assert!(!filter.would_enable("hyper::client", &tracing::Level::ERROR));
+        let errors = targets(" , ").expect("a filter");
+        assert_eq!(
+            ["ERROR", "WARN"].map(|level| errors.would_enable("vantage", &level.parse().expect("a level"))),
+            [true, false]
+        );
     }
 }

@@ -1,25 +1,31 @@
 //! The layers of the settings, and the layer that each key comes from.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::Path;
 
-use config::{Config, ConfigError, Environment, File, FileFormat, Value, ValueKind};
+use config::{Config, ConfigError, Map, Source, Value, ValueKind};
 use serde::de::DeserializeOwned;
+use toml::de::{DeInteger, DeTable, DeValue};
 
-use super::{Flags, SettingsError};
-use crate::cell::{expected_value, found_value, with_suggestion};
+use super::values::{self, entry};
+use super::{Flags, Settings, SettingsError};
+use crate::cell::{FieldError, Findings, with_suggestion};
 
 const PREFIX: &str = "VANTAGE_";
 /// Built-in defaults: a file of settings with every key, its meaning and range.
 pub const DEFAULTS: &str = include_str!("../../config/default.toml");
 
 /// The merged layers.
-pub(super) struct Layers<'a> {
+pub(super) struct Layers {
     config: Config,
-    flags: &'a Flags,
+    /// Name of the file of settings.
+    file: Option<String>,
+    /// Keys whose values come from the environment or a flag: strings, whatever their kind.
+    texts: BTreeSet<String>,
 }
 
-impl<'a> Layers<'a> {
+impl Layers {
     /// Reads and merges all layers.
     ///
     /// # Errors
@@ -27,66 +33,135 @@ impl<'a> Layers<'a> {
     pub(super) fn read(
         file: Option<&Path>,
         environment: impl Iterator<Item = (OsString, OsString)>,
-        flags: &'a Flags,
+        flags: &Flags,
     ) -> Result<Self, SettingsError> {
-        let mut builder = Config::builder().add_source(File::from_str(DEFAULTS, FileFormat::Toml));
+        let built_in = Tables::parse(None, DEFAULTS).map_err(|error| refused(&error))?;
+        let mut builder = Config::builder().add_source(built_in);
         if let Some(file) = file {
-            check_file(file)?;
-            builder = builder.add_source(File::from(file).format(FileFormat::Toml));
+            builder = builder.add_source(of_file(file)?);
         }
-        let ours = of_environment(environment)?;
-        let environment = Environment::with_prefix("VANTAGE").prefix_separator("_").separator("__");
-        builder = builder.add_source(environment.source(Some(ours.into_iter().collect())));
+        let mut texts = of_environment(environment)?;
         for (key, value) in flags {
-            builder = builder.set_override(key, value.as_str()).map_err(|error| refuse(&error))?;
+            texts.insert((*key).to_owned(), Text { origin: "a flag".to_owned(), value: value.clone() });
         }
-        Ok(Self { config: builder.build().map_err(|error| refuse(&error))?, flags })
+        for (key, text) in &texts {
+            let value = Value::new(Some(&text.origin), text.value.as_str());
+            builder = builder.set_override(key, value).map_err(|error| refused(&error))?;
+        }
+        let config = builder.build().map_err(|error| refused(&error))?;
+        let file = file.map(|file| file.display().to_string());
+        Ok(Self { config, file, texts: texts.into_keys().collect() })
     }
 
-    /// Deserialises the merged settings.
-    pub(super) fn settings<T: DeserializeOwned>(&self) -> Result<T, SettingsError> {
-        serde_path_to_error::deserialize(self.config.clone()).map_err(|error| {
-            let key = error.path().to_string();
-            #[expect(clippy::wildcard_enum_match_arm, reason = "config may add kinds of errors, each of which has its own words")]
-            let what = match error.inner() {
-                ConfigError::At { error, .. } => error.to_string(),
-                ConfigError::Type { unexpected, expected, .. } => {
-                    format!("is {}, but must be {}", found_value(&unexpected.to_string()), expected_value(expected))
-                }
-                other => other.to_string(),
-            };
-            SettingsError(vec![format!("{key} ({}): {}", self.origin(&key), with_suggestion(&what))])
-        })
+    /// Deserialises the merged settings; the findings are the numbers out of range.
+    ///
+    /// # Errors
+    /// Values of other kinds than their settings take, unknown keys, and with them the numbers out of range.
+    pub(super) fn settings<T: DeserializeOwned>(&self) -> Result<(T, Findings), SettingsError> {
+        let built_in = toml::from_str(DEFAULTS).map_err(|error| refused(&error))?;
+        let read = values::read(&self.config.cache, &self.texts, built_in);
+        let mismatches = read.mismatches.into_result().err().unwrap_or_default();
+        match serde_path_to_error::deserialize(read.settings) {
+            Ok(settings) if mismatches.is_empty() => Ok((settings, read.out_of_range)),
+            deserialized => {
+                let out_of_range = read.out_of_range.into_result().err().unwrap_or_default();
+                let mut lines = self.lines(&mismatches);
+                lines.extend(self.lines(&out_of_range));
+                lines.extend(deserialized.err().map(|error| {
+                    let what = with_suggestion(&error.inner().to_string());
+                    self.line(&error.path().to_string(), &what)
+                }));
+                Err(SettingsError(lines))
+            }
+        }
+    }
+
+    /// Lines for findings in the settings: key, layer and what is wrong.
+    pub(super) fn lines(&self, errors: &[FieldError]) -> Vec<String> {
+        let key = |error: &FieldError| error.pointer.trim_start_matches('/').replace('/', ".");
+        errors.iter().map(|error| self.line(&key(error), &error.detail)).collect()
+    }
+
+    fn line(&self, key: &str, what: &str) -> String {
+        format!("{key} ({}): {what}", self.origin(key))
     }
 
     /// Name of the layer that a key comes from.
-    pub(super) fn origin(&self, key: &str) -> String {
-        if self.flags.iter().any(|(flag, _)| *flag == key) {
-            return "a flag".to_owned();
-        }
-        let value = key.split('.').try_fold(&self.config.cache, |value, name| {
-            if let ValueKind::Table(table) = &value.kind { table.get(name) } else { None }
-        });
-        value.and_then(origin_of).unwrap_or("config/default.toml, built in").to_owned()
+    fn origin(&self, key: &str) -> &str {
+        let value = key.split('.').try_fold(&self.config.cache, entry);
+        // A table has no origin, and one that is no section may have no values either: such tables stand in files alone.
+        let is_section = !key.contains('.') && Settings::has_section(key);
+        let is_table = value.is_some_and(|value| matches!(value.kind, ValueKind::Table(_)));
+        let file = self.file.as_deref().filter(|_| is_table && !is_section);
+        value.and_then(origin_of).or(file).unwrap_or("config/default.toml, built in")
     }
 }
 
-/// Layer of a value; a table has none of its own, but that of its first value.
+/// Layer of a value; a table has none of its own, but that of one of its values.
 fn origin_of(value: &Value) -> Option<&str> {
-    let first = || if let ValueKind::Table(table) = &value.kind { table.values().find_map(origin_of) } else { None };
-    value.origin().or_else(first)
+    let of_table = || if let ValueKind::Table(table) = &value.kind { table.values().filter_map(origin_of).min() } else { None };
+    value.origin().or_else(of_table)
 }
 
-fn refuse(error: &ConfigError) -> SettingsError {
+fn refused(error: &impl std::error::Error) -> SettingsError {
     SettingsError(vec![error.to_string()])
 }
 
-/// Refuses a file that cannot be read or parsed. A fault is told by its place, not with its line: that may hold a key.
-fn check_file(file: &Path) -> Result<(), SettingsError> {
-    let refused = |reason: String| SettingsError(vec![format!("--config {}: {reason}", file.display())]);
+/// Tables of a file of settings, with all values as they are written.
+#[derive(Clone, Debug)]
+struct Tables(Map<String, Value>);
+
+impl Tables {
+    fn parse(origin: Option<&String>, text: &str) -> Result<Self, toml::de::Error> {
+        Ok(Self(table_of(origin, DeTable::parse(text)?.into_inner())))
+    }
+}
+
+impl Source for Tables {
+    fn clone_into_box(&self) -> Box<dyn Source + Send + Sync> {
+        Box::new(self.clone())
+    }
+
+    fn collect(&self) -> Result<Map<String, Value>, ConfigError> {
+        Ok(self.0.clone())
+    }
+}
+
+fn table_of(origin: Option<&String>, table: DeTable<'_>) -> Map<String, Value> {
+    table.into_iter().map(|(key, value)| (key.into_inner().into_owned(), value_of(origin, value.into_inner()))).collect()
+}
+
+/// The value as it is written. The reader of `config` would tell a date as a string, and a large number without its key.
+fn value_of(origin: Option<&String>, value: DeValue<'_>) -> Value {
+    let kind = match value {
+        DeValue::String(text) => ValueKind::String(text.into_owned()),
+        DeValue::Integer(number) => integer_of(&number),
+        DeValue::Float(number) => ValueKind::Float(number.as_str().parse().unwrap_or(f64::NAN)),
+        DeValue::Boolean(value) => ValueKind::Boolean(value),
+        // No setting takes one, and TOML has no other value that is nil.
+        DeValue::Datetime(_) => ValueKind::Nil,
+        DeValue::Array(values) => {
+            ValueKind::Array(values.into_iter().map(|value| value_of(origin, value.into_inner())).collect())
+        }
+        DeValue::Table(table) => ValueKind::Table(table_of(origin, table)),
+    };
+    Value::new(origin, kind)
+}
+
+/// A whole number; one of more than 128 bits, which no setting takes, as the nearest number.
+fn integer_of(number: &DeInteger<'_>) -> ValueKind {
+    let (digits, radix) = (number.as_str(), number.radix());
+    let small = i64::from_str_radix(digits, radix).map(ValueKind::I64);
+    let large = small.or_else(|_| i128::from_str_radix(digits, radix).map(ValueKind::I128));
+    large.unwrap_or_else(|_| ValueKind::Float(digits.parse().unwrap_or(f64::INFINITY)))
+}
+
+/// Reads a file. A fault is told by its place, not with its line: that may hold a key.
+fn of_file(file: &Path) -> Result<Tables, SettingsError> {
+    let name = file.display().to_string();
+    let refused = |reason: String| SettingsError(vec![format!("--config {name}: {reason}")]);
     let text = std::fs::read_to_string(file).map_err(|error| refused(error.to_string()))?;
-    let parsed = toml::from_str::<toml::Table>(&text);
-    parsed.map(drop).map_err(|error| {
+    Tables::parse(Some(&name), &text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
         let (line, start) = (before.matches('\n').count() + 1, before.rfind('\n').map_or(0, |at| at + 1));
         let column = before[start..].chars().count() + 1;
@@ -94,22 +169,49 @@ fn check_file(file: &Path) -> Result<(), SettingsError> {
     })
 }
 
-/// Variables that are settings: of the form VANTAGE_A__B. Others that begin with VANTAGE_ serve other purposes, unless they are
-/// settings but for an underscore.
-fn of_environment(environment: impl Iterator<Item = (OsString, OsString)>) -> Result<Vec<(String, String)>, SettingsError> {
-    let (mut found, mut faults) = (Vec::new(), Vec::new());
+/// String of an environment variable or a flag.
+struct Text {
+    origin: String,
+    value: String,
+}
+
+/// Variables that are settings, by their keys: of the form `VANTAGE_A__B`. Others with the prefix serve other purposes, unless they
+/// are settings but for an underscore.
+fn of_environment(environment: impl Iterator<Item = (OsString, OsString)>) -> Result<BTreeMap<String, Text>, SettingsError> {
+    let (mut found, mut faults) = (BTreeMap::new(), Vec::new());
     for (name, value) in environment {
         let Some((name, rest)) = name.to_str().and_then(|name| Some((name, name.strip_prefix(PREFIX)?))) else { continue };
         if !rest.contains("__") {
             faults.extend(meant(rest).map(|meant| format!("{name} (the environment): is no setting; did you mean {meant}?")));
             continue;
         }
-        match value.into_string() {
-            Ok(value) => found.push((name.to_owned(), value)),
-            Err(_) => faults.push(format!("{name} (the environment): is not UTF-8")),
+        let Some(key) = key_of(rest) else {
+            let form = "settings have the form VANTAGE_SECTION__KEY, such as VANTAGE_SERVER__LISTEN";
+            faults.push(format!("{name} (the environment): is no setting; {form}"));
+            continue;
+        };
+        let Ok(value) = value.into_string() else {
+            faults.push(format!("{name} (the environment): is not UTF-8"));
+            continue;
+        };
+        let text = Text { origin: format!("{name} in the environment"), value };
+        // Which of the two is meant is not known.
+        if let Some(other) = found.insert(key, text) {
+            faults.push(format!("{name} (the environment): sets the same as {}; unset one of them", other.origin));
         }
     }
     if faults.is_empty() { Ok(found) } else { Err(SettingsError(faults)) }
+}
+
+/// Key of a setting, from the name of its variable without the prefix.
+fn key_of(rest: &str) -> Option<String> {
+    let rest = rest.to_ascii_lowercase();
+    let (section, key) = rest.split_once("__")?;
+    let is_name = |name: &str| {
+        let is_plain = name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_'));
+        is_plain && !name.is_empty() && !name.contains("__")
+    };
+    (is_name(section) && is_name(key)).then(|| format!("{section}.{key}"))
 }
 
 /// Variable that was meant by a name with too few underscores, or without its section.
@@ -120,7 +222,7 @@ fn meant(rest: &str) -> Option<String> {
 }
 
 /// Section and name of every setting, also of those that have no default and stand in a comment.
-fn keys() -> impl Iterator<Item = (&'static str, &'static str)> {
+pub(super) fn keys() -> impl Iterator<Item = (&'static str, &'static str)> {
     let mut section = "";
     DEFAULTS.lines().filter_map(move |line| {
         if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {

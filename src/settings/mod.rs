@@ -5,6 +5,7 @@ mod execution;
 mod layers;
 pub mod machine;
 mod server;
+mod values;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -108,7 +109,7 @@ pub struct RetentionSettings {
     pub unused_mesh_days: u32,
     /// Time after its end at which a run is deleted with its record and its audit log; 0 keeps them.
     pub run_days: u32,
-    /// Largest share of the disk that stored files and audit logs may take; 0 for no limit.
+    /// Largest share of the disk for stored files and the audit logs on it, half of it for the files at least; 0 for no limit.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,
@@ -185,43 +186,19 @@ impl Settings {
         flags: &Flags,
     ) -> Result<Self, SettingsError> {
         let layers = layers::Layers::read(file, environment, flags)?;
-        let settings: Self = layers.settings()?;
-        settings.check().map_err(|errors| {
-            let line = |pointer: &str, detail: &str| {
-                let key = pointer.trim_start_matches('/').replace('/', ".");
-                format!("{key} ({}) {detail}", layers.origin(&key))
-            };
-            SettingsError(errors.iter().map(|error| line(&error.pointer, &error.detail)).collect())
-        })?;
+        let (settings, mut findings): (Self, Findings) = layers.settings()?;
+        settings.check(&mut findings);
+        findings.into_result().map_err(|errors| SettingsError(layers.lines(&errors)))?;
         Ok(settings)
     }
 
-    fn check(&self) -> Result<(), Vec<crate::cell::FieldError>> {
-        let mut findings = Findings::default();
-        self.server.check(&mut findings);
-        self.execution.check(&mut findings);
-        let mut whole = |pointer: &str, value: u64, low: f64, high: f64| findings.range(pointer, value as f64, low, high, "");
-        whole("/limits/upload_bytes", self.limits.upload_bytes, 1024.0, 1_099_511_627_776.0);
-        whole("/limits/json_bytes", self.limits.json_bytes, 1024.0, 1_073_741_824.0);
-        whole("/limits/download_bytes_per_sec", self.limits.download_bytes_per_sec, 1e6, 1e12);
-        whole("/limits/uploads_at_once", self.limits.uploads_at_once.into(), 1.0, 256.0);
-        whole("/limits/uploads_at_once_per_address", self.limits.uploads_at_once_per_address.into(), 1.0, 256.0);
-        whole("/limits/mesh_triangles", self.limits.mesh_triangles, 1.0, 1e9);
-        whole("/limits/queued_jobs", self.limits.queued_jobs, 1.0, 1e6);
-        whole("/store/event_retention_hours", self.store.event_retention_hours.into(), 1.0, 87_600.0);
-        whole("/store/min_free_bytes", self.store.min_free_bytes, 0.0, 1e15);
-        whole("/store/orphan_hours", self.store.orphan_hours.into(), 1.0, 87_600.0);
-        whole("/store/swept_hours", self.store.swept_hours.into(), 1.0, 87_600.0);
-        whole("/store/scrub_hours", self.store.scrub_hours.into(), 0.0, 87_600.0);
-        whole("/retention/job_days", self.retention.job_days.into(), 0.0, 36_500.0);
-        whole("/retention/jobs_per_part", self.retention.jobs_per_part.into(), 0.0, 1e6);
-        whole("/retention/unused_mesh_days", self.retention.unused_mesh_days.into(), 0.0, 36_500.0);
-        whole("/retention/run_days", self.retention.run_days.into(), 0.0, 36_500.0);
-        whole("/planning/threads", self.planning.threads.into(), 0.0, 1024.0);
-        whole("/planning/concurrent_jobs", self.planning.concurrent_jobs.into(), 0.0, 64.0);
-        whole("/planning/max_attempts", self.planning.max_attempts.into(), 1.0, 100.0);
-        findings.range("/store/min_free_share", self.store.min_free_share, 0.0, 0.9, "");
-        findings.range("/retention/max_disk_share", self.retention.max_disk_share, 0.0, 1.0, "");
+    /// Adds a finding for each value that is not allowed, though it is of the right kind and in its range (`values.rs`).
+    fn check(&self, findings: &mut Findings) {
+        self.server.check(findings);
+        self.execution.check(findings);
+        findings.require(!self.store.data_dir.as_os_str().is_empty(), "/store/data_dir", || {
+            "is empty; give the path of a folder, \".\" for the current one".to_owned()
+        });
         let label = &self.retention.hold_label;
         findings.require((1..=64).contains(&label.chars().count()), "/retention/hold_label", || {
             format!("has {} characters; allowed are 1 to 64", label.chars().count())
@@ -230,22 +207,6 @@ impl Settings {
         findings.require(!label.contains('=') && !label.chars().any(char::is_control), "/retention/hold_label", || {
             format!("is {label:?}; the key of a label has no = and no control character")
         });
-        findings.range("/limits/parse_secs", self.limits.parse_secs, 1.0, 3600.0, "s");
-        let zero_or_more = |value: f64, min: f64| if value == 0.0 { min } else { value };
-        for (pointer, bytes, min_bytes) in [
-            ("/limits/parse_memory_bytes", self.limits.parse_memory_bytes, MIN_PARSE_MEMORY_BYTES),
-            ("/limits/job_memory_bytes", self.limits.job_memory_bytes, MIN_JOB_MEMORY_BYTES),
-        ] {
-            let memory = zero_or_more(bytes as f64, min_bytes);
-            findings.require(memory >= min_bytes, pointer, || {
-                format!("is {memory:.0}; allowed is 0 (a share of the machine's memory) or at least {min_bytes}")
-            });
-        }
-        let secs = zero_or_more(self.limits.job_secs, 1.0);
-        findings.require((1.0..=MAX_JOB_SECS).contains(&secs), "/limits/job_secs", || {
-            format!("is {secs} s; allowed is 0 (no limit) or 1 to {MAX_JOB_SECS} s")
-        });
-        findings.into_result()
     }
 
     /// Options of the HTTP server.
@@ -301,14 +262,8 @@ const PLANNING_PERCENT: u64 = 60;
 const PARSE_PERCENT: u64 = 20;
 /// Memory limit of those meshes if the system does not report its memory, bytes.
 const FALLBACK_PARSE_MEMORY_BYTES: u64 = 1 << 30;
-/// Smallest memory limit of those meshes, bytes.
-const MIN_PARSE_MEMORY_BYTES: f64 = 67_108_864.0;
 /// Memory limit of a job if the system does not report its memory, bytes.
 const FALLBACK_JOB_MEMORY_BYTES: u64 = 4 << 30;
-/// Smallest memory limit of a job, bytes.
-const MIN_JOB_MEMORY_BYTES: f64 = 268_435_456.0;
-/// Largest time limit of a job: a week, seconds.
-const MAX_JOB_SECS: f64 = 604_800.0;
 
 /// Default memory limit of a job, and of all that run at the same time, bytes.
 #[must_use]

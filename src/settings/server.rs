@@ -35,7 +35,7 @@ pub struct ServerSettings {
     pub cors_origins: Vec<String>,
     /// Largest number of concurrent connections.
     pub max_connections: u32,
-    /// Largest number of concurrent connections from one address.
+    /// Largest number of concurrent connections from one client, an IPv4 address or an IPv6 /64.
     pub max_connections_per_address: u32,
     /// Largest number of concurrent event streams.
     pub max_event_streams: u32,
@@ -88,23 +88,6 @@ impl ServerSettings {
 
     /// Adds a finding for each value that is not allowed.
     pub(super) fn check(&self, findings: &mut Findings) {
-        let mut count = |pointer: &str, value: u32, high: f64| findings.range(pointer, value.into(), 1.0, high, "");
-        count("/server/max_connections", self.max_connections, 1e5);
-        count("/server/max_connections_per_address", self.max_connections_per_address, 1e5);
-        count("/server/max_event_streams", self.max_event_streams, 1e5);
-        count("/server/max_event_streams_per_address", self.max_event_streams_per_address, 1e5);
-        count("/server/max_waits", self.max_waits, 1e5);
-        count("/server/max_waits_per_address", self.max_waits_per_address, 1e5);
-        count("/server/http2_max_streams", self.http2_max_streams, 1e4);
-        findings.range("/server/header_timeout_secs", self.header_timeout_secs, 0.1, 600.0, "s");
-        findings.range("/server/idle_timeout_secs", self.idle_timeout_secs, 0.1, 86_400.0, "s");
-        findings.range("/server/body_idle_timeout_secs", self.body_idle_timeout_secs, 0.1, 600.0, "s");
-        findings.range("/server/request_timeout_secs", self.request_timeout_secs, 0.1, 600.0, "s");
-        findings.range("/server/drain_timeout_secs", self.drain_timeout_secs, 0.0, 600.0, "s");
-        self.check_access(findings);
-    }
-
-    fn check_access(&self, findings: &mut Findings) {
         if let Some(key) = &self.api_key {
             findings.require(key.is_valid(), "/server/api_key", || {
                 "must be 16 to 256 visible ASCII characters, without ; and ,".to_owned()
@@ -168,22 +151,13 @@ fn is_host_name(text: &str) -> bool {
     (1..=253).contains(&text.len()) && text.bytes().all(plain) && !text.starts_with('.') && !text.ends_with('.')
 }
 
-/// Deserialises a list, or a string with entries separated by commas, as in environment variables.
+/// Deserialises a list of strings, each parsed for itself.
 pub(super) fn list<'de, T, D>(deserializer: D) -> Result<Vec<T>, D::Error>
 where
     T: std::str::FromStr<Err: std::fmt::Display>,
     D: Deserializer<'de>,
 {
-    #[derive(Deserialize)]
-    #[serde(untagged, expecting = "a list of strings, or one string with entries separated by commas")]
-    enum Written {
-        List(Vec<String>),
-        Text(String),
-    }
-    let entries = match Written::deserialize(deserializer)? {
-        Written::List(entries) => entries,
-        Written::Text(text) => text.split(',').map(|entry| entry.trim().to_owned()).filter(|entry| !entry.is_empty()).collect(),
-    };
+    let entries = Vec::<String>::deserialize(deserializer)?;
     let parse = |entry: &String| entry.parse::<T>().map_err(|reason| serde::de::Error::custom(format!("{entry:?}: {reason}")));
     entries.iter().map(parse).collect()
 }

@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::*;
 
-fn load(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> Result<Settings, SettingsError> {
+pub(super) fn load(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> Result<Settings, SettingsError> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("vantage.toml");
     if let Some(text) = file {
@@ -13,7 +13,7 @@ fn load(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> Resu
 }
 
 #[track_caller]
-fn refusal(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> String {
+pub(super) fn refusal(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> String {
     load(file, environment, flags).expect_err("it is refused").to_string()
 }
 
@@ -241,7 +241,7 @@ fn a_file_that_is_no_toml_is_told_by_its_place_without_its_keys() {
 #[test]
 fn a_format_of_the_log_that_is_none_is_answered_with_those_that_are() {
     let text = refusal(None, &[("VANTAGE_TELEMETRY__FORMAT", "yaml")], &Flags::new());
-    assert_eq!(text, "telemetry.format (the environment): is \"yaml\"; allowed is text or json");
+    assert_eq!(text, "telemetry.format (VANTAGE_TELEMETRY__FORMAT in the environment): is \"yaml\"; allowed is text or json");
     let json = load(None, &[("VANTAGE_TELEMETRY__FORMAT", "JSON")], &Flags::new()).expect("a format");
     assert_eq!(json.telemetry.format, LogFormat::Json);
 }
