@@ -1,11 +1,11 @@
-//! Connection limits: a maximum for the server, a maximum for one address, and a few reserved connections on which only
-//! probes are answered, so that the server can be monitored while it is full.
+//! Connection limits: a maximum for the server, a maximum for one client, which is an IPv4 address or an IPv6 /64, and a few
+//! reserved connections on which only probes are answered, so that the server can be monitored while it is full.
 //!
-//! A connection in use keeps its slot. When slots run out, the address with the most idle connections loses the one that
+//! A connection in use keeps its slot. When slots run out, the client with the most idle connections loses the one that
 //! has been idle for longest: one that never sent a complete request head, or one that is kept alive. If none is idle, the
-//! connection whose request body has stalled for longest is evicted. So a client at one address
-//! that opens connections and stalls evicts its own, however fast it reconnects, unless another address has more idle ones.
-//! An eviction for the whole server looks at every address: some microseconds at a thousand of them.
+//! connection whose request body has stalled for longest is evicted. So a client
+//! that opens connections and stalls evicts its own, however fast it reconnects, unless another client has more idle ones.
+//! An eviction for the whole server looks at every client: some microseconds at a thousand of them.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
@@ -16,11 +16,12 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
+use super::client::counted_as;
 use super::network::IpNetwork;
 
 /// Connections beyond the maximum, on which only probes are answered.
 pub const RESERVED_CONNECTIONS: usize = 64;
-/// Reserved connections that one address may hold.
+/// Reserved connections that one client may hold.
 const RESERVED_PER_ADDRESS: usize = 8;
 /// Time without progress of a request body after which its connection may be evicted.
 const STALLED: Duration = Duration::from_secs(1);
@@ -28,7 +29,7 @@ const STALLED: Duration = Duration::from_secs(1);
 /// The limit that kept a connection out of the general pool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ExceededLimit {
-    /// The maximum of its address.
+    /// The maximum of its client.
     Address,
     /// The maximum of the server.
     Server,
@@ -57,10 +58,10 @@ struct Table {
     tick: u64,
     connections: HashMap<u64, Connection>,
     held: [usize; 2],
-    addresses: HashMap<IpAddr, [Occupancy; 2]>,
+    clients: HashMap<IpNetwork, [Occupancy; 2]>,
 }
 
-/// Connections of a pool from one address.
+/// Connections of a pool from one client.
 #[derive(Default)]
 struct Occupancy {
     held: usize,
@@ -71,7 +72,7 @@ struct Occupancy {
 /// State of one connection.
 struct Connection {
     slot: Arc<ConnectionSlot>,
-    address: IpAddr,
+    client: IpNetwork,
     pool: Pool,
     /// Requests whose response is not complete.
     open: usize,
@@ -99,7 +100,7 @@ pub(super) struct ConnectionSlot {
 }
 
 impl ConnectionLimiter {
-    /// Limits connections to `max`, and to `per_address` from one address that is not `exempt`.
+    /// Limits connections to `max`, and to `per_address` from one client that is not `exempt`.
     pub(super) fn new(max: usize, per_address: usize, exempt: Vec<IpNetwork>) -> Arc<Self> {
         Arc::new(Self { max, per_address, exempt, began: Instant::now(), table: Mutex::default() })
     }
@@ -109,20 +110,21 @@ impl ConnectionLimiter {
     /// # Errors
     /// The exceeded limit, if the reserve is full too.
     pub(super) fn admit(self: &Arc<Self>, address: IpAddr) -> Result<Arc<ConnectionSlot>, ExceededLimit> {
+        let client = counted_as(address, &self.exempt);
         let mut table = self.lock();
-        let held = table.addresses.get(&address).map_or(0, |occupancies| occupancies[Pool::General as usize].held);
+        let held = table.clients.get(&client).map_or(0, |occupancies| occupancies[Pool::General as usize].held);
         let exceeded = if held >= self.per_address && !self.exempt.iter().any(|network| network.contains(address)) {
-            Some(ExceededLimit::Address).filter(|_| !table.evict(Pool::General, Some(address)))
+            Some(ExceededLimit::Address).filter(|_| !table.evict(Pool::General, Some(client)))
         } else if table.held[Pool::General as usize] >= self.max {
             Some(ExceededLimit::Server).filter(|_| !table.evict(Pool::General, None))
         } else {
             None
         };
         match exceeded {
-            None => Ok(table.occupy(self, address, Pool::General, None)),
+            None => Ok(table.occupy(self, client, Pool::General, None)),
             Some(limit) => {
-                table.make_reserve_room(address, limit)?;
-                Ok(table.occupy(self, address, Pool::Reserve, Some(limit)))
+                table.make_reserve_room(client, limit)?;
+                Ok(table.occupy(self, client, Pool::Reserve, Some(limit)))
             }
         }
     }
@@ -150,8 +152,8 @@ impl ConnectionLimiter {
 }
 
 impl Table {
-    fn occupancy(&mut self, address: IpAddr, pool: Pool) -> &mut Occupancy {
-        &mut self.addresses.entry(address).or_default()[pool as usize]
+    fn occupancy(&mut self, client: IpNetwork, pool: Pool) -> &mut Occupancy {
+        &mut self.clients.entry(client).or_default()[pool as usize]
     }
 
     fn next(&mut self) -> u64 {
@@ -162,7 +164,7 @@ impl Table {
     fn occupy(
         &mut self,
         limiter: &Arc<ConnectionLimiter>,
-        address: IpAddr,
+        client: IpNetwork,
         pool: Pool,
         exceeded: Option<ExceededLimit>,
     ) -> Arc<ConnectionSlot> {
@@ -178,39 +180,39 @@ impl Table {
             ended: AtomicU64::new(0),
         });
         self.held[pool as usize] += 1;
-        let occupancy = self.occupancy(address, pool);
+        let occupancy = self.occupancy(client, pool);
         occupancy.held += 1;
         occupancy.idle.insert(id, id);
         let idle = Some((id, Instant::now()));
-        let connection = Connection { slot: slot.clone(), address, pool, open: 0, receiving: 0, idle, had_request: false };
+        let connection = Connection { slot: slot.clone(), client, pool, open: 0, receiving: 0, idle, had_request: false };
         self.connections.insert(id, connection);
         slot
     }
 
-    /// Makes sure that the reserve has a slot for `address`.
-    fn make_reserve_room(&mut self, address: IpAddr, limit: ExceededLimit) -> Result<(), ExceededLimit> {
+    /// Makes sure that the reserve has a slot for `client`.
+    fn make_reserve_room(&mut self, client: IpNetwork, limit: ExceededLimit) -> Result<(), ExceededLimit> {
         let all = self.held[Pool::Reserve as usize];
-        let own = self.addresses.get(&address).map_or(0, |occupancies| occupancies[Pool::Reserve as usize].held);
+        let own = self.clients.get(&client).map_or(0, |occupancies| occupancies[Pool::Reserve as usize].held);
         let has_room = if own >= RESERVED_PER_ADDRESS {
-            self.evict(Pool::Reserve, Some(address))
+            self.evict(Pool::Reserve, Some(client))
         } else {
             all < RESERVED_CONNECTIONS || self.evict(Pool::Reserve, None)
         };
         if has_room { Ok(()) } else { Err(limit) }
     }
 
-    /// Evicts a connection of this pool (and of this address, if given): the longest idle one of the address with the most
+    /// Evicts a connection of this pool (and of this client, if given): the longest idle one of the client with the most
     /// idle ones, else the one stalled for longest. Returns true if there was one.
-    fn evict(&mut self, pool: Pool, address: Option<IpAddr>) -> bool {
-        let idle = match address {
-            Some(address) => self.addresses.get(&address).and_then(|occupancies| self.longest_idle(&occupancies[pool as usize])),
+    fn evict(&mut self, pool: Pool, client: Option<IpNetwork>) -> bool {
+        let idle = match client {
+            Some(client) => self.clients.get(&client).and_then(|occupancies| self.longest_idle(&occupancies[pool as usize])),
             None => {
-                let of_each = self.addresses.values().map(|occupancies| &occupancies[pool as usize]);
+                let of_each = self.clients.values().map(|occupancies| &occupancies[pool as usize]);
                 let oldest = of_each.filter_map(|occupancy| Some((occupancy.idle.len(), Reverse(self.longest_idle(occupancy)?))));
                 oldest.max().map(|(_, Reverse(oldest))| oldest)
             }
         };
-        let Some(id) = idle.map(|(_, id)| id).or_else(|| self.stalled(pool, address)) else { return false };
+        let Some(id) = idle.map(|(_, id)| id).or_else(|| self.stalled(pool, client)) else { return false };
         if let Some(connection) = self.remove(id) {
             connection.slot.evicted.notify_one();
         }
@@ -224,8 +226,8 @@ impl Table {
     }
 
     /// The connection stalled for longest, among those that only receive request bodies.
-    fn stalled(&self, pool: Pool, address: Option<IpAddr>) -> Option<u64> {
-        let in_pool = |c: &&Connection| c.pool as usize == pool as usize && address.is_none_or(|a| a == c.address);
+    fn stalled(&self, pool: Pool, client: Option<IpNetwork>) -> Option<u64> {
+        let in_pool = |c: &&Connection| c.pool as usize == pool as usize && client.is_none_or(|client| client == c.client);
         let receives = |c: &&Connection| c.open > 0 && c.open == c.receiving;
         let candidates = self.connections.values().filter(in_pool).filter(receives);
         let stalled = candidates.map(|c| (c.slot.stalled_for(), c.slot.id)).filter(|(time, _)| *time > STALLED);
@@ -235,13 +237,13 @@ impl Table {
     fn remove(&mut self, id: u64) -> Option<Connection> {
         let connection = self.connections.remove(&id)?;
         self.held[connection.pool as usize] -= 1;
-        let occupancy = self.occupancy(connection.address, connection.pool);
+        let occupancy = self.occupancy(connection.client, connection.pool);
         occupancy.held -= 1;
         if let Some((tick, _)) = connection.idle {
             occupancy.idle.remove(&tick);
         }
-        if self.addresses.get(&connection.address).is_some_and(|both| both.iter().all(|occupancy| occupancy.held == 0)) {
-            self.addresses.remove(&connection.address);
+        if self.clients.get(&connection.client).is_some_and(|both| both.iter().all(|occupancy| occupancy.held == 0)) {
+            self.clients.remove(&connection.client);
         }
         Some(connection)
     }
@@ -250,9 +252,9 @@ impl Table {
         let Some(connection) = self.connections.get_mut(&id) else { return };
         connection.open += 1;
         connection.had_request = true;
-        let (address, pool) = (connection.address, connection.pool);
+        let (client, pool) = (connection.client, connection.pool);
         if let Some((tick, _)) = connection.idle.take() {
-            self.occupancy(address, pool).idle.remove(&tick);
+            self.occupancy(client, pool).idle.remove(&tick);
         }
     }
 
@@ -264,8 +266,8 @@ impl Table {
             return;
         }
         connection.idle = Some((tick, Instant::now()));
-        let (address, pool) = (connection.address, connection.pool);
-        self.occupancy(address, pool).idle.insert(tick, id);
+        let (client, pool) = (connection.client, connection.pool);
+        self.occupancy(client, pool).idle.insert(tick, id);
     }
 }
 

@@ -85,7 +85,9 @@ pub(super) async fn restrict_reserve(request: Request, next: Next) -> Response {
         return next.run(request).await;
     }
     let detail = match limit {
-        ExceededLimit::Address => "this address has the maximum number of connections open (server.max_connections_per_address)",
+        ExceededLimit::Address => {
+            "this address, of IPv6 its /64, has the maximum number of connections open (server.max_connections_per_address)"
+        }
         ExceededLimit::Server => "the server has the maximum number of connections open (server.max_connections)",
     };
     ApiError::new(limit.code(), detail).into_response()

@@ -17,6 +17,7 @@ mod layers;
 mod metrics;
 mod negotiate;
 mod network;
+mod no_body;
 mod openapi;
 mod options;
 mod pacer;

@@ -8,8 +8,12 @@ use std::str::FromStr;
 /// Length of the prefix of IPv4-mapped IPv6 addresses, `::ffff:0:0/96` (RFC 4291, section 2.5.5.2).
 const MAPPED_LENGTH: u8 = 96;
 
+/// Length of the prefix that all addresses of an IPv6 client have in common, bits. An end site is given a /64 at the least, and
+/// should be given more (RFC 6177, section 2); a host takes any of the 2⁶⁴ addresses in one (RFC 4291, section 2.5.1; RFC 8981).
+const CLIENT_LENGTH: u8 = 64;
+
 /// IpNetwork of addresses that begin with the same bits; one of a single address has all of its bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct IpNetwork {
     /// Lowest address; that of an IPv4 network is never in its IPv6 form.
     address: IpAddr,
@@ -18,6 +22,14 @@ pub struct IpNetwork {
 }
 
 impl IpNetwork {
+    /// Network that counts as one client with the address: of IPv6 its /64, of IPv4 the address alone, in its IPv6 form too
+    /// (`::ffff:0:0/96`).
+    pub(super) fn of_client(address: IpAddr) -> Self {
+        let address = address.to_canonical();
+        let prefix = width(address).min(CLIENT_LENGTH);
+        Self { address: lowest(address, prefix), prefix }
+    }
+
     /// Returns true if the address is in the network; an IPv4-mapped IPv6 address counts as the IPv4 address.
     #[must_use]
     pub fn contains(&self, address: IpAddr) -> bool {
@@ -126,6 +138,21 @@ mod tests {
                     assert_eq!(network.contains(address(at)), expected, "{at} in {text}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_client_is_an_ipv4_address_or_an_ipv6_network_of_64_bits() {
+        for (address, client) in [
+            ("10.0.0.1", "10.0.0.1"),
+            ("::ffff:10.0.0.1", "10.0.0.1"),
+            ("2001:db8::1", "2001:db8::/64"),
+            ("2001:db8::ffff:ffff:ffff:ffff", "2001:db8::/64"),
+            ("2001:db8:0:1::1", "2001:db8:0:1::/64"),
+            ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+            ("::1", "::/64"),
+        ] {
+            assert_eq!(IpNetwork::of_client(address.parse().expect("an address")), network(client), "{address}");
         }
     }
 

@@ -27,7 +27,7 @@ pub struct ServerOptions {
     pub cors_origins: Vec<String>,
     /// Largest number of concurrent connections.
     pub max_connections: usize,
-    /// Largest number of concurrent connections from one address that is not a trusted proxy.
+    /// Largest number of concurrent connections from one client, an IPv4 address or an IPv6 /64, that is not a trusted proxy.
     pub max_connections_per_address: usize,
     /// Limits of concurrent event streams.
     pub event_streams: Quota,
@@ -56,7 +56,7 @@ pub struct ServerOptions {
 pub struct Quota {
     /// All clients together.
     pub total: usize,
-    /// One client.
+    /// One client: an IPv4 address, or an IPv6 /64.
     pub per_address: usize,
 }
 

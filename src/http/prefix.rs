@@ -22,10 +22,10 @@ pub(super) struct Prefix(Arc<str>);
 impl Prefix {
     /// Determines the prefix of a request.
     pub(super) fn of(parts: &Parts, options: &ServerOptions) -> Self {
-        // Each of several proxies adds the part that it strips; the outermost comes first.
-        let forwarded: Vec<&str> =
-            forwarded_prefixes(parts, &options.trusted_proxies).map(|part| part.trim_end_matches('/')).collect();
-        let forwarded = Some(forwarded.concat()).filter(|path| !path.is_empty() && is_public_path(path));
+        // Each of several proxies adds the part that it strips; the outermost comes first. Of a path, a part alone leads nowhere.
+        let forwarded: Option<Vec<&str>> =
+            forwarded_prefixes(parts, &options.trusted_proxies).map(|part| part.map(|part| part.trim_end_matches('/'))).collect();
+        let forwarded = forwarded.map(|all| all.concat()).filter(|path| !path.is_empty() && is_public_path(path));
         Self(forwarded.unwrap_or_else(|| options.public_path.trim_end_matches('/').to_owned()).into())
     }
 
@@ -54,7 +54,25 @@ pub fn is_public_path(path: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::net::{IpAddr, Ipv4Addr};
+
+    use axum::http::Request;
+
+    use super::super::client::Peer;
     use super::*;
+
+    #[test]
+    fn a_prefix_is_believed_whole_or_not_at_all() {
+        let proxy = IpAddr::V4(Ipv4Addr::LOCALHOST);
+        let options =
+            ServerOptions { trusted_proxies: vec![proxy.into()], public_path: "/set".to_owned(), ..ServerOptions::for_tests() };
+        for (outer, inner, expected) in [("/a", "/b", "/a/b"), ("/a", "/\u{e4}", "/set"), ("/\u{e4}", "/b", "/set")] {
+            let request = Request::builder().extension(Peer(proxy));
+            let request = request.header("x-forwarded-prefix", outer).header("x-forwarded-prefix", inner);
+            let (parts, ()) = request.body(()).expect("a request").into_parts();
+            assert_eq!(Prefix::of(&parts, &options), Prefix(expected.into()), "{outer} {inner}");
+        }
+    }
 
     #[test]
     fn a_prefix_is_a_path_of_plain_names() {

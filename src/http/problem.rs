@@ -64,6 +64,7 @@ codes! {
     BadQuery "bad_query" BAD_REQUEST "The query is invalid" "A query parameter is unknown, missing or out of range; `errors` names it.";
     BadJson "bad_json" BAD_REQUEST "The body is not valid JSON" "The body is not a valid JSON document.";
     BadBody "bad_body" BAD_REQUEST "The body cannot be read" "The body ended early, is empty, or is not a valid multipart message.";
+    UnexpectedBody "unexpected_body" BAD_REQUEST "The route takes no body" "A body was sent to a route that takes none, so nothing was done; `detail` says what to send instead. Empty bodies, white space, `{}` and `null` are accepted.";
     BadDigest "bad_digest" BAD_REQUEST "The digest is malformed" "`Content-Digest` is not `sha-256=:…:` (RFC 9530).";
     BadIdempotencyKey "bad_idempotency_key" BAD_REQUEST "The Idempotency-Key is invalid" "An `Idempotency-Key` must be 1 to 255 visible ASCII characters.";
     KeyMissing "key_missing" UNAUTHORIZED "A key is required" "This server requires its key: `Authorization: Bearer …`.";
@@ -124,7 +125,7 @@ codes! {
     IdempotencyMismatch "idempotency_mismatch" UNPROCESSABLE_ENTITY "The Idempotency-Key was used for another request" "The same key was sent with a different request within 24 hours.";
     PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "A precondition is required" "The specification exists; send its entity tag in `If-Match`.";
     LeaseRequired "lease_required" PRECONDITION_REQUIRED "A lease is required" "Moving a cell needs the fencing token of its lease (`POST /api/v1/leases`), as `?token=`.";
-    TooManyRequests "too_many_requests" TOO_MANY_REQUESTS "The client is at its limit" "The client's address has the maximum number of connections, event streams, uploads or waits open; `detail` says which. Close one, or try again after `Retry-After` seconds.";
+    TooManyRequests "too_many_requests" TOO_MANY_REQUESTS "The client is at its limit" "The client's address, of IPv6 its /64, has the maximum number of connections, event streams, uploads or waits open; `detail` says which. Close one, or try again after `Retry-After` seconds.";
     HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request line or the headers of the request are larger than the server allows.";
     Internal "internal" INTERNAL_SERVER_ERROR "Internal server error" "The server failed; its log has the cause under `request_id`.";
     FileDamaged "file_damaged" INTERNAL_SERVER_ERROR "A stored file is damaged" "The file is missing or does not match its hash, so it is not served. Upload the mesh again, plan the job again, or restore a backup.";

@@ -1,16 +1,17 @@
 //! Quotas of the resources that requests hold for long: event streams, uploads and waits for a job's end. Their number is
-//! limited for all clients together and for one client; a request beyond a limit is refused at once.
+//! limited for all clients together and for one client, an IPv4 address or an IPv6 /64; a request beyond a limit is refused at
+//! once.
 
 use std::collections::HashMap;
-use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use axum::extract::{Query, Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::client::Client;
+use super::client::{Client, counted_as};
 use super::connection_limiter::ExceededLimit;
+use super::network::IpNetwork;
 use super::options::{Quota, ServerOptions};
 use super::problem::ApiError;
 use super::router::ApiState;
@@ -55,14 +56,14 @@ pub(super) struct Quotas([Mutex<Usage>; Resource::ALL.len()]);
 #[derive(Default)]
 struct Usage {
     total: usize,
-    by_address: HashMap<IpAddr, usize>,
+    by_client: HashMap<IpNetwork, usize>,
 }
 
 /// Permit for one use of a resource, given back when dropped.
 pub(super) struct Permit {
     quotas: Arc<Quotas>,
     resource: Resource,
-    address: IpAddr,
+    client: IpNetwork,
 }
 
 impl Quotas {
@@ -76,18 +77,18 @@ impl Quotas {
         client: Client,
         options: &ServerOptions,
     ) -> Result<Permit, ApiError> {
-        let (address, quota) = (client.address, resource.quota(options));
+        let (client, quota) = (counted_as(client.address, &options.trusted_proxies), resource.quota(options));
         let mut usage = self.lock(resource);
-        let own = usage.by_address.get(&address).copied().unwrap_or_default();
+        let own = usage.by_client.get(&client).copied().unwrap_or_default();
         if own >= quota.per_address {
-            return Err(refused(resource, ExceededLimit::Address, own, address));
+            return Err(refused(resource, ExceededLimit::Address, own, client));
         }
         if usage.total >= quota.total {
-            return Err(refused(resource, ExceededLimit::Server, usage.total, address));
+            return Err(refused(resource, ExceededLimit::Server, usage.total, client));
         }
         usage.total += 1;
-        usage.by_address.insert(address, own + 1);
-        Ok(Permit { quotas: self.clone(), resource, address })
+        usage.by_client.insert(client, own + 1);
+        Ok(Permit { quotas: self.clone(), resource, client })
     }
 
     fn lock(&self, resource: Resource) -> MutexGuard<'_, Usage> {
@@ -96,10 +97,10 @@ impl Quotas {
     }
 }
 
-fn refused(resource: Resource, limit: ExceededLimit, count: usize, address: IpAddr) -> ApiError {
+fn refused(resource: Resource, limit: ExceededLimit, count: usize, client: IpNetwork) -> ApiError {
     let (name, [own_setting, setting]) = resource.labels();
     let detail = match limit {
-        ExceededLimit::Address => format!("{address} has {count} {name} open, the maximum for one client ({own_setting})"),
+        ExceededLimit::Address => format!("{client} has {count} {name} open, the maximum for one client ({own_setting})"),
         ExceededLimit::Server => format!("{count} {name} are open, the maximum for all clients ({setting})"),
     };
     ApiError::new(limit.code(), detail)
@@ -109,10 +110,10 @@ impl Drop for Permit {
     fn drop(&mut self) {
         let mut usage = self.quotas.lock(self.resource);
         usage.total -= 1;
-        if let Some(own) = usage.by_address.get_mut(&self.address) {
+        if let Some(own) = usage.by_client.get_mut(&self.client) {
             *own -= 1;
             if *own == 0 {
-                usage.by_address.remove(&self.address);
+                usage.by_client.remove(&self.client);
             }
         }
     }

@@ -13,6 +13,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::keys::Keys;
+use super::no_body::{NoBodyRoutes, refuse_body};
 use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
@@ -23,6 +24,9 @@ use super::routes::{
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
 use crate::service::App;
+
+/// Path below which the API lies.
+const API: &str = "/api/v1";
 
 /// State that every handler shares.
 #[derive(Clone)]
@@ -194,14 +198,16 @@ fn pages() -> Router<ApiState> {
 fn documented(state: Option<&ApiState>) -> OpenApiRouter<ApiState> {
     let mut api = OpenApiRouter::new().merge(quick()).merge(slow()).merge(uploads()).merge(waits());
     if let Some(state) = state {
+        let no_body = NoBodyRoutes::of(api.get_openapi(), API, state.options.body_idle_timeout);
         api = OpenApiRouter::new()
             .merge(quick().layer(from_fn_with_state(state.clone(), layers::limit_response_time)))
             .merge(slow())
             .merge(uploads().layer(from_fn_with_state(state.clone(), quotas::limit_uploads)))
             .merge(waits().layer(from_fn_with_state(state.clone(), quotas::limit_waits)))
+            .layer(from_fn_with_state(no_body, refuse_body))
             .layer(from_fn_with_state(state.clone(), auth::require_key));
     }
-    OpenApiRouter::with_openapi(openapi::ApiDoc::openapi()).nest("/api/v1", api).merge(open())
+    OpenApiRouter::with_openapi(openapi::ApiDoc::openapi()).nest(API, api).merge(open())
 }
 
 /// The router that serves `app`.

@@ -69,6 +69,21 @@ fn a_proxy_speaks_for_many_and_has_no_share() {
     assert_eq!(limiter.held(), 50);
 }
 
+#[test]
+fn the_addresses_of_an_ipv6_client_have_one_share() {
+    let address = |text: &str| text.parse::<IpAddr>().expect("an address");
+    let proxy = address("2001:db8::aa");
+    let limiter = ConnectionLimiter::new(100, 2, vec![proxy.into()]);
+    // The proxy's connections, which serve many, are not those of its neighbours.
+    let _of_proxy: Vec<_> = (0..5).map(|_| admitted(&limiter, proxy).begin_request()).collect();
+    let _own = ["2001:db8::1", "2001:db8::ffff:0:0:2"].map(|text| admitted(&limiter, address(text)).begin_request());
+    let third = limiter.admit(address("2001:db8::3")).expect("of the reserve");
+    assert_eq!(third.exceeded_limit(), Some(ExceededLimit::Address));
+    let _next_network = admitted(&limiter, address("2001:db8:0:1::1"));
+    let _mapped = ["10.0.0.1", "::ffff:10.0.0.1"].map(|text| admitted(&limiter, address(text)).begin_request());
+    assert_eq!(limiter.admit(A).expect("of the reserve").exceeded_limit(), Some(ExceededLimit::Address));
+}
+
 #[tokio::test]
 async fn one_address_does_not_fill_the_reserve() {
     let limiter = ConnectionLimiter::new(1, 1, Vec::new());
@@ -123,7 +138,7 @@ fn a_place_is_given_back_once() {
     assert_eq!(limiter.held(), 0);
     let _next = admitted(&limiter, A);
     assert_eq!(limiter.held(), 1);
-    assert_eq!(limiter.lock().addresses.len(), 1);
+    assert_eq!(limiter.lock().clients.len(), 1);
 }
 
 #[tokio::test]

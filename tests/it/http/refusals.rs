@@ -118,6 +118,8 @@ const CASES: &[Case] = &[
     ("/api/v1/storage", "/api/v1/storage?x=1", "GET", "", "", "bad_query"),
     ("/api/v1/retention", "/api/v1/retention", "DELETE", "", "", "method_not_allowed"),
     ("/api/v1/retention", "/api/v1/retention?dry_run=true", "POST", "", "", "bad_query"),
+    ("/api/v1/retention", "/api/v1/retention", "POST", "application/json", "{\"dry_run\": true}", "unexpected_body"),
+    ("/api/v1/retention", "/api/v1/retention", "POST", "application/x-www-form-urlencoded", "dry_run=true", "unexpected_body"),
     ("/api/v1/jobs/{id}/events", "/api/v1/jobs/{nobody}/events", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/plan", "/api/v1/jobs/{nobody}/plan", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/program", "/api/v1/jobs/{nobody}/program?dialect=x", "GET", "", "", "job_not_found"),
@@ -273,6 +275,41 @@ async fn every_route_refuses_what_it_cannot_take() {
             assert!(answer.header("allow").contains(|c: char| c.is_ascii_uppercase()), "{method} {path}");
         }
     }
+}
+
+/// Retention once deleted when it was asked for a dry run in a body.
+#[tokio::test]
+async fn what_a_route_does_not_take_is_refused_before_anything_is_done() {
+    let api = Api::start().await;
+    let document = serde_json::to_value(vantage::http::openapi()).expect("JSON");
+    let json = [("content-type", "application/json")];
+    let mut refused = 0;
+    for (path, item) in document["paths"].as_object().expect("paths") {
+        for (method, operation) in item.as_object().expect("operations").iter().filter(|(method, _)| *method != "get") {
+            if operation.get("requestBody").is_some() {
+                continue;
+            }
+            let (method, path) = (method.to_uppercase(), path.replace("{id}", NOBODY).replace("{name}", "nothing"));
+            let misspelt = api.send(&method, &format!("{path}?dryrun=true"), &[], "").await;
+            misspelt.problem_at("bad_query", &["dryrun"]);
+            let answer = api.send(&method, &path, &json, "{\"dry_run\": true}").await;
+            // A refusal would leave arm and table moving.
+            if path.ends_with("/stop") || path.ends_with("/pause") {
+                answer.problem("run_not_found");
+                continue;
+            }
+            let problem = answer.problem("unexpected_body");
+            assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("takes no body")), "{problem}");
+            refused += 1;
+        }
+    }
+    assert_eq!(refused, 20);
+    let told = api.send("POST", "/api/v1/retention", &json, "{\"dry_run\": true}").await.problem("unexpected_body");
+    assert!(told["detail"].as_str().is_some_and(|detail| detail.contains("GET /api/v1/retention")), "{told}");
+    for nothing in ["", "\n", "{}", " { } ", "null"] {
+        api.send("POST", "/api/v1/retention", &json, nothing).await.ok(200);
+    }
+    api.send("POST", "/api/v1/retention", &[("content-length", "0")], "").await.ok(200);
 }
 
 #[test]
