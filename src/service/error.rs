@@ -1,5 +1,6 @@
 //! Errors of the service. The HTTP room maps them to status codes.
 
+use std::fmt;
 use std::sync::Arc;
 
 use crate::cell::FieldError;
@@ -45,8 +46,8 @@ pub enum Error {
         reason: String,
     },
     /// The run does not exist.
-    #[error("there is no run {0}")]
-    RunNotFound(RunId),
+    #[error("{0}")]
+    RunNotFound(MissingRun),
     /// The calibration does not exist.
     #[error("there is no calibration {0}")]
     CalibrationNotFound(CalibrationId),
@@ -350,6 +351,39 @@ pub enum Error {
     /// An internal error.
     #[error("{0}")]
     Internal(#[from] InternalError),
+}
+
+/// A run that is not there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MissingRun {
+    /// Its id.
+    pub run: RunId,
+    /// Its deletion, while the event of that is kept (`store.event_retention_hours`); `None` after that, and for a run that never was.
+    pub deletion: Option<RunDeletion>,
+}
+
+/// Deletion of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunDeletion {
+    /// Time of the deletion, UTC, RFC 3339.
+    pub at: String,
+    /// True if the retention policy deleted it for its age, false if a client did.
+    pub by_retention: bool,
+}
+
+impl fmt::Display for MissingRun {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "there is no run {}", self.run)?;
+        let Some(deletion) = &self.deletion else { return Ok(()) };
+        write!(f, "; it was deleted {deletion}, with its record and its audit log")
+    }
+}
+
+impl fmt::Display for RunDeletion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let by = if self.by_retention { "by the retention policy (retention.run_days)" } else { "by a request" };
+        write!(f, "at {} {by}", self.at)
+    }
 }
 
 /// Errors of the program or the machine, for the log and not for the client.

@@ -10,7 +10,7 @@ use tokio::sync::{Mutex, Notify};
 use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
-use super::error::{Error, InternalError};
+use super::error::{Error, InternalError, MissingRun};
 use super::inspect_job::{InspectError, InspectJob, Inspected, ScanSource};
 use super::jobs::{failure, problem_of_error};
 use super::plan_job::PLAN_FILE;
@@ -21,7 +21,9 @@ use super::store::{LeftOver, Page, StoredArtifacts, StoredInspection};
 use super::submit::{StoredRescan, Submission, job_input};
 use crate::cell::FieldError;
 use crate::planning::context::Context;
-use crate::wire::inspection::{InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, RescanRequest, Scan};
+use crate::wire::inspection::{
+    InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, InspectionSummary, RescanRequest, Scan,
+};
 use crate::wire::run::{RunMode, RunRecordDocument};
 use crate::wire::{InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId, parse};
 
@@ -125,9 +127,9 @@ impl App {
         if errors.is_empty() { Ok(chosen) } else { Err(Error::Invalid(errors)) }
     }
 
-    /// Refuses a run of another job, and a dry run.
+    /// Refuses a run that is not there, one of another job, and a dry run.
     async fn check_run(&self, job: JobId, id: RunId) -> Result<(), Error> {
-        let run = self.run(id).await?;
+        let run = self.run(id).await.map_err(of_missing_run)?;
         if run.job_id != Some(job) {
             return Err(of_run(format!("is {id}; that run is of another job than {job}")));
         }
@@ -371,7 +373,7 @@ impl App {
         let scans = stored.scans.into_iter().map(source).collect();
         let plan = self.result(job.job_id, PLAN_FILE).await?.read().await?;
         let record: Option<RunRecordDocument> = match job.run_id {
-            Some(run) => Some(self.run_record(run).await.map_err(of_deleted_run)?),
+            Some(run) => Some(self.run_record(run).await.map_err(of_missing_run)?),
             None => None,
         };
         Ok(InspectionOrder {
@@ -391,13 +393,22 @@ impl App {
         let files = Arc::new(inspected.files);
         let put = || self.0.store.put_artifacts(Arc::clone(&files));
         let stored = self.retried("storing an inspection", || cancel.load(Ordering::Relaxed), put).await?;
-        let summary = inspected.summary;
+        self.keep_inspection(id, inspected.summary, stored).await
+    }
+
+    /// Ends an inspection with its stored result, unless it was cancelled meanwhile: then no row names the files, which are taken back.
+    async fn keep_inspection(&self, id: InspectionId, summary: InspectionSummary, stored: StoredArtifacts) -> Result<(), Error> {
+        let written = stored.written.clone();
         let end = move |job: &mut InspectionJob| {
             (job.state, job.fraction, job.summary) = (JobState::Succeeded, 1.0, Some(summary));
         };
         let job = self.advance_inspection(id, &[JobState::Running], end, Some(Arc::new(stored))).await?;
+        if job.state != JobState::Cancelling {
+            return Ok(());
+        }
         // Whoever cancelled it was told so: it came too late to save the work, and in time to be heard.
-        if job.state == JobState::Cancelling { self.end_inspection(id, None).await } else { Ok(()) }
+        self.0.store.take_back(written).await;
+        self.end_inspection(id, None).await
     }
 
     /// Ends an inspection without a result: failed with a problem, or cancelled.
@@ -424,9 +435,14 @@ fn of_run(detail: String) -> Error {
     Error::Invalid(vec![FieldError { pointer: "/run_id".to_owned(), detail }])
 }
 
-/// An accepted inspection does not keep its run from being deleted, which is no fault of the server.
-fn of_deleted_run(error: Error) -> Error {
-    if let Error::RunNotFound(run) = error { of_run(format!("is {run}; that run was deleted meanwhile")) } else { error }
+/// Error at a run that is not there. An accepted inspection does not keep its run from being deleted, which is no fault of the server.
+fn of_missing_run(error: Error) -> Error {
+    let Error::RunNotFound(MissingRun { run, deletion }) = error else { return error };
+    let gone = match deletion {
+        Some(deletion) => format!("that run was deleted {deletion}, and with it the poses that it measured"),
+        None => "no run has this id: it was deleted, or never was".to_owned(),
+    };
+    of_run(format!("is {run}; {gone}; scans and plan remain: inspect without run_id, so that the poses of the plan count"))
 }
 
 fn below_params(errors: Vec<FieldError>) -> Vec<FieldError> {

@@ -288,7 +288,14 @@ impl App {
             (Err(error), _) if error.is_transient() => AttemptOutcome::Cancelled,
             (Err(error), problem) => AttemptOutcome::Failed(problem.unwrap_or_else(|| unstored(error)), Vec::new()),
         };
-        self.record_outcome(id, outcome, timings).await
+        let state = self.record_outcome(id, outcome, timings).await;
+        if let (Ok(stored), Some(JobState::Cancelled | JobState::Queued | JobState::Failed)) = (stored, state) {
+            // No row names them where the job was cancelled meanwhile, for one. They are pinned until they are dropped.
+            let written = stored.written.clone();
+            drop(stored);
+            self.0.store.take_back(written).await;
+        }
+        state
     }
 
     /// Records the outcome of an attempt. One that the store refuses twice becomes a failure with the reason. `None` where nothing is

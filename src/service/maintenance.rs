@@ -22,6 +22,45 @@ const HOUR_SECS: u64 = 3600;
 /// Runs with the sizes of their audit logs.
 type SizedRuns = Vec<(RunId, u64)>;
 
+/// The retention policy as it applies now.
+struct PolicyNow {
+    policy: Policy,
+    /// Runs that it deletes for their age.
+    runs: SizedRuns,
+    /// Share of the disk; `None` without a limit.
+    share: Option<DiskShare>,
+}
+
+/// The share of the disk that `retention.max_disk_share` allows, with the audit logs on that disk. Audit logs record what was moved, and
+/// have an age of their own: none is deleted for the share. Half of it is for the stored files, whatever the logs take, so that logs
+/// that grow do not delete every job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct DiskShare {
+    max_bytes: u64,
+    logs_bytes: u64,
+}
+
+impl DiskShare {
+    /// Max size of the stored files: what the logs leave, and half of the share at least.
+    fn max_files_bytes(self) -> u64 {
+        self.max_bytes - self.logs_bytes.min(self.max_bytes / 2)
+    }
+
+    /// Warns of logs that take the half that is for the stored files: with these, they may exceed the share.
+    fn warn_of_logs(self) {
+        let Self { max_bytes, logs_bytes } = self;
+        if logs_bytes > max_bytes / 2 {
+            tracing::warn!(
+                logs_bytes,
+                max_bytes,
+                "the audit logs take more than half of the max_bytes that retention.max_disk_share allows; none is deleted for it, and no \
+                 job is for what they take beyond half, so that logs and files together may exceed the share: set retention.run_days, \
+                 delete runs, or have the logs on another disk (execution.audit_dir)"
+            );
+        }
+    }
+}
+
 /// Maintains the store until the service stops.
 pub(super) async fn maintain(app: App) {
     let stopping = app.stopping();
@@ -74,6 +113,7 @@ impl App {
             Ok(())
         };
         log("keeping room for deletions", blocking(keep).await);
+        log("removing the audit logs of deleted runs", self.finish_deletions().await);
         log("scrubbing the rows", store.scrub_rows().await);
         log("recording damage that was found", store.scrub_suspects().await);
         log("pruning old events", store.prune_events(options.event_retention_hours).await);
@@ -89,9 +129,8 @@ impl App {
         blocking(move || Ok(log_sizes(&folder)?)).await
     }
 
-    /// The policy, and the runs that it would delete now for their age. What the logs of the others leave of the share of the disk is
-    /// for the stored files.
-    async fn policy(&self) -> Result<(Policy, SizedRuns), Error> {
+    /// The policy, and the runs that it would delete now for their age. The logs of the others count towards the share of the disk.
+    async fn policy(&self) -> Result<PolicyNow, Error> {
         let retention = &self.0.options.retention;
         let mut policy = Policy {
             job_days: retention.job_days,
@@ -102,26 +141,24 @@ impl App {
             hold_label: retention.hold_label.clone(),
         };
         if policy.run_days == 0 && retention.max_disk_share <= 0.0 {
-            return Ok((policy, Vec::new()));
+            return Ok(PolicyNow { policy, runs: Vec::new(), share: None });
         }
         let mut logs = self.log_sizes().await?;
         let (due, leased) = (self.0.store.due_runs(&policy).await?, self.0.runs.leased_cells());
         // Whoever holds the cell may be about to go on from where a run stopped.
         let due = due.into_iter().filter(|run| !leased.contains(&run.cell));
-        let due = due.map(|run| (run.id, logs.remove(&run.id).unwrap_or_default())).collect();
-        if retention.max_disk_share > 0.0 {
-            policy.max_bytes = self.max_files_bytes(logs.values().sum())?;
-        }
-        Ok((policy, due))
+        let runs = due.map(|run| (run.id, logs.remove(&run.id).unwrap_or_default())).collect();
+        let share = if retention.max_disk_share > 0.0 { Some(self.disk_share(logs.values().sum())?) } else { None };
+        policy.max_bytes = share.map_or(0, DiskShare::max_files_bytes);
+        Ok(PolicyNow { policy, runs, share })
     }
 
-    /// Max size of the stored files by the share of the disk, of which the audit logs on that disk take their part. Where they take
-    /// all of it, there is no limit, which is 0: what deleted jobs leave would not make up for it.
-    fn max_files_bytes(&self, logs_bytes: u64) -> Result<u64, Error> {
+    /// The share of the disk that is allowed, with logs of so many bytes where they lie on it.
+    fn disk_share(&self, logs_bytes: u64) -> Result<DiskShare, Error> {
         let options = &self.0.options;
         let max_bytes = (self.space()?.0.total_bytes as f64 * options.retention.max_disk_share) as u64;
         let is_beside = share_a_disk(&options.data_dir, &options.execution.audit_dir);
-        Ok(if is_beside { max_bytes.saturating_sub(logs_bytes) } else { max_bytes })
+        Ok(DiskShare { max_bytes, logs_bytes: if is_beside { logs_bytes } else { 0 } })
     }
 
     /// Preview of what the retention policy would delete now.
@@ -129,7 +166,7 @@ impl App {
     /// # Errors
     /// [`Error::Internal`], [`Error::StorageBusy`].
     pub async fn retention(&self) -> Result<Retention, Error> {
-        let (policy, runs) = self.policy().await?;
+        let PolicyNow { policy, runs, .. } = self.policy().await?;
         let due = self.0.store.due(&policy).await?;
         Ok(self.retention_response(&due, &runs))
     }
@@ -141,14 +178,11 @@ impl App {
     pub async fn apply_retention(&self) -> Result<Retention, Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            let (policy, due_runs) = app.policy().await?;
-            if app.0.options.retention.max_disk_share > 0.0 && policy.max_bytes == 0 {
-                tracing::warn!(
-                    "the audit logs alone take more of the disk than retention.max_disk_share allows, and no job is deleted for it; \
-                     set retention.run_days, or have the logs on another disk (execution.audit_dir)"
-                );
+            let PolicyNow { policy, runs, share } = app.policy().await?;
+            if let Some(share) = share {
+                share.warn_of_logs();
             }
-            let runs = app.retire_runs(due_runs).await?;
+            let runs = app.retire_runs(runs).await?;
             let store = &app.0.store;
             let due = store.due(&policy).await?;
             // What goes is counted from before the sum on, so that too little is deleted rather than too much.
@@ -163,7 +197,10 @@ impl App {
                 }
                 let hold = &app.0.options.retention.hold_label;
                 match app.freeing(|| store.delete_job(id, hold, Some(reason.code()))).await {
-                    Ok(()) => deleted.jobs.push((id, reason, size_bytes)),
+                    Ok(()) => {
+                        tracing::info!(job = %id, reason = reason.code(), size_bytes, "job deleted by the retention policy");
+                        deleted.jobs.push((id, reason, size_bytes));
+                    }
                     Err(Error::JobHeld { .. } | Error::JobInUse(_) | Error::JobNotFound(_) | Error::JobNotEnded { .. }) => {}
                     Err(error) => return Err(error),
                 }
@@ -171,13 +208,14 @@ impl App {
             for (id, size_bytes) in due.meshes {
                 // One that was uploaded again meanwhile is as new.
                 match app.freeing(|| store.delete_mesh(id, policy.unused_mesh_days)).await {
-                    Ok(()) => deleted.meshes.push((id, size_bytes)),
+                    Ok(()) => {
+                        tracing::info!(mesh = %id, size_bytes, "unused mesh deleted by the retention policy");
+                        deleted.meshes.push((id, size_bytes));
+                    }
                     Err(Error::MeshNotFound(_) | Error::MeshInUse(_) | Error::MeshInSpec { .. }) => {}
                     Err(error) => return Err(error),
                 }
             }
-            // Runs have no events: the log alone tells which records are gone.
-            runs.iter().for_each(|(run, _)| tracing::info!(%run, "run and audit log deleted by the retention policy"));
             if deleted != Due::default() || !runs.is_empty() {
                 let (jobs, meshes) = (deleted.jobs.len(), deleted.meshes.len());
                 tracing::info!(jobs, meshes, runs = runs.len(), "deleted by the retention policy");
@@ -187,13 +225,19 @@ impl App {
         .await
     }
 
-    /// Deletes runs that are due, with their audit logs; returns those that it deleted.
+    /// Deletes runs that are due, with their audit logs; returns those that it deleted. A log that cannot be removed keeps nothing else
+    /// from being deleted: the next round tries again.
     async fn retire_runs(&self, due: SizedRuns) -> Result<SizedRuns, Error> {
         let hold = &self.0.options.retention.hold_label;
         let mut deleted = Vec::new();
-        for (id, size_bytes) in due {
-            match self.delete_run_and_log(id, Some(hold.as_str())).await {
-                Ok(()) => deleted.push((id, size_bytes)),
+        for (run, size_bytes) in due {
+            match self.delete_run_row(run, Some(hold.as_str())).await {
+                Ok(()) => {
+                    // Once its events are pruned, the server's log alone tells that this record is gone.
+                    tracing::info!(%run, size_bytes, "run deleted by the retention policy, for its age");
+                    log(&format!("removing the audit log of the deleted run {run}"), self.remove_log(run).await);
+                    deleted.push((run, size_bytes));
+                }
                 Err(Error::RunNotFound(_) | Error::JobHeld { .. } | Error::JobInUse(_)) => {}
                 Err(error) => return Err(error),
             }

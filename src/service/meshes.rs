@@ -154,17 +154,19 @@ impl App {
         self.run_to_completion(async move { app.0.store.add_mesh(new).await }).await
     }
 
-    /// Runs work on the mesh of a file on a thread that may block: a few at a time, which together stay within the memory for it. The
-    /// work is interrupted when the caller goes away, when the service stops, and at the time limit.
+    /// Runs work on the mesh of a file on a thread that may block: a few at a time, which together stay within the memory for it. Whoever
+    /// waits for memory takes no turn from others. The work is interrupted when the caller goes away, when the service stops, and at the
+    /// time limit.
     async fn run_abandonable<T: Send + 'static>(
         &self,
         path: PathBuf,
         work: impl FnOnce(&Poll<'_>) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
-        let permit = Arc::clone(&self.0.parsing).acquire_owned().await.map_err(|_| Error::Draining)?;
         let max_triangles = self.0.options.max_triangles;
         let bytes = blocking(move || Ok(bytes_to_read(&path, max_triangles)?)).await?;
+        // In this order: who has a turn never waits for memory, so that turns are given back whatever the others wait for.
         let memory = self.0.parse_memory.take(bytes).await?;
+        let permit = Arc::clone(&self.0.parsing).acquire_owned().await.map_err(|_| Error::Draining)?;
         let (abandoned, limit) = (self.0.stopping.child_token(), self.0.options.parse_limit);
         // Dropped, and so cancelling, when the caller goes away.
         let _guard = abandoned.clone().drop_guard();

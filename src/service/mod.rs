@@ -41,7 +41,7 @@ mod submit;
 
 pub use app::App;
 pub use cells::{BuiltCell, KeptCells};
-pub use error::{Error, InternalError};
+pub use error::{Error, InternalError, MissingRun, RunDeletion};
 pub use events::EventStream;
 pub use failpoint::NAMES as FAILPOINTS;
 pub(crate) use hashing_reader::HashingReader;

@@ -94,7 +94,8 @@ pub struct RetentionOptions {
     pub unused_mesh_days: u32,
     /// Time after its end at which a run is deleted with its record and its audit log, days; 0 keeps them.
     pub run_days: u32,
-    /// Max share of the disk for stored files and audit logs; the oldest ended jobs are deleted first. 0 for no limit.
+    /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs are deleted; 0 for no limit.
+    /// Half of it is for the stored files, whatever the logs take: no log is deleted for it, and no job for what logs take beyond half.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,

@@ -224,6 +224,7 @@ pub struct Run {
     /// Coverage at the measured poses beside the plan's, once the run is done.
     pub coverage: Option<RunCoverage>,
     /// End of its audit log, once the run has ended; `null` where none is kept. A log that lacks its last entries shows against it.
+    /// Of a run that a restart cut off, the last whole entry found on the disk then.
     pub audit: Option<RunAudit>,
     /// Operator who armed it; `null` if nobody did.
     pub armed_by: Option<String>,

@@ -71,7 +71,7 @@ pub struct RetentionPolicy {
     /// Days after its end at which a run is deleted with its record and its audit log; 0 keeps them.
     pub run_days: u32,
     /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs are deleted; 0 for no limit.
-    /// Audit logs are not deleted for it, and no job is where they alone exceed it.
+    /// Half of it is for the stored files; no audit log is deleted for it, and no job for what logs take beyond half.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,

@@ -4,7 +4,7 @@ use super::*;
 use crate::inspection::InspectionParams;
 use crate::service::planner::Artifact;
 use crate::service::tests::{ended_job, job, no_steps, service, service_with};
-use crate::wire::run::{Run, RunRequest};
+use crate::wire::run::{ReportedState, Run, RunRequest};
 
 fn inspection_of(job_id: JobId, state: JobState) -> InspectionJob {
     InspectionJob {
@@ -123,4 +123,68 @@ async fn a_run_that_was_deleted_and_a_plan_that_is_damaged_are_no_faults_of_the_
     assert_eq!((gone.code.as_str(), gone.errors[0].pointer.as_str()), ("job_input_invalid", "/run_id"), "{gone:?}");
     std::fs::write(app.0.store.files().path(&sha256), b"other").expect("damaged");
     assert_eq!(problem(None).await.code, "file_damaged");
+}
+
+/// Its report had none.
+#[tokio::test]
+async fn an_inspection_knows_when_its_plan_was_asked_for() {
+    let plan = Artifact { name: PLAN_FILE.into(), bytes: b"{}".to_vec() };
+    let (app, _folder) = service_with(vec![plan]).await;
+    let planned = ended_job(&app).await;
+    let id = inserted(&app, &inspection_of(planned.id, JobState::Queued)).await;
+    let inspection = app.inspection(id).await.expect("it");
+    let order = app.inspection_order(&inspection).await.expect("an order");
+    assert_eq!(order.input.accepted_at, Some(planned.created_at));
+}
+
+#[tokio::test]
+async fn a_run_that_was_deleted_is_told_at_its_field_with_when_by_whom_and_what_remains() {
+    let (app, _folder) = service().await;
+    let job_id = job(&app).await;
+    let ran = async || {
+        let run = Run::new(&RunRequest::new(job_id), Some(job_id), "cell", &no_steps(), "");
+        let run = Run { state: ReportedState::Done, ..run };
+        app.0.store.insert_run(&run, 8).await.expect("stored").0.id
+    };
+    let told = async |run: RunId| {
+        let refused = app.check_run(job_id, run).await.expect_err("it is gone");
+        let Error::Invalid(errors) = &refused else { panic!("{refused}") };
+        assert_eq!(errors[0].pointer, "/run_id");
+        errors[0].detail.clone()
+    };
+    let (retired, deleted) = (ran().await, ran().await);
+    app.delete_run_row(retired, Some("hold")).await.expect("due");
+    app.delete_run(deleted).await.expect("ended");
+    let said = told(retired).await;
+    assert!(said.starts_with(&format!("is {retired}; that run was deleted at 2")), "{said}");
+    assert!(said.contains("Z by the retention policy (retention.run_days)"), "{said}");
+    assert!(said.ends_with("scans and plan remain: inspect without run_id, so that the poses of the plan count"), "{said}");
+    assert!(told(deleted).await.contains("Z by a request"));
+    assert!(told(RunId::generate()).await.contains("no run has this id"));
+    let said = app.run(retired).await.expect_err("it is gone").to_string();
+    assert!(said.starts_with(&format!("there is no run {retired}; it was deleted at 2")), "{said}");
+    let never = RunId::generate();
+    assert_eq!(app.delete_run(never).await.expect_err("none").to_string(), format!("there is no run {never}"));
+}
+
+/// They stayed for a month, on a full disk too.
+#[tokio::test]
+async fn what_a_cancelled_inspection_has_stored_already_is_taken_back() {
+    let (app, _folder) = service().await;
+    let id = inspection(&app, JobState::Running).await;
+    let stored = || app.0.store.files().list().expect("a list").len();
+    let before = stored();
+    app.cancel_inspection(id).await.expect("cancelling");
+    let file = Artifact { name: "inspection.json".into(), bytes: b"a result".to_vec() };
+    let result = app.0.store.put_artifacts(Arc::new(vec![file])).await.expect("files");
+    assert_eq!(stored(), before + 1);
+    let summary = InspectionSummary {
+        planned_of_asked: 0.9,
+        measured_of_asked: 0.8,
+        measured_in_all_of_asked: 0.8,
+        unexplained_of_asked: 0.0,
+        deviation_rms_mm: None,
+    };
+    app.keep_inspection(id, summary, result).await.expect("its end");
+    assert_eq!((app.inspection(id).await.expect("it").state, stored()), (JobState::Cancelled, before));
 }

@@ -84,3 +84,16 @@ async fn a_job_tells_that_its_list_of_candidates_is_too_large() {
     assert!(told.detail.ends_with("it would be larger than 512 MiB"), "{}", told.detail);
     assert_eq!(app.job(job.id).await.expect("it").warnings, job.warnings);
 }
+
+/// They stayed for a month, on a full disk too.
+#[tokio::test]
+async fn what_a_cancelled_job_has_stored_already_is_taken_back() {
+    let (app, _folder) = service().await;
+    let id = running(&app).await;
+    let stored = || app.0.store.files().list().expect("a list").len();
+    let before = stored();
+    app.0.store.cancel(id).await.expect("cancelling");
+    let files = vec![Artifact { name: "coverage.bin".into(), bytes: b"a result".to_vec() }];
+    let state = app.store_artifacts(id, (files, None), &BTreeMap::new(), &AtomicBool::new(false)).await;
+    assert_eq!((state, stored()), (Some(JobState::Cancelled), before));
+}

@@ -99,7 +99,15 @@ async fn runs_and_their_logs_are_kept_by_default() {
     app.run(id).await.expect("kept");
 }
 
-/// They took room that nothing counted.
+#[test]
+fn stored_files_have_half_of_the_share_whatever_the_logs_take() {
+    let files = |max_bytes: u64, logs_bytes: u64| DiskShare { max_bytes, logs_bytes }.max_files_bytes();
+    let logs = [0, 400, 500, 501, 1000, 1_000_000];
+    assert_eq!(logs.map(|logs_bytes| files(1000, logs_bytes)), [1000, 600, 500, 500, 500, 500]);
+    assert_eq!([files(1, 5), files(0, 5)], [1, 0]);
+}
+
+/// They took room that nothing counted, and then all jobs with them.
 #[tokio::test]
 async fn audit_logs_take_their_part_of_the_share_of_the_disk_and_delete_no_job_by_themselves() {
     const LIMIT_BYTES: f64 = 1e6;
@@ -112,10 +120,39 @@ async fn audit_logs_take_their_part_of_the_share_of_the_disk_and_delete_no_job_b
     let due = async || app.retention().await.expect("a preview").jobs.into_iter().map(|job| job.id).collect::<Vec<_>>();
     assert_eq!(due().await, [], "a part and no log");
     let (audit_dir, log) = (folder.path().join("audit"), RunId::generate());
-    write_log(&audit_dir, log, 999_990);
-    assert_eq!(due().await, [job], "the log leaves no room for its files");
-    write_log(&audit_dir, log, 1_000_001);
-    assert_eq!(due().await, [], "that would not help");
-    assert_eq!(app.apply_retention().await.expect("applied").job_count, 0);
+    for log_bytes in [999_990, 1_000_001, 3_000_000] {
+        write_log(&audit_dir, log, log_bytes);
+        assert_eq!(due().await, [], "half of the share is for its files: {job}");
+        assert_eq!(app.apply_retention().await.expect("applied").job_count, 0);
+    }
+    app.job(job).await.expect("kept");
+    assert!(audit_dir.join(log.to_string()).exists(), "no log goes for it either");
     assert!(share_a_disk(folder.path(), &audit_dir) && !share_a_disk(folder.path(), &folder.path().join("nowhere")));
+}
+
+/// The process may end between the two, and nobody knew the log any more.
+#[tokio::test]
+async fn the_log_of_a_deleted_run_goes_after_a_crash_too_and_the_logs_of_others_stay() {
+    let (app, folder) = service_with(|_| {}).await;
+    let (deleted, kept) = (run(&app, "c", ReportedState::Done, 300).await, run(&app, "c", ReportedState::Done, 40).await);
+    let of_another_server = RunId::generate();
+    write_log(&folder.path().join("audit"), of_another_server, 5);
+    app.delete_run_row(deleted, None).await.expect("ended");
+    app.round().await;
+    let has_log = |id: RunId| folder.path().join("audit").join(id.to_string()).exists();
+    assert_eq!([deleted, kept, of_another_server].map(has_log), [false, true, true]);
+}
+
+#[tokio::test]
+async fn a_log_that_cannot_be_removed_keeps_nothing_else_from_being_deleted() {
+    let (app, folder) = service_with(|options| options.retention.run_days = 2).await;
+    let (stuck, other) = (run(&app, "c", ReportedState::Done, 300).await, run(&app, "c", ReportedState::Done, 40).await);
+    days_pass(folder.path(), 3).await;
+    let log = |id: RunId| folder.path().join("audit").join(id.to_string());
+    // What is no folder cannot be removed as one.
+    fs::remove_dir_all(log(stuck)).expect("removed");
+    fs::write(log(stuck), b"no folder").expect("written");
+    let applied = app.apply_retention().await.expect("applied");
+    assert_eq!(applied.runs.iter().map(|run| run.id).collect::<Vec<_>>(), [stuck, other]);
+    assert!(log(stuck).exists() && !log(other).exists());
 }

@@ -65,7 +65,11 @@ impl App {
             .leases
             .acquire(&request.cell, &request.holder, options.lease_ttl)
             .map_err(|error| Error::LeaseHeld(error.to_string()))?;
-        self.0.store.note_fence(lease.token.0).await?;
+        if let Err(error) = self.0.store.note_fence(lease.token.0).await {
+            // Nobody has its id: it would keep everybody from the cell until it ran out.
+            let _ = held.leases.release(&lease.cell, lease.token);
+            return Err(error);
+        }
         Ok(self.shown(held.name(&lease), &lease))
     }
 
@@ -157,7 +161,17 @@ mod tests {
     use crate::planning::context::Context;
     use crate::service::OperatorCell;
     use crate::service::planner::JobInput;
-    use crate::service::tests::options;
+    use crate::service::tests::{options, service};
+
+    #[tokio::test]
+    async fn a_lease_whose_token_cannot_be_stored_keeps_nobody_from_the_cell() {
+        let (app, _folder) = service().await;
+        app.0.store.fill_disk_at("UPDATE ON run_fence").await;
+        let take = async || app.take_lease(LeaseRequest { cell: "e05-transcan".to_owned(), holder: String::new() }).await;
+        let refused = take().await;
+        assert!(matches!(refused, Err(Error::StorageFull)), "{refused:?}");
+        take().await.expect("nobody holds it");
+    }
 
     #[tokio::test]
     async fn a_lease_is_of_a_cell_that_there_is() {

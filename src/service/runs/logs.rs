@@ -1,11 +1,17 @@
 //! Audit logs on the disk: a folder a run, in the folder of the settings.
 
 use std::collections::BTreeMap;
-use std::fs::{self, DirEntry};
-use std::io::{self, ErrorKind};
+use std::fs::{self, DirEntry, File};
+use std::io::{self, ErrorKind, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
-use crate::wire::RunId;
+use sha2::{Digest, Sha256};
+
+use crate::execution::audit::{self, AuditHead};
+use crate::wire::{RunId, hex};
+
+/// Bytes at the end of a file of a log that hold its last whole line: no line is longer than 1 MiB, and half of one may follow it.
+const TAIL_BYTES: u64 = 2 << 20;
 
 /// Bytes of each audit log in a folder. What is not named by a run, as in a folder that others use too, does not count. Blocks.
 pub(in crate::service) fn log_sizes(audit_dir: &Path) -> io::Result<BTreeMap<RunId, u64>> {
@@ -17,6 +23,39 @@ pub(in crate::service) fn log_sizes(audit_dir: &Path) -> io::Result<BTreeMap<Run
         }
     }
     Ok(sizes)
+}
+
+/// End of an audit log as it lies on the disk: its last whole line. A process that was killed may have left half a line behind it, and what
+/// it had not written yet is lost. `None` where there is no log. Blocks.
+pub(super) fn end_of_log(folder: &Path) -> io::Result<Option<AuditHead>> {
+    let files = match audit::files(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        files => files?,
+    };
+    for path in files.iter().rev() {
+        let head = last_line(path)?.and_then(|line| {
+            let lines = line.split(' ').next()?.parse().ok()?;
+            Some(AuditHead { lines, sha256: hex(&Sha256::digest(line.as_bytes())) })
+        });
+        // A file that was just begun has none.
+        if head.is_some() {
+            return Ok(head);
+        }
+    }
+    Ok(None)
+}
+
+/// Last whole line of a file, without its end.
+fn last_line(path: &Path) -> io::Result<Option<String>> {
+    let mut file = File::open(path)?;
+    let length_bytes = file.metadata()?.len();
+    file.seek(SeekFrom::Start(length_bytes.saturating_sub(TAIL_BYTES)))?;
+    let mut tail = Vec::new();
+    file.take(TAIL_BYTES).read_to_end(&mut tail)?;
+    let Some(end) = tail.iter().rposition(|byte| *byte == b'\n') else { return Ok(None) };
+    let whole = &tail[..end];
+    let begin = whole.iter().rposition(|byte| *byte == b'\n').map_or(0, |before| before + 1);
+    Ok(String::from_utf8(whole[begin..].to_vec()).ok())
 }
 
 /// Bytes of the files in a folder. One may be deleted while it is looked at: logs are rotated, and go with their runs.
@@ -61,5 +100,24 @@ mod tests {
         write(RunId::generate().to_string(), 1000);
         assert_eq!(log_sizes(folder.path()).expect("read"), BTreeMap::from([(one, 340), (other, 5)]));
         assert_eq!(log_sizes(&folder.path().join("nowhere")).expect("none yet"), BTreeMap::new());
+    }
+
+    #[test]
+    fn the_end_of_a_log_is_its_last_whole_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("written");
+        let end = || end_of_log(folder.path()).expect("read");
+        let head = |lines: u64, line: &str| Some(AuditHead { lines, sha256: hex(&Sha256::digest(line)) });
+        assert_eq!(end_of_log(&folder.path().join("nowhere")).expect("none yet"), None);
+        assert_eq!(end(), None);
+        write("audit-00000001.log", "1 0 session noted 00 aa\n2 5 arm sent 00 bb\n");
+        assert_eq!(end(), head(2, "2 5 arm sent 00 bb"));
+        write("audit-00000002.log", "3 7 ar");
+        assert_eq!(end(), head(2, "2 5 arm sent 00 bb"), "the newest file has no whole line");
+        write("audit-00000002.log", "3 7 arm sent 00 cc\n4 8 ta");
+        assert_eq!(end(), head(3, "3 7 arm sent 00 cc"));
+        let long = format!("{}\n5 9 arm sent 00 dd\n", "x".repeat(3 << 20));
+        write("audit-00000003.log", &long);
+        assert_eq!(end(), head(5, "5 9 arm sent 00 dd"), "only the tail is read");
     }
 }

@@ -1,18 +1,22 @@
 //! Queries on runs, their start and their deletion.
 
+use std::collections::BTreeMap;
 use std::io::{self, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{Instant, timeout_at};
 
+use super::logs::end_of_log;
 use super::supervise::Supervisor;
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::service::store::{Page, blocking};
 use crate::wire::RunId;
-use crate::wire::run::{RUN_RECORD_SCHEMA, ReportedState, Run, RunMode, RunPage, RunRecordDocument, RunRequest, RunSelection};
+use crate::wire::run::{
+    RUN_RECORD_SCHEMA, ReportedState, Run, RunAudit, RunMode, RunPage, RunRecordDocument, RunRequest, RunSelection,
+};
 
 /// Words of a run that an earlier process left open.
 const LEFT_OPEN: &str = "the server was restarted while the run was under way; start a new run from the step that was reached, once \
@@ -146,30 +150,77 @@ impl App {
     /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.delete_run_and_log(id, None).await }).await
-    }
-
-    /// Deletes an ended run, its record and its audit log. With the key of the label that holds jobs, as retention does: not that of a
-    /// job that is held or in use.
-    pub(in crate::service) async fn delete_run_and_log(&self, id: RunId, hold: Option<&str>) -> Result<(), Error> {
-        if let Some(event) = self.freeing(|| self.0.store.delete_run(id, hold)).await? {
-            self.0.runs.publish(event);
-        }
-        let folder = self.audit_folder(id);
-        blocking(move || match std::fs::remove_dir_all(folder) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
-            Ok(()) | Err(_) => Ok(()),
+        self.run_to_completion(async move {
+            app.delete_run_row(id, None).await?;
+            app.remove_log(id).await
         })
         .await
     }
 
-    /// Stops the runs that an earlier process left open.
+    /// Deletes an ended run and its record. With the key of the label that holds jobs, as retention does: not that of a job that is held
+    /// or in use.
+    pub(in crate::service) async fn delete_run_row(&self, id: RunId, hold: Option<&str>) -> Result<(), Error> {
+        if let Some(event) = self.freeing(|| self.0.store.delete_run(id, hold)).await? {
+            self.0.runs.publish(event);
+        }
+        Ok(())
+    }
+
+    /// Removes the audit log of a deleted run.
+    pub(in crate::service) async fn remove_log(&self, id: RunId) -> Result<(), Error> {
+        let folder = self.audit_folder(id);
+        blocking(move || Ok(remove_folder(&folder)?)).await
+    }
+
+    /// Removes audit logs that were left when their runs were deleted: the process ended in between, or the folder could not be removed.
+    /// Only the event of its deletion tells that a run was of this store; logs of others, of the command line or of another server with
+    /// the same folder, are left alone.
+    pub(in crate::service) async fn finish_deletions(&self) -> Result<(), Error> {
+        let deleted = self.0.store.deleted_runs().await?;
+        let folders: Vec<(RunId, PathBuf)> = deleted.into_iter().map(|run| (run, self.audit_folder(run))).collect();
+        blocking(move || {
+            for (run, folder) in folders.into_iter().filter(|(_, folder)| folder.is_dir()) {
+                match remove_folder(&folder) {
+                    Ok(()) => tracing::info!(%run, "the audit log of a deleted run, which was left, is removed"),
+                    Err(error) => {
+                        let error = &error as &dyn std::error::Error;
+                        tracing::warn!(%run, error, "the audit log of a deleted run cannot be removed; the next round tries again");
+                    }
+                }
+            }
+            Ok(())
+        })
+        .await
+    }
+
+    /// Stops the runs that an earlier process left open, each with the end of its audit log.
     pub(in crate::service) async fn recover_runs(&self) -> Result<(), Error> {
-        let found = self.freeing(|| self.0.store.stop_open_runs(LEFT_OPEN)).await?;
+        let ends = self.ends_of_logs(self.0.store.open_run_ids().await?).await;
+        let found = self.freeing(|| self.0.store.stop_open_runs(LEFT_OPEN, &ends)).await?;
         if found > 0 {
             tracing::warn!(runs = found, "an earlier process ended while runs were under way; they are stopped");
         }
         Ok(())
+    }
+
+    /// Ends of the audit logs of runs that an earlier process left open. A log that cannot be read keeps no server from starting.
+    async fn ends_of_logs(&self, runs: Vec<RunId>) -> BTreeMap<RunId, RunAudit> {
+        let folders: Vec<(RunId, PathBuf)> = runs.into_iter().map(|run| (run, self.audit_folder(run))).collect();
+        let read = move || {
+            let mut ends = BTreeMap::new();
+            for (run, folder) in folders {
+                match end_of_log(&folder) {
+                    Ok(Some(end)) => drop(ends.insert(run, RunAudit::from(end))),
+                    Ok(None) => {}
+                    Err(error) => {
+                        let error = &error as &dyn std::error::Error;
+                        tracing::warn!(%run, error, "the audit log of a run cannot be read; its end is not kept with the run");
+                    }
+                }
+            }
+            Ok(ends)
+        };
+        blocking(read).await.unwrap_or_default()
     }
 
     /// Number of runs in each state before the end; `None` where the store cannot be read.
@@ -194,8 +245,16 @@ impl App {
     }
 }
 
+/// Removes a folder with everything in it, if it is there.
+fn remove_folder(folder: &Path) -> io::Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        Ok(()) | Err(_) => Ok(()),
+    }
+}
+
 /// Files of an audit log, by name: the order in which they were written.
-fn audit_files(folder: &std::path::Path) -> io::Result<Vec<PathBuf>> {
+fn audit_files(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let entries = match std::fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries?,

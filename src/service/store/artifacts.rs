@@ -11,6 +11,7 @@ use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
+use super::files::Files;
 use super::job_rows::read_problem;
 use super::pinned::FilePin;
 use super::{Store, blocking};
@@ -85,6 +86,8 @@ pub struct PartNames {
 pub(crate) struct StoredArtifacts {
     /// The result files.
     pub files: Vec<ResultFile>,
+    /// Hashes of those that were not in the store before, for [`Store::take_back`].
+    pub written: Vec<String>,
     _pin: FilePin,
 }
 
@@ -97,22 +100,36 @@ struct Packed {
 }
 
 impl Store {
-    /// Stores result files; the caller adds the rows.
+    /// Stores result files; the caller adds the rows. Where one of them cannot be stored, none is left: on a full disk they would take
+    /// the room that others need.
     pub(crate) async fn put_artifacts(&self, artifacts: Arc<Vec<Artifact>>) -> Result<StoredArtifacts, Error> {
         let packed = blocking(move || artifacts.iter().map(pack).collect::<Result<Vec<_>, Error>>()).await?;
         let pin = self.pinned.pin(packed.iter().map(|packed| packed.sha256.clone()).collect()).await;
         let files = self.files.clone();
-        let files = blocking(move || {
-            let stored = packed.into_iter().map(|packed| {
-                files.persist(files.write(&packed.bytes)?)?;
-                failpoint::hit("artifact", "written");
-                let Packed { result, bytes, sha256, encoding } = packed;
-                Ok(ResultFile { result, file_sha256: sha256, file_bytes: bytes.len() as u64, encoding })
-            });
-            stored.collect::<Result<Vec<_>, Error>>()
+        let (stored, written) = blocking(move || {
+            let mut written = Vec::new();
+            let stored = packed.into_iter().map(|packed| store_one(&files, packed, &mut written));
+            let stored = stored.collect::<Result<Vec<_>, Error>>();
+            Ok((stored, written))
         })
         .await?;
-        Ok(StoredArtifacts { files, _pin: pin })
+        match stored {
+            Ok(files) => Ok(StoredArtifacts { files, written, _pin: pin }),
+            Err(error) => {
+                drop(pin);
+                self.take_back(written).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Removes files that this process wrote and for which it has no row to write in the end, unless a row refers to them or they are
+    /// pinned. What cannot be removed is left to the sweep.
+    pub(crate) async fn take_back(&self, written: Vec<String>) {
+        if let Err(error) = self.remove_unreferenced(written).await {
+            let error = &error as &dyn std::error::Error;
+            tracing::warn!(error, "files that no result needs cannot be removed; they are swept later");
+        }
     }
 
     /// One of a job's results and the file that holds it. A job that failed has none but the report on the reasons, if any.
@@ -299,6 +316,19 @@ pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[Result
         .await?;
     }
     Ok(())
+}
+
+/// Stores the file of a result; notes its hash in `written` where there was none.
+fn store_one(files: &Files, packed: Packed, written: &mut Vec<String>) -> Result<ResultFile, Error> {
+    let Packed { result, bytes, sha256, encoding } = packed;
+    let is_new = !files.path(&sha256).exists();
+    let received = files.write(&bytes)?;
+    if is_new {
+        written.push(sha256.clone());
+    }
+    files.persist(received)?;
+    failpoint::hit("artifact", "written");
+    Ok(ResultFile { result, file_sha256: sha256, file_bytes: bytes.len() as u64, encoding })
 }
 
 /// Encodes a result for its file. Deterministic: equal bytes give equal files.

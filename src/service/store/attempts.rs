@@ -60,10 +60,9 @@ impl Store {
         Ok(ids)
     }
 
-    /// Request and input of a job, whatever its state; `None` if they cannot be read.
+    /// Request and input of a job, whatever its state, as of an attempt with the number 0; `None` if they cannot be read.
     pub(crate) async fn body(&self, id: JobId) -> Result<Option<Attempt>, Error> {
-        let body = body_of(&mut *self.reader.acquire().await?, id).await?;
-        Ok(body.ok().map(|(request, input)| Attempt { id, request, input, number: 0, created_at: String::new() }))
+        Ok(body_of(&mut *self.reader.acquire().await?, id).await?.ok())
     }
 
     /// Starts an attempt at a queued job. A job whose rows cannot be read fails with the reason; `None` for it, and for one that
@@ -73,7 +72,7 @@ impl Store {
         let row = sqlx::query(concat!(
             "UPDATE job SET state = 'running', attempts = attempts + 1, stage = NULL, fraction = 0, timings = '{}', started_at = ",
             now!(),
-            "WHERE id = ?1 AND state = 'queued' RETURNING attempts, created_at"
+            "WHERE id = ?1 AND state = 'queued' RETURNING attempts"
         ))
         .bind(id)
         .fetch_optional(&mut *tx)
@@ -89,10 +88,9 @@ impl Store {
             return Ok(None);
         };
         let (attempt, event) = match body_of(&mut tx, parsed).await? {
-            Ok((request, input)) => {
+            Ok(body) => {
                 let event = events::append(&mut tx, parsed, EventBody::state(EventKind::Started, JobState::Running)).await?;
-                let (number, created_at) = (row.try_get("attempts")?, row.try_get("created_at")?);
-                (Some(Attempt { id: parsed, request, input, number, created_at }), event)
+                (Some(Attempt { number: row.try_get("attempts")?, ..body }), event)
             }
             Err(reason) => {
                 tracing::error!(job = %parsed, reason, "a stored job cannot be read; it fails");
@@ -222,20 +220,22 @@ impl Store {
     }
 }
 
-/// Request and input of a job, or the reason why they cannot be read.
-async fn body_of(tx: &mut SqliteConnection, id: JobId) -> Result<Result<(JobRequest, String), String>, Error> {
-    let row = sqlx::query("SELECT version, request, input FROM job_body WHERE job_id = ?1")
-        .bind(id.to_string())
-        .fetch_optional(&mut *tx)
-        .await?;
+/// Request and input of a job as of an attempt with the number 0, or the reason why they cannot be read.
+async fn body_of(tx: &mut SqliteConnection, id: JobId) -> Result<Result<Attempt, String>, Error> {
+    let row = sqlx::query(
+        "SELECT version, request, input, created_at FROM job_body JOIN job ON job.id = job_body.job_id WHERE job_body.job_id = ?1",
+    )
+    .bind(id.to_string())
+    .fetch_optional(&mut *tx)
+    .await?;
     let Some(row) = row else { return Ok(Err("its request is missing in the database".to_owned())) };
     let version = row.try_get("version")?;
-    let read = || -> Result<(JobRequest, String), String> {
+    let read = || -> Result<Attempt, String> {
         let (request, unknown) = read_leniently(version, &text(&row, "request")?)?;
         if !unknown.is_empty() {
             tracing::warn!(job = %id, fields = unknown.join(", "), "unknown fields of a job's request are ignored");
         }
-        Ok((request, text(&row, "input")?))
+        Ok(Attempt { id, request, input: text(&row, "input")?, number: 0, created_at: text(&row, "created_at")? })
     };
     Ok(read())
 }

@@ -1,6 +1,7 @@
 //! Rows of runs: the run as it stands, the steps that were completed and the events that are stored. Every change appends its event
 //! in the same transaction; samples of the live state never come here.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use sqlx::sqlite::SqliteRow;
@@ -10,14 +11,16 @@ use super::jobs::{check_hold, check_idle};
 use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
-use crate::service::error::{Error, InternalError};
+use crate::service::error::{Error, InternalError, MissingRun, RunDeletion};
 use crate::wire::run::{
-    ReportedReason, ReportedState, Run, RunEventDocument, RunEventKind, RunPage, RunSelection, RunStepRecord,
+    ReportedReason, ReportedState, Run, RunAudit, RunEventDocument, RunEventKind, RunPage, RunSelection, RunStepRecord,
 };
 use crate::wire::{JobId, RunId, UtcTime};
 
 /// Events of a run read at a time.
 const BATCH: u32 = 256;
+/// Words in the last event of a run that the retention policy deleted.
+const BY_RETENTION: &str = "deleted by the retention policy (retention.run_days)";
 
 /// SQL condition of the states before the end.
 macro_rules! not_ended {
@@ -104,8 +107,31 @@ impl Store {
 
     /// One run.
     pub(crate) async fn run(&self, id: RunId) -> Result<Run, Error> {
-        let row = sqlx::query("SELECT body FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(&self.reader).await?;
-        read(&row.ok_or(Error::RunNotFound(id))?)
+        let mut connection = self.reader.acquire().await?;
+        let row = sqlx::query("SELECT body FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(&mut *connection).await?;
+        match row {
+            Some(row) => read(&row),
+            None => Err(missing(&mut connection, id).await?),
+        }
+    }
+
+    /// Runs that have not ended.
+    pub(crate) async fn open_run_ids(&self) -> Result<Vec<RunId>, Error> {
+        let ids: Vec<String> =
+            sqlx::query_scalar(concat!("SELECT id FROM run WHERE ", not_ended!())).fetch_all(&self.reader).await?;
+        Ok(ids.iter().filter_map(|id| id.parse().ok()).collect())
+    }
+
+    /// Runs whose deletion is among the events that are kept.
+    pub(crate) async fn deleted_runs(&self) -> Result<Vec<RunId>, Error> {
+        let ids: Vec<String> = sqlx::query_scalar(
+            "SELECT DISTINCT run_id FROM run_event WHERE CASE WHEN json_valid(body) THEN body ->> '$.kind' END = ?1
+               AND NOT EXISTS (SELECT 1 FROM run WHERE run.id = run_event.run_id) ORDER BY run_id",
+        )
+        .bind(RunEventKind::Deleted.as_str())
+        .fetch_all(&self.reader)
+        .await?;
+        Ok(ids.iter().filter_map(|id| id.parse().ok()).collect())
     }
 
     /// Steps that a run completed, in order.
@@ -132,7 +158,7 @@ impl Store {
     }
 
     /// Deletes an ended run with its record; its last event tells so, unless the run cannot be read. Retention gives the key of the
-    /// label that holds jobs: with it, a run of a job that is held or in use stays.
+    /// label that holds jobs: with it, a run of a job that is held or in use stays, and the event says who deleted the run.
     pub(crate) async fn delete_run(&self, id: RunId, hold: Option<&str>) -> Result<Option<Arc<RunEventDocument>>, Error> {
         let mut tx = self.writer.begin().await?;
         let state = state_of(&mut tx, id).await?;
@@ -150,15 +176,21 @@ impl Store {
         let row = sqlx::query("DELETE FROM run WHERE id = ?1 RETURNING body").bind(id.to_string()).fetch_one(&mut *tx).await?;
         sqlx::query("DELETE FROM run_event WHERE run_id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
         let event = match read::<Run>(&row) {
-            Ok(run) => Some(append(&mut tx, &run, RunEventKind::Deleted).await?),
+            Ok(mut run) => {
+                if hold.is_some() {
+                    run.detail = Some(BY_RETENTION.to_owned());
+                }
+                Some(append(&mut tx, &run, RunEventKind::Deleted).await?)
+            }
             Err(_) => None,
         };
         tx.commit().await?;
         Ok(event)
     }
 
-    /// Stops the runs that an earlier process left open: none is ever resumed by itself. Returns their number.
-    pub(crate) async fn stop_open_runs(&self, detail: &str) -> Result<usize, Error> {
+    /// Stops the runs that an earlier process left open: none is ever resumed by itself. Each is linked with the end of its audit log,
+    /// of `logs`. Returns their number.
+    pub(crate) async fn stop_open_runs(&self, detail: &str, logs: &BTreeMap<RunId, RunAudit>) -> Result<usize, Error> {
         let mut tx = self.writer.begin().await?;
         let rows = sqlx::query(concat!("SELECT id, body FROM run WHERE ", not_ended!())).fetch_all(&mut *tx).await?;
         for row in &rows {
@@ -171,6 +203,7 @@ impl Store {
             };
             (run.state, run.reason, run.detail) =
                 (ReportedState::Stopped, ReportedReason::ServerRestarted, Some(detail.to_owned()));
+            run.audit = run.audit.take().or_else(|| logs.get(&run.id).cloned());
             run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
             write(&mut tx, &run).await?;
             append(&mut tx, &run, RunEventKind::State).await?;
@@ -228,8 +261,23 @@ impl Store {
 /// State of a run. An unreadable one counts as failed, so that the run can be deleted.
 async fn state_of(tx: &mut SqliteConnection, id: RunId) -> Result<ReportedState, Error> {
     let state: Option<String> =
-        sqlx::query_scalar("SELECT state FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
-    Ok(state.ok_or(Error::RunNotFound(id))?.parse().unwrap_or(ReportedState::Failed))
+        sqlx::query_scalar("SELECT state FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(&mut *tx).await?;
+    match state {
+        Some(state) => Ok(state.parse().unwrap_or(ReportedState::Failed)),
+        None => Err(missing(tx, id).await?),
+    }
+}
+
+/// Error of a run that is not there; tells of its deletion while the event of that is kept.
+async fn missing(connection: &mut SqliteConnection, run: RunId) -> Result<Error, Error> {
+    let last = sqlx::query("SELECT id, at, body FROM run_event WHERE run_id = ?1 ORDER BY id DESC LIMIT 1")
+        .bind(run.to_string())
+        .fetch_optional(connection)
+        .await?;
+    // What cannot be read tells of none.
+    let last = last.and_then(|row| read_event(&row).ok()).filter(|event| event.kind == RunEventKind::Deleted);
+    let deletion = last.map(|event| RunDeletion { at: event.at, by_retention: event.detail.as_deref() == Some(BY_RETENTION) });
+    Ok(Error::RunNotFound(MissingRun { run, deletion }))
 }
 
 async fn write(tx: &mut SqliteConnection, run: &Run) -> Result<(), Error> {

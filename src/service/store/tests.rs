@@ -6,6 +6,7 @@ mod retention;
 mod summary;
 mod upgrade;
 
+use sha2::{Digest, Sha256};
 use sqlx::{QueryBuilder, Sqlite};
 
 use super::*;
@@ -14,7 +15,7 @@ use crate::planning::params::{PlanParams, Preset};
 use crate::service::planner::Artifact;
 use crate::service::store::specs::Precondition;
 use crate::wire::{
-    EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection, UploadedMesh,
+    EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection, UploadedMesh, hex,
 };
 
 struct Opened {
@@ -508,4 +509,19 @@ async fn a_job_is_shown_with_what_its_preset_sets() {
     let job = store.submit_one(&NewJob { request, ..new_job(mesh, 0) }).await.expect("a job");
     assert_eq!(job.params, Preset::Thesis.apply(&params));
     assert_eq!(store.job(job.id).await.expect("it").params, job.params);
+}
+
+/// On a full disk they took the room that others needed.
+#[tokio::test]
+async fn of_results_that_cannot_all_be_stored_none_is_left() {
+    let opened = open().await;
+    let store = &opened.store;
+    add_mesh(store, b"one").await;
+    let last = b"blocked".to_vec();
+    let path = store.files().path(&hex(&Sha256::digest(&last)));
+    std::fs::write(path.parent().expect("a folder"), b"in its way").expect("a file");
+    let artifacts = [b"one".to_vec(), b"first".to_vec(), last];
+    let artifacts = artifacts.map(|bytes| Artifact { name: "coverage.bin".into(), bytes });
+    store.put_artifacts(Arc::new(artifacts.into())).await.expect_err("no folder for the last");
+    assert_eq!(stored_files(&opened), 1, "what was there before stays");
 }

@@ -1,6 +1,6 @@
 //! Ends of runs while the disk is full, and of the work for them.
 
-use std::io::Read as _;
+use std::io::{Read as _, Write as _};
 
 use super::super::{RunCursor, RunMessage};
 use super::*;
@@ -108,4 +108,25 @@ async fn no_run_begins_on_a_disk_that_is_nearly_full() {
     let app = App::open_with(options, planner, None).await.expect("a service");
     let refused = app.start_run(RunRequest::new(JobId::generate()), None, None).await;
     assert!(matches!(refused, Err(Error::StorageLow { .. })), "{refused:?}");
+}
+
+/// Its log was on the disk, and the run did not say so.
+#[tokio::test]
+async fn a_run_that_was_cut_off_is_linked_with_the_end_of_its_log() {
+    let (app, folder) = service().await;
+    let simulated = supervisor(&app).await.run.clone();
+    let cut_off = Run { id: RunId::generate(), mode: RunMode::DryRun, state: ReportedState::Running, ..simulated.clone() };
+    app.0.store.insert_run(&cut_off, 2).await.expect("stored");
+    let place = folder.path().join("audit").join(cut_off.id.to_string());
+    let log = AuditLog::open(&place, AuditLimits::default()).expect("a log");
+    log.mark("running");
+    let head = log.close().expect("kept");
+    // Half a line, as a kill leaves it.
+    let mut file = std::fs::OpenOptions::new().append(true).open(place.join("audit-00000001.log")).expect("its file");
+    file.write_all(b"3 12 arm se").expect("written");
+    app.recover_runs().await.expect("recovered");
+    let run = app.run(cut_off.id).await.expect("it");
+    assert_eq!((run.state, run.reason), (ReportedState::Stopped, ReportedReason::ServerRestarted));
+    assert_eq!((head.lines, run.audit), (2, Some(RunAudit::from(head))));
+    assert_eq!(app.run(simulated.id).await.expect("it").audit, None, "there is none");
 }
