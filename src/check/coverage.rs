@@ -1,8 +1,9 @@
 //! Coverage derived anew, by the reference engine, beside the coverage that a plan states: from the scans of a program, or from
 //! the viewpoints of the plan itself.
 
+use super::place::CheckPlace;
 use super::{Reference, setup_count, table_from_part, views_in, whole};
-use crate::cell::{Cell, Configuration, FieldError};
+use crate::cell::{Cell, Configuration, FieldError, Findings};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::PlanInput;
 use crate::planning::certificate::recheck::{TakenView, recheck};
@@ -13,12 +14,34 @@ use crate::planning::visibility::Row;
 use crate::program::{self, Expected, Program};
 use crate::wire::plan::{PlanDocument, ViewpointDocument};
 
+/// Tolerance of the asked area, as a share of it: it went through a file.
+const AREA_TOLERANCE: f64 = 1e-6;
+/// Reason for which a plan on other samples than are taken now is not compared.
+const OTHER_SAMPLES: &str =
+    "the plan was made on other samples than its parameters give, by another release or with others: plan again";
+
+/// Reason for which a plan of further views is not compared.
+const OF_OPEN: &str = "the plan asks for what earlier scans left open alone";
+
 /// Coverage of a plan, derived anew.
 pub(super) enum PlanCoverage {
-    /// Agreement with what the plan states: the share of the asked area that its views measure.
-    AsStated(f64),
+    /// Agreement with what the plan states.
+    AsStated {
+        /// Share of the asked area that its views measure.
+        of_asked: f64,
+        /// True if that is on the samples that the plan has.
+        is_on_same_samples: bool,
+    },
     /// No comparison, with the reason or with what to give.
     Unchecked(String),
+}
+
+/// Coverage of a program, derived anew.
+pub(super) enum ProgramCoverage {
+    /// Shares of the asked area: measured by its scans, and stated by the plan for the setup.
+    Compared { measured: f64, planned: f64 },
+    /// No comparison, with the reason or with what to give.
+    Unchecked(&'static str),
 }
 
 /// Views that are taken while the part lies in one way.
@@ -30,6 +53,7 @@ struct PlacedViews {
 /// Share of the asked area that views measure, derived anew.
 struct Measured {
     of_asked: f64,
+    asked_mm2: f64,
     /// Number of samples that it was derived on.
     samples: usize,
 }
@@ -66,8 +90,8 @@ fn measured_together(
         asked_area_mm2 = of_setup.asked_area_mm2;
     }
     let rows: Vec<&Row> = rows.iter().collect();
-    let of_asked = coverable_mm2(&rows, &asked_area_mm2) / asked_area_mm2.iter().sum::<f64>();
-    Ok(Measured { of_asked, samples: asked_area_mm2.len() })
+    let asked_mm2 = asked_area_mm2.iter().sum::<f64>();
+    Ok(Measured { of_asked: coverable_mm2(&rows, &asked_area_mm2) / asked_mm2, asked_mm2, samples: asked_area_mm2.len() })
 }
 
 /// A viewpoint of a plan as the plan says it is taken.
@@ -77,37 +101,40 @@ fn taken(view: &ViewpointDocument) -> TakenView {
 }
 
 impl Reference {
-    /// Input of a plan, to evaluate views anew; `None` without the part.
-    fn input<'a>(&'a self, plan: &'a PlanDocument, cell: &'a Cell) -> Option<PlanInput<'a>> {
+    /// Input of a plan, to evaluate views anew; `None` without the part or the scanner.
+    fn input<'a>(&'a self, plan: &'a PlanDocument, place: CheckPlace<'a>) -> Option<PlanInput<'a>> {
         Some(PlanInput {
             mesh: self.part.as_ref()?,
             fixture: self.fixture.as_ref(),
             part_sha256: &plan.part.sha256,
-            scanner: &cell.scanner,
+            scanner: place.scanner()?,
             // A plan without a cell knows neither its plate nor its obstacles.
-            cell: plan.cell.as_ref().map(|_| cell),
+            cell: place.cell().filter(|_| plan.cell.is_some()),
             roadmaps: None,
         })
     }
 
-    /// Shares of the asked area: measured by the program's scans, and stated by the plan for the setup. `None` where they cannot
-    /// be compared.
-    pub(super) fn shares(
+    /// Derives the share of the asked area anew that a program's scans measure, and that the plan states for its setup.
+    ///
+    /// # Errors
+    /// The reason for which the scans cannot be evaluated.
+    pub(super) fn program_coverage(
         &self,
         program: &Program,
         cell: &Cell,
         expected: Option<&Expected>,
         ctx: &Context<'_>,
-    ) -> Result<Option<(f64, f64)>, Vec<FieldError>> {
-        let (Some((plan, _)), Some(expected)) = (&self.plan, expected) else { return Ok(None) };
-        let Some(input) = self.input(plan, cell) else { return Ok(None) };
+    ) -> Result<ProgramCoverage, Vec<FieldError>> {
+        let unchecked = |reason: &'static str| Ok(ProgramCoverage::Unchecked(reason));
+        let (Some((plan, _)), Some(expected)) = (&self.plan, expected) else { return unchecked("give the plan and the part") };
+        let Some(input) = self.input(plan, CheckPlace::Cell(cell)) else { return unchecked("give the part") };
         // Views of other setups than the program's clear samples of risks; what they measure is not to be had here.
         if !plan.params.realism.count_at_risk && plan.setups.len() > 1 {
-            return Ok(None);
+            return unchecked("the area at risk that the plan leaves out depends on all setups together");
         }
         // Parameters do not say what earlier scans left open.
         if plan.coverage.of_open {
-            return Ok(None);
+            return unchecked(OF_OPEN);
         }
         let poses = program::scan_poses(program, cell, &expected.table_from_part).into_iter();
         let scans = poses.zip(program::scan_configurations(program));
@@ -118,27 +145,33 @@ impl Reference {
         let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
         let planned = here / plan.coverage.asked_area_mm2;
         if measured.is_off(planned) && measured.is_on_other_samples(plan) {
-            return Ok(None);
+            return unchecked(OTHER_SAMPLES);
         }
-        Ok(Some((measured.of_asked, planned)))
+        Ok(ProgramCoverage::Compared { measured: measured.of_asked, planned })
     }
 
     /// Derives the coverage of a plan anew, that of all its setups together, on the samples that the plan states it for.
     ///
     /// # Errors
-    /// The finding that its viewpoints measure something else than it states, or why they cannot be evaluated.
-    pub(super) fn coverage(&self, plan: &PlanDocument, cell: &Cell, ctx: &Context<'_>) -> Result<PlanCoverage, Vec<FieldError>> {
+    /// The findings that its viewpoints measure something else than it states, or that something else is asked, or why they
+    /// cannot be evaluated.
+    pub(super) fn coverage(
+        &self,
+        plan: &PlanDocument,
+        place: CheckPlace<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<PlanCoverage, Vec<FieldError>> {
         let unchecked = |reason: &str| Ok(PlanCoverage::Unchecked(reason.to_owned()));
-        let Some(input) = self.input(plan, cell) else { return unchecked("give the part") };
+        if self.part.is_none() {
+            return unchecked("give the part");
+        }
+        let Some(input) = self.input(plan, place) else { return unchecked("give the scanner that it was planned with") };
         if self.lacks_fixture(plan) {
             return unchecked("give the fixture that it was planned with");
         }
         // Parameters do not say what earlier scans left open.
         if plan.coverage.of_open {
-            return unchecked("the plan asks for what earlier scans left open alone");
-        }
-        if input.cell.is_none() && !plan.scanner_differences(input.scanner).is_empty() {
-            return unchecked("the plan was made with another scanner than that of the cell");
+            return unchecked(OF_OPEN);
         }
         let views = |setup: usize| views_in(plan, setup).map(|(_, view)| view).filter(|view| view.rejected.is_none()).map(taken);
         let placed = |setup: usize| PlacedViews {
@@ -147,15 +180,21 @@ impl Reference {
         };
         let setups: Vec<PlacedViews> = (0..setup_count(plan)).map(placed).collect();
         let measured = measured_together(&input, &plan.params, &setups, ctx).map_err(|error| whole(error.to_string()))?;
-        let planned = plan.coverage.of_asked;
-        if !measured.is_off(planned) {
-            return Ok(PlanCoverage::AsStated(measured.of_asked));
+        let is_on_same_samples = !measured.is_on_other_samples(plan);
+        if !is_on_same_samples && measured.is_off(plan.coverage.of_asked) {
+            return unchecked(OTHER_SAMPLES);
         }
-        if measured.is_on_other_samples(plan) {
-            return unchecked("the plan was made on other samples, by another release: plan again");
-        }
-        let detail = format!("is {planned:.5}; by its viewpoints it is {:.5}: plan again", measured.of_asked);
-        Err(vec![FieldError { pointer: "/coverage/of_asked".to_owned(), detail }])
+        let mut findings = Findings::default();
+        let (asked_mm2, planned) = (plan.coverage.asked_area_mm2, plan.coverage.of_asked);
+        let is_as_asked = (measured.asked_mm2 - asked_mm2).abs() <= AREA_TOLERANCE * asked_mm2;
+        findings.require(is_as_asked || !is_on_same_samples, "/coverage/asked_area_mm2", || {
+            format!("is {asked_mm2} mm²; by params.part and params.regions it is {} mm²: plan again", measured.asked_mm2)
+        });
+        findings.require(!measured.is_off(planned), "/coverage/of_asked", || {
+            format!("is {planned:.5}; by its viewpoints it is {:.5}: plan again", measured.of_asked)
+        });
+        findings.into_result()?;
+        Ok(PlanCoverage::AsStated { of_asked: measured.of_asked, is_on_same_samples })
     }
 
     /// Returns true if the plan was made with a fixture, and none is given.

@@ -1,30 +1,43 @@
 //! Checks of specifications, parameters, plans and programs, whoever wrote them. The kind of a document is recognised by its
 //! content. The command line reads documents from files, the service from requests.
 
+mod beside;
 mod coverage;
+mod members;
+mod part;
+mod place;
 mod plan;
-mod plan_in_cell;
+mod plan_in_place;
+mod program_in_cell;
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use utoipa::ToSchema;
 
+pub use beside::{Beside, GivenBeside, GivenCell, misplaced};
+pub use members::added_to_plan;
+pub use part::{
+    FixtureFile, FixtureIdentity, OtherFixture, OtherPart, check_fixture, check_part, check_part_of, planned_fixture,
+};
+pub use place::{CheckPlace, NO_CELL, implied_scanner, is_plan_without_cell};
+
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
-    Cell, CellSpec, CollisionScene, FieldError, PoseSpec, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, UseConditions,
+    Cell, CellSpec, CollisionScene, FieldError, PoseSpec, RobotSpec, Scanner, ScannerSpec, SpecLibrary, TurntableSpec,
+    UseConditions,
 };
 use crate::geometry::{Mesh, Part, Pose, Table};
 use crate::planning::context::Context;
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
-use crate::program::{self, Expected, Fault, Finding, Program};
+use crate::program::{Expected, Fault, Finding, Program};
 use crate::wire::calibration::use_conditions;
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument, ViewpointDocument};
 use crate::wire::preset::check_beside_preset;
-use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
+use crate::wire::program::PROGRAM_SCHEMA;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{counted, percent_below};
-use crate::wire::{DocumentKind, UtcTime, from_value, warnings};
+use crate::wire::words::percent_below;
+use crate::wire::{DocumentKind, UnverifiedStatement, UtcTime, from_value, warnings};
 
 /// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
 const ROUNDING_MM: f64 = 0.01;
@@ -71,9 +84,37 @@ pub struct Sound {
     pub measured_of_asked: Option<f64>,
     /// Warnings on parameters that cannot be reached, and on cells and parts that are hardly what was meant.
     pub warnings: Vec<FieldWarning>,
+    /// Statements that were verified.
+    pub verified: Vec<String>,
+    /// Statements that were not verified, or that nothing can verify.
+    pub unverified: Vec<UnverifiedStatement>,
 }
 
-/// Checks a document. `cell` is what plans and programs are checked in; without one, only structure and ranges are. The limits
+impl Sound {
+    /// A document of which every value was found in its range.
+    fn new(kind: DocumentKind) -> Self {
+        let verified = vec!["fields: each known, of its type and in its range".to_owned()];
+        let (description, measured_of_asked, warnings, unverified) = Default::default();
+        Self { kind, description, measured_of_asked, warnings, verified, unverified }
+    }
+
+    /// The document in these words.
+    fn described(self, description: String) -> Self {
+        Self { description, ..self }
+    }
+
+    /// Adds a statement that was verified.
+    fn verify(&mut self, statement: impl Into<String>) {
+        self.verified.push(statement.into());
+    }
+
+    /// Adds a statement that was not verified, with the reason or with what to give.
+    fn leave(&mut self, statement: impl Into<String>, reason: impl Into<String>) {
+        self.unverified.push(UnverifiedStatement { statement: statement.into(), reason: reason.into() });
+    }
+}
+
+/// Checks a document. `place` is what plans and programs are checked in; without one, only structure and ranges are. The limits
 /// of parameters are held against its scanner.
 ///
 /// # Errors
@@ -81,7 +122,7 @@ pub struct Sound {
 pub fn check(
     value: Value,
     library: &impl SpecLibrary,
-    cell: Option<&Cell>,
+    place: Option<CheckPlace<'_>>,
     reference: &Reference,
     ctx: &Context<'_>,
 ) -> Result<Sound, Vec<FieldError>> {
@@ -92,44 +133,48 @@ pub fn check(
             described(&value)
         )));
     };
-    let (mut measured_of_asked, mut warnings) = (None, Vec::new());
-    let description = match kind {
-        DocumentKind::Scanner => format!("scanner {}", read::<ScannerSpec>(value)?.build()?.name),
-        DocumentKind::Robot => format!("robot {}", read::<RobotSpec>(value)?.build()?.name),
-        DocumentKind::Turntable => format!("turntable {}", read::<TurntableSpec>(value)?.build()?.name),
+    let sound = Sound::new(kind);
+    match kind {
+        DocumentKind::Scanner => Ok(sound.described(format!("scanner {}", read::<ScannerSpec>(value)?.build()?.name))),
+        DocumentKind::Robot => Ok(sound.described(format!("robot {}", read::<RobotSpec>(value)?.build()?.name))),
+        DocumentKind::Turntable => Ok(sound.described(format!("turntable {}", read::<TurntableSpec>(value)?.build()?.name))),
         DocumentKind::Cell => {
             let built = read::<CellSpec>(value)?.build(library)?;
-            warnings = warnings::of_cell(&built, "");
-            format!("cell {}", built.name)
+            Ok(Sound { warnings: warnings::of_cell(&built, ""), ..sound.described(format!("cell {}", built.name)) })
         }
-        DocumentKind::Params => {
-            let params: PlanParams = from_value(&value)?;
-            params.check()?;
-            check_beside_preset(&value, &params)?;
-            cell.map_or(Ok(()), |cell| params.check_limits(&cell.scanner))?;
-            warnings = warnings::of_params(&params, "");
-            "parameters".to_owned()
+        DocumentKind::Params => check_params(&value, place.and_then(CheckPlace::scanner), sound),
+        DocumentKind::Plan => plan_in_place::check(&value, place, reference, sound, ctx),
+        DocumentKind::Program => program_in_cell::check(&value, place, reference, sound, ctx),
+    }
+}
+
+/// Checks parameters; their limits against the scanner, if it is given.
+fn check_params(value: &Value, scanner: Option<&Scanner>, sound: Sound) -> Result<Sound, Vec<FieldError>> {
+    let params: PlanParams = from_value(value)?;
+    params.check()?;
+    check_beside_preset(value, &params)?;
+    scanner.map_or(Ok(()), |scanner| params.check_limits(scanner))?;
+    let mut sound = sound.described("parameters".to_owned());
+    match scanner {
+        Some(scanner) => sound.verify(format!("limits: within the own limits of scanner {}", scanner.name)),
+        None => sound.leave("limits", "give the cell or the scanner that they are for"),
+    }
+    sound.warnings = warnings::of_params(&params, "");
+    Ok(sound)
+}
+
+/// Reads a document; members that its type passes over are findings too.
+fn read_known<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Result<T, Vec<FieldError>> {
+    let mut unknown = members::unknown::<T>(value);
+    match from_value::<T>(value) {
+        Ok(document) if unknown.is_empty() => Ok(document),
+        Ok(_) => Err(unknown),
+        Err(mut errors) => {
+            unknown.retain(|member| errors.iter().all(|error| error.pointer != member.pointer));
+            errors.extend(unknown);
+            Err(errors)
         }
-        DocumentKind::Plan => {
-            let document: PlanDocument = read(value)?;
-            plan::check(&document, cell)?;
-            let in_cell = cell.map(|cell| plan_in_cell::check(&document, cell, reference, ctx)).transpose()?;
-            measured_of_asked = in_cell.as_ref().and_then(|in_cell| in_cell.measured_of_asked);
-            warnings = warnings::of_params(&document.params, "/params");
-            // The size of the part is in the plan, the unit of its file is not: what was said of it stands.
-            warnings.extend(document.warnings.iter().filter(|warning| warning.pointer == "/part/bbox_mm").cloned());
-            let extent = in_cell.map_or_else(|| plan_in_cell::WITHOUT_CELL.to_owned(), |in_cell| in_cell.extent);
-            format!("plan with {}{extent}", counted(document.viewpoints.len(), "viewpoint"))
-        }
-        DocumentKind::Program => {
-            let document: ProgramDocument = read(value)?;
-            measured_of_asked = check_program(&document, cell, reference, ctx)?;
-            let measured = measured_of_asked.map_or_else(String::new, |of_asked| measured_as_planned("scans", of_asked));
-            let steps = counted(document.steps.len(), "step");
-            format!("program with {steps}, {:.1} s{}{measured}", document.cycle_secs, extent(cell))
-        }
-    };
-    Ok(Sound { kind, description, measured_of_asked, warnings })
+    }
 }
 
 /// Reads the document of a plan.
@@ -146,45 +191,7 @@ pub fn read_plan(value: Value) -> Result<PlanDocument, Vec<FieldError>> {
 /// # Errors
 /// Every finding.
 pub fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
-    plan::check(document, cell)
-}
-
-/// Part that is not the one of the plan.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum OtherPart {
-    /// Another file.
-    #[error("is not the part of the plan: its SHA-256 is {found}, that of the planned part {planned}")]
-    File {
-        /// SHA-256 of the file.
-        found: String,
-        /// SHA-256 in the plan.
-        planned: String,
-    },
-    /// The file, read in another unit; what differs in words.
-    #[error("{0}")]
-    Size(String),
-}
-
-/// Holds a part against that of the plan. `sha256` is that of the part's file, lower-case hexadecimal.
-///
-/// # Errors
-/// Another file, or another unit.
-pub fn check_part(plan: &PlanDocument, part: &Mesh, sha256: &str) -> Result<(), OtherPart> {
-    if plan.part.sha256 != sha256 {
-        return Err(OtherPart::File { found: sha256.to_owned(), planned: plan.part.sha256.clone() });
-    }
-    plan.part.other_size(part).map_or(Ok(()), |size| Err(OtherPart::Size(size)))
-}
-
-/// Holds a part against the document that is checked, if that is a plan; as [`check_part`] otherwise.
-///
-/// # Errors
-/// Those of [`check_part`]; never one for a document that cannot be read, which [`check()`] tells.
-pub fn check_part_of(document: &Value, part: &Mesh, sha256: &str) -> Result<(), OtherPart> {
-    if kind_of(document) != Some(DocumentKind::Plan) {
-        return Ok(());
-    }
-    read_plan(document.clone()).map_or(Ok(()), |plan| check_part(&plan, part, sha256))
+    plan::check(document, cell.map(CheckPlace::Cell))
 }
 
 /// Max number of fields that a document of an unknown kind is described by.
@@ -236,47 +243,9 @@ fn whole(detail: String) -> Vec<FieldError> {
     vec![FieldError { pointer: String::new(), detail }]
 }
 
-/// Extent of the checks of a program, in words.
-fn extent(cell: Option<&Cell>) -> String {
-    cell.map_or_else(
-        || " (structure and ranges checked; given a cell, motion too)".to_owned(),
-        |cell| format!(", sound in cell {}", cell.name),
-    )
-}
-
 /// Share of the asked area that scans or views measure, in words.
 fn measured_as_planned(what: &str, of_asked: f64) -> String {
     format!("; its {what} measure {} % of the asked area, as planned", percent_below(of_asked, 1.0, 2))
-}
-
-/// Checks a program; returns the share of the asked area that its scans measure, if plan and part are given.
-fn check_program(
-    document: &ProgramDocument,
-    cell: Option<&Cell>,
-    reference: &Reference,
-    ctx: &Context<'_>,
-) -> Result<Option<f64>, Vec<FieldError>> {
-    let program = document.program()?;
-    reference.owns(&program).map_err(|finding| field_errors(&[finding]))?;
-    reference.check_plan()?;
-    let off_orders = reference.off_orders(&program);
-    let Some(cell) = cell else { return if off_orders.is_empty() { Ok(None) } else { Err(field_errors(&off_orders)) } };
-    reference.check_placed().map_err(|reason| whole(reason.to_owned()))?;
-    reference.check_scanner(cell)?;
-    let expected = reference.expected(document.setup);
-    let scene = reference.scene(cell, expected.as_ref());
-    let mut found = program::check(&program, cell, &scene, expected.as_ref());
-    let stale = program::check_calibration(cell, &reference.present.conditions(cell));
-    found.extend(stale.into_iter().filter(|finding| !found.contains(finding)).collect::<Vec<_>>());
-    found.extend(off_orders);
-    if !found.is_empty() {
-        return Err(field_errors(&found));
-    }
-    let Some((measured, planned)) = reference.shares(&program, cell, expected.as_ref(), ctx)? else { return Ok(None) };
-    match program::off_coverage(measured, planned) {
-        Some(fault) => Err(field_errors(&[Finding { step: None, fault }])),
-        None => Ok(Some(measured)),
-    }
 }
 
 /// Findings in a program, with the pointer to the step of each.
@@ -351,6 +320,26 @@ impl Reference {
             return Ok(());
         }
         Err("is to be checked with the part, but without its plan, which says where the part lies; give the plan too")
+    }
+
+    /// Finding on a program that is given the part without the fixture that its plan holds it with; `None` if nothing is lacking.
+    fn lacking_fixture(&self) -> Option<FieldError> {
+        let name = self.plan.as_ref()?.0.params.part.fixture_mesh.as_ref()?;
+        let detail = format!(
+            "is to be checked with the part, but without the fixture that holds it, {name:?} (params.part.fixture_mesh of the \
+             plan): what collides with it and what it hides is not known; give the fixture too"
+        );
+        (self.part.is_some() && self.fixture.is_none()).then(|| FieldError { pointer: String::new(), detail })
+    }
+
+    /// Part and fixture among what may collide, in words; `lacks_fixture` if the plan has one that is not given.
+    fn with_part(&self, lacks_fixture: bool) -> &'static str {
+        match (&self.part, &self.fixture) {
+            (Some(_), Some(_)) => "with the part and its fixture",
+            (Some(_), None) if lacks_fixture => "with the part, without its fixture",
+            (Some(_), None) => "with the part",
+            (None, _) => "without the part",
+        }
     }
 
     /// Findings on speed, settling and captures of a program that are not as the plan orders them; none without a plan.

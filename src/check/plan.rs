@@ -1,14 +1,18 @@
 //! Checks on the document of a plan, whoever wrote it: names from closed lists, shares in range that add up, ids and sequence
-//! that are consistent; and with the cell, that the plan was made in it and every station puts the scanner on its viewpoint.
+//! that are consistent, parameters that the rest of the plan bears out; and with the cell, that the plan was made in it and
+//! every station puts the scanner on its viewpoint.
 
+mod elsewhere;
+pub(super) mod params;
 mod regions;
 
 use std::collections::BTreeSet;
 
 use nalgebra::Point3;
 
+use super::place::CheckPlace;
 use super::{setup_count, table_from_part, views_in};
-use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings};
+use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings, Scanner};
 use crate::geometry::{Device, ScannerFrame};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{AdviceKind, Cause, RemedyKind, RiskReason, StopReason, ViewId};
@@ -32,20 +36,26 @@ const ROUNDING_DEG: f64 = 1e-6;
 const REJECTED: [Cause; 3] = [Cause::Unreachable, Cause::Collision, Cause::NoPath];
 
 /// Checks the document; every finding.
-pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
+pub(super) fn check(document: &PlanDocument, place: Option<CheckPlace<'_>>) -> Result<(), Vec<FieldError>> {
     let mut findings = Findings::default();
-    if let Err(errors) = document.params.check() {
-        errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
+    match document.params.check() {
+        Ok(()) => params::check(document, &mut findings),
+        Err(errors) => {
+            errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
+        }
     }
-    let elsewhere = cell.map(|cell| made_elsewhere(document, cell)).unwrap_or_default();
-    // A plan of viewpoints alone is for no cell; in another cell than the plan's everything else would differ too.
-    let cell = cell.filter(|_| document.cell.is_some() && elsewhere.is_empty());
+    let elsewhere = place.map(|place| elsewhere::found(document, place)).unwrap_or_default();
+    // In other surroundings than the plan's everything else would differ too.
+    let place = place.filter(|_| elsewhere.is_empty());
+    let scanner = place.and_then(CheckPlace::scanner);
     elsewhere.into_iter().for_each(|error| findings.push(error.pointer, error.detail));
     check_part(&document.part, &mut findings);
-    check_limits(document, cell, &mut findings);
-    check_depth(document, cell, &mut findings);
+    check_devices(document, &mut findings);
+    check_limits(document, scanner, &mut findings);
+    check_depth(document, scanner, &mut findings);
     check_candidates(document, &mut findings);
     check_coverage(&document.coverage, &mut findings);
+    check_total(document, &mut findings);
     regions::check(document, &mut findings);
     check_views(document, &mut findings);
     check_motion(document, &mut findings);
@@ -55,38 +65,10 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
     check_setups(document, &mut findings);
     document.cell.iter().for_each(|planned_in| check_cell(planned_in, &mut findings));
-    if let Some(cell) = cell {
+    if let Some(cell) = place.and_then(CheckPlace::cell) {
         (0..setup_count(document)).for_each(|setup| check_stations(document, cell, setup, &mut findings));
     }
     findings.into_result()
-}
-
-/// Findings of a plan that was made in another cell than `cell`, or with another scanner than that has.
-fn made_elsewhere(document: &PlanDocument, cell: &Cell) -> Vec<FieldError> {
-    const NEXT: &str = "give the cell that it was made in, or plan again";
-    let Some(planned_in) = &document.cell else { return Vec::new() };
-    let names = [
-        ("/cell/name", &planned_in.name, &cell.name),
-        ("/cell/robot", &planned_in.robot, &cell.robot.name),
-        ("/cell/turntable", &planned_in.turntable, &cell.turntable.name),
-        ("/scanner/name", &document.scanner.name, &cell.scanner.name),
-    ];
-    let other = names.into_iter().filter(|(_, planned, present)| planned != present);
-    let mut found: Vec<FieldError> = other
-        .map(|(pointer, planned, present)| FieldError {
-            pointer: pointer.to_owned(),
-            detail: format!("is {planned:?}; the given cell has {present:?}: {NEXT}"),
-        })
-        .collect();
-    // A scanner of another name differs in everything.
-    if document.scanner.name == cell.scanner.name {
-        let differences = document.scanner_differences(&cell.scanner).into_iter();
-        found.extend(differences.map(|FieldError { pointer, detail }| FieldError {
-            pointer,
-            detail: format!("in the given cell it {detail}: {NEXT}"),
-        }));
-    }
-    found
 }
 
 /// Joints and table angle of a station.
@@ -120,14 +102,25 @@ fn check_part(part: &PartDocument, findings: &mut Findings) {
     });
 }
 
+/// Requires optics that are some: with a pose that is none, or without a focal length, nothing would be found to be seen.
+fn check_devices(document: &PlanDocument, findings: &mut Findings) {
+    for (index, device) in document.scanner.devices.iter().enumerate() {
+        let at = format!("/scanner/devices/{index}");
+        device.scanner_from_device.check(&format!("{at}/scanner_from_device"), findings);
+        for (field, value) in [("fx", device.fx), ("fy", device.fy)] {
+            above_zero(&format!("{at}/{field}"), value, "px", findings);
+        }
+    }
+}
+
 /// Requires of each device the limit of incidence that is in force: its own or the job's, whichever is tighter.
-fn check_limits(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Findings) {
-    let limits_beyond = cell.and_then(|cell| document.params.check_limits(&cell.scanner).err()).unwrap_or_default();
+fn check_limits(document: &PlanDocument, scanner: Option<&Scanner>, findings: &mut Findings) {
+    let limits_beyond = scanner.and_then(|scanner| document.params.check_limits(scanner).err()).unwrap_or_default();
     limits_beyond.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
     for (index, device) in document.scanner.devices.iter().enumerate() {
         let Some(name) = DeviceName::ALL.into_iter().find(|name| name.as_str() == device.name) else { continue };
-        let of_cell_deg = cell.map(|cell| cell.scanner.devices[name].incidence_max_rad.to_degrees());
-        let limits_deg = [of_cell_deg, device.incidence_own_deg, document.params.limits.given_deg(name)];
+        let of_scanner_deg = scanner.map(|scanner| scanner.devices[name].incidence_max_rad.to_degrees());
+        let limits_deg = [of_scanner_deg, device.incidence_own_deg, document.params.limits.given_deg(name)];
         let max_deg = limits_deg.into_iter().flatten().fold(f64::INFINITY, f64::min);
         let is_within = device.incidence_max_deg <= max_deg + ROUNDING_DEG;
         findings.require(is_within, format!("/scanner/devices/{index}/incidence_max_deg"), || {
@@ -136,18 +129,22 @@ fn check_limits(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Fin
                 device.incidence_max_deg
             )
         });
+        // The device's own limit is told where that of the job is tighter, and so in force.
+        let is_in_force = device.incidence_own_deg.is_none() || device.incidence_max_deg >= max_deg - ROUNDING_DEG;
+        findings.require(is_in_force, format!("/scanner/devices/{index}/incidence_max_deg"), || {
+            format!("is {} °; by incidence_own_deg and params.limits it is {max_deg} °", device.incidence_max_deg)
+        });
     }
 }
 
-/// Requires best focus within the working depth and in focus for every device; with the cell, no depth beyond that of its scanner.
-fn check_depth(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Findings) {
+/// Requires best focus within the working depth and in focus for every device; with the scanner, no depth beyond its own.
+fn check_depth(document: &PlanDocument, scanner: Option<&Scanner>, findings: &mut Findings) {
     let depth = &document.scanner.depth_mm;
     let is_ordered = 0.0 < depth.near && depth.near < depth.best && depth.best < depth.far && depth.far.is_finite();
     findings.require(is_ordered, "/scanner/depth_mm", || {
         format!("is near {}, best {}, far {} mm; allowed is 0 < near < best < far", depth.near, depth.best, depth.far)
     });
-    if let Some(cell) = cell {
-        let scanner = &cell.scanner;
+    if let Some(scanner) = scanner {
         let range = [scanner.near_mm, scanner.far_mm];
         within_slab("/scanner/depth_mm", ["near", "far"], [Some(depth.near), Some(depth.far)], range, findings);
     }
@@ -161,23 +158,23 @@ fn check_depth(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Find
         findings.require(is_in_focus, format!("{at}/in_focus_from_mm"), || {
             format!("to in_focus_to_mm is {from_mm} to {to_mm} mm; best focus, {best_mm:.3} mm from the device, must lie in it")
         });
-        let of_cell = DeviceName::ALL.into_iter().find(|name| name.as_str() == device.name).zip(cell);
-        if let Some((name, cell)) = of_cell {
-            let range = cell.scanner.devices[name].in_focus_mm;
+        let of_scanner = DeviceName::ALL.into_iter().find(|name| name.as_str() == device.name).zip(scanner);
+        if let Some((name, scanner)) = of_scanner {
+            let range = scanner.devices[name].in_focus_mm;
             within_slab(&at, ["in_focus_from_mm", "in_focus_to_mm"], in_focus_mm, range, findings);
         }
     }
 }
 
-/// Requires the two ends of a range of depths within that of the cell's scanner; an end that is missing is an infinite one.
+/// Requires the two ends of a range of depths within that of the scanner; an end that is missing is an infinite one.
 fn within_slab(at: &str, fields: [&str; 2], ends_mm: [Option<f64>; 2], [near_mm, far_mm]: [f64; 2], findings: &mut Findings) {
     let [low, high] = [ends_mm[0].unwrap_or(f64::NEG_INFINITY), ends_mm[1].unwrap_or(f64::INFINITY)];
     let shown = |end: Option<f64>| end.map_or_else(|| "without a limit".to_owned(), |mm| format!("{mm} mm"));
     findings.require(low >= near_mm - ROUNDING_MM, format!("{at}/{}", fields[0]), || {
-        format!("is {}; allowed is {near_mm} mm and more, as in the cell's scanner", shown(ends_mm[0]))
+        format!("is {}; allowed is {near_mm} mm and more, as in the scanner itself", shown(ends_mm[0]))
     });
     findings.require(high <= far_mm + ROUNDING_MM, format!("{at}/{}", fields[1]), || {
-        format!("is {}; allowed is up to {far_mm} mm, as in the cell's scanner", shown(ends_mm[1]))
+        format!("is {}; allowed is up to {far_mm} mm, as in the scanner itself", shown(ends_mm[1]))
     });
 }
 
@@ -186,6 +183,10 @@ fn check_candidates(document: &PlanDocument, findings: &mut Findings) {
     findings.require(kept <= generated, "/candidates/kept", || format!("is {kept}; allowed is up to generated, {generated}"));
     let views = document.viewpoints.len();
     findings.require(views <= kept, "/viewpoints", || format!("has {views} entries; allowed is up to candidates.kept, {kept}"));
+    let Some(chosen_on) = &document.chosen_on else { return };
+    findings.require(chosen_on.samples <= chosen_on.of_samples, "/chosen_on/samples", || {
+        format!("is {}; allowed is up to of_samples, {}", chosen_on.samples, chosen_on.of_samples)
+    });
 }
 
 fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
@@ -225,6 +226,18 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
     check_curve(coverage, findings);
     check_certificate(coverage, findings);
     check_at_risk(coverage, findings);
+}
+
+/// Requires the share of the whole surface that follows from the area of the part.
+fn check_total(document: &PlanDocument, findings: &mut Findings) {
+    let (coverage, area_mm2) = (&document.coverage, document.part.area_mm2);
+    let derived = coverage.measured_area_mm2 / area_mm2;
+    let has_area = area_mm2 > 0.0;
+    // An area that is none is a finding of its own.
+    let agrees = !has_area || (coverage.of_total - derived).abs() <= AREA_TOLERANCE;
+    findings.require(agrees, "/coverage/of_total", || {
+        format!("is {}; by measured_area_mm2 and part.area_mm2 it is {derived}", coverage.of_total)
+    });
 }
 
 /// Requires area at risk within the asked area, and no more for a reason than in all.
@@ -343,9 +356,25 @@ fn check_views(document: &PlanDocument, findings: &mut Findings) {
     });
 }
 
-/// Requires that the parts of the cycle time add up to it; files of earlier releases have no sum.
+/// Requires times that are some, and that the parts of the cycle time add up to it; files of earlier releases have no sum.
 fn check_motion(document: &PlanDocument, findings: &mut Findings) {
-    let Some(motion) = document.motion.as_ref().filter(|motion| motion.cycle_secs != 0.0) else { return };
+    let Some(motion) = &document.motion else { return };
+    let times = [
+        ("moving_secs", motion.moving_secs),
+        ("turning_secs", motion.turning_secs),
+        ("settling_secs", motion.settling_secs),
+        ("scanning_secs", motion.scanning_secs),
+        ("ordered_secs", motion.ordered_secs),
+        ("ordered_secs_lower", motion.ordered_secs_lower),
+        ("moving_secs_lower", motion.moving_secs_lower),
+    ];
+    for (field, secs) in times {
+        let is_time = secs.is_finite() && secs >= -ROUNDING_SECS;
+        findings.require(is_time, format!("/motion/{field}"), || format!("is {secs} s; allowed is 0 s and more"));
+    }
+    if motion.cycle_secs == 0.0 {
+        return;
+    }
     let sum_secs = motion.moving_secs + motion.settling_secs + motion.scanning_secs;
     findings.require((motion.cycle_secs - sum_secs).abs() <= ROUNDING_SECS, "/motion/cycle_secs", || {
         format!("is {} s; moving, settling and scanning add up to {sum_secs} s", motion.cycle_secs)
@@ -364,10 +393,17 @@ fn check_cell(cell: &CellDocument, findings: &mut Findings) {
     }
 }
 
-/// Requires that each viewpoint belongs to exactly one setup, if the part is turned over.
+/// Requires that each viewpoint belongs to exactly one setup, if the part is turned over, and that no setup measures more than
+/// the plan.
 fn check_setups(document: &PlanDocument, findings: &mut Findings) {
     let mut taken = BTreeSet::new();
+    let tolerance_mm2 = AREA_TOLERANCE * document.coverage.asked_area_mm2;
     for (number, setup) in document.setups.iter().enumerate() {
+        let whole_mm2 = setup.coverable_area_mm2.min(document.coverage.measured_area_mm2);
+        let fits = (-tolerance_mm2..=whole_mm2 + tolerance_mm2).contains(&setup.measured_area_mm2);
+        findings.require(fits, format!("/setups/{number}/measured_area_mm2"), || {
+            format!("is {} mm²; allowed is 0 to {whole_mm2} mm²", setup.measured_area_mm2)
+        });
         setup.table_from_part.check(&format!("/setups/{number}/table_from_part"), findings);
         for (index, id) in setup.viewpoints.iter().enumerate() {
             let at = format!("/setups/{number}/viewpoints/{index}");

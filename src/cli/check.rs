@@ -7,19 +7,25 @@ use std::time::SystemTime;
 
 use serde::Serialize;
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 
 use super::doubts;
 use super::files::{self, FileLibrary};
+use super::plan::load_scanner;
 use super::{CliError, FileFinding, output};
-use crate::cell::{Cell, ControllersSpec, SpecKind};
-use crate::check::{OtherPart, Present, Reference, Sound, check, check_part, check_part_of, check_plan, kind_of};
+use crate::cell::{Cell, ControllersSpec, Presets, Scanner, SpecKind, SpecLibrary};
+use crate::check::{
+    Beside, CheckPlace, FixtureFile, FixtureIdentity, GivenBeside, GivenCell, NO_CELL, OtherPart, Present, Reference, Sound,
+    check, check_fixture, check_part, check_part_of, check_plan, implied_scanner, is_plan_without_cell, kind_of, misplaced,
+    planned_fixture,
+};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::wire::part_size::{PartSize, SizeLimits};
 use crate::wire::plan::PlanDocument;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{DocumentKind, UtcTime};
+use crate::wire::{DocumentKind, UnverifiedStatement, UtcTime, hex};
 
 /// Temperatures that a cell may have, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
@@ -30,13 +36,17 @@ const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
   vantage check cell.toml robot.json params.toml
   vantage check plan/plan.json plan/program.json
   vantage check plan/plan.json --cell e05-transcan --mesh part.stl --unit mm
+  vantage check plan/plan.json --cell none --mesh part.stl --unit mm
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json \\
       --mesh part.stl --unit mm
 
 Without --cell plans and programs are checked for structure and ranges only, and a program that it belongs to the plan.json \
 beside it, if there is one. With --cell a plan must have been made in that cell, and its stations are recomputed: limits, poses \
 and collisions. With --mesh the part is among what may collide, and the coverage that a plan states is derived anew from its \
-views; a program then needs --plan, which says where the part lies. The line of a plan says what was checked and what was not. \
+views; a program then needs --plan, which says where the part lies. A plan that was made without a cell is checked with \
+--cell none. A fixture must be the one that the plan names; a program of a plan with a fixture needs it beside the part. \
+The line of a plan or program says what was checked and what was not; --json lists every statement that was verified, and every \
+one that was not, with the reason. Options that none of the files is checked with are refused. \
 For an incomplete file every missing field is listed at once. Warnings, such as a tolerance finer than the scanner's noise \
 allows or a home that looks like radians, are not findings unless --strict is given.
 
@@ -45,9 +55,14 @@ pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Cell to recompute limits, times, collisions, poses and coverage with: name of a preset, or a TOML or JSON file.
+    /// Cell to recompute limits, times, collisions, poses and coverage with: name of a preset, a TOML or JSON file, or `none`
+    /// for a plan that was made without a cell.
     #[arg(long)]
     cell: Option<String>,
+    /// Scanner, with `--cell none` only: name of a preset, or a file [default: the preset that the plan names; for parameters
+    /// transcan-c].
+    #[arg(long, requires = "cell")]
+    scanner: Option<String>,
     /// Treat warnings as errors.
     #[arg(long)]
     strict: bool,
@@ -85,37 +100,13 @@ fn temperature(text: &str) -> Result<f64, String> {
 /// # Errors
 /// [`CliError::BadInput`] with every finding of every file, one per line.
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
-    let (cell, its_controllers) = args.cell.as_deref().map(with_its_controllers).transpose()?.unzip();
-    let (reference, part) = args.reference.read()?;
-    args.reference.warn_of_size(cell.as_ref(), &reference);
-    let never = AtomicBool::new(false);
-    let ctx = Context::new(&never, &Silent);
+    let input = CheckInput::load(args)?;
+    let values: Vec<Result<Value, CliError>> = args.files.iter().map(|path| files::spec_value(path)).collect();
+    input.refuse_misplaced(&values)?;
     let mut checked = Vec::new();
-    for path in &args.files {
-        let (shown, mut doubts) = (path.display().to_string(), Vec::new());
-        let sound = files::spec_value(path).and_then(|mut value| {
-            if kind_of(&value).is_none() && files::is_server_configuration(&value) {
-                return Err(CliError::BadInput(format!("{shown}: {}", files::SERVER_CONFIGURATION)));
-            }
-            let controllers =
-                if kind_of(&value) == Some(DocumentKind::Cell) { files::take_controllers(&mut value, &shown) } else { Ok(None) };
-            if args.reference.plan.is_none() {
-                refuse_stale(path, &value)?;
-            }
-            if let (Some(mesh), Some(file)) = (&reference.part, &part) {
-                check_part_of(&value, mesh, &file.sha256).map_err(|other| file.refused(&other))?;
-            }
-            doubts = doubts::of_document(&value);
-            doubts.extend(its_controllers.iter().flatten().find_map(|its| doubts::of_captures(its, &value)));
-            if let Ok(Some(controllers)) = &controllers {
-                doubts.extend(doubts::of_controllers(controllers, &value[SpecKind::Robot.as_str()]));
-            }
-            let checked =
-                check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
-            with_controllers(checked, controllers)
-        });
-        let sound = sound.map(|sound| Sound { warnings: [sound.warnings, doubts].concat(), ..sound });
-        checked.push(CheckedFile::new(&shown, sound, args.strict)?);
+    for (path, value) in args.files.iter().zip(values) {
+        let sound = value.and_then(|value| input.check(path, value));
+        checked.push(CheckedFile::new(&path.display().to_string(), sound, args.strict)?);
     }
     let lines: String = checked.iter().filter_map(CheckedFile::line).collect();
     let wrong: Vec<FileFinding> = checked.iter().flat_map(|file| &file.errors).cloned().collect();
@@ -124,6 +115,155 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
         checked.iter().for_each(|file| warn(&file.file, &file.warnings));
     }
     if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
+}
+
+/// Everything that files are checked with.
+struct CheckInput<'a> {
+    args: &'a CheckArgs,
+    /// The cell, if one is named; none for `none`.
+    cell: Option<Cell>,
+    controllers: Option<ControllersSpec>,
+    /// Scanner beside `--cell none`.
+    scanner: Option<Scanner>,
+    reference: Reference,
+    part: Option<MeshFile>,
+    fixture: Option<MeshFile>,
+}
+
+impl<'a> CheckInput<'a> {
+    fn load(args: &'a CheckArgs) -> Result<Self, CliError> {
+        let named = args.cell.as_deref().filter(|name| *name != NO_CELL);
+        if args.scanner.is_some() && named.is_some() {
+            return Err(CliError::BadInput("--scanner can only be used with --cell none; a cell has its own scanner".into()));
+        }
+        if let (Some(unit), None) = (args.reference.unit, &args.reference.mesh) {
+            let reason = "is the unit of meshes, and none is given; give --mesh, or leave --unit out";
+            return Err(CliError::BadInput(format!("--unit {unit}: {reason}")));
+        }
+        let (cell, controllers) = match named.map(with_its_controllers).transpose()? {
+            Some((cell, controllers)) => (Some(cell), controllers),
+            None => (None, None),
+        };
+        let scanner = args.scanner.as_deref().map(|name| load_scanner(None, Some(name))).transpose()?;
+        let (reference, part, fixture) = args.reference.read()?;
+        args.reference.warn_of_size(cell.as_ref(), &reference);
+        Ok(Self { args, cell, controllers, scanner, reference, part, fixture })
+    }
+
+    /// Everything that is given beside the files.
+    fn given(&self) -> GivenBeside<'_> {
+        let given_cell = |name: &str| if name == NO_CELL { GivenCell::NoCell } else { GivenCell::Cell };
+        GivenBeside {
+            cell: self.args.cell.as_deref().map(given_cell),
+            plan: self.reference.plan.as_ref().map(|(plan, _)| plan),
+            has_scanner: self.args.scanner.is_some(),
+            has_part: self.part.is_some(),
+            has_fixture: self.fixture.is_some(),
+            has_temperature: self.args.reference.temperature.is_some(),
+        }
+    }
+
+    /// Refuses an option that none of the files is checked with; each of several files may be checked with some of them.
+    fn refuse_misplaced(&self, values: &[Result<Value, CliError>]) -> Result<(), CliError> {
+        let given = self.given();
+        // A file that cannot be read, or is of no known kind, is told as such.
+        let of_file =
+            |value: &Result<Value, CliError>| value.as_ref().map_or_else(|_| Vec::new(), |value| misplaced(value, &given));
+        let mut of_files: Vec<Vec<(Beside, String)>> = values.iter().map(of_file).collect();
+        let of_last = of_files.pop().unwrap_or_default();
+        let is_for_none = |beside: Beside| of_files.iter().all(|of_file| of_file.iter().any(|(other, _)| *other == beside));
+        match of_last.into_iter().find(|(beside, _)| is_for_none(*beside)) {
+            None => Ok(()),
+            Some((beside, reason)) => Err(CliError::BadInput(format!("{}: {reason}", option_of(beside)))),
+        }
+    }
+
+    /// Checks the document of a file.
+    fn check(&self, path: &Path, mut value: Value) -> Result<Sound, CliError> {
+        let shown = path.display().to_string();
+        if kind_of(&value).is_none() && files::is_server_configuration(&value) {
+            return Err(CliError::BadInput(format!("{shown}: {}", files::SERVER_CONFIGURATION)));
+        }
+        let controllers =
+            if kind_of(&value) == Some(DocumentKind::Cell) { files::take_controllers(&mut value, &shown) } else { Ok(None) };
+        if self.args.reference.plan.is_none() {
+            refuse_stale(path, &value)?;
+        }
+        if let (Some(mesh), Some(file)) = (&self.reference.part, &self.part) {
+            check_part_of(&value, mesh, &file.sha256).map_err(|other| file.refused(&other))?;
+        }
+        self.refuse_fixture(&shown, &value)?;
+        let fixture = self.identity_of_fixture(&value)?;
+        let doubts = self.doubts(&value, controllers.as_ref().ok().and_then(Option::as_ref));
+        let is_of_plan = kind_of(&value) == Some(DocumentKind::Plan) || self.reference.plan.is_some();
+        let is_part_known = self.part.is_some() && is_of_plan;
+        let implied = || implied_scanner(&value, |name| Presets.scanner(name).ok()?.build().ok());
+        let scanner = if self.cell.is_some() { None } else { self.scanner.clone().or_else(implied) };
+        let is_without_cell = self.args.cell.is_some() || is_plan_without_cell(&value);
+        let place = match &self.cell {
+            Some(cell) => Some(CheckPlace::Cell(cell)),
+            None => is_without_cell.then_some(CheckPlace::NoCell(scanner.as_ref())),
+        };
+        let never = AtomicBool::new(false);
+        let ctx = Context::new(&never, &Silent);
+        let checked = check(value, &FileLibrary, place, &self.reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
+        let mut sound = with_controllers(checked, controllers)?;
+        sound.warnings.extend(doubts);
+        if is_part_known {
+            sound.tell_part();
+        }
+        fixture.into_iter().for_each(|fixture| sound.tell_fixture(fixture));
+        Ok(sound)
+    }
+
+    /// Doubts about a document, and about the controllers of the cell with it; of a cell with its own `controllers`.
+    fn doubts(&self, value: &Value, controllers: Option<&ControllersSpec>) -> Vec<FieldWarning> {
+        let mut doubts = doubts::of_document(value);
+        doubts.extend(self.controllers.iter().find_map(|its| doubts::of_captures(its, value)));
+        if let Some(controllers) = controllers {
+            doubts.extend(doubts::of_controllers(controllers, &value[SpecKind::Robot.as_str()]));
+        }
+        doubts
+    }
+
+    /// Refuses a fixture for a plan or a program without one, beside other files that have one: it would be taken for theirs.
+    fn refuse_fixture(&self, shown: &str, value: &Value) -> Result<(), CliError> {
+        let takes_part = matches!(kind_of(value), Some(DocumentKind::Plan | DocumentKind::Program));
+        let misplaced = misplaced(value, &self.given()).into_iter().find(|(beside, _)| *beside == Beside::Fixture);
+        match misplaced.filter(|_| takes_part) {
+            None => Ok(()),
+            Some((beside, reason)) => Err(CliError::BadInput(format!("{shown}: {} {reason}", option_of(beside)))),
+        }
+    }
+
+    /// Holds the fixture against the file that the plan names; `None` if there is no fixture or no plan that names one.
+    fn identity_of_fixture(&self, value: &Value) -> Result<Option<FixtureIdentity>, CliError> {
+        let plan = self.reference.plan.as_ref().map(|(plan, _)| plan);
+        let (Some(file), Some(name)) = (&self.fixture, planned_fixture(value, plan)) else { return Ok(None) };
+        let Ok(bytes) = std::fs::read(&name) else {
+            let reason = format!("the plan names the file {name:?}, which is not there, and not its SHA-256");
+            return Ok(Some(FixtureIdentity::Unknown(reason)));
+        };
+        let (found, planned) = (&file.sha256, hex(&Sha256::digest(bytes)));
+        let [found, planned] = [found, &planned].map(|sha256| FixtureFile { sha256, unit: file.unit });
+        check_fixture(&name, found, planned).map_err(|other| {
+            let shown = file.path.display();
+            CliError::BadInput(format!("{shown}: {other}\n  → name the fixture that was planned with, or plan with this one"))
+        })?;
+        Ok(Some(FixtureIdentity::Planned(name)))
+    }
+}
+
+/// Option that gives something beside the files.
+fn option_of(beside: Beside) -> &'static str {
+    match beside {
+        Beside::Cell => "--cell",
+        Beside::Scanner => "--scanner",
+        Beside::Plan => "--plan",
+        Beside::Part => "--mesh",
+        Beside::Fixture => "--fixture",
+        Beside::Temperature => "--temperature",
+    }
 }
 
 /// The outcome for a cell, with that for its controllers.
@@ -161,6 +301,8 @@ struct CheckedFile {
     description: Option<String>,
     measured_of_asked: Option<f64>,
     warnings: Vec<FieldWarning>,
+    verified: Vec<String>,
+    unverified: Vec<UnverifiedStatement>,
     errors: Vec<FileFinding>,
 }
 
@@ -176,13 +318,15 @@ impl CheckedFile {
             description: None,
             measured_of_asked: None,
             warnings: Vec::new(),
+            verified: Vec::new(),
+            unverified: Vec::new(),
             errors,
         };
         match sound {
-            Ok(Sound { description, measured_of_asked, warnings, .. }) => {
+            Ok(Sound { description, measured_of_asked, warnings, verified, unverified, .. }) => {
                 let errors: Vec<_> = warnings.iter().filter(|_| strict).map(|warning| error_of(file, warning)).collect();
-                let (description, ok) = (Some(description), errors.is_empty());
-                Ok(Self { file: file.to_owned(), ok, description, measured_of_asked, warnings, errors })
+                let (file, description, ok) = (file.to_owned(), Some(description), errors.is_empty());
+                Ok(Self { file, ok, description, measured_of_asked, warnings, verified, unverified, errors })
             }
             Err(CliError::Findings(errors)) => Ok(wrong(errors)),
             // The text names the file.
@@ -255,39 +399,34 @@ impl ReferenceArgs {
 
     /// Reads the files, and holds them against each other.
     pub(super) fn load(&self) -> Result<Reference, CliError> {
-        self.read().map(|(reference, _)| reference)
+        self.read().map(|(reference, ..)| reference)
     }
 
-    /// Reads the files as [`ReferenceArgs::load`] does, with what is known of the part's file.
-    fn read(&self) -> Result<(Reference, Option<PartFile>), CliError> {
-        let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never());
+    /// Reads the files as [`ReferenceArgs::load`] does, with what is known of the files of part and fixture.
+    fn read(&self) -> Result<(Reference, Option<MeshFile>, Option<MeshFile>), CliError> {
+        let read = |path: &PathBuf| {
+            let (read, sha256) = files::mesh(path, self.unit, &Poll::never())?;
+            Ok::<_, CliError>((read.mesh, MeshFile { path: path.clone(), unit: read.unit, sha256 }))
+        };
         let plan = self.plan.as_deref().map(read_plan).transpose()?;
-        let part = self.mesh.as_ref().map(read).transpose()?;
-        let (part, file) = part
-            .zip(self.mesh.clone())
-            .map(|((part, sha256), path)| (part.mesh, PartFile { path, unit: part.unit, sha256 }))
-            .unzip();
-        if let (Some((plan, _)), Some(part), Some(file)) = (&plan, &part, &file) {
+        let (part, part_file) = self.mesh.as_ref().map(read).transpose()?.unzip();
+        if let (Some((plan, _)), Some(part), Some(file)) = (&plan, &part, &part_file) {
             check_part(plan, part, &file.sha256).map_err(|other| file.refused(&other))?;
         }
-        let reference = Reference {
-            plan,
-            part,
-            fixture: self.fixture.as_ref().map(read).transpose()?.map(|(fixture, _)| fixture.mesh),
-            present: Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c: self.temperature },
-        };
-        Ok((reference, file))
+        let (fixture, fixture_file) = self.fixture.as_ref().map(read).transpose()?.unzip();
+        let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c: self.temperature };
+        Ok((Reference { plan, part, fixture, present }, part_file, fixture_file))
     }
 }
 
-/// File that the part was read from.
-struct PartFile {
+/// File that a mesh was read from.
+struct MeshFile {
     path: PathBuf,
     unit: LengthUnit,
     sha256: String,
 }
 
-impl PartFile {
+impl MeshFile {
     /// Error for a part that is not the plan's: another file, or the file in another unit.
     fn refused(&self, other: &OtherPart) -> CliError {
         let (shown, unit) = (self.path.display(), self.unit);

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::ids::MeshId;
 use super::problem::ProblemField;
 use super::warnings::FieldWarning;
-use crate::cell::{CellSpec, Named, closed_list};
+use crate::cell::{CellSpec, Named, ScannerSpec, closed_list};
 
 closed_list! {
     /// Kind of a document.
@@ -29,16 +29,22 @@ closed_list! {
     }
 }
 
-/// A request to check a document. Unknown fields are refused.
+/// A request to check a document. Unknown fields are refused, and so is what does not apply to the kind of the document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct CheckRequest {
     /// Specification, parameters, plan or program; its kind is recognised by its content.
     #[schema(value_type = Object)]
     pub document: Map<String, Value>,
-    /// Cell in which plans and programs are checked; without one, only structure and ranges are.
+    /// Cell in which plans and programs are checked: name of a stored one, a specification, or `"none"` for a plan that was
+    /// made without a cell. Without one, only structure and ranges are checked. The limits of parameters are held against its
+    /// scanner.
     #[serde(default)]
     pub cell: Option<Named<CellSpec>>,
+    /// Scanner, used if `cell` is `"none"`: name of a stored one, or a specification. Default: the one that the plan names, for
+    /// parameters `transcan-c`. A cell has its own.
+    #[serde(default)]
+    pub scanner: Option<Named<ScannerSpec>>,
     /// Plan that a program has to carry out, as `/jobs/{id}/plan` returns it.
     #[serde(default)]
     #[schema(value_type = Option<Object>)]
@@ -47,13 +53,23 @@ pub struct CheckRequest {
     /// with its `plan`, which says where the part lies, for collisions and for the area that its scans measure.
     #[serde(default)]
     pub mesh_id: Option<MeshId>,
-    /// Fixture, in the part's coordinates.
+    /// Fixture, in the part's coordinates, beside `mesh_id`: the one that the plan was made with. It is compared with the mesh
+    /// that `params.part.fixture_mesh` of the plan names, where this server has that.
     #[serde(default)]
     pub fixture_mesh_id: Option<MeshId>,
     /// Temperature in the cell now, °C, -50 to 100: for a program, a calibration that holds at another one alone is a finding.
     #[serde(default)]
     #[schema(minimum = -50, maximum = 100)]
     pub temperature_c: Option<f64>,
+}
+
+/// Statement of a document that a check did not verify.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnverifiedStatement {
+    /// Statement: fields of the document, or what follows from them.
+    pub statement: String,
+    /// Reason for which it was not verified, or what to give so that it is.
+    pub reason: String,
 }
 
 /// Result of a check.
@@ -73,4 +89,10 @@ pub struct CheckReport {
     /// Warnings on a sound document: parameters that cannot be reached, a cell or a part that is hardly what was meant.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
+    /// Statements of a sound document that were verified: recomputed, or held against what else was given.
+    #[serde(default)]
+    pub verified: Vec<String>,
+    /// Statements of a sound document that were not verified, or that nothing can verify.
+    #[serde(default)]
+    pub unverified: Vec<UnverifiedStatement>,
 }

@@ -48,7 +48,7 @@ pub mod warnings;
 pub mod words;
 
 pub use bulk::{DeletedJobs, JobBatch, JobBatchRequest, JobSelection, JobUpdate};
-pub use check::{CheckReport, CheckRequest, DocumentKind};
+pub use check::{CheckReport, CheckRequest, DocumentKind, UnverifiedStatement};
 pub use event::{EventKind, JobEvent};
 pub use hex::hex;
 pub use ids::{CalibrationId, InspectionId, JobId, LeaseId, MeshId, RunId, ScanId};

@@ -6,25 +6,27 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
 use crate::cell::{Cell, CollisionScene, Configuration, PoseSpec, Presets, SpecLibrary};
-use crate::check::{Reference, Sound, check};
+use crate::check::{CheckPlace, Reference, Sound, check};
 use crate::geometry::{LengthUnit, Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;
 use crate::planning::stations;
-use crate::service::plan_job::{PLAN_FILE, PlanJob, Reports, bytes_of};
+use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, Reports, bytes_of, plan_sha256};
 use crate::testing::{box_mesh, nominal_scanner};
 use crate::wire::echo::Echo;
+use crate::wire::plan::PlanDocument;
 
 /// Clearance of a plan by default, mm.
 const CLEARANCE_MM: f64 = 5.0;
 
 static PLANNED: LazyLock<Planned> = LazyLock::new(Planned::new);
 
-/// A block, the cell of the thesis, and plans of two views of the one: in the other, and without a cell.
+/// A block, the cell of the thesis, and plans of two views of the one: in the other, with its program, and without a cell.
 struct Planned {
     cell: Cell,
     block: Mesh,
     in_cell: Value,
+    program: Value,
     alone: Value,
 }
 
@@ -32,13 +34,20 @@ impl Planned {
     fn new() -> Self {
         let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it is valid");
         let block = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 80.0]);
-        let [in_cell, alone] = [Some(&cell), None].map(|in_cell| plan(&block, &cell, in_cell));
-        Self { cell, block, in_cell, alone }
+        let [in_cell, alone] = [Some(&cell), None].map(|in_cell| files(&block, &cell, in_cell));
+        let json = |files: &[Artifact], name| serde_json::from_slice::<Value>(bytes_of(files, name)).expect("JSON");
+        let (program, [in_cell, alone]) = (json(&in_cell, "program.json"), [in_cell, alone].map(|files| json(&files, PLAN_FILE)));
+        for plan in [&in_cell, &alone] {
+            assert_eq!(plan["viewpoints"].as_array().map(Vec::len), Some(2), "two views do not measure all of a block");
+        }
+        Self { cell, block, in_cell, program, alone }
     }
 
-    /// Checks a plan in the cell; every finding, a line each.
+    /// Checks a plan in the cell, or without one if it was made so; every finding, a line each.
     fn check(&self, plan: &Value, part: Option<&Mesh>) -> Result<Sound, String> {
-        checked(plan, &self.cell, part)
+        let is_alone = plan["cell"].is_null();
+        let place = if is_alone { CheckPlace::NoCell(Some(&self.cell.scanner)) } else { CheckPlace::Cell(&self.cell) };
+        checked(plan, place, part)
     }
 
     fn table_from_part(&self) -> Pose<Table, Part> {
@@ -71,8 +80,8 @@ impl Planned {
     }
 }
 
-/// A plan of two views, as its file has it, with the scanner of `cell`.
-fn plan(block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Value {
+/// Files of a plan of two views with the scanner of `cell`.
+fn files(block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Vec<Artifact> {
     let mut params = PlanParams::default();
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.05), Some(20.0));
     (params.candidates.even_directions, params.selection.max_views, params.limits.camera_deg) = (Some(24), Some(2), Some(50.0));
@@ -94,16 +103,13 @@ fn plan(block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Value {
     let never = AtomicBool::new(false);
     let ctx = Context::new(&never, &Silent);
     let outcome = job.plan(&ctx).unwrap_or_else(|error| panic!("no plan: {error}"));
-    let files = job.render(&outcome, Reports::None, &ctx).expect("nobody cancels it");
-    let plan: Value = serde_json::from_slice(bytes_of(&files, PLAN_FILE)).expect("JSON");
-    assert_eq!(plan["viewpoints"].as_array().map(Vec::len), Some(2), "two views do not measure all of a block");
-    plan
+    job.render(&outcome, Reports::None, &ctx).expect("nobody cancels it")
 }
 
-fn checked(plan: &Value, cell: &Cell, part: Option<&Mesh>) -> Result<Sound, String> {
+fn checked(plan: &Value, place: CheckPlace<'_>, part: Option<&Mesh>) -> Result<Sound, String> {
     let never = AtomicBool::new(false);
     let reference = Reference { part: part.cloned(), ..Reference::default() };
-    let checked = check(plan.clone(), &Presets, Some(cell), &reference, &Context::new(&never, &Silent));
+    let checked = check(plan.clone(), &Presets, Some(place), &reference, &Context::new(&never, &Silent));
     checked.map_err(|errors| errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))
 }
 
@@ -126,7 +132,7 @@ fn scale(value: &mut Value, factor: f64) {
 fn understated(plan: &Value) -> Value {
     let mut plan = plan.clone();
     let lost_mm2 = plan["coverage"]["measured_area_mm2"].as_f64().map(|area_mm2| 0.1 * area_mm2).expect("an area");
-    let shares = ["of_asked", "of_coverable", "of_visible", "grades_a_b_of_visible", "within_35_deg_of_visible"];
+    let shares = ["of_asked", "of_coverable", "of_total", "of_visible", "grades_a_b_of_visible", "within_35_deg_of_visible"];
     for field in shares.into_iter().chain(["within_60_deg_of_visible", "measured_area_mm2", "grades", "curve"]) {
         scale(&mut plan["coverage"][field], 0.9);
     }
@@ -155,24 +161,59 @@ fn a_sound_plan_is_told_with_what_was_checked_and_what_was_not() {
     }
     let begins = "plan with 2 viewpoints, sound in cell e05-transcan: stations, collisions with the part; its views measure ";
     let ends = " % of the asked area, as planned; not checked: coverage of regions, by grade, by setup and on independent \
-                samples, moves between stations (check its program)";
+                samples, moves between stations (check its program), choice of views by its params (plan again)";
     assert!(in_cell.description.starts_with(begins) && in_cell.description.ends_with(ends), "{}", in_cell.description);
     let begins = "plan with 2 viewpoints, made without a cell; its views measure ";
-    let ends =
-        " % of the asked area, as planned; not checked: coverage of regions, by grade, by setup and on independent samples";
+    let ends = " % of the asked area, as planned; not checked: coverage of regions, by grade, by setup and on independent \
+                samples, choice of views by its params (plan again)";
     assert!(alone.description.starts_with(begins) && alone.description.ends_with(ends), "{}", alone.description);
     let without_part = planned.check(&planned.in_cell, None).expect("sound");
     assert_eq!(
         (without_part.description.as_str(), without_part.measured_of_asked),
         (
             "plan with 2 viewpoints, sound in cell e05-transcan: stations, collisions without the part; not checked: coverage \
-             (give the part), moves between stations (check its program)",
+             (give the part), moves between stations (check its program), choice of views by its params (plan again)",
             None
         )
     );
-    let elsewhere = Cell { scanner: nominal_scanner(), ..planned.cell.clone() };
-    let told = checked(&planned.alone, &elsewhere, Some(&planned.block)).expect("it is for no cell").description;
-    assert!(told.ends_with("not checked: coverage (the plan was made with another scanner than that of the cell)"), "{told}");
+}
+
+/// The description alone told what was verified and what cannot be, and of the parameters it told nothing.
+#[test]
+fn statements_that_were_verified_are_listed_apart_from_those_that_were_not() {
+    let planned = &*PLANNED;
+    let [in_cell, alone] =
+        [&planned.in_cell, &planned.alone].map(|plan| planned.check(plan, Some(&planned.block)).expect("sound"));
+    let verified = |sound: &Sound, statement: &str| sound.verified.iter().any(|told| told.starts_with(statement));
+    let reason = |sound: &Sound, statement: &str| {
+        let found = sound.unverified.iter().find(|told| told.statement.starts_with(statement));
+        found.map(|told| told.reason.clone())
+    };
+    for statement in ["coverage.of_asked: ", "coverage.asked_area_mm2: ", "params.limits: ", "params.robust", "part.area_mm2"] {
+        assert!(verified(&in_cell, statement) && verified(&alone, statement), "{statement} in {:#?}", in_cell.verified);
+    }
+    assert!(verified(&in_cell, "stations: clearance from everything, with the part") && !verified(&alone, "stations"));
+    for statement in ["params.preset", "params.candidates, score, selection", "coverage of regions"] {
+        assert!(reason(&in_cell, statement).is_some() && reason(&alone, statement).is_some(), "{:#?}", in_cell.unverified);
+    }
+    assert_eq!(reason(&in_cell, "moves between stations").as_deref(), Some("check the program of the plan"));
+    let without_part = planned.check(&planned.in_cell, None).expect("sound");
+    assert_eq!(reason(&without_part, "coverage").as_deref(), Some("give the part"));
+}
+
+/// A plan without a cell was taken for one of any cell, and could not be checked without one.
+#[test]
+fn a_plan_without_a_cell_is_checked_without_one_and_in_none() {
+    let planned = &*PLANNED;
+    let refused = |plan: &Value, place: CheckPlace<'_>| checked(plan, place, None).expect_err("refused");
+    let found = refused(&planned.alone, CheckPlace::Cell(&planned.cell));
+    assert!(found.starts_with("/cell: is null, made without a cell; it is checked in cell \"e05-transcan\""), "{found}");
+    let found = refused(&planned.in_cell, CheckPlace::NoCell(None));
+    assert!(found.starts_with("/cell/name: is \"e05-transcan\"; it is checked without a cell: give the cell"), "{found}");
+    let found = refused(&planned.alone, CheckPlace::NoCell(Some(&nominal_scanner())));
+    assert!(found.starts_with("/scanner/name: is \"transcan-c\"; the given scanner is \"transcan-c-nominal\""), "{found}");
+    let told = checked(&planned.alone, CheckPlace::NoCell(None), Some(&planned.block)).expect("sound").description;
+    assert!(told.contains("not checked: coverage (give the scanner that it was planned with), choice of views"), "{told}");
 }
 
 /// The plan was sound: only its program was checked for collisions.
@@ -222,12 +263,12 @@ fn a_plan_of_another_cell_or_another_scanner_is_refused() {
         assert!(found.starts_with(&format!("/cell/{field}: is \"another\"; the given cell has \"{present}\": give")), "{found}");
     }
     let elsewhere = Cell { scanner: nominal_scanner(), ..planned.cell.clone() };
-    let found = checked(&planned.in_cell, &elsewhere, None).expect_err("refused");
+    let found = checked(&planned.in_cell, CheckPlace::Cell(&elsewhere), None).expect_err("refused");
     let told = "/scanner/name: is \"transcan-c\"; the given cell has \"transcan-c-nominal\": give the cell that it was made in";
     assert!(found.starts_with(told) && found.lines().count() == 1, "one finding says it all: {found}");
     let mut focused = planned.cell.clone();
     focused.scanner.devices.left.lens.fx += 1.0;
-    let found = checked(&planned.in_cell, &focused, None).expect_err("refused");
+    let found = checked(&planned.in_cell, CheckPlace::Cell(&focused), None).expect_err("refused");
     assert!(found.starts_with("/scanner/devices/0/fx: in the given cell it is 6669.08"), "{found}");
 }
 
@@ -263,7 +304,7 @@ fn coverage_is_not_held_against_a_plan_whose_fixture_is_not_given() {
 fn coverage_on_other_samples_than_are_taken_now_is_told_as_not_checked() {
     let planned = &*PLANNED;
     let mut before = planned.in_cell.clone();
-    before["chosen_on"]["of_samples"] = json!(7);
+    (before["chosen_on"]["samples"], before["chosen_on"]["of_samples"]) = (json!(7), json!(7));
     let agrees = planned.check(&before, Some(&planned.block)).expect("sound");
     assert!(agrees.measured_of_asked.is_some(), "{}", agrees.description);
     let mut before_that = before.clone();
@@ -273,4 +314,149 @@ fn coverage_on_other_samples_than_are_taken_now_is_told_as_not_checked() {
         let told = "; not checked: coverage (the plan was made on other samples";
         assert!(sound.description.contains(told) && sound.measured_of_asked.is_none(), "{}", sound.description);
     }
+}
+
+/// Poses of another calibration of the cell, or edited ones, were noticed where they put a station off alone.
+#[test]
+fn poses_and_calibration_that_the_cell_does_not_have_are_refused() {
+    let planned = &*PLANNED;
+    for field in ["base_from_table", "flange_from_scanner"] {
+        let mut plan = planned.in_cell.clone();
+        let length = &mut plan["cell"][field]["translation_mm"][2];
+        *length = json!(length.as_f64().expect("a length") + 1.0);
+        let found = planned.check(&plan, None).expect_err("refused");
+        assert!(found.starts_with(&format!("/cell/{field}: is 1.000 mm and 0.0000 ° off that of the given cell")), "{found}");
+        assert_eq!(found.lines().count(), 1, "{found}");
+    }
+    let mut plan = planned.in_cell.clone();
+    plan["cell"]["calibrated"] = json!({
+        "by": "vantage", "at": "2026-11-20T09:00:00Z", "calibration_id": "ab".repeat(32), "data_sha256": "cd".repeat(32),
+        "rms_rotation_deg": 0.01, "rms_translation_mm": 0.1, "point_sd_mm": 0.05, "rotation_sd_deg": 0.005,
+        "translation_sd_mm": 0.04,
+    });
+    let found = planned.check(&plan, None).expect_err("refused");
+    assert!(found.starts_with("/cell/calibrated: is calibration abab") && found.contains("the given cell has none"), "{found}");
+}
+
+/// Parameters were held against their ranges alone.
+#[test]
+fn parameters_that_the_rest_of_a_plan_contradicts_are_refused() {
+    let planned = &*PLANNED;
+    for (pointer, value, told) in [
+        (
+            "/params/preset",
+            json!("thesis"),
+            "/params/preset: is \"thesis\", with which the plan was not made: it sets candidates.",
+        ),
+        (
+            "/params/scan/settle_secs",
+            json!(0.1),
+            "/params/scan/settle_secs: is 0.1 s; 2 times that are 0.2 s, and motion.settling",
+        ),
+        (
+            "/params/scan/capture_secs",
+            json!(5.0),
+            "/params/scan/capture_secs: is 5 s; 2 times that are 10 s, and motion.scanning",
+        ),
+        ("/params/scan/brightness", json!("auto"), "/viewpoints/0/exposure: is missing; params.materials or params.scan.bright"),
+        ("/params/selection/max_views", json!(1), "/params/selection/max_views: is 1; the plan has 2 viewpoints"),
+        ("/params/limits/camera_deg", json!(60.0), "/scanner/devices/0/incidence_max_deg: is 50 °; by incidence_own_deg and"),
+        ("/params/realism/count_at_risk", json!(false), "/params/realism/count_at_risk: is false; coverage.at_risk.counted is"),
+        (
+            "/params/visibility/pixel_set",
+            json!(true),
+            "/params/visibility/pixel_set: is true; coverage.pixel_set_of_total is miss",
+        ),
+        (
+            "/params/robust/pose_error",
+            json!({"angle_deg": 1.0, "translation_mm": 1.0}),
+            "/coverage/robust: is missing; params.rob",
+        ),
+        (
+            "/params/part/table_from_part/translation_mm/0",
+            json!(7.0),
+            "/params/part/table_from_part: is 7.000 mm and 0.0000 ° off",
+        ),
+    ] {
+        let mut plan = planned.in_cell.clone();
+        *plan.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer} is there")) = value;
+        let found = planned.check(&plan, None).expect_err(pointer);
+        assert!(found.lines().any(|line| line.starts_with(told)), "{told:?} in\n{found}");
+    }
+    let mut of_another_release = planned.in_cell.clone();
+    (of_another_release["version"], of_another_release["params"]["preset"]) = (json!("0.0.1"), json!("thesis"));
+    let sound = planned.check(&of_another_release, None).expect("what its preset set is not known");
+    assert!(sound.unverified.iter().any(|told| told.statement == "params.preset" && told.reason.contains("\"0.0.1\"")));
+}
+
+/// The area that the parameters ask for was not derived anew.
+#[test]
+fn another_area_than_the_parameters_ask_for_is_refused() {
+    let planned = &*PLANNED;
+    for plan in [&planned.in_cell, &planned.alone] {
+        let mut plan = plan.clone();
+        plan["params"]["regions"]["exclude"] = json!([{"kind": "half_space", "point_mm": [0, 0, 40], "normal": [0, 0, 1]}]);
+        planned.check(&plan, None).expect("it agrees with itself");
+        let found = planned.check(&plan, Some(&planned.block)).expect_err("refused");
+        let told = "mm²; by params.part and params.regions it is";
+        assert!(found.starts_with("/coverage/asked_area_mm2: is ") && found.contains(told), "{found}");
+    }
+    let mut elsewhere = planned.alone.clone();
+    for end in ["min", "max"] {
+        let length = &mut elsewhere["part"]["bbox_mm"][end][0];
+        *length = json!(length.as_f64().expect("a length") + 5.0);
+    }
+    let found = planned.check(&elsewhere, Some(&planned.block)).expect_err("refused");
+    assert!(found.starts_with("/part/bbox_mm/min/0: is -25 mm; that of the part is -30 mm"), "{found}");
+}
+
+/// They counted for nothing, in silence.
+#[test]
+fn members_that_a_plan_or_a_program_does_not_have_are_refused_by_name() {
+    let planned = &*PLANNED;
+    let mut plan = planned.in_cell.clone();
+    plan["comment"] = json!("of Monday");
+    plan["viewpoints"][1]["rejectd"] = json!("no_path");
+    plan["coverage"]["independent"]["of_askd"] = json!(0.5);
+    let found = planned.check(&plan, None).expect_err("refused");
+    assert_eq!(found.lines().count(), 3, "{found}");
+    for told in ["/comment: is not known to release", "/viewpoints/1/rejectd: is not", "/coverage/independent/of_askd: is not"] {
+        assert!(found.lines().any(|line| line.starts_with(told)), "{told:?} in\n{found}");
+    }
+    assert!(found.contains("; did you mean rejected?"), "{found}");
+    let mut program = planned.program.clone();
+    program["max_speed"] = json!(0.1);
+    let found = checked(&program, CheckPlace::Cell(&planned.cell), None).expect_err("refused");
+    assert!(found.starts_with("/max_speed: is not known to release") && found.lines().count() == 1, "{found}");
+}
+
+/// The program was told that its scans measure something else than planned, or to be sound.
+#[test]
+fn a_program_without_the_fixture_of_its_plan_is_told_that_first() {
+    let planned = &*PLANNED;
+    let mut held = understated(&planned.in_cell);
+    held["params"]["part"]["fixture_mesh"] = json!("clamp.stl");
+    let plan: PlanDocument = serde_json::from_value(held).expect("a plan");
+    let sha256 = plan_sha256(&plan.to_bytes());
+    let mut program = planned.program.clone();
+    program["plan_sha256"] = json!(sha256);
+    let never = AtomicBool::new(false);
+    let check_with = |part: Option<&Mesh>, fixture: Option<Mesh>| {
+        let plan = Some((plan.clone(), sha256.clone()));
+        let reference = Reference { plan, part: part.cloned(), fixture, ..Reference::default() };
+        let ctx = Context::new(&never, &Silent);
+        check(program.clone(), &Presets, Some(CheckPlace::Cell(&planned.cell)), &reference, &ctx)
+    };
+    let errors = check_with(Some(&planned.block), None).expect_err("refused");
+    assert!(
+        errors[0].pointer.is_empty() && errors[0].detail.starts_with("is to be checked with the part, but without the fixture"),
+        "{errors:#?}"
+    );
+    assert!(errors.len() == 1 && errors[0].detail.contains("\"clamp.stl\""), "{errors:#?}");
+    // Within the block it hides nothing.
+    let clamp = box_mesh([-2.0, -2.0, 20.0], [2.0, 2.0, 24.0]);
+    let errors = check_with(Some(&planned.block), Some(clamp)).expect_err("the plan tells less than its scans measure");
+    assert!(errors[0].detail.starts_with("the scans measure ") && errors.len() == 1, "{errors:#?}");
+    let without_part = check_with(None, None).expect("nothing was found").description;
+    assert!(without_part.contains(", sound in cell e05-transcan; not checked: collisions with the part (give"), "{without_part}");
 }

@@ -70,6 +70,10 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/coverage/of_asked", json!(1.2), "is 1.2; allowed is 0 to 1"),
         ("/coverage/of_coverable", json!(-0.1), "is -0.1; allowed is 0 to 1"),
         ("/coverage/of_total", json!(2), "is 2; allowed is 0 to 1"),
+        ("/coverage/of_total", json!(0.125), "is 0.125; by measured_area_mm2 and part.area_mm2 it is 0."),
+        ("/chosen_on/samples", json!(1_000_000_000), "is 1000000000; allowed is up to of_samples"),
+        ("/scanner/devices/0/fx", json!(0), "is 0 px; allowed is above 0 px"),
+        ("/scanner/devices/2/scanner_from_device/quaternion_xyzw", json!([0, 0, 0, 0]), "has norm 0"),
         ("/coverage/independent/of_asked", json!(1.1), "is 1.1; allowed is 0 to 1"),
         ("/coverage/independent/of_asked", json!(1.0), "is 1; allowed is up to of_visible"),
         ("/coverage/visible_area_mm2", json!(1), "/coverage/of_visible: is 0."),
@@ -130,6 +134,29 @@ fn false_limits_and_regions_are_refused() {
     assert_eq!(found(&without_unmet), "", "one is unmet");
     without_unmet["coverage"]["regions"] = json!([]);
     assert!(found(&without_unmet).contains("/stopped_because: is \"regions_unmet\", but no region misses its target"));
+}
+
+/// Only their ranges were checked.
+#[test]
+fn parameters_that_differ_from_what_the_plan_tells_of_them_are_refused() {
+    let plan = plan();
+    let off = "is 2 ° and 1 mm; coverage.robust is for 1 ° and 1 mm";
+    let cases = [
+        ("/params/robust/pose_error", json!({"angle_deg": 2.0, "translation_mm": 1.0}), off),
+        ("/params/robust/pose_error", json!(null), "is null; coverage.robust is for 1 ° and 1 mm"),
+        ("/params/robust/draws", json!(3), "is 3; coverage.robust has 2 draws of this kind"),
+        ("/params/robust/hand_eye_draws", json!(3), "is 3; coverage.robust has 12 draws of this kind"),
+        ("/params/regions/interest/0/target", json!(0.5), "/coverage/regions/0/target: is 1; by params.regions it is 0.5"),
+        (
+            "/params/regions/interest/0/name",
+            json!("any"),
+            "/coverage/regions/0/name: is \"all\"; by params.regions it is \"any\"",
+        ),
+        ("/params/regions/interest", json!([]), "/coverage/regions: has 1 entries; params.regions has 0 regions of interest"),
+        ("/params/selection/max_views", json!(null), "is null; the choice of views stopped because of \"max_views\""),
+        ("/params/limits/camera_deg", json!(null), "/scanner/devices/0/incidence_max_deg: is 35 °; by incidence_own_deg and"),
+    ];
+    each_is_found(&plan, cases);
 }
 
 /// Nothing was found to collide at a pose that is none.

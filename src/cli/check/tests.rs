@@ -6,6 +6,7 @@ use tempfile::TempDir;
 use super::{CheckArgs, run};
 use crate::cell::{Presets, SpecKind, SpecLibrary, preset_text};
 use crate::cli::planned_block::plan_of_block;
+use crate::geometry::Mesh;
 use crate::geometry::mesh_io::write_stl;
 use crate::planning::params::{CandidateParams, PlanParams};
 use crate::service::plan_job::plan_sha256;
@@ -281,7 +282,7 @@ fn a_plan_is_held_against_the_part_that_is_given() {
     let part = part.display().to_string();
     let against = |plan: &serde_json::Value, unit: &str| {
         let plan = folder.file("plan.json", &plan.to_string()).display().to_string();
-        check(&[&plan, "--cell", "e05-transcan", "--mesh", &part, "--unit", unit])
+        check(&[&plan, "--cell", "none", "--mesh", &part, "--unit", unit])
     };
     let mut plan = plan();
     let found = against(&plan, "mm").expect_err("another part");
@@ -290,6 +291,63 @@ fn a_plan_is_held_against_the_part_that_is_given() {
     assert_eq!(against(&plan, "mm"), Ok(()));
     let found = against(&plan, "cm").expect_err("another unit");
     assert!(found.contains("part.stl (--unit cm): is ") && found.contains("the planned part is"), "{found}");
+}
+
+/// Any mesh was taken for the fixture.
+#[test]
+fn a_fixture_is_held_against_the_file_that_the_plan_names() {
+    let folder = Folder::new();
+    let stl = |name: &str, mesh: &Mesh| {
+        let path = folder.0.path().join(name);
+        std::fs::write(&path, write_stl(mesh)).expect("writes");
+        path.display().to_string()
+    };
+    let block = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    // Within the block it hides nothing.
+    let clamp = box_mesh([20.0, 10.0, 10.0], [22.0, 12.0, 12.0]);
+    let (part, clamp, copy) = (stl("part.stl", &block), stl("clamp.stl", &clamp), stl("copy.stl", &clamp));
+    let mut plan = plan();
+    plan["part"]["sha256"] = plan_sha256(&write_stl(&block)).into();
+    let against = |plan: &serde_json::Value, fixture: &str| {
+        let plan = folder.file("plan.json", &plan.to_string()).display().to_string();
+        check(&[&plan, "--cell", "none", "--mesh", &part, "--fixture", fixture, "--unit", "mm"])
+    };
+    let found = against(&plan, &clamp).expect_err("it has none");
+    assert!(found.starts_with("--fixture: does not apply: the plan was made without a fixture"), "{found}");
+    plan["params"]["part"]["fixture_mesh"] = clamp.clone().into();
+    assert_eq!((against(&plan, &clamp), against(&plan, &copy)), (Ok(()), Ok(())));
+    let found = against(&plan, &part).expect_err("another file");
+    assert!(found.contains("part.stl: is not the fixture of the plan: its SHA-256 is ") && found.contains(&clamp), "{found}");
+    plan["params"]["part"]["fixture_mesh"] = "nowhere.stl".into();
+    assert_eq!(against(&plan, &copy), Ok(()), "which one it was is not known, and told so");
+}
+
+/// Options that count for nothing were passed over in silence.
+#[test]
+fn an_option_that_no_file_is_checked_with_is_refused_by_name() {
+    let folder = Folder::new();
+    let scanner = folder.file("scanner.toml", preset_text(SpecKind::Scanner, "transcan-c").expect("preset"));
+    let params = folder.file("params.toml", "[motion]\nclearance_mm = 3.0\n");
+    let plan = folder.file("plan.json", &plan().to_string());
+    let [scanner, params, plan] = [scanner, params, plan].map(|path| path.display().to_string());
+    for (args, told) in [
+        (&[&*scanner, "--cell", "e05-transcan"][..], "--cell: does not apply to a scanner, which is checked by itself"),
+        (&[&params, "--temperature", "20"], "--temperature: does not apply to parameters"),
+        (&[&plan, "--cell", "e05-transcan"], "--cell: does not apply: the plan was made without a cell; leave it out, or give"),
+        (&[&plan, "--cell", "none", "--plan", &plan], "--plan: does not apply to a plan"),
+        (&[&params, "--unit", "mm"], "--unit mm: is the unit of meshes, and none is given"),
+        (&[&params, "--cell", "e05-transcan", "--scanner", "transcan-c"], "--scanner can only be used with --cell none"),
+    ] {
+        let found = check(args).expect_err(told);
+        assert!(found.starts_with(told), "{found}");
+    }
+    assert_eq!(check(&[&scanner, &params, "--cell", "e05-transcan"]), Ok(()), "the parameters are held against it");
+    assert_eq!(check(&[&plan, &params, "--cell", "none"]), Ok(()));
+    let found = check(&[&plan, "--cell", "none", "--scanner", "transcan-c"]).expect_err("another scanner");
+    assert!(
+        found.contains("plan.json: /scanner/name: is \"transcan-c-nominal\"; the given scanner is \"transcan-c\""),
+        "{found}"
+    );
 }
 
 /// The part was taken to rest as by default, wherever it lay.

@@ -1,0 +1,106 @@
+//! A program, by itself alone; and with the cell its motion, with the plan the scans that it has to take, and with the part
+//! collisions with it and the area that the scans measure.
+
+use serde_json::Value;
+
+use super::coverage::ProgramCoverage;
+use super::place::CheckPlace;
+use super::{Reference, Sound, field_errors, measured_as_planned, read_known, whole};
+use crate::cell::{Cell, FieldError};
+use crate::planning::context::Context;
+use crate::program::{self, Finding, Program};
+use crate::wire::UnverifiedStatement;
+use crate::wire::program::ProgramDocument;
+use crate::wire::words::counted;
+
+/// Checks the document of a program.
+///
+/// # Errors
+/// Every finding in the document; where there is none, every one in its cell, a fixture that is missing first; without one, the
+/// coverage that is not as planned.
+pub(super) fn check(
+    value: &Value,
+    place: Option<CheckPlace<'_>>,
+    reference: &Reference,
+    mut sound: Sound,
+    ctx: &Context<'_>,
+) -> Result<Sound, Vec<FieldError>> {
+    let document: ProgramDocument = read_known(value)?;
+    let program = document.program()?;
+    reference.owns(&program).map_err(|finding| field_errors(&[finding]))?;
+    reference.check_plan()?;
+    if reference.plan.is_some() {
+        sound.verify("plan_sha256 and setup: by the plan");
+    }
+    let extent = match place {
+        Some(CheckPlace::NoCell(_)) => {
+            return Err(whole("is to be checked without a cell, and moves one; give its cell".to_owned()));
+        }
+        Some(CheckPlace::Cell(cell)) => check_in(&program, cell, reference, &mut sound, ctx)?,
+        None => {
+            let off_orders = reference.off_orders(&program);
+            if !off_orders.is_empty() {
+                return Err(field_errors(&off_orders));
+            }
+            sound.leave("motion, collisions and scans", "give the cell");
+            " (structure and ranges checked; given a cell, motion too)".to_owned()
+        }
+    };
+    let steps = counted(document.steps.len(), "step");
+    Ok(sound.described(format!("program with {steps}, {:.1} s{extent}", document.cycle_secs)))
+}
+
+/// Checks a program in its cell; returns the extent of the checks in words.
+fn check_in(
+    program: &Program,
+    cell: &Cell,
+    reference: &Reference,
+    sound: &mut Sound,
+    ctx: &Context<'_>,
+) -> Result<String, Vec<FieldError>> {
+    reference.check_placed().map_err(|reason| whole(reason.to_owned()))?;
+    reference.check_scanner(cell)?;
+    let expected = reference.expected(program.setup);
+    let scene = reference.scene(cell, expected.as_ref());
+    let mut found = program::check(program, cell, &scene, expected.as_ref());
+    let stale = program::check_calibration(cell, &reference.present.conditions(cell));
+    found.extend(stale.into_iter().filter(|finding| !found.contains(finding)).collect::<Vec<_>>());
+    found.extend(reference.off_orders(program));
+    // First: without its fixture a part collides with less, and less of it is hidden.
+    let errors: Vec<FieldError> = reference.lacking_fixture().into_iter().chain(field_errors(&found)).collect();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let with_part = reference.with_part(false);
+    sound.verify("home, robot, turntable and calibration: by the given cell");
+    sound.verify("steps: limits of the axes, speed, durations and cycle_secs");
+    sound.verify(format!("moves: no collision on any segment, {with_part}"));
+    let before = sound.unverified.len();
+    match &reference.plan {
+        Some(_) => sound.verify("scans: pose, settling, capture and brightness as the plan has them for each viewpoint"),
+        None => sound.leave("scans at the viewpoints of the plan", "give the plan"),
+    }
+    if reference.part.is_none() {
+        sound.leave("collisions with the part", "give the plan and the part");
+    }
+    let measured = match reference.program_coverage(program, cell, expected.as_ref(), ctx)? {
+        ProgramCoverage::Compared { measured, planned } => {
+            if let Some(fault) = program::off_coverage(measured, planned) {
+                return Err(field_errors(&[Finding { step: None, fault }]));
+            }
+            sound.measured_of_asked = Some(measured);
+            sound.verify("coverage: what the scans measure is what the plan states, within 0.0005");
+            measured_as_planned("scans", measured)
+        }
+        ProgramCoverage::Unchecked(reason) => {
+            sound.leave("coverage", reason);
+            String::new()
+        }
+    };
+    let left: Vec<String> = sound.unverified[before..]
+        .iter()
+        .map(|UnverifiedStatement { statement, reason }| format!("{statement} ({reason})"))
+        .collect();
+    let unchecked = if left.is_empty() { String::new() } else { format!("; not checked: {}", left.join(", ")) };
+    Ok(format!(", sound in cell {}{measured}{unchecked}", cell.name))
+}
