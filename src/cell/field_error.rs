@@ -54,6 +54,7 @@ impl Findings {
         if !(value.is_finite() && low <= value && value <= high) {
             let space = if unit.is_empty() { "" } else { " " };
             let percent = if unit.is_empty() && high <= 1.0 { as_percent(value) } else { String::new() };
+            let [value, low, high] = [value, low, high].map(told);
             self.push(pointer, format!("is {value}{space}{unit}; allowed is {low} to {high}{space}{unit}{percent}"));
         }
     }
@@ -79,6 +80,13 @@ impl Findings {
     }
 }
 
+/// The number as it is written; very large and small ones with a power of ten, which would have hundreds of digits.
+fn told(value: f64) -> String {
+    const PLAIN: std::ops::Range<f64> = 1e-9..1e9;
+    let is_plain = value == 0.0 || !value.is_finite() || PLAIN.contains(&value.abs());
+    if is_plain { value.to_string() } else { format!("{value:e}") }
+}
+
 /// Hint for a share that was given in percent; empty for a number that hardly was.
 fn as_percent(value: f64) -> String {
     if !(5.0..=100.0).contains(&value) {
@@ -91,6 +99,19 @@ fn as_percent(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_number_of_hundreds_of_digits_is_told_with_a_power_of_ten() {
+        let told = |value: f64, high: f64| {
+            let mut findings = Findings::default();
+            findings.range("/table_angle_deg", value, 0.0, high, "°");
+            findings.into_result().expect_err("out of range")[0].detail.clone()
+        };
+        assert_eq!(told(1e308, 180.0), "is 1e308 °; allowed is 0 to 180 °");
+        assert_eq!(told(-2.5e-300, 1e12), "is -2.5e-300 °; allowed is 0 to 1e12 °");
+        assert_eq!(told(123_456_789.5, 0.25), "is 123456789.5 °; allowed is 0 to 0.25 °");
+        assert_eq!(told(f64::INFINITY, 1.0), "is inf °; allowed is 0 to 1 °");
+    }
 
     #[test]
     fn a_share_in_percent_is_told_as_a_share() {

@@ -75,7 +75,7 @@ fn plan_part(planner: &PartPlanner<'_>, mesh: &Path, folder: &OutputFolder) -> P
     let planned = planner.plan(mesh, folder);
     let judged = planned.as_ref().map_err(Clone::clone).and_then(|planned| {
         row.fill(planned)?;
-        planner.judge(&planned.outcome)
+        planner.judge(planned)
     });
     row.error = judged.err();
     if let Some(error) = &row.error {

@@ -32,6 +32,7 @@ use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{RegionCoverageDocument, RobustDocument};
 use crate::wire::regions::REGIONS_FILE;
+use crate::wire::warnings::FieldWarning;
 use crate::wire::words::no_plan_sentence;
 use crate::wire::{json_file_bytes, parameters, warnings};
 
@@ -101,7 +102,8 @@ pub struct PlanArgs {
     /// Reports to write: html (report.html and report.txt), text (report.txt alone) or none.
     #[arg(long, value_name = "REPORTS", default_value_t = Reports::Html)]
     report: Reports,
-    /// Exit with code 3 if a region of interest or a feature does not reach its target; the results are written all the same.
+    /// Exit with code 3 if a region of interest or a feature does not reach its target, or independent samples refute that it does; the
+    /// results are written all the same.
     #[arg(long)]
     strict: bool,
     /// Number of threads, 0 to 1024; 0 for all cores. The plan does not depend on it.
@@ -147,7 +149,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
             planner.load_fixture()?;
             let planned = planner.plan(mesh, &folder)?;
             print_summary(args.json, folder.path(), &planned.artifacts)?;
-            planner.judge(&planned.outcome)
+            planner.judge(&planned)
         }
         meshes => parts::run(&mut planner, meshes),
     }
@@ -173,6 +175,8 @@ pub(super) struct PartPlanner<'a> {
 pub(super) struct PlannedPart {
     pub(super) outcome: Outcome,
     pub(super) artifacts: Vec<Artifact>,
+    /// Warnings on regions that hold nothing of it, which were given.
+    empty_regions: Vec<FieldWarning>,
 }
 
 impl<'a> PartPlanner<'a> {
@@ -277,25 +281,27 @@ impl<'a> PartPlanner<'a> {
         let (planned, mut artifacts) = result?;
         watch.switch(Some(CommandStage::Writing.as_str()));
         let outcome = planned.map_err(|error| without_plan(error, &artifacts, folder))?;
-        self.warn_of_plan(&job, &outcome, &artifacts);
+        let empty_regions = self.warn_of_plan(&job, &outcome, &artifacts);
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
         let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
         let timings = || Artifact { name: TIMINGS_FILE.into(), bytes: json_file_bytes(&watch.times()) };
         folder.replace_timed(&artifacts, &timings, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
         warn_of_refused(self.cell.as_ref(), &artifacts, folder.path());
-        Ok(PlannedPart { outcome, artifacts })
+        Ok(PlannedPart { outcome, artifacts, empty_regions })
     }
 
     /// Warns of regions that hold nothing of the part, of a list of candidates that is left out, and of poses in which the part would
-    /// tip over.
-    fn warn_of_plan(&self, job: &PlanJob<'_>, outcome: &Outcome, artifacts: &[Artifact]) {
+    /// tip over. Returns the warnings on regions.
+    fn warn_of_plan(&self, job: &PlanJob<'_>, outcome: &Outcome, artifacts: &[Artifact]) -> Vec<FieldWarning> {
         warn("parameters", left_out_candidates(artifacts, "").as_slice());
-        warn("parameters", &job.empty_region_warnings(outcome, ""));
+        let empty_regions = job.empty_region_warnings(outcome, "");
+        warn("parameters", &empty_regions);
         // With --up its user was warned before.
         if self.args.up.is_none() {
             warn("parameters", &job.standing_warnings(&outcome.plan, ""));
         }
+        empty_regions
     }
 
     fn watch(&self) -> std::sync::MutexGuard<'_, Option<Stopwatch>> {
@@ -311,9 +317,10 @@ impl<'a> PartPlanner<'a> {
     }
 
     /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error.
-    pub(super) fn judge(&self, outcome: &Outcome) -> Result<(), CliError> {
-        warn_of_errors(&self.params, outcome.plan.coverage.robust.as_ref());
-        judge_regions(self.args.strict, &self.params, &outcome.plan.coverage.regions)
+    pub(super) fn judge(&self, planned: &PlannedPart) -> Result<(), CliError> {
+        let coverage = &planned.outcome.plan.coverage;
+        warn_of_errors(&self.params, coverage.robust.as_ref());
+        judge_regions(self.args.strict, &self.params, &coverage.regions, &planned.empty_regions)
     }
 }
 
@@ -377,13 +384,15 @@ fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>) {
     warn("parameters", fragile.as_slice());
 }
 
-/// Warns of regions that do not reach their target, which with `strict` are an error, and of those that reach it on the samples that
-/// views were chosen on alone.
-fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) -> Result<(), CliError> {
+/// Warns of regions that do not reach their target, or reach it on the samples that views were chosen on alone; with `strict` both are an
+/// error. `told` are warnings on regions that were given.
+fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage], told: &[FieldWarning]) -> Result<(), CliError> {
     let regions: Vec<_> = regions.iter().map(RegionCoverageDocument::from).collect();
     let unmet = warnings::of_regions(params, &regions, "");
-    warn("parameters", &unmet);
-    warn("parameters", &warnings::of_refuted_regions(params, &regions, ""));
+    let refuted = warnings::of_refuted_regions(params, &regions, "");
+    let untold = warnings::by_cause([told, unmet.as_slice()].concat());
+    warn("parameters", &untold[told.len()..]);
+    warn("parameters", &refuted);
     if !strict {
         return Ok(());
     }
@@ -394,13 +403,17 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) 
             regions.len()
         )));
     }
-    if unmet.is_empty() {
+    if unmet.is_empty() && refuted.is_empty() {
         return Ok(());
     }
     let with_target = regions.iter().filter(|region| region.target.is_some()).count();
+    let on_others = match refuted.len() {
+        0 => String::new(),
+        refuted => format!(", {refuted} of them on independent samples alone"),
+    };
     Err(CliError::RegionsUnmet(format!(
-        "{} of {with_target} regions and features with a target do not reach it (--strict); the results are written",
-        unmet.len()
+        "{} of {with_target} regions and features with a target do not reach it{on_others} (--strict); the results are written",
+        unmet.len() + refuted.len()
     )))
 }
 
@@ -505,4 +518,63 @@ pub(super) fn print_summary(json: bool, out: &Path, artifacts: &[Artifact]) -> R
     let lines = summary::lines(artifacts)?.join("\n");
     let report = shown_report(artifacts).map_or_else(String::new, |name| format!("Report: {}\n", out.join(name).display()));
     output::text(format!("{lines}\n{report}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::params::{FeatureParams, Region};
+    use crate::planning::plan::{IndependentRegion, RegionKind};
+
+    /// A feature of 10 mm² with a target of 0.9 that is reached on the samples of the plan, and so much measured on 400 others.
+    fn feature(independent_mm2: f64) -> RegionCoverage {
+        RegionCoverage {
+            name: "bore".to_owned(),
+            kind: RegionKind::Feature,
+            samples: 100,
+            asked_area_mm2: 10.0,
+            coverable_area_mm2: 10.0,
+            measured_area_mm2: 9.3,
+            target: Some(0.9),
+            tolerance_mm: None,
+            min_tolerance_mm: 0.156,
+            missed_mm2: Vec::new(),
+            beyond_noise_area_mm2: 0.0,
+            independent: Some(IndependentRegion {
+                samples: 400,
+                asked_area_mm2: 10.0,
+                measured_area_mm2: independent_mm2,
+                squares_mm4: 0.25,
+            }),
+        }
+    }
+
+    fn params(features: usize) -> PlanParams {
+        let feature = FeatureParams {
+            name: None,
+            region: Region::Box { min_mm: [0.0; 3], max_mm: [1.0; 3] },
+            tolerance_mm: 0.5,
+            point_spacing_mm: None,
+            target: Some(0.9),
+        };
+        let mut params = PlanParams::default();
+        params.regions.features = vec![feature; features];
+        params
+    }
+
+    /// Such a region was a warning alone, and exit code 0.
+    #[test]
+    fn a_region_that_independent_samples_refute_is_an_error_with_strict() {
+        let judged = |strict: bool, regions: &[RegionCoverage]| judge_regions(strict, &params(regions.len()), regions, &[]);
+        assert_eq!(judged(true, &[feature(8.9)]), Ok(()), "within the standard error");
+        assert_eq!(judged(false, &[feature(8.5)]), Ok(()));
+        let unmet = RegionCoverage { measured_area_mm2: 5.0, ..feature(5.0) };
+        let refused = judged(true, &[feature(8.5), unmet, feature(9.3)]).expect_err("two of three");
+        assert_eq!(refused.exit_code(), 3);
+        assert_eq!(
+            refused.to_string(),
+            "2 of 3 regions and features with a target do not reach it, 1 of them on independent samples alone (--strict); the results \
+             are written"
+        );
+    }
 }

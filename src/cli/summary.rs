@@ -7,7 +7,7 @@ use crate::service::plan_job::Artifact;
 use crate::wire::parse;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
-use crate::wire::words::{area_mm2, at_risk_sentence, counted, percent_below, region_verdict, stability_sentence};
+use crate::wire::words::{area_mm2, at_risk_sentence, counted, first_lie, percent_below, region_verdict, stability_sentence};
 
 /// Lines on a plan, by its files.
 ///
@@ -52,7 +52,9 @@ fn details(plan: &PlanDocument) -> Vec<String> {
 fn setup_lines(plan: &PlanDocument) -> Vec<String> {
     let executed: Vec<u32> = plan.viewpoints.iter().filter(|view| view.rejected.is_none()).map(|view| view.id).collect();
     let line = |(number, setup): (usize, &SetupDocument)| {
-        let turn = setup.turn.as_ref().map_or_else(|| "as placed first".to_owned(), |turn| turn.text.clone());
+        let first = || first_lie(plan.params.part.table_from_part.as_ref(), &setup.table_from_part.pose());
+        let turn =
+            setup.turn.as_ref().map(|turn| turn.text.clone()).or_else(first).unwrap_or_else(|| "as placed first".to_owned());
         let views = setup.viewpoints.iter().filter(|view| executed.contains(view)).count();
         format!("Setup {}: {turn}; {}", number + 1, counted(views, "view"))
     };

@@ -16,8 +16,8 @@ use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, Region
 use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, of_robust, parameter_of};
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fix_sentence, fixed, fixed_nonzero,
-    freedom, headline, lie_phrase, noise_remark, percent_below, region_verdict, risk_meaning, treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, first_lie, fix_sentence, fixed,
+    fixed_nonzero, freedom, headline, lie_phrase, noise_remark, percent_below, region_verdict, risk_meaning, treated_spots,
 };
 
 /// Meaning of the asked surface in a plan of further views.
@@ -108,10 +108,11 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         let asked_mm2 = plan.coverage.asked_area_mm2;
         let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
         let executed = setup.views.iter().filter(|view| plan.views[view.index()].rejected.is_none()).count();
-        let (views, lies) = (measuring(executed), pose(&setup.table_from_part));
-        let turn = plan.turn_into(id).map_or_else(String::new, |turn| format!("{}; ", lie_phrase(&turn)));
-        write!(out, "  {}: {turn}{views} {measured} % of the asked area", id.0 + 1)?;
-        writeln!(out, ", of {coverable} % that candidates here could; {lies}")
+        let (views, at) = (measuring(executed), pose(&setup.table_from_part));
+        let first = || first_lie(plan.params.part.table_from_part.as_ref(), &setup.table_from_part);
+        let lies = plan.turn_into(id).map(|turn| lie_phrase(&turn)).or_else(first).map_or_else(String::new, |lies| lies + "; ");
+        write!(out, "  {}: {lies}{views} {measured} % of the asked area", id.0 + 1)?;
+        writeln!(out, ", of {coverable} % that candidates here could; {at}")
     })
 }
 

@@ -1,10 +1,13 @@
 //! Planning of a part in a cell, with all result files: shared by the server's jobs and the command line.
 
+mod refused;
+
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 
 use sha2::{Digest, Sha256};
 
+use self::refused::{DialectProgram, Refused, in_dialect};
+pub use self::refused::{REFUSED_FILE, dialect_of, foreign_name, left_out_candidates, refused_programs};
 use super::rescan_job::RescanJob;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
 use crate::geometry::{self, LengthUnit, Mesh, Part, Poll, Pose, Preview, Table};
@@ -14,7 +17,7 @@ use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::surface::empty_regions;
 use crate::planning::{PlanError, PlanInput, plan};
-use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectOutput};
+use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect};
 use crate::program::{Expected, Program, compile_views};
 use crate::report::html::{self, NoPlanInput, NoPlanReason, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
@@ -27,7 +30,7 @@ use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
-use crate::wire::warnings::{FieldWarning, RegionUse, WarningCode, at_head_of_reports, of_empty_region, of_poses};
+use crate::wire::warnings::{FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_poses};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -90,26 +93,6 @@ enum Rendered {
     Draft,
 }
 
-/// File with the reasons why some files are missing: programs in some dialects, or a listing that is too large.
-pub const REFUSED_FILE: &str = "refused.json";
-
-/// Name under which a program is kept that is in the language of another maker than the robot's: `program.mod` as
-/// `program.foreign.mod`. `None` if the name is not a program's in a maker's language.
-#[must_use]
-pub fn foreign_name(name: &str) -> Option<String> {
-    let (stem, extension) = name.rsplit_once('.')?;
-    dialect_of(name).map(|_| format!("{stem}.foreign.{extension}"))
-}
-
-/// Language of the program that a file name is of, if that is a maker's.
-#[must_use]
-pub fn dialect_of(name: &str) -> Option<Dialect> {
-    let (stem, extension) = name.rsplit_once('.')?;
-    let mut makers = Dialect::ALL.into_iter().filter(|dialect| !dialect.is_neutral());
-    let is_program = stem.starts_with("program") && !stem.contains('.');
-    makers.find(|dialect| is_program && dialect.outputs().iter().any(|output| output.extension == extension))
-}
-
 /// Programs in the languages of other makers than the robot's.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ForeignPrograms {
@@ -119,35 +102,10 @@ enum ForeignPrograms {
     LeftOut,
 }
 
-/// Files with their names, and reasons why some are missing.
+/// Files with their names.
 type Files = Vec<(Cow<'static, str>, Vec<u8>)>;
-type Refused = BTreeMap<String, String>;
 /// A program that the linter found nothing in, or its findings in a sentence.
 type CheckedOrFindings<'a> = Result<CheckedProgram<'a>, String>;
-
-/// A program in some dialect.
-struct DialectProgram {
-    /// Name of its file.
-    name: String,
-    /// Its language.
-    dialect: Dialect,
-    /// Its text, or the reason why there is none.
-    text: Result<String, String>,
-    /// Reason why it is refused unless it is forced, if the robot does not take the dialect.
-    foreign: Option<String>,
-}
-
-impl DialectProgram {
-    /// Adds the file, and the reason why it is missing or refused.
-    fn sort_into(self, files: &mut Files, refused: &mut Refused) {
-        let kept_as = self.foreign.as_ref().and_then(|_| foreign_name(&self.name));
-        match self.text {
-            Ok(text) => files.push((kept_as.unwrap_or_else(|| self.name.clone()).into(), text.into_bytes())),
-            Err(reason) => drop(refused.insert(self.name.clone(), reason)),
-        }
-        refused.extend(self.foreign.map(|reason| (self.name, reason)));
-    }
-}
 
 /// A result file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -319,6 +277,7 @@ impl PlanJob<'_> {
         let document = self.document(outcome, &size_warnings);
         let mut warnings = at_head_of_reports(&document.warnings);
         warnings.retain(|warning| !size_warnings.contains(warning));
+        let unstable = document.warnings.iter().filter(|warning| warning.code == WarningCode::PartUnstable).count();
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
@@ -328,7 +287,8 @@ impl PlanJob<'_> {
         };
         let rendered: Vec<Vec<DialectProgram>> = programs.iter().zip(&checked).map(in_dialects).collect();
         let summary = self.with_program(Summary::of(plan), &programs, &checked, &rendered);
-        let summary = summary.with_unit_question(self.unit_question()).of_file(plan_sha256.clone());
+        let summary = summary.with_unstable_setups(unstable).with_unit_question(self.unit_question());
+        let summary = summary.of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput {
@@ -378,6 +338,7 @@ impl PlanJob<'_> {
         document.warnings.extend(size_warnings.iter().cloned());
         document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
         document.warnings.extend(self.standing_warnings(&outcome.plan, "/params"));
+        document.warnings = by_cause(document.warnings);
         document
     }
 
@@ -504,31 +465,6 @@ fn own_cycle(
     Ok(cycle_secs.map(|secs| ProgramCycle::new(dialect, secs, planned_secs, dialect.before_first_run_of(programs))))
 }
 
-/// Programs in a dialect that were refused: names of their files, of several files of a program the first, and the reasons.
-#[must_use]
-pub fn refused_programs(artifacts: &[Artifact], dialect: Dialect) -> Vec<(String, String)> {
-    let refused: Refused = serde_json::from_slice(bytes_of(artifacts, REFUSED_FILE)).unwrap_or_default();
-    let first = dialect.outputs().first().map(|output| output.extension);
-    let is_in_dialect = |name: &str| {
-        name.rsplit_once('.').is_some_and(|(stem, extension)| stem.starts_with("program") && Some(extension) == first)
-    };
-    refused.into_iter().filter(|(name, _)| is_in_dialect(name)).collect()
-}
-
-/// Warning on the list of every candidate, where it was asked for and is not among the files; `at` is the pointer to the parameters.
-#[must_use]
-pub fn left_out_candidates(artifacts: &[Artifact], at: &str) -> Option<FieldWarning> {
-    let mut refused: Refused = serde_json::from_slice(bytes_of(artifacts, REFUSED_FILE)).unwrap_or_default();
-    let reason = refused.remove(CANDIDATES_FILE)?;
-    let (reason, remedy) = reason.split_once("; ").unwrap_or((reason.as_str(), "reduce the number of candidates"));
-    Some(FieldWarning {
-        code: WarningCode::CandidatesLeftOut,
-        pointer: format!("{at}/output/candidates"),
-        detail: format!("is true, and {CANDIDATES_FILE} is not written: {reason}"),
-        remedy: remedy.to_owned(),
-    })
-}
-
 /// The report of a plan in plain text, after the warnings on the part's size.
 fn report_text(plan: &Plan, summary: &Summary, size_warnings: &[FieldWarning], warnings: &[FieldWarning]) -> String {
     let sha256 = summary.plan_sha256.as_deref().unwrap_or_default();
@@ -560,31 +496,6 @@ fn report_files(
 pub fn drawn_report(draft: &[u8], ctx: &Context<'_>) -> Result<Option<Artifact>, Cancelled> {
     let Ok(draft) = html::Draft::from_bytes(draft) else { return Ok(None) };
     Ok(Some(Artifact { name: REPORT_FILE.into(), bytes: draft.draw(ctx)?.into_bytes() }))
-}
-
-/// Every file of a program in a dialect. If the robot does not take the dialect, that is told beside a text that warns of it.
-fn in_dialect(
-    checked: Result<&CheckedProgram<'_>, &String>,
-    dialect: Dialect,
-    stem: &str,
-    params: &DialectParams,
-) -> Vec<DialectProgram> {
-    let rendered = checked.map_err(Clone::clone).and_then(|checked| {
-        let foreign = match checked.render(dialect, params) {
-            Ok(files) => return Ok((files, None)),
-            Err(foreign @ DialectError::Foreign { .. }) => foreign.to_string(),
-            Err(error) => return Err(error.to_string()),
-        };
-        let forced = checked.render_forced(dialect, params).map_err(|error| error.to_string())?;
-        Ok((forced, Some(foreign)))
-    });
-    let program = |(index, output): (usize, &DialectOutput)| DialectProgram {
-        name: format!("{stem}.{}", output.extension),
-        dialect,
-        text: rendered.as_ref().map(|(files, _)| files[index].text.clone()).map_err(Clone::clone),
-        foreign: rendered.as_ref().ok().and_then(|(_, foreign)| foreign.clone()),
-    };
-    dialect.outputs().iter().enumerate().map(program).collect()
 }
 
 /// SHA-256 of the bytes of `plan.json`, lower-case hexadecimal: the name of a plan in everything that is derived from it.

@@ -171,6 +171,7 @@ impl App {
                 if job.warnings.iter().all(|warning| warning.code != WarningCode::RegionUnmet) {
                     job.warnings.extend(warnings::of_regions(&job.params, &regions, "/params"));
                 }
+                job.warnings = warnings::by_cause(std::mem::take(&mut job.warnings));
                 job.regions = regions;
             }
             Err(error) => {

@@ -16,7 +16,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 pub(crate) use advice::options;
-pub use advice::{AdviceDocument, TurnDocument};
+pub use advice::{AdviceDocument, AdvisedSetupDocument, TurnDocument};
 pub use at_risk::{AtRiskDocument, RiskReasonDocument};
 pub use coverage::{
     CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument,

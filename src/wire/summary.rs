@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 pub use action::SummaryAction;
 pub use cycle::{CycleParts, ProgramCycle};
 pub use missed::MissedGroup;
-pub(crate) use missed::{further_setup, stop_rules};
+pub(crate) use missed::{choice_ended_by, further_setup, stop_rules};
 pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
@@ -41,8 +41,8 @@ pub struct Summary {
     pub schema: String,
     /// Level of the verdict: may the part be scanned as planned?
     pub level: PlanLevel,
-    /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read. If the part has
-    /// an implausible size, a request to check its unit in its place.
+    /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read. In its place, if the
+    /// part has an implausible size, a request to check its unit, else, if it does not stand as it is placed, what to do about that.
     pub title: String,
     /// Verdict on the plan.
     pub verdict: PlanVerdict,
@@ -75,7 +75,7 @@ pub struct Summary {
     pub program_cycle: Option<ProgramCycle>,
     /// Number of regions of interest and features that have a target.
     pub regions_with_target: usize,
-    /// Number of those that do not reach it.
+    /// Number of those that do not reach it, or of which independent samples refute that they do.
     pub regions_unmet: usize,
     /// Missed share of the asked area, on the samples that views are chosen on.
     pub missed_of_asked: f64,
@@ -141,7 +141,7 @@ impl Summary {
             cycle_text: motion.map(|motion| cycle::text(plan, &motion)),
             program_cycle: None,
             regions_with_target: regions.iter().filter(|region| region.target.is_some()).count(),
-            regions_unmet: regions.iter().filter(|region| region.is_unmet()).count(),
+            regions_unmet: regions.iter().filter(|region| region.misses_target()).count(),
             missed_of_asked,
             missed_spots,
             missed_text: missed_text([missed_of_asked, 1.0 - coverage.of_asked], missed_spots),
@@ -171,6 +171,25 @@ impl Summary {
         let told = format!("; NO PROGRAM for the robot ({}), see {file}: {reason}", dialect.as_str());
         let cycle_text = self.cycle_text.map(|text| text + &told);
         Self { cycle_text, program_cycle: None, ..self }
+    }
+
+    /// The summary of a plan in so many of whose setups the part would tip over: its title says so, and what to do, in place of what is
+    /// measured.
+    #[must_use]
+    pub fn with_unstable_setups(self, unstable: usize) -> Self {
+        if unstable == 0 || self.level == PlanLevel::NotExecutable {
+            return self;
+        }
+        let title = match self.setups {
+            0 | 1 => "Not ready to scan: the part does not stand stably as placed and would tip over; plan with the fixture that holds \
+                      it (part.fixture_mesh), or lay it on a side on which it stands (part.table_from_part, --up)"
+                .to_owned(),
+            setups => format!(
+                "Not ready to scan: the part does not stand stably in {unstable} of {setups} setups and would tip over; lay it on \
+                 sides on which it stands (part.table_from_part, part.resting_poses)"
+            ),
+        };
+        Self { title, level: PlanLevel::Limited, ..self }
     }
 
     /// The summary with a request to check the part's unit for a title, if there is one: a plan of a part of another size is of no use,
@@ -297,11 +316,15 @@ fn missed_text(missed_of_asked: [f64; 2], spots: usize) -> String {
 /// Names of regions below their target, with what is reached: `"top" 0.00 %, target 95.00 %`.
 fn unmet_regions(regions: &[RegionCoverage]) -> String {
     const NAMED: usize = 3;
-    let unmet: Vec<&RegionCoverage> = regions.iter().filter(|region| region.is_unmet()).collect();
+    let unmet: Vec<&RegionCoverage> = regions.iter().filter(|region| region.misses_target()).collect();
     // Quoted, so that no name breaks a line.
     let named = unmet.iter().take(NAMED).map(|region| {
         let target = region.target.unwrap_or_default();
-        format!("{:?} {} %, target {}", region.name, percent_below(region.of_asked(), target, 2), percent(target))
+        let (of_asked, on) = match region.independent.filter(|_| region.is_refuted()) {
+            Some(independent) => (independent.of_asked(), " on independent samples"),
+            None => (region.of_asked(), ""),
+        };
+        format!("{:?} {} %{on}, target {}", region.name, percent_below(of_asked, target, 2), percent(target))
     });
     let named = named.collect::<Vec<_>>().join("; ");
     match unmet.len() {

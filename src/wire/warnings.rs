@@ -151,21 +151,22 @@ fn ways_to_stand(stable: &[StablePose]) -> String {
     if stands.is_empty() { String::new() } else { format!("; it stands with {} up", stands.join(", ")) }
 }
 
+/// Warnings without those on the target of a region that misses it since it holds nothing of the part: another one says so.
+#[must_use]
+pub fn by_cause(mut warnings: Vec<FieldWarning>) -> Vec<FieldWarning> {
+    let is_empty = |warning: &&FieldWarning| warning.code == WarningCode::RegionEmpty;
+    let empty: Vec<String> = warnings.iter().filter(is_empty).map(|warning| format!("{}/target", warning.pointer)).collect();
+    warnings.retain(|warning| warning.code != WarningCode::RegionUnmet || !empty.contains(&warning.pointer));
+    warnings
+}
+
 /// Warnings of a plan that its reports list at their head: all but [`WarningCode::FragileUnderPoseError`], which stands beside the figures
 /// that it is on, and the one on the target of a region of which the list says that it is empty.
 #[must_use]
 pub fn at_head_of_reports(warnings: &[FieldWarning]) -> Vec<FieldWarning> {
-    let empty: Vec<&str> = warnings
-        .iter()
-        .filter(|warning| warning.code == WarningCode::RegionEmpty)
-        .map(|warning| warning.pointer.as_str())
-        .collect();
-    let is_said_of_empty = |warning: &FieldWarning| {
-        warning.code == WarningCode::RegionUnmet
-            && warning.pointer.strip_suffix("/target").is_some_and(|region| empty.contains(&region))
-    };
-    let is_told = |warning: &&FieldWarning| warning.code == WarningCode::FragileUnderPoseError || is_said_of_empty(warning);
-    warnings.iter().filter(|warning| !is_told(warning)).cloned().collect()
+    let mut warnings = by_cause(warnings.to_vec());
+    warnings.retain(|warning| warning.code != WarningCode::FragileUnderPoseError);
+    warnings
 }
 
 /// Name of the parameter that a warning on a plan is on, as options of the command line have it.

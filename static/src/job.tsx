@@ -4,7 +4,7 @@ import { useEffect } from "preact/hooks";
 import { apiPath, askAhead, type Job, type Note, type Region } from "./api";
 import { jobSignal, partName, readJob, stream } from "./jobs";
 import { facts, JobActions, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
-import { area, fine, goTo, hrefOf, percent, place, setQuery, unit, withoutOptions } from "./settings";
+import { area, fine, goTo, hrefOf, nonzero, percent, place, setQuery, unit, withoutOptions } from "./settings";
 import { StartRun } from "./startrun";
 import { text } from "./text";
 import { Button, CopyLink, known, Lazy, Pending, Tabs } from "./widgets";
@@ -49,7 +49,7 @@ export function Warnings({ job }: { job: { warnings?: Note[] } }) {
 
 /** Share on samples that the views were not chosen on. */
 const onOtherSamples = ({ independent_of_asked: share, independent_standard_error: error }: Region): string =>
-  (share === undefined || error === undefined ? text.none : text.regionTable.withError(percent(share, 2), (100 * error).toFixed(2)));
+  (share === undefined || error === undefined ? text.none : text.regionTable.withError(percent(share, 2), nonzero(100 * error, 2)));
 
 /** Verdict on a region: a target that is reached on the samples that views were chosen on alone is not told as met. */
 function verdictOf(region: Region): string {
@@ -71,7 +71,7 @@ export function RegionTable({ regions }: { regions: Region[] }) {
             <td>{region.tolerance_mm === undefined || region.tolerance_mm === null ? region.kind : `${region.kind}, ${fine(region.tolerance_mm)}`}</td>
             <td class="number">{area(region.asked_area_mm2)}</td><td class="number">{region.samples}</td>
             <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
-            <td class="number">{percent(region.of_asked, 2)}</td><td class="number">{onOtherSamples(region)}</td>
+            <td class="number">{percent(region.of_asked, 2, region.met === false ? region.target ?? 1 : 1)}</td><td class="number">{onOtherSamples(region)}</td>
             <td>{verdictOf(region)}</td><td>{region.why_unmet ?? ""}</td>
           </tr>
         ))}

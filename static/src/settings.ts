@@ -104,7 +104,20 @@ export const area = (mm2: number): string =>
   `${digits(areaIn(mm2), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}²`;
 export const sizes = (mm: readonly number[]): string =>
   `${mm.map((value) => digits(lengthIn(value), unit.value === "mm" ? 1 : 3)).join(" × ")} ${lengthUnit()}`;
-export const percent = (share: number, decimals = 1): string => `${(100 * share).toFixed(decimals)} %`;
+/** Decimals of a number; with as many more, at most twelve, as show two digits where it would be shown as 0 and is not. */
+export function nonzero(value: number, decimals: number): string {
+  const shown = fixed(value, decimals);
+  return value === 0 || Number(shown) !== 0 ? shown : fixed(value, Math.min(12, 1 - Math.floor(Math.log10(Math.abs(value)))));
+}
+/** What may be lacking of a whole, or be left of nothing: sums of areas are not exact to the last bit. */
+const SUM_SLACK = 1e-9;
+/** A share, as the server's sentences have it (`wire/words.rs`): above 0 it is not shown as 0, below a limit not as that. */
+export function percent(share: number, decimals = 1, limit = 1): string {
+  const [shown, ofLimit] = [fixed(100 * share, decimals), fixed(100 * limit, decimals)];
+  if (share > SUM_SLACK && Number(shown) === 0) return `${nonzero(100 * share, decimals)} %`;
+  const steps = 10 ** decimals;
+  return share < limit - SUM_SLACK && shown === ofLimit ? `${fixed(Math.floor(100 * share * steps) / steps, decimals)} %` : `${shown} %`;
+}
 /** Difference of shares, percentage points. */
 export function points(difference: number): string {
   const shown = fixed(100 * difference, 2);

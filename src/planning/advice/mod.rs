@@ -2,15 +2,17 @@
 //! ([`crate::planning::method::causes`]).
 //!
 //! Views are chosen greedily for what the plan leaves open, its own views kept: among its candidates (`more_views.rs`), and in one
-//! more pose of the part among some of the candidates that a plan in that setup chooses from (`turn_over.rs`). A plan with the
-//! advised parameters has these candidates and more, and ends at its target, so what it measures is not below the target's share of
-//! what those measure.
+//! more pose of the part among some of the candidates that a plan in that setup chooses from (`turn_over.rs`). Where a plan in one more
+//! setup would lie in other poses by itself, and measure more there, views are chosen for those, and those of the poses that it leaves
+//! are given up. A plan with the advised parameters has these candidates and more, and ends at its target, so what it measures is not
+//! below the target's share of what those measure.
 //!
 //! Another setup is tried on some of the samples, and what is told of the views that were chosen for it is what they measure of all
 //! of them.
 //!
 //! Cost: a fraction of the plan's candidates on some samples, with their stations, the order of the views of one setup, and rays
-//! for what is open; nothing where less is open than advice is given for.
+//! for what is open; the same for each pose where the part is laid anew, and again for a second and a third choice of poses where the
+//! one before leads to nothing or falls clearly short. Nothing where less is open than advice is given for.
 
 mod more_views;
 mod trial;
@@ -21,16 +23,16 @@ use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::{CandidateIndex, SampleId};
-use super::params::{Objective, OverlapParams, PlanParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
-use super::plan::{Cause, Outcome, PlanAdvice, Verdict};
+use super::params::{Objective, OverlapParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
+use super::plan::{Cause, Outcome, PlanAdvice, PlannedView, SetupPlan, Verdict, ViewId};
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::registration::union_of;
 use super::scene::PlanInput;
 use super::selection::{self, CoverProblem};
-use super::sequence::{Ordered, Sequence};
+use super::sequence::{Leg, Ordered, Sequence};
 use super::setups::Setup;
 use super::visibility::{Row, SampleSet};
-use crate::geometry::RayScene;
+use crate::geometry::{Part, Pose, RayScene, Table};
 use more_views::MoreViews;
 
 /// Share of the asked area that advice recovers at least, unless it makes a region meet its target: our choice.
@@ -108,6 +110,20 @@ impl Basis {
         Self {
             measured: samples_where(|verdict| matches!(verdict, Verdict::Measured(_))),
             coverable: samples_where(is_coverable),
+            asked_area_mm2: outcome.surface.asked_area_mm2(),
+            total_mm2: outcome.surface.area_where(|_| true),
+            more_views: None,
+        }
+    }
+
+    /// The plan with the views of its setups in some poses alone. No more than what they measure is taken to be coverable there.
+    fn of_poses(outcome: &Outcome, poses: &[Pose<Table, Part>]) -> Self {
+        let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
+        let kept = views.filter(|(view, _)| is_in_poses(view, outcome, poses)).map(|(_, row)| row);
+        let measured = union_of(kept, outcome.verdicts.len());
+        Self {
+            coverable: measured.clone(),
+            measured,
             asked_area_mm2: outcome.surface.asked_area_mm2(),
             total_mm2: outcome.surface.area_where(|_| true),
             more_views: None,
@@ -217,17 +233,27 @@ fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context
     Ok(choices.iter().map(|choice| choice.row.index()).collect())
 }
 
-/// Cycle time of a plan with so many more views, the moves of which take `added_secs`; `None` without a cell.
-fn cycle_secs(outcome: &Outcome, params: &PlanParams, added_views: usize, added_secs: f64) -> Option<f64> {
-    let plan = &outcome.plan;
+/// Cycle time of a plan with so many more views, the moves of which take `added_secs`, and without its setups that do not stay; `None`
+/// without a cell.
+fn cycle_secs(outcome: &Outcome, stays: impl Fn(&SetupPlan) -> bool, (added_views, added_secs): (usize, f64)) -> Option<f64> {
+    let (plan, scan) = (&outcome.plan, &outcome.plan.params.scan);
     plan.sequences().next()?;
+    let setups = plan.setups.iter().filter(|setup| stays(setup));
+    let sequences: Vec<&Sequence> = setups.filter_map(|setup| setup.sequence.as_ref()).collect();
+    let captures_of = |(view, _): &(ViewId, Leg)| plan.views.get(view.index()).map_or(1, |view| view.levels(scan).len());
+    let visits = || sequences.iter().flat_map(|sequence| &sequence.visits);
     // A view may be captured at two levels of brightness; a further one is taken to be captured once.
-    let [visits, captures] = [plan.visits().count(), plan.captures()].map(|count| (count + added_views) as f64);
-    let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
-    Some(moving_secs + added_secs + visits * params.scan.settle_secs + captures * params.scan.capture_secs)
+    let counts = [visits().count(), visits().map(captures_of).sum()].map(|count: usize| (count + added_views) as f64);
+    let moving_secs: f64 = sequences.iter().map(|sequence| sequence.motion_secs()).sum();
+    Some(moving_secs + added_secs + counts[0] * scan.settle_secs + counts[1] * scan.capture_secs)
 }
 
 /// Views of a plan that measure something.
 fn views_of(outcome: &Outcome) -> usize {
-    outcome.plan.views.iter().filter(|view| view.rejected.is_none()).count()
+    outcome.plan.executed_views()
+}
+
+/// Returns true if a view is taken with the part in one of some poses.
+fn is_in_poses(view: &PlannedView, outcome: &Outcome, poses: &[Pose<Table, Part>]) -> bool {
+    outcome.plan.setups.get(view.setup.index()).is_some_and(|setup| poses.contains(&setup.table_from_part))
 }

@@ -105,11 +105,12 @@ impl MoreViews {
             changes,
             table_from_part: None,
             turn: None,
+            setups: Vec::new(),
             added_views: self.added,
             views,
             measured_area_mm2: self.measured_mm2.max(basis.measured_mm2()),
             visible_area_mm2: plan.coverage.visible_area_mm2,
-            cycle_secs: cycle_secs(outcome, params, self.added, self.moving_secs),
+            cycle_secs: cycle_secs(outcome, |_| true, (self.added, self.moving_secs)),
             regions_met: Vec::new(),
         })
     }

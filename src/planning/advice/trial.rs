@@ -1,36 +1,38 @@
-//! A trial of one more setup: views chosen there on some of the samples, joined to the other setups by surface that they share, and
-//! ordered.
+//! A trial of setups that a plan does not have: views chosen there on some of the samples, joined to each other and to the setups that
+//! stay by surface that they share, and ordered.
 
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::turn_over::UnmetRegion;
+use super::turn_over::WantedRegion;
 use super::{Basis, Wanted, choose, within};
 use crate::cell::Configuration;
-use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::{CandidateIndex, SampleId, SetupId, ViewId};
+use crate::planning::ids::{CandidateIndex, SampleId, ViewId};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Outcome, SetupPlan};
+use crate::planning::plan::{Outcome, SetupId, SetupPlan};
 use crate::planning::problem::{EvaluatedCandidates, TriedSetup};
 use crate::planning::registration::{SharedSurface, shared, union_of};
 use crate::planning::scene::PlanningScene;
 use crate::planning::stations::Station;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::MIN_RESISTANCE;
-use crate::planning::visibility::{Occluders, Row, SampleSet, UnitedViews};
+use crate::planning::visibility::{Row, SampleSet, UnitedViews};
 
 /// Views that are added at most for what is missed.
 const MAX_ADDED: usize = 60;
-/// Views that are added at most to register the setup to the others.
+/// Views that are added at most to register a setup to the others.
 const MAX_JOINING: usize = 12;
 
-/// Views in a further setup.
+/// Views in further setups.
 pub(super) struct Trial<'a> {
-    /// The plan on the samples of the setup's surface.
+    /// The plan on the samples of the setups' surface.
     basis: &'a Basis,
-    setup: &'a TriedSetup<'a>,
+    setups: &'a [TriedSetup<'a>],
+    /// Place of each view's setup among these.
+    setup_of: Vec<usize>,
     poses: Vec<Pose<Part, ScannerFrame>>,
     rows: Vec<&'a Row>,
     stations: Vec<&'a [Station]>,
@@ -41,25 +43,30 @@ pub(super) struct Trial<'a> {
 }
 
 impl<'a> Trial<'a> {
-    /// No view is chosen yet of `candidates`, which the cell can all take.
-    pub(super) fn new(basis: &'a Basis, setup: &'a TriedSetup<'a>, candidates: &'a EvaluatedCandidates) -> Self {
-        let stations = |candidate: CandidateIndex| match &candidates.reach {
-            Some(reach) => reach[candidate.index()].as_deref().unwrap_or_default(),
-            None => &[],
-        };
-        Self {
+    /// No view is chosen yet of the candidates of each setup, which the cell can all take.
+    pub(super) fn new(basis: &'a Basis, setups: &'a [TriedSetup<'a>], of_setups: &'a [EvaluatedCandidates]) -> Self {
+        let mut trial = Self {
             basis,
-            setup,
-            poses: candidates.candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect(),
-            rows: candidates.matrix.rows.iter().collect(),
-            stations: candidates.candidates.indices().map(stations).collect(),
+            setups,
+            setup_of: Vec::new(),
+            poses: Vec::new(),
+            rows: Vec::new(),
+            stations: Vec::new(),
             chosen: Vec::new(),
             table_rad: BTreeMap::new(),
+        };
+        for (setup, candidates) in of_setups.iter().enumerate() {
+            let stations = |candidate: CandidateIndex| match &candidates.reach {
+                Some(reach) => reach[candidate.index()].as_deref().unwrap_or_default(),
+                None => &[],
+            };
+            let remaining = &candidates.candidates.remaining;
+            trial.setup_of.extend(std::iter::repeat_n(setup, remaining.len()));
+            trial.poses.extend(remaining.iter().map(|candidate| candidate.part_from_scanner));
+            trial.rows.extend(&candidates.matrix.rows);
+            trial.stations.extend(candidates.candidates.indices().map(stations));
         }
-    }
-
-    pub(super) fn occluders(&self) -> &'a Occluders {
-        self.setup.occluders
+        trial
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -83,7 +90,7 @@ impl<'a> Trial<'a> {
     }
 
     /// Chooses views until the target is met, then for each region that misses its own.
-    pub(super) fn choose(&mut self, params: &PlanParams, regions: &[UnmetRegion], ctx: &Context<'_>) -> Result<(), Cancelled> {
+    pub(super) fn choose(&mut self, params: &PlanParams, regions: &[WantedRegion], ctx: &Context<'_>) -> Result<(), Cancelled> {
         let basis = self.basis;
         let mut coverable = basis.coverable.clone();
         self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
@@ -109,50 +116,80 @@ impl<'a> Trial<'a> {
         Ok(())
     }
 
-    /// Adds views until the setup shares surface with another that fixes all freedoms, as [`crate::planning::adjust`] does between
-    /// the setups of a plan. Returns false where none would; true where nothing has to be joined.
+    /// Adds views to each setup until it shares surface with another one that fixes all freedoms, as [`crate::planning::adjust`] does
+    /// between the setups of a plan. Returns false where none would; true where nothing has to be joined.
     pub(super) fn join(&mut self, links: Option<&SetupsLink<'_>>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let Some(links) = links else { return Ok(true) };
-        for _ in 0..MAX_JOINING {
-            let own = self.rows_of(&self.chosen);
-            let now = links.resistance(&own);
-            if now >= MIN_RESISTANCE {
-                return Ok(true);
-            }
-            let free: Vec<usize> = (0..self.rows.len()).filter(|place| !self.chosen.contains(place)).collect();
-            let with = |place: &usize| {
-                ctx.check()?;
-                let mut with = own.clone();
-                with.insert_all(self.rows[*place].measured());
-                Ok((*place, links.resistance(&with), links.shared_area_mm2(&with)))
-            };
-            let tried = free.par_iter().map(with).collect::<Result<Vec<_>, Cancelled>>()?;
-            let stiffest = tried.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a }).filter(|best| best.1 > now + 1e-6);
-            let widest = tried.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
-            let Some((place, ..)) = stiffest.or(widest) else { return Ok(false) };
-            self.chosen.push(place);
+        for setup in 0..self.setups.len() {
+            self.join_setup(setup, links, ctx)?;
         }
         Ok(self.is_joined(links))
     }
 
-    /// Returns true if the setup shares surface with another that fixes all freedoms.
+    /// Joins a setup to one of those that stay or stand before it; one without views, or the first of all, to none.
+    fn join_setup(&mut self, setup: usize, links: &SetupsLink<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+        let staying = links.measured.len();
+        let at = staying + setup;
+        for _ in 0..MAX_JOINING {
+            let sets = self.measured_by_setup(links);
+            let now = links.resistance(&sets, at);
+            if now >= MIN_RESISTANCE || sets[at].count() == 0 || sets[..at].iter().all(|set| set.count() == 0) {
+                break;
+            }
+            let is_free = |place: &usize| self.setup_of[*place] <= setup && !self.chosen.contains(place);
+            let free: Vec<usize> = (0..self.rows.len()).filter(is_free).collect();
+            let with = |place: &usize| {
+                ctx.check()?;
+                let mut with = sets.clone();
+                with[staying + self.setup_of[*place]].insert_all(self.rows[*place].measured());
+                Ok((*place, links.resistance(&with, at), links.shared_area_mm2(&with, at)))
+            };
+            let tried = free.par_iter().map(with).collect::<Result<Vec<_>, Cancelled>>()?;
+            let stiffest = tried.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a }).filter(|best| best.1 > now + 1e-6);
+            let widest = tried.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
+            let Some((place, ..)) = stiffest.or(widest) else { break };
+            self.chosen.push(place);
+        }
+        Ok(())
+    }
+
+    /// Samples that the views of each setup measure, those of the setups that stay first.
+    fn measured_by_setup(&self, links: &SetupsLink<'_>) -> Vec<SampleSet> {
+        let own = |setup: usize| {
+            let chosen: Vec<usize> = self.chosen.iter().copied().filter(|place| self.setup_of[*place] == setup).collect();
+            self.rows_of(&chosen)
+        };
+        links.measured.iter().cloned().chain((0..self.setups.len()).map(own)).collect()
+    }
+
+    /// Returns true if all setups with views are joined, each by shared surface that fixes all freedoms.
     pub(super) fn is_joined(&self, links: &SetupsLink<'_>) -> bool {
-        links.resistance(&self.rows_of(&self.chosen)) >= MIN_RESISTANCE
+        links.join(&self.measured_by_setup(links))
     }
 
     /// Orders the views that were chosen, and drops those without a path. Returns the time of their moves, 0 without a cell.
     pub(super) fn order(&mut self, ctx: &Context<'_>) -> Result<f64, Cancelled> {
-        let Some(scene) = self.setup.scene else { return Ok(0.0) };
-        let views: Vec<(ViewId, &[Station])> = ViewId::number(self.chosen.iter().map(|place| self.stations[*place])).collect();
+        let mut moving_secs = 0.0;
+        for setup in 0..self.setups.len() {
+            moving_secs += self.order_setup(setup, ctx)?;
+        }
+        Ok(moving_secs)
+    }
+
+    fn order_setup(&mut self, setup: usize, ctx: &Context<'_>) -> Result<f64, Cancelled> {
+        let TriedSetup { surface, scene, .. } = self.setups[setup];
+        let own: Vec<usize> = self.chosen.iter().copied().filter(|place| self.setup_of[*place] == setup).collect();
+        let Some(scene) = scene.filter(|_| !own.is_empty()) else { return Ok(0.0) };
+        let views: Vec<(ViewId, &[Station])> = ViewId::number(own.iter().map(|place| self.stations[*place])).collect();
         let in_sight = |view: ViewId, station: &Configuration| {
-            let place = self.chosen[view.index()];
-            scene.is_in_sight(self.setup.surface, &self.poses[place], self.rows[place], station.table_rad, ctx)
+            let place = own[view.index()];
+            scene.is_in_sight(surface, &self.poses[place], self.rows[place], station.table_rad, ctx)
         };
         let ordered = scene.order(&views, false, &in_sight, ctx)?;
         let visits = ordered.sequence.visits.iter();
-        self.table_rad = visits.map(|(view, leg)| (self.chosen[view.index()], leg.target.table_angle_rad)).collect();
-        let chosen = ViewId::number(std::mem::take(&mut self.chosen));
-        self.chosen = chosen.filter(|(view, _)| !ordered.no_path.contains(view)).map(|(_, place)| place).collect();
+        self.table_rad.extend(visits.map(|(view, leg)| (own[view.index()], leg.target.table_angle_rad)));
+        let no_path: Vec<usize> = ordered.no_path.iter().map(|view| own[view.index()]).collect();
+        self.chosen.retain(|place| !no_path.contains(place));
         Ok(ordered.sequence.motion_secs())
     }
 
@@ -168,7 +205,8 @@ impl<'a> Trial<'a> {
             ctx.check()?;
             let (pose, table_rad) = (&self.poses[*place], self.table_rad.get(place));
             let row = together.shared_row(pose, &measured)?;
-            let sight = self.setup.scene.map(PlanningScene::sight).zip(table_rad);
+            let scene = self.setups[self.setup_of[*place]].scene;
+            let sight = scene.map(PlanningScene::sight).zip(table_rad);
             let hidden =
                 sight.map(|(sight, table_rad)| sight.hidden(surface, pose, row.measured(), *table_rad, ctx)).transpose()?;
             measured.insert_all(hidden.flatten().map_or_else(|| row.clone(), |hidden| row.without(&hidden)).measured());
@@ -184,7 +222,8 @@ impl<'a> Trial<'a> {
         coverable: &mut SampleSet,
         ctx: &Context<'_>,
     ) -> Result<(), Cancelled> {
-        if self.setup.scene.is_some_and(|scene| !scene.sight().has_no_obstacles()) {
+        let has_obstacles = |setup: &TriedSetup<'_>| setup.scene.is_some_and(|scene| !scene.sight().has_no_obstacles());
+        if self.setups.iter().any(has_obstacles) {
             return Ok(());
         }
         for pose in &self.poses {
@@ -196,35 +235,64 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// Link of a further setup to those of a plan.
+/// Links of further setups to each other and to those of a plan that stay.
 pub(super) struct SetupsLink<'a> {
     surface: &'a Surface,
     part: SharedSurface<'a>,
-    /// Samples that the views of each setup measure.
+    /// Samples that the views of each setup that stays measure.
     measured: Vec<SampleSet>,
+    /// Number of these that are known to be joined: all, where all setups of the plan stay.
+    joined: usize,
 }
 
 impl<'a> SetupsLink<'a> {
-    /// Links to the setups of a plan, by `surface`, which has some of its samples.
-    pub(super) fn to_setups(outcome: &Outcome, surface: &'a Surface, some: &[(SampleId, f64)]) -> Self {
+    /// Links to the setups of a plan that lie in some of `poses`, by `surface`, which has some of its samples.
+    pub(super) fn to_setups(
+        outcome: &Outcome,
+        poses: &[Pose<Table, Part>],
+        (surface, some): (&'a Surface, &[(SampleId, f64)]),
+    ) -> Self {
         let samples = outcome.surface.sample_mm.len();
         let measured = |(id, _): (SetupId, &SetupPlan)| {
             let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
             within(&union_of(views.filter(|(view, _)| view.setup == id).map(|(_, row)| row), samples), some)
         };
-        let measured = SetupId::number(&outcome.plan.setups).map(measured).collect();
-        Self { surface, part: SharedSurface::new(surface), measured }
+        let setups = &outcome.plan.setups;
+        let staying = SetupId::number(setups).filter(|(_, setup)| poses.contains(&setup.table_from_part));
+        let measured: Vec<SampleSet> = staying.map(measured).collect();
+        let joined = if measured.len() == setups.len() { measured.len() } else { 0 };
+        Self { surface, part: SharedSurface::new(surface), measured, joined }
     }
 
-    /// Resistance of the strongest link of a setup whose views measure these samples.
-    fn resistance(&self, own: &SampleSet) -> f64 {
-        let links = self.measured.iter().map(|other| self.part.stability(&shared(own, other)));
-        links.map(|stability| stability.resistance).fold(0.0, f64::max)
+    /// Resistance of the strongest link of a setup to one before it, each given by the samples that its views measure.
+    fn resistance(&self, sets: &[SampleSet], at: usize) -> f64 {
+        let links = sets[..at].iter().map(|other| self.between(&sets[at], other));
+        links.fold(0.0, f64::max)
     }
 
-    /// Area that it shares with any of the others.
-    fn shared_area_mm2(&self, own: &SampleSet) -> f64 {
-        let is_shared = |sample: &SampleId| self.measured.iter().any(|other| other.holds(*sample));
-        own.iter().filter(is_shared).map(|sample| self.surface.sample_area_mm2(sample)).sum()
+    fn between(&self, a: &SampleSet, b: &SampleSet) -> f64 {
+        self.part.stability(&shared(a, b)).resistance
+    }
+
+    /// Area that a setup shares with any before it.
+    fn shared_area_mm2(&self, sets: &[SampleSet], at: usize) -> f64 {
+        let is_shared = |sample: &SampleId| sets[..at].iter().any(|other| other.holds(*sample));
+        sets[at].iter().filter(is_shared).map(|sample| self.surface.sample_area_mm2(sample)).sum()
+    }
+
+    /// Returns true if setups are joined, each directly or through others; one without views need not be.
+    fn join(&self, sets: &[SampleSet]) -> bool {
+        let (known, others) = sets.split_at(self.joined);
+        let mut reached: Vec<&SampleSet> = known.iter().collect();
+        let mut rest: Vec<&SampleSet> = others.iter().filter(|set| set.count() > 0).collect();
+        if reached.is_empty() && !rest.is_empty() {
+            reached.push(rest.swap_remove(0));
+        }
+        let is_reached =
+            |set: &SampleSet, reached: &[&SampleSet]| reached.iter().any(|other| self.between(set, other) >= MIN_RESISTANCE);
+        while let Some(next) = rest.iter().position(|set| is_reached(set, &reached)) {
+            reached.push(rest.swap_remove(next));
+        }
+        rest.is_empty()
     }
 }

@@ -1,16 +1,24 @@
-//! One more setup: the pose in which most of what is missed can be measured, with views chosen for it and ordered.
+//! One more setup: the poses in which most of what is missed can be measured, with views chosen for them and ordered.
+//!
+//! Poses are ranked by what can be measured in them from above the plate, whatever the cell takes, which the choice of setups knows
+//! without a trial ([`FurtherPoses`]). The best of them is tried; others only where that leads to nothing, meets no region that it
+//! should, or falls clearly short of its rank: then what the cell takes decides, and the trial that measures most is told.
 
+use std::cmp::Ordering;
 use std::sync::Arc;
 
 use super::trial::{SetupsLink, Trial};
-use super::{AdviceScope, Basis, MIN_RECOVERED, cycle_secs, views_of, within};
+use super::{AdviceScope, Basis, MIN_RECOVERED, cycle_secs, is_in_poses, views_of, within};
+use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates;
 use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::SampleId;
-use crate::planning::params::{Hemisphere, Registration};
-use crate::planning::plan::{AdviceKind, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, Turn, Verdict};
+use crate::planning::params::{Hemisphere, Registration, SelectionParams, TargetOf};
+use crate::planning::plan::{
+    AdviceKind, AdvisedSetup, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, Turn, Verdict,
+};
 use crate::planning::problem::TriedSetup;
-use crate::planning::setups::{FurtherPose, FurtherPoses};
+use crate::planning::setups::{FurtherPose, FurtherPoses, PosesAnew};
 use crate::planning::sky::stands_on;
 use crate::planning::surface::systematic;
 use crate::planning::visibility::{Occluders, Optics, SampleSet, UnitedViews};
@@ -24,28 +32,67 @@ const CANDIDATES_OF_A_BLOCK: usize = 20;
 const MIN_CANDIDATES: usize = 80;
 /// Candidates that are tried at most, since each takes stations and a row. No source: four times those of a part of few blocks.
 const MAX_CANDIDATES: usize = 320;
-/// Further poses that are tried, the best first, while those before lead to nothing. No source.
-const MAX_POSES: usize = 3;
+/// Choices of poses that are tried at most, the best first. No source.
+const MAX_TRIALS: usize = 3;
+/// Part of what its poses let measure from which on a trial is taken to have had it all, so that no other is tried beside it: that it has
+/// fewer candidates than the comparison of poses costs it some percent. No source.
+const MIN_REACHED: f64 = 0.95;
+/// Share of the asked area by which trials of equal value differ at most: our choice, as much as a setup is worth.
+const SAME_OF_ASKED: f64 = 0.002;
 /// Block cubes of a part for which it is tried: beyond them, comparing poses takes a large part of a plan's time.
 const MAX_BLOCKS: f64 = 32.0;
 /// Samples on which views are chosen for it: a share of the area is then known to half a point.
 const TRIED_SAMPLES: usize = 10_000;
 
-/// A region that misses its target.
-pub(super) struct UnmetRegion {
+/// A region whose target an advised plan shall meet.
+pub(super) struct WantedRegion {
     name: String,
+    /// True if the plan meets it.
+    is_met: bool,
     /// Asked area of each sample in it, 0 elsewhere.
     pub(super) area_mm2: Vec<f64>,
     pub(super) needed_mm2: f64,
 }
 
+/// Poses of a plan in one more setup.
+struct SetupChoice {
+    /// All of them.
+    poses: Vec<Pose<Table, Part>>,
+    /// The one that is added to those of the plan; `None` where not all of those are among them.
+    further: Option<Pose<Table, Part>>,
+    /// True if a plan in so many setups, registered like this, chooses them by itself.
+    is_default: bool,
+    registration: Registration,
+    /// Share of the asked area that can be measured from above the plate in them.
+    reachable_of_asked: f64,
+}
+
+/// Plan and part that trials start from.
+#[derive(Clone, Copy)]
+struct Start<'s, 'a> {
+    basis: &'s Basis,
+    outcome: &'s Outcome,
+    scope: &'s AdviceScope<'a>,
+    /// Occluders of the part alone.
+    part: &'s Occluders,
+}
+
+/// Advice that a trial led to.
+struct Found {
+    advice: PlanAdvice,
+    registration: Registration,
+    /// Area that its poses let a plan measure at most.
+    ceiling_mm2: f64,
+}
+
 /// Findings of a trial: what the chosen views measure of all samples.
 struct Recovered {
-    /// Samples that the plan's views and those of the further setup measure.
+    /// Samples that the views of the setups that stay and those of the further ones measure.
     measured: SampleSet,
     /// Area that meets the plan's target.
     enough_mm2: f64,
-    added_views: usize,
+    /// Views that were chosen in the further setups.
+    chosen_views: usize,
     /// Time of their moves, 0 without a cell.
     moving_secs: f64,
 }
@@ -60,61 +107,140 @@ pub(super) fn advice(
     scope: &AdviceScope<'_>,
     ctx: &Context<'_>,
 ) -> Result<Option<PlanAdvice>, PlanError> {
-    let regions = unmet_regions(basis, outcome);
-    let may_help = may_recover(basis, outcome) || !regions.is_empty();
+    let misses_region = outcome.plan.coverage.regions.iter().any(may_be_met);
+    let may_help = may_recover(basis, outcome) || misses_region;
     if !may_plan_another(scope) || !may_help {
         return Ok(None);
     }
-    tried(basis, outcome, scope, &regions, &ctx.silent())
+    let ctx = ctx.silent();
+    let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
+    let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), &ctx)?);
+    let pool = (sampled.resting_poses(scope.input), standing.as_slice());
+    let Some(poses) = FurtherPoses::of(scope.input, &sampled.params, pool, &part, &ctx)? else { return Ok(None) };
+    let start = Start { basis, outcome, scope, part: &part };
+    best_of(&start, &choices(&poses, &standing), misses_region, &ctx)
 }
 
-/// Tries the further poses, the best first, until one leads to advice.
-fn tried(
-    basis: &Basis,
-    outcome: &Outcome,
-    scope: &AdviceScope<'_>,
-    regions: &[UnmetRegion],
-    ctx: &Context<'_>,
-) -> Result<Option<PlanAdvice>, PlanError> {
-    let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
-    let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), ctx)?);
-    let pool = (sampled.resting_poses(scope.input), standing.as_slice());
-    let Some(poses) = FurtherPoses::of(scope.input, &sampled.params, pool, &part, ctx)? else { return Ok(None) };
+/// Choices of poses, the one first in which most can be measured from above the plate.
+fn choices(poses: &FurtherPoses, standing: &[Pose<Table, Part>]) -> Vec<SetupChoice> {
+    let mut choices: Vec<SetupChoice> = poses.anew().map(SetupChoice::anew).into_iter().collect();
     let mut places = Vec::new();
-    while places.len() < MAX_POSES
+    while choices.len() < MAX_TRIALS
         && let Some(further) = poses.best(&places)
     {
-        match tried_in(basis, outcome, scope, (&further, regions), &part, ctx) {
-            // The part cannot lie like this in the cell, or a plan with one more setup would be refused.
-            Ok(None) | Err(PlanError::BadParams(_)) => places.push(further.place),
-            found => return found,
-        }
+        places.push(further.place);
+        choices.push(SetupChoice::beside(standing, &further));
     }
-    Ok(None)
+    choices
 }
 
-fn tried_in(
-    basis: &Basis,
-    outcome: &Outcome,
-    scope: &AdviceScope<'_>,
-    (further, regions): (&FurtherPose, &[UnmetRegion]),
-    part: &Occluders,
+/// Advice of the trial that is worth most, of those that are worth making.
+fn best_of(
+    start: &Start<'_, '_>,
+    choices: &[SetupChoice],
+    misses_region: bool,
     ctx: &Context<'_>,
 ) -> Result<Option<PlanAdvice>, PlanError> {
+    let (basis, selection) = (start.basis, &start.scope.sampled.params.selection);
+    let mut best: Option<Found> = None;
+    for choice in choices {
+        let ceiling_mm2 = ceiling_mm2(basis, choice.reachable_of_asked, selection);
+        if best.as_ref().is_some_and(|best| !best.leaves_room_for(choice, ceiling_mm2, basis, misses_region)) {
+            continue;
+        }
+        let advice = match tried(start, choice, ctx) {
+            // The part cannot lie like this in the cell, or a plan with one more setup would be refused.
+            Err(PlanError::BadParams(_)) => None,
+            tried => tried?,
+        };
+        let found = advice.map(|advice| Found { advice, registration: choice.registration, ceiling_mm2 });
+        let asked_mm2 = basis.asked_mm2();
+        let wins = |found: &Found| best.as_ref().is_none_or(|best| is_better(&found.advice, &best.advice, asked_mm2));
+        if let Some(found) = found.filter(wins) {
+            best = Some(found);
+        }
+    }
+    Ok(best.map(|found| found.advice))
+}
+
+/// Area that a plan measures at most where so large a share of the asked area can be measured: it ends at its target.
+fn ceiling_mm2(basis: &Basis, reachable_of_asked: f64, params: &SelectionParams) -> f64 {
+    let reachable_mm2 = reachable_of_asked * basis.asked_mm2();
+    let whole_mm2 = match params.target_of {
+        TargetOf::Coverable => reachable_mm2,
+        TargetOf::Asked => basis.asked_mm2(),
+        TargetOf::Total => basis.total_mm2,
+    };
+    reachable_mm2.min(params.target * whole_mm2)
+}
+
+/// Returns true if advice is worth more than other advice: it meets more regions, or measures more, or measures as much with fewer views.
+fn is_better(one: &PlanAdvice, other: &PlanAdvice, asked_mm2: f64) -> bool {
+    let more_mm2 = one.measured_area_mm2 - other.measured_area_mm2;
+    match one.regions_met.len().cmp(&other.regions_met.len()) {
+        Ordering::Greater => true,
+        Ordering::Less => false,
+        Ordering::Equal if more_mm2.abs() <= SAME_OF_ASKED * asked_mm2 => one.views < other.views,
+        Ordering::Equal => more_mm2 > 0.0,
+    }
+}
+
+impl SetupChoice {
+    fn anew(poses: PosesAnew) -> Self {
+        let PosesAnew { table_from_part, registration, reachable_of_asked } = poses;
+        Self { poses: table_from_part, further: None, is_default: true, registration, reachable_of_asked }
+    }
+
+    fn beside(standing: &[Pose<Table, Part>], further: &FurtherPose) -> Self {
+        let FurtherPose { table_from_part, is_default, registration, reachable_of_asked, .. } = *further;
+        let poses = [standing, &[table_from_part]].concat();
+        Self { poses, further: Some(table_from_part), is_default, registration, reachable_of_asked }
+    }
+}
+
+impl Found {
+    /// Returns true if another choice is worth a trial beside this one.
+    fn leaves_room_for(&self, choice: &SetupChoice, ceiling_mm2: f64, basis: &Basis, misses_region: bool) -> bool {
+        // Other means of registration are for where those of the job do not do.
+        let is_registered_alike = self.registration == choice.registration;
+        let measured_mm2 = self.advice.measured_area_mm2;
+        let falls_short = measured_mm2 < MIN_REACHED * self.ceiling_mm2;
+        let may_add = ceiling_mm2 - measured_mm2 >= MIN_RECOVERED * basis.asked_mm2();
+        let meets_none = misses_region && self.advice.regions_met.is_empty();
+        is_registered_alike && (meets_none || falls_short && may_add)
+    }
+}
+
+/// Tries a choice of poses.
+fn tried(start: &Start<'_, '_>, choice: &SetupChoice, ctx: &Context<'_>) -> Result<Option<PlanAdvice>, PlanError> {
+    let Start { basis, outcome, scope, part } = *start;
     let sampled = scope.sampled;
+    let stays = |pose: &Pose<Table, Part>| scope.setups.iter().any(|setup| setup.table_from_part == *pose);
+    let new: Vec<Pose<Table, Part>> = choice.poses.iter().copied().filter(|pose| !stays(pose)).collect();
     let other = scope.setups.iter().find_map(|setup| setup.scene.as_ref());
-    let scene = sampled.scene(scope.input, further.table_from_part, other, ctx)?;
+    let scene = |pose: &Pose<Table, Part>| sampled.scene(scope.input, *pose, other, ctx);
+    let scenes = new.iter().map(scene).collect::<Result<Vec<_>, PlanError>>()?;
     let some = systematic(&basis.asked_area_mm2, TRIED_SAMPLES);
     let surface = outcome.surface.of_samples(&some);
     // The plate hides nothing from above it.
-    let setup =
-        TriedSetup { table_from_part: further.table_from_part, surface: &surface, occluders: part, scene: scene.as_ref() };
-    let candidates = sampled.evaluate_some(scope.input, &setup, max_candidates(blocks(scope)), ctx)?;
-    let regions_of_some: Vec<UnmetRegion> = regions.iter().map(|region| region.on(&some)).collect();
-    let on_some = basis.on(&some);
-    let mut trial = Trial::new(&on_some, &setup, &candidates);
+    let setups: Vec<TriedSetup<'_>> = new
+        .iter()
+        .zip(&scenes)
+        .map(|(pose, scene)| TriedSetup { table_from_part: *pose, surface: &surface, occluders: part, scene: scene.as_ref() })
+        .collect();
+    let max = max_candidates(blocks(scope));
+    let evaluated = setups.iter().map(|setup| sampled.evaluate_some(scope.input, setup, max, ctx));
+    let candidates = evaluated.collect::<Result<Vec<_>, PlanError>>()?;
+    // The views of setups that do not stay are given up.
+    let staying = choice.further.is_none().then(|| Basis::of_poses(outcome, &choice.poses));
+    let staying = staying.as_ref().unwrap_or(basis);
+    let regions = wanted_regions(basis, outcome, choice);
+    let regions_of_some: Vec<WantedRegion> = regions.iter().map(|region| region.on(&some)).collect();
+    let on_some = staying.on(&some);
+    let mut trial = Trial::new(&on_some, &setups, &candidates);
     trial.choose(&sampled.params, &regions_of_some, ctx)?;
-    let links = (further.registration == Registration::Surface).then(|| SetupsLink::to_setups(outcome, &surface, &some));
+    let by_surface = choice.registration == Registration::Surface;
+    let links = by_surface.then(|| SetupsLink::to_setups(outcome, &choice.poses, (&surface, &some)));
     if trial.is_empty() || !trial.join(links.as_ref(), ctx)? {
         return Ok(None);
     }
@@ -123,28 +249,23 @@ fn tried_in(
     if links.is_some_and(|links| !trial.is_joined(&links)) {
         return Ok(None);
     }
-    let recovered = Recovered { moving_secs, ..recovered(basis, outcome, scope, &trial, ctx)? };
-    Ok(into_advice(basis, outcome, scope, (further, recovered), regions))
+    let recovered = Recovered { moving_secs, ..recovered(staying, start, &trial, ctx)? };
+    Ok(into_advice(start, choice, staying, recovered, &regions))
 }
 
-/// Evaluates the views of a trial on all samples that the plan leaves open; what its other candidates measure of those makes the
-/// target's whole.
-fn recovered(
-    basis: &Basis,
-    outcome: &Outcome,
-    scope: &AdviceScope<'_>,
-    trial: &Trial<'_>,
-    ctx: &Context<'_>,
-) -> Result<Recovered, Cancelled> {
+/// Evaluates the views of a trial on all samples that the setups which stay leave open; what its other candidates measure of those makes
+/// the target's whole.
+fn recovered(staying: &Basis, start: &Start<'_, '_>, trial: &Trial<'_>, ctx: &Context<'_>) -> Result<Recovered, Cancelled> {
+    let Start { outcome, scope, part, .. } = *start;
     let params = &scope.sampled.params;
-    let is_open = |sample: &SampleId| basis.asked_area_mm2[sample.index()] > 0.0 && !basis.measured.holds(*sample);
+    let is_open = |sample: &SampleId| staying.asked_area_mm2[sample.index()] > 0.0 && !staying.measured.holds(*sample);
     let open = outcome.surface.samples().filter(is_open);
-    let open: Vec<(SampleId, f64)> = open.map(|sample| (sample, basis.asked_area_mm2[sample.index()])).collect();
+    let open: Vec<(SampleId, f64)> = open.map(|sample| (sample, staying.asked_area_mm2[sample.index()])).collect();
     let surface = outcome.surface.of_samples(&open);
     let optics = Optics::new(scope.input.scanner, params, &surface.requirements);
-    let together = UnitedViews::new(&surface, &optics, trial.occluders(), params, ctx);
+    let together = UnitedViews::new(&surface, &optics, part, params, ctx);
     let by_chosen = trial.measured_by_chosen(&together, &surface, ctx)?;
-    let mut coverable = within(&basis.coverable, &open);
+    let mut coverable = within(&staying.coverable, &open);
     coverable.insert_all(&by_chosen);
     trial.add_what_others_measure(&together, &mut coverable, ctx)?;
     let all = |open_ones: &SampleSet, of_plan: &SampleSet| {
@@ -152,11 +273,11 @@ fn recovered(
         open_ones.iter().for_each(|place| all.insert(open[place.index()].0));
         all
     };
-    let whole_mm2 = basis.whole_mm2(&all(&coverable, &basis.coverable), params.selection.target_of);
+    let whole_mm2 = staying.whole_mm2(&all(&coverable, &staying.coverable), params.selection.target_of);
     Ok(Recovered {
-        measured: all(&by_chosen, &basis.measured),
+        measured: all(&by_chosen, &staying.measured),
         enough_mm2: params.selection.target * whole_mm2,
-        added_views: trial.chosen_views(),
+        chosen_views: trial.chosen_views(),
         moving_secs: 0.0,
     })
 }
@@ -195,82 +316,111 @@ fn may_recover(basis: &Basis, outcome: &Outcome) -> bool {
     open.map(|(_, area_mm2)| area_mm2).sum::<f64>() >= MIN_RECOVERED * basis.asked_mm2()
 }
 
-/// Regions that miss their target for causes that another pose may mend.
-fn unmet_regions(basis: &Basis, outcome: &Outcome) -> Vec<UnmetRegion> {
+/// Returns true if a region misses its target for causes that another pose may mend.
+fn may_be_met(region: &RegionCoverage) -> bool {
+    region.is_unmet() && region.missed_mm2.iter().any(|(cause, _)| may_mend(*cause))
+}
+
+/// Regions whose target a plan with a choice of poses shall meet: those that miss it and that another pose may mend, and, where views are
+/// given up, those that meet it.
+fn wanted_regions(basis: &Basis, outcome: &Outcome, choice: &SetupChoice) -> Vec<WantedRegion> {
     let requirements = &outcome.surface.requirements;
-    let may_be_met = |region: &RegionCoverage| region.is_unmet() && region.missed_mm2.iter().any(|(cause, _)| may_mend(*cause));
-    let unmet = outcome.plan.coverage.regions.iter().enumerate().filter(|(_, region)| may_be_met(region));
+    let may_be_lost = |region: &RegionCoverage| choice.further.is_none() && region.is_met() == Some(true);
+    let regions = outcome.plan.coverage.regions.iter().enumerate();
+    let wanted = regions.filter(|(_, region)| may_be_met(region) || may_be_lost(region));
     let region = |(number, region): (usize, &RegionCoverage)| {
         let holds = |sample: SampleId| requirements.of(sample).regions.contains(&number);
         let area_mm2 = |sample: SampleId| if holds(sample) { basis.asked_area_mm2[sample.index()] } else { 0.0 };
-        UnmetRegion {
+        WantedRegion {
             name: region.name.clone(),
+            is_met: !region.is_unmet(),
             area_mm2: outcome.surface.samples().map(area_mm2).collect(),
             needed_mm2: (region.target.unwrap_or_default() - SHARE_SLACK) * region.asked_area_mm2,
         }
     };
-    unmet.map(region).collect()
+    wanted.map(region).collect()
 }
 
-impl UnmetRegion {
+impl WantedRegion {
     /// The region on some of the samples, each with the area that it stands for.
     fn on(&self, some: &[(SampleId, f64)]) -> Self {
         let area_mm2 = |(sample, area_mm2): &(SampleId, f64)| if self.area_mm2[sample.index()] > 0.0 { *area_mm2 } else { 0.0 };
-        Self { name: self.name.clone(), area_mm2: some.iter().map(area_mm2).collect(), needed_mm2: self.needed_mm2 }
+        Self {
+            name: self.name.clone(),
+            is_met: self.is_met,
+            area_mm2: some.iter().map(area_mm2).collect(),
+            needed_mm2: self.needed_mm2,
+        }
     }
 
     pub(super) fn measured_mm2(&self, measured: &SampleSet) -> f64 {
         measured.iter().map(|sample| self.area_mm2[sample.index()]).sum()
     }
+
+    fn is_met_by(&self, measured: &SampleSet) -> bool {
+        self.measured_mm2(measured) >= self.needed_mm2
+    }
 }
 
-/// The advice that follows from what was recovered; `None` where that is too little.
+/// The advice that follows from what was recovered; `None` where that is too little, or a region is lost for it.
 fn into_advice(
-    basis: &Basis,
-    outcome: &Outcome,
-    scope: &AdviceScope<'_>,
-    (further, recovered): (&FurtherPose, Recovered),
-    regions: &[UnmetRegion],
+    start: &Start<'_, '_>,
+    choice: &SetupChoice,
+    staying: &Basis,
+    recovered: Recovered,
+    regions: &[WantedRegion],
 ) -> Option<PlanAdvice> {
-    let (params, plan) = (&scope.sampled.params, &outcome.plan);
-    let Recovered { measured, enough_mm2, added_views, moving_secs } = recovered;
-    let met = regions.iter().filter(|region| region.measured_mm2(&measured) >= region.needed_mm2);
-    let regions_met: Vec<String> = met.map(|region| region.name.clone()).collect();
+    let Start { basis, outcome, scope, .. } = *start;
+    let Recovered { measured, enough_mm2, chosen_views, moving_secs } = recovered;
+    let met: Vec<&WantedRegion> = regions.iter().filter(|region| region.is_met_by(&measured)).collect();
+    let kept = met.iter().filter(|region| region.is_met).count();
+    let loses_region = kept < regions.iter().filter(|region| region.is_met).count();
+    let regions_met: Vec<String> = met.iter().filter(|region| !region.is_met).map(|region| region.name.clone()).collect();
     // A plan ends once it meets its target.
-    let measured_mm2 = basis.area_mm2(&measured).min(enough_mm2.max(basis.measured_mm2()));
-    if added_views == 0 || !basis.is_worth(measured_mm2) && regions_met.is_empty() {
+    let measured_mm2 = basis.area_mm2(&measured).min(enough_mm2.max(staying.measured_mm2()));
+    if chosen_views == 0 || loses_region || !basis.is_worth(measured_mm2) && regions_met.is_empty() {
         return None;
     }
-    let pose = further.table_from_part;
-    let is_freed = |sample: SampleId| {
-        outcome.verdicts[sample.index()] == Verdict::Missed(Cause::ExcludedResting) && !stands_on(&outcome.surface, sample, &pose)
-    };
-    let freed = outcome.surface.samples().filter(|sample| is_freed(*sample));
-    let freed_mm2: f64 = freed.map(|sample| basis.asked_area_mm2[sample.index()]).sum();
+    let (plan, poses) = (&outcome.plan, &choice.poses);
+    let staying_views = plan.views.iter().filter(|view| view.rejected.is_none() && is_in_poses(view, outcome, poses)).count();
+    let views = staying_views + chosen_views;
+    let turn = |pose: &Pose<Table, Part>| plan.setups.first().map(|first| Turn::between(&first.table_from_part, pose));
+    let advised = |pose: &Pose<Table, Part>| Some(AdvisedSetup { table_from_part: *pose, turn: turn(pose)? });
     Some(PlanAdvice {
         kind: AdviceKind::TurnOver,
-        changes: changes(scope, further, views_of(outcome) + added_views),
-        table_from_part: Some(pose),
-        turn: plan.setups.first().map(|first| Turn::between(&first.table_from_part, &pose)),
-        added_views,
-        views: views_of(outcome) + added_views,
+        changes: changes(scope, choice, views),
+        table_from_part: choice.further,
+        turn: choice.further.as_ref().and_then(turn),
+        setups: if choice.further.is_some() { Vec::new() } else { poses.iter().filter_map(advised).collect() },
+        added_views: views.saturating_sub(views_of(outcome)),
+        views,
         measured_area_mm2: measured_mm2,
-        visible_area_mm2: plan.coverage.visible_area_mm2 + freed_mm2,
-        cycle_secs: cycle_secs(outcome, params, added_views, moving_secs),
+        visible_area_mm2: plan.coverage.visible_area_mm2 + freed_mm2(start, choice),
+        cycle_secs: cycle_secs(outcome, |setup| poses.contains(&setup.table_from_part), (chosen_views, moving_secs)),
         regions_met,
     })
 }
 
-/// Parameters of a plan with the further setup and so many views.
-fn changes(scope: &AdviceScope<'_>, further: &FurtherPose, views: usize) -> Vec<ParamChange> {
+/// Asked area on which the part stands in every setup of the plan, and with a choice of poses not in all.
+fn freed_mm2(start: &Start<'_, '_>, choice: &SetupChoice) -> f64 {
+    let Start { basis, outcome, .. } = *start;
+    let poses = choice.further.as_ref().map_or(choice.poses.as_slice(), std::slice::from_ref);
+    let is_freed = |sample: &SampleId| {
+        let stands = |pose: &Pose<Table, Part>| stands_on(&outcome.surface, *sample, pose);
+        outcome.verdicts[sample.index()] == Verdict::Missed(Cause::ExcludedResting) && !poses.iter().all(stands)
+    };
+    outcome.surface.samples().filter(is_freed).map(|sample| basis.asked_area_mm2[sample.index()]).sum()
+}
+
+/// Parameters of a plan with a choice of poses and so many views.
+fn changes(scope: &AdviceScope<'_>, choice: &SetupChoice, views: usize) -> Vec<ParamChange> {
     let params = &scope.sampled.params;
     let mut changes = vec![ParamChange::Setups(params.setups + 1)];
-    if !further.is_default {
-        let standing = scope.setups.iter().map(|setup| setup.table_from_part);
-        changes.push(ParamChange::RestingPoses(standing.chain([further.table_from_part]).collect()));
+    if !choice.is_default {
+        changes.push(ParamChange::RestingPoses(choice.poses.clone()));
     }
-    if further.registration != params.registration {
-        changes.push(ParamChange::Registration(further.registration));
+    if choice.registration != params.registration {
+        changes.push(ParamChange::Registration(choice.registration));
     }
     if params.selection.max_views.is_some_and(|limit| (limit as usize) < views) {
         changes.push(ParamChange::MaxViews(views as u32));
@@ -286,5 +436,66 @@ mod tests {
     fn a_part_of_more_blocks_is_tried_with_more_candidates_up_to_a_limit() {
         let tried = [1.0, 4.0, 5.0, 12.0, 16.0, MAX_BLOCKS].map(max_candidates);
         assert_eq!(tried, [80, 80, 100, 240, 320, 320]);
+    }
+
+    /// Advice that measures so much of 1000 mm² with so many views.
+    fn advice(measured_area_mm2: f64, views: usize) -> PlanAdvice {
+        PlanAdvice {
+            kind: AdviceKind::TurnOver,
+            changes: Vec::new(),
+            table_from_part: None,
+            turn: None,
+            setups: Vec::new(),
+            added_views: views,
+            views,
+            measured_area_mm2,
+            visible_area_mm2: 1000.0,
+            cycle_secs: None,
+            regions_met: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_trial_that_meets_most_regions_then_measures_most_then_takes_fewest_views_is_told() {
+        let better = |one: &PlanAdvice, other: &PlanAdvice| is_better(one, other, 1000.0);
+        assert!(better(&advice(980.0, 9), &advice(930.0, 5)) && !better(&advice(930.0, 5), &advice(980.0, 9)));
+        // As much as makes no setup worth it.
+        assert!(better(&advice(979.0, 5), &advice(980.0, 6)) && !better(&advice(980.0, 6), &advice(979.0, 5)));
+        assert!(!better(&advice(980.0, 5), &advice(980.0, 5)), "of equals the first stays");
+        let meets = PlanAdvice { regions_met: vec!["bore".to_owned()], ..advice(700.0, 9) };
+        assert!(better(&meets, &advice(980.0, 5)) && !better(&advice(980.0, 5), &meets));
+    }
+
+    fn choice(registration: Registration) -> SetupChoice {
+        SetupChoice { poses: Vec::new(), further: None, is_default: true, registration, reachable_of_asked: 1.0 }
+    }
+
+    #[test]
+    fn another_choice_of_poses_is_tried_only_beside_one_that_falls_short_of_what_it_could_measure() {
+        let basis = Basis {
+            measured: SampleSet::none_of(0),
+            coverable: SampleSet::none_of(0),
+            asked_area_mm2: vec![1000.0],
+            total_mm2: 1000.0,
+            more_views: None,
+        };
+        let selection = SelectionParams { target: 0.985, target_of: TargetOf::Coverable, ..SelectionParams::default() };
+        let ceiling = |reachable_of_asked: f64| ceiling_mm2(&basis, reachable_of_asked, &selection);
+        assert!((ceiling(0.9) - 886.5).abs() < 1e-9, "{}", ceiling(0.9));
+        let of_asked = SelectionParams { target_of: TargetOf::Asked, ..selection.clone() };
+        assert!((ceiling_mm2(&basis, 0.9, &of_asked) - 900.0).abs() < 1e-9, "a target of 985 mm² cannot be had");
+        let found = |measured_mm2: f64| Found {
+            advice: advice(measured_mm2, 5),
+            registration: Registration::Surface,
+            ceiling_mm2: ceiling(1.0),
+        };
+        let leaves_room = |measured_mm2: f64, registration: Registration, reachable_of_asked: f64| {
+            found(measured_mm2).leaves_room_for(&choice(registration), ceiling(reachable_of_asked), &basis, false)
+        };
+        let surface = Registration::Surface;
+        assert!(!leaves_room(985.0, surface, 1.0) && !leaves_room(940.0, surface, 1.0), "it had what there is");
+        assert!(leaves_room(800.0, surface, 0.95) && !leaves_room(800.0, surface, 0.8), "788 mm² are not more");
+        assert!(!leaves_room(800.0, Registration::Markers, 1.0), "markers are for where surface does not do");
+        assert!(found(985.0).leaves_room_for(&choice(surface), ceiling(0.5), &basis, true), "it meets no region");
     }
 }

@@ -16,7 +16,7 @@ pub use candidate_table::{CandidateFate, CandidateTable, MAX_LISTING_BYTES, Tabl
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use exposure::{ExposureLoss, ViewExposure};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
-pub use plan_advice::{AdviceKind, ParamChange, PlanAdvice};
+pub use plan_advice::{AdviceKind, AdvisedSetup, ParamChange, PlanAdvice};
 pub(in crate::planning) use region_coverage::SHARE_SLACK;
 pub use region_coverage::{IndependentRegion, RegionCoverage};
 pub use remedy::{Remedy, RemedyKind, RemedyView};

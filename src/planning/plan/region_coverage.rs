@@ -119,6 +119,12 @@ impl RegionCoverage {
     pub fn is_refuted(&self) -> bool {
         self.is_met() == Some(true) && self.is_met_independently() == Some(false)
     }
+
+    /// Returns true if there is a target, and it is not reached, or reached on the samples of the plan alone.
+    #[must_use]
+    pub fn misses_target(&self) -> bool {
+        self.is_unmet() || self.is_refuted()
+    }
 }
 
 #[cfg(test)]
@@ -159,6 +165,7 @@ mod tests {
         }
         let unmet = RegionCoverage { measured_area_mm2: 10.0, ..region(400, 100) };
         assert!(!unmet.is_refuted() && unmet.is_met_independently() == Some(false), "it is unmet anyway");
+        assert!(region(400, 375).misses_target() && unmet.misses_target() && !region(400, 376).misses_target());
         let untold = RegionCoverage { independent: None, ..region(0, 0) };
         assert!(!untold.is_refuted() && untold.is_met_independently().is_none());
         let without_target = RegionCoverage { target: None, ..region(400, 0) };

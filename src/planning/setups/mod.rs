@@ -18,6 +18,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use super::candidates::{self, Scope};
 use super::context::{Cancelled, Context, NoPlan, PlanError};
 use super::params::{CandidateParams, Hemisphere, Objective, PlanParams, Registration};
+use super::plan::share;
 use super::registration::{SharedSurface, Stability, shared};
 use super::scene::{PlanInput, PlanningScene, standing_on};
 use super::surface::{self, Surface};
@@ -95,6 +96,18 @@ pub(super) struct FurtherPose {
     pub(super) is_default: bool,
     /// Means of registration that it takes: that of the job where the setups share enough surface, else markers.
     pub(super) registration: Registration,
+    /// Share of the asked area that can be measured from above the plate in it and in those that are planned in.
+    pub(super) reachable_of_asked: f64,
+}
+
+/// Poses that a plan in one more setup chooses by itself, without some of those that are planned in.
+pub(super) struct PosesAnew {
+    /// The poses, in the order of the setups of that plan.
+    pub(super) table_from_part: Vec<Pose<Table, Part>>,
+    /// Means of registration: that of the job.
+    pub(super) registration: Registration,
+    /// Share of the asked area that can be measured from above the plate in them.
+    pub(super) reachable_of_asked: f64,
 }
 
 /// Poses of a pool beside those that are planned in.
@@ -152,7 +165,25 @@ impl FurtherPoses {
         let mut all = [own.as_slice(), &[place]].concat();
         all.sort_unstable();
         let is_default = self.are_own_offered && reachable.fewest(all.len(), *worth_mm2, links) == all;
-        Some(FurtherPose { place, table_from_part: self.pool[place], is_default, registration })
+        let reachable_of_asked = reachable.of_asked(&all);
+        Some(FurtherPose { place, table_from_part: self.pool[place], is_default, registration, reachable_of_asked })
+    }
+
+    /// The poses that a plan in one more setup chooses by itself, registered as the job asks, where they measure more, by what a setup is
+    /// worth, than those that are planned in and one more. `None` where they are no more than those, or hold them all.
+    pub(super) fn anew(&self) -> Option<PosesAnew> {
+        let Self { pool, own, reachable, links, registration, worth_mm2, .. } = self;
+        let chosen = reachable.fewest(own.len() + 1, *worth_mm2, links.as_ref());
+        let holds_own = own.iter().all(|own| chosen.contains(own));
+        if !self.are_own_offered || holds_own || chosen.len() <= own.len() {
+            return None;
+        }
+        let reachable_of_asked = reachable.of_asked(&chosen);
+        let beside = self.best(&[]).filter(|further| further.registration == *registration);
+        let beside_of_asked = beside.map_or(0.0, |further| further.reachable_of_asked);
+        let table_from_part = chosen.iter().map(|place| pool[*place]).collect();
+        let anew = PosesAnew { table_from_part, registration: *registration, reachable_of_asked };
+        (reachable_of_asked - beside_of_asked >= FLIP_WORTH).then_some(anew)
     }
 }
 
@@ -304,6 +335,13 @@ impl Reachable {
         let part = SharedSurface::new(&self.surface);
         let link = |b: usize, a: usize| part.stability(&shared(&self.by_pose[a], &self.by_pose[b]));
         Links { by_pair: (0..self.by_pose.len()).map(|b| (0..b).map(|a| link(b, a)).collect()).collect() }
+    }
+
+    /// Share of the asked area that can be measured in some poses together.
+    fn of_asked(&self, poses: &[usize]) -> f64 {
+        let mut measured = SampleSet::none_of(self.area_mm2.len());
+        poses.iter().for_each(|pose| measured.insert_all(&self.by_pose[*pose]));
+        share(measured.iter().map(|sample| self.area_mm2[sample.index()]).sum(), self.area_mm2.iter().sum())
     }
 
     /// The fewest poses that lose no more than `worth_mm2` against the best of at most `max`, of those that `links` join.

@@ -121,8 +121,8 @@ fn a_fixture_holds_one_setup() {
     assert!(refused.to_string().contains("/setups"), "{refused}");
 }
 
-/// The further pose beside the one that a part is given in, and those at the places that were tried.
-fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams), tried: &[usize]) -> Option<FurtherPose> {
+/// The poses beside the one that a part is given in.
+fn further_poses(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<FurtherPoses> {
     let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let mut params = PlanParams::default();
@@ -131,8 +131,12 @@ fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams), tried: &[usize]) ->
     let standing = params.part.table_from_part.unwrap_or_default().pose();
     let part = Occluders::new([mesh]);
     let (pool, ctx) = (pool(mesh, &params), Context::new(&cancel, &Silent));
-    let poses = FurtherPoses::of(&input, &params, (&pool, &[standing]), &part, &ctx).unwrap_or_else(|error| panic!("{error}"));
-    poses.and_then(|poses| poses.best(tried))
+    FurtherPoses::of(&input, &params, (&pool, &[standing]), &part, &ctx).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The further pose beside the one that a part is given in, and those at the places that were tried.
+fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams), tried: &[usize]) -> Option<FurtherPose> {
+    further_poses(mesh, change).and_then(|poses| poses.best(tried))
 }
 
 #[test]
@@ -170,4 +174,47 @@ fn no_further_pose_is_offered_where_none_may_be_chosen() {
     // The underside is not asked for: no other pose is worth it.
     let without_underside = |params: &mut PlanParams| params.regions.exclude = vec![Region::Faces { faces: vec![0, 1] }];
     assert!(further_of(&mesh, without_underside, &[]).is_none());
+}
+
+/// A lid of 90 × 70 × 30 mm, open at the bottom.
+fn lid() -> Mesh {
+    let mut lid = box_mesh([-45.0, -35.0, 0.0], [45.0, 35.0, 30.0]);
+    let inside = box_mesh([-40.0, -30.0, 0.0], [40.0, 30.0, 22.5]);
+    let first = lid.vertices_mm.len() as u32;
+    // The first two faces of a box are its bottom.
+    let inwards = inside.faces[2..].iter().map(|[a, b, c]| [first + a, first + c, first + b]);
+    let edges: [[u32; 2]; 4] = [[0, 1], [1, 3], [3, 2], [2, 0]];
+    let rim = edges.iter().flat_map(|[a, b]| [[*a, first + a, *b], [*b, first + a, first + b]]);
+    lid.faces = lid.faces[2..].iter().copied().chain(inwards).chain(rim).collect();
+    lid.source_face = (0..lid.faces.len() as u32).collect();
+    lid.vertices_mm.extend(inside.vertices_mm);
+    lid
+}
+
+/// As it is filed the lid hides its inside, of which no second pose that shares enough surface shows all: the advice stopped there.
+#[test]
+fn a_part_that_hides_its_inside_is_laid_anew_as_a_plan_in_two_setups_lays_it() {
+    let mesh = lid();
+    let poses = further_poses(&mesh, |_| ()).unwrap_or_else(|| panic!("poses"));
+    let beside = poses.best(&[]).unwrap_or_else(|| panic!("a pose beside"));
+    let anew = poses.anew().unwrap_or_else(|| panic!("poses without the first"));
+    assert!(
+        anew.reachable_of_asked > beside.reachable_of_asked + 0.02,
+        "{} {}",
+        anew.reachable_of_asked,
+        beside.reachable_of_asked
+    );
+    assert!(!beside.is_default && anew.registration == Registration::Surface);
+    assert_eq!(anew.table_from_part, poses_of(&mesh, |params| params.setups = 2));
+    assert!(anew.table_from_part.iter().all(|pose| down(pose).z > -0.5), "it never lies on its rim");
+}
+
+#[test]
+fn a_part_whose_further_pose_shows_all_stays_in_its_own_as_well() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    for registration in [Registration::None, Registration::Surface] {
+        let poses = further_poses(&mesh, |params| params.registration = registration).unwrap_or_else(|| panic!("poses"));
+        assert!(poses.anew().is_none(), "{registration:?}");
+        assert!(poses.best(&[]).is_some_and(|further| further.reachable_of_asked > 0.99), "{registration:?}");
+    }
 }

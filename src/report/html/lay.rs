@@ -21,6 +21,8 @@ pub(super) struct Lay {
     pub(super) table_from_part: Pose<Table, Part>,
     /// Turn into it from the first setup; `None` in the first.
     pub(super) turn: Option<Turn>,
+    /// Lie of the part in the first setup in words, where that is not as it is placed.
+    pub(super) first_lie: Option<String>,
 }
 
 /// The section; empty where there is neither a table nor more than one pose.
@@ -41,7 +43,7 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, a
     let up = up(&lay.table_from_part);
     let title = match (setups, &lay.turn) {
         (1, _) => "The part on the plate".to_owned(),
-        (_, None) => format!("Setup {setup}: as placed first"),
+        (_, None) => format!("Setup {setup}: {}", lay.first_lie.as_deref().unwrap_or("as placed first")),
         (_, Some(turn)) => format!("Setup {setup}, from setup 1: {}{}", turn_phrase(turn), leaning(&up, turn)),
     };
     let facts: String =

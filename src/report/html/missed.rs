@@ -12,7 +12,7 @@ use crate::planning::params::SelectionGoal;
 use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AdviceDocument, options};
-use crate::wire::summary::{further_setup, stop_rules};
+use crate::wire::summary::{choice_ended_by, further_setup, stop_rules};
 use crate::wire::words::{counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
@@ -151,7 +151,7 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
                 let action = words::capitalised(turn.as_deref().unwrap_or("turn it onto another side"));
                 (format!("{action} and scan again"), turned(turn.as_deref()), true)
             }
-            RemedyKind::View => told(more_views(plan.stopped_because, plan.params.selection.goal)),
+            RemedyKind::View => told(more_views(choice_ended_by(plan), plan.params.selection.goal)),
             RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses"),
             RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses"),
             RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses"),

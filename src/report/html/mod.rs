@@ -47,6 +47,7 @@ use crate::rendering::SampledModel;
 use crate::wire::echo::Echo;
 use crate::wire::summary::Summary;
 use crate::wire::warnings::FieldWarning;
+use crate::wire::words::first_lie;
 
 /// Subject of a report, whether or not a plan is possible: the part and what it was planned for.
 #[derive(Clone, Copy)]
@@ -102,7 +103,11 @@ pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'
     let (subject, plan) = (&input.subject, &input.outcome.plan);
     let mut album = album::Album::new(SampledModel::new(subject.mesh, &input.outcome.surface, preview, ctx)?);
     let lays: Vec<lay::Lay> = SetupId::number(&plan.setups)
-        .map(|(id, setup)| lay::Lay { table_from_part: setup.table_from_part, turn: plan.turn_into(id) })
+        .map(|(id, setup)| lay::Lay {
+            table_from_part: setup.table_from_part,
+            turn: plan.turn_into(id),
+            first_lie: first_lie(plan.params.part.table_from_part.as_ref(), &setup.table_from_part),
+        })
         .collect();
     let body = [
         sections::header(subject, "Scan plan", &[]),

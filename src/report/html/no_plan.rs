@@ -24,7 +24,7 @@ use crate::planning::plan::{Advice, CandidateCounts, Cause, Obstruction, Turn, s
 use crate::planning::surface::{self, Surface};
 use crate::planning::{PlanInput, resolve, resting};
 use crate::rendering::{BodyRole, Camera, DrawnModel, Ink, MissGroup, SampledModel, Seen, Shading};
-use crate::wire::words::{advice_sentence, fixed, no_plan_sentence};
+use crate::wire::words::{advice_sentence, first_lie, fixed, no_plan_sentence};
 
 /// Pairs of bodies that have pictures.
 const PICTURED: usize = 4;
@@ -193,8 +193,13 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
     let surface = facets(&part, ctx)?;
     let mut album = Album::new(SampledModel::new(&part, &surface, None, ctx)?);
     let turn = |place: usize| (place > 0).then(|| Turn::between(&poses[0], &poses[place]));
-    let lays: Vec<Lay> =
-        poses.iter().enumerate().map(|(place, pose)| Lay { table_from_part: *pose, turn: turn(place) }).collect();
+    let placed = input.params.part.table_from_part.as_ref();
+    let lay = |(place, pose): (usize, &Pose<Table, Part>)| Lay {
+        table_from_part: *pose,
+        turn: turn(place),
+        first_lie: first_lie(placed, pose),
+    };
+    let lays: Vec<Lay> = poses.iter().enumerate().map(lay).collect();
     let body = [
         sections::header(subject, "No scan plan", &[]),
         "<main>\n".to_owned(),

@@ -73,25 +73,6 @@ fn a_program_that_is_refused_has_no_cycle_but_a_reason() {
 }
 
 #[test]
-fn a_list_of_candidates_that_is_too_large_is_told_with_what_to_do() {
-    let refused = |name: &str, reason: String| {
-        vec![Artifact { name: REFUSED_FILE.into(), bytes: json_file_bytes(&Refused::from([(name.to_owned(), reason)])) }]
-    };
-    let too_large = ListingError::TooLarge { max_mib: 512 }.to_string();
-    let told = left_out_candidates(&refused(CANDIDATES_FILE, too_large), "/params").expect("a warning");
-    let expected = FieldWarning {
-        code: WarningCode::CandidatesLeftOut,
-        pointer: "/params/output/candidates".to_owned(),
-        detail: "is true, and candidates.json is not written: it would be larger than 512 MiB".to_owned(),
-        remedy: "reduce part.samples_per_mm2 or the number of candidates".to_owned(),
-    };
-    assert_eq!(told, expected);
-    assert!(told.code.is_of_plan(), "a job tells it");
-    assert_eq!(left_out_candidates(&refused("program.cps", "far away".to_owned()), "/params"), None);
-    assert_eq!(left_out_candidates(&[], "/params"), None);
-}
-
-#[test]
 fn a_program_that_is_written_has_its_cycle_and_the_work_before_its_first_run() {
     let cycle = |dialect, levels: &[u8]| {
         let (cycle, files) = told(dialect, levels, &DialectParams::default());

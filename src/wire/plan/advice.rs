@@ -8,9 +8,9 @@ use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
-use crate::planning::plan::{AdviceKind, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
+use crate::planning::plan::{AdviceKind, AdvisedSetup, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
 use crate::wire::angle::degrees;
-use crate::wire::words::{fixed, percent_below, percents_apart, turn_phrase};
+use crate::wire::words::{counted, fixed, lie_phrase, percent_below, percents_apart, turn_phrase};
 
 /// Parameters of an advice that are whole numbers.
 const WHOLE_SETTINGS: [&str; 2] = ["setups", "selection.max_views"];
@@ -44,6 +44,28 @@ impl From<&Turn> for TurnDocument {
     }
 }
 
+/// Setup of a plan that is advised.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct AdvisedSetupDocument {
+    /// Pose of the part in it.
+    pub table_from_part: PoseSpec,
+    /// Turn into that pose from the first setup of the plan that the advice is on.
+    pub turn: TurnDocument,
+    /// Lie of the part after that turn in words, such as `upside down`.
+    pub lies: String,
+}
+
+impl From<&AdvisedSetup> for AdvisedSetupDocument {
+    fn from(setup: &AdvisedSetup) -> Self {
+        Self {
+            table_from_part: PoseSpec::from(&setup.table_from_part),
+            turn: TurnDocument::from(&setup.turn),
+            lies: lie_phrase(&setup.turn),
+        }
+    }
+}
+
 /// Parameters with which the plan would measure more, tried on the model: views were chosen for them that the cell can take, and
 /// those of a further setup ordered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -57,13 +79,17 @@ pub struct AdviceDocument {
     /// Parameters to set, by their dotted names.
     #[serde(deserialize_with = "settings_as_written")]
     pub set: BTreeMap<String, Value>,
-    /// Pose of the part in the further setup, for `turn_over`.
+    /// Pose of the part in the further setup, for `turn_over`; `null` with `setups`.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
     /// Turn into that pose from the first setup.
     #[serde(default)]
     pub turn: Option<TurnDocument>,
-    /// Number of views that were added in the trial: an estimate of what a plan with the parameters adds.
+    /// All setups of the advised plan, for `turn_over` where it leaves some of those of this plan and lies in others.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub setups: Vec<AdvisedSetupDocument>,
+    /// Number of views that were added in the trial, less those of setups that are left, and not below 0: an estimate of what a plan with
+    /// the parameters adds.
     pub added_views: usize,
     /// Number of views of the plan with them: an estimate, too.
     pub views: usize,
@@ -96,6 +122,7 @@ impl AdviceDocument {
             set: advice.changes.iter().map(setting).collect(),
             table_from_part: advice.table_from_part.as_ref().map(PoseSpec::from),
             turn: advice.turn.as_ref().map(TurnDocument::from),
+            setups: advice.setups.iter().map(AdvisedSetupDocument::from).collect(),
             added_views: advice.added_views,
             views: advice.views,
             measured_area_mm2: advice.measured_area_mm2,
@@ -108,12 +135,28 @@ impl AdviceDocument {
         document
     }
 
+    /// Request to lay the part otherwise, in words; `None` where the plan does not.
+    pub(crate) fn laying(&self) -> Option<String> {
+        let lies: Vec<&str> = self.setups.iter().map(|setup| setup.lies.as_str()).collect();
+        match (&self.turn, lies.split_last()) {
+            (Some(turn), _) => Some(format!("{} and scan again", turn.text)),
+            (None, Some((last, []))) => Some(format!("scan it in another setup, {last}")),
+            (None, Some((last, others))) => Some(format!("scan it in other setups, {} and {last}", others.join(", "))),
+            (None, None) => None,
+        }
+    }
+
     fn sentence(&self, kind: AdviceKind, now_of_asked: f64) -> String {
-        let more = if self.added_views == 1 { "1 more view".to_owned() } else { format!("{} more views", self.added_views) };
-        let action = match (kind, &self.turn) {
-            (AdviceKind::TurnOver, Some(turn)) => format!("{} and scan again, {more}", turn.text),
-            (AdviceKind::TurnOver, None) => format!("turn it onto another side and scan again, {more}"),
-            (AdviceKind::MoreViews, _) => format!("choose {more}"),
+        let more = match self.added_views {
+            0 => "no more views".to_owned(),
+            added => counted(added, "more view"),
+        };
+        let action = match kind {
+            AdviceKind::TurnOver => {
+                let laying = self.laying().unwrap_or_else(|| "turn it onto another side and scan again".to_owned());
+                format!("{laying}, {more}")
+            }
+            AdviceKind::MoreViews => format!("choose {more}"),
         };
         let [now, then] = percents_apart([now_of_asked, self.of_asked]);
         let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle {} s", fixed(secs, 1)));
@@ -211,6 +254,7 @@ mod tests {
             changes,
             table_from_part: None,
             turn: None,
+            setups: Vec::new(),
             added_views: 3,
             views: 10,
             measured_area_mm2: 97.1,
@@ -238,6 +282,30 @@ mod tests {
         assert_eq!(told.options(), "--set setups=2 --set registration=markers");
         let turn = told.turn.expect("a turn");
         assert_eq!((turn.kind.as_str(), turn.side, turn.angle_deg), ("upside_down", None, 180.0));
+    }
+
+    #[test]
+    fn advice_that_leaves_a_setup_names_how_the_part_lies_in_all_of_its_own() {
+        let advised = |kind, side, deg: f64| AdvisedSetup {
+            table_from_part: Pose::identity(),
+            turn: Turn { kind, side, angle_rad: deg.to_radians() },
+        };
+        let over = advised(TurnKind::UpsideDown, PartSide::Right, 180.0);
+        let setups = vec![over, advised(TurnKind::OnSide, PartSide::Back, 90.0)];
+        let told = document(&PlanAdvice { setups, ..advice(AdviceKind::TurnOver, vec![ParamChange::Setups(2)]) });
+        assert!(
+            told.text.starts_with("scan it in other setups, upside down and on its back, 3 more views (setups = 2): "),
+            "{told:?}"
+        );
+        assert_eq!((told.table_from_part, told.turn, told.setups.len()), (None, None, 2));
+        let json = serde_json::to_value(&told.setups).expect("JSON");
+        assert_eq!((&json[1]["lies"], &json[1]["turn"]["text"]), (&json!("on its back"), &json!("stand it on its back")));
+        let as_many = PlanAdvice { added_views: 0, setups: vec![over; 3], ..advice(AdviceKind::TurnOver, Vec::new()) };
+        let told = document(&as_many).text;
+        assert!(told.starts_with("scan it in other setups, upside down, upside down and upside down, no more views ("), "{told}");
+        // Plans from before it have the bytes that they had.
+        let usual = serde_json::to_value(document(&advice(AdviceKind::TurnOver, Vec::new()))).expect("JSON");
+        assert!(usual.get("setups").is_none(), "{usual}");
     }
 
     #[test]

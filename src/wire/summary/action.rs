@@ -107,10 +107,12 @@ fn robust(plan: &Plan) -> Option<SummaryAction> {
 }
 
 fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> SummaryAction {
-    let what = match &advice.turn {
-        Some(turn) => format!("{} and scan again", turn.text),
-        None => format!("choose {}", counted(advice.added_views, "more view")),
-    };
+    let laying = advice.laying();
+    let views = laying.as_ref().map(|_| match advice.added_views {
+        0 => "no more views".to_owned(),
+        added => format!("+{}", counted(added, "view")),
+    });
+    let what = laying.unwrap_or_else(|| format!("choose {}", counted(advice.added_views, "more view")));
     let regions = match advice.regions_met.len() {
         0 => String::new(),
         _ => format!("; meets the target of {}", advice.regions_met.join(", ")),
@@ -124,7 +126,6 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added_views: advice.added_views,
         added_cycle_secs: advice.cycle_secs.zip(cycle_secs).map(|(then_secs, now_secs)| then_secs - now_secs),
     };
-    let views = advice.turn.as_ref().map(|_| format!("+{}", counted(advice.added_views, "view")));
     action.text = action.sentence(&what, views) + &regions;
     action
 }

@@ -237,7 +237,7 @@ pub(crate) fn stop_rules(plan: &Plan, remedies: &[&Remedy]) -> OptionSet {
     let Some(kind) = first.map(|remedy| remedy.kind) else { return OptionSet::new() };
     let is_candidate = match kind {
         // None of the rules ended the choice where a candidate has no path, or is not worth its cost.
-        RemedyKind::View if matches!(plan.stopped_because, StopReason::NoPath | StopReason::NoGain) => return OptionSet::new(),
+        RemedyKind::View if matches!(choice_ended_by(plan), StopReason::NoPath | StopReason::NoGain) => return OptionSet::new(),
         RemedyKind::View => true,
         RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff | RemedyKind::Limit => false,
         RemedyKind::Setup | RemedyKind::None => return OptionSet::new(),
@@ -264,6 +264,15 @@ pub(crate) fn stop_rules(plan: &Plan, remedies: &[&Remedy]) -> OptionSet {
         set.insert(GROWTH.to_owned(), json!(0.0));
     }
     set
+}
+
+/// Rule that ended the choice of views, also where a plan tells in its place that regions miss their targets: one that is short of its own
+/// target was ended by none of those that a parameter holds, since nothing could be gained.
+pub(crate) fn choice_ended_by(plan: &Plan) -> StopReason {
+    // Views that tolerate errors reach their target on few samples, and may be short of it on all.
+    let is_short = !plan.params.robust.select && !plan.coverage.reaches_target(&plan.params.selection);
+    let is_without_gain = plan.stopped_because == StopReason::RegionsUnmet && is_short;
+    if is_without_gain { StopReason::NoGain } else { plan.stopped_because }
 }
 
 /// Target that makes up for what views chosen for pose errors too miss of theirs on every sample, though they reach it on those that they
@@ -309,8 +318,9 @@ fn rounded(pose: PoseSpec) -> PoseSpec {
 /// where it is not known how a setup more would turn the part.
 pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> OptionSet {
     let advised = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
-        let advised = document.turn.as_ref().map(|turn| turn.text.as_str());
-        advice.kind == AdviceKind::TurnOver && (turn.is_none() || advised == turn)
+        let mut turns = document.turn.iter().chain(document.setups.iter().map(|setup| &setup.turn));
+        let turns_so = turn.is_none_or(|turn| turns.any(|advised| advised.text == turn));
+        advice.kind == AdviceKind::TurnOver && turns_so
     });
     let uses_all = plan.setups.len() == plan.params.setups as usize;
     match advised {

@@ -8,9 +8,9 @@ use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
 use crate::planning::params::{PlanParams, PoseErrorParams, Registration, SelectionGoal};
 use crate::planning::plan::{
-    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Drawn, Independent, MeasuredArea, MissedCause,
-    MissedSpot, ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind,
-    RemedyView, Robust, SetupPlan, StopReason, Turn, TurnKind,
+    AdviceKind, AdvisedSetup, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Drawn, Independent, IndependentRegion,
+    MeasuredArea, MissedCause, MissedSpot, ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage,
+    RegionKind, Remedy, RemedyKind, RemedyView, Robust, SetupPlan, StopReason, Turn, TurnKind,
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
@@ -189,6 +189,56 @@ fn the_verdict_is_the_first_that_holds() {
                 .to_owned()
         )
     );
+}
+
+/// A target that only the samples of the choice reach was "Ready to scan", and no fault with `--strict`.
+#[test]
+fn a_region_that_other_samples_refute_counts_as_below_its_target() {
+    let mut plan = plan_of_all(990.0);
+    // 340 of 400: 85 %, with a standard error of 1.8 points.
+    let refuted = IndependentRegion { samples: 400, asked_area_mm2: 10.0, measured_area_mm2: 8.5, squares_mm4: 0.25 };
+    let held = IndependentRegion { measured_area_mm2: 8.9, ..refuted };
+    let with = |independent: IndependentRegion| RegionCoverage { independent: Some(independent), ..region("seat", 0.93) };
+    plan.coverage.regions = vec![with(held)];
+    assert_eq!(
+        (PlanVerdict::of(&plan), Summary::of(&plan).regions_unmet),
+        (PlanVerdict::TargetMet, 0),
+        "not confirmed is not refuted"
+    );
+    plan.coverage.regions.push(with(refuted));
+    let summary = Summary::of(&plan);
+    assert_eq!((summary.verdict, summary.level, summary.regions_unmet), (PlanVerdict::RegionsUnmet, PlanLevel::Limited, 1));
+    assert_eq!(
+        summary.verdict_text,
+        "Regions unmet: 1 of 2 regions and features with a target: \"seat\" 85.00 % on independent samples, target 90.00 %; the part as \
+         a whole: 99.00 % of coverable, target 98.50 %"
+    );
+}
+
+/// Both reports and the command line said "Ready to scan" of a part on its edge.
+#[test]
+fn a_part_that_does_not_stand_is_not_ready_and_the_title_says_what_to_do() {
+    let ready = Summary::of(&plan_of_all(990.0));
+    assert_eq!(ready.clone().with_unstable_setups(0), ready);
+    let tips = ready.clone().with_unstable_setups(1);
+    assert_eq!((tips.level, tips.verdict), (PlanLevel::Limited, PlanVerdict::TargetMet));
+    assert!(
+        tips.title.starts_with("Not ready to scan: the part does not stand stably as placed and would tip over; "),
+        "{}",
+        tips.title
+    );
+    for way in ["part.fixture_mesh", "part.table_from_part", "--up"] {
+        assert!(tips.title.contains(way), "{way}: {}", tips.title);
+    }
+    assert_eq!(tips.lines()[0], tips.title, "before what is measured");
+    let mut twice = plan_of_all(990.0);
+    twice.setups.push(twice.setups[0].clone());
+    let told = Summary::of(&twice).with_unstable_setups(1).title;
+    assert!(told.contains("in 1 of 2 setups") && !told.contains("fixture"), "a fixture holds one setup: {told}");
+    // Its size is asked about first, and what no path leads to stays so.
+    assert_eq!(tips.with_unit_question(Some("Check the unit".to_owned())).title, "Check the unit");
+    let pathless = Summary::of(&plan(3, 3, 0.0));
+    assert_eq!(pathless.clone().with_unstable_setups(1), pathless);
 }
 
 /// A plan of a part of which all that is asked is visible and can be measured, and so much of 1000 mm² is.
@@ -512,6 +562,10 @@ fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
     // A view that is not worth its cost is had by none of these rules.
     let no_gain = |plan: &mut Plan| plan.stopped_because = StopReason::NoGain;
     assert_eq!(fixed(792.0, RemedyKind::View, &no_gain), "1 more view");
+    // Nor where a region that misses its target is told in its place; a plan that reaches its own ended there.
+    let unmet = |plan: &mut Plan| plan.stopped_because = StopReason::RegionsUnmet;
+    assert_eq!(fixed(780.0, RemedyKind::View, &unmet), "1 more view", "97.5 % are short of 98.5 %");
+    assert_eq!(fixed(790.0, RemedyKind::View, &unmet), "1 more view: --set selection.target=1.0");
 }
 
 /// Their targets follow from what both measure.
@@ -541,6 +595,7 @@ fn advice() -> PlanAdvice {
         changes: vec![ParamChange::Setups(2), ParamChange::Registration(Registration::Markers)],
         table_from_part: None,
         turn: Some(Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: std::f64::consts::PI }),
+        setups: Vec::new(),
         added_views: 2,
         views: 5,
         measured_area_mm2: 979.0,
@@ -568,6 +623,28 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     // Spots that the same turn would show are asked for with the same parameters.
     assert_eq!(summary.missed[0].set, action.set);
     assert!(summary.lines().contains(&format!("Next: {}", action.text)));
+}
+
+/// The spots that a pose of the advised setups shows are fixed by the same parameters.
+#[test]
+fn advice_that_leaves_the_setup_of_the_plan_says_how_the_part_lies_then() {
+    let advised = |kind, angle_rad: f64| AdvisedSetup {
+        table_from_part: Pose::identity(),
+        turn: Turn { kind, side: PartSide::Back, angle_rad },
+    };
+    let right_angle_rad = std::f64::consts::FRAC_PI_2;
+    let setups = vec![advised(TurnKind::UpsideDown, 2.0 * right_angle_rad), advised(TurnKind::OnSide, right_angle_rad)];
+    let changes = vec![ParamChange::Setups(2)];
+    let mut plan = plan(3, 0, 701.0);
+    plan.missed = vec![missed(Cause::FacesTable, vec![Some(remedy(RemedyKind::Setup, 1.0, &[4]))])];
+    plan.advice = vec![PlanAdvice { turn: None, setups, changes, regions_met: Vec::new(), ..advice() }];
+    let summary = Summary::of(&plan);
+    let action = summary.action.expect("advice");
+    assert_eq!(
+        action.text,
+        "scan it in other setups, upside down and on its back: --set setups=2; estimated effect: 70.1 → 97.9 % of asked, +2 views"
+    );
+    assert_eq!(summary.missed[0].set, action.set);
 }
 
 #[test]

@@ -13,7 +13,8 @@ closed_list! {
     pub enum PlanVerdict {
         /// The target of the plan is not reached.
         TargetMissed = "target_missed",
-        /// The target of the plan is reached, or it has none; a region or feature does not reach its own.
+        /// The target of the plan is reached, or it has none; a region or feature does not reach its own, or independent samples refute
+        /// that it does.
         RegionsUnmet = "regions_unmet",
         /// Nothing of the above, and no collision-free path was found to some of the chosen views, which are not executed; or none was
         /// found to any of them.
@@ -36,7 +37,8 @@ closed_list! {
     pub enum PlanLevel {
         /// Every target is reached, and no more of the asked area is missing than the target allows.
         Ready = "ready",
-        /// The part can be scanned as planned; something that was asked is missing, or is not certain.
+        /// The part can be scanned as planned; something that was asked is missing, or is not certain. Or the part does not stand as it is
+        /// placed.
         Limited = "limited",
         /// No view is executed.
         NotExecutable = "not_executable",
@@ -71,7 +73,7 @@ impl PlanVerdict {
         let verdicts = [
             (is_nothing_executed, Self::ViewsWithoutPath),
             (has_target(plan) && !is_target_met(plan), Self::TargetMissed),
-            (plan.coverage.regions.iter().any(RegionCoverage::is_unmet), Self::RegionsUnmet),
+            (plan.coverage.regions.iter().any(RegionCoverage::misses_target), Self::RegionsUnmet),
             (plan.executed_views() < plan.views.len(), Self::ViewsWithoutPath),
             (is_fragile, Self::Fragile),
             (has_target(plan) && is_partly_measured, Self::PartlyMeasured),
@@ -136,7 +138,7 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         }
         PlanVerdict::RegionsUnmet => {
             let regions = &plan.coverage.regions;
-            let unmet = regions.iter().filter(|region| region.is_unmet()).count();
+            let unmet = regions.iter().filter(|region| region.misses_target()).count();
             let with_target = regions.iter().filter(|region| region.target.is_some()).count();
             format!(
                 "Regions unmet: {unmet} of {with_target} regions and features with a target: {}; the part as a whole: {reached}",

@@ -248,6 +248,21 @@ fn warnings_of_a_plan_are_those_that_no_job_has_before() {
     );
 }
 
+/// `plan.json` had both.
+#[test]
+fn a_region_that_holds_nothing_is_warned_of_by_its_cause_alone() {
+    let part = Aabb { min: [0.0; 3].into(), max: [10.0; 3].into() };
+    let empty = of_empty_region(RegionUse::Features, 0, &part, "/params");
+    let params = params(&[0.2, 0.2]);
+    let nothing = RegionCoverage { samples: 0, asked_area_mm2: 0.0, missed_mm2: Vec::new(), ..feature() };
+    let regions = [nothing, feature()].map(|region| RegionCoverageDocument::from(&region));
+    let [of_empty, of_other] = &of_regions(&params, &regions, "/params")[..] else { panic!("both are unmet") };
+    let told = by_cause(vec![of_empty.clone(), of_other.clone(), empty.clone()]);
+    assert_eq!(told, [of_other.clone(), empty]);
+    // One that holds surface which is not asked for has no other warning.
+    assert_eq!(by_cause(vec![of_empty.clone()]), [of_empty.clone()]);
+}
+
 #[test]
 fn reports_list_each_warning_of_a_plan_once() {
     let warning = |code: WarningCode, pointer: &str| FieldWarning {

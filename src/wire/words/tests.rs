@@ -1,14 +1,19 @@
 use super::{
-    area_mm2, at_risk_sentence, changed_params, fix_sentence, fixed, fixed_nonzero, lie_phrase, no_plan_sentence, percent_below,
-    percents_apart, remedy_sentence, stability_sentence, turn_phrase,
+    area_mm2, at_risk_sentence, by_thousands, changed_params, first_lie, fix_sentence, fixed, fixed_nonzero, independent_share,
+    lie_phrase, no_plan_sentence, percent_below, percents_apart, region_verdict, remedy_sentence, stability_sentence,
+    turn_phrase,
 };
+use crate::cell::PoseSpec;
 use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
 use crate::planning::params::{PlanParams, Region};
-use crate::planning::plan::{CandidateCounts, Cause, PartSide, Remedy, RemedyKind, RemedyView, Turn, TurnKind};
+use crate::planning::plan::{
+    CandidateCounts, Cause, IndependentRegion, PartSide, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, Turn,
+    TurnKind,
+};
 use crate::planning::verdict::Rejection;
-use crate::wire::plan::{AtRiskDocument, RiskReasonDocument, StabilityDocument};
+use crate::wire::plan::{AtRiskDocument, RegionCoverageDocument, RiskReasonDocument, StabilityDocument};
 
 #[test]
 fn zero_has_no_sign() {
@@ -16,6 +21,47 @@ fn zero_has_no_sign() {
         (fixed(-0.04, 1), fixed(-0.06, 1), fixed(0.0, 0), fixed(-0.4, 0)),
         ("0.0".into(), "-0.1".into(), "0".into(), "0".into())
     );
+}
+
+/// A table angle of 1e308 had 309 digits.
+#[test]
+fn a_number_of_more_digits_than_anything_has_is_told_with_a_power_of_ten() {
+    for (value, told) in [
+        (999_999_999.0, "999999999.0"),
+        (1e9, "1e9"),
+        (-1_234_567_890_123.0, "-1.23457e12"),
+        (1e308, "1e308"),
+        (f64::INFINITY, "inf"),
+    ] {
+        assert_eq!(fixed(value, 1), told);
+    }
+    assert_eq!((fixed_nonzero(2.5e20, 2), by_thousands(&fixed(-2e12, 0))), ("2.5e20".to_owned(), "−2e12".to_owned()));
+    assert_eq!((area_mm2(12_345_678.9), area_mm2(1.5e300)), ("12\u{202f}345\u{202f}678.9".to_owned(), "1.5e300".to_owned()));
+}
+
+/// The examples of [`region_verdict`] and [`independent_share`].
+#[test]
+fn a_share_on_400_samples_is_told_with_its_standard_error() {
+    let region = |measured: usize| {
+        let independent =
+            IndependentRegion { samples: 400, asked_area_mm2: 400.0, measured_area_mm2: measured as f64, squares_mm4: 400.0 };
+        RegionCoverageDocument::from(&RegionCoverage {
+            name: "seat".to_owned(),
+            kind: RegionKind::Interest,
+            samples: 100,
+            asked_area_mm2: 20.0,
+            coverable_area_mm2: 20.0,
+            measured_area_mm2: 19.2,
+            target: Some(0.95),
+            tolerance_mm: None,
+            min_tolerance_mm: 0.156,
+            missed_mm2: Vec::new(),
+            beyond_noise_area_mm2: 0.0,
+            independent: Some(independent),
+        })
+    };
+    assert_eq!(region_verdict(&region(384)), "target 95.00 %: met (independent 96.00 %, standard error 0.99 points)");
+    assert_eq!(independent_share(&region(375)).as_deref(), Some("93.75 %, standard error 1.22 points"));
 }
 
 #[test]
@@ -200,6 +246,18 @@ fn turns_are_told_in_an_operator_s_words() {
     ] {
         assert_eq!((turn_phrase(&turn).as_str(), lie_phrase(&turn).as_str()), (asked, lies));
     }
+}
+
+/// A plan in two setups that leaves the pose of the job was told to begin "as placed first".
+#[test]
+fn the_first_setup_is_told_against_the_pose_of_the_job() {
+    let turned = |deg: f64| {
+        let turn = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::x_axis(), deg.to_radians());
+        Pose::from_parts(nalgebra::Vector3::new(1.0, 2.0, 3.0), turn)
+    };
+    assert_eq!((first_lie(None, &turned(0.0)), first_lie(Some(&PoseSpec::from(&turned(90.0))), &turned(90.0))), (None, None));
+    let over = "upside down from how it is placed (part.table_from_part)";
+    assert_eq!(first_lie(None, &turned(180.0)).as_deref(), Some(over));
 }
 
 #[test]

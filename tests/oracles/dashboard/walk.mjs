@@ -356,7 +356,13 @@ async function startInspection() {
   return id;
 }
 
-const percent = (share) => `${(100 * share).toFixed(2)} %`;
+/** A share as the server's sentences have it: above 0 not as that, below all not as all. */
+function percent(share) {
+  const value = 100 * share;
+  const shown = value.toFixed(2);
+  if (share > 1e-9 && shown === "0.00") return `${value.toFixed(1 - Math.floor(Math.log10(value)))} %`;
+  return share < 1 - 1e-9 && shown === "100.00" ? "99.99 %" : `${shown} %`;
+}
 const inspectionMap = () => page.waitForFunction(() => window.vantage.inspection?.scene?.stage.frames > 0);
 
 /** Figures and maps of an inspection are those of the server; a face, a spot and the scale answer; everything is kept by the address. */

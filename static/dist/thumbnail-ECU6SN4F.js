@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-GITETS7K.js";import"./chunk-WLVDOSYS.js";import"./chunk-YF5ZXBXJ.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-C3JEU74X.js";export{a as drawThumbnail,b as drawTurned};
