@@ -16,7 +16,7 @@ use super::progress::{CommandStage, Course, Progress, Stopwatch};
 use super::{CliError, FileFinding, doubts, features, output, parts, summary};
 use crate::cell::{Cell, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
-use crate::geometry::{LengthUnit, Mesh, Poll};
+use crate::geometry::{Interrupted, LazyStablePoses, LengthUnit, Mesh, Poll};
 use crate::planning::context::{Context, NoPlan, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, RegionCoverage, Robust};
@@ -249,18 +249,17 @@ impl<'a> PartPlanner<'a> {
             date: Some(now()),
         };
         warn(&mesh.display().to_string(), &job.size_warnings("--unit"));
-        if let (Some(up), None) = (self.args.up, self.fixture.as_ref()) {
-            warn(&mesh.display().to_string(), warnings::of_standing(&part.mesh, up, "--up").as_slice());
-        }
+        let stable = self.warn_of_up(mesh, &part.mesh)?;
         let progress = Progress::go_on(&Course::of_plan(&params, self.cell.is_some()), watch);
         let planned = || {
             let allowance = self.args.limits.allowance(rayon::current_num_threads());
             let ctx = Context::new(self.cancel, &progress).with_allowance(allowance);
             match job.plan(&ctx) {
-                Ok(outcome) => job
-                    .render(&outcome, self.args.report, &ctx)
-                    .map(|artifacts| (Ok(outcome), artifacts))
-                    .map_err(PlanError::from),
+                Ok(outcome) => {
+                    outcome.stable_poses.learn_from(&stable);
+                    let artifacts = job.render(&outcome, self.args.report, &ctx)?;
+                    Ok((Ok(outcome), artifacts))
+                }
                 Err(PlanError::NoPlan(finding)) => Ok((
                     Err(CliError::NoPlan(no_plan_reason(&finding))),
                     job.render_no_plan(NoPlanReason::NoPlan(&finding), self.args.report, &ctx)?,
@@ -291,6 +290,19 @@ impl<'a> PartPlanner<'a> {
         Ok(PlannedPart { outcome, artifacts, empty_regions })
     }
 
+    /// Warns of a part that would not stand with the axis up that `--up` gives. Returns the ways in which it stands, known with
+    /// `--up` alone.
+    fn warn_of_up(&self, path: &Path, part: &Mesh) -> Result<LazyStablePoses, CliError> {
+        let stable = LazyStablePoses::default();
+        if let (Some(up), None) = (self.args.up, self.fixture.as_ref()) {
+            let stop = || self.cancel.load(Ordering::Relaxed);
+            let known = self.pool.install(|| stable.of(part, &Poll::new(&stop)));
+            let known = known.map_err(|Interrupted| CliError::Cancelled("interrupted; nothing was written".into()))?;
+            warn(&path.display().to_string(), warnings::of_standing(known, up, "--up").as_slice());
+        }
+        Ok(stable)
+    }
+
     /// Warns of regions that hold nothing of the part, of a list of candidates that is left out, and of poses in which the part would
     /// tip over. Returns the warnings on regions.
     fn warn_of_plan(&self, job: &PlanJob<'_>, outcome: &Outcome, artifacts: &[Artifact]) -> Vec<FieldWarning> {
@@ -299,7 +311,8 @@ impl<'a> PartPlanner<'a> {
         warn("parameters", &empty_regions);
         // With --up its user was warned before.
         if self.args.up.is_none() {
-            warn("parameters", &job.standing_warnings(&outcome.plan, ""));
+            // Known since the files were rendered.
+            warn("parameters", &job.standing_warnings(outcome, "", &Poll::never()).unwrap_or_default());
         }
         empty_regions
     }

@@ -38,5 +38,5 @@ pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub(crate) use random_hash::RandomHash;
 pub use ray_scene::{Hit, RayScene};
 pub use simd::{Kernel, SimdLevel, floor_to_i32, simd_from_fn, simd_max, simd_min};
-pub use stable_poses::{StablePose, stable_poses};
+pub use stable_poses::{LazyStablePoses, StablePose, stable_poses};
 pub use unit::{LengthUnit, UnknownUnit};

@@ -11,15 +11,23 @@
 //! The likelihood that a body comes to rest on a facet grows with the solid angle under which its centre of mass sees that facet
 //! (K. Goldberg, B. Mirtich, Y. Zhuang, J. Craig, B. Carlisle, J. Canny 1999, *Part pose statistics: estimators and
 //! experiments*, IEEE Transactions on Robotics and Automation 15(5)); facets from which it tips over are left out here,
-//! not counted for the facet it ends on. Part frame, millimetres. Cost: O(n log n) for n vertices, the hull's, and a look at each
-//! corner of the hull for each facet that may be stood on: up to a thousand of a ball, a few of most bodies.
+//! not counted for the facet it ends on. Part frame, millimetres. Cost: O(n log n) for n vertices, the hull's, and for each facet
+//! that may be stood on, up to a thousand of a ball and a few of most bodies, a look at each facet or at each corner near it.
+
+mod corner_blocks;
+mod quickhull;
 
 use std::cmp::Reverse;
-use std::collections::HashMap;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
-use super::mesh::Mesh;
+use self::corner_blocks::CornerBlocks;
+use self::quickhull::{ExactFacet, LatticePoint, MAX_STEP, quickhull};
+use super::mesh::{Aabb, Mesh};
+use super::poll::{Interrupted, Poll};
+use super::side_by_side::{self, PIECE};
 
 #[cfg(test)]
 mod tests;
@@ -28,8 +36,8 @@ mod tests;
 const TIPPING_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
 /// Rounding of a file's 32-bit numbers, as a share of the body's size; no source.
 const ROUNDING: f64 = 1e-6;
-/// Steps of the hull's grid along the body's size: a product of two lengths fits into 64 bits, one of four into 128.
-const GRID: f64 = (1 << 30) as f64;
+/// Steps of the hull's grid along the body's size, the diagonal of its box: half of them either way from the middle.
+const GRID: f64 = 2.0 * MAX_STEP as f64;
 
 /// A way to stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,48 +48,129 @@ pub struct StablePose {
     pub share: f64,
 }
 
+/// Ways in which a body can stand, computed when somebody asks. Clones know them together.
+#[derive(Clone, Debug, Default)]
+pub struct LazyStablePoses(Arc<OnceLock<Vec<StablePose>>>);
+
+impl LazyStablePoses {
+    /// [`stable_poses`] of the body, the same one in every call; computed in the first.
+    ///
+    /// # Errors
+    /// [`Interrupted`].
+    pub fn of(&self, mesh: &Mesh, poll: &Poll<'_>) -> Result<&[StablePose], Interrupted> {
+        if let Some(known) = self.0.get() {
+            return Ok(known);
+        }
+        // Two that ask at once both compute: one that waited, in a pool, could keep the other from ending.
+        let found = stable_poses(mesh, poll)?;
+        Ok(self.0.get_or_init(|| found))
+    }
+
+    /// Takes over what is known of the same body elsewhere.
+    pub fn learn_from(&self, other: &Self) {
+        if let Some(known) = other.0.get() {
+            self.0.get_or_init(|| known.clone());
+        }
+    }
+
+    /// Returns true once they were computed.
+    #[must_use]
+    pub fn are_known(&self) -> bool {
+        self.0.get().is_some()
+    }
+}
+
 /// The ways in which a body can stand, the likeliest first. None for what has no volume.
-#[must_use]
-pub fn stable_poses(mesh: &Mesh) -> Vec<StablePose> {
-    let Some(hull) = Hull::of(mesh) else { return Vec::new() };
-    let centre = centre_of_mass(mesh).unwrap_or_else(|| hull.centre());
-    let stable = hull.rests(&centre).into_iter().filter(|rest| hull.is_stable(rest, &centre));
-    let mut poses: Vec<_> = stable.map(|rest| StablePose { down: rest.down, share: hull.share(&rest.down, &centre) }).collect();
+///
+/// # Errors
+/// [`Interrupted`].
+pub fn stable_poses(mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<StablePose>, Interrupted> {
+    poll.check()?;
+    let aabb = mesh.aabb();
+    let Some(hull) = Hull::of(mesh, &aabb, poll)? else { return Ok(Vec::new()) };
+    let centre = match centre_of_mass(mesh, &aabb, poll)? {
+        Some(centre) => centre,
+        None => hull.centre(poll)?,
+    };
+    let rests = hull.rests(&centre, poll)?;
+    let blocks = CornerBlocks::of(&hull.corners, rests.len());
+    let are_stable = side_by_side::map(&rests, |rest| hull.is_stable(rest, &centre, &blocks), poll)?;
+    let stable: Vec<_> = rests.iter().zip(are_stable).filter(|(_, is_stable)| *is_stable).map(|(rest, _)| rest.down).collect();
+    let pose = |down: &Vector3<f64>| StablePose { down: *down, share: hull.share(down, &centre) };
+    let mut poses = side_by_side::map(&stable, pose, poll)?;
     // Shares that are equal but for rounding are in the order of their directions, so that rounding decides nothing.
     let digits = |value: f64| (value * 1e6).round() as i64;
     poses.sort_by_key(|pose| (Reverse(digits(pose.share)), digits(pose.down.z), digits(pose.down.y), digits(pose.down.x)));
-    poses
+    Ok(poses)
 }
 
 /// Centre of mass of the enclosed volume; `None` for a surface that encloses none.
-fn centre_of_mass(mesh: &Mesh) -> Option<Point3<f64>> {
-    let (volume, centre) = centroid((0..mesh.faces.len()).map(|face| mesh.corners(face)), &mesh.aabb().centre());
-    let box_volume: f64 = mesh.aabb().extent_mm().iter().product();
+fn centre_of_mass(mesh: &Mesh, aabb: &Aabb, poll: &Poll<'_>) -> Result<Option<Point3<f64>>, Interrupted> {
+    let (volume, centre) = centroid((0..mesh.faces.len()).map(|face| mesh.corners(face)), &aabb.centre(), poll)?;
+    let box_volume: f64 = aabb.extent_mm().iter().product();
     // An open surface gives a volume that means nothing; one within the box's is taken.
-    let is_sensible = volume > 6e-3 * box_volume && volume <= 6.0 * box_volume && mesh.aabb().holds(&centre);
-    is_sensible.then_some(centre)
+    let is_sensible = volume > 6e-3 * box_volume && volume <= 6.0 * box_volume && aabb.holds(&centre);
+    Ok(is_sensible.then_some(centre))
 }
 
 /// Six times the volume that triangles enclose, and its centre, by tetrahedra from a point near them.
-fn centroid(triangles: impl Iterator<Item = [Point3<f64>; 3]>, near: &Point3<f64>) -> (f64, Point3<f64>) {
+fn centroid(
+    triangles: impl Iterator<Item = [Point3<f64>; 3]>,
+    near: &Point3<f64>,
+    poll: &Poll<'_>,
+) -> Result<(f64, Point3<f64>), Interrupted> {
     let (mut volume, mut moment) = (0.0, Vector3::zeros());
     for corners in triangles {
+        poll.spend(10)?;
         let [a, b, c] = corners.map(|corner| corner - near);
         let sixth = a.dot(&b.cross(&c));
         volume += sixth;
         moment += (a + b + c) * (sixth / 4.0);
     }
-    (volume, near + moment / volume)
+    Ok((volume, near + moment / volume))
+}
+
+/// Vertices of a mesh on the hull's grid, sorted, no two equal.
+fn on_grid(mesh: &Mesh, middle: &Point3<f64>, size_mm: f64, poll: &Poll<'_>) -> Result<Vec<LatticePoint>, Interrupted> {
+    let limit = f64::from(MAX_STEP);
+    let on_grid =
+        |p: &Point3<f64>| <[f64; 3]>::from((p - middle) * (GRID / size_mm)).map(|c| c.round().clamp(-limit, limit) as i32);
+    let mut points = vec![[0; 3]; mesh.vertices_mm.len()];
+    let pieces: Vec<_> = mesh.vertices_mm.chunks(PIECE).zip(points.chunks_mut(PIECE)).collect();
+    let fill = |(vertices_mm, points): &mut (&[Point3<f64>], &mut [LatticePoint])| {
+        points.iter_mut().zip(vertices_mm.iter()).for_each(|(point, vertex_mm)| *point = on_grid(vertex_mm));
+    };
+    side_by_side::for_each(pieces, fill, poll)?;
+    points.par_sort_unstable();
+    points.dedup();
+    poll.check()?;
+    Ok(points)
+}
+
+/// Corners of a closed hull, sorted, each once.
+fn corners_of(facets: &[ExactFacet]) -> Vec<LatticePoint> {
+    // Of the facets around a corner one at least has its other two in ascending order: half of the work is saved.
+    let ascending = |facet: &ExactFacet| {
+        let [a, b, c] = facet.corners;
+        [(a, b, c), (b, c, a), (c, a, b)].into_iter().filter(|(_, next, last)| next < last).map(|(corner, ..)| corner)
+    };
+    let mut corners: Vec<LatticePoint> = facets.iter().flat_map(ascending).collect();
+    corners.par_sort_unstable();
+    corners.dedup();
+    corners
 }
 
 /// A convex hull.
 struct Hull {
+    facets: Vec<ExactFacet>,
+    /// Sorted along the axes.
     corners: Vec<Point3<f64>>,
-    facets: Vec<Facet>,
+    /// Middle of the grid.
+    middle: Point3<f64>,
     size_mm: f64,
 }
 
-/// A triangle of the hull.
+/// A triangle of the hull, computed when it is looked at: a ball's would take a hundred bytes for each.
 struct Facet {
     /// Counter-clockwise seen from outside.
     corners: [Point3<f64>; 3],
@@ -90,6 +179,7 @@ struct Facet {
 }
 
 /// A pose with the centre of mass lower than in any other nearby.
+#[derive(Clone)]
 struct Rest {
     down: Vector3<f64>,
     /// Height of the centre of mass above the plane.
@@ -97,46 +187,54 @@ struct Rest {
 }
 
 impl Hull {
-    fn of(mesh: &Mesh) -> Option<Self> {
-        let (middle, size_mm) = (mesh.aabb().centre(), mesh.aabb().extent_mm().norm());
-        let on_grid = |p: &Point3<f64>| <[i64; 3]>::from(((p - middle) * (GRID / size_mm)).map(|c| c.round() as i64));
-        let mut steps: Vec<[i64; 3]> = mesh.vertices_mm.iter().map(on_grid).collect();
-        steps.sort_unstable();
-        steps.dedup();
-        let points: Vec<Vector3<i64>> = steps.into_iter().map(Vector3::from).collect();
-        let exact = quickhull(&points)?;
-        let point_mm = |point: usize| middle + points[point].map(|c| c as f64) * (size_mm / GRID);
-        let facet =
-            |facet: &ExactFacet| Facet { corners: facet.corners.map(point_mm), down: facet.normal.map(|c| c as f64).normalize() };
-        let mut corners: Vec<usize> = exact.iter().flat_map(|facet| facet.corners).collect();
-        corners.sort_unstable();
-        corners.dedup();
-        Some(Self { corners: corners.into_iter().map(point_mm).collect(), facets: exact.iter().map(facet).collect(), size_mm })
+    fn of(mesh: &Mesh, aabb: &Aabb, poll: &Poll<'_>) -> Result<Option<Self>, Interrupted> {
+        let (middle, size_mm) = (aabb.centre(), aabb.extent_mm().norm());
+        let Some(facets) = quickhull(&on_grid(mesh, &middle, size_mm, poll)?, poll)? else { return Ok(None) };
+        let mut hull = Self { facets, corners: Vec::new(), middle, size_mm };
+        poll.check()?;
+        hull.corners = corners_of(&hull.facets).iter().map(|corner| hull.point_mm(corner)).collect();
+        Ok(Some(hull))
+    }
+
+    fn point_mm(&self, point: &LatticePoint) -> Point3<f64> {
+        self.middle + Vector3::from(point.map(f64::from)) * (self.size_mm / GRID)
+    }
+
+    fn facet(&self, exact: &ExactFacet) -> Facet {
+        Facet {
+            corners: exact.corners.each_ref().map(|corner| self.point_mm(corner)),
+            down: Vector3::from(exact.normal().map(|c| c as f64)).normalize(),
+        }
     }
 
     /// Centre of the hull's volume.
-    fn centre(&self) -> Point3<f64> {
-        centroid(self.facets.iter().map(|facet| facet.corners), &self.corners[0]).1
+    fn centre(&self, poll: &Poll<'_>) -> Result<Point3<f64>, Interrupted> {
+        Ok(centroid(self.facets.iter().map(|facet| self.facet(facet).corners), &self.corners[0], poll)?.1)
     }
 
     /// Facets that hold the foot of the centre of mass, the lowest first. Of those within twice [`TIPPING_RAD`] of one another
     /// the lowest alone: the height above the supporting plane is sublinear in its normal, so that a body tips over from the
     /// others.
-    fn rests(&self, centre: &Point3<f64>) -> Vec<Rest> {
-        let mut rests: Vec<Rest> = self.facets.iter().filter_map(|facet| facet.rest(centre, ROUNDING * self.size_mm)).collect();
-        rests.sort_by(|a, b| a.height_mm.total_cmp(&b.height_mm));
+    fn rests(&self, centre: &Point3<f64>, poll: &Poll<'_>) -> Result<Vec<Rest>, Interrupted> {
+        let rounding_mm = ROUNDING * self.size_mm;
+        let rest = |facet: &ExactFacet| self.facet(facet).rest(centre, rounding_mm);
+        let of_piece = |piece: &&[ExactFacet]| -> Vec<Rest> { piece.iter().filter_map(rest).collect() };
+        let pieces: Vec<&[ExactFacet]> = self.facets.chunks(PIECE).collect();
+        let mut rests = side_by_side::map(&pieces, of_piece, poll)?.concat();
+        rests.par_sort_by(|a, b| a.height_mm.total_cmp(&b.height_mm));
         let mut lowest: Vec<Rest> = Vec::new();
         let apart = (2.0 * TIPPING_RAD).cos();
         for rest in rests {
+            poll.spend(lowest.len())?;
             if lowest.iter().all(|lower| lower.down.dot(&rest.down) < apart) {
                 lowest.push(rest);
             }
         }
-        lowest
+        Ok(lowest)
     }
 
     /// Returns true if it takes a tilt by more than [`TIPPING_RAD`] to topple the body: the condition at the head of the module.
-    fn is_stable(&self, rest: &Rest, centre: &Point3<f64>) -> bool {
+    fn is_stable(&self, rest: &Rest, centre: &Point3<f64>, blocks: &CornerBlocks<'_>) -> bool {
         let margin_mm = rest.height_mm * TIPPING_RAD.tan();
         let depth_mm = margin_mm * TIPPING_RAD.tan();
         let across = rest.down.cross(&Vector3::ith(rest.down.iamin(), 1.0)).normalize();
@@ -148,14 +246,22 @@ impl Hull {
         };
         // Nearer ones are no corners of an outline that encloses the foot by the margin.
         let is_far = |[x, y]: &[f64; 2]| x * x + y * y >= margin_mm * margin_mm;
-        let supports: Vec<[f64; 2]> = self.corners.iter().map(shortened).filter(is_far).collect();
+        // With the condition at the head of the module: b ≤ m tan θ − a for what is far. All rounding is less than is added.
+        let may_be_far = |middle: &Point3<f64>, radius_mm: f64| {
+            let offset = middle - centre;
+            let along_mm = offset.dot(&rest.down);
+            let aside_mm = (offset - rest.down * along_mm).norm();
+            let above_mm = rest.height_mm - along_mm - radius_mm;
+            above_mm <= (aside_mm + radius_mm) * TIPPING_RAD.tan() - depth_mm + ROUNDING * self.size_mm
+        };
+        let supports: Vec<[f64; 2]> = blocks.of_balls(may_be_far).map(shortened).filter(is_far).collect();
         encloses_origin(supports, margin_mm + ROUNDING * self.size_mm)
     }
 
     /// Share of the full solid angle under which the centre of mass sees the facets within [`TIPPING_RAD`] of a direction.
     fn share(&self, down: &Vector3<f64>, centre: &Point3<f64>) -> f64 {
         let alike = TIPPING_RAD.cos();
-        let face = self.facets.iter().filter(|facet| facet.down.dot(down) >= alike);
+        let face = self.facets.iter().map(|facet| self.facet(facet)).filter(|facet| facet.down.dot(down) >= alike);
         face.map(|facet| solid_angle(&facet.corners, centre)).sum::<f64>() / (4.0 * std::f64::consts::PI)
     }
 }
@@ -210,113 +316,4 @@ fn solid_angle(corners: &[Point3<f64>; 3], from: &Point3<f64>) -> f64 {
     let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
     let divisor = la * lb * lc + a.dot(&b) * lc + a.dot(&c) * lb + b.dot(&c) * la;
     2.0 * a.dot(&b.cross(&c)).abs().atan2(divisor)
-}
-
-/// Facet of a hull on the grid, exact.
-struct ExactFacet {
-    /// Counter-clockwise seen from outside.
-    corners: [usize; 3],
-    /// Facet beyond the edge from each corner to the next.
-    beyond: [usize; 3],
-    /// Outward, twice as long as the area.
-    normal: Vector3<i64>,
-    /// Points above it that the hull does not hold yet, each above one facet.
-    outside: Vec<usize>,
-    is_gone: bool,
-}
-
-impl ExactFacet {
-    fn new(corners: [usize; 3], beyond: [usize; 3], points: &[Vector3<i64>]) -> Self {
-        let [a, b, c] = corners.map(|corner| points[corner]);
-        Self { corners, beyond, normal: (b - a).cross(&(c - a)), outside: Vec::new(), is_gone: false }
-    }
-
-    /// Height of a point above it, in lengths of its normal.
-    fn height(&self, point: usize, points: &[Vector3<i64>]) -> i128 {
-        dot(&self.normal, &(points[point] - points[self.corners[0]]))
-    }
-}
-
-fn dot(a: &Vector3<i64>, b: &Vector3<i64>) -> i128 {
-    a.iter().zip(b.iter()).map(|(a, b)| i128::from(*a) * i128::from(*b)).sum()
-}
-
-/// Facets of the convex hull of points, `None` for what is flat (C. B. Barber, D. P. Dobkin, H. Huhdanpaa 1996, *The quickhull
-/// algorithm for convex hulls*, ACM Transactions on Mathematical Software 22(4)). Integers keep it convex and closed where many
-/// corners lie in one plane but for rounding; that of floating-point numbers has holes there and facets that face inwards.
-fn quickhull(points: &[Vector3<i64>]) -> Option<Vec<ExactFacet>> {
-    let mut facets = tetrahedron(points)?;
-    hand_out(0..points.len(), &mut facets, points);
-    let mut next = 0;
-    while next < facets.len() {
-        let facet = &facets[next];
-        let farthest = facet.outside.iter().copied().max_by_key(|point| facet.height(*point, points));
-        if let Some(apex) = farthest {
-            raise(&mut facets, next, apex, points);
-        }
-        next += 1;
-    }
-    facets.retain(|facet| !facet.is_gone);
-    Some(facets)
-}
-
-/// Four points far apart, as a hull.
-fn tetrahedron(points: &[Vector3<i64>]) -> Option<Vec<ExactFacet>> {
-    let farthest = |distance: &dyn Fn(Vector3<i64>) -> i128| {
-        let distances = points.iter().map(|point| distance(point - points[0]));
-        distances.enumerate().max_by_key(|(_, distance)| *distance).filter(|(_, distance)| *distance > 0).map(|(point, _)| point)
-    };
-    let b = farthest(&|p| dot(&p, &p))?;
-    let edge = points[b] - points[0];
-    let c = farthest(&|p| dot(&edge.cross(&p), &edge.cross(&p)))?;
-    let normal = edge.cross(&(points[c] - points[0]));
-    let d = farthest(&|p| dot(&normal, &p).abs())?;
-    // Seen from outside the first three corners are counter-clockwise if the fourth lies below them.
-    let [b, c] = if dot(&normal, &(points[d] - points[0])) > 0 { [c, b] } else { [b, c] };
-    let sides = [([0, b, c], [1, 2, 3]), ([0, d, b], [3, 2, 0]), ([b, d, c], [1, 3, 0]), ([c, d, 0], [2, 1, 0])];
-    Some(sides.map(|(corners, beyond)| ExactFacet::new(corners, beyond, points)).into())
-}
-
-/// Gives each point to a facet that it lies above; the hull of the facets holds the others.
-fn hand_out(outside: impl IntoIterator<Item = usize>, facets: &mut [ExactFacet], points: &[Vector3<i64>]) {
-    for point in outside {
-        if let Some(facet) = facets.iter_mut().find(|facet| facet.height(point, points) > 0) {
-            facet.outside.push(point);
-        }
-    }
-}
-
-/// Replaces the facets below a point, `first` among them, by those from the rim of the hole to the point.
-fn raise(facets: &mut Vec<ExactFacet>, first: usize, apex: usize, points: &[Vector3<i64>]) {
-    let (mut open, mut outside, mut rim) = (vec![first], Vec::new(), HashMap::new());
-    let mut from = apex;
-    facets[first].is_gone = true;
-    while let Some(facet) = open.pop() {
-        // What it held is freed here, since facets that are gone stay in the list.
-        outside.append(&mut std::mem::take(&mut facets[facet].outside));
-        for side in 0..3 {
-            let other = facets[facet].beyond[side];
-            if facets[other].is_gone {
-                continue;
-            }
-            if facets[other].height(apex, points) > 0 {
-                facets[other].is_gone = true;
-                open.push(other);
-            } else {
-                from = facets[facet].corners[side];
-                rim.insert(from, (facets[facet].corners[(side + 1) % 3], other));
-            }
-        }
-    }
-    let (first_new, count) = (facets.len(), rim.len());
-    for place in 0..count {
-        let (to, other) = rim[&from];
-        let [next, last] = [1, count - 1].map(|step| first_new + (place + step) % count);
-        facets.push(ExactFacet::new([from, to, apex], [other, next, last], points));
-        if let Some(side) = facets[other].corners.iter().position(|corner| *corner == to) {
-            facets[other].beyond[side] = first_new + place;
-        }
-        from = to;
-    }
-    hand_out(outside, &mut facets[first_new..], points);
 }

@@ -10,7 +10,7 @@ use self::refused::{DialectProgram, Refused, in_dialect};
 pub use self::refused::{REFUSED_FILE, dialect_of, foreign_name, left_out_candidates, refused_programs};
 use super::rescan_job::RescanJob;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
-use crate::geometry::{self, LengthUnit, Mesh, Part, Poll, Pose, Preview, Table};
+use crate::geometry::{self, Interrupted, LengthUnit, Mesh, Part, Poll, Pose, Preview, Table};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
@@ -220,18 +220,21 @@ impl PlanJob<'_> {
     }
 
     /// Warnings on poses of a plan in which the part would tip over on the plate; `at` is the pointer to the parameters.
-    #[must_use]
-    pub fn standing_warnings(&self, plan: &Plan, at: &str) -> Vec<FieldWarning> {
+    ///
+    /// # Errors
+    /// [`Interrupted`], unless it is known by then how the part stands: once the files are rendered.
+    pub fn standing_warnings(&self, outcome: &Outcome, at: &str, poll: &Poll<'_>) -> Result<Vec<FieldWarning>, Interrupted> {
         if self.cell.is_none() || self.fixture.is_some() {
-            return Vec::new();
+            return Ok(Vec::new());
         }
+        let plan = &outcome.plan;
         let given = &plan.params.part.resting_poses;
         let pointer = |pose: &Pose<Table, Part>| match given.iter().position(|given| given.pose() == *pose) {
             Some(place) => format!("{at}/part/resting_poses/{place}"),
             None => format!("{at}/part/table_from_part"),
         };
         let poses = plan.setups.iter().map(|setup| (pointer(&setup.table_from_part), setup.table_from_part));
-        of_poses(self.mesh, &poses.collect::<Vec<_>>())
+        Ok(of_poses(outcome.stable_poses.of(self.mesh, poll)?, &poses.collect::<Vec<_>>()))
     }
 
     /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
@@ -274,7 +277,7 @@ impl PlanJob<'_> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let size_warnings = self.size_warnings("/part/bbox_mm");
-        let document = self.document(outcome, &size_warnings);
+        let document = self.document(outcome, &size_warnings, ctx)?;
         let mut warnings = at_head_of_reports(&document.warnings);
         warnings.retain(|warning| !size_warnings.contains(warning));
         let unstable = document.warnings.iter().filter(|warning| warning.code == WarningCode::PartUnstable).count();
@@ -333,13 +336,14 @@ impl PlanJob<'_> {
     }
 
     /// The plan as it is written, with every warning on it.
-    fn document(&self, outcome: &Outcome, size_warnings: &[FieldWarning]) -> PlanDocument {
+    fn document(&self, outcome: &Outcome, size_warnings: &[FieldWarning], ctx: &Context<'_>) -> Result<PlanDocument, Cancelled> {
+        let stop = || ctx.check().is_err();
         let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
         document.warnings.extend(size_warnings.iter().cloned());
         document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
-        document.warnings.extend(self.standing_warnings(&outcome.plan, "/params"));
+        document.warnings.extend(self.standing_warnings(outcome, "/params", &Poll::new(&stop))?);
         document.warnings = by_cause(document.warnings);
-        document
+        Ok(document)
     }
 
     /// Renders the report of a job that has no plan.

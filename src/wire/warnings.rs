@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, counted, fixed, independent_share, percent_below, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, closed_list};
-use crate::geometry::{Aabb, Mesh, Part, Pose, StablePose, Table, stable_poses};
+use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
 use crate::planning::{UpAxis, tips_over};
@@ -112,25 +112,25 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
     home.into_iter().chain(close).chain(plate).collect()
 }
 
-/// Warning of a part without a fixture that would not stand with an axis up; `None` where that cannot be told.
+/// Warning of a part without a fixture that would not stand with an axis up; `None` where that cannot be told. `stable` are the
+/// ways in which it stands ([`crate::geometry::stable_poses()`]).
 #[must_use]
-pub fn of_standing(mesh: &Mesh, up: UpAxis, at: &str) -> Option<FieldWarning> {
-    let stable = stable_poses(mesh);
-    if stable.is_empty() || up.is_among(&stable) {
+pub fn of_standing(stable: &[StablePose], up: UpAxis, at: &str) -> Option<FieldWarning> {
+    if stable.is_empty() || up.is_among(stable) {
         return None;
     }
     Some(FieldWarning {
         code: WarningCode::PartUnstable,
         pointer: at.to_owned(),
-        detail: format!("is {up}, and the part would tip over that way{}", ways_to_stand(&stable)),
+        detail: format!("is {up}, and the part would tip over that way{}", ways_to_stand(stable)),
         remedy: "choose another axis, or plan with the fixture that holds the part (part.fixture_mesh)".to_owned(),
     })
 }
 
 /// Warnings of poses in which a part without a fixture would tip over, each with the pointer to it; none where that cannot be told.
+/// `stable` are the ways in which it stands ([`crate::geometry::stable_poses()`]).
 #[must_use]
-pub fn of_poses(mesh: &Mesh, poses: &[(String, Pose<Table, Part>)]) -> Vec<FieldWarning> {
-    let stable = stable_poses(mesh);
+pub fn of_poses(stable: &[StablePose], poses: &[(String, Pose<Table, Part>)]) -> Vec<FieldWarning> {
     let remedy = "by default the part lies as in its file: turn it onto a side on which it stands (part.table_from_part, --up), or plan \
                   with the fixture that holds it (part.fixture_mesh)";
     let warning = |pointer: &String| FieldWarning {
@@ -138,11 +138,11 @@ pub fn of_poses(mesh: &Mesh, poses: &[(String, Pose<Table, Part>)]) -> Vec<Field
         pointer: pointer.clone(),
         detail: format!(
             "the part would tip over as it is placed: it does not stand that way, or within 3° of it, and nothing holds it{}",
-            ways_to_stand(&stable)
+            ways_to_stand(stable)
         ),
         remedy: remedy.to_owned(),
     };
-    poses.iter().filter(|(_, pose)| tips_over(&stable, pose)).map(|(pointer, _)| warning(pointer)).collect()
+    poses.iter().filter(|(_, pose)| tips_over(stable, pose)).map(|(pointer, _)| warning(pointer)).collect()
 }
 
 /// Axes of a part that point up where it stands, at the end of a sentence; empty if there are none.

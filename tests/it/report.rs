@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use vantage::cell::{Cell, Configuration, Contact, Posture, Presets, Separation, SpecLibrary};
-use vantage::geometry::{Mesh, NOT_DRAWN, Part, Poll, Pose, ScannerFrame, preview};
+use vantage::geometry::{LazyStablePoses, Mesh, NOT_DRAWN, Part, Poll, Pose, ScannerFrame, preview};
 use vantage::planning::candidates::{Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
@@ -250,7 +250,8 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         chosen_on: ChosenOn::default(),
         coverage,
     };
-    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None, scenes: Vec::new() }
+    let (scenes, stable_poses) = (Vec::new(), LazyStablePoses::default());
+    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None, scenes, stable_poses }
 }
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {

@@ -1,6 +1,10 @@
 use super::*;
 use crate::testing::box_mesh;
 
+fn stable_poses(mesh: &Mesh) -> Vec<StablePose> {
+    super::stable_poses(mesh, &Poll::never()).expect("not interrupted")
+}
+
 #[test]
 fn a_brick_stands_on_its_six_sides_the_largest_first() {
     let poses = stable_poses(&box_mesh([0.0; 3], [60.0, 40.0, 20.0]));
@@ -214,26 +218,57 @@ fn poses_of_one_share_are_in_the_order_of_their_directions() {
 }
 
 #[test]
-fn the_hull_is_closed_and_convex_though_its_corners_lie_in_planes_but_for_rounding() {
-    let mesh = turned(cylinder(25.0, 60.0, 120));
-    // Steps of 10 µm: the corners of an end do not lie in one plane.
-    let on_grid = |p: &Point3<f64>| p.coords.map(|c| (c * 100.0).round() as i64);
-    let points: Vec<Vector3<i64>> = mesh.vertices_mm.iter().map(on_grid).collect();
-    let facets = quickhull(&points).expect("a volume");
-    let is_below =
-        |facet: &ExactFacet| facet.normal != Vector3::zeros() && (0..points.len()).all(|p| facet.height(p, &points) <= 0);
-    assert!(facets.iter().all(is_below));
-    let edges = |facet: &ExactFacet| [0, 1, 2].map(|side| (facet.corners[side], facet.corners[(side + 1) % 3]));
-    let mut forward: Vec<(usize, usize)> = facets.iter().flat_map(edges).collect();
-    let mut backward: Vec<(usize, usize)> = forward.iter().map(|(from, to)| (*to, *from)).collect();
-    forward.sort_unstable();
-    backward.sort_unstable();
-    assert_eq!(forward, backward, "each edge is that of two facets");
-    assert!(forward.windows(2).all(|pair| pair[0] != pair[1]), "and of no more");
+fn the_work_is_given_up_when_told_so() {
+    let ball = ellipsoid([20.0, 20.0, 20.0], 20_000);
+    assert_eq!(super::stable_poses(&ball, &Poll::new(&|| true)), Err(Interrupted));
+    let looks = std::cell::Cell::new(0);
+    let look = || {
+        looks.set(looks.get() + 1);
+        looks.get() == 12
+    };
+    // It looks while the hull grows, not before and after that alone.
+    assert_eq!(super::stable_poses(&ball, &Poll::new(&look)), Err(Interrupted));
+    assert_eq!(looks.get(), 12);
+}
+
+/// Faces to stand on do not depend on whether corners near a plane are looked for in boxes or among all.
+#[test]
+fn corners_far_above_a_plane_do_not_matter() {
+    let bodies = [
+        ellipsoid([20.0, 20.0, 20.0], 3000),
+        ellipsoid([50.0, 50.0, 10.0], 3000),
+        ellipsoid([50.0, 30.0, 12.0], 3000),
+        turned(cylinder(25.0, 60.0, 900)),
+        turned(cylinder(20.0, 40.0, 58)),
+        cylinder(60.0, 10.0, 900),
+    ];
+    let mut stable = 0;
+    for body in &bodies {
+        let hull = Hull::of(body, &body.aabb(), &Poll::never()).expect("not interrupted").expect("a volume");
+        let centre = hull.centre(&Poll::never()).expect("not interrupted");
+        let [all, few] = [1, 1000].map(|planes| CornerBlocks::of(&hull.corners, planes));
+        for rest in hull.rests(&centre, &Poll::never()).expect("not interrupted") {
+            let stands = hull.is_stable(&rest, &centre, &all);
+            assert_eq!(hull.is_stable(&rest, &centre, &few), stands, "{:?}", rest.down);
+            stable += usize::from(stands);
+        }
+    }
+    assert!(stable > 60, "{stable}");
 }
 
 #[test]
-fn points_in_a_plane_have_no_hull() {
-    let points: Vec<Vector3<i64>> = (0..20).map(|i| Vector3::new(i * i, 3 * i, i * i + 3 * i)).collect();
-    assert!(quickhull(&points).is_none() && quickhull(&points[..2]).is_none() && quickhull(&[]).is_none());
+fn poses_are_computed_once_for_all_who_share_them() {
+    let block = box_mesh([0.0; 3], [60.0, 40.0, 20.0]);
+    let (first, other) = (LazyStablePoses::default(), LazyStablePoses::default());
+    let clone = first.clone();
+    assert!(first.of(&block, &Poll::new(&|| true)).is_err() && !first.are_known(), "what was given up is not known");
+    let poses = first.of(&block, &Poll::never()).expect("not interrupted");
+    assert_eq!(poses, stable_poses(&block));
+    // Nothing is computed: it would be given up.
+    let known = clone.of(&block, &Poll::new(&|| true)).expect("known");
+    assert!(std::ptr::eq(known, poses));
+    other.learn_from(&LazyStablePoses::default());
+    assert!(!other.are_known());
+    other.learn_from(&first);
+    assert_eq!(other.of(&block, &Poll::new(&|| true)), Ok(poses));
 }

@@ -115,7 +115,7 @@ pub(super) fn advice(
     let ctx = ctx.silent();
     let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
     let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), &ctx)?);
-    let pool = (sampled.resting_poses(scope.input), standing.as_slice());
+    let pool = (sampled.resting_poses(scope.input, &ctx)?, standing.as_slice());
     let Some(poses) = FurtherPoses::of(scope.input, &sampled.params, pool, &part, &ctx)? else { return Ok(None) };
     let start = Start { basis, outcome, scope, part: &part };
     best_of(&start, &choices(&poses, &standing), misses_region, &ctx)

@@ -4,7 +4,6 @@
 //! first that measures half of it is. Every step runs over lists in a fixed order, so that the answer is the same on any number
 //! of threads; nothing looks at a clock.
 
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
@@ -95,7 +94,7 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
     if largest.is_empty() {
         return Ok(vec![None; spots.len()]);
     }
-    let context = RemedyContext::new(analysis);
+    let context = RemedyContext::new(analysis, ctx)?;
     let done = AtomicUsize::new(0);
     let found = largest.par_iter().map(|spot| {
         let remedy = RemedySearch::new(&context, &spots[*spot], ctx).remedy()?;
@@ -123,31 +122,27 @@ struct RemedyContext<'a> {
     aabb: Aabb,
     /// The part without table and fixture.
     part_alone: &'a RayScene,
-    other_poses: OnceLock<Vec<Pose<Table, Part>>>,
+    /// Ways in which the part rests and that are not planned in, the likeliest first. None where views need not be above the
+    /// plate.
+    other_poses: Vec<Pose<Table, Part>>,
 }
 
 impl<'a> RemedyContext<'a> {
-    fn new(analysis: &'a MissAnalysis<'a>) -> Self {
+    fn new(analysis: &'a MissAnalysis<'a>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let limits = LimitRange::of(analysis.scanner, &analysis.params.limits);
-        Self {
+        let MissAnalysis { input, sampled, setups, .. } = analysis;
+        let above_only = analysis.params.candidates.hemisphere == Some(Hemisphere::AboveTable);
+        let resting = if above_only { sampled.resting_poses(input, ctx)? } else { &[] };
+        Ok(Self {
             analysis,
             poses: analysis.candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect(),
             optics: Optics::new(analysis.scanner, analysis.params, &analysis.surface.requirements),
             widest: limits.optics(analysis, &limits.widest_deg()),
             limits,
-            above_only: analysis.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
+            above_only,
             aabb: analysis.mesh.aabb(),
             part_alone: analysis.part_alone,
-            other_poses: OnceLock::new(),
-        }
-    }
-
-    /// Ways in which the part rests and that are not planned in, the likeliest first.
-    fn other_poses(&self) -> &[Pose<Table, Part>] {
-        self.other_poses.get_or_init(|| {
-            let MissAnalysis { input, sampled, setups, .. } = self.analysis;
-            let others = sampled.resting_poses(input).iter().filter(|pose| !setups.contains(pose));
-            others.copied().collect()
+            other_poses: resting.iter().filter(|pose| !setups.contains(pose)).copied().collect(),
         })
     }
 
@@ -291,7 +286,7 @@ impl<'a> RemedySearch<'a> {
     /// Finds a remedy in the first of the part's other resting poses that lets views from above the plate measure enough.
     fn turned_over(&mut self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let context = self.context;
-        for table_from_part in context.other_poses() {
+        for table_from_part in &context.other_poses {
             let bits = |tried: &Tried| {
                 if context.is_above(table_from_part, &tried.proposal.pose) { tried.progress.measured() } else { 0 }
             };

@@ -94,7 +94,8 @@ pub(super) fn assemble(
     let measured_by_view = solution.measuring;
     let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings, ctx)).transpose()?;
     let surface = problem.surface;
-    Ok(Outcome { plan, surface, verdicts, measured_by_view, pixel_views: None, candidates, scenes: Vec::new() })
+    let stable_poses = surroundings.sampled.stable_poses.clone();
+    Ok(Outcome { plan, surface, verdicts, measured_by_view, pixel_views: None, candidates, scenes: Vec::new(), stable_poses })
 }
 
 /// The weakest link of the views of each setup.

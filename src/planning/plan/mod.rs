@@ -38,7 +38,7 @@ pub use super::surface::requirements::RegionKind;
 pub use super::verdict::{Advice, CandidateCounts, Cause, Fate, Grade, Obstruction, RiskReason, Verdict};
 use super::visibility::Row;
 use crate::cell::{CollisionScene, Posture, Robot};
-use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
+use crate::geometry::{Aabb, LazyStablePoses, Part, Pose, ScannerFrame, Table};
 
 /// A plan. Everything needed to write `plan.json`; no clock, no thread count.
 #[derive(Clone, Debug)]
@@ -361,4 +361,6 @@ pub struct Outcome {
     pub candidates: Option<CandidateTable>,
     /// Cell and part of each setup as its moves were proved free in, for what checks programs; none without a cell.
     pub scenes: Vec<CollisionScene>,
+    /// Ways in which the part can stand, known where the plan needed them.
+    pub stable_poses: LazyStablePoses,
 }

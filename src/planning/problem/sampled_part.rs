@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::evaluated::EvaluatedCandidates;
 use super::robust_rows::{self, VisibilityInput};
 use super::rounds::{Rounds, views_for_area};
-use crate::geometry::{Part, Pose, RayScene, Table};
+use crate::geometry::{LazyStablePoses, Part, Poll, Pose, RayScene, Table};
 use crate::planning::candidates::{self, Candidate, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::demand::Demand;
@@ -31,6 +31,8 @@ pub(in crate::planning) struct SampledPart {
     may_take_more: bool,
     /// The part without a plate; with several setups, since none of their plates stands in all.
     alone: Option<Occluders>,
+    /// Ways in which the part can stand, once somebody asked.
+    pub(in crate::planning) stable_poses: LazyStablePoses,
     /// Poses to choose setups from, once somebody asked.
     resting_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
@@ -115,7 +117,8 @@ impl SampledPart {
         let may_take_more = demand.is_none() && params.selection.samples.is_none() && chosen_on.strata.is_some();
         params.candidates = candidates::resolve(&chosen_on.surface, &table_from_part, input.scanner, &params.candidates);
         let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
-        Ok(Self { params, surface, asked_area_mm2, chosen_on, may_take_more, alone, resting_poses: OnceLock::new() })
+        let (stable_poses, resting_poses) = (LazyStablePoses::default(), OnceLock::new());
+        Ok(Self { params, surface, asked_area_mm2, chosen_on, may_take_more, alone, stable_poses, resting_poses })
     }
 
     /// The setups to plan in, with everything that hides a sample or hinders the robot in each.
@@ -128,7 +131,7 @@ impl SampledPart {
         ctx: &Context<'_>,
     ) -> Result<Vec<Setup<'a>>, PlanError> {
         let mut setups: Vec<Setup<'a>> = Vec::new();
-        for pose in setups::poses(input, &self.params, || self.resting_poses(input), ctx)? {
+        for pose in setups::poses(input, &self.params, || self.resting_poses(input, ctx), ctx)? {
             let setup = self.setup(input, pose, setups.first().and_then(|setup| setup.scene.as_ref()), ctx)?;
             setups.push(setup);
         }
@@ -136,8 +139,21 @@ impl SampledPart {
     }
 
     /// Poses to choose setups from.
-    pub(in crate::planning) fn resting_poses(&self, input: &PlanInput<'_>) -> &[Pose<Table, Part>] {
-        self.resting_poses.get_or_init(|| setups::pool(input.mesh, &self.params))
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(in crate::planning) fn resting_poses(
+        &self,
+        input: &PlanInput<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<&[Pose<Table, Part>], Cancelled> {
+        if let Some(known) = self.resting_poses.get() {
+            return Ok(known);
+        }
+        let stop = || ctx.check().is_err();
+        let stable = || self.stable_poses.of(input.mesh, &Poll::new(&stop)).map_err(Cancelled::from);
+        let poses = setups::pool(input.mesh, &self.params, stable)?;
+        Ok(self.resting_poses.get_or_init(|| poses))
     }
 
     /// Scene of the part alone: that of the occluders where nothing else is among them.
@@ -314,5 +330,29 @@ impl SampledPart {
     /// Occluders of views of any setup: with several, the part alone. A plate hides nothing from above it.
     pub(in crate::planning) fn occluders<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a Occluders {
         self.alone.as_ref().filter(|_| setups.len() > 1).unwrap_or(&setups[0].occluders)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::planning::context::Silent;
+    use crate::testing::{box_mesh, nominal_scanner};
+
+    #[test]
+    fn resting_poses_are_computed_once_and_given_up_when_cancelled() {
+        let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        let (goes_on, stops) = (AtomicBool::new(false), AtomicBool::new(true));
+        let [going_on, cancelled] = [&goes_on, &stops].map(|cancel| Context::new(cancel, &Silent));
+        let sampled = SampledPart::new(&input, &PlanParams::default(), &going_on).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(sampled.resting_poses(&input, &cancelled), Err(Cancelled));
+        assert!(!sampled.stable_poses.are_known());
+        let poses = sampled.resting_poses(&input, &going_on).expect("not cancelled");
+        assert!(poses.len() == 6 && sampled.stable_poses.are_known(), "{poses:?}");
+        // Nothing is left to give up.
+        assert_eq!(sampled.resting_poses(&input, &cancelled), Ok(poses));
     }
 }

@@ -83,7 +83,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::geometry::stable_poses;
+    use crate::geometry::{Poll, stable_poses};
     use crate::planning::scene::resting;
     use crate::testing::{box_mesh, cylinder_mesh};
 
@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn a_block_stands_on_its_sides_and_tips_over_on_an_edge() {
         let block = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
-        let stable = stable_poses(&block);
+        let stable = stable_poses(&block, &Poll::never()).expect("not interrupted");
         assert!(!tips_over(&stable, &resting(&block)));
         // The numbers of a file are seldom aligned better than to some degrees.
         for degrees in [0.0, 2.5, 90.0, 180.0, -90.0] {
@@ -112,7 +112,7 @@ mod tests {
         for vertex in cone.vertices_mm.iter_mut().filter(|vertex| vertex.z > 1.0) {
             (vertex.x, vertex.y) = (vertex.x / 30.0, vertex.y / 30.0);
         }
-        let stable = stable_poses(&cone);
+        let stable = stable_poses(&cone, &Poll::never()).expect("not interrupted");
         assert!(!tips_over(&stable, &turned(0.0)) && tips_over(&stable, &turned(180.0)));
         assert!(!tips_over(&[], &turned(180.0)), "where it stands in no way, none is worse");
     }

@@ -4,7 +4,7 @@
 //! above the plate. So one table of viewpoints all around tells for every set of poses what they can measure together, and the
 //! smallest set is taken that loses no more than [`FLIP_WORTH`] against the best set of the size allowed. The cell's reach
 //! enters afterwards, with the candidates of each chosen pose. The poses are those given, else how the part lies in the first
-//! place and the stable poses of [`stable_poses`].
+//! place and the stable poses of [`crate::geometry::stable_poses()`].
 //!
 //! Cost: one table of 412 views and 8 000 samples, some of the facets' where there are more facets than that; of 108 views where
 //! there are many.
@@ -24,7 +24,7 @@ use super::scene::{PlanInput, PlanningScene, standing_on};
 use super::surface::{self, Surface};
 use super::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 use crate::cell::Scanner;
-use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, stable_poses};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, StablePose, Table};
 
 /// Poses that are compared.
 const MAX_POSES: usize = 12;
@@ -54,7 +54,7 @@ pub(super) struct Setup<'a> {
 pub(super) fn poses<'p>(
     input: &PlanInput<'_>,
     params: &PlanParams,
-    pool: impl FnOnce() -> &'p [Pose<Table, Part>],
+    pool: impl FnOnce() -> Result<&'p [Pose<Table, Part>], Cancelled>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Pose<Table, Part>>, PlanError> {
     let first = params.part.table_from_part.unwrap_or_default().pose();
@@ -65,7 +65,7 @@ pub(super) fn poses<'p>(
         let detail = "is more than 1 with a fixture, which holds one setup; plan each setup by itself".to_owned();
         return Err(PlanError::param("/setups", detail));
     }
-    let pool = pool();
+    let pool = pool()?;
     let reachable = measured_from(pool, input, params, &Occluders::interruptible([input.mesh], ctx)?, ctx)?;
     let asked_mm2 = reachable.area_mm2.iter().sum::<f64>();
     let max_setups = (params.setups as usize).min(pool.len());
@@ -188,20 +188,27 @@ impl FurtherPoses {
 }
 
 /// Poses to choose from: those given, else the first and the stable ones.
-pub(super) fn pool(mesh: &Mesh, params: &PlanParams) -> Vec<Pose<Table, Part>> {
+///
+/// # Errors
+/// [`Cancelled`], by `stable`, which is asked where no poses are given.
+pub(super) fn pool<'s>(
+    mesh: &Mesh,
+    params: &PlanParams,
+    stable: impl FnOnce() -> Result<&'s [StablePose], Cancelled>,
+) -> Result<Vec<Pose<Table, Part>>, Cancelled> {
     let first = params.part.table_from_part.unwrap_or_default().pose();
     if !params.part.resting_poses.is_empty() {
-        return params.part.resting_poses.iter().map(crate::cell::PoseSpec::pose).collect();
+        return Ok(params.part.resting_poses.iter().map(crate::cell::PoseSpec::pose).collect());
     }
     let mut pool = vec![first];
-    for stable in stable_poses(mesh) {
+    for stable in stable()? {
         let pose = standing_on(mesh, &stable.down);
         let is_new = |other: &Pose<Table, Part>| other.inverse().direction(&-Vector3::z()).angle(&stable.down) > SAME_POSE_RAD;
         if pool.iter().all(is_new) && pool.len() < MAX_POSES {
             pool.push(pose);
         }
     }
-    pool
+    Ok(pool)
 }
 
 /// Samples that can be measured from above the plate in each pose.

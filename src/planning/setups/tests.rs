@@ -2,6 +2,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::cell::PoseSpec;
+use crate::geometry::{Poll, stable_poses};
 use crate::planning::context::Silent;
 use crate::planning::params::Region;
 use crate::testing::{box_mesh, nominal_scanner};
@@ -12,8 +13,13 @@ fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Pa
     let mut params = PlanParams::default();
     params.part.table_from_part = Some(PoseSpec::from(&super::super::resting(mesh)));
     change(&mut params);
-    let pool = pool(mesh, &params);
-    poses(&input, &params, || &pool, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+    let pool = pool_of(mesh, &params);
+    poses(&input, &params, || Ok(pool.as_slice()), &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn pool_of(mesh: &Mesh, params: &PlanParams) -> Vec<Pose<Table, Part>> {
+    let stable = stable_poses(mesh, &Poll::never()).expect("not interrupted");
+    pool(mesh, params, || Ok(stable.as_slice())).expect("not cancelled")
 }
 
 /// Samples that earlier views measure are not asked about again; what is measured in each pose is what the views alone measure.
@@ -117,7 +123,9 @@ fn a_fixture_holds_one_setup() {
     let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
     let input = PlanInput { mesh: &mesh, fixture: Some(&mesh), part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let params = PlanParams { setups: 2, ..PlanParams::default() };
-    let refused = poses(&input, &params, || &[], &Context::new(&cancel, &Silent)).err().unwrap_or_else(|| panic!("refused"));
+    let refused = poses(&input, &params, || Ok(&[] as &[Pose<Table, Part>]), &Context::new(&cancel, &Silent))
+        .err()
+        .unwrap_or_else(|| panic!("refused"));
     assert!(refused.to_string().contains("/setups"), "{refused}");
 }
 
@@ -130,7 +138,7 @@ fn further_poses(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<Furthe
     change(&mut params);
     let standing = params.part.table_from_part.unwrap_or_default().pose();
     let part = Occluders::new([mesh]);
-    let (pool, ctx) = (pool(mesh, &params), Context::new(&cancel, &Silent));
+    let (pool, ctx) = (pool_of(mesh, &params), Context::new(&cancel, &Silent));
     FurtherPoses::of(&input, &params, (&pool, &[standing]), &part, &ctx).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -191,7 +199,7 @@ fn lid() -> Mesh {
     lid
 }
 
-/// As it is filed the lid hides its inside, of which no second pose that shares enough surface shows all: the advice stopped there.
+/// A lid hides its inside the way it is filed, and no second pose that shares enough surface shows all: the advice stopped there.
 #[test]
 fn a_part_that_hides_its_inside_is_laid_anew_as_a_plan_in_two_setups_lays_it() {
     let mesh = lid();
