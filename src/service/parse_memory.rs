@@ -38,7 +38,7 @@ const SMALL_PART: u32 = 8;
 
 /// Memory that is given out to those who read meshes.
 pub(super) struct ParseMemory {
-    /// What is free, in units. Small meshes wait in its line, and the first of the large ones where small ones alone hold memory.
+    /// Free memory, in units. Small meshes wait in its line, and the first of the large ones where small ones alone hold memory.
     free: Arc<Semaphore>,
     /// All of it, in units.
     units: u32,

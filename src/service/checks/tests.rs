@@ -1,4 +1,4 @@
-//! What a request gives beside its document: held against the document, or refused by name.
+//! Parts of a request beside its document: held against the document, or refused by name.
 
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;

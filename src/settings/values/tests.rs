@@ -73,7 +73,7 @@ fn the_table_has_the_settings_of_the_defaults_and_no_others() {
     assert_eq!(SETTINGS.iter().map(|(key, _)| *key).collect::<Vec<_>>(), documented);
 }
 
-/// Those who write a file of settings read the ranges there.
+/// Comments of the defaults are where an operator reads the ranges.
 #[test]
 fn the_comments_of_the_defaults_tell_the_ranges() {
     let lines: Vec<&str> = crate::settings::DEFAULTS.lines().collect();
