@@ -41,9 +41,8 @@ fn what_lies_in_a_closed_hollow_is_enclosed() {
     }
 }
 
-#[test]
-fn a_way_out_of_a_few_degrees_is_found() {
-    // A hole of 16 mm in the lid, 80 mm above the floor: 5.7° to each side.
+/// A box of walls around a room, with a hole of 16 mm in its lid, 80 mm above the floor: 5.7° to each side.
+fn room_with_a_hole() -> Mesh {
     let wall = [box_mesh([-50.0, -50.0, -50.0], [50.0, 50.0, -40.0]), box_mesh([-50.0, -50.0, -40.0], [-40.0, 50.0, 50.0])];
     let walls = [box_mesh([40.0, -50.0, -40.0], [50.0, 50.0, 50.0]), box_mesh([-40.0, -50.0, -40.0], [40.0, -40.0, 50.0])];
     let rest = [box_mesh([-40.0, 40.0, -40.0], [40.0, 50.0, 50.0]), box_mesh([-40.0, -40.0, 40.0], [-8.0, 40.0, 50.0])];
@@ -52,7 +51,12 @@ fn a_way_out_of_a_few_degrees_is_found() {
         box_mesh([-8.0, -40.0, 40.0], [8.0, -8.0, 50.0]),
         box_mesh([-8.0, 8.0, 40.0], [8.0, 40.0, 50.0]),
     ];
-    let mesh = merged(wall.into_iter().chain(walls).chain(rest).chain(lid));
+    merged(wall.into_iter().chain(walls).chain(rest).chain(lid))
+}
+
+#[test]
+fn a_way_out_of_a_few_degrees_is_found() {
+    let mesh = room_with_a_hole();
     assert_eq!(sky_of(&mesh, &[], [0.0, 0.0, -40.0], Vector3::z()), Sky::Open);
     let plug = merged([mesh, box_mesh([-8.0, -8.0, 40.0], [8.0, 8.0, 50.0])]);
     assert_eq!(sky_of(&plug, &[], [0.0, 0.0, -40.0], Vector3::z()), Sky::Closed);
@@ -114,17 +118,59 @@ fn sky_by_definition(probe: &SkyProbe<'_>, point_mm: &Point3<f64>, normal: &Vect
     }
 }
 
+/// About so many samples of a part.
+fn sampled(mesh: &Mesh, count: f64) -> Surface {
+    let samples = crate::planning::params::PartParams {
+        samples_per_mm2: Some(count / mesh.area_mm2()),
+        patch_edge_mm: Some(40.0),
+        ..crate::planning::params::PartParams::default()
+    };
+    let surface = crate::planning::surface::sample(mesh, &samples, &crate::planning::params::RegionParams::default(), 5);
+    surface.unwrap_or_else(|errors| panic!("{errors:?}"))
+}
+
+/// Skies of all samples of a part without a plate: those found, and those by definition.
+fn skies_of(mesh: &Mesh, count: f64) -> (Vec<Sky>, Vec<Sky>) {
+    let (part, surface) = (RayScene::new([mesh]), sampled(mesh, count));
+    let probe = SkyProbe::new(mesh, &part, (&[], 0.0), 480.0, 77.5_f64.to_radians(), SimdLevel::widest());
+    let all: Vec<SampleId> = surface.samples().collect();
+    let (cancel, silent) = (std::sync::atomic::AtomicBool::new(false), crate::planning::context::Silent);
+    let skies = probe.skies(&surface, &all, &Context::new(&cancel, &silent)).expect("not cancelled");
+    let expected =
+        |sample: &SampleId| sky_by_definition(&probe, &surface.sample_mm[sample.index()], &surface.patch_of(*sample).normal);
+    (skies, all.iter().map(expected).collect())
+}
+
+#[test]
+fn neighbours_that_share_out_the_directions_find_the_ways_that_each_would() {
+    let mesh = room_with_a_hole();
+    let (skies, expected) = skies_of(&mesh, 8000.0);
+    let count = |of: &[Sky], sky: Sky| of.iter().filter(|is| **is == sky).count();
+    assert!(count(&expected, Sky::Closed) > 1000 && count(&expected, Sky::Open) > 1000);
+    let overlooked = skies.iter().zip(&expected).filter(|(sky, expected)| sky != expected).count();
+    assert!(overlooked * 500 <= skies.len(), "{overlooked} of {}", skies.len());
+    assert!(skies.iter().zip(&expected).all(|(sky, expected)| sky == expected || *sky == Sky::Closed));
+}
+
+#[test]
+fn fewer_neighbours_than_shares_look_everywhere() {
+    let mesh = room_with_a_hole();
+    let (part, surface) = (RayScene::new([&mesh]), sampled(&mesh, 3000.0));
+    let probe = SkyProbe::new(&mesh, &part, (&[], 0.0), 480.0, 77.5_f64.to_radians(), SimdLevel::widest());
+    let (cancel, silent) = (std::sync::atomic::AtomicBool::new(false), crate::planning::context::Silent);
+    let ctx = Context::new(&cancel, &silent);
+    for sample in surface.samples() {
+        let alone = probe.skies(&surface, &[sample], &ctx).expect("not cancelled");
+        let expected = sky_by_definition(&probe, &surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
+        assert_eq!(alone, [expected], "{sample:?}");
+    }
+}
+
 #[test]
 fn what_is_left_out_and_what_neighbours_share_change_no_sky_of_a_trough() {
     let mesh = crate::testing::trough();
     let part = RayScene::new([&mesh]);
-    let samples = crate::planning::params::PartParams {
-        samples_per_mm2: Some(600.0 / mesh.area_mm2()),
-        patch_edge_mm: Some(40.0),
-        ..crate::planning::params::PartParams::default()
-    };
-    let surface = crate::planning::surface::sample(&mesh, &samples, &crate::planning::params::RegionParams::default(), 5);
-    let surface = surface.unwrap_or_else(|errors| panic!("{errors:?}"));
+    let surface = sampled(&mesh, 600.0);
     let all: Vec<SampleId> = surface.samples().collect();
     let (cancel, silent) = (std::sync::atomic::AtomicBool::new(false), crate::planning::context::Silent);
     let ctx = Context::new(&cancel, &silent);
