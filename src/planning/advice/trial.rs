@@ -24,7 +24,7 @@ use crate::planning::visibility::{Row, SampleSet, UnitedViews};
 /// Views that are added at most for what is missed.
 const MAX_ADDED: usize = 60;
 /// Views that are added at most to register a setup to the others.
-const MAX_JOINING: usize = 12;
+pub(super) const MAX_JOINING: usize = 12;
 
 /// Views in further setups.
 pub(super) struct Trial<'a> {

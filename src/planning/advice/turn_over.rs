@@ -7,7 +7,7 @@
 use std::cmp::Ordering;
 use std::sync::Arc;
 
-use super::trial::{SetupsLink, Trial};
+use super::trial::{MAX_JOINING, SetupsLink, Trial};
 use super::{AdviceScope, Basis, MIN_RECOVERED, cycle_secs, is_in_poses, views_of, within};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates;
@@ -422,10 +422,16 @@ fn changes(scope: &AdviceScope<'_>, choice: &SetupChoice, views: usize) -> Vec<P
     if choice.registration != params.registration {
         changes.push(ParamChange::Registration(choice.registration));
     }
-    if params.selection.max_views.is_some_and(|limit| (limit as usize) < views) {
-        changes.push(ParamChange::MaxViews(views as u32));
-    }
+    changes.extend(raised_limit(params.selection.max_views, views, choice.registration).map(ParamChange::MaxViews));
     changes
+}
+
+/// Limit of views for a plan that takes so many; `None` where there is none, or the one that there is suffices. A plan that takes as many
+/// views as it may has none left to register its setups by surface, without which there is no plan at all: there is room for those.
+fn raised_limit(limit: Option<u32>, views: usize, registration: Registration) -> Option<u32> {
+    let joining = if registration == Registration::Surface { MAX_JOINING } else { 0 };
+    let needed = (views + joining) as u32;
+    limit.filter(|limit| *limit < needed).map(|_| needed)
 }
 
 #[cfg(test)]
@@ -436,6 +442,15 @@ mod tests {
     fn a_part_of_more_blocks_is_tried_with_more_candidates_up_to_a_limit() {
         let tried = [1.0, 4.0, 5.0, 12.0, 16.0, MAX_BLOCKS].map(max_candidates);
         assert_eq!(tried, [80, 80, 100, 240, 320, 320]);
+    }
+
+    /// A limit of as many views as were told left plates and boxes without a plan: their setups could not be registered.
+    #[test]
+    fn a_limit_of_views_is_raised_by_those_that_may_register_the_setups() {
+        let raised = |limit: u32, registration: Registration| raised_limit(Some(limit), 4, registration);
+        assert_eq!([1, 4, 15, 16].map(|limit| raised(limit, Registration::Surface)), [Some(16), Some(16), Some(16), None]);
+        assert_eq!([1, 3, 4].map(|limit| raised(limit, Registration::Markers)), [Some(4), Some(4), None]);
+        assert_eq!(raised_limit(None, 4, Registration::Surface), None);
     }
 
     /// Advice that measures so much of 1000 mm² with so many views.
