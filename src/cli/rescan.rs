@@ -56,6 +56,8 @@ pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let params: RescanParams = with_sets(&args.sets)?;
     params.check().map_err(|errors| files::findings("parameters", &errors))?;
     let state = read_state(&args.inspection)?;
+    let shown = args.inspection.display().to_string();
+    state.check_found().map_err(|error| files::findings(&shown, &[error]))?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
     // The state of a later round is that of several plans.

@@ -80,7 +80,8 @@ pub struct Inspection {
     pub surface: Surface,
     /// Registered poses of the scans.
     pub registration: ScanRegistration,
-    /// Pose of the part on the table by its scans; `None` without a cell, and with several setups, which have a place of it each.
+    /// Pose of the part on the table by its scans; `None` without a cell, where the alignment was not found, and with several setups, which
+    /// have a place of it each.
     pub table_from_part: Option<Pose<Table, Part>>,
     /// Measured coverage.
     pub coverage: MeasuredCoverage,
@@ -90,7 +91,7 @@ pub struct Inspection {
     pub deviation: Aligned,
     /// Figures of the deviation.
     pub figures: DeviationFigures,
-    /// Figures of the scanner; `None` where too little returned to tell.
+    /// Figures of the scanner; `None` where too little returned to tell, or the scans do not fit the part.
     pub learned: Option<Learned>,
     /// Changes of specification and parameters that are offered.
     pub offer: Offer,
@@ -254,7 +255,9 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
     progress(0.97);
     let offer = learned.as_ref().map(|learned| offers(learned, input.scanner, &input.plan_params.regions.noise));
     let table_from_part = match input.setups {
-        [planned] if input.cell.is_some() => Some(*planned * registration.mesh_from_stated.inverse()),
+        [planned] if input.cell.is_some() && registration.not_found().is_none() => {
+            Some(*planned * registration.mesh_from_stated.inverse())
+        }
         _ => None,
     };
     Ok(Inspection {
@@ -280,8 +283,12 @@ struct Judged<'a> {
 }
 
 impl Judged<'_> {
-    /// Figures of the scanner; `None` where too little returned.
+    /// Figures of the scanner; `None` where too little returned, or the scans do not fit the part: what is not where it was looked for
+    /// is no weakness of the scanner.
     fn learned(&self, returns: &Returns, ctx: &Context<'_>) -> Result<Option<Learned>, PlanError> {
+        if !self.registration.fits() {
+            return Ok(None);
+        }
         let scans: Vec<(&ViewScan, &RegisteredView)> =
             self.compared.scanned.iter().map(|scanned| (scanned.scan, scanned.registered)).collect();
         let part = TripleInput { mesh: self.input.part, surfaces: self.model.surfaces(), scanner: self.input.scanner };

@@ -135,13 +135,14 @@ impl App {
     /// has as many labels as it may have.
     ///
     /// # Errors
-    /// Those of [`App::submit`]; [`Error::JobNotFound`].
+    /// Those of [`App::submit`]; [`Error::JobNotFound`]; [`Error::Invalid`] also where the scans do not fit the part.
     pub(super) async fn submit_rescan(
         &self,
         from: &InspectionJob,
         rescan: StoredRescan,
         submission: Submission,
     ) -> Result<Job, Error> {
+        rescan.state.check_found().map_err(|error| Error::Invalid(vec![error]))?;
         let of = from.job_id;
         let attempt = self.0.store.body(of).await?.ok_or(Error::JobNotFound(of))?;
         let (input, _): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(InternalError::Row)?;

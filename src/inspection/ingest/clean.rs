@@ -8,7 +8,7 @@ use nalgebra::Point3;
 use super::IngestWorld;
 use super::frames::{DEPTH_MARGIN_MM, PlannedCapture};
 use crate::cell::closed_list;
-use crate::geometry::{Aabb, CloudGrid, NearestFace, PointCloud};
+use crate::geometry::{Aabb, CloudGrid, NearestFace, Part, Plate, PointCloud, Pose};
 
 closed_list! {
     /// Reason for which points are removed.
@@ -35,7 +35,7 @@ closed_list! {
 pub struct Removed {
     /// Points by reason; reasons that removed none are left out.
     pub by_reason: BTreeMap<RemovedBecause, usize>,
-    /// Cells of an organised cloud whose points were taken for mixed or isolated, ascending.
+    /// Cells of an organised cloud, ascending, whose points were taken for mixed or isolated, or for the plate's where the part lies.
     pub cells: Vec<u32>,
 }
 
@@ -56,7 +56,7 @@ impl Removed {
 /// Knobs of the cleaning.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CleanOptions {
-    /// Points higher above the plate are kept, mm.
+    /// Points higher above the plate are kept, mm; of a part lower than twice that, those above half its height.
     pub plate_mm: f64,
     /// Points farther from a fixture are kept, mm.
     pub fixture_mm: f64,
@@ -119,7 +119,17 @@ fn cut_surroundings(
     let Some(part_from_plate) = capture.part_from_plate else { return };
     let plate_from_scanner = part_from_plate.inverse() * capture.part_from_scanner;
     let in_plate = |point: &[f32; 3]| plate_from_scanner.point(&Point3::from(point.map(f64::from)));
-    remove(cloud, removed, RemovedBecause::Plate, |_, point| in_plate(point).z < options.plate_mm);
+    let cut = PlateCut::new(world.nearest, part_from_plate, options.plate_mm);
+    let mut count = 0;
+    for (cell, point) in cloud.points_mm.iter_mut().enumerate().filter(|(_, point)| !point[0].is_nan()) {
+        let own = in_plate(point);
+        if cut.takes(&own) {
+            *point = [f32::NAN; 3];
+            count += 1;
+            removed.cells.extend(cut.is_at_part(&own).then_some(cell as u32));
+        }
+    }
+    removed.count(RemovedBecause::Plate, count);
     for fixture in world.fixtures {
         let nearest = NearestFace::new(fixture);
         let around = fixture.aabb();
@@ -130,6 +140,53 @@ fn cut_surroundings(
             around.holds(&point) && nearest.nearest(&point, options.fixture_mm).is_some()
         };
         remove(cloud, removed, RemovedBecause::Fixture, |_, point| on_fixture(point));
+    }
+}
+
+/// Height up to which points are the plate's, by the part at its planned place.
+struct PlateCut<'a> {
+    nearest: &'a NearestFace<'a>,
+    part_from_plate: Pose<Part, Plate>,
+    /// Frame of the part, with a margin.
+    around: Aabb,
+    cut_mm: f64,
+    /// True if the part faces up so low that its own points lie within the cut.
+    is_low: bool,
+}
+
+impl<'a> PlateCut<'a> {
+    /// Half of the part's height at most: the part's top and the plate are then equally far from the cut.
+    fn new(nearest: &'a NearestFace<'a>, part_from_plate: Pose<Part, Plate>, plate_mm: f64) -> Self {
+        let (mesh, plate_from_part) = (nearest.mesh(), part_from_plate.inverse());
+        let height_mm = |corner: &Point3<f64>| plate_from_part.point(corner).z;
+        let top_mm = mesh.vertices_mm.iter().map(height_mm).fold(f64::NEG_INFINITY, f64::max);
+        let cut_mm = if top_mm > 0.0 { plate_mm.min(0.5 * top_mm) } else { plate_mm };
+        let (around, margin) = (mesh.aabb(), nalgebra::Vector3::repeat(plate_mm));
+        let around = Aabb { min: around.min - margin, max: around.max + margin };
+        let mut cut = Self { nearest, part_from_plate, around, cut_mm, is_low: false };
+        let reaches = |face: usize| mesh.corners(face).iter().any(|corner| height_mm(corner) < 2.0 * cut_mm);
+        cut.is_low = (0..mesh.faces.len()).any(|face| reaches(face) && cut.faces_up(face));
+        cut
+    }
+
+    /// Returns true if a triangle faces up by more than 45°.
+    fn faces_up(&self, face: usize) -> bool {
+        let normal = self.nearest.mesh().scaled_normal(face);
+        self.part_from_plate.inverse().direction(&normal).z > std::f64::consts::FRAC_1_SQRT_2 * normal.norm()
+    }
+
+    /// Returns true if a point is the plate's: within the cut, and not above a triangle of the part that faces up, no farther from it than
+    /// the cut.
+    fn takes(&self, in_plate: &Point3<f64>) -> bool {
+        let is_part = || {
+            let found = self.nearest.nearest(&self.part_from_plate.point(in_plate), self.cut_mm);
+            found.is_some_and(|found| found.is_inside && self.faces_up(found.face as usize))
+        };
+        in_plate.z < self.cut_mm && !(self.is_low && is_part())
+    }
+
+    fn is_at_part(&self, in_plate: &Point3<f64>) -> bool {
+        self.around.holds(&self.part_from_plate.point(in_plate))
     }
 }
 

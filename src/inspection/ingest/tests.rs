@@ -311,6 +311,49 @@ fn order_of_files_and_grids_of_other_programs_do_not_matter() {
     assert!(found as f64 > 0.97 * wanted as f64, "{found} of {wanted}, {:?}", taken.scans[0].removed);
 }
 
+/// Cleans a cloud of the first view.
+fn cleaned(cell: &Cell, cloud: PointCloud) -> (PointCloud, Removed) {
+    let nearest = NearestFace::new(&cell.mesh);
+    let world = IngestWorld { scanner: &cell.scanner, nearest: &nearest, captures: &cell.captures, fixtures: &[] };
+    let mut removed = Removed::default();
+    let kept = clean::clean(cloud, &cell.captures[0], &world, &CleanOptions::default(), &mut removed);
+    (kept, removed)
+}
+
+#[test]
+fn a_thin_sheet_and_a_thin_flange_on_the_plate_are_not_taken_for_the_plate() {
+    let sheet = box_mesh([-50.0, -30.0, 0.0], [50.0, 30.0, 0.3]);
+    let mut flange = sheet.clone();
+    let boss = box_mesh([-8.0, -8.0, 0.3], [8.0, 8.0, 12.0]);
+    flange.faces.extend(boss.faces.iter().map(|face| face.map(|corner| corner + 8)));
+    flange.vertices_mm.extend(boss.vertices_mm);
+    flange.source_face = (0..flange.faces.len() as u32).collect();
+    for mesh in [sheet, flange] {
+        let cell = Cell::holding(mesh, &Isometry3::identity());
+        let before = cell.clouds[0].finite().count();
+        let (kept, removed) = cleaned(&cell, cell.clouds[0].clone());
+        let after = kept.finite().count();
+        assert!(before > 1000 && after as f64 > 0.95 * before as f64, "{after} of {before}: {removed:?}");
+    }
+}
+
+#[test]
+fn points_of_the_bare_plate_in_place_of_a_sheet_are_removed_and_their_cells_named() {
+    let cell = Cell::holding(box_mesh([-50.0, -30.0, 0.0], [50.0, 30.0, 0.3]), &Isometry3::identity());
+    let scanner_from_plate = cell.captures[0].scanner_from(ScanFrame::Plate).expect("a plate");
+    let mut cloud = cell.clouds[0].clone();
+    for point in cloud.points_mm.iter_mut().filter(|point| !point[0].is_nan()) {
+        let mut on_plate = scanner_from_plate.inverse() * Point3::from(point.map(f64::from));
+        on_plate.z = 0.0;
+        let moved = scanner_from_plate * on_plate;
+        *point = [moved.x as f32, moved.y as f32, moved.z as f32];
+    }
+    let before = cloud.finite().count();
+    let (kept, removed) = cleaned(&cell, cloud);
+    assert_eq!((kept.finite().count(), removed.by_reason.get(&RemovedBecause::Plate)), (0, Some(&before)));
+    assert_eq!(removed.cells.len(), before, "the cells tell losses that were filtered");
+}
+
 #[test]
 fn plate_depth_islands_and_filled_holes_are_cut_and_counted() {
     let cell = Cell::new();

@@ -26,6 +26,9 @@ const CELLS: f64 = 22.0;
 const SURE_SHARE: f64 = 0.9;
 /// Distance of a corner from its stated place up to which registration finds the part by itself, mm.
 const STATED_REACH_MM: f64 = 2.5;
+/// Smallest share of the points on the part that a pose of it is taken for. Not from a source: well below what scans of a part have, and
+/// above what was measured with scans of others' views.
+pub(super) const MIN_PART_SHARE: f64 = 0.5;
 /// Samples of the mesh with which a symmetry is tested.
 const SYMMETRY_SAMPLES: usize = 600;
 
@@ -53,7 +56,7 @@ pub struct LocateOptions {
 impl Default for LocateOptions {
     /// Half of the points within 0.5 mm; 0.9, with which no wrong pose of eight parts was taken (measured on gearbox and figurine).
     fn default() -> Self {
-        Self { inlier_mm: 0.5, min_inlier_share: 0.5, second_share: 0.9 }
+        Self { inlier_mm: 0.5, min_inlier_share: MIN_PART_SHARE, second_share: 0.9 }
     }
 }
 

@@ -72,6 +72,34 @@ closed_list! {
     }
 }
 
+closed_list! {
+    /// Reason for which the alignment of the part counts as not found.
+    pub enum PartNotFound {
+        /// Points lie on the part, but in no view enough of them to hold it in place.
+        FewPoints = "few_points",
+        /// Too small a share of the points lies on the part: these scans do not fit it.
+        FewInliers = "few_inliers",
+    }
+}
+
+/// Reason for which an alignment with this share of all points on the part, and these reasons of its views to keep their poses, counts
+/// as not found; `None` where it was found.
+#[must_use]
+pub fn why_not_found(inlier_share: f64, kept: impl IntoIterator<Item = Option<KeptPose>>) -> Option<PartNotFound> {
+    if inlier_share < locate::MIN_PART_SHARE {
+        // One view that fits by chance holds nothing, where most of the points lie elsewhere.
+        return Some(PartNotFound::FewInliers);
+    }
+    let kept: Vec<Option<KeptPose>> = kept.into_iter().collect();
+    if kept.iter().any(|kept| !matches!(kept, Some(KeptPose::FewPoints | KeptPose::FewInliers))) {
+        None
+    } else if kept.contains(&Some(KeptPose::FewPoints)) {
+        Some(PartNotFound::FewPoints)
+    } else {
+        Some(PartNotFound::FewInliers)
+    }
+}
+
 /// Knobs of the registration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegistrationOptions {
@@ -171,6 +199,20 @@ pub struct ScanRegistration {
     pub noise_mm: f64,
     /// Share of all points that lies on the part.
     pub inlier_share: f64,
+}
+
+impl ScanRegistration {
+    /// Reason for which the alignment counts as not found; `None` where it was found.
+    #[must_use]
+    pub fn not_found(&self) -> Option<PartNotFound> {
+        why_not_found(self.inlier_share, self.found.iter().map(|view| view.kept_pose))
+    }
+
+    /// Returns true if the points lie on the part, be they too few to hold it in place: else nothing is learned from them.
+    #[must_use]
+    pub fn fits(&self) -> bool {
+        self.not_found() != Some(PartNotFound::FewInliers)
+    }
 }
 
 /// Registers views against a mesh from their stated poses. `priors` has the covariance of each pose, from the calibration, or nothing

@@ -101,6 +101,29 @@ fn a_view_far_off_or_of_few_points_keeps_its_pose_and_says_so() {
     assert!(corner_mm(&mesh, &(fitted * poses[2].isometry().inverse()), &Isometry3::identity()) < 0.1);
 }
 
+/// Views of swapped files were taken for a part that lies elsewhere, where one of them fitted by chance.
+#[test]
+fn a_part_on_which_less_than_half_of_the_points_lie_is_not_found() {
+    let one_holds = [None, Some(KeptPose::FewInliers), Some(KeptPose::FewInliers)];
+    assert_eq!(why_not_found(0.373, one_holds), Some(PartNotFound::FewInliers));
+    assert_eq!(why_not_found(0.5, one_holds), None, "half of them do");
+    assert_eq!(why_not_found(0.9, [Some(KeptPose::PoseOutOfPrior)]), None, "its points hold the part");
+    assert_eq!(why_not_found(1.0, [Some(KeptPose::FewPoints); 2]), Some(PartNotFound::FewPoints));
+    assert_eq!(why_not_found(0.55, [Some(KeptPose::FewInliers); 2]), Some(PartNotFound::FewInliers));
+    assert_eq!(why_not_found(0.0, []), Some(PartNotFound::FewInliers));
+}
+
+#[test]
+fn scans_of_another_part_do_not_fit_and_their_own_do() {
+    let (own, other) = (base(20_000).expect("a base"), box_mesh([0.0; 3], [30.0, 20.0, 10.0]));
+    let shots = Shots::of(&own, 16);
+    let scans = shots.scans(&shots.poses(3), 0.0, |_| Isometry3::identity());
+    let of = |mesh: &Mesh| register(&scans, &NearestFace::new(mesh), &[], &RegistrationOptions::default());
+    let (found, lost) = (of(&own), of(&other));
+    assert!(found.fits() && found.not_found().is_none(), "{:?}", found.found);
+    assert!(!lost.fits(), "{} of the points, {:?}", lost.inlier_share, lost.found);
+}
+
 /// Row I12.
 #[test]
 fn one_thread_and_many_find_the_same_bits() {

@@ -11,6 +11,7 @@ use super::{ReportSubject, sections};
 use crate::geometry::{Part, Pose, Table};
 use crate::inspection::Inspection;
 use crate::inspection::losses::LossCause;
+use crate::inspection::registration::PartNotFound;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::plan::Grade;
@@ -117,8 +118,16 @@ fn verdict(report: &InspectionReport<'_>) -> String {
 /// Sentences on where the part lies.
 fn place(alignment: &AlignmentDocument) -> String {
     let on_part = percent(alignment.inlier_share);
-    if !alignment.holds_part() {
-        return format!("The place of the part was not found: {on_part} of the points lie on it. Are these scans of this part?");
+    match alignment.why_not_found() {
+        None => {}
+        Some(PartNotFound::FewPoints) => {
+            return format!("The place of the part was not found: {}.", alignment.few_points_words());
+        }
+        Some(PartNotFound::FewInliers) => {
+            return format!(
+                "The place of the part was not found: {on_part} of the points lie on it. Are these scans of this part?"
+            );
+        }
     }
     format!(
         "The part lies {} mm ± {} mm and {}° ± {}° (k = 2) from where it was planned. {on_part} of the points lie on it, and scatter \
@@ -432,6 +441,9 @@ fn learned(report: &InspectionReport<'_>) -> String {
     let body: String =
         curves.map(|(name, unit, bins)| format!("<div class=\"card\">{}</div>\n", rates(name, unit, bins))).collect();
     let noise = learned.noise_best_mm.as_ref().map_or_else(String::new, noise_words);
+    if report.document.alignment.why_not_found() == Some(PartNotFound::FewInliers) && body.is_empty() {
+        return section("What the scans teach about the scanner", "<p>Nothing: the scans do not fit the part.</p>\n");
+    }
     section("What the scans teach about the scanner", &(noise + &body))
 }
 
@@ -507,6 +519,7 @@ mod tests {
     use crate::cell::PoseSpec;
     use crate::inspection::deviation::{Alignment, Conformity};
     use crate::inspection::ingest::{RemovedBecause, ScanFrame};
+    use crate::inspection::registration::KeptPose;
     use crate::testing::{box_mesh, nominal_scanner};
     use crate::wire::echo::Echo;
     use crate::wire::inspection::{ExcludedSharesDocument, RemovedDocument, RigidSdDocument, ViewAlignmentDocument};
@@ -579,12 +592,23 @@ mod tests {
             part_shifted_mm: 0.412,
             part_sd: RigidSdDocument { rotation_deg: 0.0105, translation_mm: 0.0925 },
             noise_mm: 0.0123,
+            not_found: None,
             inlier_share: 0.95,
             views: vec![view],
         };
         let told = place(&found);
         assert!(told.contains("0.412 mm ± 0.1850 mm and 0.120° ± 0.0210° (k = 2) from where it was planned"), "{told}");
         assert!(told.contains("a standard deviation of 0.0123 mm"), "{told}");
+        let swapped = place(&AlignmentDocument { inlier_share: 0.373, ..found.clone() });
+        assert!(swapped.contains("was not found") && swapped.contains("Are these scans of this part?"), "{swapped}");
+        let few = ViewAlignmentDocument {
+            points: 120,
+            inlier_share: 1.0,
+            kept_pose: Some(KeptPose::FewPoints),
+            ..found.views[0].clone()
+        };
+        let told = place(&AlignmentDocument { inlier_share: 1.0, views: vec![few], ..found });
+        assert!(told.contains("not found: too few points: 120 in all") && !told.contains("Are these"), "{told}");
     }
 
     #[test]

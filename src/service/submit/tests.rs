@@ -55,6 +55,7 @@ fn stored_rescan() -> StoredRescan {
         plan_params: PlanParams::default(),
         target_of_mm2: 1.0,
         rounds: 0,
+        is_not_found: false,
         samples: None,
         measured: String::new(),
         hopeless: String::new(),
@@ -79,6 +80,17 @@ async fn a_key_that_was_used_for_the_rescan_of_another_inspection_is_refused() {
     let accepted = submitted(&first).await.expect("accepted");
     assert_eq!(submitted(&first).await.expect("the same").id, accepted.id);
     assert!(matches!(submitted(&second).await, Err(Error::IdempotencyMismatch)));
+}
+
+#[tokio::test]
+async fn further_views_are_refused_to_scans_that_do_not_fit_the_part() {
+    let (app, _folder) = service().await;
+    let job = ended_job(&app).await.id;
+    let mut lost = stored_rescan();
+    lost.state.is_not_found = true;
+    let refused = app.submit_rescan(&inspection(job), lost, Submission::default()).await;
+    let Err(Error::Invalid(errors)) = refused else { panic!("accepted") };
+    assert!(errors[0].detail.contains("alignment not found"), "{errors:?}");
 }
 
 #[tokio::test]

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use crate::cell::PoseSpec;
 use crate::inspection::Inspection;
 use crate::inspection::deviation::Alignment;
-use crate::inspection::registration::{KeptPose, ViewRegistration};
+use crate::inspection::registration::{KeptPose, PartNotFound, RegistrationOptions, ViewRegistration, why_not_found};
 
 /// Registered poses of the scans, and how well they are known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -16,7 +16,7 @@ pub struct AlignmentDocument {
     /// Takes the part's coordinates by the stated poses to those of the mesh: where the part lies other than planned.
     pub mesh_from_stated: PoseSpec,
     /// Pose of the part on the table as its scans show it, for `POST /runs/{id}/located` and for a plan of its own; `null` without a
-    /// cell, and with several setups.
+    /// cell, where the alignment was not found, and with several setups.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
     /// Angle by which the part is turned, degrees.
@@ -27,6 +27,9 @@ pub struct AlignmentDocument {
     pub part_sd: RigidSdDocument,
     /// Standard deviation of a point's distance from the part, robust, mm.
     pub noise_mm: f64,
+    /// Reason for which the alignment counts as not found, so that no place of the part is known; `null` where it was found.
+    #[serde(default)]
+    pub not_found: Option<PartNotFound>,
     /// Share of all points that lies on the part.
     pub inlier_share: f64,
     /// Views.
@@ -77,10 +80,18 @@ impl ViewAlignmentDocument {
 }
 
 impl AlignmentDocument {
-    /// Returns true if some view has enough points on the part to hold it in place: else its pose says nothing.
+    /// Reason for which the alignment counts as not found, also of a document from before [`Self::not_found`] was introduced.
     #[must_use]
-    pub fn holds_part(&self) -> bool {
-        self.views.iter().any(|view| !matches!(view.kept_pose, Some(KeptPose::FewPoints | KeptPose::FewInliers)))
+    pub fn why_not_found(&self) -> Option<PartNotFound> {
+        why_not_found(self.inlier_share, self.views.iter().map(|view| view.kept_pose))
+    }
+
+    /// Words on points that are too few to hold the part in place.
+    #[must_use]
+    pub fn few_points_words(&self) -> String {
+        let points: usize = self.views.iter().map(|view| view.points).sum();
+        let needed = RegistrationOptions::default().min_points;
+        format!("too few points: {points} in all; a view needs {needed} on the part")
     }
 
     /// Document of where the scans of an inspection lie; `centre_mm` is the middle of the part.
@@ -100,6 +111,7 @@ impl AlignmentDocument {
                 translation_mm: sd.fixed_rows::<3>(3).max(),
             },
             noise_mm: registration.noise_mm,
+            not_found: registration.not_found(),
             inlier_share: registration.inlier_share,
             views: registration.found.iter().map(ViewAlignmentDocument::new).collect(),
         }

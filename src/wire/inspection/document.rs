@@ -14,6 +14,7 @@ use crate::cell::FieldError;
 use crate::geometry::Mesh;
 use crate::inspection::ingest::Ingested;
 use crate::inspection::losses::LossCause;
+use crate::inspection::registration::PartNotFound;
 use crate::inspection::{Inspection, InspectionParams};
 use crate::wire::total::total;
 use crate::wire::words::{fixed, percent_below};
@@ -132,7 +133,11 @@ fn percent(share: f64) -> String {
 /// Sentences on a result: what was planned, what was measured, and where the difference is lost.
 fn verdict_sentence(document: &InspectionDocument) -> String {
     let coverage = &document.coverage;
-    let mut text = format!(
+    let mut text = match document.alignment.why_not_found() {
+        Some(PartNotFound::FewInliers) => "The scans do not fit the part: the figures say nothing of it. ".to_owned(),
+        Some(PartNotFound::FewPoints) | None => String::new(),
+    };
+    text += &format!(
         "The scans measure {} of the asked area; {} were planned.",
         percent(coverage.measured_of_asked),
         percent(coverage.planned_of_asked)

@@ -40,6 +40,9 @@ pub struct RescanState {
     pub target_of_mm2: f64,
     /// Rescans that were made.
     pub rounds: u32,
+    /// True if the scans do not fit the part: what they measured of it is not known.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_not_found: bool,
     /// Number of samples; `null` in states from before it was introduced.
     #[serde(default)]
     pub samples: Option<usize>,
@@ -105,7 +108,8 @@ impl RescanState {
     #[must_use]
     pub fn new(inspection: &Inspection, plan: &PlanDocument, plan_sha256: &str, before: Option<&Self>) -> Self {
         let mut measured = inspection.coverage.measured.clone();
-        let known = before.and_then(|before| samples(&before.measured, "").ok());
+        // What was measured by an alignment that was not found is not taken over.
+        let known = before.filter(|before| !before.is_not_found).and_then(|before| samples(&before.measured, "").ok());
         if let Some(known) = known.filter(|known| known.words().len() == measured.words().len()) {
             measured.insert_all(&known);
         }
@@ -124,6 +128,7 @@ impl RescanState {
             plan_params: before.map_or_else(|| params.clone(), |before| before.plan_params.clone()),
             target_of_mm2: before.map_or(target_of_mm2, |before| before.target_of_mm2),
             rounds: before.map_or(0, |before| before.rounds + 1),
+            is_not_found: !inspection.registration.fits(),
             samples: Some(inspection.surface.sample_mm.len()),
             measured: bits(&measured),
             hopeless: bits(&hopeless(&inspection.losses, inspection.surface.sample_mm.len())),
@@ -132,6 +137,16 @@ impl RescanState {
             by_mirror: RateCurveDocument::from(&model.mirror),
             by_depth: RateCurveDocument::from(&model.depth),
         }
+    }
+
+    /// Refuses a state of scans that do not fit the part.
+    ///
+    /// # Errors
+    /// The finding.
+    pub fn check_found(&self) -> Result<(), FieldError> {
+        let detail = "is true: these scans do not fit the part (alignment not found); compare scans of this part first";
+        let refused = || FieldError { pointer: "/is_not_found".to_owned(), detail: detail.to_owned() };
+        if self.is_not_found { Err(refused()) } else { Ok(()) }
     }
 
     /// Refuses a state of another number of samples than those of the part that it is used for.
@@ -189,6 +204,7 @@ mod tests {
             plan_params: PlanParams::default(),
             target_of_mm2: 1.0,
             rounds: 0,
+            is_not_found: false,
             samples,
             measured: bits(&SampleSet::none_of(measured)),
             hopeless: bits(&SampleSet::none_of(measured)),
@@ -197,6 +213,18 @@ mod tests {
             by_mirror: none.clone(),
             by_depth: none,
         }
+    }
+
+    #[test]
+    fn a_state_of_scans_that_do_not_fit_the_part_is_refused_also_from_its_file() {
+        let found = state(Some(130), 130);
+        assert_eq!(found.check_found(), Ok(()));
+        let written = serde_json::to_value(&found).expect("JSON");
+        assert!(written.get("is_not_found").is_none(), "as before");
+        let lost = serde_json::to_string(&RescanState { is_not_found: true, ..found }).expect("JSON");
+        let lost: RescanState = serde_json::from_str(&lost).expect("a state");
+        let told = lost.check_found().expect_err("refused").to_string();
+        assert!(told.contains("alignment not found") && told.contains("compare scans of this part first"), "{told}");
     }
 
     #[test]
