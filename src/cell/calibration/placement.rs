@@ -11,6 +11,17 @@ use super::start::nearest_rotation;
 const COLLINEAR: f64 = 1e-3;
 /// Factor by which a mirrored fit has to be better for the points to be left-handed.
 const CLEARLY: f64 = 5.0;
+/// Largest root mean square of the residuals where no standard deviation is given, mm: points that are touched or picked in a cloud lie
+/// within some tenths. The limit is our choice.
+const RMS_MAX_MM: f64 = 1.0;
+/// Factor by which residuals may exceed what a given standard deviation leads to, and a point what the others do. Our choice.
+const TIMES: f64 = 3.0;
+/// Distance from where the others put it up to which a point is not named, mm, or in given standard deviations of a coordinate: left out
+/// of five, an honest point lies some 2.4 of them off. Our choice.
+const NEAR_MM: f64 = 0.3;
+const NEAR_SIGMAS: f64 = 5.0;
+/// Points with the largest residuals that are left out, one at a time.
+const LEFT_OUT: usize = 10;
 
 /// Pose fitted to points.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,6 +99,59 @@ pub fn from_points(pairs_mm: &[[Point3<f64>; 2]], sigma_mm: Option<f64>) -> Resu
     let sigma_mm = sigma_mm.or(estimated);
     let covariance = sigma_mm.and_then(|sigma_mm| covariance(pairs_mm, sigma_mm));
     Ok(Placement { pose, residuals_mm, rms_mm, sigma_mm, covariance })
+}
+
+/// Point that does not fit the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StrayPoint {
+    /// Place in the list.
+    pub index: usize,
+    /// Distance from where the fit to the others puts it, mm.
+    pub off_mm: f64,
+}
+
+/// Largest root mean square of residuals of a placement that is to be trusted: 1 mm, or three times what a given standard deviation of a
+/// coordinate leads to, σ √((3 n − 6) / n).
+#[must_use]
+pub fn rms_max_mm(points: usize, sigma_mm: Option<f64>) -> f64 {
+    let freedom = (3 * points).saturating_sub(6) as f64;
+    sigma_mm.map_or(RMS_MAX_MM, |sigma_mm| TIMES * sigma_mm * (freedom / points.max(1) as f64).sqrt())
+}
+
+/// The point that lies farthest, and more than three times their own root mean square, from where the others put it; they have to fit
+/// among themselves. Of four points only the one with the largest residual can be told, where that is three times those of the others;
+/// of three none.
+#[must_use]
+pub fn stray_point(pairs_mm: &[[Point3<f64>; 2]], placed: &Placement, sigma_mm: Option<f64>) -> Option<StrayPoint> {
+    let residuals_mm = &placed.residuals_mm;
+    if pairs_mm.len() < 4 || residuals_mm.len() != pairs_mm.len() {
+        return None;
+    }
+    let mut worst: Vec<usize> = (0..pairs_mm.len()).collect();
+    worst.sort_by(|a, b| residuals_mm[*b].total_cmp(&residuals_mm[*a]));
+    worst.truncate(if pairs_mm.len() == 4 { 1 } else { LEFT_OUT });
+    let near_mm = sigma_mm.map_or(NEAR_MM, |sigma_mm| NEAR_SIGMAS * sigma_mm);
+    let mut found: Option<(f64, StrayPoint)> = None;
+    for index in worst {
+        let others: Vec<[Point3<f64>; 2]> =
+            pairs_mm.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, pair)| *pair).collect();
+        let Ok(fit) = from_points(&others, None) else { continue };
+        let [from, to] = &pairs_mm[index];
+        let off_mm = (fit.pose * from - to).norm();
+        // Three points leave too little over: four are judged by the residuals of all.
+        let (own_mm, of_others_mm) = if pairs_mm.len() == 4 {
+            let squares: f64 = residuals_mm.iter().map(|each| each * each).sum::<f64>() - residuals_mm[index].powi(2);
+            (residuals_mm[index], (squares.max(0.0) / 3.0).sqrt())
+        } else {
+            (off_mm, fit.rms_mm)
+        };
+        let stands_out = own_mm > TIMES * of_others_mm && off_mm > near_mm && fit.rms_mm <= rms_max_mm(others.len(), sigma_mm);
+        let ratio = own_mm / of_others_mm.max(1e-9);
+        if stands_out && found.is_none_or(|(largest, _)| ratio > largest) {
+            found = Some((ratio, StrayPoint { index, off_mm }));
+        }
+    }
+    found.map(|(_, stray)| stray)
 }
 
 /// Refuses points on a line.

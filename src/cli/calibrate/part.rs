@@ -31,6 +31,9 @@ pub(super) fn run(args: &CalibratePartArgs) -> Result<(), CliError> {
     let shown = args.data.display().to_string();
     let data: PlacementData = files::from_value(files::value(&args.data)?, &shown)?;
     let placed = data.place(&cell(&args.cell)?).map_err(|errors| files::findings(&shown, &errors))?;
+    for warning in &placed.warnings {
+        output::note(format_args!("warning: {warning}"));
+    }
     if let Some(path) = &args.out {
         files::write(path, &json_file_bytes(&placed))?;
     }

@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
-use crate::cell::calibration::placement::{Seat, from_cloud, from_cloud_covariance, from_points, from_seat};
+use crate::cell::calibration::placement::{
+    Placement, Seat, StrayPoint, from_cloud, from_cloud_covariance, from_points, from_seat, rms_max_mm, stray_point,
+};
 use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings, PoseSpec};
 use crate::geometry::{Part, Pose, Table};
 
@@ -13,6 +15,10 @@ use crate::geometry::{Part, Pose, Table};
 pub const PLACEMENT_SCHEMA: &str = "vantage.placement/1";
 /// Points that a placement may have.
 const MAX_POINTS: usize = 10_000;
+/// Residuals that a refusal lists.
+const LISTED: usize = 20;
+/// Depth below the plate's upper face at which a placed point is worth a warning, mm: more than points are measured off.
+const SUNK_MM: f64 = 1.0;
 
 /// Data that tell where the part lies. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -22,7 +28,7 @@ pub enum PlacementData {
     Points {
         /// Points.
         points: Vec<PlacedPoint>,
-        /// Standard deviation of a coordinate, mm, 0.0001 to 50. Default: by the residuals.
+        /// Standard deviation of a coordinate, mm, 0.0001 to 50. Default: by the residuals, whose root mean square may then be 1 mm.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         sigma_mm: Option<f64>,
     },
@@ -95,6 +101,9 @@ pub struct PlacementDocument {
     pub rms_mm: Option<f64>,
     /// Covariance as a body increment of the part: rx ry rz tx ty tz, rad and mm; empty if it is not known.
     pub covariance: Vec<Vec<f64>>,
+    /// Findings in words: a point that does not fit the others, a place beside the plate or below it.
+    #[serde(default)]
+    pub warnings: Vec<String>,
 }
 
 impl PlacementData {
@@ -103,6 +112,19 @@ impl PlacementData {
     /// # Errors
     /// Every field that is out of range, and points that tell no pose.
     pub fn place(&self, cell: &Cell) -> Result<PlacementDocument, Vec<FieldError>> {
+        let mut placed = self.placed(cell)?;
+        let [x, y, _] = placed.table_from_part.translation_mm;
+        let (off_mm, radius_mm) = (x.hypot(y), cell.turntable.plate_radius_mm);
+        if off_mm > radius_mm {
+            placed.warnings.push(format!(
+                "the part's origin lies {off_mm:.1} mm from the table's axis, beyond the plate (radius {radius_mm:.1} mm): check the frame \
+                 of the points and the cell"
+            ));
+        }
+        Ok(placed)
+    }
+
+    fn placed(&self, cell: &Cell) -> Result<PlacementDocument, Vec<FieldError>> {
         match self {
             Self::Points { points, sigma_mm } => of_points(points, *sigma_mm, cell),
             Self::Cloud { joints_deg, table_angle_deg, cloud_from_part, covariance } => {
@@ -163,6 +185,7 @@ fn document(table_from_part: &Isometry3<f64>) -> PlacementDocument {
         residuals_mm: Vec::new(),
         rms_mm: None,
         covariance: Vec::new(),
+        warnings: Vec::new(),
     }
 }
 
@@ -193,8 +216,55 @@ fn of_points(points: &[PlacedPoint], sigma_mm: Option<f64>, cell: &Cell) -> Resu
     findings.into_result()?;
     let placed = from_points(&pairs, sigma_mm)
         .map_err(|error| vec![FieldError { pointer: "/points".into(), detail: error.to_string() }])?;
+    let warnings = judge(&pairs, &placed, sigma_mm, cell)?;
     let covariance = placed.covariance.as_ref().map_or_else(Vec::new, rows_of);
-    Ok(PlacementDocument { residuals_mm: placed.residuals_mm, rms_mm: Some(placed.rms_mm), covariance, ..document(&placed.pose) })
+    let rms_mm = Some(placed.rms_mm);
+    Ok(PlacementDocument { residuals_mm: placed.residuals_mm, rms_mm, covariance, warnings, ..document(&placed.pose) })
+}
+
+/// Warnings about a fit to points.
+///
+/// # Errors
+/// A fit that is worse than its points may be, with the point that does not fit the others, if there is one.
+fn judge(
+    pairs: &[[Point3<f64>; 2]],
+    placed: &Placement,
+    sigma_mm: Option<f64>,
+    cell: &Cell,
+) -> Result<Vec<String>, Vec<FieldError>> {
+    let stray = stray_point(pairs, placed, sigma_mm);
+    let told =
+        |stray: &StrayPoint| format!("lies {:.1} mm off where the others put it; measure it again or leave it out", stray.off_mm);
+    let max_mm = rms_max_mm(pairs.len(), sigma_mm);
+    if placed.rms_mm > max_mm {
+        let listed: Vec<String> = placed.residuals_mm.iter().take(LISTED).map(|mm| format!("{mm:.2}")).collect();
+        let more = if placed.residuals_mm.len() > LISTED { ", …" } else { "" };
+        let limit = match sigma_mm {
+            Some(sigma_mm) => format!("{max_mm:.4} mm, by sigma_mm = {sigma_mm}"),
+            None => format!("{max_mm} mm, or more by a sigma_mm that is given"),
+        };
+        let advice = if stray.is_some() { "" } else { "; are points swapped, or in another frame?" };
+        let detail = format!(
+            "do not fit: rms {:.3} mm; allowed is {limit}. Residuals in their order: {}{more} mm{advice}",
+            placed.rms_mm,
+            listed.join(", ")
+        );
+        let mut errors = vec![FieldError { pointer: "/points".into(), detail }];
+        errors.extend(stray.map(|stray| FieldError { pointer: format!("/points/{}", stray.index), detail: told(&stray) }));
+        return Err(errors);
+    }
+    let mut warnings: Vec<String> =
+        stray.iter().map(|stray| format!("point {} (/points/{}) {}", stray.index + 1, stray.index, told(stray))).collect();
+    let on_table = pairs.iter().map(|[from, _]| placed.pose * from);
+    let over_plate = on_table.filter(|point| point.xy().coords.norm() <= cell.turntable.plate_radius_mm);
+    let lowest_mm = over_plate.map(|point| point.z).fold(f64::INFINITY, f64::min);
+    if lowest_mm < -SUNK_MM {
+        warnings.push(format!(
+            "the lowest point lies {:.1} mm below the plate's upper face: check the frame of the points and the cell",
+            -lowest_mm
+        ));
+    }
+    Ok(warnings)
 }
 
 fn of_seat(seats: &[SeatDocument], name: &str, part_from_seat: &ObservedPose) -> Result<PlacementDocument, Vec<FieldError>> {
@@ -214,4 +284,59 @@ fn of_seat(seats: &[SeatDocument], name: &str, part_from_seat: &ObservedPose) ->
         vec![FieldError { pointer: "/seat".into(), detail: format!("is {name:?}: {error}; seats are {}", names.join(", ")) }]
     })?;
     Ok(document(&placed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{Presets, SpecLibrary};
+
+    const CORNERS: [[f64; 3]; 5] =
+        [[0.0, 0.0, 0.0], [120.0, 0.0, 5.0], [0.0, 80.0, 0.0], [110.0, 75.0, 30.0], [60.0, 20.0, 45.0]];
+
+    /// Points of a part that is only shifted.
+    fn data(shift_mm: [f64; 3], sigma_mm: Option<f64>, change: impl Fn(&mut Vec<[f64; 3]>)) -> PlacementData {
+        let mut on_table = CORNERS.map(|corner| [0, 1, 2].map(|axis| corner[axis] + shift_mm[axis])).to_vec();
+        change(&mut on_table);
+        let place = |(part_mm, table_mm): (&[f64; 3], &[f64; 3])| PlacedPoint {
+            part_mm: *part_mm,
+            table_mm: Some(*table_mm),
+            base_mm: None,
+            table_angle_deg: 0.0,
+        };
+        PlacementData::Points { points: CORNERS.iter().zip(&on_table).map(place).collect(), sigma_mm }
+    }
+
+    fn placed(data: &PlacementData) -> Result<PlacementDocument, Vec<FieldError>> {
+        data.place(&Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset"))
+    }
+
+    #[test]
+    fn points_that_do_not_fit_are_refused_with_their_residuals_and_the_one_that_is_off() {
+        let shift_mm = [-60.0, -40.0, 10.0];
+        assert_eq!(placed(&data(shift_mm, None, |_| ())).expect("exact points").warnings, Vec::<String>::new());
+        let errors = placed(&data(shift_mm, None, |points| points.swap(1, 2))).expect_err("two are swapped");
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        let off = |by_mm: f64| move |points: &mut Vec<[f64; 3]>| points[3][0] += by_mm;
+        let errors = placed(&data(shift_mm, None, off(8.0))).expect_err("one is off");
+        let pointers: Vec<&str> = errors.iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(pointers, ["/points", "/points/3"], "{errors:?}");
+        assert!(
+            errors[0].detail.contains("Residuals in their order") && errors[1].detail.starts_with("lies 8.0 mm off"),
+            "{errors:?}"
+        );
+        let warned = placed(&data(shift_mm, None, off(1.0))).expect("within the limit").warnings;
+        assert!(warned.len() == 1 && warned[0].starts_with("point 4 (/points/3) lies 1.0 mm off"), "{warned:?}");
+        placed(&data(shift_mm, Some(0.01), off(1.0))).expect_err("beyond three times the stated deviation");
+        let warned = placed(&data(shift_mm, Some(5.0), off(8.0))).expect("points may be as coarse as is stated").warnings;
+        assert_eq!(warned, Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_place_beside_the_plate_or_below_it_is_warned_of() {
+        let beside = placed(&data([900.0, 0.0, 10.0], None, |_| ())).expect("points that fit").warnings;
+        assert!(beside.len() == 1 && beside[0].contains("900.0 mm from the table's axis"), "{beside:?}");
+        let below = placed(&data([-60.0, -40.0, -25.0], None, |_| ())).expect("points that fit").warnings;
+        assert!(below.len() == 1 && below[0].contains("25.0 mm below the plate"), "{below:?}");
+    }
 }

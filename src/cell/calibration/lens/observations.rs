@@ -220,6 +220,7 @@ impl ScannerObservationsSpec {
         let offset = self.pixel_origin.offset_px();
         let views = self.views.iter().enumerate().map(|(index, view)| view.build(index, &points, offset));
         let views: Vec<BoardView> = views.collect::<Result<_, _>>()?;
+        refuse_twins(&views)?;
         if self.projector.is_none() && views.iter().any(|view| !view.seen.projector.is_empty()) {
             let detail = "is missing, but views have pixels of the projector; give its width_px and height_px";
             return Err(LensError::new(LensFault::MissingImageSize, "/projector", detail));
@@ -268,6 +269,44 @@ impl ViewSpec {
     }
 }
 
+/// Refuses a view that has the very pixels of an earlier one: counted twice, it would make the uncertainty smaller than it is.
+fn refuse_twins(views: &[BoardView]) -> Result<(), LensError> {
+    let is_empty = |view: &BoardView| view.seen.iter().all(|seen| seen.is_empty());
+    for (index, view) in views.iter().enumerate().filter(|(_, view)| !is_empty(view)) {
+        if let Some(first) = views[..index].iter().position(|other| other.seen == view.seen) {
+            let detail = format!(
+                "{:?} has exactly the pixels of view {:?} (/views/{first}): noise makes views differ; leave one of them out",
+                view.id, views[first].id
+            );
+            return Err(LensError::new(LensFault::Inconsistent, format!("/views/{index}"), detail));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses lines of a CSV that are given twice: the same point at the same pixel.
+fn refuse_repeats(views: &[BoardView]) -> Result<(), LensError> {
+    for view in views {
+        for (device, seen) in DeviceName::ALL.iter().zip(view.seen.iter()) {
+            let mut keys: Vec<(u32, [u64; 2])> =
+                seen.iter().map(|each| (each.point, [each.pixel.x.to_bits(), each.pixel.y.to_bits()])).collect();
+            keys.sort_unstable();
+            if let Some(twice) = keys.windows(2).find(|two| two[0] == two[1]) {
+                let at = seen.iter().find(|each| each.point == twice[0].0).map_or_else(Point3::origin, |each| each.board_mm);
+                let detail = format!(
+                    "has the point {}, {}, {} mm twice at the same pixel of the {} device; leave one of the lines out",
+                    at.x,
+                    at.y,
+                    at.z,
+                    device.as_str()
+                );
+                return Err(LensError::new(LensFault::Inconsistent, format!("view {:?}", view.id), detail));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Pairs of points whose distance is the smallest on the board, to 1 part in 1000. Boards of more than 2000 points are compared
 /// along their order alone.
 fn neighbours(points: &[Point3<f64>]) -> Vec<([u32; 2], f64)> {
@@ -306,6 +345,8 @@ pub fn read_csv(text: &str, size_px: PerDevice<Option<[u32; 2]>>) -> Result<Boar
     if table.views.is_empty() {
         return Err(LensError::new(LensFault::TooFew, "", "has no observations"));
     }
+    refuse_repeats(&table.views)?;
+    refuse_twins(&table.views)?;
     let observed_projector = table.views.iter().any(|view| !view.seen.projector.is_empty());
     for (device, size) in DeviceName::ALL.iter().zip(size_px.iter()) {
         if size.is_none() && (*device != DeviceName::Projector || observed_projector) {

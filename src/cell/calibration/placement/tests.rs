@@ -58,6 +58,36 @@ fn points_that_tell_no_pose_are_refused_with_what_they_look_like() {
 }
 
 #[test]
+fn one_point_that_is_off_is_named_and_honest_points_are_not() {
+    let mut noise = Noise(12);
+    let mut measured = pairs(5);
+    measured.iter_mut().for_each(|[_, to]| *to += Vector3::new(noise.normal(), noise.normal(), noise.normal()) * 0.03);
+    let placed = from_points(&measured, None).expect("a pose");
+    assert!(placed.rms_mm < rms_max_mm(5, None) && stray_point(&measured, &placed, None).is_none());
+    for index in 0..5 {
+        let mut wrong = measured.clone();
+        wrong[index][1].x += 8.0;
+        let placed = from_points(&wrong, None).expect("a pose");
+        let stray = stray_point(&wrong, &placed, None).expect("a point that is off");
+        assert!(stray.index == index && (stray.off_mm - 8.0).abs() < 0.5, "{index}: {stray:?}");
+    }
+    assert_eq!(stray_point(&pairs(3), &from_points(&pairs(3), None).expect("a pose"), None), None);
+}
+
+#[test]
+fn swapped_points_exceed_the_limit_and_name_no_single_point() {
+    let mut swapped = pairs(5);
+    let second = swapped[1][1];
+    swapped[1][1] = swapped[2][1];
+    swapped[2][1] = second;
+    // A mirrored fit may be told instead.
+    if let Ok(placed) = from_points(&swapped, None) {
+        assert!(placed.rms_mm > rms_max_mm(5, None) && stray_point(&swapped, &placed, None).is_none(), "{placed:?}");
+    }
+    assert!((rms_max_mm(3, Some(0.1)) - 0.3).abs() < 1e-12, "three points have as many residuals free as points");
+}
+
+#[test]
 fn a_registered_cloud_and_a_seat_place_the_part() {
     let base_from_plate = Isometry3::translation(560.0, 10.0, 120.0) * exp(&twist(&Vector3::z(), &Vector3::zeros()));
     let base_from_cloud = Isometry3::translation(500.0, 0.0, 620.0) * exp(&twist(&(Vector3::x() * 3.0), &Vector3::zeros()));

@@ -38,6 +38,27 @@ fn a_matrix_that_is_given_twice_is_refused_in_every_notation() {
 }
 
 #[test]
+fn a_view_or_a_line_of_a_csv_that_is_given_twice_is_refused() {
+    let pixels = serde_json::json!([[1, 2], null, [3, 4], [5, 6]]);
+    let document = serde_json::json!({"schema": "vantage.scanner_observations/1",
+        "board": {"columns": 2, "rows": 2, "square_mm": 10},
+        "left": {"width_px": 100, "height_px": 80}, "right": {"width_px": 100, "height_px": 80},
+        "views": [{"id": "a", "left": pixels}, {"id": "b", "left": [[2, 2], null, [3, 4], [5, 6]]}, {"id": "c", "left": pixels}]});
+    let spec: ScannerObservationsSpec = serde_json::from_value(document).expect("the structure is right");
+    let error = spec.build().expect_err("two views are one");
+    assert_eq!((error.code, error.pointer.as_str()), (LensFault::Inconsistent, "/views/2"));
+    assert!(error.detail.contains("view \"a\" (/views/0)"), "{error}");
+
+    let (size, header) = (Some([100, 80]), "view,device,x_mm,y_mm,z_mm,u_px,v_px");
+    let read = |lines: &str| read_csv(&format!("{header}\n{lines}"), PerDevice { left: size, right: size, projector: None });
+    let error = read("a,left,0,0,0,1,2\na,left,10,0,0,2,3\na,left,0,0,0,1,2\n").expect_err("a line twice");
+    assert_eq!((error.code, error.pointer.as_str()), (LensFault::Inconsistent, "view \"a\""));
+    let error = read("a,left,0,0,0,1,2\nb,left,0,0,0,1,2\n").expect_err("a view twice");
+    assert_eq!((error.code, error.pointer.as_str()), (LensFault::Inconsistent, "/views/1"));
+    read("a,left,0,0,0,1,2\na,left,0,0,0,1.1,2\nb,left,0,0,0,1,3\n").expect("measured again, by other pixels");
+}
+
+#[test]
 fn observations_that_are_wrong_are_refused_with_their_place() {
     let valid = serde_json::json!({"schema": "vantage.scanner_observations/1", "board": {"columns": 2, "rows": 2, "square_mm": 10},
         "left": {"width_px": 100, "height_px": 80}, "right": {"width_px": 100, "height_px": 80},
