@@ -82,9 +82,9 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         ramp_secs: args.ramp,
     };
     let mut load = |name: &str| read_mesh(&find_mesh(name, args)?);
-    let Imported { robot: mut spec, surfaces, remarks } =
-        import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
-    spec.dialect = args.dialect;
+    let mut imported = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
+    imported.set_dialect(args.dialect);
+    let Imported { robot: mut spec, surfaces, remarks } = imported;
     let warnings = warnings(&remarks, &spec);
     warn(&args.urdf.display().to_string(), &warnings);
     if let Some(folder) = &args.surfaces {

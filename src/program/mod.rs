@@ -131,6 +131,25 @@ impl Program {
         self.steps.iter().any(|step| matches!(step, Step::Move(step) if step.passed_within_rad.is_some()))
     }
 
+    /// The program with a stop at every point, times derived anew, as executors carry it out that send a point at a time.
+    #[must_use]
+    pub fn with_stops(mut self, axes: &Axes) -> Self {
+        if !self.passes_points() {
+            return self;
+        }
+        let mut here = self.home_rad;
+        for step in &mut self.steps {
+            if let Step::Move(step) = step {
+                if step.passed_within_rad.take().is_some() {
+                    step.duration_secs = step.derived_secs(&here, axes);
+                }
+                here = step.target_rad;
+            }
+        }
+        self.cycle_secs = self.steps.iter().map(Step::secs).sum();
+        self
+    }
+
     /// Brightness levels of its scans. Of several, something has to tell the scanner the level of each.
     #[must_use]
     pub fn brightness_levels(&self) -> BTreeSet<u8> {

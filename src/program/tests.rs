@@ -149,6 +149,27 @@ fn the_curve_that_passes_a_point_is_checked_beside_the_segments() {
     assert!(matches!(passing(Some(within_rad))[..], [Fault::Collision { segment: 0, .. }]));
 }
 
+/// A run stops at every point; it was predicted to pass them.
+#[test]
+fn a_program_with_stops_takes_the_time_of_its_stops() {
+    let job = job();
+    let (home, axes) = (job.program.home_rad, job.cell.axes());
+    assert_eq!(job.program.clone().with_stops(&axes), job.program, "it stops everywhere already");
+    let mut passing = job.program.clone();
+    let step = first_move(&mut passing);
+    let (target, speed_fraction) = (step.target_rad, step.speed_fraction);
+    let mut corner = home.toward(&target, 0.5);
+    corner.joints_rad[0] += 0.2;
+    (step.via_rad, step.passed_within_rad, step.duration_secs) = (vec![corner], Some(0.01), 0.1);
+    let mut stopping = passing.clone().with_stops(&axes);
+    assert!(passing.passes_points() && !stopping.passes_points());
+    let stopping_secs = axes.path_secs(&[home, corner, target], speed_fraction);
+    let secs: f64 = stopping.steps.iter().map(Step::secs).sum();
+    assert!((stopping.cycle_secs - secs).abs() < 1e-9, "{secs} s");
+    let step = first_move(&mut stopping);
+    assert!(step.via_rad == [corner] && (step.duration_secs - stopping_secs).abs() < 1e-9, "{stopping_secs} s: {step:?}");
+}
+
 #[test]
 fn each_fault_is_found_and_named() {
     let job = job();

@@ -5,6 +5,7 @@
 //! A URDF has no accelerations and no payload: the caller gives them.
 
 mod capsules;
+mod remarks;
 
 use std::collections::BTreeMap;
 
@@ -12,6 +13,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use urdf_rs::{Geometry, Joint, JointType, Link};
 
 use super::axis::AxisSpec;
+use super::dialect::Dialect;
 use super::kinematics::{ChainJointSpec, ChainSpec, KinematicsSpec};
 use super::pose_spec::PoseSpec;
 use super::robot::{LinkSpec, RobotSpec};
@@ -52,8 +54,20 @@ pub struct Imported {
     pub robot: RobotSpec,
     /// Surfaces inside the capsules.
     pub surfaces: Vec<LinkSurface>,
-    /// Bodies of the file that the robot lacks, and a base that nobody named and that is turned against the controller's.
+    /// Bodies of the file that the robot lacks, a base that nobody named and that is turned against the controller's, joints that
+    /// soft limits narrow, a flange whose z is off axis 6, and joint 3 of an arm that is named as ABB's.
     pub remarks: Vec<UrdfRemark>,
+}
+
+impl Imported {
+    /// Sets the language of the robot's controller, and adds the remark on how controllers of that language count joint 3.
+    pub fn set_dialect(&mut self, dialect: Option<Dialect>) {
+        self.robot.dialect = dialect;
+        let remark = remarks::joint_3_of_abb();
+        if dialect == Some(Dialect::Rapid) && !self.remarks.contains(&remark) {
+            self.remarks.push(remark);
+        }
+    }
 }
 
 /// Remark on a robot from a URDF that is made all the same.
@@ -113,6 +127,34 @@ pub enum UrdfError {
         /// Last link of the chain.
         tip: String,
     },
+    /// A joint of the arm that another one drives.
+    #[error(
+        "joint {joint:?} between {base:?} and {tip:?} follows joint {follows:?} (mimic): an arm is six joints that turn each by \
+         itself; arms with fewer, such as palletisers, cannot be planned"
+    )]
+    Mimic {
+        /// Its name.
+        joint: String,
+        /// Joint that drives it.
+        follows: String,
+        /// First link of the chain.
+        base: String,
+        /// Last link of the chain.
+        tip: String,
+    },
+    /// Soft limits that leave a joint no range.
+    #[error(
+        "joint {joint:?} has the soft limits {lower} to {upper} rad (safety_controller), which leave nothing of its limits; \
+         correct them, or remove the safety_controller"
+    )]
+    SoftLimits {
+        /// Its name.
+        joint: String,
+        /// Lower soft limit, rad.
+        lower: f64,
+        /// Upper soft limit, rad.
+        upper: f64,
+    },
     /// A number that cannot be.
     #[error("joint {joint:?} has the {what} {value}")]
     Number {
@@ -149,13 +191,19 @@ pub fn import(
     let arm = tree.arm(options)?;
     let (kinematics, moving) = chain(&arm)?;
     let mut joints = Vec::with_capacity(6);
+    let mut narrowed = Vec::new();
     for joint in &moving {
-        joints.push(axis(joint, options.ramp_secs)?);
+        let axis = axis(joint, options.ramp_secs)?;
+        narrowed.extend(remarks::narrowed(joint, &axis));
+        joints.push(axis);
     }
     let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: arm.base.clone(), ends: tree.ends() })?;
     let (surfaces, mut remarks) = tree.surfaces(&arm, load)?;
     // A base that was named was chosen.
     remarks.extend(if options.base_link.is_none() { tree.turned_base(&arm) } else { None });
+    remarks.extend(narrowed);
+    remarks.extend(remarks::tilted_flange(&arm));
+    remarks.extend(remarks::is_named_abb(&robot.name).then(remarks::joint_3_of_abb));
     let robot = RobotSpec {
         name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
         payload_kg: options.payload_kg,
@@ -390,6 +438,10 @@ fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
         match joint.joint_type {
             JointType::Fixed => {}
             JointType::Revolute | JointType::Continuous => {
+                if let Some(mimic) = &joint.mimic {
+                    let (joint, follows) = (joint.name.clone(), mimic.joint.clone());
+                    return Err(UrdfError::Mimic { joint, follows, base: base.to_owned(), tip: tip.to_owned() });
+                }
                 joints.push(ChainJointSpec { origin: written(&at), axis: joint.axis.xyz.0 });
                 moving.push(*joint);
                 at = Isometry3::identity();
@@ -404,10 +456,30 @@ fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
     Ok((ChainSpec { joints, flange: written(&at) }, moving))
 }
 
+/// Limits of a joint without its soft ones, rad.
+fn own_range_rad(joint: &Joint) -> (f64, f64) {
+    let turns_endlessly = matches!(joint.joint_type, JointType::Continuous);
+    if turns_endlessly { (-ENDLESS_RAD, ENDLESS_RAD) } else { (joint.limit.lower, joint.limit.upper) }
+}
+
+/// Part of a joint's range that is within its soft limits, rad.
+fn within_soft_limits(joint: &Joint, (min_rad, max_rad): (f64, f64)) -> Result<(f64, f64), UrdfError> {
+    let Some(soft) = &joint.safety_controller else { return Ok((min_rad, max_rad)) };
+    let (lower, upper) = (soft.soft_lower_limit, soft.soft_upper_limit);
+    // Both are 0 by default, which is to say that there are none.
+    if lower == 0.0 && upper == 0.0 {
+        return Ok((min_rad, max_rad));
+    }
+    let (low_rad, high_rad) = (min_rad.max(lower), max_rad.min(upper));
+    if lower.is_nan() || upper.is_nan() || low_rad >= high_rad {
+        return Err(UrdfError::SoftLimits { joint: joint.name.clone(), lower, upper });
+    }
+    Ok((low_rad, high_rad))
+}
+
 fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
     let limit = &joint.limit;
-    let turns_endlessly = matches!(joint.joint_type, JointType::Continuous);
-    let (min_rad, max_rad) = if turns_endlessly { (-ENDLESS_RAD, ENDLESS_RAD) } else { (limit.lower, limit.upper) };
+    let (min_rad, max_rad) = own_range_rad(joint);
     let bad = |what: &'static str, value: f64| UrdfError::Number { joint: joint.name.clone(), what, value };
     if !(min_rad.is_finite() && max_rad > min_rad) {
         return Err(bad("upper limit", max_rad));
@@ -415,6 +487,7 @@ fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
     if !(limit.velocity.is_finite() && limit.velocity > 0.0) {
         return Err(bad("speed", limit.velocity));
     }
+    let (min_rad, max_rad) = within_soft_limits(joint, (min_rad, max_rad))?;
     let speed_deg_per_s = limit.velocity.to_degrees();
     Ok(AxisSpec {
         min_deg: min_rad.to_degrees(),

@@ -2,6 +2,7 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 use super::capsules::{around, smallest_circle};
 use super::{Imported, UrdfError, UrdfOptions, import};
+use crate::cell::Dialect;
 use crate::geometry::Mesh;
 use crate::testing::arm_urdf;
 
@@ -113,6 +114,92 @@ fn a_base_that_is_fixed_to_the_arm_s_is_one_and_a_turn_between_both_is_told_wher
     // The shapes move with the same joints.
     let links = |imported: &Imported| imported.surfaces.iter().map(|surface| surface.link).collect::<Vec<_>>();
     assert_eq!((links(&turned), turned.surfaces.len()), (links(&preset), 6));
+}
+
+/// Details of the remarks on a robot.
+fn told(imported: &Imported) -> Vec<&str> {
+    imported.remarks.iter().map(|remark| remark.detail.as_str()).collect()
+}
+
+/// A RAPID program for an IRB 2400 from its URDF was wrong by joint 2, without a word.
+#[test]
+fn joint_3_of_an_abb_arm_is_remarked_on_once_by_its_name_or_its_language() {
+    let read = |name: &str| {
+        let text = arm_urdf("revolute").replace("<robot name=\"six\">", &format!("<robot name=\"{name}\">"));
+        import(&text, &options(), &mut no_mesh).expect("a robot")
+    };
+    for name in ["abb_irb2400", "IRB4400", "my ABB"] {
+        let mut named = read(name);
+        named.set_dialect(Some(Dialect::Rapid));
+        let told = told(&named);
+        assert!(told.len() == 1 && told[0].contains("counts joint 3 from the upper arm"), "{name}: {told:?}");
+        assert!(named.remarks[0].remedy.contains("joint_3_from_ground = true"), "{:?}", named.remarks);
+    }
+    let mut other = read("crabbot");
+    assert!(other.remarks.is_empty(), "{:?}", other.remarks);
+    other.set_dialect(Some(Dialect::Urscript));
+    assert!(other.remarks.is_empty() && other.robot.dialect == Some(Dialect::Urscript), "{:?}", other.remarks);
+    other.set_dialect(Some(Dialect::Rapid));
+    assert_eq!(told(&other).len(), 1, "{:?}", other.remarks);
+}
+
+/// The file with an element inside joint 3.
+fn with_in_joint_3(element: &str) -> String {
+    let start = "<joint name=\"joint_3\" type=\"revolute\">";
+    let text = arm_urdf("revolute");
+    assert!(text.contains(start));
+    text.replace(start, &format!("{start}{element}"))
+}
+
+#[test]
+fn a_joint_of_the_arm_that_follows_another_is_refused_by_name() {
+    let text = with_in_joint_3("<mimic joint=\"joint_2\" multiplier=\"-1\"/>");
+    let error = import(&text, &options(), &mut no_mesh).expect_err("refused");
+    assert!(matches!(error, UrdfError::Mimic { .. }), "{error}");
+    let told = error.to_string();
+    assert!(told.contains("\"joint_3\"") && told.contains("follows joint \"joint_2\" (mimic)"), "{told}");
+}
+
+#[test]
+fn soft_limits_narrow_a_joint_and_are_told() {
+    let read = |limits: &str| {
+        let text = with_in_joint_3(&format!("<safety_controller {limits} k_position=\"20\" k_velocity=\"10\"/>"));
+        import(&text, &options(), &mut no_mesh)
+    };
+    // The joint's own are -2 to 2.5 rad.
+    for (limits, [min_rad, max_rad], remarks) in [
+        ("soft_lower_limit=\"-1\" soft_upper_limit=\"1.5\"", [-1.0, 1.5], 1),
+        ("soft_lower_limit=\"-3\" soft_upper_limit=\"1.5\"", [-2.0, 1.5], 1),
+        ("soft_lower_limit=\"-3\" soft_upper_limit=\"3\"", [-2.0, 2.5], 0),
+        ("soft_lower_limit=\"0\" soft_upper_limit=\"0\"", [-2.0, 2.5], 0),
+        ("", [-2.0, 2.5], 0),
+    ] {
+        let imported = read(limits).expect("a robot");
+        let joint = &imported.robot.joints[2];
+        let off_rad = [joint.min_deg.to_radians() - min_rad, joint.max_deg.to_radians() - max_rad];
+        assert!(off_rad.iter().all(|off| off.abs() < 1e-9), "{limits}: {joint:?}");
+        assert_eq!(told(&imported).len(), remarks, "{limits}: {:?}", imported.remarks);
+        assert!(imported.remarks.iter().all(|remark| remark.detail.contains("\"joint_3\"")), "{:?}", imported.remarks);
+    }
+    let refused = read("soft_lower_limit=\"3\" soft_upper_limit=\"4\"").expect_err("no range").to_string();
+    assert!(refused.contains("\"joint_3\" has the soft limits 3 to 4 rad"), "{refused}");
+}
+
+/// `tool0` of some public files has z square to axis 6.
+#[test]
+fn a_flange_whose_z_is_off_axis_6_is_told() {
+    let read = |rpy: &str| {
+        let at = "<origin xyz=\"0 0 0.03\"/>";
+        let text = arm_urdf("revolute").replace(at, &format!("<origin xyz=\"0 0 0.03\" rpy=\"{rpy}\"/>"));
+        import(&text, &options(), &mut no_mesh).expect("a robot")
+    };
+    let square = read("0 1.5707963267948966 0");
+    let [remark] = &square.remarks[..] else { panic!("one remark: {:?}", square.remarks) };
+    assert!(remark.detail.contains("\"tool0\" is 90.0° off axis 6 (joint \"joint_6\")"), "{remark:?}");
+    assert!(remark.remedy.contains("--tip"), "{remark:?}");
+    for along in ["0 0 1.2", "3.141592653589793 0 0"] {
+        assert!(read(along).remarks.is_empty(), "{along}");
+    }
 }
 
 #[test]

@@ -2,6 +2,8 @@
 //! stops at each joint target; its `\T` is the time of the move, which is how a share of the rated joint speeds is said in a
 //! language whose speed data are those of the tool. The table is an external axis of the joint target. `WaitDI` past
 //! `\MaxTime` raises ERR_WAIT_MAXTIME, which stops the program since nothing handles it. Names have 32 characters at most.
+//! Controllers of arms with a parallel rod count joint 3 from the ground; a robot's model without `joint_3_from_ground`
+//! may have left that open, so the header tells how the program counts it, and how to try it on the arm.
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
@@ -77,6 +79,9 @@ const RESERVED: &[&str] = &[
     "WITH",
     "XOR",
 ];
+/// Comparison that finds zeros, signs and a joint 3 that the controller counts otherwise.
+const HOME: &str = "Before anything moves by program: with the arm in the posture of home, compare the joint angles that the \
+                    controller shows with those of p0.";
 /// An external axis that is not there.
 const ABSENT: &str = "9E9";
 
@@ -86,7 +91,8 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: true,
     tells_brightness: false,
     before_first_run: Some(
-        "replace tool0, which carries no load, by the scanner's tool data, and give the two signals their names in the controller",
+        "replace tool0, which carries no load, by the scanner's tool data, give the two signals their names in the controller, \
+         and before anything moves compare the joint angles that it shows, the arm at home, with those of p0, joint 3 above all",
     ),
     render: |job| Ok(render(job)),
 };
@@ -101,7 +107,8 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
     );
     let load = "tool0 carries no load: replace it by the scanner's tool data before the first run.";
     let units = "deg, s.";
-    let head = paragraphs(job, &format!("{name}.mod"), units, &table, &[&signals, load, &format!("Call {name}{RUN};")]);
+    let call = format!("Call {name}{RUN};");
+    let head = paragraphs(job, &format!("{name}.mod"), units, &table, &[&signals, load, HOME, joint_3(job), &call]);
     let mut lines = vec![format!("MODULE {name}")];
     lines.extend(commented(&head, "  !"));
     for (index, point) in points(job.program, &job.actions).iter().enumerate() {
@@ -112,6 +119,16 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
     lines.extend(body(job));
     lines.extend(["  ENDPROC".to_owned(), "ENDMODULE".to_owned()]);
     vec![Job::file(&name, "mod", &lines)]
+}
+
+/// Header's words on how joint 3 is counted: jogging joint 2 alone shows it, whatever the angles on the display.
+fn joint_3(job: &Job<'_>) -> &'static str {
+    if job.cell.robot.kinematics.counts_joint_3_from_ground() {
+        "Joint 3 is counted from the ground: when joint 2 is jogged alone, the forearm has to keep its slope. Else do not run."
+    } else {
+        "Joint 3 is counted from the upper arm: when joint 2 is jogged alone, the forearm has to turn with it. Else (ABB arms \
+         with a parallel rod, such as IRB 2400, 4400, 6400) do not run: the robot's model needs joint_3_from_ground = true."
+    }
 }
 
 fn joint_target(point: &Configuration, job: &Job<'_>) -> String {

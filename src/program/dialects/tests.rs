@@ -284,6 +284,29 @@ fn joint_3_of_a_fanuc_program_is_counted_from_the_ground() {
     assert!(cell.robot.kinematics.counts_joint_3_from_ground(), "such a model needs no parameter");
 }
 
+/// The program of an arm from a URDF with a parallel rod was wrong by joint 2, without a word.
+#[test]
+fn the_header_of_a_rapid_program_tells_how_joint_3_is_counted_and_how_to_try_it() {
+    let [plain, mut ground] = [cell(), cell()];
+    ground.robot.kinematics = Presets.robot("abb-irb2400-10").expect("a preset").kinematics.build();
+    let program = program(&plain);
+    let scene = CollisionScene::without_part(&plain, 5.0);
+    let checked = || CheckedProgram::new(&program, &plain, &scene, None, CheckedWith::CellAlone).expect("sound");
+    let head = |checked: &CheckedProgram<'_>| -> String {
+        let text = checked.render(Dialect::Rapid, &params()).expect("renders").remove(0).text;
+        let lines: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  ! ")).collect();
+        lines.join(" ")
+    };
+    let told = head(&checked());
+    assert!(told.contains("compare the joint angles that the controller shows with those of p0"), "{told}");
+    assert!(told.contains("Joint 3 is counted from the upper arm") && told.contains("joint_3_from_ground = true"), "{told}");
+    // The same program, as if it were of an arm whose specification says so.
+    let told = head(&CheckedProgram { cell: &ground, ..checked() });
+    assert!(told.contains("Joint 3 is counted from the ground") && !told.contains("upper arm"), "{told}");
+    let work = Dialect::Rapid.before_first_run().expect("work");
+    assert!(work.contains("compare the joint angles"), "{work}");
+}
+
 #[test]
 fn every_preset_names_its_language() {
     for name in Presets.names(SpecKind::Robot) {

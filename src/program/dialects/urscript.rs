@@ -31,7 +31,12 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     let table = "FILL IN vantage_table below; until then the program stops there. Arm and table never move together.";
     let units = "rad, rad/s, rad/s2, s; table angles deg.";
     let how = format!("Send it to port 30002, or insert it as a script and call {name}{SUFFIX}().");
-    let head = paragraphs(job, &format!("{name}.script"), units, table, &[&how]);
+    let [.., start] = angles(&job.program.home_rad, &job.axes, super::numbers::DEGREE, 4);
+    let begin = format!(
+        "Before each start: arm at home, table within 0.5 deg of {start} deg. The script cannot read the table's angle and \
+         asks the operator to confirm it before anything moves."
+    );
+    let head = paragraphs(job, &format!("{name}.script"), units, table, &[&how, &begin]);
     let mut lines = commented(&head, "#");
     lines.push(format!("def {name}{SUFFIX}():"));
     lines.extend(functions(job).lines().map(|line| if line.is_empty() { String::new() } else { format!("  {line}") }));
@@ -54,6 +59,9 @@ fn functions(job: &Job<'_>) -> String {
     let (pulse, timeout) = (fixed(params.pulse_secs, 3), fixed(params.timeout_secs, 3));
     let [j1, j2, j3, j4, j5, j6, _] = angles(&job.program.home_rad, &job.axes, 1.0, 7);
     let [.., table] = angles(&job.program.home_rad, &job.axes, super::numbers::DEGREE, 4);
+    // A turn from another angle was not checked: with the arm at home a wide part may hit the scanner on the way.
+    let ask =
+        format!("Turn the table to {table} deg by hand, within 0.5 deg. Continue when it stands there; else stop the program");
     format!(
         "def vantage_stop(reason):
   popup(reason, title=\"Vantage\", error=True, blocking=True)
@@ -79,7 +87,7 @@ def vantage_scan():
   end
 end
 
-# The paths begin at home; from anywhere else they were not checked. The table turns home while the arm is there.
+# The paths begin at home; from anywhere else, arm or table, they were not checked. The table's angle cannot be read here.
 def vantage_require_home():
   local home = [{j1}, {j2}, {j3}, {j4}, {j5}, {j6}]
   local here = get_actual_joint_positions()
@@ -91,6 +99,7 @@ def vantage_require_home():
     end
     joint = joint + 1
   end
+  popup(\"{ask}\", title=\"Vantage\", warning=True, blocking=True)
   vantage_table({table})
 end
 "

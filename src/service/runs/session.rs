@@ -110,8 +110,9 @@ pub async fn close_log(log: Arc<AuditLog>) -> Result<AuditHead, String> {
     }
 }
 
-/// Program for the devices of a run: two controllers do not keep in step with each other, so where arm and table have one each, they
-/// move one after the other, as in the languages of controllers without an external axis.
+/// Program for the devices of a run, which stop at every point, so that its times are those of stops. Two controllers do not keep in
+/// step with each other: where arm and table have one each, they move one after the other, as in the languages of controllers without
+/// an external axis.
 ///
 /// # Errors
 /// A sentence: they have to move together.
@@ -120,6 +121,7 @@ pub fn program_for(
     (mode, controllers): (RunMode, Option<&ControllersSpec>),
     (cell, scene): (&Cell, &CollisionScene),
 ) -> Result<Program, String> {
+    let program = program.with_stops(&cell.axes());
     let has_one_each = controllers.is_some_and(|spec| !matches!(spec.table, TableControllerSpec::WithArm {}));
     if mode == RunMode::Simulate || !has_one_each {
         return Ok(program);

@@ -14,6 +14,11 @@ MODULE vantage
   ! Signals: scan_output and scan_input stand for the configured signals DO_1 and DI_1; change the names
   ! below.
   ! tool0 carries no load: replace it by the scanner's tool data before the first run.
+  ! Before anything moves by program: with the arm in the posture of home, compare the joint angles that
+  ! the controller shows with those of p0.
+  ! Joint 3 is counted from the upper arm: when joint 2 is jogged alone, the forearm has to turn with
+  ! it. Else (ABB arms with a parallel rod, such as IRB 2400, 4400, 6400) do not run: the robot's model
+  ! needs joint_3_from_ground = true.
   ! Call vantage_run;
   LOCAL CONST jointtarget p0:=[[0.0000,-30.0000,60.0000,0.0000,30.0000,0.0000],[0.0000,9E9,9E9,9E9,9E9,9E9]];
   LOCAL CONST jointtarget p1:=[[0.0000,-30.0000,60.0000,0.0000,30.0000,0.0000],[30.0000,9E9,9E9,9E9,9E9,9E9]];

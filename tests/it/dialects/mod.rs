@@ -213,6 +213,7 @@ fn the_grammars_refuse_what_is_no_statement() {
     broken(Dialect::Krl, "PTP XP1", "PTP XP99", krl::read);
     broken(Dialect::Urscript, "halt\n  end", "halt", |f, p| urscript::read(&f[0], p));
     broken(Dialect::Urscript, "r=0)", "r=0", |f, p| urscript::read(&f[0], p));
+    broken(Dialect::Urscript, "warning=True, blocking=True", "warning=True", |f, p| urscript::read(&f[0], p));
     broken(Dialect::Fanuc, "FINE ACC25 ;", "CNT100 ACC25 ;", |f, p| fanuc::read(&f[0], p));
     broken(Dialect::Fanuc, "J6=", "J7=", |f, p| fanuc::read(&f[0], p));
     broken(Dialect::Hans, "SetBoxDO,1,1,;", "SetBoxDO,1,1;", |f, p| hans::read(&f[0], p));

@@ -141,13 +141,19 @@ fn joints_deg(list: &Expr) -> [f64; 6] {
     std::array::from_fn(|joint| if let Expr::Number(rad) = items[joint] { rad.to_degrees() } else { panic!("{items:?}") })
 }
 
-/// Where the script demands to begin.
+/// Where the script demands to begin. It cannot read the table's angle: an operator confirms it before the table turns.
 fn home(require_home: &[Statement]) -> [f64; 7] {
     let (Statement::Assign(_, joints), Some(Statement::Call(table, angle))) = (&require_home[0], require_home.last()) else {
         panic!("{require_home:?}")
     };
     assert_eq!(table, "vantage_table");
     let [(None, Expr::Number(table_deg))] = angle.as_slice() else { panic!("{angle:?}") };
+    let [.., Statement::Call(popup, asked), _] = require_home else { panic!("{require_home:?}") };
+    let [(None, Expr::Text(question)), options @ ..] = asked.as_slice() else { panic!("{asked:?}") };
+    assert_eq!(popup, "popup");
+    assert!(question.starts_with(&format!("Turn the table to {table_deg:.4} deg by hand, within 0.5 deg.")), "{question}");
+    let blocks = (Some("blocking".to_owned()), Expr::Truth(true));
+    assert!(options.contains(&blocks), "the program waits for the operator: {options:?}");
     let joints = joints_deg(joints);
     std::array::from_fn(|axis| joints.get(axis).copied().unwrap_or(*table_deg))
 }

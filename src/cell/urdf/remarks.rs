@@ -1,0 +1,65 @@
+//! Remarks on what a URDF says or leaves open, and a plan or a program would take otherwise.
+
+use nalgebra::{Isometry3, Vector3};
+use urdf_rs::Joint;
+
+use super::{Arm, MIN_TURN_DEG, UrdfRemark, metres, own_range_rad, turns};
+use crate::cell::axis::AxisSpec;
+
+/// Returns true if one of the words of a robot's name is ABB's, as in `abb_irb2400`.
+pub(super) fn is_named_abb(name: &str) -> bool {
+    let lower = name.to_lowercase();
+    lower.split(|c: char| !c.is_alphanumeric()).any(|word| word == "abb" || word.starts_with("irb"))
+}
+
+/// Remark on joint 3, which a URDF counts from the upper arm, and ABB's controllers from the ground on arms with a parallel rod.
+/// The preset `abb-irb2400-10` is such an arm.
+pub(super) fn joint_3_of_abb() -> UrdfRemark {
+    UrdfRemark {
+        detail: "counts joint 3 from the upper arm, as a URDF does; the controller of an ABB arm with a parallel rod (IRB 2400, \
+                 4400, 6400 and others) counts it from the ground, and RAPID programs from this specification are then wrong \
+                 by joint 2"
+            .to_owned(),
+        remedy: "jog joint 2 alone: if the forearm keeps its slope, the controller counts from the ground, and the arm needs \
+                 kinematics of kind \"opw\" with joint_3_from_ground = true, as the preset abb-irb2400-10 has; if the forearm \
+                 turns along, this is right; then compare the angles on the jog display with the program's, the arm at home"
+            .to_owned(),
+    }
+}
+
+/// Remark on a joint whose range the soft limits narrow.
+pub(super) fn narrowed(joint: &Joint, axis: &AxisSpec) -> Option<UrdfRemark> {
+    let (min_rad, max_rad) = own_range_rad(joint);
+    let (min_deg, max_deg) = (min_rad.to_degrees(), max_rad.to_degrees());
+    (axis.min_deg > min_deg || axis.max_deg < max_deg).then(|| UrdfRemark {
+        detail: format!(
+            "joint {:?} has {:.1}° to {:.1}°, within the soft limits of its safety_controller; its own limits are {min_deg:.1}° \
+             to {max_deg:.1}°",
+            joint.name, axis.min_deg, axis.max_deg
+        ),
+        remedy: "compare with the limits that are set in the controller; min_deg and max_deg of the joint can be changed in the \
+                 specification"
+            .to_owned(),
+    })
+}
+
+/// Remark on a flange whose z axis is not along axis 6, to either side.
+pub(super) fn tilted_flange(arm: &Arm<'_>) -> Option<UrdfRemark> {
+    let last = arm.path.iter().rposition(|joint| turns(joint))?;
+    let axis = Vector3::from(arm.path[last].axis.xyz.0).try_normalize(1e-9)?;
+    let mut joint_from_flange: Isometry3<f64> = Isometry3::identity();
+    for joint in &arm.path[last + 1..] {
+        joint_from_flange *= metres(&joint.origin);
+    }
+    let z = joint_from_flange.rotation * Vector3::z();
+    let off_deg = axis.dot(&z).abs().min(1.0).acos().to_degrees();
+    (off_deg > MIN_TURN_DEG).then(|| UrdfRemark {
+        detail: format!(
+            "z of flange {:?} is {off_deg:.1}° off axis 6 (joint {:?}): `vantage cell` mounts the scanner along the flange's z",
+            arm.tip, arm.path[last].name
+        ),
+        remedy: "name a link whose z points out along axis 6 with --tip, or turn the last fixed joint in the URDF; else \
+                 flange_from_scanner and the mount of the cell have to be given in this flange's frame"
+            .to_owned(),
+    })
+}
