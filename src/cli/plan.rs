@@ -33,7 +33,7 @@ use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{RegionCoverageDocument, RobustDocument};
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::no_plan_sentence;
+use crate::wire::words::{counted, no_plan_sentence};
 use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
@@ -60,8 +60,8 @@ Several parts are planned one after another, each into a folder of --out that is
 stop the others; a table at the end shows the result of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there \
 is one line for each part, an object with mesh, out, exit_code, error and plan.
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target, \
-4 interrupted.";
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or no path to any view of it, or with --strict a region \
+or feature below its target, 4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
 #[derive(Debug, clap::Args)]
@@ -303,10 +303,11 @@ impl<'a> PartPlanner<'a> {
         Ok(stable)
     }
 
-    /// Warns of regions that hold nothing of the part, of a list of candidates that is left out, and of poses in which the part would
-    /// tip over. Returns the warnings on regions.
+    /// Warns of regions that hold nothing of the part, of a list of candidates that is left out, of a home that the part
+    /// blocks, and of poses in which the part would tip over. Returns the warnings on regions.
     fn warn_of_plan(&self, job: &PlanJob<'_>, outcome: &Outcome, artifacts: &[Artifact]) -> Vec<FieldWarning> {
         warn("parameters", left_out_candidates(artifacts, "").as_slice());
+        warn(&self.args.cell, &job.home_warnings(outcome, ""));
         let empty_regions = job.empty_region_warnings(outcome, "");
         warn("parameters", &empty_regions);
         // With --up its user was warned before.
@@ -329,11 +330,14 @@ impl<'a> PartPlanner<'a> {
         faults.unwrap_or_default()
     }
 
-    /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error.
+    /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error, as is always a
+    /// plan of which no view is carried out.
     pub(super) fn judge(&self, planned: &PlannedPart) -> Result<(), CliError> {
         let coverage = &planned.outcome.plan.coverage;
         warn_of_errors(&self.params, coverage.robust.as_ref());
-        judge_regions(self.args.strict, &self.params, &coverage.regions, &planned.empty_regions)
+        let regions = judge_regions(self.args.strict, &self.params, &coverage.regions, &planned.empty_regions);
+        require_a_view(planned.outcome.plan.executed_views(), planned.outcome.plan.views.len())?;
+        regions
     }
 }
 
@@ -427,6 +431,17 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage], 
     Err(CliError::RegionsUnmet(format!(
         "{} of {with_target} regions and features with a target do not reach it{on_others} (--strict); the results are written",
         unmet.len() + refuted.len()
+    )))
+}
+
+/// Refuses a plan of which no chosen view is carried out.
+fn require_a_view(executed: usize, chosen: usize) -> Result<(), CliError> {
+    if executed > 0 || chosen == 0 {
+        return Ok(());
+    }
+    Err(CliError::NoPlan(format!(
+        "no view can be carried out: no collision-free path leads to any ({} chosen); the results are written and say what is in the way",
+        counted(chosen, "view")
     )))
 }
 
@@ -573,6 +588,15 @@ mod tests {
         let mut params = PlanParams::default();
         params.regions.features = vec![feature; features];
         params
+    }
+
+    /// "Cannot be scanned" ended with exit code 0.
+    #[test]
+    fn a_plan_of_which_no_view_is_carried_out_is_an_error() {
+        let refused = require_a_view(0, 10).expect_err("no view is carried out");
+        assert_eq!(refused.exit_code(), 3);
+        assert!(refused.to_string().contains("10 views chosen"), "{refused}");
+        assert_eq!((require_a_view(1, 10), require_a_view(0, 0)), (Ok(()), Ok(())));
     }
 
     /// Such a region was a warning alone, and exit code 0.

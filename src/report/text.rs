@@ -17,7 +17,8 @@ use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, of_robust, parameter_of};
 use crate::wire::words::{
     NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, first_lie, fix_sentence, fixed,
-    fixed_nonzero, freedom, headline, lie_phrase, noise_remark, percent_below, region_verdict, risk_meaning, treated_spots,
+    fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below, region_verdict, risk_meaning,
+    treated_spots,
 };
 
 /// Meaning of the asked surface in a plan of further views.
@@ -311,11 +312,10 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     let [moving, ordered, lower_bound] = secs;
     let straight = fixed(sequence.moving_lower_secs, 1);
     writeln!(out, "  {moving} s of motion in total, after stations were shifted in table angle and roll")?;
-    writeln!(out, "  lower bound {straight} s for these stations in any order, with straight moves")?;
-    match sequence.is_shortest() {
-        true => writeln!(out, "  ordered in {ordered} s, proven optimal over the stations and moves considered"),
-        false => writeln!(out, "  ordered in {ordered} s; lower bound {lower_bound} s over the stations and moves considered"),
-    }
+    let claim = order_claim(sequence.motion_secs(), sequence.moving_lower_secs);
+    let claim = claim.map_or_else(String::new, |claim| format!(": {claim}"));
+    writeln!(out, "  lower bound {straight} s for these stations in any order, with straight moves{claim}")?;
+    writeln!(out, "  ordered in {ordered} s; lower bound {lower_bound} s over the stations and moves considered")
 }
 
 /// Lists the pairs of bodies that keep the cell from most candidates.

@@ -30,7 +30,9 @@ use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
-use crate::wire::warnings::{FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_poses};
+use crate::wire::warnings::{
+    FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_home, of_poses,
+};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -237,6 +239,13 @@ impl PlanJob<'_> {
         Ok(of_poses(outcome.stable_poses.of(self.mesh, poll)?, &poses.collect::<Vec<_>>()))
     }
 
+    /// Warnings on a home that the part of a plan leaves no way out of; `at` is the pointer to the cell.
+    #[must_use]
+    pub fn home_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
+        let clearance_mm = outcome.plan.params.motion.clearance_mm;
+        self.cell.map_or_else(Vec::new, |cell| of_home(cell, &outcome.scenes, clearance_mm, at))
+    }
+
     /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
     /// too large. Its user gave the file and its unit. `None` for an error of parameters, as one on a pose that `is_pose_given`.
     #[must_use]
@@ -342,6 +351,7 @@ impl PlanJob<'_> {
         document.warnings.extend(size_warnings.iter().cloned());
         document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
         document.warnings.extend(self.standing_warnings(outcome, "/params", &Poll::new(&stop))?);
+        document.warnings.extend(self.home_warnings(outcome, "/cell"));
         document.warnings = by_cause(document.warnings);
         Ok(document)
     }

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, counted, fixed, independent_share, percent_below, rounded_up_mm};
-use crate::cell::{Cell, CollisionScene, closed_list};
+use crate::cell::{Cell, CollisionScene, Contact, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
@@ -37,6 +37,9 @@ closed_list! {
         HomeInRadians = "home_in_radians",
         /// At the home of a cell two bodies are closer than plans keep them apart by default: no path may lead from there.
         HomeTooClose = "home_too_close",
+        /// At the home of the cell, with the part on its plate, two bodies collide or are closer than the plan keeps them apart: no path
+        /// leads from there.
+        HomeBlocked = "home_blocked",
         /// The plate's centre is farther away than the stretched arm and the scanner measure.
         PlateBeyondReach = "plate_beyond_reach",
         /// An excluded region holds none of the part's surface: it may lie elsewhere, or be in another unit.
@@ -59,6 +62,7 @@ impl WarningCode {
             | Self::RegionUnconfirmed
             | Self::FragileUnderPoseError
             | Self::PartUnstable
+            | Self::HomeBlocked
             | Self::ExclusionEmpty
             | Self::RegionEmpty
             | Self::CandidatesLeftOut => true,
@@ -186,6 +190,28 @@ fn home_too_close(cell: &Cell, clearance_mm: f64, at: &str) -> Option<FieldWarni
         ),
         remedy: "move the home, mount the scanner by another face, or plan with a smaller motion.clearance_mm".to_owned(),
     })
+}
+
+/// Warnings on a home that is not free with the part on its plate, in the scenes that the setups of a plan were planned in; `at` is the
+/// pointer to the cell.
+#[must_use]
+pub fn of_home(cell: &Cell, scenes: &[CollisionScene], clearance_mm: f64, at: &str) -> Vec<FieldWarning> {
+    let mut contacts = Vec::new();
+    for contact in scenes.iter().filter_map(|scene| scene.check(&cell.home_rad)) {
+        if !contacts.contains(&contact) {
+            contacts.push(contact);
+        }
+    }
+    let warning = |contact: Contact| FieldWarning {
+        code: WarningCode::HomeBlocked,
+        pointer: format!("{at}/home_deg"),
+        detail: format!(
+            "lets {contact} collide, or come closer than {clearance_mm} mm, the clearance of the plan, with the part on its plate: no path \
+             leads from there to any view"
+        ),
+        remedy: "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)".to_owned(),
+    };
+    contacts.into_iter().map(warning).collect()
 }
 
 /// The number without the digits that a turn into radians and back adds.

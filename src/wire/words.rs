@@ -12,6 +12,7 @@ use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
 use crate::planning::registration::Stability;
+use crate::planning::sequence::bound_gap;
 use crate::planning::verdict::{MIN_RESISTANCE, Rejection};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RegionCoverageDocument, StabilityDocument};
 
@@ -375,6 +376,18 @@ pub fn percent_below(share: f64, limit: f64, decimals: usize) -> String {
     } else {
         text
     }
+}
+
+/// Claim on a tour's order by the time of its moves and the lower bound over all orders of its stations; `None` without a bound.
+pub(crate) fn order_claim(moving_secs: f64, lower_secs: f64) -> Option<String> {
+    bound_gap(moving_secs, lower_secs).map(|gap| {
+        if gap <= 0.0 {
+            return "order proven optimal for its stations".to_owned();
+        }
+        // Rounded up, or the time would not be within.
+        let percent = fixed((1000.0 * gap - SUM_SLACK).ceil() / 10.0, 1);
+        format!("moving time within {percent} % of its lower bound")
+    })
 }
 
 /// Two shares as percentages, without the sign: with one decimal, and with as many more, at most six, as tell them apart.

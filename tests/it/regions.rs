@@ -152,6 +152,17 @@ fn every_file_tells_regions_with_what_is_asked_reached_and_missed() {
     assert!(rows[2].starts_with("fine <top>,feature,0.05,0.155") && rows[2].contains(",0.95,false,"), "{table}");
 }
 
+/// The check asked for a curve without the views that have no path, which no plan has.
+#[test]
+fn a_plan_whose_views_have_no_path_passes_its_check() {
+    let text = files(&quick())("plan.json").expect("a plan");
+    let mut document: PlanDocument = serde_json::from_str(&text).expect("a plan");
+    document.viewpoints.iter_mut().for_each(|view| view.rejected = Some(Cause::NoPath.as_str().to_owned()));
+    assert_eq!(check_plan(&document, None), Ok(()));
+    document.coverage.curve.clear();
+    assert!(check_plan(&document, None).is_err(), "each chosen view has its entry");
+}
+
 #[test]
 fn a_plan_without_regions_has_no_place_for_them() {
     let mut params = quick();

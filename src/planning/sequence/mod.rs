@@ -40,9 +40,10 @@ use super::stations::Station;
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
 
-/// A sequence is proved shortest if it is this close to its lower bound, seconds: bounds of long tours are
-/// sums in single precision.
-const PROVED_SECS: f64 = 1e-3;
+/// Difference of a time from its lower bound that is rounding, s: bounds of long tours are sums in single precision.
+const ROUNDING_SECS: f64 = 0.005;
+/// Difference from the lower bound that is rounding, as a share of it.
+const ROUNDING: f64 = 1e-4;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]
@@ -107,11 +108,20 @@ impl Sequence {
         self.visits.iter().map(|(_, leg)| leg.turning_secs).sum::<f64>() + self.return_home.turning_secs
     }
 
-    /// Returns true if its order is proved the shortest over the stations and moves that were considered.
+    /// Returns true if it is proved that no order of its stations, as they were moved, has shorter moves.
     #[must_use]
     pub fn is_shortest(&self) -> bool {
-        self.ordered_secs - self.lower_bound_secs <= PROVED_SECS
+        bound_gap(self.motion_secs(), self.moving_lower_secs).is_some_and(|gap| gap <= 0.0)
     }
+}
+
+/// Time of moves above its lower bound, as a share of the bound: zero where both are equal within rounding, 0.005 s or 0.01 %; `None`
+/// without a bound.
+#[must_use]
+pub fn bound_gap(moving_secs: f64, lower_secs: f64) -> Option<f64> {
+    let above_secs = moving_secs - lower_secs;
+    let is_rounding = above_secs <= ROUNDING_SECS.max(ROUNDING * lower_secs);
+    (lower_secs > 0.0).then(|| if is_rounding { 0.0 } else { above_secs / lower_secs })
 }
 
 /// Orders the views and chooses a station for each. Every move of the result was checked along its whole length. With up

@@ -10,7 +10,7 @@ use crate::planning::sequence::Sequence;
 use crate::report::text::{holds_grades, pose_error_sizes};
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
-use crate::wire::words::{at_risk_sentence, counted};
+use crate::wire::words::{at_risk_sentence, counted, order_claim};
 
 /// The section.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
@@ -94,17 +94,17 @@ fn order(input: &ReportInput<'_>) -> String {
         return String::new();
     }
     let sum = |secs: fn(&Sequence) -> f64| duration(plan.sequences().map(secs).sum());
-    let proved = if plan.sequences().all(Sequence::is_shortest) {
-        "The order is proven optimal among the stations and moves considered."
-    } else {
-        "The order is not proven optimal."
-    };
+    let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
+    let lower_secs: f64 = plan.sequences().map(|sequence| sequence.moving_lower_secs).sum();
+    let claim = order_claim(moving_secs, lower_secs).map_or_else(String::new, |claim| format!(": {claim}"));
     format!(
-        "<p>{proved} It takes {} of motion; the lower bound over the stations and moves considered is {}. Stations were then shifted \
-         in table angle and roll, which leaves {}. Every move was checked for collisions along its whole length.</p>\n",
+        "<p>The order was found with {} of motion; the lower bound over the stations and moves considered is {}. Stations were then \
+         shifted in table angle and roll, which leaves {}; the lower bound for them in any order, with straight moves, is {}{claim}. \
+         Every move was checked for collisions along its whole length.</p>\n",
         sum(|sequence| sequence.ordered_secs),
         sum(|sequence| sequence.lower_bound_secs),
-        sum(Sequence::motion_secs)
+        duration(moving_secs),
+        duration(lower_secs)
     )
 }
 

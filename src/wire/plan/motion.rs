@@ -48,7 +48,8 @@ impl MotionDocument {
         Some(Self {
             cycle_secs: moving_secs + settling_secs + scanning_secs,
             moving_secs,
-            turning_secs: plan.sequences().map(Sequence::turning_secs).sum(),
+            // The sum of nothing is -0.
+            turning_secs: plan.sequences().map(Sequence::turning_secs).sum::<f64>() + 0.0,
             settling_secs,
             scanning_secs,
             ordered_secs: plan.sequences().map(|sequence| sequence.ordered_secs).sum(),

@@ -8,9 +8,8 @@ use utoipa::ToSchema;
 
 use crate::cell::Dialect;
 use crate::planning::plan::Plan;
-use crate::planning::sequence::Sequence;
 use crate::wire::plan::{MotionDocument, options};
-use crate::wire::words::fixed;
+use crate::wire::words::{fixed, order_claim};
 
 /// Difference from which on two cycles are told apart, s: half of the last decimal that is shown.
 const ALIKE_SECS: f64 = 0.05;
@@ -85,19 +84,21 @@ impl From<&MotionDocument> for CycleParts {
     }
 }
 
-/// Cycle time with its parts: "Cycle 31.2 s = 23.4 s moving + 6 × 1.3 s scanning".
+/// Cycle time with its parts: "Cycle 31.2 s = 23.4 s moving + 6 × 1.3 s scanning"; no time and no order of a tour without views.
 pub(super) fn text(plan: &Plan, motion: &MotionDocument) -> String {
     let scan = &plan.params.scan;
     let [cycle, moving] = [motion.cycle_secs, motion.moving_secs].map(|secs| fixed(secs, 1));
     let visits = plan.visits().count();
+    if visits == 0 {
+        return "No cycle: no view is carried out".to_owned();
+    }
     let [each, settling] = [scan.settle_secs + scan.capture_secs, scan.settle_secs].map(|secs| (secs * 100.0).round() / 100.0);
     let again = match plan.captures() - visits {
         0 => String::new(),
         again => format!(" + {again} × {} s for second captures", (scan.capture_secs * 100.0).round() / 100.0),
     };
     let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of it settling)") } else { String::new() };
-    let order =
-        if plan.sequences().all(Sequence::is_shortest) { "; order proven optimal among the stations considered" } else { "" };
+    let order = order_claim(motion.moving_secs, motion.moving_secs_lower).map_or_else(String::new, |claim| format!("; {claim}"));
     let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
     format!(
         "Cycle {cycle} s = {moving} s moving ({}) + {visits} × {each} s scanning{settling}{again}{order}{turning_over}",

@@ -183,6 +183,24 @@ fn a_home_that_is_free_only_without_the_clearance_is_warned_of() {
     assert!(warning.detail.contains(" and ") && warning.detail.contains("closer than 400 mm"), "{}", warning.detail);
 }
 
+/// The causes told were those of views, and laying the part another way was the advice.
+#[test]
+fn a_home_within_the_part_is_warned_of_once_with_the_bodies_and_the_cure() {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let flange_mm = cell.base_from_table.inverse().point(&cell.robot.base_from_flange(&cell.home_rad.joints_rad).origin_mm());
+    let scene = |middle_mm: [f64; 3]| {
+        let block = crate::testing::box_mesh(middle_mm.map(|mm| mm - 20.0), middle_mm.map(|mm| mm + 20.0));
+        CollisionScene::new(&cell, &block, None, &Pose::identity(), 5.0)
+    };
+    let (inside, clear) = (scene(flange_mm.into()), scene([0.0, 0.0, 21.0]));
+    assert_eq!(of_home(&cell, std::slice::from_ref(&clear), 5.0, "/cell"), []);
+    let found = of_home(&cell, &[inside.clone(), clear, inside], 5.0, "/cell");
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::HomeBlocked, "/cell/home_deg"));
+    assert!(found[0].detail.contains("and part collide, or come closer than 5 mm"), "{}", found[0].detail);
+    assert!(found[0].remedy.contains("vantage cell"), "{}", found[0].remedy);
+}
+
 fn stable(mesh: &Mesh) -> Vec<StablePose> {
     stable_poses(mesh, &Poll::never()).expect("not interrupted")
 }
@@ -246,6 +264,7 @@ fn warnings_of_a_plan_are_those_that_no_job_has_before() {
             "region_unconfirmed",
             "fragile_under_pose_error",
             "part_unstable",
+            "home_blocked",
             "exclusion_empty",
             "region_empty",
             "candidates_left_out"
