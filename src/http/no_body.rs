@@ -19,7 +19,7 @@ use super::problem::{ApiError, Code};
 
 /// Largest body that is read to find out that it says nothing, bytes.
 const MAX_EMPTY_BYTES: usize = 64;
-/// Operations that bring arm and table to rest. They are carried out whatever comes with them, and do not wait for a body that is
+/// Operations that bring arm and table to rest. They are carried out whatever their body says, and do not wait for one that is
 /// still on its way: a refusal would leave the cell moving.
 const ALWAYS_OBEYED: [&str; 2] = ["pause_run", "stop_run"];
 

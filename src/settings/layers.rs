@@ -37,14 +37,20 @@ impl Layers {
     ) -> Result<Self, SettingsError> {
         let built_in = Tables::parse(None, DEFAULTS).map_err(|error| refused(&error))?;
         let mut builder = Config::builder().add_source(built_in);
-        if let Some(file) = file {
-            builder = builder.add_source(of_file(file)?);
+        let tables = file.map(of_file).transpose()?;
+        // It would replace a section of the file that is no table, such as [[server]] with its key: that is to be refused.
+        let would_hide = |key: &str| {
+            let section = key.split_once('.').and_then(|(section, _)| tables.as_ref()?.0.get(section));
+            section.is_some_and(|section| !matches!(section.kind, ValueKind::Table(_)))
+        };
+        if let Some(tables) = &tables {
+            builder = builder.add_source(tables.clone());
         }
         let mut texts = of_environment(environment)?;
         for (key, value) in flags {
             texts.insert((*key).to_owned(), Text { origin: "a flag".to_owned(), value: value.clone() });
         }
-        for (key, text) in &texts {
+        for (key, text) in texts.iter().filter(|(key, _)| !would_hide(key)) {
             let value = Value::new(Some(&text.origin), text.value.as_str());
             builder = builder.set_override(key, value).map_err(|error| refused(&error))?;
         }

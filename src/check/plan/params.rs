@@ -250,17 +250,29 @@ pub(in crate::check) fn tell(document: &PlanDocument, sound: &mut Sound) {
     if document.motion.as_ref().is_some_and(|motion| motion.cycle_secs != 0.0) {
         sound.verify("params.scan.settle_secs and capture_secs: they add up to the times in motion");
     }
-    sound.verify("params.scan.brightness and params.materials: by the exposures of the viewpoints");
-    if tells_regions(document) {
-        sound.verify("params.regions: name, kind, tolerance and target of each are those in coverage.regions");
+    if document.params.material_of_part().is_some() {
+        sound.verify("params.scan.brightness: it allows the levels in the exposures of the viewpoints");
+    } else {
+        sound.leave("params.scan.brightness", "no viewpoint tells its level; check the program of the plan, whose captures do");
     }
-    sound.verify("params.setups and params.selection.max_views: the plan has no more");
-    sound.verify("params.robust, realism.count_at_risk and visibility.pixel_set: by coverage");
-    if document.cell.is_some() && document.params.setups <= 1 {
-        sound.verify("params.part.table_from_part: by cell.table_from_part");
+    // Of further views after a scan neither the targets of regions nor the limit of views are those in the parameters.
+    let is_whole = !document.coverage.of_open;
+    if tells_regions(document) {
+        let target = if is_whole { ", tolerance and target" } else { " and tolerance" };
+        sound.verify(format!("params.regions: name, kind{target} of each are those in coverage.regions"));
+    }
+    let max_views = if is_whole { " and params.selection.max_views" } else { "" };
+    sound.verify(format!("params.setups{max_views}: the plan has no more"));
+    sound.verify("params.robust.pose_error and draws, realism.count_at_risk, visibility.pixel_set: as far as coverage has them");
+    if document.cell.is_some() {
+        if document.params.setups <= 1 && document.params.part.table_from_part.is_some() {
+            sound.verify("params.part.table_from_part: by cell.table_from_part");
+        } else {
+            sound.leave("choice of cell.table_from_part", "not derived anew");
+        }
     }
     sound.leave(
-        "params.candidates, score, selection, motion and seed, as far as they steer the choice of views and paths",
+        "params.candidates, score, selection, motion, robust.select and seed, as far as they steer the choice of views and paths",
         "the choice is not repeated; plan with these parameters and compare",
     );
     sound.leave("candidates, bound, causes of missed area, remedies, advice and warnings", "the search is not repeated");

@@ -199,6 +199,17 @@ fn statements_that_were_verified_are_listed_apart_from_those_that_were_not() {
     assert_eq!(reason(&in_cell, "moves between stations").as_deref(), Some("check the program of the plan"));
     let without_part = planned.check(&planned.in_cell, None).expect("sound");
     assert_eq!(reason(&without_part, "coverage").as_deref(), Some("give the part"));
+    // No viewpoint has an exposure.
+    assert!(reason(&in_cell, "params.scan.brightness").is_some() && !verified(&in_cell, "params.scan.brightness"));
+    assert!(verified(&in_cell, "params.setups and params.selection.max_views: the plan has no more"));
+    assert!(verified(&in_cell, "params.part.table_from_part"));
+    let mut of_open = planned.in_cell.clone();
+    (of_open["coverage"]["of_open"], of_open["params"]["part"]["table_from_part"]) = (json!(true), json!(null));
+    let of_open = planned.check(&of_open, None).expect("sound");
+    for statement in ["params.setups: the plan has no more", "params.regions: name, kind and tolerance of each"] {
+        assert!(verified(&of_open, statement), "{statement} in {:#?}", of_open.verified);
+    }
+    assert!(reason(&of_open, "choice of cell.table_from_part").is_some() && !verified(&of_open, "params.part.table_from_part"));
 }
 
 /// A plan without a cell was taken for one of any cell, and could not be checked without one.

@@ -320,6 +320,11 @@ fn a_fixture_is_held_against_the_file_that_the_plan_names() {
     assert!(found.contains("part.stl: is not the fixture of the plan: its SHA-256 is ") && found.contains(&clamp), "{found}");
     plan["params"]["part"]["fixture_mesh"] = "nowhere.stl".into();
     assert_eq!(against(&plan, &copy), Ok(()), "which one it was is not known, and told so");
+    // What is no file may have no end, as /dev/zero has none.
+    if cfg!(unix) {
+        plan["params"]["part"]["fixture_mesh"] = "/dev/null".into();
+        assert_eq!(against(&plan, &copy), Ok(()), "it is not read");
+    }
 }
 
 /// Options that count for nothing were passed over in silence.

@@ -234,8 +234,11 @@ fn a_section_that_is_none_is_refused_with_its_file() {
         ("[[server]]\n", "server (", "is [a table]; allowed is a table, [server]"),
         ("[colour]\n", "colour (", "unknown field `colour`"),
     ] {
-        let told = refusal(Some(file), &[], &Flags::new());
-        assert!(told.starts_with(start) && told.contains("vantage.toml): ") && told.contains(said), "{told}");
+        // A flag or a variable for one setting does not stand for the rest, among which may be a key.
+        let (flag, variable) = (("server.listen", "127.0.0.1:0".to_owned()), ("VANTAGE_SERVER__INSECURE", "true"));
+        for told in [refusal(Some(file), &[], &Flags::new()), refusal(Some(file), &[variable], &vec![flag])] {
+            assert!(told.starts_with(start) && told.contains("vantage.toml): ") && told.contains(said), "{told}");
+        }
     }
 }
 
