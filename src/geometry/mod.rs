@@ -11,6 +11,7 @@ mod mesh;
 mod mesh_health;
 pub mod mesh_io;
 mod nearest_face;
+pub(crate) mod parallel;
 mod point_cloud;
 mod poll;
 mod preview;

@@ -6,6 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::poll::{Interrupted, Poll};
+use crate::geometry::parallel;
 
 /// Items of a piece of work.
 pub(super) const PIECE: usize = 16_384;
@@ -32,7 +33,7 @@ pub(super) fn map<P: Sync, R: Send>(pieces: &[P], work: impl Fn(&P) -> R + Sync,
         poll.check()?;
         match round {
             [piece] => results.push(work(piece)),
-            _ => results.par_extend(round.par_iter().map(&work)),
+            _ => results.append(&mut parallel::map(round, &work)),
         }
     }
     Ok(results)

@@ -8,13 +8,13 @@
 mod tests;
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
-use rayon::prelude::*;
 
 use super::context::{Cancelled, Context};
 use super::ids::SampleId;
 use super::surface::Surface;
 pub use super::verdict::Stability;
 use super::visibility::{Row, SampleSet};
+use crate::geometry::parallel;
 
 /// Samples that at least one of some rows' views measures, of so many.
 pub(super) fn union_of<'a>(rows: impl IntoIterator<Item = &'a Row>, samples: usize) -> SampleSet {
@@ -82,7 +82,7 @@ impl<'a> SharedSurface<'a> {
             Ok(([a, b], self.stability(&shared(&sets[a], &sets[b]))))
         };
         let mut best: Vec<Link> =
-            (1..sets.len()).into_par_iter().map(|other| link(0, other)).collect::<Result<_, Cancelled>>()?;
+            parallel::try_map_range::<_, Cancelled>(sets.len().saturating_sub(1), |other| link(0, other + 1))?;
         let mut weakest: Option<Link> = None;
         while !best.is_empty() {
             let strongest = (1..best.len()).fold(0, |a, b| if best[b].1.resistance > best[a].1.resistance { b } else { a });
@@ -94,7 +94,7 @@ impl<'a> SharedSurface<'a> {
                 let through = link(pair[1], other.0[1])?;
                 Ok(if through.1.resistance > other.1.resistance { through } else { *other })
             };
-            best = best.par_iter().map(through).collect::<Result<_, Cancelled>>()?;
+            best = parallel::try_map::<_, _, Cancelled>(&best, through)?;
         }
         Ok(weakest)
     }

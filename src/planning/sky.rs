@@ -15,12 +15,12 @@ mod tests;
 use std::f64::consts::PI;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use super::candidates::{spiral, stands_above};
 use super::context::{Cancelled, Context};
 use super::ids::SampleId;
 use super::surface::Surface;
+use crate::geometry::parallel;
 use crate::geometry::{Mesh, Part, Pose, RayScene, SimdLevel, Table};
 
 /// Directions that are looked into.
@@ -207,7 +207,7 @@ impl<'a> SkyProbe<'a> {
             }
             Ok(ways.into_iter().map(Sky::from).collect::<Vec<_>>())
         };
-        let skies = samples.par_chunks(NEIGHBOURS).map(of_neighbours).collect::<Result<Vec<_>, Cancelled>>()?;
+        let skies = parallel::try_map_chunks::<_, _, Cancelled>(samples, NEIGHBOURS, of_neighbours)?;
         Ok(skies.concat())
     }
 

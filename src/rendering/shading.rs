@@ -1,10 +1,9 @@
 //! Light and lines: normals smoothed over gentle edges, a lamp and a sky, outlines where the surface jumps or folds.
 
 use nalgebra::Vector3;
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::model::DrawnModel;
-use crate::geometry::{Device, FaceLists, Part, Pose};
+use crate::geometry::{Device, FaceLists, Part, Pose, parallel};
 
 /// Cosine of 40°: facets that meet at a smaller angle are shaded as one smooth surface and get no line.
 const CREASE_COS: f32 = 0.766;
@@ -60,7 +59,7 @@ impl Shading {
     /// Prepares the shading of a model.
     pub fn new(model: &DrawnModel) -> Self {
         let around = FaceLists::around(&model.faces, model.vertices_mm.len());
-        let scaled: Vec<Vector3<f32>> = (0..model.faces.len()).into_par_iter().map(|face| scaled_normal(model, face)).collect();
+        let scaled: Vec<Vector3<f32>> = parallel::map_range(model.faces.len(), |face| scaled_normal(model, face));
         let unit = |n: &Vector3<f32>| n.try_normalize(0.0).unwrap_or_else(Vector3::z);
         let normals: Vec<Vector3<f32>> = scaled.iter().map(unit).collect();
         let smoothed = |face: usize, vertex: u32| {
@@ -81,7 +80,7 @@ impl Shading {
             let [a, b, c] = model.faces[face].map(|vertex| smoothed(face, vertex));
             ([a.0, b.0, c.0], a.1 && b.1 && c.1)
         };
-        let (corner_normals, is_smooth) = (0..model.faces.len()).into_par_iter().map(at_corners).unzip();
+        let (corner_normals, is_smooth) = parallel::map_range(model.faces.len(), at_corners).into_iter().unzip();
         let jump_mm = model.aabb().extent_mm().norm() * JUMP_OF_DIAGONAL;
         Self { normals, corner_normals, is_smooth, jump_mm }
     }

@@ -2,12 +2,11 @@
 //! semicolons, a comma is a decimal mark. Lines that begin with `#`, `//`, `;` or `!` are comments. One line of names may stand before
 //! the points; it tells where x, y and z are, and their unit (`x_mm`, `X [mm]`). A first line of one whole number is a count (PTS).
 
-use rayon::prelude::*;
-
 use super::stream::CloudStream;
 use super::{CloudError, CloudLimits, Collected, StoredCloud};
 use crate::geometry::mesh_io::text::{Lines, excerpt, number};
 use crate::geometry::mesh_io::{MeshError, Position};
+use crate::geometry::parallel;
 use crate::geometry::poll::Poll;
 use crate::geometry::unit::LengthUnit;
 
@@ -127,7 +126,7 @@ fn collect(text: &[u8], columns: Columns, first_line: u64, into: &mut Collected)
         pieces.push(piece);
         rest = others;
     }
-    let parsed: Vec<Parsed> = pieces.par_iter().map(|piece| parse(piece, columns)).collect();
+    let parsed: Vec<Parsed> = parallel::map(&pieces, |piece| parse(piece, columns));
     let mut line = first_line;
     for piece in parsed {
         for point in piece.points {

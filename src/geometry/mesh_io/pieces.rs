@@ -4,9 +4,8 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::text::Lines;
+use crate::geometry::parallel;
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::side_by_side::pieces_of_a_round;
 
@@ -68,7 +67,7 @@ pub(super) fn parse_round<P: Sync, R: Send>(
     poll.check()?;
     Ok(match round {
         [piece] => vec![parse(piece, poll)],
-        _ => round.par_iter().map(|piece| parse(piece, &Poll::never())).collect(),
+        _ => parallel::map(round, |piece| parse(piece, &Poll::never())),
     })
 }
 

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::split::{self, PART};
 use crate::geometry::mesh::Aabb;
+use crate::geometry::parallel;
 use crate::geometry::simd::prefetch;
 
 /// Children of a node.
@@ -113,7 +114,7 @@ impl Tree {
             tree.order.iter_mut().for_each(|leaf| *leaf = part[*leaf as usize]);
             Ok(tree)
         };
-        let mut trees = parts.par_iter().map(grown).collect::<Result<Vec<_>, E>>()?;
+        let mut trees = parallel::try_map(&parts, grown)?;
         check()?;
         if trees.len() == 1 {
             return Ok(trees.remove(0));
@@ -122,7 +123,7 @@ impl Tree {
             let own = part.iter().map(|triangle| boxes[*triangle as usize]);
             own.reduce(|all, aabb| all.merged(&aabb)).unwrap_or_else(ParryAabb::new_invalid)
         };
-        let around: Vec<_> = parts.par_iter().map(around).collect();
+        let around = parallel::map(&parts, around);
         // The whole takes as much again as its parts, less the little that is copied at a time.
         drop((parts, boxes));
         let mut whole = Self::with_room_for(&trees);

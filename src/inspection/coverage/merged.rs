@@ -9,7 +9,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{ComparedViews, MeasuredCoverage};
-use crate::geometry::PointCloud;
+use crate::geometry::{PointCloud, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::random::split_mix;
@@ -45,11 +45,10 @@ pub fn measure(
         let is_near = |point: &Point3<f64>| (point - point_mm).dot(&normal).abs() <= input.compare.tolerance_mm;
         points.within(&point_mm, radius_mm).any(|point| is_near(&point))
     };
-    let blocks = asked.par_chunks(BLOCK).map(|block| {
+    let blocks = parallel::try_map_chunks(&asked, BLOCK, |block| {
         ctx.check()?;
-        Ok(block.iter().copied().filter(is_measured).collect::<Vec<_>>())
-    });
-    let blocks = blocks.collect::<Result<Vec<_>, Cancelled>>()?;
+        Ok::<_, Cancelled>(block.iter().copied().filter(is_measured).collect::<Vec<_>>())
+    })?;
     let mut measured = SampleSet::none_of(input.surface.sample_mm.len());
     blocks.iter().flatten().for_each(|sample| measured.insert(*sample));
     let mut coverage = MeasuredCoverage::of_sets(input, Vec::new(), measured);

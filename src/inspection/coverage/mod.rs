@@ -30,13 +30,12 @@ pub use model::{ModelPoint, NominalModel};
 pub use params::CompareParams;
 pub use returns::{Return, Returns, returns};
 
-use rayon::prelude::*;
-
 pub(super) use footprint::{Footprint, SeenSample, ViewLookup};
 pub(super) use sum::area_mm2;
 
 use super::{RegisteredView, ViewScan};
 use crate::cell::{PerDevice, Scanner};
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::PlanParams;
@@ -253,11 +252,10 @@ pub fn measure(input: &ComparedViews<'_>, ctx: &Context<'_>) -> Result<MeasuredC
             let seen = lookup.sample(*sample);
             seen.is_some_and(|seen| lookup.footprint(*sample, &seen) == Footprint::Measured)
         };
-        let blocks = asked.par_chunks(BLOCK).map(|block| {
+        let blocks = parallel::try_map_chunks(&asked, BLOCK, |block| {
             ctx.check()?;
-            Ok(block.iter().copied().filter(is_measured).collect::<Vec<_>>())
-        });
-        let blocks = blocks.collect::<Result<Vec<_>, Cancelled>>()?;
+            Ok::<_, Cancelled>(block.iter().copied().filter(is_measured).collect::<Vec<_>>())
+        })?;
         let mut set = SampleSet::none_of(input.surface.sample_mm.len());
         blocks.iter().flatten().for_each(|sample| set.insert(*sample));
         measured.insert_all(&set);

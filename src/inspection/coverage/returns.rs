@@ -3,11 +3,10 @@
 //!
 //! Columns, not rows: 26 bytes a pair.
 
-use rayon::prelude::*;
-
 use super::model::{ModelPoint, NominalModel};
 use super::{ComparedViews, MeasuredCoverage, ScannedView, ViewLookup};
 use crate::cell::{DeviceName, PerDevice};
+use crate::geometry::parallel;
 use crate::inspection::mirror::Reflection;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
@@ -155,11 +154,11 @@ pub fn returns(
             measured: coverage.by_scan.get(place),
             model,
         };
-        let blocks = samples.par_chunks(BLOCK).map(|block| {
+        let blocks = parallel::try_map_chunks(&samples, BLOCK, |block| {
             ctx.check()?;
-            Ok(facts.of(input, block, ctx))
-        });
-        all.push_view(blocks.collect::<Result<Vec<_>, Cancelled>>()?.into_iter().flatten());
+            Ok::<_, Cancelled>(facts.of(input, block, ctx))
+        })?;
+        all.push_view(blocks.into_iter().flatten());
     }
     Ok(all)
 }

@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
-use rayon::prelude::*;
 
 use super::aligned_poses::AlignedPoses;
 use super::statistics::{by_noise, judge};
@@ -18,7 +17,7 @@ use super::{
     variance,
 };
 use crate::cell::calibration::se3::exp;
-use crate::geometry::{Part, Pose};
+use crate::geometry::{Part, Pose, parallel};
 use crate::inspection::OpenPoses;
 use crate::planning::ids::SampleId;
 
@@ -224,7 +223,7 @@ impl Fit {
             let of_poses_mm2 = poses.map_or(0.0, |poses| poses.variance_mm2(found, nominal, id));
             (f64::from(own.expanded_mm).powi(2) + 4.0 * (of_motion_mm2 + of_poses_mm2)).sqrt() as f32
         };
-        let widened: Vec<f32> = (0..found.samples.len()).into_par_iter().with_min_len(256).map(widened).collect();
+        let widened: Vec<f32> = parallel::map_range(found.samples.len(), widened);
         for (own, expanded_mm) in deviation.samples.iter_mut().zip(widened) {
             own.expanded_mm = expanded_mm;
         }

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{DeviationOptions, NOISE_MM, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{Hit, Part, Pose, ScannerFrame, nearest_of_triangle};
+use crate::geometry::{Hit, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
 use crate::inspection::PixelGrid;
 use crate::planning::ids::SampleId;
 
@@ -132,7 +132,7 @@ impl ViewDistances {
         let ring = view.ring();
         // None is judged by what another one has been taken for.
         let is_beyond = |cell| view.is_beyond_a_step(cell, &found, &ring) || view.is_beyond_a_rim(cell, &found, &ring);
-        let is_beyond: Vec<bool> = (0..cells).into_par_iter().with_min_len(RAYS).map(is_beyond).collect();
+        let is_beyond: Vec<bool> = parallel::map_range(cells, is_beyond);
         let pieces: Vec<SortedPoints> =
             found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
         let compared = pieces.iter().map(|piece| piece.compared).sum();

@@ -40,12 +40,12 @@ mod sums;
 mod tests;
 
 use nalgebra::{Matrix6, Point3, Vector3};
-use rayon::prelude::*;
 
 use super::{PixelGrid, RegisteredView, ViewScan};
 use crate::cell::Scanner;
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
+use crate::geometry::parallel;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame, SimdLevel};
 use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
@@ -222,8 +222,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let (mut compared_points, mut turned_points) = (0, 0);
     let mut seen: Vec<Vec<SeenSample>> = Vec::with_capacity(scans.len());
     let mesh = nominal.mesh;
-    let normals: Vec<Vector3<f64>> =
-        (0..mesh.faces.len()).into_par_iter().map(|face| mesh.scaled_normal(face).normalize()).collect();
+    let normals: Vec<Vector3<f64>> = parallel::map_range(mesh.faces.len(), |face| mesh.scaled_normal(face).normalize());
     for placed in scans {
         let distances = ViewDistances::of(placed, nominal, &normals, options);
         compared_points += distances.compared;
@@ -236,7 +235,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
             let id = SampleId::at(sample);
             footprints.of(id).map(|footprint| (footprint, PoseError::of(placed, &scanner_from_part, nominal.surface, id)))
         };
-        let found: Vec<Option<_>> = (0..sums.len()).into_par_iter().with_min_len(1024).map(measured).collect();
+        let found: Vec<Option<_>> = parallel::map_range(sums.len(), measured);
         let mut own = Vec::new();
         for (sample, footprint) in found.iter().enumerate() {
             if let Some((footprint, error)) = footprint {

@@ -1,13 +1,13 @@
 //! The cause of each lost sample.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::cut::FileBounds;
 use super::evidence::Zone;
 use super::foreign::Foreign;
 use super::steps::near_steps;
 use super::{LossCause, Losses};
+use crate::geometry::parallel;
 use crate::inspection::coverage::{
     ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, SeenSample,
     ViewLookup,
@@ -203,13 +203,13 @@ impl<'a> ScanLosses<'a> {
 
     fn causes(&self, lost: &SampleSet, evidence: &Evidence, ctx: &Context<'_>) -> Result<Vec<(SampleId, Found)>, Cancelled> {
         let own: Vec<&(Return, [f64; 2])> = self.pairs.iter().filter(|(pair, _)| lost.holds(pair.sample)).collect();
-        let blocks = own.par_chunks(BLOCK).map(|block| {
+        let blocks = parallel::try_map_chunks(&own, BLOCK, |block| {
             ctx.check()?;
             let pairs = self.lost_pairs(block, ctx);
             let found = |lost: &LostPair| Found { cause: self.cause(lost, evidence), is_expected: lost.pair.is_expected };
-            Ok(pairs.iter().map(|lost| (lost.pair.sample, found(lost))).collect::<Vec<_>>())
-        });
-        Ok(blocks.collect::<Result<Vec<_>, Cancelled>>()?.concat())
+            Ok::<_, Cancelled>(pairs.iter().map(|lost| (lost.pair.sample, found(lost))).collect::<Vec<_>>())
+        })?;
+        Ok(blocks.concat())
     }
 
     fn lost_pairs(&self, block: &[&(Return, [f64; 2])], ctx: &Context<'_>) -> Vec<LostPair> {

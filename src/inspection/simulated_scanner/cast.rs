@@ -1,13 +1,12 @@
 //! One simulated view: first hits of the left camera's rays, the optics at each, shadows of the other devices, weaknesses, noise.
 
 use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
-use rayon::prelude::*;
 
 use super::noise::ViewNoise;
 use super::steps::near_steps;
 use super::{CellFate, SimulatedScanner};
 use crate::cell::DeviceName;
-use crate::geometry::{CloudGrid, Hit, Part, PointCloud, Pose, ScannerFrame};
+use crate::geometry::{CloudGrid, Hit, Part, PointCloud, Pose, ScannerFrame, parallel};
 use crate::inspection::mirror::Reflection;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::visibility::{RAY_END_SHARE, View};
@@ -41,16 +40,15 @@ impl<'a> FirstHits<'a> {
     fn new(scanner: &'a SimulatedScanner<'a>, part_from_left: Isometry3<f64>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let turn: Rotation3<f64> = part_from_left.rotation.to_rotation_matrix();
         let centre_mm = Point3::from(part_from_left.translation.vector);
-        let blocks = scanner.rays.par_chunks(ROWS * scanner.grid.size.columns).map(|rays| {
+        let blocks = parallel::try_map_chunks(&scanner.rays, ROWS * scanner.grid.size.columns, |rays| {
             ctx.check()?;
             let direction = |[x, y]: &[f32; 2]| turn * Vector3::new(f64::from(*x), f64::from(*y), 1.0);
             let (directions, mut hits) = (rays.iter().map(direction).collect::<Vec<_>>(), Vec::new());
             scanner.surfaces.first_hits_from(ctx.simd_level(), &centre_mm, &directions, &mut hits);
             let packed = |hit: &Option<Hit>| hit.map_or((NONE, f32::INFINITY), |hit| (hit.triangle, hit.share as f32));
-            Ok(hits.iter().map(packed).collect::<Vec<_>>())
-        });
-        let hits = blocks.collect::<Result<Vec<_>, Cancelled>>()?.concat();
-        Ok(Self { scanner, hits, part_from_left })
+            Ok::<_, Cancelled>(hits.iter().map(packed).collect::<Vec<_>>())
+        })?;
+        Ok(Self { scanner, hits: blocks.concat(), part_from_left })
     }
 
     pub(super) fn size(&self) -> CloudGrid {
@@ -151,11 +149,10 @@ pub(super) fn cast(
     };
     let block = ROWS * scanner.grid.size.columns;
     let cells = scanner.grid.cells();
-    let blocks = (0..cells.div_ceil(block)).into_par_iter().map(|first| {
+    let blocks = parallel::try_map_range(cells.div_ceil(block), |first| {
         ctx.check()?;
-        Ok(view.block(first * block..cells.min((first + 1) * block), ctx))
-    });
-    let blocks = blocks.collect::<Result<Vec<_>, Cancelled>>()?;
+        Ok::<_, Cancelled>(view.block(first * block..cells.min((first + 1) * block), ctx))
+    })?;
     let points_mm = blocks.iter().flat_map(|(points, _)| points).copied().collect();
     let fates = blocks.iter().flat_map(|(_, fates)| fates).copied().collect();
     Ok((PointCloud { points_mm, grid: Some(scanner.grid.size) }, fates))

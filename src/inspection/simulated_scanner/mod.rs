@@ -22,12 +22,12 @@ pub use faults::{crop, in_unit, swap};
 pub use params::SimulationParams;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use super::ViewScan;
 use super::mirror::Reflection;
 use super::pixel_grid::PixelGrid;
 use crate::cell::{Scanner, closed_list};
+use crate::geometry::parallel;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame};
 use crate::planning::ConcaveZone;
 use crate::planning::context::{Cancelled, Context};
@@ -156,7 +156,7 @@ impl<'a> SimulatedScanner<'a> {
             false => None,
         };
         let grid = PixelGrid::new(scanner, sim.step_px);
-        let rays = (0..grid.cells()).into_par_iter().map(|cell| {
+        let rays = parallel::map_range(grid.cells(), |cell| {
             let ray = grid.device_ray(cell);
             [ray.x as f32, ray.y as f32]
         });
@@ -165,7 +165,7 @@ impl<'a> SimulatedScanner<'a> {
             sim: sim.clone(),
             scene,
             optics: Optics::new(scanner, &optics_params, &Requirements::default()),
-            rays: rays.collect(),
+            rays,
             grid,
             placed,
             part_from_as_built,

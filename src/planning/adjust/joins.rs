@@ -7,8 +7,7 @@
 
 use std::collections::BTreeSet;
 
-use rayon::prelude::*;
-
+use crate::geometry::parallel;
 use crate::planning::context::{Context, NoPlan, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex};
 use crate::planning::params::Registration;
@@ -145,7 +144,7 @@ impl Gap {
             let new_mm2: f64 = new.iter().map(|sample| problem.surface.sample_area_mm2(sample)).sum();
             Ok((*candidate, resistance, new_mm2))
         };
-        let worths: Vec<_> = open.par_iter().map(worth).collect::<Result<_, PlanError>>()?;
+        let worths = parallel::try_map::<_, _, PlanError>(&open, worth)?;
         let stiffest = worths.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
         let widest = worths.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
         let is_stiffer = |(_, resistance, _): &(CandidateIndex, f64, f64)| {

@@ -3,12 +3,11 @@
 //! Table frame. A tilt turns the view about its aim point, F ahead, to the four sides; the scanner is levelled again.
 
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use super::blocks::PartBlock;
 use super::slide::Slide;
 use super::{Candidate, Label, Scope};
-use crate::geometry::{Pose, ScannerFrame, Table};
+use crate::geometry::{Pose, ScannerFrame, Table, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{CandidateParams, Standoff};
 
@@ -141,7 +140,7 @@ pub(super) fn place(
         }
         Ok(placed)
     };
-    let poses = aims.par_iter().map(poses_of).collect::<Result<Vec<_>, Cancelled>>()?;
+    let poses = parallel::try_map::<_, _, Cancelled>(aims, poses_of)?;
     Ok(poses.into_iter().flatten().collect())
 }
 

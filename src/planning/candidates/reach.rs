@@ -5,13 +5,11 @@
 //!
 //! Cost: a few inverse kinematics a direction, 72 × 8 where it is out of reach.
 
-use rayon::prelude::*;
-
 use super::aim::place;
 use super::spread::widest;
 use super::{Aim, Scope, blocks, even};
 use crate::cell::{Axes, Cell};
-use crate::geometry::{Pose, ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Pose, ScannerFrame, Table, parallel, plate_from_placed};
 use crate::planning::context::{Context, PlanError};
 use crate::planning::params::{CandidateParams, Hemisphere};
 
@@ -37,8 +35,7 @@ pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_
     let one = CandidateParams { rolls_deg: vec![0.0], tilts_deg: Vec::new(), standoffs_mm: vec![0.0], ..above };
     let placed = place(scope, &tried, &one, ctx)?;
     let arm = Arm { cell, axes: cell.axes() };
-    let within: Vec<bool> =
-        placed.par_iter().map(|(pose, _)| ctx.check().map(|()| arm.reaches(pose))).collect::<Result<_, _>>()?;
+    let within: Vec<bool> = parallel::try_map(&placed, |(pose, _)| ctx.check().map(|()| arm.reaches(pose)))?;
     let reached: Vec<_> = tried.into_iter().zip(within).filter(|(_, within)| *within).map(|(aim, _)| aim).collect();
     Ok(widest(reached, params.reach_directions as usize, |a, b| (a.position_mm - b.position_mm).norm()))
 }

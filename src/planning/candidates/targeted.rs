@@ -11,7 +11,6 @@
 mod tests;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 use std::f64::consts::PI;
 
 use super::aim::{SlidesBy, looking_along};
@@ -19,6 +18,7 @@ use super::even::spiral;
 use super::spread::widest;
 use super::{Aim, Label, Scope};
 use crate::cell::{DeviceName, PerDevice};
+use crate::geometry::parallel;
 use crate::geometry::{RayScene, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
@@ -58,7 +58,7 @@ pub(super) fn aims(scope: &Scope<'_>, open: &OpenSamples<'_>, max: usize, ctx: &
         let normal = scope.surface.patch_of(*sample).normal;
         Ok(solver.view(&scope.surface.sample_mm[sample.index()], &normal))
     };
-    let views: Vec<Option<TargetedView>> = looked_at.par_iter().map(view).collect::<Result<_, Cancelled>>()?;
+    let views: Vec<Option<TargetedView>> = parallel::try_map::<_, _, Cancelled>(&looked_at, view)?;
     let distance_mm =
         |a: &TargetedView, b: &TargetedView| (a.target_mm - b.target_mm).norm() + RADIAN_MM * (a.outward - b.outward).norm();
     let chosen = widest(views.into_iter().flatten().collect(), max, distance_mm);

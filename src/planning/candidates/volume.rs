@@ -5,11 +5,10 @@
 //! A viewpoint keeps the distance that was drawn: it is not slid. Cost: tries × [`SAMPLES`] a viewpoint.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::aim::SlidesBy;
 use super::{Aim, Label, Scope};
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::CandidateParams;
@@ -32,10 +31,9 @@ pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_
     let samples: Vec<_> = surface.samples().step_by(every).map(sample).collect();
     let aabb = Aabb::around(samples.iter().map(|(point, _)| point));
     let volume = Volume { scope, samples, aabb };
-    let found: Vec<_> = (0..params.volume_points)
-        .into_par_iter()
-        .map(|number| ctx.check().map(|()| volume.viewpoint(Stream::new(scope.seed, &[STREAM, u64::from(number)]))))
-        .collect::<Result<_, Cancelled>>()?;
+    let found = parallel::try_map_range(params.volume_points as usize, |number| {
+        ctx.check().map(|()| volume.viewpoint(Stream::new(scope.seed, &[STREAM, number as u64])))
+    })?;
     Ok(found.into_iter().flatten().collect())
 }
 

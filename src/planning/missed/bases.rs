@@ -1,9 +1,7 @@
 //! Bases of remedies: candidates that get furthest at a spot, between them at each of its samples.
 
-use rayon::prelude::*;
-
 use super::spot_samples::{FirstFailures, SpotSamples};
-use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::CandidateIndex;
 use crate::planning::visibility::{Optics, Probe};
@@ -27,13 +25,13 @@ pub(super) fn shortlist(
     let probe = |candidate: CandidateIndex| ctx.check().map(|()| Probe::new(optics, &poses[candidate.index()], rays));
     let spread = CandidateIndex::first(poses.len()).step_by(poses.len().div_ceil(MAX_CONSIDERED).max(1));
     let considered: Vec<_> = spread.filter(|candidate| keep(*candidate)).collect();
-    let cheap = |candidate: CandidateIndex| Ok((candidate, samples.progress_before_shadow(&probe(candidate)?)));
-    let mut cheap = considered.into_par_iter().map(cheap).collect::<Result<Vec<_>, Cancelled>>()?;
+    let cheap = |candidate: &CandidateIndex| Ok((*candidate, samples.progress_before_shadow(&probe(*candidate)?)));
+    let mut cheap = parallel::try_map::<_, _, Cancelled>(&considered, cheap)?;
     // Stable, like the next: ties stay in the order of candidates.
     cheap.sort_by_key(|(_, progress)| std::cmp::Reverse(*progress));
     cheap.truncate(MAX_SHORTLIST);
-    let full = |(candidate, _): (CandidateIndex, u32)| Ok((candidate, samples.progress(&probe(candidate)?)));
-    let mut full = cheap.into_par_iter().map(full).collect::<Result<Vec<_>, Cancelled>>()?;
+    let full = |(candidate, _): &(CandidateIndex, u32)| Ok((*candidate, samples.progress(&probe(*candidate)?)));
+    let mut full = parallel::try_map::<_, _, Cancelled>(&cheap, full)?;
     full.sort_by_key(|(candidate, progress)| (std::cmp::Reverse(progress.sum()), *candidate));
     Ok(full)
 }

@@ -4,10 +4,9 @@
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
-
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Cell, Configuration, Contact, Separation};
+use crate::geometry::parallel;
 use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Advice, Obstruction};
@@ -29,8 +28,7 @@ pub(in crate::planning) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Conte
         ctx.check()?;
         Ok(blocked.scene.where_it_fails(&blocked.candidate.part_from_scanner, blocked.stations))
     };
-    let meetings: Vec<Option<(Contact, [Configuration; 2])>> =
-        blocked.par_iter().map(meeting).collect::<Result<_, Cancelled>>()?;
+    let meetings: Vec<Option<(Contact, [Configuration; 2])>> = parallel::try_map::<_, _, Cancelled>(blocked, meeting)?;
     let mut found: BTreeMap<(String, String), Obstruction> = BTreeMap::new();
     for (blocked, meeting) in blocked.iter().zip(meetings) {
         let Some((bodies, ends)) = meeting else { continue };

@@ -15,7 +15,7 @@ use super::spot_samples::SpotSamples;
 use super::spots::{self, Spot};
 use super::{bases, opening};
 use crate::cell::Scanner;
-use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table};
+use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table, parallel};
 use crate::planning::candidates::CandidateSet;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::CandidateIndex;
@@ -96,13 +96,13 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
     }
     let context = RemedyContext::new(analysis, ctx)?;
     let done = AtomicUsize::new(0);
-    let found = largest.par_iter().map(|spot| {
+    let found = parallel::try_map(&largest, |spot| {
         let remedy = RemedySearch::new(&context, &spots[*spot], ctx).remedy()?;
         ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, largest.len());
-        Ok((*spot, remedy))
-    });
+        Ok::<_, Cancelled>((*spot, remedy))
+    })?;
     let mut remedies = vec![None; spots.len()];
-    for (spot, remedy) in found.collect::<Result<Vec<_>, Cancelled>>()? {
+    for (spot, remedy) in found {
         remedies[spot] = Some(remedy);
     }
     Ok(remedies)
@@ -394,7 +394,7 @@ impl<'a> RemedySearch<'a> {
             self.ctx.check()?;
             Ok(Needs::of(&self.samples, &Probe::new(&context.widest, &proposal.pose, rays)))
         };
-        let needs = proposals.par_iter().map(needs).collect::<Result<Vec<_>, Cancelled>>()?;
+        let needs = parallel::try_map::<_, _, Cancelled>(proposals, needs)?;
         let mut answers: Vec<Option<bool>> = vec![taken.then_some(true); proposals.len()];
         // Few samples that views last measured which did not do on all samples.
         let mut refuted = None;

@@ -9,9 +9,8 @@ use std::cmp::Ordering;
 use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::{ChosenViews, ViewPlanningProblem};
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::demand::{Demand, DemandStop};
 use crate::planning::ids::{CandidateIndex, RowIndex};
@@ -137,7 +136,7 @@ impl ViewPlanningProblem<'_> {
             ctx.check()?;
             Ok(Bounded { gain_mm2: rates.gain_mm2(*candidate, &nothing_known), candidate: *candidate })
         };
-        let first = choosable.par_iter().map(first).collect::<Result<Vec<_>, Cancelled>>()?;
+        let first = parallel::try_map::<_, _, Cancelled>(&choosable, first)?;
         let initial: Vec<(CandidateIndex, f64)> = first.iter().map(|first| (first.candidate, first.gain_mm2)).collect();
         let all_open = rates.open_after(&choosable);
         let left_mm2: f64 = self.asked_area_mm2.iter().zip(&all_open).map(|(mm2, open)| mm2 * (1.0 - open)).sum();

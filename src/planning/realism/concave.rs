@@ -7,9 +7,8 @@ use std::collections::HashMap;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
-use crate::geometry::{Interrupted, Mesh, Poll, each_inner_edge};
+use crate::geometry::{Interrupted, Mesh, Poll, each_inner_edge, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
@@ -188,7 +187,6 @@ pub(super) fn zone(
         let found = block.filter(|sample| is_asked_for(*sample)).map(in_zone);
         Ok(found.collect::<Result<Vec<_>, Cancelled>>()?.into_iter().flatten().collect())
     };
-    let blocks: Vec<Vec<ZoneSample>> =
-        (0..samples.div_ceil(BLOCK)).into_par_iter().map(block).collect::<Result<_, Cancelled>>()?;
+    let blocks: Vec<Vec<ZoneSample>> = parallel::try_map_range::<_, Cancelled>(samples.div_ceil(BLOCK), block)?;
     Ok(blocks.into_iter().flatten().collect())
 }

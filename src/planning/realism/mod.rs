@@ -10,7 +10,6 @@ mod margins;
 mod tests;
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::context::{Cancelled, Context};
 use super::ids::SampleId;
@@ -19,6 +18,7 @@ use super::surface::Surface;
 use super::verdict::RiskReason;
 use super::visibility::{Row, SampleSet};
 use crate::cell::Scanner;
+use crate::geometry::parallel;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame};
 pub use concave::ConcaveZone;
 use concave::ZoneSample;
@@ -103,11 +103,10 @@ fn in_margins(input: &RiskInput<'_>, views: &[RiskView<'_>], ctx: &Context<'_>) 
     for view in views {
         let margins = Margins::new(input, view, ctx.simd_level());
         let open: Vec<SampleId> = view.row.samples().filter(|sample| bits[sample.index()] & CLEARED == 0).collect();
-        let judged = open.par_chunks(BLOCK).map(|samples| {
+        let judged: Vec<Vec<Option<RiskReason>>> = parallel::try_map_chunks(&open, BLOCK, |samples| {
             ctx.check()?;
-            Ok(margins.of(samples))
-        });
-        let judged: Vec<Vec<Option<RiskReason>>> = judged.collect::<Result<_, Cancelled>>()?;
+            Ok::<_, Cancelled>(margins.of(samples))
+        })?;
         for (sample, reason) in open.iter().zip(judged.into_iter().flatten()) {
             bits[sample.index()] |= reason.map_or(CLEARED, bit);
         }

@@ -11,8 +11,6 @@ pub use input::PlanInput;
 pub(super) use placement::check as check_placement;
 pub use placement::{plate, tips_over};
 
-use rayon::prelude::*;
-
 use super::candidates::{Candidate, CandidateSet, Rejection};
 use super::context::{Cancelled, Context, PlanError, Stage};
 use super::ids::ViewId;
@@ -24,7 +22,7 @@ use super::surface::Surface;
 use super::visibility::{Row, SampleSet};
 use crate::cell::collision::MetOnTable;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Farthest, Separation};
-use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel, plate_from_placed};
 
 /// Largest separation that is measured, mm: as far as a clearance may be asked for.
 const MAX_SEPARATION_MM: f64 = 200.0;
@@ -123,7 +121,7 @@ impl<'a> PlanningScene<'a> {
             }))
         };
         let CandidateSet { remaining, generated, mut rejected } = candidates;
-        let reasons = remaining.par_iter().map(reason).collect::<Result<Vec<_>, Cancelled>>()?;
+        let reasons = parallel::try_map::<_, _, Cancelled>(&remaining, reason)?;
         let mut kept = Vec::with_capacity(remaining.len());
         for (candidate, reason) in remaining.into_iter().zip(reasons) {
             match reason {

@@ -8,9 +8,8 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use super::{CoverProblem, FirstChoice, Goal, coverable_mm2, greedy};
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
@@ -48,7 +47,7 @@ impl GradeFloor {
         }
         let start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
-        let rows: Vec<Row> = problem.rows.par_iter().map(|row| places.with_twins(row)).collect();
+        let rows: Vec<Row> = parallel::map(&problem.rows, |row| places.with_twins(row));
         let own = |goal: &Goal<'_>| Goal { area_mm2: Cow::Owned(places.of_samples(&goal.area_mm2)), needed_mm2: goal.needed_mm2 };
         let mut goals: Vec<Goal<'static>> = problem.goals.iter().map(own).collect();
         for floor in 0..FLOORS.len() {

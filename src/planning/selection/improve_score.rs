@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::blocks::count_in;
 use super::local::{Budget, Exchange, SwapPricer, Swaps};
 use super::score::Scorer;
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::random::split_mix;
@@ -243,7 +244,7 @@ impl ValueTable {
             let (samples, values) = values.unzip();
             Ok(RowValues { samples, values })
         };
-        let of_row = (0..problem.rows.len()).into_par_iter().map(of_row).collect::<Result<_, Cancelled>>()?;
+        let of_row = parallel::try_map_range::<_, Cancelled>(problem.rows.len(), of_row)?;
         Ok(Self { counted, of_row, is_share })
     }
 }

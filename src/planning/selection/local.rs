@@ -17,7 +17,7 @@ use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
 use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
-use crate::geometry::SimdLevel;
+use crate::geometry::{SimdLevel, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::RowIndex;
 use crate::planning::params::SelectionParams;
@@ -269,7 +269,7 @@ impl<'a> CoverState<'a> {
         let blocks = exchange.problem.asked_area_mm2.len().div_ceil(BLOCK);
         let tasks: Vec<usize> = (0..blocks).step_by(BLOCKS_A_TASK).collect();
         let of_task = |first: &usize| segments_of(goals, &measured, *first..blocks.min(first + BLOCKS_A_TASK));
-        let parts: Vec<(Vec<BlockSegment>, Vec<i64>)> = tasks.par_iter().map(of_task).collect();
+        let parts: Vec<(Vec<BlockSegment>, Vec<i64>)> = parallel::map(&tasks, of_task);
         let mut covered = vec![0; goals.len()];
         parts.iter().for_each(|(_, part)| covered.iter_mut().zip(part).for_each(|(covered, part)| *covered += part));
         let segments: Vec<BlockSegment> = parts.into_iter().flat_map(|(segments, _)| segments).collect();

@@ -2,13 +2,12 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use rayon::prelude::*;
-
 use super::moves::straight_secs;
 use super::routes::{Route, Routes};
 use super::station_graph::StationGraph;
 use super::tour::{self, Costs, EXACT_GROUPS, Effort};
 use crate::cell::Axes;
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::MotionParams;
 
@@ -46,8 +45,9 @@ impl LazyEdgeCosts {
                 Effort::Brief => Effort::Again,
                 Effort::Thorough | Effort::Again => return Ok(tour),
             };
-            let check = |(a, b): (usize, usize)| Ok(((a, b), routes.between(&nodes[a], &nodes[b], ctx)?));
-            let found: Vec<_> = unchecked.into_par_iter().map(check).collect::<Result<_, Cancelled>>()?;
+            let unchecked: Vec<_> = unchecked.into_iter().collect();
+            let check = |&(a, b): &(usize, usize)| Ok::<_, Cancelled>(((a, b), routes.between(&nodes[a], &nodes[b], ctx)?));
+            let found = parallel::try_map(&unchecked, check)?;
             self.record(found, graph, routes, &mut expected);
         }
     }

@@ -6,11 +6,10 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::{Arc, OnceLock};
 
-use rayon::prelude::*;
-
 use super::moves::{Moves, SegmentCache};
 use super::roadmap::Roadmap;
 use crate::cell::{CollisionScene, Configuration};
+use crate::geometry::parallel;
 
 /// Connections of a station to the roadmap that are checked at most.
 const MAX_CHECKED: usize = 16;
@@ -55,7 +54,7 @@ pub(super) struct Network {
 impl Network {
     pub(super) fn new(roadmap: Arc<Roadmap>, scene: &CollisionScene) -> Self {
         let scene = scene.at_every_table_angle();
-        let is_open = roadmap.vertices.par_iter().map(|vertex| scene.check(vertex).is_none()).collect();
+        let is_open = parallel::map(&roadmap.vertices, |vertex| scene.check(vertex).is_none());
         let is_free = roadmap.edges.iter().map(|_| OnceLock::new()).collect();
         Self { roadmap, scene, is_open, is_free }
     }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::routes::{Route, Routes, StationNode};
 use crate::cell::Configuration;
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::ViewId;
 use crate::planning::stations::Station;
@@ -39,7 +40,7 @@ impl StationGraph {
             Ok(route)
         };
         let mut found: Vec<Vec<Option<Route>>> =
-            stations.par_iter().map(|(_, of_view)| of_view.par_iter().map(join).collect()).collect::<Result<_, Cancelled>>()?;
+            parallel::try_map(stations, |(_, of_view)| parallel::try_map::<_, _, Cancelled>(of_view, join))?;
         connect_through_others(stations, &mut found, routes, ctx)?;
         if found.iter().any(|of_view| is_lost(of_view)) {
             routes.build_roadmap(ctx)?;
@@ -107,10 +108,7 @@ pub(super) fn connect_through_others(
         stations_of.iter().filter_map(|place| Some((at(*place), found[place.0][place.1].clone()?))).collect();
     while !connected.is_empty() {
         let open: Vec<_> = stations_of.iter().copied().filter(|(view, index)| found[*view][*index].is_none()).collect();
-        let routes_found: Vec<_> = open
-            .par_iter()
-            .map(|place| route_through_another(&at(*place), &connected, routes, ctx))
-            .collect::<Result<_, Cancelled>>()?;
+        let routes_found = parallel::try_map(&open, |place| route_through_another(&at(*place), &connected, routes, ctx))?;
         connected.clear();
         for ((view, index), route) in open.into_iter().zip(routes_found) {
             connected.extend(route.clone().map(|route| (at((view, index)), route)));

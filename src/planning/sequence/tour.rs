@@ -12,15 +12,14 @@ mod bound;
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
 
 /// Groups up to which the tour is proved shortest.
 pub(super) const EXACT_GROUPS: usize = 12;
 /// Independent runs side by side.
-const RUNS: u64 = 4;
+const RUNS: usize = 4;
 /// Trials a group of a thorough run.
 const TRIALS: usize = 100;
 /// Trials a group where a tour is known.
@@ -174,8 +173,8 @@ fn search(
     effort: Effort,
     ctx: &Context<'_>,
 ) -> Result<Vec<Vec<usize>>, Cancelled> {
-    let run = |run: u64| NeighbourhoodSearch::new(groups, costs, Stream::new(0, &[STREAM, run])).run(known, effort, ctx);
-    let mut found: Vec<(f64, Vec<usize>)> = (0..RUNS).into_par_iter().map(run).collect::<Result<_, _>>()?;
+    let run = |run: usize| NeighbourhoodSearch::new(groups, costs, Stream::new(0, &[STREAM, run as u64])).run(known, effort, ctx);
+    let mut found: Vec<(f64, Vec<usize>)> = parallel::try_map_range(RUNS, run)?;
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(found.into_iter().map(|(_, tour)| tour).collect())
 }

@@ -13,7 +13,6 @@
 mod tests;
 
 use nalgebra::Vector3;
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::candidates::{self, Scope};
 use super::context::{Cancelled, Context, NoPlan, PlanError};
@@ -24,6 +23,7 @@ use super::scene::{PlanInput, PlanningScene, standing_on};
 use super::surface::{self, Surface};
 use super::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 use crate::cell::Scanner;
+use crate::geometry::parallel;
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, StablePose, Table};
 
 /// Poses that are compared.
@@ -289,7 +289,7 @@ fn measured_in_poses(
             together.row(&views[view], &known).map(Some)
         };
         let of_batch: Vec<usize> = (batch..views.len()).step_by(batches).collect();
-        let rows = of_batch.par_iter().map(|view| row(*view)).collect::<Result<Vec<_>, Cancelled>>()?;
+        let rows = parallel::try_map(&of_batch, |view| row(*view))?;
         for (view, row) in of_batch.into_iter().zip(rows) {
             row.iter().for_each(|row| served[view].iter().for_each(|pose| by_pose[*pose].insert_all(row.measured())));
         }

@@ -6,12 +6,11 @@
 //! distance from home in time, and tested for collision only then. One view costs about 0.2 ms, plus a few microseconds
 //! for each test.
 
-use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::context::{Cancelled, Context};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
-use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel, plate_from_placed};
 
 /// Step of the table, in whole parts of a turn: 5°.
 const TABLE_STEPS: u32 = 72;
@@ -87,14 +86,11 @@ pub fn solve_some(
 ) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
     let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations };
     let done = AtomicUsize::new(0);
-    views
-        .par_iter()
-        .map(|view| {
-            let stations = search.stations(view, ctx)?;
-            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
-            Ok(stations)
-        })
-        .collect()
+    parallel::try_map(views, |view| {
+        let stations = search.stations(view, ctx)?;
+        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
+        Ok(stations)
+    })
 }
 
 /// Finds the stations of a view at those of the 72 table angles that `accept` lets through, otherwise as [`solve`]; none where

@@ -10,8 +10,8 @@ use nalgebra::{Cholesky, Const, Isometry3, Matrix3, SMatrix, SVector, UnitQuater
 
 use super::model::{LENS, LensParameters};
 use super::observations::{BoardView, DeviceSighting};
-use super::parallel::each;
 use crate::cell::DeviceName;
+use crate::geometry::parallel;
 
 /// Unknowns shared by all views.
 pub(super) const SHARED: usize = 3 * LENS + 12;
@@ -123,7 +123,7 @@ impl BundleState {
 impl BundleProblem<'_> {
     /// Half the sum of robust squares at a state; infinite where a point is behind a device.
     pub(super) fn cost(&self, state: &BundleState) -> f64 {
-        let costs = each(self.views.len(), |view| {
+        let costs = parallel::map_range(self.views.len(), |view| {
             let mut sum = 0.0;
             for device in 0..3 {
                 for (sighting, used) in seen_by(&self.views[view], device).iter().zip(&self.is_used[view][device]) {
@@ -140,7 +140,7 @@ impl BundleProblem<'_> {
 
     /// Normal equations at a state; `None` where a point is behind a device.
     pub(super) fn normal(&self, state: &BundleState) -> Option<Normal> {
-        let sums = each(self.views.len(), |view| self.view_sums(state, view));
+        let sums = parallel::map_range(self.views.len(), |view| self.view_sums(state, view));
         let mut normal = Normal {
             shared: Box::new(SMatrix::zeros()),
             shared_side: SVector::zeros(),

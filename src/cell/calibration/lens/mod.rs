@@ -15,7 +15,6 @@ mod import;
 mod lit_rectangle;
 mod model;
 mod observations;
-mod parallel;
 mod quality;
 mod resect;
 mod rich_lens;

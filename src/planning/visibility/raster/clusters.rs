@@ -9,10 +9,9 @@
 use std::cell::Cell;
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::pinhole::{LANES, PixelLanes};
-use crate::geometry::{Aabb, Mesh, Poll, outward_faces};
+use crate::geometry::{Aabb, Mesh, Poll, outward_faces, parallel};
 
 /// Stands for no triangle.
 pub(super) const NO_TRIANGLE: u32 = u32::MAX;
@@ -103,7 +102,7 @@ impl Clusters {
             check()?;
             Ok(soup.cluster(triangles))
         };
-        let clusters = order.par_chunks(TRIANGLES).map(cluster).collect::<Result<Vec<_>, E>>()?;
+        let clusters = parallel::try_map_chunks(order, TRIANGLES, cluster)?;
         let corner = |mm: &[f32; 3]| Point3::from(mm.map(f64::from));
         let outward = clusters.iter().filter(|cluster| cluster.outward);
         let outward =

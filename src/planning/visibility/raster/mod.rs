@@ -32,6 +32,7 @@ use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
 use super::{Occluders, QualityScale, Row, SampleSet, VisibilityMatrix, ones};
 use crate::cell::{DeviceName, PerDevice};
+use crate::geometry::parallel;
 use crate::geometry::{Part, Pose, ScannerFrame, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
@@ -103,7 +104,7 @@ impl ScratchPool<'_> {
         // One view a thread while there are enough of them; the threads share the views that are left over.
         let (alone, shared) = some.split_at(some.len() - some.len() % rayon::current_num_threads());
         let row = |view: &usize| self.row(&poses[*view], open, usize::MAX);
-        let made = alone.par_iter().map(row).collect::<Result<Vec<_>, Cancelled>>()?;
+        let made = parallel::try_map(alone, row)?;
         alone.iter().zip(made).for_each(|(view, row)| rows[*view] = row);
         for view in shared {
             rows[*view] = self.row(&poses[*view], open, 1)?;

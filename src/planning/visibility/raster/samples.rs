@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::clusters::Cone;
 use super::pinhole::LANES;
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, parallel};
 use crate::planning::ids::SampleId;
 use crate::planning::surface::{Patch, Surface};
 use crate::planning::visibility::SampleSet;
@@ -49,8 +49,8 @@ impl Samples {
     /// Samples of `surface`, those of the first face in `order` first; numbers in it beyond the part's faces are passed over.
     pub(super) fn new(surface: &Surface, order: impl Iterator<Item = u32>) -> Self {
         // What is needed of the patches by itself: gathered in the order of the tree, they would be read from memory one by one.
-        let face_of: Vec<u32> = surface.patches.par_iter().map(|patch| patch.face).collect();
-        let samples_of: Vec<Range<u32>> = surface.patches.par_iter().map(samples_of).collect();
+        let face_of: Vec<u32> = parallel::map(&surface.patches, |patch| patch.face);
+        let samples_of: Vec<Range<u32>> = parallel::map(&surface.patches, samples_of);
         let faces = face_of.iter().max().map_or(0, |last| *last as usize + 1);
         let mut first_patch = vec![0; faces + 1];
         face_of.iter().for_each(|face| first_patch[*face as usize + 1] += 1);
@@ -64,7 +64,8 @@ impl Samples {
         let order: Vec<u32> = order.filter(|face| (*face as usize) < faces).collect();
         let mut numbers: Vec<u32> = order.par_iter().flat_map_iter(of_face).collect();
         numbers.par_chunks_mut(NEIGHBOURS).for_each(|numbers| numbers.sort_by_cached_key(|number| side(surface, *number)));
-        Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
+        let chunks: Vec<&[u32]> = numbers.chunks(SAMPLES).collect();
+        Self { clusters: parallel::map(&chunks, |numbers| SampleCluster::new(surface, numbers)) }
     }
 }
 

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::super::Costs;
 use super::lanes::{Arcs, Extension, INFINITE, LANES, LaneCosts, NgLabels, SubsetMinimum, at};
 use super::ng_sets::NgSets;
-use crate::geometry::{SimdLevel, simd_min};
+use crate::geometry::{SimdLevel, parallel, simd_min};
 
 /// Terms of the routes that are looked for.
 #[derive(Clone, Copy)]
@@ -240,7 +240,7 @@ impl<'a> Relaxation<'a> {
     ) -> (Vec<NgLabels>, usize) {
         let merged = self.merged(layer, terms.ng_sets);
         let labels = |to: usize| self.extension(to, &merged, halves, terms, completion).labels(self.level);
-        let next: Vec<_> = (0..self.groups.len()).into_par_iter().map(labels).collect();
+        let next = parallel::map_range(self.groups.len(), labels);
         let work = merged.iter().flatten().chain(&next).map(|labels| labels.work).sum();
         (next, work)
     }
@@ -282,7 +282,7 @@ impl<'a> Relaxation<'a> {
             let labels = [there, back].map(|stop| &halves.layers[stop][group]);
             self.join_at(group, labels, ng_sets, halves.multipliers[group])
         };
-        let junctions = (0..stops).into_par_iter().map(join_at).collect::<Vec<_>>();
+        let junctions = parallel::map_range(stops, join_at);
         let shortest = junctions.into_iter().reduce(|best, next| if next.secs < best.secs { next } else { best });
         let Some(junction) = shortest.filter(|junction| junction.secs < f32::INFINITY) else {
             return (f32::INFINITY, Vec::new());
