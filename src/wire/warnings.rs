@@ -40,6 +40,9 @@ closed_list! {
         /// At the home of the cell, with the part on its plate, two bodies collide or are closer than the plan keeps them apart: no path
         /// leads from there.
         HomeBlocked = "home_blocked",
+        /// A body that the flange carries overlaps a link of the arm in every posture that was tried, so that collisions between the two
+        /// are not checked.
+        LoadOverlapsArm = "load_overlaps_arm",
         /// The plate's centre is farther away than the stretched arm and the scanner measure.
         PlateBeyondReach = "plate_beyond_reach",
         /// An excluded region holds none of the part's surface: it may lie elsewhere, or be in another unit.
@@ -71,6 +74,7 @@ impl WarningCode {
             | Self::PartLargerThanPlate
             | Self::HomeInRadians
             | Self::HomeTooClose
+            | Self::LoadOverlapsArm
             | Self::PlateBeyondReach
             | Self::DoubtfulValue => false,
         }
@@ -112,8 +116,36 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
         ),
         remedy: "move the table nearer: `vantage study reach` compares distances and heights".to_owned(),
     });
-    let close = home_too_close(cell, MotionParams::default().clearance_mm, at);
-    home.into_iter().chain(close).chain(plate).collect()
+    let clearance_mm = MotionParams::default().clearance_mm;
+    let scene = CollisionScene::without_part(cell, clearance_mm);
+    let close = home_too_close(cell, &scene, clearance_mm, at);
+    let untested = scene.untested_load().iter().map(|pair| load_overlaps_arm(cell, pair, at));
+    home.into_iter().chain(close).chain(untested).chain(plate).collect()
+}
+
+/// Warning of a body of the arm and one that the flange carries that overlap always, and are therefore not tested against each other.
+fn load_overlaps_arm(cell: &Cell, pair: &Contact, at: &str) -> FieldWarning {
+    let Contact { a: arm, b: load } = pair;
+    let on_mount = cell.mount.iter().position(|body| body.name.as_str() == &**load);
+    let (pointer, place) = match on_mount {
+        Some(index) => (format!("{at}/mount/{index}"), "check its shape and owner_from_body"),
+        None => (
+            format!("{at}/flange_from_scanner"),
+            "check the signs of flange_from_scanner, or mount the scanner on a longer adapter",
+        ),
+    };
+    FieldWarning {
+        code: WarningCode::LoadOverlapsArm,
+        pointer,
+        detail: format!(
+            "puts {load:?}, which the flange carries, where it overlaps {arm:?} of the arm in every posture that was tried: collisions \
+             between the two are NOT checked, and a plan may drive one into the other"
+        ),
+        remedy: format!(
+            "{place}; if the pose is right, the robot's capsules are too wide there: give it the exact surfaces of its links \
+             (`vantage robot --surfaces`)"
+        ),
+    }
 }
 
 /// Warning of a part without a fixture that would not stand with an axis up; `None` where that cannot be told. `stable` are the
@@ -179,9 +211,9 @@ pub(crate) fn parameter_of(warning: &FieldWarning) -> String {
     pointer.trim_start_matches('/').replace('/', ".")
 }
 
-/// Warning of a home that is free, but not with the clearance of a plan.
-fn home_too_close(cell: &Cell, clearance_mm: f64, at: &str) -> Option<FieldWarning> {
-    let contact = CollisionScene::without_part(cell, clearance_mm).check(&cell.home_rad)?;
+/// Warning of a home that is free, but not with the clearance of a plan, which `scene` keeps.
+fn home_too_close(cell: &Cell, scene: &CollisionScene, clearance_mm: f64, at: &str) -> Option<FieldWarning> {
+    let contact = scene.check(&cell.home_rad)?;
     Some(FieldWarning {
         code: WarningCode::HomeTooClose,
         pointer: format!("{at}/home_deg"),

@@ -81,6 +81,8 @@ pub struct CollisionScene {
     clearance_mm: f64,
     /// Part of the clearance that the plate may run out by, mm.
     runout_mm: f64,
+    /// Pairs that are left out of `pairs` although the arm may drive one body of them into the other.
+    untested_load: Vec<Contact>,
 }
 
 /// A straight way in joint space.
@@ -155,6 +157,7 @@ impl CollisionScene {
             pairs,
             clearance_mm,
             runout_mm,
+            untested_load: Vec::new(),
         };
         scene.apply_allowed_collision_matrix(cell);
         scene.relax_rotation_symmetric_links();
@@ -194,6 +197,14 @@ impl CollisionScene {
             pair.clearance_mm = pair.clearance_mm.min(clearance_mm);
         }
         scene
+    }
+
+    /// Pairs of a body on links 0 to 4 of the arm (`a`) and one that the flange carries (`b`) that are never tested: they overlap at
+    /// every configuration that was tried, and are taken as touching by construction. Links 5 and 6, which a mounted scanner touches
+    /// anyway, are left out.
+    #[must_use]
+    pub fn untested_load(&self) -> &[Contact] {
+        &self.untested_load
     }
 
     /// The clearance that is kept.
@@ -351,6 +362,14 @@ impl CollisionScene {
         Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) }
     }
 
+    /// Names of a pair of a body on links 0 to 4 and one that the flange carries, in this order; `None` for other pairs.
+    fn contact_of_load(&self, pair: &BodyPair) -> Option<Contact> {
+        let (a, b) = (&self.bodies[pair.a], &self.bodies[pair.b]);
+        let (arm, load) = if a.is_load() { (b, a) } else { (a, b) };
+        let is_told = load.is_load() && arm.is_before_wrist();
+        is_told.then(|| Contact { a: Arc::clone(&arm.name), b: Arc::clone(&load.name) })
+    }
+
     /// Returns true if the two may come closer than their clearance while every axis moves by up to `sweep_rad`.
     fn is_near(&self, pair: &BodyPair, placement: &Placement, sweep_rad: &[f64; 7]) -> bool {
         self.is_closer(pair, placement, pair.clearance_mm + pair.motion_mm(sweep_rad))
@@ -396,6 +415,7 @@ impl CollisionScene {
         for index in crowded {
             self.pairs[index].clearance_mm = self.clearance_mm.min(MIN_CLEARANCE_MM);
         }
+        self.untested_load = touching.iter().filter_map(|index| self.contact_of_load(&self.pairs[*index])).collect();
         let mut index = 0;
         self.pairs.retain(|_| {
             index += 1;

@@ -14,6 +14,9 @@ use crate::geometry::{Mesh, Part, Pose, Table, plate_from_placed};
 /// Half edge and depth of the block that stands for the floor, mm.
 const FLOOR_MM: [f64; 2] = [5000.0, 500.0];
 
+/// Last link that a mounted scanner does not touch by construction; the two after it carry the flange.
+const LAST_BEFORE_WRIST: usize = 4;
+
 /// Rings that an attached body is held in when the table may turn it as it likes.
 const RINGS: usize = 8;
 
@@ -114,6 +117,16 @@ impl SceneBody {
             Self { motion_bound_mm: 0.0, ..Self::new(&self.name, ParentLink::Plate, middle, Solid::from_shape(&shape)) }
         };
         rings.iter().map(ring).collect()
+    }
+
+    /// Returns true if it is bolted to the flange: scanner, adapter or what else holds the scanner.
+    pub(super) fn is_load(&self) -> bool {
+        self.is_load
+    }
+
+    /// Returns true if it moves with the arm's foot or one of its links 1 to 4.
+    pub(super) fn is_before_wrist(&self) -> bool {
+        matches!(self.parent, ParentLink::Link(link) if link <= LAST_BEFORE_WRIST)
     }
 
     /// Part or fixture.

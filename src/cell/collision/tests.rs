@@ -319,6 +319,23 @@ fn what_the_flange_carries_may_reach_back_to_the_link_before_it() {
     assert!(found.iter().any(Option::is_none) && found.contains(&Some("wrist and bar".into())), "{found:?}");
 }
 
+/// The forearm ends 94 mm beside the middle of the wrist, with a radius of 48 mm; the flange is 155 mm from it.
+#[test]
+fn what_the_flange_carries_within_a_link_before_the_wrist_is_told_as_untested() {
+    let untested = |radius_mm: f64| {
+        let mut cell = cell();
+        let ball = Shape::Capsule { radius_mm, length_mm: 0.01 };
+        cell.mount.push(Body { name: "ball".into(), owner_from_body: at(0.0, 0.0, -155.0), shape: ball });
+        let scene = CollisionScene::without_part(&cell, 5.0);
+        let with_part = scene.with_part(&box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 40.0]), None, &Pose::identity());
+        assert_eq!(with_part.untested_load(), scene.untested_load());
+        scene.untested_load().iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    assert_eq!(untested(50.0), ["forearm and ball"], "not of the wrist, which it overlaps too");
+    assert_eq!(untested(42.0), [""; 0], "4 mm apart");
+    assert!(CollisionScene::without_part(&cell(), 5.0).untested_load().is_empty());
+}
+
 /// A ball beside the axis of the upper arm at home, so far from it.
 fn ball_beside_upper_arm(cell: &Cell, off_axis_mm: f64) -> Body {
     let upper_arm = cell.robot.link_frames(&cell.home_rad.joints_rad)[2];

@@ -1,5 +1,5 @@
 use super::*;
-use crate::cell::{Presets, SpecLibrary};
+use crate::cell::{Presets, SpecKind, SpecLibrary};
 use crate::geometry::{Mesh, Poll, stable_poses};
 use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
 use crate::planning::plan::{Cause, IndependentRegion, RegionCoverage, RegionKind};
@@ -178,9 +178,46 @@ fn a_plan_that_loses_less_is_not_warned_of() {
 fn a_home_that_is_free_only_without_the_clearance_is_warned_of() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     assert_eq!(of_cell(&cell, "/cell"), []);
-    let warning = home_too_close(&cell, 400.0, "/cell").expect("nothing is that far apart");
+    let scene = CollisionScene::without_part(&cell, 400.0);
+    let warning = home_too_close(&cell, &scene, 400.0, "/cell").expect("nothing is that far apart");
     assert_eq!((warning.code.as_str(), warning.pointer.as_str()), ("home_too_close", "/cell/home_deg"));
     assert!(warning.detail.contains(" and ") && warning.detail.contains("closer than 400 mm"), "{}", warning.detail);
+}
+
+/// The cell was sound, and its plans drove the scanner through the forearm.
+#[test]
+fn a_scanner_that_lies_within_the_forearm_is_warned_of_with_the_bodies_and_the_cure() {
+    let mut cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let mut flange_from_scanner = *cell.flange_from_scanner.isometry();
+    flange_from_scanner.translation.vector.z *= -1.0;
+    cell.flange_from_scanner = Pose::claim(flange_from_scanner);
+    let mut found = of_cell(&cell, "/cell");
+    found.retain(|warning| warning.code == WarningCode::LoadOverlapsArm && warning.detail.contains("\"forearm\""));
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert_eq!((found[0].code.as_str(), found[0].pointer.as_str()), ("load_overlaps_arm", "/cell/flange_from_scanner"));
+    for said in ["\"scanner body\"", "in every posture that was tried", "NOT checked"] {
+        assert!(found[0].detail.contains(said), "{said:?} is not in {:?}", found[0].detail);
+    }
+    for cure in ["signs of flange_from_scanner", "longer adapter", "vantage robot --surfaces"] {
+        assert!(found[0].remedy.contains(cure), "{cure:?} is not in {:?}", found[0].remedy);
+    }
+}
+
+#[test]
+fn a_body_of_the_mount_that_overlaps_the_forearm_is_named_at_its_place() {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let pair = Contact { a: "forearm".into(), b: "adapter".into() };
+    let warning = load_overlaps_arm(&cell, &pair, "");
+    assert_eq!(warning.pointer, "/mount/0");
+    assert!(warning.remedy.contains("owner_from_body") && !warning.remedy.contains("longer"), "{}", warning.remedy);
+}
+
+#[test]
+fn cells_that_are_shipped_are_not_warned_of() {
+    for name in Presets.names(SpecKind::Cell) {
+        let cell = Presets.cell(&name).expect("a preset").build(&Presets).expect("a valid preset");
+        assert_eq!(of_cell(&cell, ""), [], "{name}");
+    }
 }
 
 /// The causes told were those of views, and laying the part another way was the advice.
