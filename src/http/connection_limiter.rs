@@ -1,5 +1,6 @@
 //! Connection limits: a maximum for the server, a maximum for one client, which is an IPv4 address or an IPv6 /64, and a few
-//! reserved connections on which only probes are answered, so that the server can be monitored while it is full.
+//! reserved connections on which only probes, pauses and stops are answered, so that the server can be monitored, and a run
+//! stopped, while it is full.
 //!
 //! A connection in use keeps its slot. When slots run out, the client with the most idle connections loses the one that
 //! has been idle for longest: one that never sent a complete request head, or one that is kept alive. If none is idle, the
@@ -19,7 +20,7 @@ use tokio::sync::Notify;
 use super::client::counted_as;
 use super::network::IpNetwork;
 
-/// Connections beyond the maximum, on which only probes are answered.
+/// Connections beyond the maximum, on which only probes, pauses and stops are answered.
 pub const RESERVED_CONNECTIONS: usize = 64;
 /// Reserved connections that one client may hold.
 const RESERVED_PER_ADDRESS: usize = 8;

@@ -77,11 +77,20 @@ fn is_told(method: &Method, route: &str, status: u16) -> bool {
 const MAX_QUOTED: usize = 64;
 /// Paths that are served on reserved connections.
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+/// Routes of a POST that brings arm and table to rest.
+const STOPS: [&str; 2] = ["/api/v1/runs/{id}/pause", "/api/v1/runs/{id}/stop"];
 
-/// Refuses everything but probes on a reserved connection, which then closes.
+/// True for a request to pause or to stop a run. No limit of connections and no header of its body refuses it: arm and table would
+/// go on moving.
+fn brings_to_rest(request: &Request) -> bool {
+    let route = request.extensions().get::<MatchedPath>().map(|route| route.as_str().trim_end_matches('/'));
+    request.method() == Method::POST && route.is_some_and(|route| STOPS.contains(&route))
+}
+
+/// Refuses everything but probes, pauses and stops on a reserved connection, which then closes.
 pub(super) async fn restrict_reserve(request: Request, next: Next) -> Response {
     let Some(limit) = request.extensions().get::<ExceededLimit>().copied() else { return next.run(request).await };
-    if PROBES.contains(&request.uri().path()) {
+    if PROBES.contains(&request.uri().path()) || brings_to_rest(&request) {
         return next.run(request).await;
     }
     let detail = match limit {
@@ -94,10 +103,11 @@ pub(super) async fn restrict_reserve(request: Request, next: Next) -> Response {
 }
 
 /// Refuses a body in another transfer coding than `chunked` (RFC 9112, section 6.1): hyper takes the chunks apart, and would hand on
-/// what is compressed in them as if it were the body.
+/// what is compressed in them as if it were the body. A pause or a stop is let pass: its body is never read.
 pub(super) async fn refuse_transfer_codings(request: Request, next: Next) -> Response {
     match transfer_codings(request.headers()).as_str() {
         "" | "chunked" => next.run(request).await,
+        _ if brings_to_rest(&request) => next.run(request).await,
         codings => {
             let quoted: String = codings.chars().take(MAX_QUOTED).collect();
             let detail = format!("the Transfer-Encoding is {quoted:?}; send the body as it is, with chunked at most");
@@ -212,6 +222,28 @@ mod tests {
             (Method::POST, "/api/v1/check", 200, false),
         ] {
             assert_eq!(is_told(&method, route, status), told, "{method} {route} {status}");
+        }
+    }
+
+    /// A refusal would leave arm and table moving.
+    #[tokio::test]
+    async fn a_pause_and_a_stop_are_let_pass_in_any_transfer_coding_and_on_a_reserved_connection() {
+        let done = || async { "done" };
+        let router: Router = Router::new()
+            .route("/api/v1/runs/{id}/pause", post(done))
+            .route("/api/v1/runs/{id}/stop", post(done))
+            .route("/api/v1/runs/{id}/stop/", post(done))
+            .route("/api/v1/runs/{id}/resume", post(done))
+            .layer(from_fn(refuse_transfer_codings))
+            .layer(from_fn(restrict_reserve));
+        for (command, is_obeyed) in [("pause", true), ("stop", true), ("stop/", true), ("resume", false)] {
+            let request = || axum::http::Request::post(format!("/api/v1/runs/7/{command}"));
+            let coded = request().header(TRANSFER_ENCODING, "gzip, chunked").body(Body::empty()).expect("a request");
+            let reserved = request().extension(ExceededLimit::Server).body(Body::empty()).expect("a request");
+            for (request, refusal) in [(coded, StatusCode::NOT_IMPLEMENTED), (reserved, StatusCode::SERVICE_UNAVAILABLE)] {
+                let answer = router.clone().oneshot(request).await.expect("an answer");
+                assert_eq!(answer.status(), if is_obeyed { StatusCode::OK } else { refusal }, "{command}");
+            }
         }
     }
 

@@ -270,6 +270,7 @@ impl From<Error> for ApiError {
             Error::JobHeld { .. } => Self::new(Code::JobHeld, detail),
             Error::TooSlow => Self::new(Code::TooSlow, detail),
             cause @ Error::FileDamaged { .. } => Self::caused(Code::FileDamaged, &detail, cause),
+            cause @ Error::LogLeft { .. } => Self::caused(Code::Internal, &detail, cause),
             Error::Draining => Self::new(Code::Stopping, detail),
             cause @ Error::StorageBusy(_) => Self::caused(Code::Busy, BUSY, cause),
             cause @ Error::Internal(_) => Self::caused(Code::Internal, INTERNAL, cause),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::get;
+use axum::routing::{get, post};
 use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
@@ -88,6 +88,9 @@ fn execution() -> OpenApiRouter<ApiState> {
         .routes(routes!(run_commands::pause))
         .routes(routes!(run_commands::resume))
         .routes(routes!(run_commands::stop))
+        // Taken too: an answer that there is no such path would leave arm and table moving.
+        .route("/runs/{id}/pause/", post(run_commands::pause))
+        .route("/runs/{id}/stop/", post(run_commands::stop))
         .routes(routes!(run_commands::step))
         .routes(routes!(run_commands::set_override))
         .routes(routes!(run_commands::located))

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::app::App;
 use super::error::{Error, InternalError};
-use super::plan_job::{REPORT_DRAFT_FILE, REPORT_FILE, drawn_report};
+use super::plan_job::{Artifact, REPORT_DRAFT_FILE, REPORT_FILE, drawn_report};
 use super::store::ResultFile;
 use crate::wire::JobId;
 
@@ -57,8 +57,27 @@ impl App {
             Ok(report) => report.ok_or_else(unread)?,
             Err(_) => return Err(Error::Draining),
         };
+        self.keep_drawn(id, report).await
+    }
+
+    /// Stores a drawn report in place of its draft. One that no row names in the end, as that of a job that was deleted meanwhile, is
+    /// taken back.
+    async fn keep_drawn(&self, id: JobId, report: Artifact) -> Result<ResultFile, Error> {
         let stored = self.0.store.put_artifacts(Arc::new(vec![report])).await?;
-        self.0.store.replace_draft(id, &stored).await?;
-        self.0.store.result(id, REPORT_FILE).await
+        let replaced = self.0.store.replace_draft(id, &stored).await;
+        let written = stored.written.clone();
+        // Pinned until here: whoever deletes the job from now on removes the file.
+        drop(stored);
+        let found = match replaced {
+            Ok(()) => self.0.store.result(id, REPORT_FILE).await,
+            Err(error) => Err(error),
+        };
+        if found.is_err() {
+            self.0.store.take_back(written).await;
+        }
+        found
     }
 }
+
+#[cfg(test)]
+mod tests;

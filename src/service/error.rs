@@ -172,6 +172,19 @@ pub enum Error {
         /// Its state.
         state: ReportedState,
     },
+    /// The run was deleted, and its audit log is still there.
+    #[error(
+        "run {run} was deleted with its record, but its audit log cannot be removed: the folder {run} in execution.audit_dir; let \
+         the server's user write there, then send the request again. The server itself tries it every hour, while it keeps the \
+         event of the deletion (store.event_retention_hours)"
+    )]
+    LogLeft {
+        /// The run.
+        run: RunId,
+        /// Cause.
+        #[source]
+        cause: InternalError,
+    },
     /// The run's state does not allow it.
     #[error("run {run} is {}; it cannot be {deed}", state.as_str())]
     RunStateRefused {
@@ -375,7 +388,7 @@ impl fmt::Display for MissingRun {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "there is no run {}", self.run)?;
         let Some(deletion) = &self.deletion else { return Ok(()) };
-        write!(f, "; it was deleted {deletion}, with its record and its audit log")
+        write!(f, "; it was deleted {deletion}, with its record, and with its audit log unless that could not be removed")
     }
 }
 

@@ -1,11 +1,10 @@
 //! Background maintenance of the store: pruning of events, sweep of orphans, retention, scrubbing. None of it delays the start.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::app::App;
 use super::error::Error;
-use super::runs::log_sizes;
+use super::runs::{LogSizes, log_sizes};
 use super::space::share_a_disk;
 use super::store::{Due, Policy, blocking};
 use crate::wire::{
@@ -123,10 +122,18 @@ impl App {
         metrics::gauge!("vantage_store_damaged").set(store.damage().len() as f64);
     }
 
-    /// Sizes of all audit logs.
-    async fn log_sizes(&self) -> Result<BTreeMap<RunId, u64>, Error> {
+    /// Sizes of all audit logs that can be read; the server's log tells of the others.
+    async fn log_sizes(&self) -> Result<LogSizes, Error> {
         let folder = self.0.options.execution.audit_dir.clone();
-        blocking(move || Ok(log_sizes(&folder)?)).await
+        let found = blocking(move || Ok(log_sizes(&folder))).await?;
+        if let Some(error) = &found.fault {
+            let error = error as &dyn std::error::Error;
+            tracing::warn!(
+                error,
+                "audit logs cannot be read, and are not counted; let the server's user read execution.audit_dir"
+            );
+        }
+        Ok(found)
     }
 
     /// The policy, and the runs that it would delete now for their age. The logs of the others count towards the share of the disk.
@@ -143,7 +150,7 @@ impl App {
         if policy.run_days == 0 && retention.max_disk_share <= 0.0 {
             return Ok(PolicyNow { policy, runs: Vec::new(), share: None });
         }
-        let mut logs = self.log_sizes().await?;
+        let mut logs = self.log_sizes().await?.bytes;
         let (due, leased) = (self.0.store.due_runs(&policy).await?, self.0.runs.leased_cells());
         // Whoever holds the cell may be about to go on from where a run stopped.
         let due = due.into_iter().filter(|run| !leased.contains(&run.cell));
@@ -235,8 +242,10 @@ impl App {
                 Ok(()) => {
                     // Once its events are pruned, the server's log alone tells that this record is gone.
                     tracing::info!(%run, size_bytes, "run deleted by the retention policy, for its age");
-                    log(&format!("removing the audit log of the deleted run {run}"), self.remove_log(run).await);
-                    deleted.push((run, size_bytes));
+                    let removed = self.remove_log(run).await;
+                    // A log that is left has freed nothing.
+                    deleted.push((run, if removed.is_ok() { size_bytes } else { 0 }));
+                    log(&format!("removing the audit log of the deleted run {run}"), removed);
                 }
                 Err(Error::RunNotFound(_) | Error::JobHeld { .. } | Error::JobInUse(_)) => {}
                 Err(error) => return Err(error),
@@ -279,6 +288,14 @@ impl App {
         log("recording damage that was found", self.0.store.scrub_suspects().await);
         let files = self.0.store.files().clone();
         let damaged = self.0.store.damage().into_iter().map(|damage| DamagedItem { name: damage.name, reason: damage.reason });
+        let mut damaged: Vec<DamagedItem> = damaged.collect();
+        let logs = self.log_sizes().await?;
+        if let Some(error) = &logs.fault {
+            let reason = format!(
+                "some cannot be read, and audit_bytes is without them ({error}); let the server's user read execution.audit_dir"
+            );
+            damaged.push(DamagedItem { name: "audit logs".to_owned(), reason });
+        }
         Ok(Storage {
             free_bytes: space.free_bytes,
             total_bytes: space.total_bytes,
@@ -286,8 +303,8 @@ impl App {
             database_bytes: self.0.store.database_bytes(),
             files_bytes: self.0.store.stored_bytes().await?,
             swept_bytes: blocking(move || Ok(files.swept_bytes()?)).await?,
-            audit_bytes: self.log_sizes().await?.values().sum(),
-            damaged: damaged.collect(),
+            audit_bytes: logs.bytes.values().sum(),
+            damaged,
         })
     }
 }

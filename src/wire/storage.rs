@@ -29,7 +29,7 @@ pub struct Storage {
 /// A damaged item of the store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DamagedItem {
-    /// Name of the item: `mesh ID`, `job ID` or `file SHA-256`.
+    /// Name of the item: `mesh ID`, `job ID`, `file SHA-256` or `audit logs`.
     pub name: String,
     /// Description of the damage.
     pub reason: String,
@@ -123,6 +123,6 @@ pub struct RetiredMesh {
 pub struct RetiredRun {
     /// Id of the run.
     pub id: RunId,
-    /// Size of the run's audit log.
+    /// Size of the run's audit log; once deleted, 0 where the log could not be removed.
     pub size_bytes: u64,
 }

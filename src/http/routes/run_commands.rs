@@ -1,4 +1,5 @@
-//! Commands to a run: arm, pause, resume, stop, step, override, located. Pause and stop need no token: anybody may.
+//! Commands to a run: arm, pause, resume, stop, step, override, located. Pause and stop need no token: anybody may. They read
+//! neither query nor body, since a refusal would leave arm and table moving.
 
 use axum::extract::{Path, State};
 
@@ -42,6 +43,7 @@ pub(in crate::http) async fn arm(
 /// Pause a run
 ///
 /// It stops in order where it is and holds there until it is resumed. Pausing a paused run has no effect. Anybody may pause.
+/// A query or a body is ignored.
 ///
 /// Not an emergency stop: Vantage is not safety-rated.
 #[utoipa::path(
@@ -52,12 +54,7 @@ pub(in crate::http) async fn arm(
     params(("id" = uuid::Uuid, Path, description = "Id of the run.")),
     responses((status = 200, description = "The run.", body = Run))
 )]
-pub(in crate::http) async fn pause(
-    State(state): State<ApiState>,
-    Path(id): Path<String>,
-    params: Params,
-) -> Result<Json<Run>, ApiError> {
-    params.deny_unknown()?;
+pub(in crate::http) async fn pause(State(state): State<ApiState>, Path(id): Path<String>) -> Result<Json<Run>, ApiError> {
     Ok(Json(state.app.pause_run(run_id(&id)?).await?))
 }
 
@@ -91,7 +88,7 @@ pub(in crate::http) async fn resume(
 ///
 /// Asks the controllers to stop in order, and ends the run; it cannot be resumed. `stop` of the run tells apart when the request was
 /// put on the wire, when the controllers acknowledged it, and when arm and table were measured at rest. Anybody may stop; stopping an
-/// ended run has no effect.
+/// ended run has no effect. A query or a body is ignored.
 ///
 /// Not an emergency stop: Vantage is not safety-rated, and this request can be late or lost.
 #[utoipa::path(
@@ -110,9 +107,7 @@ pub(in crate::http) async fn stop(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     prefix: Prefix,
-    params: Params,
 ) -> Result<Accepted, ApiError> {
-    params.deny_unknown()?;
     Ok(accepted(state.app.stop_run(run_id(&id)?).await?, &prefix))
 }
 

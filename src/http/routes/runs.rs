@@ -257,6 +257,9 @@ pub(in crate::http) async fn audit(
 }
 
 /// Delete an ended run with its record and its audit log
+///
+/// Where the log cannot be removed, the run is deleted all the same, and the answer, with status 500, says that its log is left: the
+/// same request, sent again, removes it.
 #[utoipa::path(
     delete,
     path = "/runs/{id}",

@@ -156,6 +156,51 @@ async fn a_log_that_cannot_be_removed_keeps_nothing_else_from_being_deleted() {
     fs::remove_dir_all(log(stuck)).expect("removed");
     fs::write(log(stuck), b"no folder").expect("written");
     let applied = app.apply_retention().await.expect("applied");
-    assert_eq!(applied.runs.iter().map(|run| run.id).collect::<Vec<_>>(), [stuck, other]);
+    // What is left has freed nothing.
+    assert_eq!(applied.runs, [(stuck, 0), (other, 40)].map(|(id, size_bytes)| RetiredRun { id, size_bytes }));
     assert!(log(stuck).exists() && !log(other).exists());
+}
+
+/// The first request failed, the second told that there was no such run, and the log was there.
+#[tokio::test]
+async fn a_deletion_that_leaves_the_log_says_so_and_the_same_request_removes_it_later() {
+    let (app, folder) = service_with(|_| {}).await;
+    let id = run(&app, "c", ReportedState::Done, 300).await;
+    let log = folder.path().join("audit").join(id.to_string());
+    // What is no folder cannot be removed as one.
+    fs::remove_dir_all(&log).expect("removed");
+    fs::write(&log, b"no folder").expect("written");
+    for _ in 0..2 {
+        let error = app.delete_run(id).await.expect_err("its log is left");
+        assert!(matches!(error, Error::LogLeft { run, .. } if run == id), "{error:?}");
+        assert!(error.to_string().contains("was deleted with its record, but its audit log cannot be removed"), "{error}");
+        assert!(matches!(app.run(id).await, Err(Error::RunNotFound(_))) && log.exists());
+    }
+    fs::remove_file(&log).expect("removed");
+    write_log(&folder.path().join("audit"), id, 300);
+    app.delete_run(id).await.expect("its log goes");
+    assert!(!log.exists());
+    assert!(matches!(app.delete_run(id).await, Err(Error::RunNotFound(_))));
+}
+
+/// Neither retention nor the inventory answered.
+#[tokio::test]
+async fn audit_logs_that_cannot_be_read_stop_nothing_else_and_are_told() {
+    let (app, folder) = service_with(|options| {
+        options.retention.run_days = 2;
+        options.retention.max_disk_share = 0.5;
+    })
+    .await;
+    let old = run(&app, "c", ReportedState::Done, 300).await;
+    days_pass(folder.path(), 3).await;
+    // What is no folder cannot be read as one.
+    fs::remove_dir_all(folder.path().join("audit")).expect("removed");
+    fs::write(folder.path().join("audit"), b"no folder").expect("written");
+    let inventory = app.storage().await.expect("an inventory");
+    let damaged: Vec<&str> = inventory.damaged.iter().map(|item| item.name.as_str()).collect();
+    assert_eq!((damaged, inventory.audit_bytes), (vec!["audit logs"], 0));
+    assert!(inventory.damaged[0].reason.contains("execution.audit_dir"), "{}", inventory.damaged[0].reason);
+    let due = [RetiredRun { id: old, size_bytes: 0 }];
+    assert_eq!(app.retention().await.expect("a preview").runs, due);
+    assert_eq!(app.apply_retention().await.expect("applied").runs, due);
 }

@@ -52,12 +52,11 @@ impl App {
     /// [`Error::RunNotFound`], [`Error::RunStateRefused`], [`Error::Internal`].
     pub async fn pause_run(&self, id: RunId) -> Result<Run, Error> {
         let (_, session) = self.session(id, "paused").await?;
-        if self.run(id).await?.state != ReportedState::Paused {
-            match session.pause().await {
-                // It came to rest by itself meanwhile.
-                Ok(()) | Err(CommandError::NotNow { state: RunState::Paused, .. }) => {}
-                Err(error) => return Err(refused(id, "paused", error)),
-            }
+        // The session alone is asked: a store that cannot be read, or that is behind, must not leave arm and table moving.
+        match session.pause().await {
+            // It rests already.
+            Ok(()) | Err(CommandError::NotNow { state: RunState::Paused, .. }) => {}
+            Err(error) => return Err(refused(id, "paused", error)),
         }
         self.run_when(id, SETTLING, |run| run.state == ReportedState::Paused).await
     }

@@ -13,16 +13,40 @@ use crate::wire::{RunId, hex};
 /// Bytes at the end of a file of a log that hold its last whole line: no line is longer than 1 MiB, and half of one may follow it.
 const TAIL_BYTES: u64 = 2 << 20;
 
+/// Sizes of audit logs, as far as they can be read.
+#[derive(Debug, Default)]
+pub(in crate::service) struct LogSizes {
+    /// Bytes of each log that can be read.
+    pub(in crate::service) bytes: BTreeMap<RunId, u64>,
+    /// First error; with one, `bytes` is without some or all logs.
+    pub(in crate::service) fault: Option<io::Error>,
+}
+
 /// Bytes of each audit log in a folder. What is not named by a run, as in a folder that others use too, does not count. Blocks.
-pub(in crate::service) fn log_sizes(audit_dir: &Path) -> io::Result<BTreeMap<RunId, u64>> {
-    let mut sizes = BTreeMap::new();
-    for folder in entries(audit_dir)? {
+pub(in crate::service) fn log_sizes(audit_dir: &Path) -> LogSizes {
+    let mut found = LogSizes::default();
+    let folders = match entries(audit_dir) {
+        Ok(folders) => folders,
+        Err(error) => return LogSizes { fault: Some(error), ..found },
+    };
+    for folder in folders {
         let Some(run) = folder.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
-        if folder.file_type()?.is_dir() {
-            sizes.insert(run, size_bytes(&folder.path())?);
+        match log_bytes(&folder) {
+            Ok(Some(bytes)) => {
+                found.bytes.insert(run, bytes);
+            }
+            Ok(None) => {}
+            Err(error) => {
+                found.fault.get_or_insert(error);
+            }
         }
     }
-    Ok(sizes)
+    found
+}
+
+/// Bytes of the log in an entry of the folder; `None` for one that is no folder.
+fn log_bytes(entry: &DirEntry) -> io::Result<Option<u64>> {
+    if entry.file_type()?.is_dir() { size_bytes(&entry.path()).map(Some) } else { Ok(None) }
 }
 
 /// End of an audit log as it lies on the disk: its last whole line. A process that was killed may have left half a line behind it, and what
@@ -98,8 +122,12 @@ mod tests {
         write("syslog".to_owned(), 1000);
         write("journal/system".to_owned(), 1000);
         write(RunId::generate().to_string(), 1000);
-        assert_eq!(log_sizes(folder.path()).expect("read"), BTreeMap::from([(one, 340), (other, 5)]));
-        assert_eq!(log_sizes(&folder.path().join("nowhere")).expect("none yet"), BTreeMap::new());
+        let found = log_sizes(folder.path());
+        assert_eq!((found.bytes, found.fault.is_none()), (BTreeMap::from([(one, 340), (other, 5)]), true));
+        let none_yet = log_sizes(&folder.path().join("nowhere"));
+        assert_eq!((none_yet.bytes, none_yet.fault.is_none()), (BTreeMap::new(), true));
+        let no_folder = log_sizes(&folder.path().join("syslog"));
+        assert_eq!((no_folder.bytes, no_folder.fault.is_some()), (BTreeMap::new(), true));
     }
 
     #[test]

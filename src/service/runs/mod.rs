@@ -21,7 +21,7 @@ use tokio::runtime::{Handle, Runtime};
 use tokio::sync::{broadcast, watch};
 use tokio_util::sync::CancellationToken;
 
-pub(super) use logs::log_sizes;
+pub(super) use logs::{LogSizes, log_sizes};
 pub use order::{cell_sha256, coverage};
 pub use stream::{RunCursor, RunMessage, RunStream};
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::broadcast::error::RecvError;
@@ -11,7 +12,7 @@ use tokio::time::{Instant, timeout_at};
 use super::logs::end_of_log;
 use super::supervise::Supervisor;
 use crate::service::app::App;
-use crate::service::error::Error;
+use crate::service::error::{Error, InternalError};
 use crate::service::store::{Page, blocking};
 use crate::wire::RunId;
 use crate::wire::run::{
@@ -144,14 +145,19 @@ impl App {
         .await
     }
 
-    /// Deletes an ended run, its record and its audit log.
+    /// Deletes an ended run, its record and its audit log. Where the log cannot be removed, the same request removes it later.
     ///
     /// # Errors
-    /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::LogLeft`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            app.delete_run_row(id, None).await?;
+            if let Err(error) = app.delete_run_row(id, None).await {
+                let was_deleted = matches!(&error, Error::RunNotFound(missing) if missing.deletion.is_some());
+                if !was_deleted || !app.may_have_log(id).await? {
+                    return Err(error);
+                }
+            }
             app.remove_log(id).await
         })
         .await
@@ -167,9 +173,20 @@ impl App {
     }
 
     /// Removes the audit log of a deleted run.
+    ///
+    /// # Errors
+    /// [`Error::LogLeft`].
     pub(in crate::service) async fn remove_log(&self, id: RunId) -> Result<(), Error> {
         let folder = self.audit_folder(id);
-        blocking(move || Ok(remove_folder(&folder)?)).await
+        let left = move |error| Error::LogLeft { run: id, cause: InternalError::File(Arc::new(error)) };
+        blocking(move || remove_folder(&folder).map_err(left)).await
+    }
+
+    /// True unless the folder of the run's audit log is known not to be there.
+    async fn may_have_log(&self, id: RunId) -> Result<bool, Error> {
+        let folder = self.audit_folder(id);
+        let is_gone = move || std::fs::symlink_metadata(&folder).is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
+        blocking(move || Ok(!is_gone())).await
     }
 
     /// Removes audit logs that were left when their runs were deleted: the process ended in between, or the folder could not be removed.

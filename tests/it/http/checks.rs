@@ -168,6 +168,7 @@ fn planned() -> (Value, Value) {
     let job = PlanJob {
         mesh: &mesh,
         fixture: None,
+        fixture_sha256: None,
         part_name: "box".into(),
         part_sha256: &"0a".repeat(32),
         unit: LengthUnit::Millimetre,

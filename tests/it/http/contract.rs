@@ -60,8 +60,9 @@ async fn the_document_is_served_and_is_of_openapi_3_1() {
     assert_eq!(document()["info"]["title"], "Vantage");
 }
 
-/// Pages for people, which are no part of the interface; and what axum calls the lack of a route.
-const PAGES: [&str; 9] = [
+/// Pages for people, which are no part of the interface; what axum calls the lack of a route; and the commands that bring an arm to
+/// rest, with the slash that a client may have put at their end.
+const PAGES: [&str; 11] = [
     "/",
     "/assets/{name}",
     "/docs",
@@ -70,6 +71,8 @@ const PAGES: [&str; 9] = [
     "/licences",
     "/parameters",
     "/problems/{code}",
+    "/api/v1/runs/{id}/pause/",
+    "/api/v1/runs/{id}/stop/",
     "/{*__private__axum_fallback}",
 ];
 

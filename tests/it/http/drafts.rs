@@ -31,6 +31,7 @@ pub(super) fn drafted() -> &'static Drafted {
         let job = PlanJob {
             mesh: &mesh,
             fixture: None,
+            fixture_sha256: None,
             part_name: "box <1>".into(),
             part_sha256: &"0a".repeat(32),
             unit: LengthUnit::Millimetre,

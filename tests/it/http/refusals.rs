@@ -167,12 +167,13 @@ const CASES: &[Case] = &[
         "invalid_fields",
     ),
     ("/api/v1/runs/{id}/pause", "/api/v1/runs/{nobody}/pause", "POST", "", "", "run_not_found"),
-    ("/api/v1/runs/{id}/pause", "/api/v1/runs/{nobody}/pause?token=1", "POST", "", "", "bad_query"),
+    ("/api/v1/runs/{id}/pause", "/api/v1/runs/{nobody}/pause?token=1", "POST", "", "", "run_not_found"),
     ("/api/v1/runs/{id}/resume", "/api/v1/runs/{nobody}/resume", "POST", "", "", "run_not_found"),
     ("/api/v1/runs/{id}/resume", "/api/v1/runs/{nobody}/resume?token=-1", "POST", "", "", "bad_query"),
     ("/api/v1/runs/{id}/resume", "/api/v1/runs/{nobody}/resume?token=9007199254740991", "POST", "", "", "run_not_found"),
     ("/api/v1/runs/{id}/resume", "/api/v1/runs/{nobody}/resume?token=9007199254740992", "POST", "", "", "bad_query"),
     ("/api/v1/runs/{id}/stop", "/api/v1/runs/{nobody}/stop", "POST", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/stop", "/api/v1/runs/{nobody}/stop?token=1&token=x&%ff", "POST", "", "", "run_not_found"),
     ("/api/v1/runs/{id}/stop", "/api/v1/runs/{nobody}/stop", "GET", "", "", "method_not_allowed"),
     ("/api/v1/runs/{id}/step", "/api/v1/runs/{nobody}/step", "POST", "", "", "run_not_found"),
     (
@@ -251,6 +252,9 @@ const CASES: &[Case] = &[
     ("", "/api/v1", "GET", "", "", "no_such_route"),
     ("", "/api/v1/", "GET", "", "", "no_such_route"),
     ("", "/api/v1/jobs/", "GET", "", "", "no_such_route"),
+    ("", "/api/v1/runs/{nobody}/pause/", "POST", "", "", "run_not_found"),
+    ("", "/api/v1/runs/{nobody}/stop/", "POST", "", "", "run_not_found"),
+    ("", "/api/v1/runs/{nobody}/resume/", "POST", "", "", "no_such_route"),
     ("", "//api/v1/jobs", "GET", "", "", "no_such_route"),
     ("", "/%61pi/v1/jobs", "GET", "", "", "no_such_route"),
 ];
@@ -291,13 +295,14 @@ async fn what_a_route_does_not_take_is_refused_before_anything_is_done() {
             }
             let (method, path) = (method.to_uppercase(), path.replace("{id}", NOBODY).replace("{name}", "nothing"));
             let misspelt = api.send(&method, &format!("{path}?dryrun=true"), &[], "").await;
-            misspelt.problem_at("bad_query", &["dryrun"]);
             let answer = api.send(&method, &path, &json, "{\"dry_run\": true}").await;
             // A refusal would leave arm and table moving.
             if path.ends_with("/stop") || path.ends_with("/pause") {
+                misspelt.problem("run_not_found");
                 answer.problem("run_not_found");
                 continue;
             }
+            misspelt.problem_at("bad_query", &["dryrun"]);
             let problem = answer.problem("unexpected_body");
             assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("takes no body")), "{problem}");
             refused += 1;

@@ -110,8 +110,15 @@ async fn a_program_runs_on_the_twin_to_its_end_and_its_record_tells_of_each_step
     assert_eq!(command(&api, &run, "stop").await.ok(202)["state"], "done");
     // The job may go before its runs.
     assert_eq!(api.send("DELETE", &format!("/api/v1/jobs/{job}"), &[], "").await.status, 204);
-    assert_eq!(api.send("DELETE", &format!("/api/v1/runs/{run}"), &[], "").await.status, 204);
-    api.get(&format!("/api/v1/runs/{run}")).await.problem("run_not_found");
+    // What is no folder cannot be removed as an audit log: the run goes, and the same request removes the log once that can be.
+    let (path, log) = (format!("/api/v1/runs/{run}"), api.app.data_dir().join("audit").join(&run));
+    std::fs::create_dir_all(api.app.data_dir().join("audit")).and_then(|()| std::fs::write(&log, b"log")).expect("written");
+    let left = api.send("DELETE", &path, &[], "").await.problem("internal");
+    assert!(left["detail"].as_str().is_some_and(|detail| detail.contains("its audit log cannot be removed")), "{left}");
+    api.get(&path).await.problem("run_not_found");
+    std::fs::remove_file(&log).and_then(|()| std::fs::create_dir(&log)).expect("a folder");
+    assert_eq!(api.send("DELETE", &path, &[], "").await.status, 204);
+    api.send("DELETE", &path, &[], "").await.problem("run_not_found");
 }
 
 /// A 503 would hide that they were accepted.
@@ -131,6 +138,55 @@ async fn the_answers_to_new_runs_and_inspections_are_waited_for() {
         let body = Body::from_stream(futures_util::stream::once(late));
         api.send("POST", path, &[("content-type", "application/json")], body).await.problem("job_not_found");
     }
+}
+
+/// They were refused for a token that they do not need, and the arm went on moving.
+#[tokio::test]
+async fn a_pause_and_a_stop_are_taken_whatever_query_headers_and_body_come_with_them() {
+    let api = Api::start().await;
+    let job = driven(&api).await;
+    let run = start(&api, &json!({"job_id": job})).await;
+    when(&api, &run, |run| run["state"] == "running").await;
+    let odd = [
+        ("content-type", "text/plain"),
+        ("content-encoding", "gzip"),
+        ("transfer-encoding", "gzip, chunked"),
+        ("accept", "image/png"),
+        ("if-match", "\"1\""),
+        ("idempotency-key", ""),
+    ];
+    let pause = format!("/api/v1/runs/{run}/pause?token=3&token=x&%ff");
+    assert_eq!(api.send("POST", &pause, &odd, "{").await.ok(200)["state"], "paused");
+    let stop = format!("/api/v1/runs/{}/stop/?token=3&{}", run.to_uppercase(), "x".repeat(4096));
+    let stopped = api.send("POST", &stop, &odd, "{").await.ok(202);
+    assert_eq!((&stopped["state"], &stopped["reason"]), (&json!("stopped"), &json!("by_client")), "{stopped}");
+}
+
+/// The run was read from the store first, and where that failed the arm went on moving.
+#[tokio::test]
+async fn a_pause_waits_for_nothing_that_the_store_tells() {
+    let api = Api::start().await;
+    let job = driven(&api).await;
+    let run = start(&api, &json!({"job_id": job})).await;
+    when(&api, &run, |run| run["state"] == "running").await;
+    let database = format!("sqlite://{}", api.app.data_dir().join("vantage.db").display());
+    let options: sqlx::sqlite::SqliteConnectOptions = database.parse().expect("a path");
+    let mut connection = sqlx::ConnectOptions::connect(&options).await.expect("the database");
+    sqlx::query("UPDATE run SET body = '{'").execute(&mut connection).await.expect("damaged");
+    sqlx::Connection::close(connection).await.expect("closed");
+    // Its answer may come before the row is written anew.
+    command(&api, &run, "pause").await;
+    for _ in 0..500 {
+        let found = api.get(&format!("/api/v1/runs/{run}")).await;
+        // A step that was completed just before may have been written with its old state.
+        if found.status == 200 && found.ok(200)["state"] != "running" {
+            assert_eq!(found.ok(200)["state"], "paused");
+            assert_eq!(command(&api, &run, "stop").await.ok(202)["state"], "stopped");
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    panic!("{run} is not paused");
 }
 
 #[tokio::test]

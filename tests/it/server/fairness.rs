@@ -98,6 +98,9 @@ fn an_address_beyond_its_connections_is_told_so_and_others_are_not_touched() {
     let refused = assert_answered(&server, 1, "/api/v1/jobs", "429");
     assert!(refused.contains("server.max_connections_per_address"), "{refused}");
     assert_answered(&server, 1, "/healthz", "200");
+    // A run is stopped all the same: it is only not there.
+    let stop = server.asked_from(1, "POST", "/api/v1/runs/01a1f77c-78a1-7554-855a-a9513c22aa2b/stop", "");
+    assert!(stop.starts_with("HTTP/1.1 404") && stop.contains("\"run_not_found\""), "{stop}");
     assert_answered(&server, 2, "/api/v1/jobs", "200");
 }
 
