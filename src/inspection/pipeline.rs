@@ -10,8 +10,8 @@ use super::deviation::{
     Alignment, Deviation, DeviationOptions, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, Histogram, Nominal,
     PlacedScan, RegionDeviation, RegionToJudge,
 };
-use super::identification::{self, Learned, Offer, TripleInput, noise, offers, triples};
-use super::ingest::Ingested;
+use super::identification::{self, Learned, Offer, Telling, TellingInput, TripleInput, noise, offers, telling, triples};
+use super::ingest::{Ingested, Removed};
 use super::losses::{LossInput, Losses, attribute};
 use super::registration::{RegistrationOptions, ScanRegistration, register};
 use super::{InspectionParams, RegisteredView, ViewScan};
@@ -87,7 +87,7 @@ pub struct Inspection {
     pub coverage: MeasuredCoverage,
     /// Causes of what is missing.
     pub losses: Losses,
-    /// Deviation of the surface, at the alignment that was asked for.
+    /// Deviation of the surface, at the alignment that was asked for; of scans that do not fit the part nothing is compared.
     pub deviation: Aligned,
     /// Figures of the deviation.
     pub figures: DeviationFigures,
@@ -247,7 +247,8 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
     let model = NominalModel::new(input.part, &surroundings, input.scanner, ctx)?;
     let judged = Judged { input, compared: &compared, coverage: &coverage, model: &model, registration: &registration };
     let returns = coverage::returns(&compared, &coverage, &model, ctx)?;
-    let learned = judged.learned(&returns, ctx)?;
+    let told = judged.told(&returns, ctx)?;
+    let learned = judged.learned(&told.returns, ctx)?;
     progress(0.7);
     let losses = judged.losses(&returns, learned.as_ref(), ctx)?;
     progress(0.85);
@@ -267,7 +268,7 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
         deviation,
         figures,
         learned,
-        offer: offer.unwrap_or_default(),
+        offer: Offer { withheld: told.withheld, ..offer.unwrap_or_default() },
         coverage: coverage.clone(),
         surface: planned.surface.clone(),
     })
@@ -283,6 +284,17 @@ struct Judged<'a> {
 }
 
 impl Judged<'_> {
+    /// Pairs whose loss tells something of the scanner: none where the scans do not fit the part.
+    fn told(&self, returns: &Returns, ctx: &Context<'_>) -> Result<Telling, PlanError> {
+        if !self.registration.fits() {
+            return Ok(Telling::default());
+        }
+        let removed: Vec<&Removed> = self.input.taken.scans.iter().map(|taken| &taken.removed).collect();
+        let is_merged = self.input.is_merged();
+        let input = TellingInput { compared: self.compared, model: self.model, removed: &removed, is_merged };
+        Ok(telling(returns, &input, ctx)?)
+    }
+
     /// Figures of the scanner; `None` where too little returned, or the scans do not fit the part: what is not where it was looked for
     /// is no weakness of the scanner.
     fn learned(&self, returns: &Returns, ctx: &Context<'_>) -> Result<Option<Learned>, PlanError> {
@@ -328,11 +340,11 @@ impl Judged<'_> {
         let regions = regions_to_judge(surface, self.input.plan_params);
         let options = self.input.deviation_options();
         let align = &self.input.params.align;
+        // Scans that do not fit the part say nothing of how it deviates.
+        let scanned: &[ScannedView<'_>] = if self.registration.fits() { self.compared.scanned } else { &[] };
         let placed: Vec<PlacedScan<'_>> = match align.method {
-            Alignment::AsPlaced => self.compared.scanned.iter().map(|scanned| self.as_stated(scanned)).collect(),
-            Alignment::BestFit | Alignment::BestFitOn => {
-                self.compared.scanned.iter().map(|scanned| self.as_registered(scanned)).collect()
-            }
+            Alignment::AsPlaced => scanned.iter().map(|scanned| self.as_stated(scanned)).collect(),
+            Alignment::BestFit | Alignment::BestFitOn => scanned.iter().map(|scanned| self.as_registered(scanned)).collect(),
         };
         let open = Some(&self.registration.open);
         let aligned = match (align.method, align.region.as_deref()) {
@@ -412,8 +424,10 @@ impl Inspection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::demo_parts::base;
     use crate::inspection::ingest::{FrameAttempt, Removed, ScanFrame, TakenScan};
     use crate::inspection::rehearsal::in_context;
+    use crate::inspection::shots::Shots;
     use crate::planning::params::{FeatureParams, Region};
     use crate::testing::{box_mesh, nominal_scanner};
 
@@ -460,6 +474,49 @@ mod tests {
         assert_eq!(of(input), Matrix6::zeros(), "of single shots the poses hold it");
         assert_eq!(of(InspectionInput { taken: &merged, ..input }), diagonal(0.0, 0.1));
         assert_eq!(of(InspectionInput { taken: &merged, params: &params, ..input }), Matrix6::zeros(), "nothing is stated");
+    }
+
+    /// Figures of another part's scans were told as deviations of this one, and its regions judged by them.
+    #[test]
+    fn scans_that_do_not_fit_the_part_tell_no_deviation() {
+        let (scanned, mesh) = (base(20_000).expect("a base"), box_mesh([0.0; 3], [30.0, 20.0, 10.0]));
+        let (shots, mut plan_params) = (Shots::of(&scanned, 16), PlanParams::default());
+        plan_params.part.samples_per_mm2 = Some(0.2);
+        let poses = shots.poses(3);
+        let views: Vec<InspectedView> = (1..)
+            .zip(&poses)
+            .map(|(viewpoint, pose)| InspectedView { viewpoint, setup: 0, part_from_scanner: *pose, table_rad: None })
+            .collect();
+        let (unit, frame) = (crate::geometry::LengthUnit::Millimetre, ScanFrame::Scanner);
+        let taken = |scan: ViewScan| TakenScan {
+            file: format!("view_{}.ply", scan.viewpoint),
+            points: scan.scanner_cloud.points_mm.len(),
+            scan,
+            unit,
+            frame,
+            fit: FrameAttempt { unit, frame, in_frusta: 1.0, on_part: 1.0 },
+            removed: Removed::default(),
+            is_approximate: false,
+        };
+        let scans = shots.scans(&poses, 0.0, |_| nalgebra::Isometry3::identity()).into_iter().map(taken).collect();
+        let (taken, nearest) = (Ingested { scans, ..Ingested::default() }, NearestFace::new(&mesh));
+        let input = InspectionInput {
+            part: &mesh,
+            fixture: None,
+            scanner: &shots.scanner,
+            cell: None,
+            plan_params: &plan_params,
+            setups: &[Pose::identity()],
+            views: &views,
+            coverable_mm2: None,
+            taken: &taken,
+            nearest: &nearest,
+            params: &InspectionParams::default(),
+        };
+        let found = in_context(|ctx| inspect(&input, &|_| {}, ctx)).expect("an inspection");
+        assert!(!found.registration.fits(), "{:?}", found.registration.found);
+        assert_eq!((found.figures.whole, found.deviations().compared_points), (None, 0));
+        assert!(found.learned.is_none() && found.offer == Offer::default(), "{:?}", found.offer);
     }
 
     #[test]

@@ -11,6 +11,9 @@ mod rates;
 #[cfg(test)]
 mod scanned;
 #[cfg(test)]
+mod sound;
+mod telling;
+#[cfg(test)]
 mod tests;
 mod triples;
 
@@ -18,6 +21,7 @@ pub use model::ReturnModel;
 pub use noise::{MIN_TRIPLES, NoiseEstimate, NoiseTriple, noise};
 pub use offer::{Offer, OfferedChange, OfferedField, offers};
 pub use rates::{LearnedReturns, LimitEstimate, RateBin, RateCurve, returns};
+pub use telling::{Telling, TellingInput, Withheld, telling};
 pub use triples::{TripleInput, triples};
 
 /// A figure with its interval of 95 % confidence.

@@ -1,7 +1,7 @@
 //! Changes that identified figures ask for in the scanner's specification and in the parameters of the next plan. Data alone: the
 //! sentences are those of the interfaces, and nothing is applied by itself.
 
-use super::{Identified, Learned, LimitEstimate};
+use super::{Identified, Learned, LimitEstimate, Withheld};
 use crate::cell::{DeviceName, Scanner, closed_list};
 use crate::planning::params::{Knob, NoiseParams};
 
@@ -76,6 +76,8 @@ pub struct OfferedChange {
 pub struct Offer {
     /// The changes.
     pub changes: Vec<OfferedChange>,
+    /// Reasons for which scans teach little or nothing of the scanner's limits, in the order of [`Withheld`].
+    pub withheld: Vec<Withheld>,
 }
 
 /// The value of the parameter's range that is nearest to a value of the noise.
@@ -130,5 +132,5 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
     let [near_mm, far_mm] = [near.map_or(0.0, |near| near.plan_with.ceil()), far.map_or(0.0, |far| far.plan_with.floor())];
     depth(OfferedField::DepthNear, near, scanner.near_mm, near_mm > scanner.near_mm + MIN_CHANGE_MM, near_mm);
     depth(OfferedField::DepthFar, far, scanner.far_mm, far_mm < scanner.far_mm - MIN_CHANGE_MM, far_mm);
-    Offer { changes }
+    Offer { changes, withheld: Vec::new() }
 }

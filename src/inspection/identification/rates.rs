@@ -1,5 +1,6 @@
 //! Rates of return, and the limits that they show. A pair of view and sample counts where a scanner without weakness would return
-//! it ([`Return::is_expected`]), so that rates are free of what geometry takes: frames, shadows, poses. Rates are held against the
+//! it ([`Return::is_expected`]), so that rates are free of what geometry takes: frames, shadows, poses; of the scans of an inspection
+//! only pairs whose loss tells something of the scanner ([`super::telling()`]). Rates are held against the
 //! rate of easy pairs (small incidence, off the mirror cone, around the best focus), so that what takes points everywhere, such as
 //! darkness, does not move a limit.
 //!
@@ -24,9 +25,9 @@ const PLAN_RATE: f64 = 0.95;
 /// Rate, of the easy one, at which the mirror cone ends.
 const LOBE_RATE: f64 = 0.5;
 /// Incidence up to which pairs are easy, degrees: Prieto's limit of accurate data (thesis §3.2.1.3).
-const EASY_INCIDENCE_DEG: f64 = 35.0;
+pub(super) const EASY_INCIDENCE_DEG: f64 = 35.0;
 /// Mirror angle from which pairs are off any cone at first, degrees.
-const EASY_MIRROR_DEG: f64 = 20.0;
+pub(super) const EASY_MIRROR_DEG: f64 = 20.0;
 /// Share of the half ranges of depth around the best focus in which pairs are easy.
 const EASY_DEPTH_SHARE: f64 = 0.5;
 /// Distance from the incidence limit within which pairs say nothing of other causes, degrees.

@@ -3,12 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::IngestWorld;
 use super::frames::{DEPTH_MARGIN_MM, PlannedCapture};
 use crate::cell::closed_list;
-use crate::geometry::{Aabb, CloudGrid, NearestFace, Part, Plate, PointCloud, Pose};
+use crate::geometry::{Aabb, CloudGrid, NearestFace, Part, Plate, PointCloud, Pose, ScannerFrame};
 
 closed_list! {
     /// Reason for which points are removed.
@@ -31,12 +31,41 @@ closed_list! {
 }
 
 /// Numbers of points that were removed.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Removed {
     /// Points by reason; reasons that removed none are left out.
     pub by_reason: BTreeMap<RemovedBecause, usize>,
     /// Cells of an organised cloud, ascending, whose points were taken for mixed or isolated, or for the plate's where the part lies.
     pub cells: Vec<u32>,
+    /// Cells of an organised cloud, ascending, whose points were taken for a fixture's.
+    pub fixture_cells: Vec<u32>,
+    /// Space over the plate in which points were taken for the plate's; `None` where the plate's place is not known.
+    pub plate: Option<PlateZone>,
+    /// True if the cloud came without the camera's grid, and its points were put into cells: an empty cell may lie between points.
+    pub is_projected: bool,
+}
+
+/// Half space of a view's scanner frame whose points were taken for the plate's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlateZone {
+    /// Unit normal of the plate, which points away from it, scanner frame.
+    pub normal: Vector3<f64>,
+    /// Upper end along the normal, from the origin of the scanner frame, mm.
+    pub height_mm: f64,
+}
+
+impl PlateZone {
+    fn new(plate_from_scanner: &Pose<Plate, ScannerFrame>, cut_mm: f64) -> Self {
+        let scanner_from_plate = plate_from_scanner.inverse();
+        let normal = scanner_from_plate.direction(&Vector3::z());
+        Self { normal, height_mm: normal.dot(&scanner_from_plate.origin_mm().coords) + cut_mm }
+    }
+
+    /// Returns true if a point of the scanner's frame lies in the zone, or above it by less than a margin.
+    #[must_use]
+    pub fn holds(&self, scanner_mm: &Point3<f64>, margin_mm: f64) -> bool {
+        self.normal.dot(&scanner_mm.coords) < self.height_mm + margin_mm
+    }
 }
 
 impl Removed {
@@ -96,16 +125,19 @@ pub(super) fn clean(
 
 fn remove(cloud: &mut PointCloud, removed: &mut Removed, reason: RemovedBecause, wanted: impl Fn(usize, &[f32; 3]) -> bool) {
     let is_judgement = matches!(reason, RemovedBecause::MixedPixel | RemovedBecause::Isolated);
+    let is_fixture = reason == RemovedBecause::Fixture;
     let mut count = 0;
     for (cell, point) in cloud.points_mm.iter_mut().enumerate() {
         if !point[0].is_nan() && wanted(cell, point) {
             *point = [f32::NAN; 3];
             count += 1;
             removed.cells.extend(is_judgement.then_some(cell as u32));
+            removed.fixture_cells.extend(is_fixture.then_some(cell as u32));
         }
     }
     removed.count(reason, count);
     removed.cells.sort_unstable();
+    removed.fixture_cells.sort_unstable();
 }
 
 /// Removes what lies on the plate or on a fixture.
@@ -120,6 +152,7 @@ fn cut_surroundings(
     let plate_from_scanner = part_from_plate.inverse() * capture.part_from_scanner;
     let in_plate = |point: &[f32; 3]| plate_from_scanner.point(&Point3::from(point.map(f64::from)));
     let cut = PlateCut::new(world.nearest, part_from_plate, options.plate_mm);
+    removed.plate = Some(PlateZone::new(&plate_from_scanner, cut.cut_mm));
     let mut count = 0;
     for (cell, point) in cloud.points_mm.iter_mut().enumerate().filter(|(_, point)| !point[0].is_nan()) {
         let own = in_plate(point);

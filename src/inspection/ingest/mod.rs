@@ -18,7 +18,7 @@ use crate::inspection::registration::RegistrationOptions;
 use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, place};
 use crate::inspection::{PixelGrid, ViewScan};
 
-pub use clean::{CleanOptions, Removed, RemovedBecause};
+pub use clean::{CleanOptions, PlateZone, Removed, RemovedBecause};
 pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
 use frames::{best_of, try_all};
 
@@ -37,7 +37,7 @@ closed_list! {
         NoPart = "no_part",
         /// The part lies elsewhere than planned, where it was searched for and found.
         PartElsewhere = "part_elsewhere",
-        /// The part lies elsewhere than planned, and several poses of it explain the points.
+        /// Several poses of the part explain the points, and it may lie elsewhere than planned.
         AmbiguousPose = "ambiguous_pose",
         /// The part lies elsewhere than planned, and looks the same in several poses.
         SymmetricPart = "symmetric_part",

@@ -25,6 +25,7 @@ pub(super) fn project(points_mm: &[[f32; 3]], scanner: &Scanner, removed: &mut R
     let pixels: Vec<Option<([f32; 2], f32)>> = points_mm.iter().map(|point| pixel_of(point, &image)).collect();
     let missing = points_mm.iter().zip(&pixels).filter(|(point, pixel)| !point[0].is_nan() && pixel.is_none()).count();
     removed.count(RemovedBecause::OutsideImage, missing);
+    removed.is_projected = true;
     let mut grids = CELL_PIXELS.map(|step_px| PixelGrid::new(scanner, step_px)).into_iter();
     let largest = PixelGrid::new(scanner, CELL_PIXELS[CELL_PIXELS.len() - 1]);
     let grid = grids.find(|grid| fill(&pixels, grid) >= DENSE_SHARE).unwrap_or(largest);

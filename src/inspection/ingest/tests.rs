@@ -355,6 +355,24 @@ fn points_of_the_bare_plate_in_place_of_a_sheet_are_removed_and_their_cells_name
 }
 
 #[test]
+fn the_zone_of_the_plate_cut_and_the_lack_of_a_grid_are_carried_with_a_scan() {
+    let cell = Cell::new();
+    let scanner_from_plate = cell.captures[1].scanner_from(ScanFrame::Plate).expect("a plate");
+    let file = |file: &str| cell.file(1, LengthUnit::Millimetre, ScanFrame::Scanner, file);
+    let taken = cell.ingest(vec![file("2.ply")]);
+    let removed = &taken.scans[0].removed;
+    let zone = removed.plate.expect("a plate");
+    for (height_mm, margin_mm, is_held) in [(0.3, 0.0, true), (0.7, 0.0, false), (0.7, 0.5, true), (1.2, 0.5, false)] {
+        let point_mm = scanner_from_plate * Point3::new(30.0, -20.0, height_mm);
+        assert_eq!(zone.holds(&point_mm, margin_mm), is_held, "{height_mm} mm above the plate");
+    }
+    assert!(!removed.is_projected, "the file has the camera's grid");
+    let mut bare = file("2.ply");
+    bare.cloud.grid = None;
+    assert!(cell.ingest(vec![bare]).scans[0].removed.is_projected);
+}
+
+#[test]
 fn plate_depth_islands_and_filled_holes_are_cut_and_counted() {
     let cell = Cell::new();
     let mut file = cell.file(0, LengthUnit::Millimetre, ScanFrame::Scanner, "1.ply");

@@ -1,5 +1,6 @@
 //! Finds a part that lies elsewhere than stated: poses from votes of point pairs ([`super::ppf`]) and from the part's own symmetries,
-//! each refined, and the best one taken only where no other explains nearly as many points. Two poses that do are both given.
+//! each refined, and the best one taken only where no other explains nearly as many points. Two poses that do are both given. Turns of
+//! a part that nearly looks the same in them are told apart by the points that do not ([`super::turns`]).
 
 use std::borrow::Borrow;
 
@@ -8,6 +9,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::matching::match_view;
 use super::points::ViewPoints;
 use super::ppf::{Oriented, oriented, poses, thinned};
+use super::turns::{TurnVerdict, turned};
 use super::{MAX_POINTS, State};
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
@@ -116,25 +118,42 @@ pub enum PartPlace {
 /// Checks that the part lies where the poses of scans say, and searches for it where it does not.
 ///
 /// The stated place is kept where a refinement from it explains nine tenths of the points, or nearly as many as the best pose that
-/// the search finds: a part that deviates from its mesh lies where it was put.
+/// the search finds: a part that deviates from its mesh lies where it was put. Of a part that nearly looks the same in several turns, the
+/// one is taken that explains the points best; where points do not tell which, its place is not known, unless it lies as stated.
 #[must_use]
 pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, options: &LocateOptions) -> PartPlace {
     let search = Search::new(scans, nearest, options);
-    let stated = search.refined(&Isometry3::identity());
-    if stated.share < SURE_SHARE {
+    let mut taken = search.refined(&Isometry3::identity());
+    let is_near = |pose: &Isometry3<f64>| search.apart_mm(pose, &Isometry3::identity()) <= STATED_REACH_MM;
+    let mut is_stated = is_near(&taken.pose);
+    if taken.share < SURE_SHARE {
         let found = locate(scans, nearest, options);
-        if stated.share < options.min_inlier_share || stated.share < options.second_share * found.best.inlier_share {
-            return if found.refused.is_none() { PartPlace::Elsewhere(found.best) } else { PartPlace::Unknown(found) };
+        if taken.share < options.min_inlier_share || taken.share < options.second_share * found.best.inlier_share {
+            if found.refused.is_some() {
+                return PartPlace::Unknown(found);
+            }
+            let pose = *found.best.mesh_from_stated.isometry();
+            (taken, is_stated) = (Scored { pose, share: found.best.inlier_share }, false);
         }
     }
-    let is_near = search.apart_mm(&stated.pose, &Isometry3::identity()) <= STATED_REACH_MM;
-    if is_near { PartPlace::AsStated } else { PartPlace::Elsewhere(stated.into()) }
+    match turned(scans, &search, &taken, is_stated) {
+        TurnVerdict::Kept if is_stated => PartPlace::AsStated,
+        TurnVerdict::Kept => PartPlace::Elsewhere(taken.into()),
+        TurnVerdict::Better(other) if is_near(&other.pose) => PartPlace::AsStated,
+        TurnVerdict::Better(other) => PartPlace::Elsewhere(other.into()),
+        TurnVerdict::Open(other) => PartPlace::Unknown(Location {
+            best: taken.into(),
+            second: Some(other.into()),
+            is_symmetric: false,
+            refused: Some(NotLocated::AmbiguousPose),
+        }),
+    }
 }
 
 /// A pose with the share of the points that it explains.
 #[derive(Clone, Copy)]
-struct Scored {
-    pose: Isometry3<f64>,
+pub(super) struct Scored {
+    pub(super) pose: Isometry3<f64>,
     share: f64,
 }
 
@@ -144,11 +163,13 @@ impl From<Scored> for PartPose {
     }
 }
 
-struct Search<'a> {
+/// Points of scans and the part that they are of.
+pub(super) struct Search<'a> {
     views: Vec<ViewPoints>,
-    nearest: &'a NearestFace<'a>,
-    around: Aabb,
-    options: &'a LocateOptions,
+    pub(super) nearest: &'a NearestFace<'a>,
+    /// Box around the mesh.
+    pub(super) around: Aabb,
+    pub(super) options: &'a LocateOptions,
 }
 
 impl<'a> Search<'a> {
@@ -160,10 +181,15 @@ impl<'a> Search<'a> {
 
     /// Refines a pose with radii that shrink from a twelfth of the diameter to half of what counts as an inlier.
     fn refined(&self, start: &Isometry3<f64>) -> Scored {
+        self.refined_from(start, self.around.extent_mm().norm() / 12.0, STEPS)
+    }
+
+    /// Refines a pose in so many steps, with radii that shrink from this one.
+    pub(super) fn refined_from(&self, start: &Isometry3<f64>, first_mm: f64, steps: i32) -> Scored {
         let mut state = State { part: *start, corrections: vec![Twist::zeros(); self.views.len()] };
-        let (first, last) = ((self.around.extent_mm().norm() / 12.0).max(self.options.inlier_mm), 0.5 * self.options.inlier_mm);
-        for step in 0..STEPS {
-            let radius_mm = first * (last / first).powf(f64::from(step) / f64::from(STEPS - 1));
+        let (first, last) = (first_mm.max(self.options.inlier_mm), 0.5 * self.options.inlier_mm);
+        for step in 0..steps {
+            let radius_mm = first * (last / first).powf(f64::from(step) / f64::from(steps - 1));
             state.move_part(&self.views, self.nearest, radius_mm);
         }
         for _ in 0..3 {
@@ -182,12 +208,12 @@ impl<'a> Search<'a> {
     }
 
     /// Returns true if two poses move a corner of the part apart by more than a hundredth of its size, and 1 mm.
-    fn differ(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    pub(super) fn differ(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
         self.apart_mm(a, b) > (0.01 * self.around.extent_mm().norm()).max(1.0)
     }
 
     /// Largest distance between the corners of the part at two poses, mm.
-    fn apart_mm(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    pub(super) fn apart_mm(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
         let (low, high) = (self.around.min, self.around.max);
         let corner =
             |index: usize| Point3::from([0, 1, 2].map(|axis| if index >> axis & 1 == 1 { high[axis] } else { low[axis] }));
@@ -223,7 +249,7 @@ fn voted<S: Borrow<ViewScan>>(scans: &[S], mesh: &Mesh, around: &Aabb) -> Vec<Is
 }
 
 /// Points spread over the mesh by area, with the normals of their faces: the middle of equal shares of each face.
-fn samples(mesh: &Mesh, count: usize) -> Vec<Oriented> {
+pub(super) fn samples(mesh: &Mesh, count: usize) -> Vec<Oriented> {
     let density = count as f64 / mesh.area_mm2().max(f64::MIN_POSITIVE);
     let mut samples = Vec::with_capacity(2 * count);
     let mut carried = 0.5;

@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use rayon::prelude::*;
 
 use super::points::ViewPoints;
 use super::{FREEDOMS, KeptPose, RegistrationOptions};
 use crate::cell::calibration::se3::Twist;
-use crate::geometry::NearestFace;
+use crate::geometry::{NearestFace, parallel};
 
 /// A point and the plane of its nearest face.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +52,8 @@ pub(super) struct CellSum {
 /// Pairs of a view.
 pub(super) struct Matched {
     pub(super) points: usize,
+    /// Points that the view has, of which those are some.
+    there: usize,
     pub(super) radius_mm: f64,
     pub(super) pairs: Vec<MatchedPoint>,
 }
@@ -78,8 +79,8 @@ pub(super) fn match_view(
         let side = axis as u8 + if normal[axis] < 0.0 { 3 } else { 0 };
         Some(MatchedPoint { point_mm: *point_mm, normal: in_scanner, distance_mm, nominal_mm: found.point_mm, side })
     };
-    let pairs = view.points_mm.par_iter().with_min_len(256).map(pair).collect::<Vec<_>>().into_iter().flatten().collect();
-    Matched { points: view.points_mm.len(), radius_mm, pairs }
+    let pairs = parallel::map(&view.points_mm, pair).into_iter().flatten().collect();
+    Matched { points: view.points_mm.len(), there: view.there, radius_mm, pairs }
 }
 
 impl Matched {
@@ -113,7 +114,9 @@ impl Matched {
 
     /// Reason for which the points do not say more than the pose.
     pub(super) fn kept_pose(&self, options: &RegistrationOptions) -> Option<KeptPose> {
-        if self.pairs.len() < options.min_points.max(FREEDOMS) {
+        // Of a view that is thinned, pairs stand for points that were left out: of many views each is.
+        let is_few = self.pairs.len() * self.there < options.min_points * self.points;
+        if is_few || self.pairs.len() < FREEDOMS {
             Some(KeptPose::FewPoints)
         } else if self.inlier_share() < options.min_inlier_share && self.radius_mm >= options.inlier_mm {
             Some(KeptPose::FewInliers)

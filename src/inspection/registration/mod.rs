@@ -19,7 +19,8 @@
 //! alike, with the covariance Σ, averages out in no number of views: to A⁻¹ comes B Σ Bᵀ, B = A⁻¹ Λ (1 ⊗ I).
 //!
 //! The result does not depend on the number of threads: sums run in the order of views, cells and points.
-//! Cost: some 20 rounds of a nearest-face query a point, 50 000 points at most, and one dense factorisation of six rows a view a round.
+//! Cost: some 20 rounds of a nearest-face query a point, 50 000 points at most or 500 a view, and one dense factorisation of six rows a
+//! view a round.
 
 mod equations;
 pub mod locate;
@@ -28,6 +29,7 @@ mod points;
 mod ppf;
 #[cfg(test)]
 mod tests;
+mod turns;
 
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
@@ -111,9 +113,10 @@ pub struct RegistrationOptions {
     pub own_deg: f64,
     /// Part of [`RegistrationOptions::prior_mm`] likewise, mm.
     pub own_mm: f64,
-    /// Max points of a view; the max of all views together is 50 000.
+    /// Max points of a view that are matched; the max of all views together is 50 000, or [`RegistrationOptions::min_points`] a view where
+    /// that is more.
     pub points_of_view: usize,
-    /// A view with fewer points keeps its pose.
+    /// A view with fewer points on the part keeps its pose; of one that is thinned, those that are matched stand for all.
     pub min_points: usize,
     /// A view with a smaller share of its points within [`RegistrationOptions::inlier_mm`] keeps its pose.
     pub min_inlier_share: f64,
@@ -158,9 +161,14 @@ impl RegistrationOptions {
         let (turn, shift) = (rest(self.prior_deg, self.own_deg).to_radians(), rest(self.prior_mm, self.own_mm));
         Twist::new(turn, turn, turn, shift, shift, shift)
     }
+
+    /// Max points that are matched of each of so many views.
+    fn matched_of_view(&self, views: usize) -> usize {
+        self.points_of_view.min((MAX_POINTS / views.max(1)).max(self.min_points)).max(FREEDOMS)
+    }
 }
 
-/// Max points that are matched, of all views together.
+/// Max points that are matched, of all views together, unless they are so many that each has few.
 const MAX_POINTS: usize = 50_000;
 
 /// Registration of one view.
@@ -224,7 +232,7 @@ pub fn register<S: Borrow<ViewScan>>(
     priors: &[Option<Matrix6<f64>>],
     options: &RegistrationOptions,
 ) -> ScanRegistration {
-    let of_view = options.points_of_view.min(MAX_POINTS / scans.len().max(1)).max(FREEDOMS);
+    let of_view = options.matched_of_view(scans.len());
     let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
     let priors: Vec<Matrix6<f64>> =
         (0..views.len()).map(|view| prior_weight(priors.get(view).copied().flatten(), options)).collect();

@@ -8,6 +8,8 @@ use crate::inspection::ViewScan;
 pub(super) struct ViewPoints {
     pub(super) part_from_scanner: Isometry3<f64>,
     pub(super) points_mm: Vec<Point3<f64>>,
+    /// Points that the view has, of which these are some.
+    pub(super) there: usize,
 }
 
 impl ViewPoints {
@@ -26,6 +28,6 @@ impl ViewPoints {
             }
             _ => cloud.finite().step_by(every).map(|(_, point)| point).collect(),
         };
-        Self { part_from_scanner, points_mm }
+        Self { part_from_scanner, points_mm, there }
     }
 }

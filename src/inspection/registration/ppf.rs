@@ -4,10 +4,10 @@
 //!
 //! Tables are sorted lists, not hashes, so that the votes come in one order. Cost: model points² + scene points² / 5 look-ups.
 
+use crate::geometry::parallel;
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 /// Distances that the model's diameter is cut into; the paper samples at 0.05 of it.
 const DISTANCE_STEPS: f64 = 20.0;
@@ -69,7 +69,7 @@ pub(super) fn oriented(points: &[(Point3<f64>, Point3<f64>)], radius_mm: f64) ->
         let towards = if normal.dot(&(seen_from - point)) < 0.0 { -normal } else { normal };
         Some(Oriented { point_mm: *point, normal: towards })
     };
-    points.par_iter().map(orient).collect::<Vec<_>>().into_iter().flatten().collect()
+    parallel::map(points, orient).into_iter().flatten().collect()
 }
 
 /// A pair of the model: its first point, and the turn that brings the second into the half plane y = 0, z ≥ 0.
@@ -90,13 +90,11 @@ pub(super) fn poses(model: &[Oriented], scene: &[Oriented], count: usize) -> Vec
         };
         model.iter().filter_map(pair).collect::<Vec<_>>()
     };
-    let mut table: Vec<ModelPair> =
-        (0..model.len()).into_par_iter().map(pairs_of).collect::<Vec<_>>().into_iter().flatten().collect();
+    let mut table: Vec<ModelPair> = parallel::map_range(model.len(), pairs_of).into_iter().flatten().collect();
     table.sort_by_key(|pair| (pair.key, pair.point));
     let references: Vec<usize> = (0..scene.len()).step_by(REFERENCE_EVERY).collect();
     let vote = |reference: &usize| best_of(scene, *reference, &table, &frames, diameter);
-    let mut found: Vec<(u32, Isometry3<f64>)> =
-        references.par_iter().map(vote).collect::<Vec<_>>().into_iter().flatten().collect();
+    let mut found: Vec<(u32, Isometry3<f64>)> = parallel::map(&references, vote).into_iter().flatten().collect();
     found.sort_by_key(|found| std::cmp::Reverse(found.0));
     merged(&found, diameter, &model[0].point_mm, count)
 }

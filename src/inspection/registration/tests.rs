@@ -1,6 +1,6 @@
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::locate::{LocateOptions, NotLocated, locate};
+use super::locate::{LocateOptions, NotLocated, PartPlace, locate, place};
 use super::*;
 use crate::geometry::demo_parts::{base, figurine};
 use crate::geometry::{Mesh, ScannerFrame};
@@ -220,4 +220,110 @@ fn locate_in(scanned: &Mesh, wanted: &Mesh) -> super::locate::Location {
     let shots = Shots::of(scanned, 32);
     let scans = shots.scans(&shots.poses(6), 0.0, |_| Isometry3::identity());
     locate(&moved(&scans, &motion_of(3, 2.0, 3.0)), &NearestFace::new(wanted), &LocateOptions::default())
+}
+
+/// A cylinder with a boss that reaches into it.
+fn with_boss(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
+    let (mut mesh, boss) = (cylinder_mesh(30.0, 60.0, 96), box_mesh(min_mm, max_mm));
+    let first = mesh.vertices_mm.len() as u32;
+    mesh.faces.extend(boss.faces.iter().map(|face| face.map(|corner| corner + first)));
+    mesh.vertices_mm.extend(boss.vertices_mm);
+    mesh.source_face = (0..mesh.faces.len() as u32).collect();
+    mesh
+}
+
+fn with_side_boss() -> Mesh {
+    with_boss([24.0, -5.0, 25.0], [36.0, 5.0, 37.0])
+}
+
+/// A turn about the axis of a part that stands on its origin, then a tilt and a shift.
+fn turned_about_z(turn_deg: f64, tilt_deg: f64, shift_mm: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * turn_deg.to_radians());
+    let tilt = UnitQuaternion::from_scaled_axis(Vector3::y() * tilt_deg.to_radians());
+    Isometry3::from_parts(Vector3::new(shift_mm, -0.5 * shift_mm, 0.0).into(), tilt * turn)
+}
+
+/// Place of a part in scans that state it to lie elsewhere.
+fn place_of(mesh: &Mesh, scans: &[ViewScan], stated_from_mesh: &Isometry3<f64>) -> PartPlace {
+    place(&moved(scans, stated_from_mesh), &NearestFace::new(mesh), &LocateOptions::default())
+}
+
+fn scans_around(mesh: &Mesh, step_px: u32) -> Vec<ViewScan> {
+    let shots = Shots::of(mesh, step_px);
+    shots.scans(&shots.poses(6), 0.01, |_| Isometry3::identity())
+}
+
+/// Nearly all points lie on such a part in every turn about its axis: it was stated in a wrong one, with a small uncertainty.
+#[test]
+fn a_nearly_round_part_is_found_in_its_turn_or_said_to_be_ambiguous() {
+    for (mesh, turns_deg) in
+        [(with_side_boss(), [23.0, 137.0]), (with_boss([14.0, -5.0, 56.0], [24.0, 5.0, 68.0]), [60.0, 137.0])]
+    {
+        let scans = scans_around(&mesh, 32);
+        for (turn_deg, tilt_deg, shift_mm) in [(turns_deg[0], 0.0, 0.0), (turns_deg[1], 4.0, 6.0)] {
+            let off = turned_about_z(turn_deg, tilt_deg, shift_mm);
+            let found = match place_of(&mesh, &scans, &off) {
+                PartPlace::Elsewhere(found) => found,
+                PartPlace::AsStated => panic!("{turn_deg}°: as stated"),
+                PartPlace::Unknown(found) => {
+                    assert_eq!(found.refused, Some(NotLocated::AmbiguousPose), "{turn_deg}°: {found:?}");
+                    continue;
+                }
+            };
+            let options = RegistrationOptions { start: found.mesh_from_stated, ..RegistrationOptions::default() };
+            let registered = register(&moved(&scans, &off), &NearestFace::new(&mesh), &[], &options);
+            let error_deg = (registered.mesh_from_stated.isometry() * off).rotation.angle().to_degrees();
+            let sd_deg = registered.sd.fixed_rows::<3>(0).norm().to_degrees();
+            assert!(error_deg <= 4.0 * sd_deg + 0.05, "{turn_deg}°: off by {error_deg}°, ± {sd_deg}°");
+        }
+    }
+}
+
+#[test]
+fn a_nearly_round_part_that_lies_as_stated_is_said_to_do_so() {
+    let mesh = with_side_boss();
+    let found = place_of(&mesh, &scans_around(&mesh, 32), &Isometry3::identity());
+    assert_eq!(found, PartPlace::AsStated);
+}
+
+/// Half of it was scanned, and the boss may be anywhere on the other one.
+#[test]
+fn a_nearly_round_part_elsewhere_of_which_no_scan_shows_the_turn_is_said_to_be_ambiguous() {
+    let mesh = with_side_boss();
+    let mut scans = scans_around(&mesh, 32);
+    for scan in &mut scans {
+        let part_from_scanner = scan.part_from_scanner;
+        let is_hidden = |point: &[f32; 3]| part_from_scanner.point(&Point3::from(point.map(f64::from))).x > 0.0;
+        let hidden = scan.scanner_cloud.points_mm.iter_mut().filter(|point| is_hidden(point));
+        hidden.for_each(|point| *point = [f32::NAN; 3]);
+    }
+    let found = place_of(&mesh, &scans, &turned_about_z(20.0, 3.0, 6.0));
+    assert!(matches!(&found, PartPlace::Unknown(found) if found.refused == Some(NotLocated::AmbiguousPose)), "{found:?}");
+}
+
+#[test]
+fn a_round_part_and_a_box_are_placed_by_what_they_look_like() {
+    for mesh in [cylinder_mesh(30.0, 60.0, 96), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 15.0])] {
+        let scans = scans_around(&mesh, 32);
+        assert_eq!(place_of(&mesh, &scans, &Isometry3::identity()), PartPlace::AsStated);
+        let found = place_of(&mesh, &scans, &turned_about_z(0.0, 2.0, 4.0));
+        assert!(matches!(found, PartPlace::Elsewhere(_)), "{found:?}");
+    }
+    // No scan tells by how much a round part is turned.
+    let mesh = cylinder_mesh(30.0, 60.0, 96);
+    assert_eq!(place_of(&mesh, &scans_around(&mesh, 32), &turned_about_z(23.0, 0.0, 0.0)), PartPlace::AsStated);
+}
+
+/// More than a hundred views were each thinned to fewer points than hold a view, and none was placed.
+#[test]
+fn views_that_are_thinned_are_held_by_the_points_that_theirs_stand_for() {
+    let options = RegistrationOptions::default();
+    assert_eq!([1, 16, 50, 200, 5000].map(|views| options.matched_of_view(views)), [3000, 3000, 1000, 500, 500]);
+    let mesh = base(20_000).expect("a base");
+    let shots = Shots::of(&mesh, 16);
+    let scans = moved(&shots.scans(&shots.poses(4), 0.0, |_| Isometry3::identity()), &motion_of(2, 0.2, 0.5));
+    let thin = RegistrationOptions { points_of_view: 250, ..RegistrationOptions::default() };
+    let found = register(&scans, &NearestFace::new(&mesh), &[], &thin);
+    assert!(found.found.iter().all(|view| view.points <= 250 && view.kept_pose.is_none()), "{:?}", found.found);
+    assert_eq!(found.not_found(), None);
 }

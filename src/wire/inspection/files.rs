@@ -157,7 +157,8 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
         }
         IngestCode::AmbiguousPose => {
             format!(
-                "the part lies elsewhere than planned, and several poses of it explain {file} about equally well; add scans from other sides, or put the part where it was planned"
+                "several poses of the part explain the scans about equally well, so that its place is not known, and {file} is \
+                 left out; add scans from other sides, or put the part where it was planned"
             )
         }
         IngestCode::SymmetricPart => {

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use crate::cell::DeviceName;
 use crate::inspection::identification::{
-    Identified, Learned, LearnedReturns, LimitEstimate, Offer, OfferedChange, OfferedField, RateBin, RateCurve,
+    Identified, Learned, LearnedReturns, LimitEstimate, Offer, OfferedChange, OfferedField, RateBin, RateCurve, Withheld,
 };
 
 /// Schema name of the findings.
@@ -82,6 +82,41 @@ pub struct LearnedDocument {
     pub by_depth: Vec<RateBinDocument>,
     /// Changes that are offered.
     pub offers: Vec<OfferedChangeDocument>,
+    /// Reasons for which the scans teach little or nothing of the scanner's limits.
+    #[serde(default)]
+    pub withheld: Vec<WithheldDocument>,
+}
+
+/// Reason for which scans teach little or nothing of the scanner's limits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct WithheldDocument {
+    /// The reason.
+    pub reason: Withheld,
+    /// Sentence for people.
+    pub detail: String,
+}
+
+impl From<&Withheld> for WithheldDocument {
+    fn from(reason: &Withheld) -> Self {
+        Self { reason: *reason, detail: withheld_sentence(*reason).to_owned() }
+    }
+}
+
+/// Sentence for a reason.
+fn withheld_sentence(reason: Withheld) -> &'static str {
+    match reason {
+        Withheld::MergedCloud => {
+            "the scanner's limits are not judged: in a merged cloud no point's view is known; give one file for each view"
+        }
+        Withheld::CoarseCloud => {
+            "the scanner's limits are judged on little of the surface: the points lie too far apart, or came without the \
+             camera's grid; give the scans at full resolution, with the grid"
+        }
+        Withheld::FilteredPoints => {
+            "the scanner's limits are judged on little of the surface: most points were removed beside plate and \
+             fixture, at edges or as specks"
+        }
+    }
 }
 
 /// Limit of incidence of one device.
@@ -179,6 +214,7 @@ impl LearnedDocument {
             by_mirror: rates(|returns| &returns.model.mirror),
             by_depth: rates(|returns| &returns.model.depth),
             offers: offer.changes.iter().map(OfferedChangeDocument::from).collect(),
+            withheld: offer.withheld.iter().map(WithheldDocument::from).collect(),
         }
     }
 }

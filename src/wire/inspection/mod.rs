@@ -23,7 +23,8 @@ pub use deviation::{
 pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
 pub use files::{IngestFindingDocument, RemovedDocument, TakenScanDocument};
 pub use learned::{
-    DeviceLimitDocument, EstimateDocument, LearnedDocument, OfferedChangeDocument, RateBinDocument, offer_sentence,
+    DeviceLimitDocument, EstimateDocument, LearnedDocument, OfferedChangeDocument, RateBinDocument, WithheldDocument,
+    offer_sentence,
 };
 pub use order::{InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, InspectionSummary};
 pub use rescan::{RateCurveDocument, RescanRequest, RescanState};

@@ -1,0 +1,234 @@
+//! Pairs of view and sample whose loss tells something of the scanner. A pair that a scanner without weakness would return
+//! ([`Return::is_expected`]) may be lost for what the cloud is like: its points lie too far apart, or were taken out of the scan.
+//!
+//! A pair tells where the model, seen by all devices, is one surface around the sample in the view's own grid: in the eight cells
+//! around that of the sample, level with it within half of what a measured point may differ, and on the eight cells at the distance
+//! from which normals are taken. Cells are as long as n · z / (f · cos i) on the surface, so that beside edges and on curved surface the
+//! test is the stricter the coarser the cloud and the larger the incidence. A loss is then improbable but for a weakness: all that
+//! [`crate::inspection::coverage`] asks of the points around the sample holds on the model itself.
+//!
+//! A cloud that came without the camera's grid does not tell where the scanner looked: its cells tell only where nearly all easy pairs
+//! returned. A merged cloud tells nothing, since the view of its points is not known.
+//!
+//! Cost: 9 to 17 rays an expected pair from the left camera, and as many shadows, in packets.
+
+use nalgebra::Point3;
+
+use super::rates::{EASY_INCIDENCE_DEG, EASY_MIRROR_DEG};
+use crate::cell::closed_list;
+use crate::geometry::{Part, Pose, ScannerFrame, parallel};
+use crate::inspection::coverage::{ComparedViews, ModelPoint, NominalModel, Return, Returns, SeenSample, ViewLookup};
+use crate::inspection::ingest::Removed;
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
+use crate::planning::visibility::Optics;
+
+/// Pairs that a thread looks into at a time.
+const BLOCK: usize = 512;
+/// Share of the tolerances of a measured point within which the model lies around a sample: the rest is for noise and poses. It is our
+/// choice.
+const SHARE_OF_TOLERANCE: f64 = 0.5;
+/// Share of the spacing that the noise may have in a triangle of neighbouring points, and the largest distance of neighbours, cells:
+/// those of the lookup of measured points.
+const NOISE_OF_SPACING: f64 = 0.25;
+const MAX_REACH: f64 = 8.0;
+/// Distance above the plate's zone within which points may have been taken for the plate's, mm: the usual error of poses, twice.
+const ZONE_MARGIN_MM: f64 = 0.5;
+/// Share of the easy pairs of a cloud without the camera's grid that return where its points fill the cells, and the fewest such pairs
+/// that tell it. They are our choice.
+const DENSE_RATE: f64 = 0.95;
+const MIN_EASY: usize = 50;
+/// Share of the expected pairs that do not tell for one reason, from which on the reason is given. It is our choice.
+const WITHHELD_SHARE: f64 = 0.5;
+
+closed_list! {
+    /// Reason for which scans teach little or nothing of the scanner's limits.
+    pub enum Withheld {
+        /// The cloud is merged of several views: of none of its points the view is known.
+        MergedCloud = "merged_cloud",
+        /// Points lie too far apart for most of the surface: a lost sample may lie between them.
+        CoarseCloud = "coarse_cloud",
+        /// The points of most of the surface were taken out as the scans were cleaned: around plate and fixture, at edges, or as specks.
+        FilteredPoints = "filtered_points",
+    }
+}
+
+/// Scans with what was taken out of them.
+#[derive(Clone, Copy)]
+pub struct TellingInput<'a> {
+    /// Plan and scans.
+    pub compared: &'a ComparedViews<'a>,
+    /// The model as planned.
+    pub model: &'a NominalModel<'a>,
+    /// Points that were taken out of each scan, in the order of the scans; none of a scan that is not there.
+    pub removed: &'a [&'a Removed],
+    /// True if the scans are images of one cloud, which another program has merged.
+    pub is_merged: bool,
+}
+
+/// Pairs of which rates are told.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Telling {
+    /// The pairs; expected are those alone whose loss tells something of the scanner.
+    pub returns: Returns,
+    /// Reasons for which most others do not.
+    pub withheld: Vec<Withheld>,
+}
+
+/// Finds the pairs that tell something of the scanner.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -> Result<Telling, Cancelled> {
+    if input.is_merged {
+        return Ok(Telling { returns: Returns::default(), withheld: vec![Withheld::MergedCloud] });
+    }
+    let compared = input.compared;
+    let optics = Optics::new(compared.scanner, compared.params, &compared.surface.requirements);
+    let mut told = Returns::default();
+    let (mut expected, mut coarse, mut filtered) = (0_usize, 0_usize, 0_usize);
+    for (place, scanned) in compared.scanned.iter().enumerate() {
+        let removed = input.removed.get(place).copied();
+        let pose = scanned.registered.part_from_scanner;
+        let view = TellingView { input, removed, pose, lookup: ViewLookup::new(compared, &optics, scanned) };
+        let pairs: Vec<Return> = returns.of_view(place).collect();
+        let blocks = parallel::try_map_chunks(&pairs, BLOCK, |block| {
+            ctx.check()?;
+            Ok::<_, Cancelled>(view.verdicts(block, ctx))
+        })?;
+        let mut verdicts = blocks.concat();
+        if removed.is_some_and(|removed| removed.is_projected) && !fills_cells(&pairs, &verdicts) {
+            verdicts.iter_mut().filter(|verdict| **verdict == Verdict::Tells).for_each(|verdict| *verdict = Verdict::Coarse);
+        }
+        let count = |wanted: Verdict| verdicts.iter().filter(|verdict| **verdict == wanted).count();
+        expected += pairs.iter().filter(|pair| pair.is_expected).count();
+        coarse += count(Verdict::Coarse);
+        filtered += count(Verdict::Filtered);
+        let pair = |(pair, verdict): (&Return, &Verdict)| Return { is_expected: *verdict == Verdict::Tells, ..*pair };
+        told.push_view(pairs.iter().zip(&verdicts).map(pair));
+    }
+    let is_most = |pairs: usize| pairs > 0 && pairs as f64 >= WITHHELD_SHARE * expected as f64;
+    let reasons = [(Withheld::CoarseCloud, coarse), (Withheld::FilteredPoints, filtered)];
+    let withheld = reasons.into_iter().filter(|(_, pairs)| is_most(*pairs)).map(|(reason, _)| reason).collect();
+    Ok(Telling { returns: told, withheld })
+}
+
+/// Returns true if nearly all easy pairs of a view that tell returned.
+fn fills_cells(pairs: &[Return], verdicts: &[Verdict]) -> bool {
+    let is_easy = |pair: &Return| {
+        pair.worst_incidence().1 <= EASY_INCIDENCE_DEG.to_radians() && pair.mirror_rad >= EASY_MIRROR_DEG.to_radians()
+    };
+    let telling = pairs.iter().zip(verdicts).filter(|(pair, verdict)| **verdict == Verdict::Tells && is_easy(pair));
+    let easy: Vec<bool> = telling.map(|(pair, _)| pair.is_returned).collect();
+    let returned = easy.iter().filter(|is_returned| **is_returned).count();
+    easy.len() >= MIN_EASY && returned as f64 >= DENSE_RATE * easy.len() as f64
+}
+
+/// Meaning of a pair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    /// Its loss is the scanner's.
+    Tells,
+    /// It was not expected, or lies at the border of the image.
+    Unexpected,
+    /// The points may lie on other surface than the sample.
+    Coarse,
+    /// The points may have been taken out.
+    Filtered,
+}
+
+/// One scan, ready for its pairs.
+struct TellingView<'a> {
+    input: &'a TellingInput<'a>,
+    removed: Option<&'a Removed>,
+    pose: Pose<Part, ScannerFrame>,
+    lookup: ViewLookup<'a>,
+}
+
+impl TellingView<'_> {
+    fn verdicts(&self, pairs: &[Return], ctx: &Context<'_>) -> Vec<Verdict> {
+        let around: Vec<Result<Vec<usize>, Verdict>> = pairs.iter().map(|pair| self.around(pair)).collect();
+        let asked: Vec<usize> = around.iter().flatten().flatten().copied().collect();
+        let mut points = self.input.model.at_cells(&self.pose, self.lookup.cloud.grid(), &asked, ctx).into_iter();
+        let mut verdicts = Vec::with_capacity(pairs.len());
+        for (pair, around) in pairs.iter().zip(around) {
+            verdicts.push(match around {
+                Ok(cells) => {
+                    let points: Vec<Option<ModelPoint>> = points.by_ref().take(cells.len()).collect();
+                    self.verdict(pair.sample, &points)
+                }
+                Err(verdict) => verdict,
+            });
+        }
+        verdicts
+    }
+
+    /// Cells on which the model has to be the sample's surface: that of the sample first, then the eight around it, then those at the
+    /// distance of its neighbours.
+    fn around(&self, pair: &Return) -> Result<Vec<usize>, Verdict> {
+        if !pair.is_expected {
+            return Err(Verdict::Unexpected);
+        }
+        let seen = self.lookup.sample(pair.sample).ok_or(Verdict::Unexpected)?;
+        if self.is_in_zone(&seen.scanner_mm) {
+            return Err(Verdict::Filtered);
+        }
+        let grid = self.lookup.cloud.grid();
+        let full_mm = grid.step_px * seen.precision.spacing_mm;
+        let asked_mm = self.input.compared.surface.requirements.of(pair.sample).spacing_max_mm;
+        if asked_mm.is_some_and(|asked_mm| full_mm > asked_mm) {
+            return Err(Verdict::Coarse);
+        }
+        let [column, row] = grid.cell_of(&seen.scanner_mm).ok_or(Verdict::Unexpected)?;
+        let reach = self.reach(&seen);
+        let far = RING.into_iter().filter(|_| reach > 1).map(|[right, down]| [right * reach, down * reach]);
+        let mut cells = vec![grid.number([column, row])];
+        for [right, down] in RING.into_iter().chain(far) {
+            let column = column.checked_add_signed(right).filter(|column| *column < grid.size.columns);
+            let row = row.checked_add_signed(down).filter(|row| *row < grid.size.rows);
+            let (column, row) = column.zip(row).ok_or(Verdict::Unexpected)?;
+            cells.push(grid.number([column, row]));
+        }
+        if cells.iter().any(|cell| self.is_removed(*cell)) { Err(Verdict::Filtered) } else { Ok(cells) }
+    }
+
+    /// Distance of neighbours, in cells, from which normals of measured points are taken: there the expected noise is small beside
+    /// the spacing.
+    fn reach(&self, seen: &SeenSample) -> isize {
+        let across_mm = self.lookup.cloud.grid().step_px * seen.precision.spacing_mm * seen.precision.cos;
+        let reach = (seen.precision.noise_mm / (NOISE_OF_SPACING * across_mm)).ceil().clamp(1.0, MAX_REACH);
+        (reach as isize).max(1)
+    }
+
+    fn is_in_zone(&self, scanner_mm: &Point3<f64>) -> bool {
+        let plate = self.removed.and_then(|removed| removed.plate);
+        plate.is_some_and(|plate| plate.holds(scanner_mm, ZONE_MARGIN_MM))
+    }
+
+    fn is_removed(&self, cell: usize) -> bool {
+        let holds = |cells: &[u32]| cells.binary_search(&(cell as u32)).is_ok();
+        self.removed.is_some_and(|removed| holds(&removed.cells) || holds(&removed.fixture_cells))
+    }
+
+    fn verdict(&self, sample: SampleId, points: &[Option<ModelPoint>]) -> Verdict {
+        let (surface, compare) = (self.input.compared.surface, self.input.compared.compare);
+        let (sample_mm, normal) = (&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
+        let level_cos = (SHARE_OF_TOLERANCE * compare.normal_deg).to_radians().cos();
+        let off_max_mm = SHARE_OF_TOLERANCE * compare.tolerance_mm;
+        let is_of_surface = |(place, point): (usize, &Option<ModelPoint>)| {
+            point.is_some_and(|point| {
+                let off_mm = (point.point_mm - sample_mm).dot(normal).abs();
+                let is_level = point.normal.dot(normal) >= level_cos;
+                point.is_seen && is_level && (place > RING.len() || off_mm <= off_max_mm)
+            })
+        };
+        if !points.iter().enumerate().all(is_of_surface) {
+            return Verdict::Coarse;
+        }
+        let in_zone = |point: &ModelPoint| self.is_in_zone(&(self.lookup.scanner_from_part * point.point_mm));
+        if points.iter().flatten().any(in_zone) { Verdict::Filtered } else { Verdict::Tells }
+    }
+}
+
+/// Offsets along row and column of the eight cells around a cell.
+const RING: [[isize; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
