@@ -233,7 +233,7 @@ impl ScannerCalibration {
             assumed: draft.assumptions.clone(),
             warnings: Vec::new(),
         };
-        document.warnings = warnings(&document);
+        document.warnings = quality.and_then(refused_images).into_iter().chain(warnings(&document)).collect();
         document
     }
 }
@@ -294,6 +294,22 @@ fn field_check(draft: &ScannerDraft) -> FieldCheck {
         common_mm: Field::size_mm(&draft.checks.common_field),
         stated_mm: draft.checks.stated_field_mm,
     }
+}
+
+/// Images that were refused, in words.
+fn refused_images(quality: &Quality) -> Option<String> {
+    let of_view = |(id, devices): &(String, Vec<DeviceName>)| {
+        let names: Vec<&str> = devices.iter().map(|device| device.as_str()).collect();
+        format!("{id} ({})", names.join(", "))
+    };
+    let images: Vec<String> = quality.refused.iter().map(of_view).collect();
+    (!images.is_empty()).then(|| {
+        format!(
+            "images refused, and not used: {}. Most of their points do not fit the other views: corners of another board, mirrored or in \
+             another order, or a board that moved; take them again, or leave them out",
+            images.join(", ")
+        )
+    })
 }
 
 /// Findings in words, the gravest first.

@@ -30,6 +30,23 @@ closed_list! {
     }
 }
 
+closed_list! {
+    /// Source of standard deviations.
+    pub enum SigmaSource {
+        /// Deviations as they were given.
+        Given = "given",
+        /// Deviations that were given, times one factor that the residuals ask for.
+        Enlarged = "enlarged",
+        /// Deviations of a calibrated arm, times one factor where the residuals ask for it: none were given, and the observations
+        /// are too few to estimate them.
+        Assumed = "assumed",
+        /// Deviations estimated from the residuals.
+        Estimated = "estimated",
+        /// Deviations without use: the points of each board tell its own.
+        Unused = "unused",
+    }
+}
+
 /// One observation: where the robot was, and where it saw the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sighting {

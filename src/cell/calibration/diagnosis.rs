@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::data::{ChainEstimate, Sighting};
+use super::data::{ChainEstimate, HandEyeSetup, Sighting};
 use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::refine::Refined;
 use super::se3::{log, mean_pose, rotation_of, translation_of};
@@ -17,6 +17,9 @@ const UNIT_RATIO: f64 = 100.0;
 const ALL_UNIT_RATIO: f64 = 8.0;
 /// Factor by which another reading of the data has to fit better.
 const CLEARLY: f64 = 5.0;
+/// Distance from the nominal scanner on the flange beyond which the scanner stands elsewhere, mm: no drawing of a mount is so
+/// wrong.
+const ELSEWHERE_MM: f64 = 100.0;
 /// Residual beyond which another reading is looked for, mm.
 const POOR_MM: f64 = 3.0;
 /// Turn within which a board counts as turned by half a turn, rad (3°).
@@ -84,12 +87,16 @@ fn units(sightings: &[Sighting], best_mm: f64) -> Vec<CalibrationFinding> {
 /// Another reading of the data: what it is called, and the data so read.
 type Reading<'a> = (FindingCode, &'a dyn Fn(&Sighting) -> Sighting);
 
-/// Readings that people mix up, tried on observations that fit badly: one that fits clearly better. Inverted boards and inverted arms
-/// fit alike, as G·X·C = Y is G⁻¹·Y·C⁻¹ = X; of readings that fit alike the one is meant whose scanner is nearest to the nominal one.
+/// Readings that people mix up, tried on observations that fit badly: one that fits clearly better. Inverted boards and inverted
+/// arms fit alike, as G·X·C = Y is G⁻¹·Y·C⁻¹ = X, so no residual tells them apart. The scanner does: it sees boards near its best
+/// focus, and boards that lie there as given are not inverted. Of the other readings that fit alike the one is meant whose
+/// scanner is nearest to the nominal one.
 #[must_use]
 pub(super) fn other_reading(
     sightings: &[Sighting],
+    setup: HandEyeSetup,
     nominal_hand_eye: &Isometry3<f64>,
+    best_in_cloud_mm: &Vector3<f64>,
     base_from_plate: &dyn Fn(f64) -> Isometry3<f64>,
 ) -> Option<CalibrationFinding> {
     let transposed = |pose: &Isometry3<f64>| Isometry3::from_parts(pose.translation, pose.rotation.inverse());
@@ -107,11 +114,30 @@ pub(super) fn other_reading(
         let read: Vec<Sighting> = sightings.iter().map(read).collect();
         let (other_mm, hand_eye) = misfit(&read, base_from_plate)?;
         let away_mm = (hand_eye.translation.vector - nominal_hand_eye.translation.vector).norm();
-        (other_mm * CLEARLY < as_given_mm).then_some((away_mm, other_mm, code))
+        (other_mm * CLEARLY < as_given_mm).then_some((away_mm, other_mm, code, hand_eye.translation.vector))
     });
-    let (_, other_mm, code) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let figures = Figures { length_mm: Some(as_given_mm), other_length_mm: Some(other_mm), ..Figures::default() };
+    let tried: Vec<_> = tried.collect();
+    let is_other_setup = tried.iter().any(|(_, _, code, _)| *code == FindingCode::OtherSetup);
+    let is_inverted = !(is_other_setup && is_seen_as_given(sightings, best_in_cloud_mm));
+    let best_mm = tried.iter().map(|(_, other_mm, ..)| *other_mm).fold(f64::INFINITY, f64::min).max(SAME_MM);
+    let fit_alike = tried.into_iter().filter(|(_, other_mm, ..)| *other_mm <= CLEARLY * best_mm);
+    let meant = fit_alike.filter(|(_, _, code, _)| is_inverted || *code != FindingCode::Inverted);
+    let (away_mm, other_mm, code, place_mm) = meant.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // Data of a scanner that is said to stand in the cell put it elsewhere too, where flange_from_base was given.
+    let is_elsewhere = code == FindingCode::OtherSetup && setup == HandEyeSetup::EyeInHand && away_mm > ELSEWHERE_MM;
+    let vector = is_elsewhere.then_some(place_mm);
+    let figures = Figures { length_mm: Some(as_given_mm), other_length_mm: Some(other_mm), vector, ..Figures::default() };
     Some(CalibrationFinding::new(code, Severity::Error).with(figures))
+}
+
+/// Returns true if the boards as given lie nearer to the point of best focus than the inverses of their poses do.
+fn is_seen_as_given(sightings: &[Sighting], best_in_cloud_mm: &Vector3<f64>) -> bool {
+    let median_mm = |place: &dyn Fn(&Sighting) -> Vector3<f64>| {
+        let mut off_mm: Vec<f64> = sightings.iter().map(|each| (place(each) - best_in_cloud_mm).norm()).collect();
+        off_mm.sort_by(f64::total_cmp);
+        off_mm.get(off_mm.len() / 2).copied().unwrap_or(0.0)
+    };
+    median_mm(&|each| each.seen.translation.vector) < median_mm(&|each| each.seen.inverse().translation.vector)
 }
 
 /// Median distance of the boards from their mean, mm, with the closed form of the hand-eye, and that.

@@ -45,6 +45,8 @@ closed_list! {
         TableScale = "table_scale",
         /// The table does not turn.
         TableStill = "table_still",
+        /// Lengths to the board that are off those of the arm's motions by one ratio.
+        BoardScale = "board_scale",
         /// An observation that does not agree with the others.
         BadPose = "bad_pose",
         /// The deviations given are smaller than the data show.

@@ -2,6 +2,7 @@
 //! covariance, and a check before use. Pure: no files, no clock. Equation of the chain: [`data`]. Calibration of the scanner itself:
 //! [`lens`].
 
+pub mod board_scale;
 pub mod brightness;
 pub mod check;
 pub mod chi_squared;

@@ -37,6 +37,9 @@ pub struct Screened {
     pub is_used: Vec<bool>,
     /// Factor by which the deviations that were given had to grow for most observations to agree; 1 if they did not.
     pub sigma_scale: f64,
+    /// True if the deviations were estimated from the residuals: with too few observations they stay those that the estimate
+    /// begins with, times one factor.
+    pub is_sigma_estimated: bool,
 }
 
 impl Screened {
@@ -165,20 +168,22 @@ impl Screening<'_> {
         let mut refined = self.refined_by(&self.chosen(first), &weighting)?;
         let mut is_used = vec![false; self.sightings.len()];
         first.iter().for_each(|index| is_used[*index] = true);
+        let mut is_sigma_estimated = false;
         for round in 0..GATES {
             is_used = self.gate(&refined, &is_used);
             let used: Vec<Sighting> =
                 self.sightings.iter().zip(&is_used).filter(|(_, used)| **used).map(|(each, _)| each.clone()).collect();
             // With few observations the four deviations are not told apart.
-            let estimate = self.estimate_sigma && 6 * used.len() >= self.free.count() + 12 && round > 0;
+            is_sigma_estimated = self.estimate_sigma && 6 * used.len() >= self.free.count() + 12 && round > 0;
             let problem = Adjustment { sightings: &used, free: self.free, prior: None };
             let (at, weighting) = (&refined.estimate, &refined.weighting);
-            refined = if estimate { problem.refine_with_sigma(at, weighting)? } else { problem.refine(at, weighting)? };
+            refined =
+                if is_sigma_estimated { problem.refine_with_sigma(at, weighting)? } else { problem.refine(at, weighting)? };
         }
         if self.estimate_sigma {
-            return Some(self.readmitted(Screened { refined, is_used, sigma_scale: 1.0 }));
+            return Some(self.readmitted(Screened { refined, is_used, sigma_scale: 1.0, is_sigma_estimated }));
         }
-        self.gated_as_explained(Screened { refined, is_used, sigma_scale })
+        self.gated_as_explained(Screened { refined, is_used, sigma_scale, is_sigma_estimated })
     }
 
     /// Gates anew with deviations that explain the observations used, where those that were given do not: too small ones drop good
@@ -221,7 +226,7 @@ impl Screening<'_> {
             let refined = problem.refine_with_sigma(&screened.refined.estimate, &screened.refined.weighting);
             let is_inside = |refined: &Refined| self.own_square(refined, &self.sightings[index]) < quantile(FALSE_DROP, 6);
             let Some(refined) = refined.filter(is_inside) else { return false };
-            screened = Screened { refined, is_used, ..screened };
+            screened = Screened { refined, is_used, sigma_scale: screened.sigma_scale, is_sigma_estimated: true };
             true
         });
         screened

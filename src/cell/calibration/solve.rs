@@ -3,8 +3,9 @@
 
 use nalgebra::{Isometry3, Matrix6, Vector3};
 
+use super::board_scale::BoardScale;
 use super::chi_squared::{exceedance, quantile};
-use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve, Weighting};
+use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, SigmaSource, Solve, Weighting};
 use super::diagnosis;
 use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::leave_one_out::{LeftOut, leave_one_out};
@@ -43,7 +44,7 @@ pub struct Task {
     pub solve: Solve,
     /// Place of the scanner.
     pub setup: HandEyeSetup,
-    /// Deviations; none: they are estimated.
+    /// Deviations; none: they are estimated, or assumed where the observations are too few.
     pub sigma: Option<Sigma>,
     /// The cell as it was specified: flange_from_cloud and base_from_table count.
     pub nominal: ChainEstimate,
@@ -53,6 +54,8 @@ pub struct Task {
     pub best_in_cloud_mm: Vector3<f64>,
     /// Middle of the board, where its size is known, mm.
     pub board_middle_mm: Option<Vector3<f64>>,
+    /// Edge of a square of the board, or distance between its points, where it is known, mm.
+    pub board_pitch_mm: Option<f64>,
     /// Largest uncertainty.
     pub limits: UncertaintyLimits,
     /// Runout of the table that is known already.
@@ -77,8 +80,10 @@ pub enum Role {
 pub struct Calibration {
     /// Refined unknowns with covariance and deviations.
     pub refined: Refined,
-    /// Deviations were estimated from the residuals.
-    pub is_sigma_estimated: bool,
+    /// Sources of the deviations of arm and board.
+    pub sigma_sources: [SigmaSource; 2],
+    /// Scale of the lengths to the board, where the scanner was solved for and enough observations tell it.
+    pub board_scale: Option<BoardScale>,
     /// Observations as used: with boards turned back.
     pub sightings: Vec<Sighting>,
     /// Part of each observation.
@@ -231,8 +236,9 @@ impl Task {
             task.check_motion(findings);
         }
         refuse(findings)?;
-        if let Some(finding) =
-            diagnosis::other_reading(&task.sightings, &task.nominal.hand_eye, &|angle| task.nominal_plate(angle))
+        let (setup, nominal, best_mm) = (task.setup, &task.nominal.hand_eye, &task.best_in_cloud_mm);
+        let plate = |angle: f64| task.nominal_plate(angle);
+        if let Some(finding) = diagnosis::other_reading(&task.sightings, setup, nominal, best_mm, &plate)
             && task.solve != Solve::Table
         {
             findings.push(finding);
@@ -299,7 +305,12 @@ impl Task {
         if sightings.len() < MIN_FOR_SCREENING {
             let problem = Adjustment { sightings, free, prior: None };
             let refined = self.start(sightings).and_then(|at| problem.refine(&at, &self.weighting()));
-            let screened = refined.map(|refined| Screened { refined, is_used: vec![true; sightings.len()], sigma_scale: 1.0 });
+            let screened = refined.map(|refined| Screened {
+                refined,
+                is_used: vec![true; sightings.len()],
+                sigma_scale: 1.0,
+                is_sigma_estimated: false,
+            });
             return screened.map(|screened| if estimate_sigma { screened.widened() } else { screened.inflated() });
         }
         Screening { sightings, free, start: &start, weighting: self.weighting(), estimate_sigma }.screen()
@@ -351,10 +362,13 @@ impl Task {
         let lever_mm = self.best_in_cloud_mm.norm();
         let observability = Observability::new(&self.frames(), Some(&covariance), lever_mm);
         self.judge(screened, &observability, &residuals, &whitened, &roles, &mut findings);
+        let board_scale = self.board_scale(screened, &used);
+        findings.extend(board_scale.and_then(|scale| self.judge_board(&scale)));
         refuse(&findings)?;
         Ok(Calibration {
             refined: refined.clone(),
-            is_sigma_estimated: self.sigma.is_none(),
+            sigma_sources: self.sigma_sources(screened, &used),
+            board_scale,
             sightings: self.sightings.clone(),
             chi2_p: exceedance(refined.chi2.iter().sum(), refined.freedom()),
             point_sd_mm: point_sd_mm(&covariance, &self.best_in_cloud_mm),
@@ -442,6 +456,39 @@ impl Task {
         let lengths: Vec<f64> = used.iter().map(|index| super::se3::translation_of(&residuals[*index]).norm()).collect();
         let joints: Vec<[f64; 6]> = used.iter().filter_map(|index| self.joints_rad.get(*index).copied()).collect();
         findings.extend(diagnosis::arm_model(&lengths, &joints));
+    }
+
+    /// Scale of the lengths to the board. None where the scanner is held: its own error along the view would be taken for one.
+    fn board_scale(&self, screened: &Screened, used: &[Sighting]) -> Option<BoardScale> {
+        if self.solve == Solve::Table || used.len() < MIN_FOR_SCREENING {
+            return None;
+        }
+        let estimate_sigma = screened.is_sigma_estimated;
+        let weighting = if estimate_sigma { screened.refined.weighting } else { self.weighting() };
+        BoardScale::of(&screened.refined, used, &weighting, estimate_sigma, self.best_in_cloud_mm.norm())
+    }
+
+    /// Warning of a board of another size than was given.
+    fn judge_board(&self, scale: &BoardScale) -> Option<CalibrationFinding> {
+        let figures = Figures {
+            ratio: Some(scale.ratio),
+            length_mm: Some(scale.shift_mm()),
+            other_length_mm: self.board_pitch_mm.map(|pitch_mm| pitch_mm / scale.ratio),
+            ..Figures::default()
+        };
+        scale.is_off().then(|| CalibrationFinding::new(FindingCode::BoardScale, Severity::Warning).with(figures))
+    }
+
+    /// Sources of the deviations of arm and board.
+    fn sigma_sources(&self, screened: &Screened, used: &[Sighting]) -> [SigmaSource; 2] {
+        let arm = match (self.sigma.is_some(), screened.is_sigma_estimated) {
+            (true, _) if screened.sigma_scale > 1.0 => SigmaSource::Enlarged,
+            (true, _) => SigmaSource::Given,
+            (false, true) => SigmaSource::Estimated,
+            (false, false) => SigmaSource::Assumed,
+        };
+        let is_told_by_points = used.iter().all(|each| each.seen_covariance.is_some());
+        [arm, if is_told_by_points { SigmaSource::Unused } else { arm }]
     }
 
     /// Sign of the table's turn: a cell cannot say that its table turns the other way.

@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::check::{Check, CheckLimits, CheckVerdict};
-use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Solve, Weighting};
+use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, SigmaSource, Solve, Weighting};
 use super::findings::FindingCode;
 use super::leave_one_out::leave_one_out;
 use super::observability::UncertaintyLimits;
@@ -431,6 +431,7 @@ pub(super) fn task(sightings: Vec<Sighting>, solve: Solve, sigma: Option<Sigma>)
         hold_out: 0,
         best_in_cloud_mm: Vector3::new(0.0, 0.0, 480.0),
         board_middle_mm: Some(Vector3::new(75.0, 52.5, 0.0)),
+        board_pitch_mm: Some(10.0),
         limits: UncertaintyLimits::default(),
     }
 }
@@ -542,6 +543,78 @@ fn faults_of_the_data_are_named() {
         println!("C13 {}: {found:?}", code.as_str());
         assert!(found.contains(&code), "{} not in {found:?}", code.as_str());
     }
+}
+
+/// Data of a scanner that stands in the cell, with the board on the flange, given as those of a scanner on the flange: they fit
+/// as well with the boards inverted, and inverting them would put the scanner where the board is.
+#[test]
+fn a_scanner_that_stands_in_the_cell_is_not_taken_for_inverted_boards() {
+    let level = levels()[1];
+    let stands = ChainEstimate {
+        hand_eye: pose(900.0, -300.0, 700.0, [175.0, 10.0, 40.0]),
+        table: Isometry3::identity(),
+        board: pose(10.0, 5.0, 120.0, [2.0, -1.0, 30.0]),
+        scale: 1.0,
+    };
+    let mut noise = Noise(17);
+    // Of this chain the arm's poses are flange_from_base.
+    let mut sightings = exact(&stands, 16, 40.0, false, &mut noise);
+    disturb(&mut sightings, &level, &mut noise);
+    let own = Task { setup: HandEyeSetup::EyeToHand, ..task(sightings.clone(), Solve::HandEye, Some(level)) };
+    assert!(own.calibrate().is_ok(), "as they are");
+    sightings.iter_mut().for_each(|each| each.robot = each.robot.inverse());
+    let said_to_stand = Task { setup: HandEyeSetup::EyeToHand, ..task(sightings.clone(), Solve::HandEye, Some(level)) };
+    let findings = said_to_stand.calibrate().expect_err("the arm's poses are inverted");
+    assert_eq!(findings[0].code, FindingCode::OtherSetup);
+    assert!(findings[0].figures.vector.is_none(), "it is no advice to give the setup that was given");
+    let findings = task(sightings, Solve::HandEye, Some(level)).calibrate().expect_err("another setup");
+    let codes: Vec<_> = findings.iter().map(|finding| finding.code).collect();
+    assert_eq!(codes, [FindingCode::OtherSetup]);
+    let place_mm = findings[0].figures.vector.expect("the scanner's place");
+    assert!((place_mm - stands.hand_eye.translation.vector).norm() < 5.0, "{place_mm}");
+}
+
+/// Squares that are smaller than was given put the scanner off along its view by many of its standard deviations, and leave
+/// residuals that are small: nothing was told.
+#[test]
+fn a_board_of_another_size_than_was_given_is_told_with_its_size() {
+    let level = levels()[0];
+    for (solve, sigma) in [(Solve::HandEye, Some(level)), (Solve::HandEye, None), (Solve::Joint, Some(level))] {
+        let is_still = solve == Solve::HandEye;
+        let at = if is_still { ChainEstimate { table: Isometry3::identity(), ..truth() } } else { truth() };
+        for (ratio, is_told) in [(1.0, false), (1.002, true)] {
+            let mut noise = Noise(41);
+            let mut sightings = exact(&at, 24, 40.0, !is_still, &mut noise);
+            disturb(&mut sightings, &level, &mut noise);
+            sightings.iter_mut().for_each(|each| each.seen.translation.vector *= ratio);
+            let found = task(sightings, solve, sigma).calibrate().unwrap_or_else(|findings| panic!("{findings:?}"));
+            let scale = found.board_scale.expect("a scale");
+            println!("board × {ratio}, {}: {:.5} ± {:.5}", solve.as_str(), scale.ratio, scale.sd);
+            assert!((scale.ratio - ratio).abs() < 1e-3 && scale.sd < 6e-4, "{scale:?}");
+            let finding = found.findings.iter().find(|finding| finding.code == FindingCode::BoardScale);
+            assert_eq!(finding.is_some(), is_told, "{:?}", found.findings);
+            let likely_mm = finding.map(|finding| finding.figures.other_length_mm.expect("a size"));
+            assert!(likely_mm.is_none_or(|likely_mm| (likely_mm - 10.0 / ratio).abs() < 0.01), "{likely_mm:?}");
+        }
+    }
+}
+
+/// Deviations that nobody gave were told to be estimated, where too few observations left those that an estimate begins with.
+#[test]
+fn deviations_of_few_observations_are_assumed_and_not_estimated() {
+    let (truth, level) = (ChainEstimate { table: Isometry3::identity(), ..truth() }, levels()[1]);
+    let sources = |count: usize, sigma: Option<Sigma>| {
+        let mut noise = Noise(11);
+        let mut sightings = exact(&truth, count, 40.0, false, &mut noise);
+        disturb(&mut sightings, &level, &mut noise);
+        let limits = UncertaintyLimits { max_mm: 5.0, max_rad: 0.1, warn_mm: 5.0 };
+        let task = Task { limits, ..task(sightings, Solve::HandEye, sigma) };
+        task.calibrate().unwrap_or_else(|findings| panic!("{findings:?}")).sigma_sources
+    };
+    assert_eq!(sources(5, None), [SigmaSource::Assumed; 2]);
+    assert_eq!(sources(16, None), [SigmaSource::Estimated; 2]);
+    assert_eq!(sources(16, Some(level)), [SigmaSource::Given; 2]);
+    assert_eq!(sources(16, Some(level.scaled(0.01))), [SigmaSource::Enlarged; 2]);
 }
 
 /// A table that turns the other way, or by another ratio.

@@ -4,15 +4,17 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::{ReadArgs, coordinates, observations, one_of, refused, with_sd};
-use crate::cell::calibration::data::Solve;
-use crate::cell::calibration::findings::Severity;
+use crate::cell::calibration::data::{SigmaSource, Solve};
+use crate::cell::calibration::findings::{FindingCode, Severity};
 use crate::cell::{Cell, CellSpec};
 use crate::cli::check::warn;
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
 use crate::report::calibration::calibration_html;
-use crate::wire::calibration::{CalibrationDocument, CalibrationError, FindingDocument, PlateFaceDocument, WeakestDocument};
+use crate::wire::calibration::{
+    BoardScaleDocument, CalibrationDocument, CalibrationError, FindingDocument, PlateFaceDocument, WeakestDocument,
+};
 use crate::wire::json_file_bytes;
 use crate::wire::words::fixed;
 
@@ -87,6 +89,7 @@ pub(super) fn run(args: &CalibrateCellArgs) -> Result<(), CliError> {
 fn remedy(finding: &FindingDocument) -> &'static str {
     match finding.severity {
         Severity::Error => "the calibration cannot be used",
+        Severity::Warning if finding.code == FindingCode::BoardScale => "measure the board",
         Severity::Warning if finding.observations.is_empty() => "take more observations",
         Severity::Warning => "look at the observations named, and take them again",
         Severity::Note => "for your information",
@@ -140,11 +143,32 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
     if let Some(weakest) = &document.observability.weakest {
         line("known least", weakest_text(weakest));
     }
+    if let Some(scale) = &document.board_scale {
+        line("lengths to the board", board_scale_text(scale));
+    }
     let sigma = &document.sigma;
-    let source = if document.sigma_estimated { "estimated" } else { "as given" };
-    line("arm", format!("{:.4}°, {:.3} mm for each axis, {source}", sigma.robot_deg, sigma.robot_mm));
-    line("board", format!("{:.4}°, {:.3} mm for each axis, {source}", sigma.board_deg, sigma.board_mm));
+    let (arm, board) = (source_words(document.arm_sigma_source), source_words(document.board_sigma_source));
+    line("arm", format!("{:.4}°, {:.3} mm for each axis, {arm}", sigma.robot_deg, sigma.robot_mm));
+    line("board", format!("{:.4}°, {:.3} mm for each axis, {board}", sigma.board_deg, sigma.board_mm));
     text
+}
+
+/// Scale of the lengths to the board, and what it leaves open.
+fn board_scale_text(scale: &BoardScaleDocument) -> String {
+    let sd = format!("{:.5}, {:.3} mm along the view", scale.sd, scale.shift_sd_mm);
+    with_sd(&format!("{:.5} of what the arm's motions tell", scale.ratio), &sd)
+}
+
+/// Source of standard deviations, in words.
+fn source_words(source: Option<SigmaSource>) -> &'static str {
+    match source {
+        Some(SigmaSource::Given) => "as given",
+        Some(SigmaSource::Enlarged) => "as given, times what the residuals ask for",
+        Some(SigmaSource::Assumed) => "assumed: too few observations to estimate them",
+        Some(SigmaSource::Estimated) => "estimated from the residuals",
+        Some(SigmaSource::Unused) => "not used: points of the boards tell theirs",
+        None => "of a source that is not told",
+    }
 }
 
 /// Height of the plate's face.
@@ -173,5 +197,16 @@ mod tests {
         assert_eq!(weakest_text(&shift), "shift along (0.00 0.60 0.80) of the cloud (standard deviation 0.012 mm)");
         let turn = WeakestDocument { freedom: Freedom::Turn, sd_deg: Some(0.001_2), sd_mm: None, ..shift };
         assert!(weakest_text(&turn).ends_with("(standard deviation 0.0012°)"), "{}", weakest_text(&turn));
+        let scale = BoardScaleDocument { ratio: 1.002, sd: 0.000_8, shift_mm: 0.96, shift_sd_mm: 0.384 };
+        let told = "1.00200 of what the arm's motions tell (standard deviation 0.00080, 0.384 mm along the view)";
+        assert_eq!(board_scale_text(&scale), told);
+    }
+
+    /// Deviations of five observations were told to be estimated, and were those that an estimate begins with.
+    #[test]
+    fn only_deviations_that_were_estimated_are_told_so() {
+        let told: Vec<&str> = SigmaSource::ALL.into_iter().map(|source| source_words(Some(source))).collect();
+        assert_eq!(told.iter().filter(|words| words.starts_with("estimated")).count(), 1, "{told:?}");
+        assert!(source_words(Some(SigmaSource::Assumed)).starts_with("assumed"));
     }
 }

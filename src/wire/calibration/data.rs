@@ -150,6 +150,16 @@ impl BoardDocument {
         }
     }
 
+    /// Edge of a square, or distance between points; none for spheres.
+    #[must_use]
+    pub fn pitch_mm(&self) -> Option<f64> {
+        match self {
+            Self::Chessboard { square_mm, .. } | Self::Charuco { square_mm, .. } => Some(*square_mm),
+            Self::Circles { spacing_mm, .. } => Some(*spacing_mm),
+            Self::Spheres {} => None,
+        }
+    }
+
     fn check(&self, findings: &mut Findings) {
         let (columns, rows, pitch, pitch_mm) = match self {
             Self::Chessboard { columns, rows, square_mm } | Self::Charuco { columns, rows, square_mm } => {
@@ -356,6 +366,7 @@ impl CalibrationData {
             hold_out,
             best_in_cloud_mm: (scanner_from_cloud.inverse() * best).coords,
             board_middle_mm: self.board.as_ref().and_then(BoardDocument::middle_mm),
+            board_pitch_mm: self.board.as_ref().and_then(BoardDocument::pitch_mm),
             limits: UncertaintyLimits::default(),
             runout: cell.turntable.runout.clone(),
             face,

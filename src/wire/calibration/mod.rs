@@ -31,7 +31,8 @@ pub use placement::{PLACEMENT_SCHEMA, PlacementData, PlacementDocument};
 pub use pose::ObservedPose;
 pub use poses::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
 pub use result::{
-    CALIBRATION_SCHEMA, CalibrationDocument, FindingDocument, PlateFaceDocument, ResidualDocument, WeakestDocument,
+    BoardScaleDocument, CALIBRATION_SCHEMA, CalibrationDocument, FindingDocument, PlateFaceDocument, ResidualDocument,
+    WeakestDocument,
 };
 pub use words::sentence;
 pub use yaml::{from_easy_handeye, from_zivid};

@@ -6,7 +6,8 @@ use utoipa::ToSchema;
 
 use super::data::{CalibrationData, SigmaDocument};
 use super::words::sentence;
-use crate::cell::calibration::data::{ChainEstimate, HandEyeSetup, Sigma, Solve, Weighting};
+use crate::cell::calibration::board_scale::BoardScale;
+use crate::cell::calibration::data::{ChainEstimate, HandEyeSetup, Sigma, SigmaSource, Solve, Weighting};
 use crate::cell::calibration::findings::{CalibrationFinding, FindingCode, Severity};
 use crate::cell::calibration::leave_one_out::Spread;
 use crate::cell::calibration::observability::Freedom;
@@ -61,8 +62,18 @@ pub struct CalibrationDocument {
     pub covariance: CovarianceDocument,
     /// Standard deviations of arm and board.
     pub sigma: SigmaDocument,
-    /// They were estimated from the residuals.
+    /// True if the deviations of the arm were estimated from the residuals; `arm_sigma_source` tells more.
     pub sigma_estimated: bool,
+    /// Source of the standard deviations of the arm; left out by versions that did not tell it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub arm_sigma_source: Option<SigmaSource>,
+    /// Source of the standard deviations of the board; left out by versions that did not tell it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board_sigma_source: Option<SigmaSource>,
+    /// Scale of the lengths to the board against those of the arm's motions; left out where the scanner was not solved for, and
+    /// for fewer than 6 observations.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board_scale: Option<BoardScaleDocument>,
     /// Factor on the covariances that the points of boards tell: above 1 where residuals ask for more. Default 1.
     #[serde(default = "one")]
     pub points_factor: f64,
@@ -89,6 +100,27 @@ pub struct CalibrationDocument {
     pub point_at_best_focus_sd_mm: f64,
     /// Remarks.
     pub findings: Vec<FindingDocument>,
+}
+
+/// Scale of the lengths to the board. Unknown fields are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct BoardScaleDocument {
+    /// Lengths to the board, as they were given, over those that the arm's motions tell: above 1 where the board is smaller than
+    /// its size was given.
+    pub ratio: f64,
+    /// Standard deviation of the ratio.
+    pub sd: f64,
+    /// Distance by which that ratio puts the scanner off along its view, mm.
+    pub shift_mm: f64,
+    /// Standard deviation that a board of unknown size leaves the scanner along its view, mm.
+    pub shift_sd_mm: f64,
+}
+
+impl From<&BoardScale> for BoardScaleDocument {
+    fn from(scale: &BoardScale) -> Self {
+        Self { ratio: scale.ratio, sd: scale.sd, shift_mm: scale.shift_mm(), shift_sd_mm: scale.shift_sd_mm() }
+    }
 }
 
 /// Covariances of body increments.
@@ -324,7 +356,10 @@ impl CalibrationDocument {
                 joint: rows::<JOINT>(|row, column| covariance[(row, column)]),
             },
             sigma: found.refined.weighting.sigma.into(),
-            sigma_estimated: found.is_sigma_estimated,
+            sigma_estimated: found.sigma_sources[0] == SigmaSource::Estimated,
+            arm_sigma_source: Some(found.sigma_sources[0]),
+            board_sigma_source: Some(found.sigma_sources[1]),
+            board_scale: found.board_scale.as_ref().map(BoardScaleDocument::from),
             points_factor: found.refined.weighting.points_factor,
             residuals: residuals(found),
             summary: ResidualSummary {

@@ -104,7 +104,7 @@ fn shifted(mm: [f64; 3]) -> Isometry3<f64> {
 }
 
 /// Mistakes that people make with good data: code or pointer that comes first, and words of its sentence.
-const MISTAKES: [(&str, &str, Change); 24] = [
+const MISTAKES: [(&str, &str, Change); 25] = [
     ("too_few", "2 observations; at least 3", |d| d["observations"].as_array_mut().expect("a list").truncate(2)),
     ("unit_mismatch", "× smaller than the others", |d| scale(&mut d["observations"][4]["cloud_from_board"], 1e-3)),
     ("unit_mismatch", "× smaller than the scanner's distance", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1e-3))),
@@ -178,6 +178,7 @@ const MISTAKES: [(&str, &str, Change); 24] = [
     ("table_scale", "check its gear ratio", |d| {
         each(d, |_, o| o["table_angle_deg"] = json!(1.01 * o["table_angle_deg"].as_f64().expect("a number")));
     }),
+    ("board_scale", "given as 10.000 mm are probably 9.", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1.03))),
     ("table_still", "its axis needs 10°", |d| each(d, |_, o| o["table_angle_deg"] = json!(0.0))),
     ("sigma_too_small", "leave sigma out", |d| {
         d["sigma"] = json!({"robot_deg": 0.0001, "robot_mm": 0.001, "board_deg": 0.0001, "board_mm": 0.001});
@@ -232,7 +233,7 @@ const FIELDS: [(&str, &str, Change); 24] = [
     ("/plate/0", "needs one of joints_deg", |d| d["plate"] = json!([{"points_mm": [[0, 0, 480], [1, 0, 480], [0, 1, 480]]}])),
 ];
 
-/// Row C13: forty-eight files of ours, each told what it looks like first, and the good one told nothing.
+/// Row C13: forty-nine files of ours, each told what it looks like first, and the good one told nothing.
 #[test]
 fn mistaken_observations_are_told_what_they_look_like() {
     let cell = cell();
@@ -371,6 +372,16 @@ fn every_finding_has_a_sentence() {
     assert_eq!(of(FindingCode::Stale), "taken at 31.0 °C, calibration at 22.4 °C: 8.6 K, over 5 K: calibrate again");
     assert!(of(FindingCode::ArmModel).contains("joint 2"));
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
+}
+
+/// Data of a scanner that stands in the cell were told to be inverted.
+#[test]
+fn a_scanner_that_stands_in_the_cell_is_told_by_its_place() {
+    let vector = Some(Vector3::new(900.2, -300.0, 700.0));
+    let figures = Figures { length_mm: Some(310.0), other_length_mm: Some(0.2), vector, ..Figures::default() };
+    let told = sentence(&CalibrationFinding::new(FindingCode::OtherSetup, Severity::Error).with(figures));
+    assert!(told.contains("the scanner at 900, -300, 700 mm of the base"), "{told}");
+    assert!(told.ends_with("give the setup eye_to_hand, and leave the poses as they are"), "{told}");
 }
 
 /// ± was told of one standard deviation, and −0.00 of an axis.

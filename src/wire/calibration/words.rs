@@ -1,5 +1,7 @@
 //! Sentences of the findings: what the data look like, and what to do.
 
+use nalgebra::Vector3;
+
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode};
 use crate::wire::words::fixed;
 
@@ -17,6 +19,7 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
         | FindingCode::OutOfStep => of_arm(finding.code, figures),
         FindingCode::Inverted | FindingCode::OtherSetup | FindingCode::Transposed => of_reading(finding.code, figures),
         FindingCode::TableSign | FindingCode::TableScale | FindingCode::TableStill => of_table(finding.code, figures),
+        FindingCode::BoardScale => of_board(figures),
         FindingCode::BadPose
         | FindingCode::Moved
         | FindingCode::Swapped
@@ -109,15 +112,39 @@ fn of_arm(code: FindingCode, figures: &Figures) -> String {
 #[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]
 fn of_reading(code: FindingCode, figures: &Figures) -> String {
     let (given, other) = (figures.length_mm.unwrap_or(f64::NAN), figures.other_length_mm.unwrap_or(f64::NAN));
+    let stands = |place_mm: Vector3<f64>| {
+        let [x, y, z] = <[f64; 3]>::from(place_mm).map(|mm| fixed(mm, 0));
+        format!(
+            "with the arm's poses inverted, which puts the scanner at {x}, {y}, {z} mm of the base and the board on the flange: give the \
+             setup eye_to_hand, and leave the poses as they are"
+        )
+    };
     let reading = match code {
-        FindingCode::Inverted => "with cloud_from_board inverted: board_from_cloud was given",
-        FindingCode::OtherSetup => {
-            "with the arm's poses inverted: the scanner stands in the cell (eye_to_hand) where eye_in_hand is given, the reverse, or \
-             flange_from_base was given"
-        }
-        _ => "with a rotation transposed: columns were written as rows",
+        FindingCode::Inverted => "with cloud_from_board inverted: board_from_cloud was given".to_owned(),
+        FindingCode::OtherSetup => figures.vector.map_or_else(
+            || {
+                "with the arm's poses inverted: the scanner stands in the cell (eye_to_hand) where eye_in_hand is given, the reverse, or \
+                 flange_from_base was given"
+                    .to_owned()
+            },
+            stands,
+        ),
+        _ => "with a rotation transposed: columns were written as rows".to_owned(),
     };
     format!("the boards disagree by {given:.1} mm as given, and by {other:.2} mm {reading}")
+}
+
+fn of_board(figures: &Figures) -> String {
+    let (ratio, mm) = (figures.ratio.unwrap_or(1.0), figures.length_mm.unwrap_or(0.0));
+    let size = figures.other_length_mm.map_or_else(
+        || format!("the board is probably {:.4} of the size that was given", ratio.recip()),
+        |likely_mm| format!("squares or spacings given as {:.3} mm are probably {likely_mm:.3} mm", likely_mm * ratio),
+    );
+    format!(
+        "lengths to the board are {:+.2} % off those of the arm's motions, which puts the scanner {mm:.2} mm off along its view: {size}, \
+         or lengths of the scanner or of the arm are off; measure the board, and find its poses anew with its true size",
+        100.0 * (ratio - 1.0)
+    )
 }
 
 #[expect(clippy::wildcard_enum_match_arm, reason = "the last arm is for the last of the codes that it is called with")]

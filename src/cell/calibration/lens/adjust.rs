@@ -1,19 +1,23 @@
 //! Joint estimation of both cameras, the projector and the board's poses from observations.
 //!
-//! Start: each camera alone ([`super::start`]), their relative pose as the mean over common views, the projector by resection from
-//! the boards that the cameras place ([`super::resect`]). Then all together ([`super::equations`]) under Huber's loss on the length
-//! of a residual in standard deviations, which are estimated beside it, a value a device (Huber's proposal 2, *Robust
+//! Start: each camera alone ([`super::start`]), their relative pose as the mean over common views, the projector by resection
+//! from the boards that the cameras place ([`super::resect`]). Then all together ([`super::equations`]) under Huber's loss on the
+//! length of a residual in standard deviations, which are estimated beside it, a value a device (Huber's proposal 2, *Robust
 //! Statistics*, 1981, section 6.4): σ² = Σ min(r, kσ)² / (n β), β = 2 (1 − exp(−k²/2)) for two coordinates. Sightings whose
-//! residual is beyond 5 σ, which 4 in a million normal ones are, are left out and the rest is estimated anew.
+//! residual is beyond 5 σ, which 4 in a million normal ones are, are left out and the rest is estimated anew. An image most of
+//! whose sightings are left out shows something else than the board as the others see it, and is refused as a whole; a view
+//! without another image is taken out, since nothing fixes its board.
 
-use nalgebra::{DMatrix, Isometry3, Vector2};
+use std::borrow::Cow;
+
+use nalgebra::{DMatrix, Isometry3, Matrix3, Vector2};
 
 use super::equations::{BundleProblem, BundleState, HUBER, POSES, SHARED, seen_by};
 use super::fault::{LensError, LensFault};
 use super::model::{LENS, LensParameters, PARAMETER_NAMES};
 use super::observations::{BoardObservations, BoardView, DeviceSighting};
 use super::resect;
-use super::start::{MIN_POINTS, board_pose, camera_matrix, homography, mean_pose, placed};
+use super::start::{MIN_POINTS, board_pose, camera_matrix, homography, mean_pose, placed, transfer_rms_px};
 use crate::cell::{DeviceName, PerDevice};
 
 /// Fewest views of each camera, and fewest common views of two devices.
@@ -28,6 +32,17 @@ const STEPS: usize = 25;
 const MIN_SIGMA_PX: f64 = 1e-9;
 /// Largest standard deviation of a focal length, as a share of it, beyond which the observations leave it open.
 const MAX_FOCAL_SIGMA: f64 = 0.05;
+
+/// Misfit of an image to every homography, as a share of the image's width, beyond which its points are not those of the board,
+/// or not in their order: distortion leaves a few thousandths, exchanged points a tenth. Chosen between the two; no source.
+const MAX_START_MISFIT: f64 = 0.05;
+/// Median residual of an image, px, below which it is not refused, however small the standard deviation: no other board is so
+/// near.
+const MIN_REFUSED_PX: f64 = 1.0;
+/// Images of a device, and views, of which one may be refused: where more do not fit, nothing says which of them are right.
+const IMAGES_FOR_A_REFUSED: usize = 4;
+/// Views that are taken out at most: each costs an estimate anew.
+const MAX_TAKEN_OUT: usize = 32;
 
 /// Choices of the estimation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -84,8 +99,10 @@ pub struct Adjusted {
     pub is_held: Vec<bool>,
     /// Residuals by device.
     pub devices: PerDevice<Option<DeviceResiduals>>,
-    /// All residuals, in the order of the observations.
+    /// All residuals, in the order of the observations; without those of views that were taken out.
     pub residuals: Vec<PixelResidual>,
+    /// Images that were refused, by place of the view and device: most of their points do not fit the other views.
+    pub refused: Vec<(usize, DeviceName)>,
 }
 
 /// Estimates lenses and poses from observations.
@@ -98,8 +115,8 @@ pub fn adjust(observations: &BoardObservations, options: &AdjustOptions) -> Resu
         let size_px = sizes[device].ok_or_else(|| missing(device, "its image size is not given"))?;
         single(&observations.views, device, size_px, options)
     };
-    let (left, left_boards) = camera(DeviceName::Left)?;
-    let (right, right_boards) = camera(DeviceName::Right)?;
+    let CameraStart { lens: left, boards: left_boards, refused: left_refused } = camera(DeviceName::Left)?;
+    let CameraStart { lens: right, boards: right_boards, refused: right_refused } = camera(DeviceName::Right)?;
     let pairs: Vec<Isometry3<f64>> =
         left_boards.iter().zip(&right_boards).filter_map(|(left, right)| Some((*right)? * (*left)?.inverse())).collect();
     let right_from_left = mean_pose(&pairs).filter(|_| pairs.len() >= MIN_VIEWS).ok_or_else(|| {
@@ -128,7 +145,13 @@ pub fn adjust(observations: &BoardObservations, options: &AdjustOptions) -> Resu
     let views = if projector.is_some() { views } else { views.into_iter().map(without_projector).collect() };
     let solved = solve(&views, state, is_held)?;
     solved.check()?;
-    Ok(solved.finish(observations, &kept, &views, projector.is_some()))
+    let mut adjusted = solved.finish(observations, &kept, &views, projector.is_some());
+    // A view that the other camera places is judged with all others; one that no camera places is refused here.
+    let alone = [(DeviceName::Left, left_refused), (DeviceName::Right, right_refused)];
+    let alone = alone.into_iter().flat_map(|(device, views)| views.into_iter().map(move |view| (view, device)));
+    adjusted.refused.extend(alone.filter(|(view, _)| placed_boards[*view].is_none()));
+    adjusted.refused.sort_unstable();
+    Ok(adjusted)
 }
 
 fn missing(device: DeviceName, detail: &str) -> LensError {
@@ -139,31 +162,22 @@ fn without_projector(view: BoardView) -> BoardView {
     BoardView { seen: PerDevice { projector: Vec::new(), ..view.seen }, ..view }
 }
 
-/// Lens of a camera, and the poses of the board before it by view.
-type CameraStart = (LensParameters, Vec<Option<Isometry3<f64>>>);
+/// One camera alone.
+struct CameraStart {
+    lens: LensParameters,
+    /// Poses of the board before it, by view.
+    boards: Vec<Option<Isometry3<f64>>>,
+    /// Views whose image does not fit the others.
+    refused: Vec<usize>,
+}
 
 /// One camera alone: its lens and the poses of the board before it.
 fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &AdjustOptions) -> Result<CameraStart, LensError> {
-    let homographies: Vec<Option<nalgebra::Matrix3<f64>>> = views.iter().map(|view| homography(&view.seen[device])).collect();
-    let found: Vec<nalgebra::Matrix3<f64>> = homographies.iter().flatten().copied().collect();
+    let mut homographies: Vec<Option<Matrix3<f64>>> = views.iter().map(|view| homography(&view.seen[device])).collect();
+    let mut refused = refuse_misfits(&mut homographies, views, device, size_px);
+    let found: Vec<Matrix3<f64>> = homographies.iter().flatten().copied().collect();
     let pointer = format!("/views/*/{}", device.as_str());
-    let off_plane_mm =
-        views.iter().flat_map(|view| &view.seen[device]).map(|sighting| sighting.board_mm.z.abs()).fold(0.0, f64::max);
-    if found.len() < MIN_VIEWS && off_plane_mm > 0.0 {
-        let detail = format!(
-            "{} views can be started from: points of the board lie up to {off_plane_mm} mm off z = 0, and the start needs a plane board; \
-             give its points in the plane z = 0 of its own frame",
-            found.len()
-        );
-        return Err(LensError::new(LensFault::TooFew, pointer, detail));
-    }
-    if found.len() < MIN_VIEWS {
-        let detail = format!(
-            "{} views show {MIN_POINTS} points or more that are not on a line; at least {MIN_VIEWS}, better 15 with tilts about two axes",
-            found.len()
-        );
-        return Err(LensError::new(LensFault::TooFew, pointer, detail));
-    }
+    require_views(found.len(), views, device, &pointer)?;
     let degenerate =
         || LensError::new(LensFault::Degenerate, pointer.clone(), "no lens explains the views; are the points in order?");
     let start = camera_matrix(&found, size_px).ok_or_else(degenerate)?;
@@ -171,7 +185,7 @@ fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &
     let kept: Vec<usize> = (0..views.len()).filter(|view| poses[*view].is_some()).collect();
     let alone = |view: &usize| {
         let seen = PerDevice { left: views[*view].seen[device].clone(), right: Vec::new(), projector: Vec::new() };
-        BoardView { id: String::new(), seen, stated_distance_mm: None }
+        BoardView { id: views[*view].id.clone(), seen, stated_distance_mm: None }
     };
     let own: Vec<BoardView> = kept.iter().map(alone).collect();
     let state = BundleState {
@@ -180,12 +194,57 @@ fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &
         left_from_board: poses.iter().flatten().copied().collect(),
     };
     let is_held = std::array::from_fn(|index| index >= LENS || options.is_held[index]);
-    let solved = solve(&own, state, is_held)?;
+    let Solved { state, kept: solved, refused: unfit, .. } = solve(&own, state, is_held)?;
     let mut boards = vec![None; views.len()];
-    for (view, board) in kept.iter().zip(&solved.state.left_from_board) {
-        boards[*view] = Some(*board);
+    for (place, board) in solved.iter().zip(&state.left_from_board) {
+        boards[kept[*place]] = Some(*board);
     }
-    Ok((solved.state.lens[0], boards))
+    // The lists of `own` are the left camera's, whichever device it is.
+    refused.extend(unfit.iter().map(|(place, _)| kept[*place]));
+    Ok(CameraStart { lens: state.lens[0], boards, refused })
+}
+
+/// Requires views that a camera can be started from.
+fn require_views(found: usize, views: &[BoardView], device: DeviceName, pointer: &str) -> Result<(), LensError> {
+    if found >= MIN_VIEWS {
+        return Ok(());
+    }
+    let off_plane_mm =
+        views.iter().flat_map(|view| &view.seen[device]).map(|sighting| sighting.board_mm.z.abs()).fold(0.0, f64::max);
+    let detail = if off_plane_mm > 0.0 {
+        format!(
+            "{found} views can be started from: points of the board lie up to {off_plane_mm} mm off z = 0, and the start needs a plane \
+             board; give its points in the plane z = 0 of its own frame"
+        )
+    } else {
+        format!(
+            "{found} views show {MIN_POINTS} points or more that are not on a line; at least {MIN_VIEWS}, better 15 with tilts about two \
+             axes"
+        )
+    };
+    Err(LensError::new(LensFault::TooFew, pointer, detail))
+}
+
+/// Takes away the homographies of images that no homography explains, if they are few enough; returns their views.
+fn refuse_misfits(
+    homographies: &mut [Option<Matrix3<f64>>],
+    views: &[BoardView],
+    device: DeviceName,
+    size_px: [u32; 2],
+) -> Vec<usize> {
+    let limit_px = MAX_START_MISFIT * f64::from(size_px[0]);
+    let is_misfit = |view: &usize| {
+        homographies[*view].as_ref().is_some_and(|found| {
+            let rms_px = transfer_rms_px(&views[*view].seen[device], found);
+            rms_px.is_nan() || rms_px > limit_px
+        })
+    };
+    let misfits: Vec<usize> = (0..views.len()).filter(is_misfit).collect();
+    if misfits.len() * IMAGES_FOR_A_REFUSED > homographies.iter().flatten().count() {
+        return Vec::new();
+    }
+    misfits.iter().for_each(|view| homographies[*view] = None);
+    misfits
 }
 
 /// The projector from the boards that the cameras place; `None` if it was not observed.
@@ -216,6 +275,10 @@ fn projector_start(
 
 /// An estimate with what it rests on.
 struct Solved {
+    /// Places of the views that it rests on, among those given.
+    kept: Vec<usize>,
+    /// Images that were refused, by place of the view among those given.
+    refused: Vec<(usize, DeviceName)>,
     state: BundleState,
     is_used: Vec<[Vec<bool>; 3]>,
     is_held: [bool; SHARED],
@@ -253,14 +316,124 @@ fn scale(mut lengths: Vec<f64>) -> f64 {
     sigma
 }
 
-/// Estimates from a start, with outliers left out.
-fn solve(views: &[BoardView], state: BundleState, is_held: [bool; SHARED]) -> Result<Solved, LensError> {
-    let all = |view: &BoardView| std::array::from_fn(|device| vec![true; seen_by(view, device).len()]);
-    let mut is_used: Vec<[Vec<bool>; 3]> = views.iter().map(all).collect();
-    let (mut state, mut sigma_px) = rounds(views, state, is_held, &is_used)?;
-    if drop_outliers(views, &state, &mut is_used, sigma_px) {
-        (state, sigma_px) = rounds(views, state, is_held, &is_used)?;
+/// Views that fit each other, with the estimate that they give.
+struct Fitted<'a> {
+    views: Cow<'a, [BoardView]>,
+    kept: Vec<usize>,
+    refused: Vec<(usize, DeviceName)>,
+    state: BundleState,
+    is_used: Vec<[Vec<bool>; 3]>,
+    sigma_px: [f64; 3],
+}
+
+/// Estimates from a start, with outliers left out. Views without an image that fits are taken out one by one, the worst first: it
+/// may be what the others do not fit to.
+fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> Result<Fitted<'_>, LensError> {
+    let mut views = Cow::Borrowed(given);
+    let mut kept: Vec<usize> = (0..given.len()).collect();
+    let mut refused: Vec<(usize, DeviceName)> = Vec::new();
+    loop {
+        let mut is_used = all_used(&views);
+        let (found, mut sigma_px) = rounds(&views, state, is_held, &is_used)?;
+        state = found;
+        if drop_outliers(&views, &state, &mut is_used, sigma_px) {
+            let images = refuse_images(&views, &state, &mut is_used);
+            if let Some(worst) = worst_view(&views, &state, &is_used) {
+                let taken_out = given.len() - views.len();
+                if taken_out == MAX_TAKEN_OUT || (taken_out + 1) * IMAGES_FOR_A_REFUSED > given.len() {
+                    return Err(unfit(given, &refused, &views[worst]));
+                }
+                let devices = DeviceName::ALL.into_iter().filter(|device| !views[worst].seen[*device].is_empty());
+                refused.extend(devices.map(|device| (kept[worst], device)));
+                state.left_from_board.remove(worst);
+                kept.remove(worst);
+                views.to_mut().remove(worst);
+                continue;
+            }
+            if !images.is_empty() {
+                // What did not fit beside them may fit without them.
+                is_used = all_used(&views);
+                images.iter().for_each(|(place, device)| is_used[*place][*device].fill(false));
+                (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
+                drop_outliers(&views, &state, &mut is_used, sigma_px);
+                refused.extend(images.iter().map(|(place, device)| (kept[*place], DeviceName::ALL[*device])));
+            }
+            (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
+        }
+        return Ok(Fitted { views, kept, refused, state, is_used, sigma_px });
     }
+}
+
+/// All sightings, by view and device.
+fn all_used(views: &[BoardView]) -> Vec<[Vec<bool>; 3]> {
+    views.iter().map(|view| std::array::from_fn(|device| vec![true; seen_by(view, device).len()])).collect()
+}
+
+/// Error that names the views that do not fit, where they are too many to go on without them.
+fn unfit(given: &[BoardView], refused: &[(usize, DeviceName)], worst: &BoardView) -> LensError {
+    let mut names: Vec<&str> = refused.iter().map(|(place, _)| given[*place].id.as_str()).collect();
+    names.dedup();
+    names.push(&worst.id);
+    let detail = format!(
+        "views {}: no image of them fits the other views, and they are too many of {} to go on without them; corners of another board, \
+         mirrored or in another order? Take them again, or leave them out",
+        names.join(", "),
+        given.len()
+    );
+    LensError::new(LensFault::Degenerate, "/views", detail)
+}
+
+/// Lengths of the residuals of one image, px, in ascending order.
+fn image_lengths(view: &BoardView, state: &BundleState, place: usize, device: usize) -> Vec<f64> {
+    let length = |sighting: &DeviceSighting| state.residual(place, device, sighting).map_or(f64::INFINITY, |off| off.norm());
+    let mut lengths: Vec<f64> = seen_by(view, device).iter().map(length).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths
+}
+
+/// Median residual of one image, px; 0 without points.
+fn image_median_px(view: &BoardView, state: &BundleState, place: usize, device: usize) -> f64 {
+    let lengths = image_lengths(view, state, place, device);
+    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Leaves out all sightings of images most of whose sightings are outliers, if those of a device are few enough; returns the
+/// images by place of the view and of the device.
+fn refuse_images(views: &[BoardView], state: &BundleState, is_used: &mut [[Vec<bool>; 3]]) -> Vec<(usize, usize)> {
+    let mut images = Vec::new();
+    for device in 0..3 {
+        let is_unfit = |place: &usize| {
+            let left_out = is_used[*place][device].iter().filter(|used| !**used).count();
+            2 * left_out > is_used[*place][device].len()
+                && image_median_px(&views[*place], state, *place, device) > MIN_REFUSED_PX
+        };
+        let unfit: Vec<usize> = (0..views.len()).filter(is_unfit).collect();
+        let seen = views.iter().filter(|view| !seen_by(view, device).is_empty()).count();
+        if unfit.len() * IMAGES_FOR_A_REFUSED > seen {
+            continue;
+        }
+        for place in unfit {
+            is_used[place][device].fill(false);
+            images.push((place, device));
+        }
+    }
+    images
+}
+
+/// View without an image that fixes its board, by the sightings that are used; of several the one with the largest residuals.
+fn worst_view(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3]]) -> Option<usize> {
+    let is_open = |place: &usize| is_used[*place].iter().all(|used| used.iter().filter(|used| **used).count() < MIN_POINTS);
+    let size_px = |place: usize| {
+        let medians = (0..3).map(|device| image_median_px(&views[place], state, place, device));
+        medians.fold(0.0, f64::max)
+    };
+    (0..views.len()).filter(is_open).max_by(|a, b| size_px(*a).total_cmp(&size_px(*b)))
+}
+
+/// Estimates from a start, with the covariance.
+fn solve(given: &[BoardView], state: BundleState, is_held: [bool; SHARED]) -> Result<Solved, LensError> {
+    let Fitted { views, kept, refused, state, is_used, sigma_px } = fit(given, state, is_held)?;
+    let views: &[BoardView] = &views;
     // Unknowns that were fitted made the residuals smaller.
     let used: usize = is_used.iter().flatten().flatten().filter(|used| **used).count();
     let unknowns = is_held.iter().filter(|held| !**held).count() + 6 * views.len();
@@ -279,7 +452,7 @@ fn solve(views: &[BoardView], state: BundleState, is_held: [bool; SHARED]) -> Re
     })?;
     let board_covariance = (0..views.len()).map(|view| normal.board_covariance(view, &covariance)).collect();
     let sigma_px = problem.sigma_px;
-    Ok(Solved { state, is_used, is_held, sigma_px, covariance, board_covariance })
+    Ok(Solved { kept, refused, state, is_used, is_held, sigma_px, covariance, board_covariance })
 }
 
 fn not_converged() -> LensError {
@@ -393,10 +566,11 @@ impl Solved {
         };
         let mut boards = vec![None; observations.views.len()];
         let mut board_covariance = vec![None; observations.views.len()];
-        for (place, view) in kept.iter().enumerate() {
-            boards[*view] = Some(self.state.left_from_board[place]);
-            board_covariance[*view] = self.board_covariance[place];
+        for (place, from) in self.kept.iter().enumerate() {
+            boards[kept[*from]] = Some(self.state.left_from_board[place]);
+            board_covariance[kept[*from]] = self.board_covariance[place];
         }
+        let refused = self.refused.iter().map(|(from, device)| (kept[*from], *device)).collect();
         let [left, right, projector] = self.state.lens;
         let [left_from_left, right_from_left, projector_from_left] = self.state.device_from_left;
         Adjusted {
@@ -408,17 +582,18 @@ impl Solved {
             is_held: self.is_held.to_vec(),
             devices,
             residuals,
+            refused,
         }
     }
 
     fn residuals(&self, kept: &[usize], views: &[BoardView]) -> Vec<PixelResidual> {
         let mut residuals = Vec::new();
-        for (place, view) in kept.iter().enumerate() {
+        for (place, from) in self.kept.iter().enumerate() {
             for (device, name) in DeviceName::ALL.into_iter().enumerate() {
-                for (sighting, used) in seen_by(&views[place], device).iter().zip(&self.is_used[place][device]) {
+                for (sighting, used) in seen_by(&views[*from], device).iter().zip(&self.is_used[place][device]) {
                     let Some(off_px) = self.state.residual(place, device, sighting) else { continue };
-                    let (point, pixel) = (sighting.point, sighting.pixel);
-                    residuals.push(PixelResidual { view: *view, device: name, point, pixel, off_px, is_used: *used });
+                    let (view, point, pixel) = (kept[*from], sighting.point, sighting.pixel);
+                    residuals.push(PixelResidual { view, device: name, point, pixel, off_px, is_used: *used });
                 }
             }
         }

@@ -62,12 +62,18 @@ pub struct Quality {
     pub coverage: PerDevice<Option<DeviceCoverage>>,
     /// Depths of the board's points, scanner frame, mm.
     pub depth_mm: Option<[f64; 2]>,
+    /// Views with the devices whose image of them was refused: most of its points do not fit the other views.
+    pub refused: Vec<(String, Vec<DeviceName>)>,
 }
 
 /// Judges observations by the calibration that was made of them.
 #[must_use]
 pub fn quality(observations: &BoardObservations, adjusted: &Adjusted) -> Quality {
-    let pairs: Vec<Vec<Pair>> = observations.views.iter().map(|view| pairs(view, adjusted)).collect();
+    // An image that was refused says nothing about the rig.
+    let is_refused =
+        |place: usize| adjusted.refused.iter().any(|(view, device)| *view == place && *device != DeviceName::Projector);
+    let of_view = |(place, view): (usize, &BoardView)| if is_refused(place) { Vec::new() } else { pairs(view, adjusted) };
+    let pairs: Vec<Vec<Pair>> = observations.views.iter().enumerate().map(of_view).collect();
     let scanner_from_left = left_from_scanner(&adjusted.device_from_left.right.inverse()).inverse();
     let depths = observations.views.iter().zip(&adjusted.left_from_board).filter_map(|(view, board)| Some((view, (*board)?)));
     let depths = depths.flat_map(|(view, board)| {
@@ -81,7 +87,17 @@ pub fn quality(observations: &BoardObservations, adjusted: &Adjusted) -> Quality
         views: views(observations, adjusted, &scanner_from_left),
         coverage: coverage(observations),
         depth_mm: (depth[0] <= depth[1]).then_some(depth),
+        refused: refused(observations, adjusted),
     }
+}
+
+fn refused(observations: &BoardObservations, adjusted: &Adjusted) -> Vec<(String, Vec<DeviceName>)> {
+    let of_view = |(place, view): (usize, &BoardView)| {
+        let own = adjusted.refused.iter().filter(|(refused, _)| *refused == place).map(|(_, device)| *device);
+        let devices: Vec<DeviceName> = own.collect();
+        (!devices.is_empty()).then(|| (view.id.clone(), devices))
+    };
+    observations.views.iter().enumerate().filter_map(of_view).collect()
 }
 
 /// A point in both cameras: its number, and its rays, each in its camera.

@@ -46,6 +46,15 @@ pub(super) fn homography(seen: &[DeviceSighting]) -> Option<Matrix3<f64>> {
     (scale.abs() > 1e-300 && found.iter().all(|value| value.is_finite())).then(|| found / scale)
 }
 
+/// Root mean square distance of pixels from where a homography takes their points, px.
+pub(super) fn transfer_rms_px(seen: &[DeviceSighting], homography: &Matrix3<f64>) -> f64 {
+    let square = |sighting: &DeviceSighting| {
+        let image = homography * sighting.board_mm.coords.xy().push(1.0);
+        (image.xy() / image.z - sighting.pixel).norm_squared()
+    };
+    (seen.iter().map(square).sum::<f64>() / seen.len().max(1) as f64).sqrt()
+}
+
 /// The similarity that moves points to their mean, at a mean distance of √2.
 fn normaliser(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let count = points.len() as f64;

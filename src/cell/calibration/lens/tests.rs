@@ -255,6 +255,52 @@ fn wrong_points_are_left_out_and_a_bad_view_is_named() {
     }
 }
 
+/// One view with corners of another board, mirrored or in another order, ended the calibration: nothing fixed the board of a view
+/// whose sightings were all left out.
+#[test]
+fn an_image_of_something_else_is_named_and_the_rest_is_solved() {
+    let scanner = thesis();
+    let good = observed(&scanner, 20, 0.1, 3);
+    // By row and column of the board of 15 × 10 points.
+    let renumbered = |seen: &mut Vec<DeviceSighting>, to: &dyn Fn(u32) -> u32| {
+        seen.iter_mut().for_each(|sighting| {
+            sighting.point = to(sighting.point);
+            sighting.board_mm = Point3::new(f64::from(sighting.point % 15) * 16.0, f64::from(sighting.point / 15) * 16.0, 0.0);
+        });
+    };
+    let mirrored = |number: u32| number / 15 * 15 + 14 - number % 15;
+    // 37 has no factor in common with 150: each number comes once.
+    let shuffled = |number: u32| number * 37 % 150;
+    type Spoil<'a> = &'a dyn Fn(&mut BoardView);
+    let cases: [(&str, Spoil<'_>); 4] = [
+        ("another board", &|view| {
+            for seen in [&mut view.seen.left, &mut view.seen.right, &mut view.seen.projector] {
+                seen.iter_mut().for_each(|sighting| sighting.board_mm *= 0.75);
+            }
+        }),
+        ("mirrored in one camera", &|view| renumbered(&mut view.seen.left, &mirrored)),
+        ("shuffled in one camera", &|view| renumbered(&mut view.seen.left, &shuffled)),
+        ("shuffled in both", &|view| {
+            renumbered(&mut view.seen.left, &shuffled);
+            renumbered(&mut view.seen.right, &shuffled);
+        }),
+    ];
+    for (name, spoil) in cases {
+        let mut observations = good.clone();
+        spoil(&mut observations.views[7]);
+        let adjusted = adjust(&observations, &AdjustOptions::default()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        println!("{name}: {:?}", adjusted.refused);
+        assert!(adjusted.refused.iter().all(|(view, _)| *view == 7), "{name}: {:?}", adjusted.refused);
+        for (parameter, off) in standardised(&adjusted, &scanner) {
+            assert!(off.abs() < 5.0, "{name}: {parameter} is off by {off} σ");
+        }
+        let judged = quality(&observations, &adjusted);
+        assert!(judged.refused.len() == 1 && judged.refused[0].0 == "v008", "{name}: {:?}", judged.refused);
+        assert!(judged.pitch.expect("pitch").0 < 0.05, "{name}: the figures of the rig are those of the good images");
+    }
+    assert!(adjust(&good, &AdjustOptions::default()).expect("a rig").refused.is_empty());
+}
+
 #[test]
 fn views_that_leave_a_parameter_open_are_refused() {
     let scanner = thesis();
