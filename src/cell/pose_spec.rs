@@ -100,6 +100,9 @@ impl Default for PoseSpec {
 }
 
 impl PoseSpec {
+    /// Largest length along an axis that a written pose may contain, mm: 100 m.
+    pub const REACH_MM: f64 = REACH_MM;
+
     /// Records what is wrong with this pose, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
         for (axis, value) in self.translation_mm.iter().enumerate() {

@@ -1,17 +1,19 @@
-//! Coverage derived anew, by the reference engine, beside the coverage that a plan states: from the scans of a program, or from
-//! the viewpoints of the plan itself.
+//! Coverage derived anew beside the coverage that a plan states: from the scans of a program, or from the viewpoints of the plan
+//! itself. It is derived by the engine that the plan was made with, so that a sound plan agrees exactly, and by the reference, a
+//! ray for every sample. One of them has to agree; where the other one does not, both figures are told.
 
 use super::place::CheckPlace;
 use super::{Reference, setup_count, table_from_part, views_in, whole};
 use crate::cell::{Cell, Configuration, FieldError, Findings};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::PlanInput;
-use crate::planning::certificate::recheck::{TakenView, recheck};
+use crate::planning::certificate::recheck::{TakenView, recheck_by};
 use crate::planning::context::{Context, PlanError};
-use crate::planning::params::PlanParams;
+use crate::planning::params::{Engine, PlanParams};
 use crate::planning::selection::coverable_mm2;
 use crate::planning::visibility::Row;
 use crate::program::{self, Expected, Program};
+use crate::wire::UnverifiedStatement;
 use crate::wire::plan::{PlanDocument, ViewpointDocument};
 
 /// Tolerance of the asked area, as a share of it: it went through a file.
@@ -31,6 +33,8 @@ pub(super) enum PlanCoverage {
         of_asked: f64,
         /// True if that is on the samples that the plan has.
         is_on_same_samples: bool,
+        /// Statement on the engine that gives another share, if one does.
+        other_engine: Option<UnverifiedStatement>,
     },
     /// No comparison, with the reason or with what to give.
     Unchecked(String),
@@ -38,8 +42,15 @@ pub(super) enum PlanCoverage {
 
 /// Coverage of a program, derived anew.
 pub(super) enum ProgramCoverage {
-    /// Shares of the asked area: measured by its scans, and stated by the plan for the setup.
-    Compared { measured: f64, planned: f64 },
+    /// Comparison with what the plan states for the setup.
+    Compared {
+        /// Share of the asked area that its scans measure.
+        measured: f64,
+        /// Share that the plan states.
+        planned: f64,
+        /// Statement on the engine that gives another share, if one does.
+        other_engine: Option<UnverifiedStatement>,
+    },
     /// No comparison, with the reason or with what to give.
     Unchecked(&'static str),
 }
@@ -52,16 +63,45 @@ struct PlacedViews {
 
 /// Share of the asked area that views measure, derived anew.
 struct Measured {
+    /// Engine that the plan was made with.
+    engine: Engine,
+    /// Share by that engine.
     of_asked: f64,
+    /// Share by a ray for every sample.
+    of_asked_by_rays: f64,
     asked_mm2: f64,
     /// Number of samples that it was derived on.
     samples: usize,
 }
 
 impl Measured {
-    /// Returns true if it differs from the share that a plan states for its own samples.
+    /// Returns true if it differs from the share that a plan states for its own samples, by either engine.
     fn is_off(&self, planned: f64) -> bool {
-        program::off_coverage(self.of_asked, planned).is_some()
+        [self.of_asked, self.of_asked_by_rays].iter().all(|share| program::off_coverage(*share, planned).is_some())
+    }
+
+    /// The share by the engine that agrees with the share that a plan states, and the statement on the other engine if that one
+    /// does not; by the plan's own engine where neither agrees.
+    fn beside(&self, planned: f64) -> (f64, Option<UnverifiedStatement>) {
+        let (own, rays, name) = (self.of_asked, self.of_asked_by_rays, engine_name(self.engine));
+        let agrees = |share: f64| program::off_coverage(share, planned).is_none();
+        match (agrees(own), agrees(rays)) {
+            (true, true) | (false, false) => (own, None),
+            (true, false) => {
+                let reason = format!(
+                    "is {rays:.5}; by the engine of the plan, {name}, it is {own:.5}, as planned: that engine passes over relief \
+                     below 0.06 mm; to count it, plan with visibility.engine \"rays\""
+                );
+                (own, Some(UnverifiedStatement { statement: "coverage by a ray for every sample".to_owned(), reason }))
+            }
+            (false, true) => {
+                let reason = format!(
+                    "is {own:.5}, by {name}; by a ray for every sample it is {rays:.5}, as planned: another release made the \
+                     plan, or its params.visibility.engine was changed"
+                );
+                (rays, Some(UnverifiedStatement { statement: "coverage by the engine of the plan".to_owned(), reason }))
+            }
+        }
     }
 
     /// Returns true if the plan was made on other samples, as earlier releases took them for small regions: two sound shares may
@@ -82,16 +122,47 @@ fn measured_together(
     setups: &[PlacedViews],
     ctx: &Context<'_>,
 ) -> Result<Measured, PlanError> {
+    let engine = params.visibility.engine;
+    let (measured_mm2, asked_area_mm2) = measured_by(engine, input, params, setups, ctx)?;
+    let by_rays_mm2 = match engine {
+        Engine::Rays => measured_mm2,
+        Engine::Raster => measured_by(Engine::Rays, input, params, setups, ctx)?.0,
+    };
+    let asked_mm2 = asked_area_mm2.iter().sum::<f64>();
+    let (of_asked, of_asked_by_rays) = (measured_mm2 / asked_mm2, by_rays_mm2 / asked_mm2);
+    Ok(Measured { engine, of_asked, of_asked_by_rays, asked_mm2, samples: asked_area_mm2.len() })
+}
+
+/// Area that the views of some setups measure together by an engine, mm², and the asked area of each sample.
+fn measured_by(
+    engine: Engine,
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    setups: &[PlacedViews],
+    ctx: &Context<'_>,
+) -> Result<(f64, Vec<f64>), PlanError> {
     let (mut rows, mut asked_area_mm2) = (Vec::new(), Vec::new());
     for PlacedViews { table_from_part, views } in setups {
-        let of_setup = recheck(input, params, table_from_part, views, ctx)?;
+        let of_setup = recheck_by(engine, input, params, table_from_part, views, ctx)?;
         rows.extend(of_setup.rows);
         // The samples are the same in every setup.
         asked_area_mm2 = of_setup.asked_area_mm2;
     }
     let rows: Vec<&Row> = rows.iter().collect();
-    let asked_mm2 = asked_area_mm2.iter().sum::<f64>();
-    Ok(Measured { of_asked: coverable_mm2(&rows, &asked_area_mm2) / asked_mm2, asked_mm2, samples: asked_area_mm2.len() })
+    Ok((coverable_mm2(&rows, &asked_area_mm2), asked_area_mm2))
+}
+
+/// Statement on the engine that gives another share, in words that follow the share; nothing where both agree.
+pub(super) fn beside_share(other_engine: Option<&UnverifiedStatement>) -> String {
+    other_engine.map_or_else(String::new, |other| format!(" ({} {})", other.statement, other.reason))
+}
+
+/// Name of an engine, as `params.visibility.engine` has it.
+fn engine_name(engine: Engine) -> &'static str {
+    match engine {
+        Engine::Raster => "raster",
+        Engine::Rays => "rays",
+    }
 }
 
 /// A viewpoint of a plan as the plan says it is taken.
@@ -147,7 +218,8 @@ impl Reference {
         if measured.is_off(planned) && measured.is_on_other_samples(plan) {
             return unchecked(OTHER_SAMPLES);
         }
-        Ok(ProgramCoverage::Compared { measured: measured.of_asked, planned })
+        let (measured, other_engine) = measured.beside(planned);
+        Ok(ProgramCoverage::Compared { measured, planned, other_engine })
     }
 
     /// Derives the coverage of a plan anew, that of all its setups together, on the samples that the plan states it for.
@@ -191,10 +263,13 @@ impl Reference {
             format!("is {asked_mm2} mm²; by params.part and params.regions it is {} mm²: plan again", measured.asked_mm2)
         });
         findings.require(!measured.is_off(planned), "/coverage/of_asked", || {
-            format!("is {planned:.5}; by its viewpoints it is {:.5}: plan again", measured.of_asked)
+            let (own, rays) = (measured.of_asked, measured.of_asked_by_rays);
+            let both = program::off_coverage(own, rays).map(|_| format!(", by a ray for every sample {rays:.5}"));
+            format!("is {planned:.5}; by its viewpoints it is {own:.5}{}: plan again", both.unwrap_or_default())
         });
         findings.into_result()?;
-        Ok(PlanCoverage::AsStated { of_asked: measured.of_asked, is_on_same_samples })
+        let (of_asked, other_engine) = measured.beside(planned);
+        Ok(PlanCoverage::AsStated { of_asked, is_on_same_samples, other_engine })
     }
 
     /// Returns true if the plan was made with a fixture, and none is given.

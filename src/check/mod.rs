@@ -17,7 +17,8 @@ use utoipa::ToSchema;
 pub use beside::{Beside, GivenBeside, GivenCell, misplaced};
 pub use members::added_to_plan;
 pub use part::{
-    FixtureFile, FixtureIdentity, OtherFixture, OtherPart, check_fixture, check_part, check_part_of, planned_fixture,
+    FixtureFile, FixtureIdentity, OtherFixture, OtherPart, check_fixture, check_part, check_part_of, check_told_fixture,
+    planned_fixture, told_fixture,
 };
 pub use place::{CheckPlace, NO_CELL, implied_scanner, is_plan_without_cell};
 

@@ -1,13 +1,13 @@
 //! Part and fixture held against those of a plan, before anything is computed with them. The plan has the SHA-256 and the size
-//! of its part; of its fixture it has the name alone, so that a fixture is compared with the file of that name, by whoever can
-//! read it.
+//! of both. A plan of an earlier release has of its fixture the name alone, so that a fixture is compared with the file of that
+//! name, by whoever can read it.
 
 use serde_json::Value;
 
 use super::{Sound, kind_of, read_plan};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::wire::DocumentKind;
-use crate::wire::plan::PlanDocument;
+use crate::wire::plan::{FixtureDocument, PlanDocument};
 
 /// Part that is not the one of the plan.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -79,6 +79,9 @@ pub enum OtherFixture {
         /// Unit of the fixture that the plan names.
         planned: LengthUnit,
     },
+    /// The file, read in another unit than its size in the plan tells; what differs in words.
+    #[error("{0}")]
+    Size(String),
 }
 
 /// Holds a fixture against the one that a plan names.
@@ -96,6 +99,30 @@ pub fn check_fixture(name: &str, found: FixtureFile<'_>, planned: FixtureFile<'_
     Ok(())
 }
 
+/// Holds a fixture against what its plan tells of it, `planned`; `name` is its name there, and `sha256` that of the fixture's
+/// file, lower-case hexadecimal. The name does not count: the file may lie elsewhere now.
+///
+/// # Errors
+/// Another file, or another unit.
+pub fn check_told_fixture(name: &str, planned: &FixtureDocument, fixture: &Mesh, sha256: &str) -> Result<(), OtherFixture> {
+    if planned.sha256 != sha256 {
+        let (name, found, planned) = (name.to_owned(), sha256.to_owned(), planned.sha256.clone());
+        return Err(OtherFixture::File { name, found, planned });
+    }
+    planned.other_size(fixture).map_or(Ok(()), |size| Err(OtherFixture::Size(size)))
+}
+
+/// Returns what the plan tells of the fixture that a document is checked with: a plan itself, the plan of a program. `None` where
+/// it tells no more than the name, as plans of earlier releases do, or cannot be read, which [`super::check()`] tells.
+#[must_use]
+pub fn told_fixture(document: &Value, plan: Option<&PlanDocument>) -> Option<FixtureDocument> {
+    match kind_of(document)? {
+        DocumentKind::Plan => serde_json::from_value(document["fixture"].clone()).ok(),
+        DocumentKind::Program => plan?.fixture.clone(),
+        DocumentKind::Scanner | DocumentKind::Robot | DocumentKind::Turntable | DocumentKind::Cell | DocumentKind::Params => None,
+    }
+}
+
 /// Name of the fixture that a document is checked with, a mesh id or a path: of a plan its own, of a program that of its plan.
 /// `None` where there is none.
 #[must_use]
@@ -110,6 +137,8 @@ pub fn planned_fixture(document: &Value, plan: Option<&PlanDocument>) -> Option<
 /// Identity of a fixture that was not refused, as far as it is known.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FixtureIdentity {
+    /// File and size are those that the plan tells.
+    Told,
     /// File and unit are those of the mesh of this name, which the plan names.
     Planned(String),
     /// Not known, for this reason.
@@ -125,6 +154,9 @@ impl Sound {
     /// Tells the identity of the fixture; one that is not known stands in the description too.
     pub fn tell_fixture(&mut self, fixture: FixtureIdentity) {
         match fixture {
+            FixtureIdentity::Told => {
+                self.verified.push("fixture: its SHA-256 and its size, by the file that was given".to_owned());
+            }
             FixtureIdentity::Planned(name) => {
                 self.verified.push(format!("fixture: its SHA-256 and its unit, by {name}, which the plan names"));
             }

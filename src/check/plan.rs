@@ -50,6 +50,7 @@ pub(super) fn check(document: &PlanDocument, place: Option<CheckPlace<'_>>) -> R
     let scanner = place.and_then(CheckPlace::scanner);
     elsewhere.into_iter().for_each(|error| findings.push(error.pointer, error.detail));
     check_part(&document.part, &mut findings);
+    document.fixture.iter().for_each(|fixture| check_sha256("/fixture/sha256", &fixture.sha256, &mut findings));
     check_devices(document, &mut findings);
     check_limits(document, scanner, &mut findings);
     check_depth(document, scanner, &mut findings);
@@ -91,9 +92,14 @@ fn share(pointer: impl std::fmt::Display, value: f64, findings: &mut Findings) {
     findings.require(is_share, pointer, || format!("is {value}; allowed is 0 to 1"));
 }
 
+/// Requires a SHA-256 as lower-case hexadecimal.
+fn check_sha256(pointer: &str, sha256: &str, findings: &mut Findings) {
+    let is_hash = sha256.len() == 64 && sha256.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+    findings.require(is_hash, pointer, || format!("is {sha256:?}; allowed are 64 of 0-9 and a-f"));
+}
+
 fn check_part(part: &PartDocument, findings: &mut Findings) {
-    let is_hash = part.sha256.len() == 64 && part.sha256.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
-    findings.require(is_hash, "/part/sha256", || format!("is {:?}; allowed are 64 of 0-9 and a-f", part.sha256));
+    check_sha256("/part/sha256", &part.sha256, findings);
     findings.require(part.triangles > 0, "/part/triangles", || "is 0; allowed is 1 and more".into());
     above_zero("/part/area_mm2", part.area_mm2, "mm²", findings);
     let (min, max) = (part.bbox_mm.min, part.bbox_mm.max);

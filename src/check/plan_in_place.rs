@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use super::coverage::PlanCoverage;
+use super::coverage::{PlanCoverage, beside_share};
 use super::place::CheckPlace;
 use super::plan::{self, configuration};
 use super::{Reference, Sound, measured_as_planned, read_known, setup_count, table_from_part, views_in, whole};
@@ -80,7 +80,7 @@ fn check_in(
     let coverage = reference.coverage(document, place, ctx)?;
     let extent = extent(document, place, with_part, &coverage);
     match coverage {
-        PlanCoverage::AsStated { of_asked, is_on_same_samples } => {
+        PlanCoverage::AsStated { of_asked, is_on_same_samples, other_engine } => {
             sound.measured_of_asked = Some(of_asked);
             sound.verify("coverage.of_asked: by the viewpoints, within 0.0005");
             if is_on_same_samples {
@@ -90,6 +90,7 @@ fn check_in(
                               they were changed";
                 sound.leave("params.part, params.regions and coverage.asked_area_mm2", reason);
             }
+            sound.unverified.extend(other_engine);
             sound.leave(OTHER_COVERAGE, "not derived anew");
         }
         PlanCoverage::Unchecked(reason) => sound.leave("coverage", reason),
@@ -100,7 +101,10 @@ fn check_in(
 /// Extent of the checks, in words that follow those on the plan: what was checked, and what was not.
 fn extent(document: &PlanDocument, place: CheckPlace<'_>, with_part: &str, coverage: &PlanCoverage) -> String {
     let (measured, unchecked) = match coverage {
-        PlanCoverage::AsStated { of_asked, .. } => (measured_as_planned("views", *of_asked), OTHER_COVERAGE.to_owned()),
+        PlanCoverage::AsStated { of_asked, other_engine, .. } => {
+            let measured = measured_as_planned("views", *of_asked) + &beside_share(other_engine.as_ref());
+            (measured, OTHER_COVERAGE.to_owned())
+        }
         PlanCoverage::Unchecked(reason) => (String::new(), format!("coverage ({reason})")),
     };
     let choice = "choice of views by its params (plan again)";

@@ -3,9 +3,10 @@
 
 use serde_json::Value;
 
-use super::coverage::ProgramCoverage;
+use super::coverage::{ProgramCoverage, beside_share};
 use super::place::CheckPlace;
 use super::{Reference, Sound, field_errors, measured_as_planned, read_known, whole};
+use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Cell, FieldError};
 use crate::planning::context::Context;
 use crate::program::{self, Finding, Program};
@@ -74,23 +75,33 @@ fn check_in(
     let with_part = reference.with_part(false);
     sound.verify("home, robot, turntable and calibration: by the given cell");
     sound.verify("steps: limits of the axes, speed, durations and cycle_secs");
-    sound.verify(format!("moves: no collision on any segment, {with_part}"));
+    let (clearance_mm, of_what) = match &reference.plan {
+        Some((plan, _)) => (plan.params.motion.clearance_mm, "motion.clearance_mm of the plan"),
+        None => (MIN_CLEARANCE_MM, "the smallest that a plan may ask for, as the plan is not given"),
+    };
+    sound.verify(format!("moves: no collision on any segment, {with_part}, with a clearance of {clearance_mm} mm ({of_what})"));
     let before = sound.unverified.len();
     match &reference.plan {
         Some(_) => sound.verify("scans: pose, settling, capture and brightness as the plan has them for each viewpoint"),
-        None => sound.leave("scans at the viewpoints of the plan", "give the plan"),
+        None => {
+            sound.leave("scans at the viewpoints of the plan", "give the plan");
+            let reason = format!("{MIN_CLEARANCE_MM} mm was kept, the smallest that a plan may ask for: give the plan");
+            sound.leave("clearance of the plan", reason);
+        }
     }
     if reference.part.is_none() {
         sound.leave("collisions with the part", "give the plan and the part");
     }
+    let mut differing = None;
     let measured = match reference.program_coverage(program, cell, expected.as_ref(), ctx)? {
-        ProgramCoverage::Compared { measured, planned } => {
+        ProgramCoverage::Compared { measured, planned, other_engine } => {
             if let Some(fault) = program::off_coverage(measured, planned) {
                 return Err(field_errors(&[Finding { step: None, fault }]));
             }
             sound.measured_of_asked = Some(measured);
             sound.verify("coverage: what the scans measure is what the plan states, within 0.0005");
-            measured_as_planned("scans", measured)
+            differing = other_engine;
+            measured_as_planned("scans", measured) + &beside_share(differing.as_ref())
         }
         ProgramCoverage::Unchecked(reason) => {
             sound.leave("coverage", reason);
@@ -101,6 +112,7 @@ fn check_in(
         .iter()
         .map(|UnverifiedStatement { statement, reason }| format!("{statement} ({reason})"))
         .collect();
+    sound.unverified.extend(differing);
     let unchecked = if left.is_empty() { String::new() } else { format!("; not checked: {}", left.join(", ")) };
     Ok(format!(", sound in cell {}{measured}{unchecked}", cell.name))
 }

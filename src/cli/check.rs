@@ -15,9 +15,9 @@ use super::plan::load_scanner;
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec, Presets, Scanner, SpecKind, SpecLibrary};
 use crate::check::{
-    Beside, CheckPlace, FixtureFile, FixtureIdentity, GivenBeside, GivenCell, NO_CELL, OtherPart, Present, Reference, Sound,
-    check, check_fixture, check_part, check_part_of, check_plan, implied_scanner, is_plan_without_cell, kind_of, misplaced,
-    planned_fixture,
+    Beside, CheckPlace, FixtureFile, FixtureIdentity, GivenBeside, GivenCell, NO_CELL, OtherFixture, OtherPart, Present,
+    Reference, Sound, check, check_fixture, check_part, check_part_of, check_plan, check_told_fixture, implied_scanner,
+    is_plan_without_cell, kind_of, misplaced, planned_fixture, told_fixture,
 };
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
@@ -37,14 +37,18 @@ const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
   vantage check plan/plan.json plan/program.json
   vantage check plan/plan.json --cell e05-transcan --mesh part.stl --unit mm
   vantage check plan/plan.json --cell none --mesh part.stl --unit mm
+  vantage check plan/plan.json plan/program.json --cell e05-transcan \\
+      --mesh part.stl --unit mm
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json \\
       --mesh part.stl --unit mm
 
 Without --cell plans and programs are checked for structure and ranges only, and a program that it belongs to the plan.json \
-beside it, if there is one. With --cell a plan must have been made in that cell, and its stations are recomputed: limits, poses \
-and collisions. With --mesh the part is among what may collide, and the coverage that a plan states is derived anew from its \
-views; a program then needs --plan, which says where the part lies. A plan that was made without a cell is checked with \
---cell none. A fixture must be the one that the plan names; a program of a plan with a fixture needs it beside the part. \
+beside it, if there is one. A program is held against the one of the given plans that it names, without --plan too. With \
+--cell a plan must have been made in that cell, and its stations are recomputed: limits, poses and collisions. With --mesh the \
+part is among what may collide, and the coverage that a plan states is derived anew from its views, by the engine that it was made \
+with and by a ray for every sample; a program then needs its plan, which says where the part lies. A plan that was made without a \
+cell is checked with --cell none. A fixture must be the one that the plan was made with; a program of a plan with a fixture needs \
+it beside the part. \
 The line of a plan or program says what was checked and what was not; --json lists every statement that was verified, and every \
 one that was not, with the reason. Options that none of the files is checked with are refused. \
 For an incomplete file every missing field is listed at once. Warnings, such as a tolerance finer than the scanner's noise \
@@ -100,11 +104,15 @@ fn temperature(text: &str) -> Result<f64, String> {
 /// # Errors
 /// [`CliError::BadInput`] with every finding of every file, one per line.
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
-    let input = CheckInput::load(args)?;
+    let mut input = CheckInput::load(args)?;
     let values: Vec<Result<Value, CliError>> = args.files.iter().map(|path| files::spec_value(path)).collect();
     input.refuse_misplaced(&values)?;
+    let plans = plans_among(&args.files, &values);
     let mut checked = Vec::new();
     for (path, value) in args.files.iter().zip(values) {
+        if args.reference.plan.is_none() {
+            input.reference.plan = value.as_ref().ok().and_then(|value| plan_of(value, &plans)).cloned();
+        }
         let sound = value.and_then(|value| input.check(path, value));
         checked.push(CheckedFile::new(&path.display().to_string(), sound, args.strict)?);
     }
@@ -115,6 +123,23 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
         checked.iter().for_each(|file| warn(&file.file, &file.warnings));
     }
     if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
+}
+
+/// Plans among the files, each with the SHA-256 of its file. One that cannot be read is told as a finding of its own.
+fn plans_among(paths: &[PathBuf], values: &[Result<Value, CliError>]) -> Vec<(PlanDocument, String)> {
+    let read = |(path, value): (&PathBuf, &Result<Value, CliError>)| {
+        let value = value.as_ref().ok().filter(|value| kind_of(value) == Some(DocumentKind::Plan))?;
+        let plan = crate::check::read_plan(value.clone()).ok()?;
+        Some((plan, plan_sha256(&std::fs::read(path).ok()?)))
+    };
+    paths.iter().zip(values).filter_map(read).collect()
+}
+
+/// The one of `plans` that a program names; `None` for a document of another kind.
+fn plan_of<'a>(value: &Value, plans: &'a [(PlanDocument, String)]) -> Option<&'a (PlanDocument, String)> {
+    let is_program = kind_of(value) == Some(DocumentKind::Program);
+    let named = value["plan_sha256"].as_str().filter(|_| is_program)?;
+    plans.iter().find(|(_, sha256)| sha256 == named)
 }
 
 /// Everything that files are checked with.
@@ -186,11 +211,12 @@ impl<'a> CheckInput<'a> {
         }
         let controllers =
             if kind_of(&value) == Some(DocumentKind::Cell) { files::take_controllers(&mut value, &shown) } else { Ok(None) };
-        if self.args.reference.plan.is_none() {
+        if self.reference.plan.is_none() {
             refuse_stale(path, &value)?;
         }
         if let (Some(mesh), Some(file)) = (&self.reference.part, &self.part) {
-            check_part_of(&value, mesh, &file.sha256).map_err(|other| file.refused(&other))?;
+            let of_plan = self.reference.plan.as_ref().map_or(Ok(()), |(plan, _)| check_part(plan, mesh, &file.sha256));
+            of_plan.and_then(|()| check_part_of(&value, mesh, &file.sha256)).map_err(|other| file.refused(&other))?;
         }
         self.refuse_fixture(&shown, &value)?;
         let fixture = self.identity_of_fixture(&value)?;
@@ -240,6 +266,10 @@ impl<'a> CheckInput<'a> {
     fn identity_of_fixture(&self, value: &Value) -> Result<Option<FixtureIdentity>, CliError> {
         let plan = self.reference.plan.as_ref().map(|(plan, _)| plan);
         let (Some(file), Some(name)) = (&self.fixture, planned_fixture(value, plan)) else { return Ok(None) };
+        if let (Some(fixture), Some(told)) = (&self.reference.fixture, told_fixture(value, plan)) {
+            check_told_fixture(&name, &told, fixture, &file.sha256).map_err(|other| file.refused_fixture(&other))?;
+            return Ok(Some(FixtureIdentity::Told));
+        }
         // A plan may name anything: what is no file may have no end.
         let bytes = Path::new(&name).is_file().then(|| std::fs::read(&name).ok()).flatten();
         let Some(bytes) = bytes else {
@@ -248,10 +278,7 @@ impl<'a> CheckInput<'a> {
         };
         let (found, planned) = (&file.sha256, hex(&Sha256::digest(bytes)));
         let [found, planned] = [found, &planned].map(|sha256| FixtureFile { sha256, unit: file.unit });
-        check_fixture(&name, found, planned).map_err(|other| {
-            let shown = file.path.display();
-            CliError::BadInput(format!("{shown}: {other}\n  → name the fixture that was planned with, or plan with this one"))
-        })?;
+        check_fixture(&name, found, planned).map_err(|other| file.refused_fixture(&other))?;
         Ok(Some(FixtureIdentity::Planned(name)))
     }
 }
@@ -416,6 +443,12 @@ impl ReferenceArgs {
             check_part(plan, part, &file.sha256).map_err(|other| file.refused(&other))?;
         }
         let (fixture, fixture_file) = self.fixture.as_ref().map(read).transpose()?.unzip();
+        if let (Some((plan, _)), Some(fixture), Some(file)) = (&plan, &fixture, &fixture_file)
+            && let Some(told) = &plan.fixture
+        {
+            let name = plan.params.part.fixture_mesh.as_deref().unwrap_or_default();
+            check_told_fixture(name, told, fixture, &file.sha256).map_err(|other| file.refused_fixture(&other))?;
+        }
         let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c: self.temperature };
         Ok((Reference { plan, part, fixture, present }, part_file, fixture_file))
     }
@@ -429,6 +462,12 @@ struct MeshFile {
 }
 
 impl MeshFile {
+    /// Error for a fixture that is not the plan's.
+    fn refused_fixture(&self, other: &OtherFixture) -> CliError {
+        let shown = self.path.display();
+        CliError::BadInput(format!("{shown}: {other}\n  → name the fixture that was planned with, or plan with this one"))
+    }
+
     /// Error for a part that is not the plan's: another file, or the file in another unit.
     fn refused(&self, other: &OtherPart) -> CliError {
         let (shown, unit) = (self.path.display(), self.unit);

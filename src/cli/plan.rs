@@ -162,6 +162,8 @@ pub(super) struct PartPlanner<'a> {
     cell: Option<Cell>,
     scanner: Scanner,
     fixture: Option<Mesh>,
+    /// SHA-256 of the fixture's file.
+    fixture_sha256: Option<String>,
     echo: Echo,
     /// Views are ordered, and remedies tried, many times in the same cell.
     roadmaps: Roadmaps,
@@ -195,7 +197,8 @@ impl<'a> PartPlanner<'a> {
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
         echo.check().map_err(|errors| files::findings("--label, --part-number, --serial", &errors))?;
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
-        Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, watch, cancel })
+        let (fixture, fixture_sha256) = (None, None);
+        Ok(Self { args, params, cell, scanner, fixture, fixture_sha256, echo, roadmaps, pool, watch, cancel })
     }
 
     /// The folder for the results of a part.
@@ -222,7 +225,7 @@ impl<'a> PartPlanner<'a> {
         let path = self.params.part.fixture_mesh.as_ref();
         let load = |path: &String| self.pool.install(|| load_mesh(Path::new(path), self.args.unit, self.cancel));
         let fixture = path.map(load).transpose()?;
-        self.fixture = fixture.map(|(fixture, _)| fixture.mesh);
+        (self.fixture, self.fixture_sha256) = fixture.map(|(read, sha256)| (read.mesh, sha256)).unzip();
         Ok(())
     }
 
@@ -237,6 +240,7 @@ impl<'a> PartPlanner<'a> {
         let job = PlanJob {
             mesh: &part.mesh,
             fixture: self.fixture.as_ref(),
+            fixture_sha256: self.fixture_sha256.as_deref(),
             part_name: mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
             part_sha256: &part_sha256,
             unit: part.unit,

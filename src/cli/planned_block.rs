@@ -15,6 +15,7 @@ pub(crate) fn plan_of_block(params: &PlanParams) -> Vec<u8> {
     let job = PlanJob {
         mesh: &mesh,
         fixture: None,
+        fixture_sha256: None,
         part_name: "block".into(),
         part_sha256: &"0a".repeat(32),
         unit: LengthUnit::Millimetre,

@@ -76,6 +76,7 @@ pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let job = PlanJob {
         mesh: &scanned.mesh,
         fixture: scanned.fixture.as_ref(),
+        fixture_sha256: scanned.fixture_sha256.as_deref(),
         part_name: scanned.name.clone(),
         part_sha256: &scanned.plan.part.sha256,
         unit: args.part.unit(),

@@ -77,6 +77,8 @@ pub(super) struct ScannedPart {
     pub(super) plan_sha256: String,
     pub(super) mesh: Mesh,
     pub(super) fixture: Option<Mesh>,
+    /// SHA-256 of the fixture's file.
+    pub(super) fixture_sha256: Option<String>,
     pub(super) name: String,
     pub(super) scanner: Scanner,
     pub(super) cell: Option<Cell>,
@@ -102,10 +104,12 @@ impl ScannedPartArgs {
         let scanner = scanner.map_err(|error| named(error, self.scanner.is_none(), "--scanner"))?;
         let (part, _) = load_mesh(&self.mesh, self.unit, cancel)?;
         let fixture = self.fixture.as_deref().map(|path| load_mesh(path, self.unit, cancel)).transpose()?;
+        let (fixture, fixture_sha256) = fixture.map(|(read, sha256)| (read.mesh, sha256)).unzip();
         let name = self.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let scanned = ScannedPart {
             plan_sha256: plan_sha256(&plan_bytes),
-            fixture: fixture.map(|(fixture, _)| fixture.mesh),
+            fixture,
+            fixture_sha256,
             mesh: part.mesh,
             plan,
             plan_bytes,

@@ -11,7 +11,8 @@ use super::library::Library;
 use super::submit::Lookup;
 use crate::cell::{Cell, FieldError, Named, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::check::{
-    self, Beside, CheckPlace, FixtureFile, FixtureIdentity, GivenBeside, GivenCell, NO_CELL, OtherPart, Present, Reference, Sound,
+    self, Beside, CheckPlace, FixtureFile, FixtureIdentity, GivenBeside, GivenCell, NO_CELL, OtherFixture, OtherPart, Present,
+    Reference, Sound,
 };
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, Silent};
@@ -129,7 +130,7 @@ fn resolve(request: CheckRequest, library: &Library, errors: &mut Vec<FieldError
         Some((mesh, file.sha256))
     };
     let part = mesh_id.and_then(|id| read("/mesh_id", id));
-    let fixture = fixture_mesh_id.and_then(|id| read("/fixture_mesh_id", id)).map(|(mesh, _)| mesh);
+    let fixture = fixture_mesh_id.and_then(|id| read("/fixture_mesh_id", id));
     let plan = plan.map(Value::Object).and_then(|raw| {
         let plan = lookup.built("/plan", check::read_plan(raw.clone()))?;
         let sha256 = hex(&Sha256::digest(plan.to_bytes()));
@@ -149,12 +150,13 @@ fn resolve(request: CheckRequest, library: &Library, errors: &mut Vec<FieldError
         lookup.refuse(pointer_of(beside), reason);
     }
     let is_part_known = part.as_ref().is_some_and(|(part, sha256)| hold_part(&document, of_plan, part, sha256, &mut lookup));
-    let identity = fixture_mesh_id.and_then(|id| identity_of(id, &document, of_plan, &mut lookup, library));
+    let given_fixture = fixture_mesh_id.zip(fixture.as_ref());
+    let identity = given_fixture.and_then(|fixture| identity_of(fixture, &document, of_plan, &mut lookup, library));
     if let Some(celsius) = temperature_c.filter(|celsius| !(-50.0..=100.0).contains(celsius)) {
         lookup.refuse("/temperature_c", format!("is {celsius} °C; allowed is -50 to 100 °C"));
     }
     let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c };
-    let reference = Reference { plan, part: part.map(|(mesh, _)| mesh), fixture, present };
+    let reference = Reference { plan, part: part.map(|(mesh, _)| mesh), fixture: fixture.map(|(mesh, _)| mesh), present };
     Resolved { document, surroundings, reference, is_part_known, fixture: identity }
 }
 
@@ -211,15 +213,26 @@ fn hold_part(document: &Value, plan: Option<&PlanDocument>, part: &Mesh, sha256:
     }
 }
 
-/// Holds a fixture against the mesh that the plan names; `None` if there is no such plan, or the fixture was refused.
+/// Holds a fixture, a mesh with the SHA-256 of its file, against what the plan tells of its own, or else against the mesh that the
+/// plan names; `None` if there is no such plan, or the fixture was refused.
 fn identity_of(
-    id: MeshId,
+    (id, (mesh, sha256)): (MeshId, &(Mesh, String)),
     document: &Value,
     plan: Option<&PlanDocument>,
     lookup: &mut Lookup<'_>,
     library: &Library,
 ) -> Option<FixtureIdentity> {
     let name = check::planned_fixture(document, plan)?;
+    let mut held = |checked: Result<(), OtherFixture>, identity: FixtureIdentity| match checked {
+        Ok(()) => Some(identity),
+        Err(other) => {
+            lookup.refuse("/fixture_mesh_id", other.to_string());
+            None
+        }
+    };
+    if let Some(told) = check::told_fixture(document, plan) {
+        return held(check::check_told_fixture(&name, &told, mesh, sha256), FixtureIdentity::Told);
+    }
     let found = library.source(id)?;
     let planned_id = name.parse::<MeshId>().ok();
     let Some(planned) = planned_id.and_then(|id| library.source(id)) else {
@@ -230,13 +243,7 @@ fn identity_of(
         return Some(FixtureIdentity::Unknown(reason));
     };
     let [found, planned] = [&found, &planned].map(|source| FixtureFile { sha256: &source.sha256, unit: source.unit });
-    match check::check_fixture(&name, found, planned) {
-        Ok(()) => Some(FixtureIdentity::Planned(format!("mesh {name}"))),
-        Err(other) => {
-            lookup.refuse("/fixture_mesh_id", other.to_string());
-            None
-        }
-    }
+    held(check::check_fixture(&name, found, planned), FixtureIdentity::Planned(format!("mesh {name}")))
 }
 
 #[cfg(test)]

@@ -259,6 +259,7 @@ pub fn plan_files(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Res
     let job = PlanJob {
         mesh: &meshes.mesh,
         fixture: meshes.fixture.as_ref(),
+        fixture_sha256: input.fixture.as_ref().map(|fixture| fixture.sha256.as_str()),
         part_name: input.part_name.clone(),
         part_sha256: &input.mesh.sha256,
         unit: input.mesh.unit,

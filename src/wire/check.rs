@@ -53,8 +53,9 @@ pub struct CheckRequest {
     /// with its `plan`, which says where the part lies, for collisions and for the area that its scans measure.
     #[serde(default)]
     pub mesh_id: Option<MeshId>,
-    /// Fixture, in the part's coordinates, beside `mesh_id`: the one that the plan was made with. It is compared with the mesh
-    /// that `params.part.fixture_mesh` of the plan names, where this server has that.
+    /// Fixture, in the part's coordinates, beside `mesh_id`: the one that the plan was made with. It is compared with `fixture` of
+    /// the plan; for a plan of an earlier release, which has none, with the mesh that its `params.part.fixture_mesh` names, where
+    /// this server has that.
     #[serde(default)]
     pub fixture_mesh_id: Option<MeshId>,
     /// Temperature in the cell now, °C, -50 to 100: for a program, a calibration that holds at another one alone is a finding.

@@ -53,6 +53,10 @@ pub struct PlanDocument {
     pub echo: Echo,
     /// The planned part.
     pub part: PartDocument,
+    /// The fixture that the part was planned with; absent without one, and in plans of earlier releases, which name it in
+    /// `params.part.fixture_mesh` alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fixture: Option<FixtureDocument>,
     /// The scanner that was planned for.
     pub scanner: ScannerDocument,
     /// The cell; `null` for a plan of viewpoints only.
@@ -121,11 +125,32 @@ impl PartDocument {
     /// Returns what differs where a mesh of these triangles has another size: the part as read in another unit.
     #[must_use]
     pub fn other_size(&self, mesh: &Mesh) -> Option<String> {
-        /// Relative tolerance of a box that went through a file.
-        const SAME: f64 = 1e-6;
-        let (found, planned) = (mesh.aabb().extent_mm(), self.bbox_mm.extent_mm());
-        let differs = (0..3).any(|axis| (found[axis] - planned[axis]).abs() > SAME * planned[axis].max(1.0));
-        differs.then(|| format!("is {} as read; the planned part is {}", size_text(&found.into()), size_text(&planned)))
+        self.bbox_mm.other_size("part", mesh)
+    }
+}
+
+/// The fixture that holds the part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct FixtureDocument {
+    /// SHA-256 of the mesh file.
+    pub sha256: String,
+    /// Bounding box, part frame.
+    pub bbox_mm: BoxDocument,
+}
+
+impl FixtureDocument {
+    /// Builds the document of a fixture; `sha256` is that of its file.
+    #[must_use]
+    pub fn new(mesh: &Mesh, sha256: &str) -> Self {
+        let aabb = mesh.aabb();
+        Self { sha256: sha256.to_owned(), bbox_mm: BoxDocument { min: aabb.min.into(), max: aabb.max.into() } }
+    }
+
+    /// Returns what differs where a mesh of these triangles has another size: the fixture as read in another unit.
+    #[must_use]
+    pub fn other_size(&self, mesh: &Mesh) -> Option<String> {
+        self.bbox_mm.other_size("fixture", mesh)
     }
 }
 
@@ -144,6 +169,15 @@ impl BoxDocument {
     #[must_use]
     pub fn extent_mm(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.max[axis] - self.min[axis])
+    }
+
+    /// Returns what differs where a mesh has another size than this box of the planned `what`.
+    fn other_size(&self, what: &str, mesh: &Mesh) -> Option<String> {
+        /// Relative tolerance of a box that went through a file.
+        const SAME: f64 = 1e-6;
+        let (found, planned) = (mesh.aabb().extent_mm(), self.extent_mm());
+        let differs = (0..3).any(|axis| (found[axis] - planned[axis]).abs() > SAME * planned[axis].max(1.0));
+        differs.then(|| format!("is {} as read; the planned {what} is {}", size_text(&found.into()), size_text(&planned)))
     }
 }
 
@@ -368,7 +402,7 @@ impl From<&Bound> for BoundDocument {
 }
 
 impl PlanDocument {
-    /// Builds the document of an outcome.
+    /// Builds the document of an outcome, without its fixture, whose file an outcome does not know.
     #[must_use]
     pub fn new(outcome: &Outcome, scanner: &Scanner, cell: Option<CellDocument>, echo: Echo) -> Self {
         let plan = &outcome.plan;
@@ -378,6 +412,7 @@ impl PlanDocument {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             echo,
             part: part(plan),
+            fixture: None,
             scanner: scanner_document(scanner, &plan.params),
             cell,
             params: plan.params.clone(),

@@ -53,6 +53,7 @@ fn files(params: &PlanParams) -> impl Fn(&str) -> Option<String> + use<> {
     let job = PlanJob {
         mesh: &mesh,
         fixture: None,
+        fixture_sha256: None,
         part_name: "block".into(),
         part_sha256: &"0a".repeat(32),
         unit: LengthUnit::Millimetre,

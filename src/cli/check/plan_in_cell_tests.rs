@@ -5,8 +5,10 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
+use super::tests::check as check_files;
 use crate::cell::{Cell, CollisionScene, Configuration, PoseSpec, Presets, SpecLibrary};
 use crate::check::{CheckPlace, Reference, Sound, check};
+use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;
@@ -80,15 +82,26 @@ impl Planned {
     }
 }
 
-/// Files of a plan of two views with the scanner of `cell`.
-fn files(block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Vec<Artifact> {
+/// Parameters of a plan of two views of a block, quickly made.
+fn quick() -> PlanParams {
     let mut params = PlanParams::default();
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.05), Some(20.0));
     (params.candidates.even_directions, params.selection.max_views, params.limits.camera_deg) = (Some(24), Some(2), Some(50.0));
     (params.missed.remedies, params.missed.advice, params.robust.pose_error) = (0, false, None);
+    params
+}
+
+/// Files of a plan of two views with the scanner of `cell`.
+fn files(block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Vec<Artifact> {
+    files_by(&quick(), block, cell, in_cell)
+}
+
+/// Files of a plan by these parameters.
+fn files_by(params: &PlanParams, block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Vec<Artifact> {
     let job = PlanJob {
         mesh: block,
         fixture: None,
+        fixture_sha256: None,
         part_name: "block".into(),
         part_sha256: &"0a".repeat(32),
         unit: LengthUnit::Millimetre,
@@ -96,7 +109,7 @@ fn files(block: &Mesh, cell: &Cell, in_cell: Option<&Cell>) -> Vec<Artifact> {
         cell: in_cell,
         roadmaps: None,
         rescan: None,
-        params: &params,
+        params,
         echo: Echo::default(),
         date: None,
     };
@@ -470,4 +483,87 @@ fn a_program_without_the_fixture_of_its_plan_is_told_that_first() {
     assert!(errors[0].detail.starts_with("the scans measure ") && errors.len() == 1, "{errors:#?}");
     let without_part = check_with(None, None).expect("nothing was found").description;
     assert!(without_part.contains(", sound in cell e05-transcan; not checked: collisions with the part (give"), "{without_part}");
+}
+
+/// A plate of half a millimetre with ten ridges of 0.05 mm, relief that the default engine passes over.
+fn ridges() -> Mesh {
+    let mut all = box_mesh([0.0; 3], [0.95, 1.0, 0.5]);
+    for ridge in 0..10_u32 {
+        let from_mm = 0.1 * f64::from(ridge);
+        let other = box_mesh([from_mm, 0.0, 0.5], [from_mm + 0.05, 1.0, 0.55]);
+        let first = all.vertices_mm.len() as u32;
+        all.faces.extend(other.faces.iter().map(|face| face.map(|corner| corner + first)));
+        all.vertices_mm.extend(other.vertices_mm);
+    }
+    all.source_face = (0..all.faces.len() as u32).collect();
+    all
+}
+
+/// The plan was refused: its views were looked at by a ray for every sample alone, and it was made by another engine.
+#[test]
+fn a_plan_of_relief_below_0_06_mm_passes_by_its_own_engine_and_both_figures_are_told() {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it is valid");
+    let (part, mut params) = (ridges(), quick());
+    (params.part.samples_per_mm2, params.part.patch_edge_mm, params.limits.camera_deg) = (Some(400.0), Some(0.5), None);
+    let planned = files_by(&params, &part, &cell, None);
+    let plan: Value = serde_json::from_slice(bytes_of(&planned, PLAN_FILE)).expect("JSON");
+    let place = CheckPlace::NoCell(Some(&cell.scanner));
+    let sound = checked(&plan, place, Some(&part)).unwrap_or_else(|found| panic!("{found}"));
+    let stated = plan["coverage"]["of_asked"].as_f64().expect("a share");
+    assert!(sound.measured_of_asked.is_some_and(|measured| (measured - stated).abs() <= 5e-4), "{sound:?}");
+    let left = sound.unverified.iter().find(|left| left.statement == "coverage by a ray for every sample");
+    let reason = left.map(|left| left.reason.as_str()).unwrap_or_default();
+    assert!(reason.starts_with("is 0.") && reason.contains("; by the engine of the plan, raster, it is 0."), "{sound:?}");
+    assert!(sound.description.contains(reason), "{}", sound.description);
+    let found = checked(&understated(&plan), place, Some(&part)).expect_err("an altered share");
+    assert!(found.starts_with("/coverage/of_asked: is 0.") && found.contains(", by a ray for every sample 0."), "{found}");
+}
+
+/// A clearance of 1 mm was kept in place of the plan's, and nothing told so.
+#[test]
+fn the_clearance_that_a_program_is_checked_with_is_told_with_its_reason() {
+    let planned = &*PLANNED;
+    let is_told = |sound: &Sound, words: &str| sound.verified.iter().any(|statement| statement.contains(words));
+    let alone = checked(&planned.program, CheckPlace::Cell(&planned.cell), None).expect("sound");
+    assert!(is_told(&alone, "with a clearance of 1 mm (the smallest that a plan may ask for"), "{:#?}", alone.verified);
+    let left = "clearance of the plan (1 mm was kept, the smallest that a plan may ask for: give the plan)";
+    assert!(alone.description.contains(left), "{}", alone.description);
+    let plan: PlanDocument = serde_json::from_value(planned.in_cell.clone()).expect("a plan");
+    let (sha256, mut program) = (plan_sha256(&plan.to_bytes()), planned.program.clone());
+    program["plan_sha256"] = json!(sha256);
+    let reference = Reference { plan: Some((plan, sha256)), ..Reference::default() };
+    let never = AtomicBool::new(false);
+    let place = Some(CheckPlace::Cell(&planned.cell));
+    let sound = check(program, &Presets, place, &reference, &Context::new(&never, &Silent)).expect("sound");
+    assert!(is_told(&sound, "with a clearance of 5 mm (motion.clearance_mm of the plan)"), "{:#?}", sound.verified);
+    assert!(!sound.description.contains("clearance"), "{}", sound.description);
+}
+
+/// The program was told to be without its plan, which was given beside it.
+#[test]
+fn a_program_is_held_against_the_plan_that_is_checked_in_the_same_call() {
+    let planned = &*PLANNED;
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).expect("writes");
+        path.display().to_string()
+    };
+    let stl = write_stl(&planned.block);
+    let (mut plan, mut program) = (planned.in_cell.clone(), planned.program.clone());
+    plan["part"]["sha256"] = json!(plan_sha256(&stl));
+    let plan = plan.to_string();
+    program["plan_sha256"] = json!(plan_sha256(plan.as_bytes()));
+    let (part, plan) = (file("part.stl", &stl), file("made.json", plan.as_bytes()));
+    let sound = file("program.json", program.to_string().as_bytes());
+    program["plan_sha256"] = json!("00".repeat(32));
+    let of_another = file("other.json", program.to_string().as_bytes());
+    let with_part = |files: &[&str]| {
+        let surroundings = ["--cell", "e05-transcan", "--mesh", part.as_str(), "--unit", "mm"];
+        check_files(&[files, &surroundings[..]].concat())
+    };
+    assert_eq!(with_part(&[plan.as_str(), sound.as_str()]), Ok(()));
+    assert_eq!(with_part(&[sound.as_str(), plan.as_str()]), Ok(()), "in any order");
+    let found = with_part(&[plan.as_str(), of_another.as_str()]).expect_err("another plan's");
+    assert!(found.contains("other.json: is to be checked with the part, but without its plan"), "{found}");
 }

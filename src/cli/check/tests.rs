@@ -37,7 +37,7 @@ impl Folder {
     }
 }
 
-fn check(args: &[&str]) -> Result<(), String> {
+pub(super) fn check(args: &[&str]) -> Result<(), String> {
     let line = Line::try_parse_from([&["check"], args].concat()).map_err(|error| error.to_string())?;
     run(&line.args).map_err(|error| {
         assert_eq!(error.exit_code(), 2, "{error}");
@@ -325,6 +325,41 @@ fn a_fixture_is_held_against_the_file_that_the_plan_names() {
         plan["params"]["part"]["fixture_mesh"] = "/dev/null".into();
         assert_eq!(against(&plan, &copy), Ok(()), "it is not read");
     }
+}
+
+/// The file that has the fixture's name now was compared: the right fixture was refused, and one that was changed passed.
+#[test]
+fn a_fixture_is_held_against_the_digest_in_the_plan_whatever_lies_at_its_name() {
+    let folder = Folder::new();
+    let stl = |name: &str, mesh: &Mesh| {
+        let path = folder.0.path().join(name);
+        std::fs::write(&path, write_stl(mesh)).expect("writes");
+        path.display().to_string()
+    };
+    let block = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    // Within the block they hide nothing.
+    let (clamp, changed) = (box_mesh([20.0, 10.0, 10.0], [22.0, 12.0, 12.0]), box_mesh([20.0, 10.0, 10.0], [22.0, 12.0, 13.0]));
+    let (part, kept, at_name) = (stl("part.stl", &block), stl("kept.stl", &clamp), stl("clamp.stl", &changed));
+    let mut plan = plan();
+    plan["part"]["sha256"] = plan_sha256(&write_stl(&block)).into();
+    plan["params"]["part"]["fixture_mesh"] = at_name.clone().into();
+    plan["fixture"] = serde_json::json!({
+        "sha256": plan_sha256(&write_stl(&clamp)),
+        "bbox_mm": {"min": [20.0, 10.0, 10.0], "max": [22.0, 12.0, 12.0]},
+    });
+    let against = |plan: &serde_json::Value, fixture: &str| {
+        let plan = folder.file("plan.json", &plan.to_string()).display().to_string();
+        check(&[&plan, "--cell", "none", "--mesh", &part, "--fixture", fixture, "--unit", "mm"])
+    };
+    assert_eq!(against(&plan, &kept), Ok(()), "the file that was planned with, under another name");
+    let found = against(&plan, &at_name).expect_err("the changed one");
+    assert!(found.contains("clamp.stl: is not the fixture of the plan: its SHA-256 is "), "{found}");
+    plan["fixture"]["bbox_mm"]["max"] = serde_json::json!([70.8, 60.8, 60.8]);
+    let found = against(&plan, &kept).expect_err("planned in another unit");
+    assert!(found.contains("kept.stl: is ") && found.contains("as read; the planned fixture is "), "{found}");
+    plan["fixture"]["sha256"] = "0A".into();
+    let found = against(&plan, &kept).expect_err("no digest");
+    assert!(found.contains("is not the fixture of the plan"), "{found}");
 }
 
 /// Options that count for nothing were passed over in silence.

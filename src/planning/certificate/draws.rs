@@ -15,10 +15,9 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use super::SecondSampling;
-use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::PoseErrorParams;
@@ -96,7 +95,7 @@ fn evaluated<const KINDS: usize>(
         ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
         Ok(measured_mm2)
     };
-    let measured_mm2 = all.par_iter().map(measured_mm2).collect::<Result<Vec<f64>, Cancelled>>()?;
+    let measured_mm2 = parallel::try_map::<_, _, Cancelled>(&all, measured_mm2)?;
     let (planned_mm2, mut drawn_mm2) = (measured_mm2[0], measured_mm2[1..].iter());
     let of_asked = |mm2: &f64| (nominal + share(mm2 - planned_mm2, second.asked_mm2)).clamp(0.0, 1.0);
     Ok(of_kinds.map(|draws| Drawn::new(nominal, drawn_mm2.by_ref().take(draws.len()).map(of_asked).collect())))

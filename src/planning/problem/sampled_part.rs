@@ -100,6 +100,7 @@ impl SampledPart {
         params.check_limits(input.scanner)?;
         ctx.check()?;
         Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
+        input.check_place()?;
         let mut params = scene::resolve(params, input);
         ctx.begin(Stage::Surface)?;
         let mut surface = requirements::sampled(input.mesh, &params, params.seed, ctx)?;
@@ -354,5 +355,27 @@ mod tests {
         assert!(poses.len() == 6 && sampled.stable_poses.are_known(), "{poses:?}");
         // Nothing is left to give up.
         assert_eq!(sampled.resting_poses(&input, &cancelled), Ok(poses));
+    }
+
+    /// It was planned, and its plan was then refused, as poses that are written may contain 100 m.
+    #[test]
+    fn a_part_that_lies_beyond_what_poses_may_contain_is_refused_at_the_part() {
+        let scanner = nominal_scanner();
+        let cancel = AtomicBool::new(false);
+        let sampled = |x_mm: f64| {
+            let mesh = box_mesh([x_mm, 0.0, 0.0], [x_mm + 60.0, 40.0, 30.0]);
+            let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+            SampledPart::new(&input, &PlanParams::default(), &Context::new(&cancel, &Silent)).map(drop)
+        };
+        assert!(sampled(90_000.0).is_ok() && sampled(-90_000.0).is_ok());
+        for x_mm in [150_000.0, -150_000.0, 99_900.0] {
+            let Err(PlanError::BadParams(errors)) = sampled(x_mm) else { panic!("{x_mm} mm was not refused") };
+            let told = errors[0].to_string();
+            assert!(
+                told.starts_with("/part: reaches ") && told.contains("mm from the origin of its frame; allowed is "),
+                "{told}"
+            );
+            assert!(told.contains("within 100000 mm: export the mesh"), "{told}");
+        }
     }
 }

@@ -38,9 +38,11 @@ impl Planned {
         (params.candidates.even_directions, params.selection.max_views) = (Some(24), Some(2));
         (params.missed.remedies, params.missed.advice, params.robust.pose_error) = (0, false, None);
         params.part.fixture_mesh = Some("clamp.stl".to_owned());
+        let clamp_sha256 = plan_sha256(&clamp);
         let job = PlanJob {
             mesh: &mesh,
             fixture: Some(&fixture),
+            fixture_sha256: Some(&clamp_sha256),
             part_name: "block".into(),
             part_sha256: &plan_sha256(&block),
             unit: LengthUnit::Millimetre,
@@ -60,9 +62,10 @@ impl Planned {
         Self { block, clamp, plan }
     }
 
-    /// The plan with a fixture of this name, or with none.
+    /// The plan with a fixture of this name, or with none, as of an earlier release: the name is all that it tells of the fixture.
     fn held_by(&self, name: impl Into<Value>) -> Value {
         let mut plan = self.plan.clone();
+        plan.as_object_mut().expect("an object").remove("fixture");
         plan["params"]["part"]["fixture_mesh"] = name.into();
         plan
     }
@@ -131,6 +134,27 @@ async fn another_fixture_than_the_plan_names_is_refused_with_what_differs() {
     assert!(left.is_some_and(|left| left.reason.contains("\"clamp.stl\", and not its SHA-256")), "{report:#?}");
     assert!(
         report.description.is_some_and(|told| told.contains("; not checked: identity of the fixture (the plan names the file"))
+    );
+}
+
+/// Plans told the name of their fixture alone, which may stand for another file by now.
+#[tokio::test]
+async fn a_fixture_is_held_against_its_digest_in_the_plan_whatever_its_name_is() {
+    let planned = &*PLANNED;
+    let (app, _folder) = service().await;
+    let block = upload(&app, &planned.block, LengthUnit::Millimetre).await;
+    let clamp = upload(&app, &planned.clamp, LengthUnit::Millimetre).await;
+    let in_inches = upload(&app, &planned.clamp, LengthUnit::Inch).await;
+    assert_eq!(planned.plan["fixture"]["sha256"], json!(plan_sha256(&planned.clamp)));
+    let request = |fixture: MeshId| json!({"document": planned.plan, "mesh_id": block, "fixture_mesh_id": fixture});
+    let report = check(&app, request(clamp)).await.expect("nothing is refused");
+    let told = "fixture: its SHA-256 and its size, by the file that was given";
+    assert!(report.sound && report.verified.iter().any(|statement| statement == told), "{report:#?}");
+    let refused = check(&app, request(block)).await;
+    assert_refused(refused, &["/fixture_mesh_id: is not the fixture of the plan: its SHA-256 is "]);
+    assert_refused(
+        check(&app, request(in_inches)).await,
+        &["/fixture_mesh_id: is 101.6 × 101.6 × 101.6 mm as read; the planned"],
     );
 }
 
