@@ -128,9 +128,9 @@ params! {
         /// Table motion beside the arm's: `with_arm`, or `alone` for controllers that cannot drive both together. Alone costs the
         /// time of both.
         table: TableMotion = TableMotion::WithArm;
-        /// Treatment of the points of a move that is not straight: `stop`, which every controller does alike, or `round`, for
-        /// executors that stream set points: corners are cut where that is free, and the move is run without stopping, as quickly
-        /// as the axes allow. Dialects take moves with stops alone.
+        /// Treatment of the points of a move that is not straight: `stop`, which every controller does alike, or `round`: corners
+        /// are cut where that is free and quicker, not with motion.table = `alone`. Runs and simulators stop there all the same, and
+        /// dialects refuse it.
         corners: Corners = Corners::Stop;
         /// Roll of chosen views about the optical axis where that makes the moves shorter: `free`, where no less is measured
         /// then, or `fixed`.

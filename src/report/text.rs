@@ -9,12 +9,12 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::{Objective, PlanParams, PoseErrorParams, SelectionGoal, Solver};
-use crate::planning::plan::{Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
+use crate::planning::plan::{Cause, Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument};
 use crate::wire::summary::Summary;
-use crate::wire::warnings::{FieldWarning, of_robust, parameter_of};
+use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
     NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, first_lie, fix_sentence, fixed,
     fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below, region_verdict, risk_meaning,
@@ -78,8 +78,8 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[Fiel
     write_views(out, plan)?;
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
     write_obstructions(out, &plan.obstructions)?;
-    write_advice(out, plan)?;
-    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
+    write_advice(out, plan, warnings)?;
+    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2, warnings)
 }
 
 /// Writes the summary in the sentences that every output has.
@@ -260,11 +260,25 @@ fn write_warnings(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 /// Lists the advice on the plan as a whole.
-fn write_advice(out: &mut String, plan: &Plan) -> fmt::Result {
+fn write_advice(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt::Result {
     if !plan.advice.is_empty() {
         writeln!(out, "\nadvice, simulated")?;
     }
-    AdviceDocument::all_of(plan).iter().try_for_each(|advice| writeln!(out, "  {}", advice.text))
+    AdviceDocument::all_of(plan).iter().try_for_each(|advice| writeln!(out, "  {}", advice.text))?;
+    if keeps_unstable_pose(plan.advice.iter().map(|advice| advice.table_from_part.is_some()), warnings) {
+        writeln!(out, "  {UNSTABLE_POSE_KEPT}")?;
+    }
+    Ok(())
+}
+
+/// Remark on advice that keeps a pose in which the part would tip over.
+pub(super) const UNSTABLE_POSE_KEPT: &str =
+    "the further setup stands beside one in which the part would tip over: lay it so that it stands, and plan again";
+
+/// Returns true if the part would tip over in a setup of the plan, and some advice adds one to those; `adds_setup` is told of each.
+pub(super) fn keeps_unstable_pose(adds_setup: impl IntoIterator<Item = bool>, warnings: &[FieldWarning]) -> bool {
+    let is_unstable = warnings.iter().any(|warning| warning.code == WarningCode::PartUnstable);
+    is_unstable && adds_setup.into_iter().any(|adds| adds)
 }
 
 /// Returns true if the views, and so the bound on their number, have to keep the grades of greedy's choice.
@@ -302,6 +316,9 @@ fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
+    if sequence.visits.is_empty() {
+        return writeln!(out, "\nsequence: none, since no view is carried out");
+    }
     writeln!(out, "\nsequence, from home")?;
     for (view, leg) in &sequence.visits {
         writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
@@ -343,7 +360,7 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
     }
 }
 
-fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -> fmt::Result {
+fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64, warnings: &[FieldWarning]) -> fmt::Result {
     writeln!(out, "\nmissed")?;
     if missed.is_empty() {
         writeln!(out, "  nothing")?;
@@ -356,11 +373,18 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
             None => writeln!(out)?,
         }
     }
-    write_spots(out, missed)
+    write_spots(out, missed, warnings)
+}
+
+/// Fix of area that is missed for want of a path where the home of the cell is blocked, in plain text: the home, whatever else was
+/// tried. `None` for other causes, and where the home is free.
+pub(super) fn home_remedy(cause: Cause, warnings: &[FieldWarning]) -> Option<String> {
+    let blocked = warnings.iter().find(|warning| warning.code == WarningCode::HomeBlocked)?;
+    (cause == Cause::NoPath).then(|| blocked.remedy.replace('`', ""))
 }
 
 /// The largest spots of all with what would cure them.
-fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
+fn write_spots(out: &mut String, missed: &[MissedCause], warnings: &[FieldWarning]) -> fmt::Result {
     let treated = treated_spots(missed);
     if !treated.is_empty() {
         writeln!(out, "\nlargest missed spots, with the fixes that were tried")?;
@@ -369,7 +393,8 @@ fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
         write!(out, "  {:<20} {:>10} mm²", cause.as_str(), area_mm2(spot.area_mm2))?;
         let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
         writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
-        writeln!(out, "       {}", fix_sentence(remedy))?;
+        let home = home_remedy(cause, warnings);
+        writeln!(out, "       {}", home.unwrap_or_else(|| fix_sentence(remedy)))?;
     }
     Ok(())
 }
@@ -531,6 +556,43 @@ mod tests {
         };
         let told = "Warning (part_unstable), part.table_from_part: the part would tip over as it is placed\n  turn it\n\n";
         assert_eq!((warned_of_plan(&[warning]).as_str(), warned_of_plan(&[]).as_str()), (told, ""));
+    }
+
+    /// It listed a move home of 0 s, and bounds of 0 s that it met.
+    #[test]
+    fn a_tour_without_views_is_told_as_none() {
+        let target = Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] };
+        let return_home = Leg { via_rad: Vec::new(), target, duration_secs: 0.0, passed_within_rad: None, turning_secs: 0.0 };
+        let none = Sequence { visits: Vec::new(), return_home, ordered_secs: 0.0, lower_bound_secs: 0.0, moving_lower_secs: 0.0 };
+        let mut out = String::new();
+        write_sequence(&mut out, &none).expect("a String takes all");
+        assert_eq!(out, "\nsequence: none, since no view is carried out\n");
+    }
+
+    #[test]
+    fn advice_that_keeps_a_pose_in_which_the_part_tips_over_says_so() {
+        let warning = FieldWarning {
+            code: WarningCode::PartUnstable,
+            pointer: "/params/part/table_from_part".to_owned(),
+            detail: "the part would tip over as it is placed".to_owned(),
+            remedy: "turn it".to_owned(),
+        };
+        assert!(keeps_unstable_pose([false, true], std::slice::from_ref(&warning)));
+        assert!(!keeps_unstable_pose([false], std::slice::from_ref(&warning)) && !keeps_unstable_pose([true], &[]));
+    }
+
+    #[test]
+    fn area_without_a_path_is_mended_by_the_home_where_that_is_blocked() {
+        let warning = FieldWarning {
+            code: WarningCode::HomeBlocked,
+            pointer: "/cell/home_deg".to_owned(),
+            detail: "lets forearm and part collide".to_owned(),
+            remedy: "give the cell another home (`vantage cell --home`)".to_owned(),
+        };
+        let told = Some("give the cell another home (vantage cell --home)".to_owned());
+        assert_eq!(home_remedy(Cause::NoPath, std::slice::from_ref(&warning)), told);
+        assert_eq!(home_remedy(Cause::ShadowLeft, &[warning]), None);
+        assert_eq!(home_remedy(Cause::NoPath, &[]), None);
     }
 
     #[test]

@@ -26,7 +26,7 @@ use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::hex;
 use crate::wire::part_size::{PartSize, SizeLimits, size_text};
-use crate::wire::plan::{CellDocument, PlanDocument};
+use crate::wire::plan::{CellDocument, FixtureDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
@@ -130,6 +130,8 @@ pub struct PlanJob<'a> {
     pub mesh: &'a Mesh,
     /// Fixture that holds the part, in the part's coordinates.
     pub fixture: Option<&'a Mesh>,
+    /// SHA-256 of the fixture's file, where it is known.
+    pub fixture_sha256: Option<&'a str>,
     /// Name of the part in reports.
     pub part_name: String,
     /// SHA-256 of the part's file.
@@ -348,6 +350,7 @@ impl PlanJob<'_> {
     fn document(&self, outcome: &Outcome, size_warnings: &[FieldWarning], ctx: &Context<'_>) -> Result<PlanDocument, Cancelled> {
         let stop = || ctx.check().is_err();
         let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
+        document.fixture = self.fixture.zip(self.fixture_sha256).map(|(fixture, sha256)| FixtureDocument::new(fixture, sha256));
         document.warnings.extend(size_warnings.iter().cloned());
         document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
         document.warnings.extend(self.standing_warnings(outcome, "/params", &Poll::new(&stop))?);
@@ -473,10 +476,10 @@ fn own_cycle(
     if let Some(reason) = own.find_map(|program| program.text.as_ref().err()) {
         return Err(reason.clone());
     }
-    let planned_secs = programs.iter().map(|program| program.cycle_secs).sum();
+    let moves_in_turn = checked.iter().flatten().any(|program| program.moves_in_turn(dialect));
     let secs = |checked: &CheckedOrFindings<'_>| checked.as_ref().ok()?.cycle_secs(dialect).ok();
     let cycle_secs = checked.iter().map(secs).sum::<Option<f64>>().filter(|_| !checked.is_empty());
-    Ok(cycle_secs.map(|secs| ProgramCycle::new(dialect, secs, planned_secs, dialect.before_first_run_of(programs))))
+    Ok(cycle_secs.map(|secs| ProgramCycle::new(dialect, secs, moves_in_turn, dialect.before_first_run_of(programs))))
 }
 
 /// The report of a plan in plain text, after the warnings on the part's size.

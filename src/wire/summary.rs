@@ -160,7 +160,7 @@ impl Summary {
     /// The summary with the cycle of the program in the robot's own dialect, told beside that of the plan where the two differ.
     #[must_use]
     pub fn with_program(self, program_cycle: Option<ProgramCycle>) -> Self {
-        let told = program_cycle.as_ref().and_then(ProgramCycle::text).unwrap_or_default();
+        let told = program_cycle.as_ref().and_then(|program| program.text(self.cycle_secs)).unwrap_or_default();
         let cycle_text = self.cycle_text.map(|text| text + &told);
         Self { cycle_text, program_cycle, ..self }
     }

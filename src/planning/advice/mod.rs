@@ -37,6 +37,8 @@ use more_views::MoreViews;
 
 /// Share of the asked area that advice recovers at least, unless it makes a region meet its target: our choice.
 const MIN_RECOVERED: f64 = 0.01;
+/// Largest number of views of a plan: the range of `selection.max_views`.
+const MAX_VIEWS: u32 = 1000;
 
 /// A chosen plan as far as advice needs it: before the outcome takes its candidates over, or as the outcome tells it.
 pub(super) struct Basis {
@@ -246,6 +248,11 @@ fn cycle_secs(outcome: &Outcome, stays: impl Fn(&SetupPlan) -> bool, (added_view
     let counts = [visits().count(), visits().map(captures_of).sum()].map(|count: usize| (count + added_views) as f64);
     let moving_secs: f64 = sequences.iter().map(|sequence| sequence.motion_secs()).sum();
     Some(moving_secs + added_secs + counts[0] * scan.settle_secs + counts[1] * scan.capture_secs)
+}
+
+/// Returns true if a plan that limits its views cannot take so many, whatever its limit: the range of the limit ends before.
+fn exceeds_every_limit(limit: Option<u32>, views: usize) -> bool {
+    limit.is_some() && views > MAX_VIEWS as usize
 }
 
 /// Views of a plan that measure something.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Basis, Wanted, choose as choose_rows, cycle_secs, views_of};
+use super::{Basis, Wanted, choose as choose_rows, cycle_secs, exceeds_every_limit, views_of};
 use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SetupIndex};
@@ -97,6 +97,9 @@ impl MoreViews {
     pub(super) fn advice(&self, basis: &Basis, outcome: &Outcome) -> Option<PlanAdvice> {
         let (plan, params) = (&outcome.plan, &outcome.plan.params);
         let views = views_of(outcome) + self.added;
+        if exceeds_every_limit(params.selection.max_views, views) {
+            return None;
+        }
         let limit =
             params.selection.max_views.filter(|limit| (*limit as usize) < views).map(|_| ParamChange::MaxViews(views as u32));
         let changes: Vec<ParamChange> = self.target.map(ParamChange::Target).into_iter().chain(limit).collect();

@@ -3,12 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
-
 use super::turn_over::WantedRegion;
 use super::{Basis, Wanted, choose, within};
 use crate::cell::Configuration;
-use crate::geometry::{Part, Pose, ScannerFrame, Table};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId, ViewId};
 use crate::planning::params::PlanParams;
@@ -144,7 +142,7 @@ impl<'a> Trial<'a> {
                 with[staying + self.setup_of[*place]].insert_all(self.rows[*place].measured());
                 Ok((*place, links.resistance(&with, at), links.shared_area_mm2(&with, at)))
             };
-            let tried = free.par_iter().map(with).collect::<Result<Vec<_>, Cancelled>>()?;
+            let tried = parallel::try_map::<_, _, Cancelled>(&free, with)?;
             let stiffest = tried.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a }).filter(|best| best.1 > now + 1e-6);
             let widest = tried.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
             let Some((place, ..)) = stiffest.or(widest) else { break };

@@ -8,7 +8,7 @@ use std::cmp::Ordering;
 use std::sync::Arc;
 
 use super::trial::{MAX_JOINING, SetupsLink, Trial};
-use super::{AdviceScope, Basis, MIN_RECOVERED, cycle_secs, is_in_poses, views_of, within};
+use super::{AdviceScope, Basis, MAX_VIEWS, MIN_RECOVERED, cycle_secs, exceeds_every_limit, is_in_poses, views_of, within};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates;
 use crate::planning::context::{Cancelled, Context, PlanError};
@@ -384,6 +384,9 @@ fn into_advice(
     let (plan, poses) = (&outcome.plan, &choice.poses);
     let staying_views = plan.views.iter().filter(|view| view.rejected.is_none() && is_in_poses(view, outcome, poses)).count();
     let views = staying_views + chosen_views;
+    if exceeds_every_limit(scope.sampled.params.selection.max_views, views) {
+        return None;
+    }
     let turn = |pose: &Pose<Table, Part>| plan.setups.first().map(|first| Turn::between(&first.table_from_part, pose));
     let advised = |pose: &Pose<Table, Part>| Some(AdvisedSetup { table_from_part: *pose, turn: turn(pose)? });
     Some(PlanAdvice {
@@ -430,13 +433,14 @@ fn changes(scope: &AdviceScope<'_>, choice: &SetupChoice, views: usize) -> Vec<P
 /// views as it may has none left to register its setups by surface, without which there is no plan at all: there is room for those.
 fn raised_limit(limit: Option<u32>, views: usize, registration: Registration) -> Option<u32> {
     let joining = if registration == Registration::Surface { MAX_JOINING } else { 0 };
-    let needed = (views + joining) as u32;
+    let needed = ((views + joining) as u32).min(MAX_VIEWS);
     limit.filter(|limit| *limit < needed).map(|_| needed)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::params::PlanParams;
 
     #[test]
     fn a_part_of_more_blocks_is_tried_with_more_candidates_up_to_a_limit() {
@@ -451,6 +455,20 @@ mod tests {
         assert_eq!([1, 4, 15, 16].map(|limit| raised(limit, Registration::Surface)), [Some(16), Some(16), Some(16), None]);
         assert_eq!([1, 3, 4].map(|limit| raised(limit, Registration::Markers)), [Some(4), Some(4), None]);
         assert_eq!(raised_limit(None, 4, Registration::Surface), None);
+    }
+
+    /// 995 views with a limit of 990 led to a limit of 1007, which no plan takes.
+    #[test]
+    fn a_limit_of_views_is_raised_to_no_more_than_its_range_has() {
+        let raised = |limit: u32, views: usize| raised_limit(Some(limit), views, Registration::Surface);
+        assert_eq!([raised(980, 988), raised(990, 995), raised(1000, 995)], [Some(1000), Some(1000), None]);
+        let are_allowed = |max_views: u32| {
+            let selection = SelectionParams { max_views: Some(max_views), ..SelectionParams::default() };
+            PlanParams { selection, ..PlanParams::default() }.check().is_ok()
+        };
+        assert!(are_allowed(MAX_VIEWS) && !are_allowed(MAX_VIEWS + 1));
+        assert!(exceeds_every_limit(Some(990), 1001));
+        assert!(!exceeds_every_limit(Some(990), 1000) && !exceeds_every_limit(None, 1001));
     }
 
     /// Advice that measures so much of 1000 mm² with so many views.

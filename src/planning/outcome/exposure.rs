@@ -3,10 +3,9 @@
 //!
 //! Every view is evaluated once more, as if any brightness did: about the time that casting the chosen views takes.
 
-use rayon::prelude::*;
-
 use super::Solution;
 use crate::cell::{ExposureFault, LevelRange, best_levels};
+use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId, ViewId};
 use crate::planning::params::Brightness;
@@ -40,12 +39,12 @@ pub(super) fn of(solution: &Solution<'_>, setups: &[Setup<'_>], ctx: &Context<'_
     if problem.params.material_of_part().is_none() {
         return Ok(None);
     }
-    let seen = |(view, candidate): (ViewId, &CandidateIndex)| match no_path.contains(candidate) {
+    let seen = |&(view, candidate): &(ViewId, &CandidateIndex)| match no_path.contains(candidate) {
         true => Ok(None),
         false => lit(solution, setups, view, *candidate, ctx).map(Some),
     };
     let views: Vec<_> = ViewId::number(&chosen.candidates).collect();
-    let seen = views.into_par_iter().map(seen).collect::<Result<Vec<_>, Cancelled>>()?;
+    let seen = parallel::try_map::<_, _, Cancelled>(&views, seen)?;
     let views: Vec<_> = seen.iter().map(|seen| seen.as_ref().map(|seen| exposure(solution, seen))).collect();
     let loss = loss(solution, &seen, &views);
     Ok(Some(Exposures { views, loss }))

@@ -9,8 +9,6 @@ mod verdicts;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rayon::prelude::*;
-
 use super::candidates::Rejection;
 use super::context::{Cancelled, Context, NoPlan};
 use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
@@ -28,7 +26,7 @@ use super::sequence::Ordered;
 use super::setups::Setup;
 use super::stations::StationFailure;
 use super::visibility::{self, Occluders, Row, SampleSet};
-use crate::geometry::RayScene;
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel};
 
 /// A solved problem: chosen views, with what became of each.
 struct Solution<'a> {
@@ -38,7 +36,7 @@ struct Solution<'a> {
     used: Vec<SetupIndex>,
     /// Chosen candidates to which no path was found.
     no_path: BTreeSet<CandidateIndex>,
-    /// Candidates that were given up for want of a path, chosen or not.
+    /// Candidates without a path: those that were given up for want of one, chosen or not, and all of a setup with a blocked home.
     all_excluded: BTreeSet<CandidateIndex>,
     /// Samples that each chosen view measures, with its quality; none where it has no path.
     measuring: Vec<Row>,
@@ -69,7 +67,7 @@ pub(super) fn assemble(
     surroundings: &Surroundings<'_>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
-    let mut solution = Solution::new(&problem, chosen, &ordered, excluded);
+    let mut solution = Solution::new(&problem, chosen, &ordered, excluded, surroundings.setups);
     let risks = at_risk::risks(&solution, surroundings.setups, ctx)?;
     let left_out = at_risk::left_out(&solution, &risks);
     if !problem.params.realism.count_at_risk {
@@ -107,13 +105,16 @@ impl<'a> Solution<'a> {
         chosen: &'a ChosenViews,
         ordered: &[Ordered],
         excluded: &BTreeSet<CandidateIndex>,
+        setups: &[Setup<'_>],
     ) -> Self {
         let no_path: BTreeSet<_> = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path)).collect();
         let measured = |candidate: &CandidateIndex| {
             if no_path.contains(candidate) { Row::default() } else { graded(problem, *candidate) }
         };
-        let measuring = chosen.candidates.par_iter().map(measured).collect();
-        let all_excluded = excluded.union(&no_path).copied().collect();
+        let measuring = parallel::map(&chosen.candidates, measured);
+        let is_homeless: Vec<bool> = setups.iter().map(is_home_blocked).collect();
+        let homeless = problem.candidates.indices().filter(|candidate| is_homeless[problem.candidates[*candidate].setup.index()]);
+        let all_excluded = excluded.union(&no_path).copied().chain(homeless).collect();
         let used: BTreeSet<_> = chosen.candidates.iter().map(|candidate| problem.candidates[*candidate].setup).collect();
         let used = if used.is_empty() { vec![SetupIndex(0)] } else { used.into_iter().collect() };
         Self { problem, chosen, used, no_path, all_excluded, measuring }
@@ -261,7 +262,12 @@ impl<'a> Solution<'a> {
 
     fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
-        let Surroundings { sampled, occluders, part: part_alone, can_execute, .. } = *surroundings;
+        let Surroundings { sampled, occluders, part: part_alone, setups, can_execute, .. } = *surroundings;
+        let can_execute: Option<&'c CanExecute<'c>> = match can_execute {
+            // Paths need not be searched where none leaves home.
+            Some(_) if setups.iter().all(is_home_blocked) => Some(&without_path),
+            searched => searched,
+        };
         let is_choosable = |candidate: CandidateIndex| problem.blocked(candidate).is_none() && !all_excluded.contains(&candidate);
         MissAnalysis {
             input: problem.input,
@@ -280,6 +286,16 @@ impl<'a> Solution<'a> {
             can_execute,
         }
     }
+}
+
+/// Returns true if two bodies of the cell meet at its home while the part lies like this: no path leads from there to any view.
+fn is_home_blocked(setup: &Setup<'_>) -> bool {
+    setup.scene.as_ref().is_some_and(|scene| scene.collision_scene().check(&scene.cell().home_rad).is_some())
+}
+
+/// Says of every view that the cell cannot execute it.
+fn without_path(_: &Pose<Part, ScannerFrame>) -> Result<bool, Cancelled> {
+    Ok(false)
 }
 
 /// Samples that a candidate measures, with its quality.

@@ -3,9 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rayon::prelude::*;
-
-use crate::geometry::RayScene;
+use crate::geometry::{RayScene, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::Hemisphere;
@@ -72,7 +70,7 @@ fn causes(
         _ if rests_on(*sample) => Some(Cause::ExcludedResting),
         cause => cause,
     };
-    let mut causes: Vec<Option<Cause>> = missed.par_iter().map(known).collect();
+    let mut causes: Vec<Option<Cause>> = parallel::map(missed, known);
     let open = |causes: &[Option<Cause>]| -> Vec<usize> { (0..missed.len()).filter(|place| causes[*place].is_none()).collect() };
     let unexplained = open(&causes);
     let samples_of = |places: &[usize]| -> Vec<SampleId> { places.iter().map(|place| missed[*place]).collect() };
@@ -136,4 +134,38 @@ fn motion_causes(problem: &ViewPlanningProblem<'_>, all_excluded: &BTreeSet<Cand
         samples.iter().for_each(|sample| causes[sample.index()] = Some(cause));
     }
     causes
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::cell::{Presets, SpecLibrary};
+    use crate::planning::context::Silent;
+    use crate::planning::params::{PlanParams, Strategy};
+    use crate::planning::{PlanInput, plan};
+    use crate::testing::box_mesh;
+
+    /// All but the few views that were tried were told as measurable, with more views as their fix.
+    #[test]
+    fn area_is_missed_for_want_of_a_path_where_the_home_lies_within_the_part() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let mesh = box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 750.0]);
+        let input =
+            PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
+        let mut params = PlanParams::default();
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.0005), Some(60.0));
+        (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(20));
+        (params.selection.max_views, params.robust.pose_error) = (Some(1), None);
+        (params.missed.remedies, params.missed.advice) = (0, false);
+        let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+        let missed_mm2 = |cause: Cause| -> f64 {
+            outcome.plan.missed.iter().filter(|missed| missed.cause == cause).map(|missed| missed.area_mm2).sum()
+        };
+        assert_eq!(outcome.plan.executed_views(), 0);
+        assert!(missed_mm2(Cause::NotChosen) <= 0.0, "{} mm² without a view", missed_mm2(Cause::NotChosen));
+        let no_path_mm2 = missed_mm2(Cause::NoPath);
+        assert!(no_path_mm2 > 0.5 * outcome.plan.coverage.asked_area_mm2, "{no_path_mm2} mm² without a path");
+    }
 }

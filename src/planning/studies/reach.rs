@@ -4,18 +4,18 @@
 //! A cube stands in the middle of the plate; the scanner looks at its centre from half its edge + F, baseline level, from
 //! [`ELEVATIONS`] angles between straight above and level and [`AZIMUTHS`] azimuths. The table stands still in this count: a
 //! turning one brings every azimuth round, so one azimuth is enough for an elevation, and the directions say how much choice
-//! is left. The foot moves along the line to the table, the table up and down; obstacles and floor stay where they are.
+//! is left. Up is the direction of the table's axis, whichever way the foot is turned: it may stand, hang from a ceiling or lean. The
+//! foot moves along the level line to that axis, the table up and down; obstacles and floor stay where they are.
 //! One layout costs about a tenth of a second.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Isometry3, Point3, Rotation3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Body, Cell, CollisionScene, HousingFace};
-use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, ScannerFrame, Table};
+use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, ScannerFrame, Table, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::solve_some;
 
@@ -23,6 +23,10 @@ use crate::planning::stations::solve_some;
 pub const ELEVATIONS: usize = 19;
 /// Azimuths, 15° apart.
 pub const AZIMUTHS: usize = 24;
+/// Distance from the table's axis within which the foot stands on it, mm.
+const ON_AXIS_MM: f64 = 1e-6;
+/// Length of the level part of a unit vector below which that has no direction.
+const MIN_LEVEL: f64 = 1e-3;
 /// Range of the table while it stands still, radians.
 const STILL_RAD: f64 = 1e-5;
 
@@ -31,9 +35,9 @@ const STILL_RAD: f64 = 1e-5;
 pub struct Layouts {
     /// Edge of the cube on the plate, mm.
     pub part_mm: f64,
-    /// Distances of the robot's foot from the table's axis, mm.
+    /// Distances of the robot's foot from the table's axis, at right angles to it, mm.
     pub foot_mm: Vec<f64>,
-    /// Heights of the plate above the foot, mm.
+    /// Heights of the plate above the foot along the table's axis, mm; negative where the foot is above the plate.
     pub table_mm: Vec<f64>,
     /// Ways to bolt the scanner to the flange.
     pub mountings: Vec<Mounting>,
@@ -64,9 +68,9 @@ pub struct Reached {
 pub struct Layout {
     /// Index of the mounting.
     pub mounting: usize,
-    /// Distance of the foot from the table's axis, mm.
+    /// Distance of the foot from the table's axis, at right angles to it, mm.
     pub foot_mm: f64,
-    /// Height of the plate above the foot, mm.
+    /// Height of the plate above the foot along the table's axis, mm; negative where the foot is above the plate.
     pub table_mm: f64,
     /// `None` where the arm at home is closer to something than 1 mm.
     pub reached: Option<Reached>,
@@ -105,14 +109,12 @@ pub fn reach(cell: &Cell, layouts: &Layouts, ctx: &Context<'_>) -> Result<Vec<La
         .flat_map(|mounting| table_mm.iter().flat_map(move |table| foot_mm.iter().map(move |foot| (mounting, *table, *foot))))
         .collect();
     let done = AtomicUsize::new(0);
-    all.par_iter()
-        .map(|(mounting, table_mm, foot_mm)| {
-            let laid = laid_out(cell, &mountings[*mounting].flange_from_scanner, *foot_mm, *table_mm);
-            let reached = reached(&laid, layouts, ctx)?;
-            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
-            Ok(Layout { mounting: *mounting, foot_mm: *foot_mm, table_mm: *table_mm, reached })
-        })
-        .collect()
+    parallel::try_map(&all, |(mounting, table_mm, foot_mm)| {
+        let laid = laid_out(cell, &mountings[*mounting].flange_from_scanner, *foot_mm, *table_mm);
+        let reached = reached(&laid, layouts, ctx)?;
+        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
+        Ok(Layout { mounting: *mounting, foot_mm: *foot_mm, table_mm: *table_mm, reached })
+    })
 }
 
 /// The layout that reaches most elevations, then most directions; the first of equals.
@@ -125,19 +127,36 @@ pub fn best(layouts: &[Layout]) -> Option<&Layout> {
     )
 }
 
-/// Distance of the foot from the table's axis, and height of the plate above the foot, mm.
+/// Distance of the foot from the table's axis, at right angles to it, and height of the plate above the foot along it, mm.
 #[must_use]
 pub fn own_layout(cell: &Cell) -> [f64; 2] {
-    let origin = cell.base_from_table.origin_mm();
-    [origin.x.hypot(origin.y), origin.z]
+    let (up, height_mm) = up_and_height_mm(cell);
+    [level_mm(cell, &up, height_mm).norm(), height_mm]
+}
+
+/// Direction of the table's axis in the base frame, and the height of the plate's centre above the foot along it.
+fn up_and_height_mm(cell: &Cell) -> (Vector3<f64>, f64) {
+    let up = cell.base_from_table.direction(&Vector3::z());
+    (up, up.dot(&cell.base_from_table.origin_mm().coords))
+}
+
+/// Way from the foot to the table's axis at right angles to it, in the base frame.
+fn level_mm(cell: &Cell, up: &Vector3<f64>, height_mm: f64) -> Vector3<f64> {
+    cell.base_from_table.origin_mm().coords - up * height_mm
+}
+
+/// Direction in which the table stands from the foot, level; one of the foot's own where it stands on the axis.
+fn towards_table(cell: &Cell) -> Vector3<f64> {
+    let (up, height_mm) = up_and_height_mm(cell);
+    let level = |axis: Vector3<f64>| (axis - up * up.dot(&axis)).try_normalize(MIN_LEVEL);
+    let way = level_mm(cell, &up, height_mm).try_normalize(ON_AXIS_MM);
+    way.or_else(|| level(Vector3::x())).or_else(|| level(Vector3::y())).unwrap_or_else(Vector3::x)
 }
 
 fn laid_out(cell: &Cell, flange_from_scanner: &Pose<Flange, ScannerFrame>, foot_mm: f64, table_mm: f64) -> Cell {
     let mut laid = cell.clone();
-    let origin = cell.base_from_table.origin_mm();
-    let away = origin.x.hypot(origin.y);
-    let towards = if away > 0.0 { Vector3::new(origin.x, origin.y, 0.0) / away } else { Vector3::x() };
-    let place = towards * foot_mm + Vector3::z() * table_mm;
+    let (up, _) = up_and_height_mm(cell);
+    let place = towards_table(cell) * foot_mm + up * table_mm;
     laid.base_from_table = Pose::from_parts(place, cell.base_from_table.isometry().rotation);
     laid.flange_from_scanner = *flange_from_scanner;
     let still = &mut laid.turntable.axis;
@@ -179,4 +198,49 @@ fn cube(edge_mm: f64) -> Mesh {
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
     Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::cell::{Presets, SpecLibrary};
+
+    /// The default cell, its table turned and moved as its robot sees it.
+    fn cell(origin_mm: Vector3<f64>, axis: Vector3<f64>, angle_rad: f64) -> Cell {
+        let mut cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let rotation = UnitQuaternion::from_scaled_axis(axis * angle_rad);
+        cell.base_from_table = Pose::from_parts(rotation * origin_mm, rotation);
+        cell
+    }
+
+    fn assert_near(found: [f64; 2], wanted: [f64; 2]) {
+        assert!(found.iter().zip(wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-9), "{found:?}, not {wanted:?}");
+    }
+
+    /// The plate was told 800 mm above the foot of a robot that hangs 800 mm above it.
+    #[test]
+    fn distance_and_height_are_those_along_the_axis_of_the_table_however_the_foot_is_turned() {
+        // Upright, upside down, leaning by 30 degrees, and on a wall; the foot stands 500 mm from the axis each time.
+        for (axis, angle_rad) in [(Vector3::x(), 0.0), (Vector3::x(), PI), (Vector3::y(), PI / 6.0), (Vector3::y(), -PI / 2.0)] {
+            let cell = cell(Vector3::new(300.0, 400.0, -800.0), axis, angle_rad);
+            assert_near(own_layout(&cell), [500.0, -800.0]);
+            let same = laid_out(&cell, &cell.flange_from_scanner, 500.0, -800.0);
+            assert!((same.base_from_table.origin_mm() - cell.base_from_table.origin_mm()).norm() < 1e-9);
+            let other = laid_out(&cell, &cell.flange_from_scanner, 450.0, -700.0);
+            assert_near(own_layout(&other), [450.0, -700.0]);
+            let moved_mm =
+                cell.base_from_table.inverse().direction(&(other.base_from_table.origin_mm() - cell.base_from_table.origin_mm()));
+            assert!((moved_mm - Vector3::new(-30.0, -40.0, 100.0)).norm() < 1e-9, "{moved_mm}");
+        }
+    }
+
+    #[test]
+    fn a_foot_on_the_axis_of_the_table_moves_off_it_level() {
+        for (axis, angle_rad) in [(Vector3::x(), 0.0), (Vector3::x(), PI), (Vector3::y(), PI / 2.0)] {
+            let cell = cell(Vector3::new(0.0, 0.0, -800.0), axis, angle_rad);
+            assert_near(own_layout(&laid_out(&cell, &cell.flange_from_scanner, 400.0, -700.0)), [400.0, -700.0]);
+        }
+    }
 }

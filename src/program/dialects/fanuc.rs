@@ -27,6 +27,7 @@ const LATE: u32 = 99;
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "fanuc", extension: "ls", media_type: "text/x-fanuc-ls; charset=utf-8" }],
     has_table_axis: true,
+    has_whole_percents: true,
     tells_brightness: false,
     before_first_run: Some("bring arm and table home by hand; the program's first move goes there on a way that was not checked"),
     render,

@@ -29,6 +29,7 @@ const HOW_TO_SEND: [&str; 7] = [
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "hans", extension: "cps", media_type: "text/x-hans-cps; charset=utf-8" }],
     has_table_axis: false,
+    has_whole_percents: false,
     tells_brightness: true,
     before_first_run: None,
     render,

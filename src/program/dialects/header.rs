@@ -38,6 +38,11 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
             job.params.scan_output, job.params.pulse_secs, job.params.scan_input, job.params.timeout_secs
         ),
     ]);
+    lines.extend(job.slowed.as_ref().map(|slowed| {
+        format!(
+            "Speed: {slowed}, since this language has whole percents, rounded down. The cycle above is the one at this speed."
+        )
+    }));
     lines.extend(job.untold_levels.as_ref().map(|levels| {
         format!(
             "WARNING: the scans are at brightness levels {levels}, and this program does not tell the scanner which. The scanner's own \

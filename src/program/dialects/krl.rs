@@ -136,6 +136,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
         DialectOutput { format: "krl_dat", extension: "dat", media_type: "text/x-krl-dat; charset=utf-8" },
     ],
     has_table_axis: true,
+    has_whole_percents: true,
     tells_brightness: false,
     before_first_run: None,
     render,

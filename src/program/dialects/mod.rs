@@ -18,9 +18,10 @@ mod robodk;
 mod urscript;
 mod walk;
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use super::{Expected, Finding, Program, Together, check, interlock};
+use super::{Expected, Finding, Program, Step, Together, check, interlock};
 pub use crate::cell::Dialect;
 use crate::cell::{Axes, Cell, CollisionScene};
 use crate::planning::params::DialectParams;
@@ -36,12 +37,19 @@ pub struct DialectOutput {
     pub media_type: &'static str,
 }
 
+/// Difference of two shares of the rated speed that are one but for rounding.
+const SAME_SPEED: f64 = 1e-9;
+/// Difference of cycles from which on two are told apart, s.
+const SAME_CYCLE_SECS: f64 = 0.05;
+
 /// Facts of a dialect; each stands in the dialect's own file.
 struct DialectFacts {
     /// Files, in the order rendered.
     outputs: &'static [DialectOutput],
     /// True if its controllers move the table with the arm.
     has_table_axis: bool,
+    /// True if its files say speeds in whole percents of the rated.
+    has_whole_percents: bool,
     /// True if the file tells its reader the brightness level of each scan, and not in a comment alone.
     tells_brightness: bool,
     /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
@@ -66,6 +74,12 @@ impl Dialect {
     #[must_use]
     pub fn outputs(self) -> &'static [DialectOutput] {
         self.facts().outputs
+    }
+
+    /// Returns true if its controllers move the table with the arm; those of the others move them in turn.
+    #[must_use]
+    pub fn moves_table_with_arm(self) -> bool {
+        self.facts().has_table_axis
     }
 
     /// Name that the files of a setup's program must have on the controller, without extension; `None` of a language that takes any.
@@ -219,11 +233,43 @@ impl<'a> CheckedProgram<'a> {
         self.form_for(dialect).map(|program| program.cycle_secs)
     }
 
-    /// The form of the program that a dialect says: interlocked where its controllers do not move the table with the arm.
-    fn form_for(&self, dialect: Dialect) -> Result<&Program, DialectError> {
-        let has_table_axis = dialect.facts().has_table_axis;
-        let program = if has_table_axis { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
+    /// Returns true if the program moves table and arm in turn in a dialect, where the plan moves both at once.
+    #[must_use]
+    pub fn moves_in_turn(&self, dialect: Dialect) -> bool {
+        self.at_planned_speeds(dialect)
+            .is_ok_and(|program| (program.cycle_secs - self.program.cycle_secs).abs() >= SAME_CYCLE_SECS)
+    }
+
+    /// The form of the program that a dialect says: interlocked where its controllers do not move the table with the arm, and at
+    /// the speeds that its files set, with their times.
+    fn form_for(&self, dialect: Dialect) -> Result<Cow<'_, Program>, DialectError> {
+        let program = self.at_planned_speeds(dialect)?;
+        if dialect.facts().has_whole_percents { self.in_whole_percents(program, dialect) } else { Ok(Cow::Borrowed(program)) }
+    }
+
+    /// The form of the program for a dialect's controllers, at the speeds that were planned.
+    fn at_planned_speeds(&self, dialect: Dialect) -> Result<&Program, DialectError> {
+        let program =
+            if dialect.moves_table_with_arm() { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
         if program.passes_points() { Err(DialectError::Passing) } else { Ok(program) }
+    }
+
+    /// The program at the whole percents that its speeds are rounded down to, its times derived anew where that is slower.
+    fn in_whole_percents<'p>(&self, program: &'p Program, dialect: Dialect) -> Result<Cow<'p, Program>, DialectError> {
+        let axes = self.cell.axes();
+        let (mut slowed, mut here) = (program.clone(), program.home_rad);
+        for step in &mut slowed.steps {
+            if let Step::Move(step) = step {
+                let fraction = f64::from(percent(step.speed_fraction, dialect)?) / 100.0;
+                if step.speed_fraction - fraction > SAME_SPEED {
+                    step.speed_fraction = fraction;
+                    step.duration_secs = step.derived_secs(&here, &axes);
+                }
+                here = step.target_rad;
+            }
+        }
+        slowed.cycle_secs = slowed.steps.iter().map(Step::secs).sum();
+        Ok(if slowed.steps == program.steps { Cow::Borrowed(program) } else { Cow::Owned(slowed) })
     }
 
     /// The program in a dialect that the robot takes: one file for each of its extensions. `params` are taken as checked.
@@ -245,10 +291,12 @@ impl<'a> CheckedProgram<'a> {
     /// # Errors
     /// [`DialectError`], but not [`DialectError::Foreign`].
     pub fn render_forced(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
-        let program = self.form_for(dialect)?;
+        let (program, planned) = (self.form_for(dialect)?, self.at_planned_speeds(dialect)?);
+        let program: &Program = &program;
         let job = Job {
             program,
             actions: walk::actions(program),
+            slowed: slowed(planned, program),
             cell: self.cell,
             axes: self.cell.axes(),
             params,
@@ -270,6 +318,8 @@ impl<'a> CheckedProgram<'a> {
 struct Job<'a> {
     program: &'a Program,
     actions: Vec<walk::Action>,
+    /// Planned speeds, in words, where the program's are lower.
+    slowed: Option<String>,
     cell: &'a Cell,
     axes: Axes,
     params: &'a DialectParams,
@@ -301,6 +351,29 @@ impl Job<'_> {
 fn percent(speed_fraction: f64, dialect: Dialect) -> Result<u32, DialectError> {
     let percent = (100.0 * speed_fraction + 1e-9).floor();
     if percent < 1.0 { Err(DialectError::TooSlow(speed_fraction, dialect.as_str())) } else { Ok(percent as u32) }
+}
+
+/// Speeds of a program that are lower than those that were planned, as `2 % of the rated, not the 2.5 %`; `None` if none is.
+fn slowed(planned: &Program, program: &Program) -> Option<String> {
+    let mut told = Vec::new();
+    for (planned, slowed) in planned.steps.iter().zip(&program.steps) {
+        if let (Step::Move(planned), Step::Move(slowed)) = (planned, slowed)
+            && planned.speed_fraction > slowed.speed_fraction
+        {
+            let [was, is] = [planned, slowed].map(|step| shortest(100.0 * step.speed_fraction));
+            let words = format!("{is} % of the rated, not the {was} % that were planned");
+            if !told.contains(&words) {
+                told.push(words);
+            }
+        }
+    }
+    (!told.is_empty()).then(|| told.join("; "))
+}
+
+/// Formats a number with as many decimals as it has, at most three.
+fn shortest(value: f64) -> String {
+    let text = numbers::fixed(value, 3);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 #[cfg(test)]

@@ -89,6 +89,7 @@ const ABSENT: &str = "9E9";
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "rapid", extension: "mod", media_type: "text/x-rapid; charset=utf-8" }],
     has_table_axis: true,
+    has_whole_percents: false,
     tells_brightness: false,
     before_first_run: Some(
         "replace tool0, which carries no load, by the scanner's tool data, give the two signals their names in the controller, \

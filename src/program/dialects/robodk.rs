@@ -16,6 +16,7 @@ const NAME: NameRule = NameRule { longest: 64, reserved: &[], point: "" };
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "robodk", extension: "py", media_type: "text/x-python; charset=utf-8" }],
     has_table_axis: true,
+    has_whole_percents: false,
     tells_brightness: false,
     before_first_run: None,
     render: |job| Ok(render(job)),

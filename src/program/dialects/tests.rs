@@ -441,3 +441,42 @@ fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     let checked = CheckedProgram::new(&passing, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
     assert_eq!(checked.cycle_secs(Dialect::Rapid), Err(DialectError::Passing));
 }
+
+/// The files set 2 % of the rated speed, and their headers told the cycle at 2.9 %.
+#[test]
+fn a_fractional_percent_is_told_as_the_speed_that_is_set_with_its_cycle() {
+    let cell = cell();
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let at = |speed_fraction: f64| {
+        let (mut program, mut here) = (program(&cell), cell.home_rad);
+        for step in &mut program.steps {
+            if let Step::Move(step) = step {
+                step.speed_fraction = speed_fraction;
+                step.duration_secs = step.derived_secs(&here, &cell.axes());
+                here = step.target_rad;
+            }
+        }
+        program.cycle_secs = program.steps.iter().map(Step::secs).sum();
+        program
+    };
+    let (planned, set) = (at(0.029), at(0.02));
+    let checked = CheckedProgram::new(&planned, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    for dialect in [Dialect::Krl, Dialect::Fanuc] {
+        let told_secs = checked.cycle_secs(dialect).expect("renders");
+        assert!((told_secs - set.cycle_secs).abs() < 1e-9, "{told_secs} s, not {} s", set.cycle_secs);
+        let text = said(&checked.render(dialect, &params()).expect("renders").remove(0).text);
+        for told in [format!("predicted cycle {:.1} s", set.cycle_secs), "2 % of the rated, not the 2.9 %".to_owned()] {
+            assert!(text.contains(&told), "{dialect:?} does not say {told}:\n{text}");
+        }
+    }
+    let secs = checked.cycle_secs(Dialect::Rapid).expect("renders");
+    assert!((secs - planned.cycle_secs).abs() < 1e-9, "{secs} s: its moves have the planned times");
+    let whole = CheckedProgram::new(&set, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    for dialect in [Dialect::Krl, Dialect::Fanuc] {
+        let text = said(&whole.render(dialect, &params()).expect("renders").remove(0).text);
+        assert!(!text.contains("whole percents"), "{text}");
+    }
+    let slowest = at(0.009);
+    let checked = CheckedProgram::new(&slowest, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    assert_eq!(checked.cycle_secs(Dialect::Krl), Err(DialectError::TooSlow(0.009, Dialect::Krl.as_str())));
+}

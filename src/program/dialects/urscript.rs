@@ -19,6 +19,7 @@ const NAME: NameRule = NameRule { longest: 32, reserved: &[], point: "" };
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "urscript", extension: "script", media_type: "text/x-urscript; charset=utf-8" }],
     has_table_axis: false,
+    has_whole_percents: false,
     tells_brightness: false,
     before_first_run: Some("fill in vantage_table(angle_deg), which turns the table; until then the program stops there"),
     render,

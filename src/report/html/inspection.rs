@@ -444,7 +444,8 @@ fn learned(report: &InspectionReport<'_>) -> String {
     if report.document.alignment.why_not_found() == Some(PartNotFound::FewInliers) && body.is_empty() {
         return section("What the scans teach about the scanner", "<p>Nothing: the scans do not fit the part.</p>\n");
     }
-    section("What the scans teach about the scanner", &(noise + &body))
+    let withheld: String = learned.withheld.iter().map(|reason| format!("<p>Note: {}.</p>\n", escape(&reason.detail))).collect();
+    section("What the scans teach about the scanner", &(withheld + &noise + &body))
 }
 
 fn noise_words(noise: &EstimateDocument) -> String {

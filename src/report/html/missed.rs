@@ -11,8 +11,10 @@ use crate::geometry::SimdLevel;
 use crate::planning::params::SelectionGoal;
 use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
+use crate::report::text::{UNSTABLE_POSE_KEPT, home_remedy, keeps_unstable_pose};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::summary::{choice_ended_by, further_setup, stop_rules};
+use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
@@ -73,14 +75,18 @@ fn numbered_pictures(input: &ReportInput<'_>, album: &mut Album, spots: &[Number
 fn advice(input: &ReportInput<'_>) -> String {
     let item =
         |advice: &AdviceDocument| format!("<li>{}<br/><code>{}</code></li>\n", escape(&advice.text), escape(&advice.options()));
-    let items: String = AdviceDocument::all_of(&input.outcome.plan).iter().map(item).collect();
+    let plan = &input.outcome.plan;
+    let items: String = AdviceDocument::all_of(plan).iter().map(item).collect();
     if items.is_empty() {
         return String::new();
     }
+    let adds_setup = plan.advice.iter().map(|advice| advice.table_from_part.is_some());
+    let is_kept = keeps_unstable_pose(adds_setup, input.warnings);
+    let kept = if is_kept { format!("<p>{}.</p>\n", words::capitalised(UNSTABLE_POSE_KEPT)) } else { String::new() };
     format!(
         "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model with views that the cell can take. \
          The figures are estimates: a plan with these parameters chooses its views anew.</p>\n<ul class=\"card list\">\n\
-         {items}</ul>\n"
+         {items}</ul>\n{kept}"
     )
 }
 
@@ -89,7 +95,8 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let plan = &input.outcome.plan;
     let mut groups: Vec<FixGroup<'_>> = Vec::new();
     for spot in spots {
-        let (action, options, is_help) = fix(spot, plan);
+        let home = home_remedy(spot.cause, input.warnings).map(|remedy| (words::capitalised(&remedy), String::new(), true));
+        let (action, options, is_help) = home.unwrap_or_else(|| fix(spot, plan));
         let at = groups.iter().position(|group| group.action == action).unwrap_or_else(|| {
             groups.push(FixGroup { action, options, is_help, numbers: Vec::new(), area_mm2: 0.0, remedies: Vec::new() });
             groups.len() - 1
@@ -207,7 +214,7 @@ fn limits(remedy: &Remedy) -> (String, String, bool) {
 /// List of the numbered spots.
 fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let asked_mm2 = input.outcome.plan.coverage.asked_area_mm2;
-    let rows: String = spots.iter().map(|spot| row(spot, asked_mm2)).collect();
+    let rows: String = spots.iter().map(|spot| row(spot, asked_mm2, input.warnings)).collect();
     format!(
         "<h3>The largest spots</h3>\n<p>Each spot is listed under what stopped the view that came closest to measuring it. A fix is \
          the cheapest that was simulated and measures at least 90 % of the spot; where none does, the cheapest that measures at \
@@ -217,8 +224,10 @@ fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     )
 }
 
-fn row(spot: &NumberedSpot<'_>, asked_mm2: f64) -> String {
+fn row(spot: &NumberedSpot<'_>, asked_mm2: f64, warnings: &[FieldWarning]) -> String {
     let extent_mm = &spot.spot.extent_mm;
+    let home = home_remedy(spot.cause, warnings).map(|remedy| escape(&words::capitalised(&remedy)));
+    let found = || spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), words::remedy);
     let size = [extent_mm.x, extent_mm.y, extent_mm.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
     format!(
         "<tr><td class=\"n\"><b>{}</b></td><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}<br/>{size}</td>\
@@ -229,7 +238,7 @@ fn row(spot: &NumberedSpot<'_>, asked_mm2: f64) -> String {
         area(spot.spot.area_mm2),
         percent(share(spot.spot.area_mm2, asked_mm2)),
         triple(spot.spot.centre_mm.into(), 1),
-        spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), words::remedy)
+        home.unwrap_or_else(found)
     )
 }
 

@@ -87,11 +87,17 @@ fn proved(bound: &Bound, have_all_a_path: bool) -> String {
     }
 }
 
+/// Words in place of a bound of the cycle where the tour is empty.
+const NO_ORDER: &str = "<p>No view is carried out, so there is no order, and no cycle, to judge.</p>\n";
+
 /// Bound of the cycle; empty without a cell.
 fn order(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     if plan.sequences().next().is_none() {
         return String::new();
+    }
+    if plan.visits().next().is_none() {
+        return NO_ORDER.to_owned();
     }
     let sum = |secs: fn(&Sequence) -> f64| duration(plan.sequences().map(secs).sum());
     let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();

@@ -161,7 +161,8 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
         let detail = "the part is turned over between them".to_owned();
         figures.push(Figure { value: number(summary.setups as f64, 0), name: "setups", detail });
     }
-    figures.extend(summary.cycle_secs.map(|secs| Figure {
+    // A tour of no view has no cycle.
+    figures.extend(summary.cycle_secs.filter(|_| summary.views > 0).map(|secs| Figure {
         value: duration(secs),
         name: "cycle time",
         detail: summary.program_cycle.as_ref().filter(|program| program.differs()).map_or_else(String::new, as_program),

@@ -46,17 +46,16 @@ pub struct ProgramCycle {
 }
 
 impl ProgramCycle {
-    /// The cycle of a program in a dialect, beside a plan that takes `planned_secs`, with the work before its first run.
+    /// The cycle of a program in a dialect, with the work before its first run. `moves_in_turn` says that it moves table and arm in
+    /// turn where the plan moves both at once.
     #[must_use]
-    pub fn new(dialect: Dialect, cycle_secs: f64, planned_secs: f64, before_first_run: Option<String>) -> Self {
-        // A program differs from its plan only by moving table and arm in turn.
-        let differs = (cycle_secs - planned_secs).abs() >= ALIKE_SECS;
-        let set = if differs { BTreeMap::from([("motion.table".to_owned(), json!("alone"))]) } else { BTreeMap::new() };
+    pub fn new(dialect: Dialect, cycle_secs: f64, moves_in_turn: bool, before_first_run: Option<String>) -> Self {
+        let set = if moves_in_turn { BTreeMap::from([("motion.table".to_owned(), json!("alone"))]) } else { BTreeMap::new() };
         let command = (!set.is_empty()).then(|| options(&set));
         Self { dialect, cycle_secs, set, command, before_first_run }
     }
 
-    /// Returns true if the program takes another time than the motion as planned.
+    /// Returns true if the program moves table and arm in turn where the plan moves both at once.
     #[must_use]
     pub fn differs(&self) -> bool {
         self.command.is_some()
@@ -69,11 +68,16 @@ impl ProgramCycle {
         self.before_first_run.as_ref().map(|work| format!("Before the first run of the program ({dialect}): {work}"))
     }
 
-    /// The cycle in a clause, where it is not the planned one.
-    pub(super) fn text(&self) -> Option<String> {
-        let (secs, dialect) = (fixed(self.cycle_secs, 1), self.dialect.as_str());
-        let program = format!("; {secs} s as the robot's own program ({dialect}), which moves table and arm in turn");
-        self.command.as_ref().map(|command| format!("{program}; to plan for that: {command}"))
+    /// The cycle in a clause, where it is not that of the motion as planned.
+    pub(super) fn text(&self, planned_secs: Option<f64>) -> Option<String> {
+        let program = format!("; {} s as the robot's own program ({})", fixed(self.cycle_secs, 1), self.dialect.as_str());
+        match &self.command {
+            Some(command) => Some(format!("{program}, which moves table and arm in turn; to plan for that: {command}")),
+            None if planned_secs.is_some_and(|planned_secs| (self.cycle_secs - planned_secs).abs() >= ALIKE_SECS) => {
+                Some(format!("{program}, whose speeds are whole percents"))
+            }
+            None => None,
+        }
     }
 }
 

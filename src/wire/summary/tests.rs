@@ -382,15 +382,18 @@ fn a_cycle_is_the_sum_of_its_parts() {
     let (cycle_secs, parts) = (summary.cycle_secs.expect("a cell"), summary.cycle_parts.expect("a cell"));
     assert!((cycle_secs - parts.moving_secs - parts.settling_secs - parts.scanning_secs).abs() < 1e-9, "{summary:?}");
     // The program of a controller that cannot turn the table with the arm takes longer, and both are told.
-    let program = |secs: f64| summary.clone().with_program(Some(ProgramCycle::new(Dialect::Hans, secs, cycle_secs, None)));
+    let program = |secs: f64| summary.clone().with_program(Some(ProgramCycle::new(Dialect::Hans, secs, secs > 40.0, None)));
     let (longer, same) = (program(51.46), program(31.2));
     let told = "; 51.5 s as the robot's own program (hans), which moves table and arm in turn; to plan for that: --set motion.table=alone";
     assert_eq!(longer.cycle_text, summary.cycle_text.clone().map(|text| text + told));
     assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
     assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
+    // Speeds that are rounded down to whole percents take longer too, and the table has no part in that.
+    let told = "; 33.9 s as the robot's own program (hans), whose speeds are whole percents";
+    assert_eq!(program(33.9).cycle_text, summary.cycle_text.clone().map(|text| text + told));
     // A file that needs work before its first run says so; one that runs as it is says nothing.
     let work = Dialect::Urscript.before_first_run().map(str::to_owned);
-    let by_hand = summary.clone().with_program(Some(ProgramCycle::new(Dialect::Urscript, 31.2, cycle_secs, work)));
+    let by_hand = summary.clone().with_program(Some(ProgramCycle::new(Dialect::Urscript, 31.2, false, work)));
     let told = "Before the first run of the program (urscript): fill in vantage_table(angle_deg), which turns the table; until then \
                 the program stops there";
     assert!(by_hand.lines().contains(&told.to_owned()), "{:?}", by_hand.lines());
