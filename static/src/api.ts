@@ -101,6 +101,21 @@ export async function ask<T>(path: string, options: RequestInit = {}): Promise<T
   return (response.status === 204 ? null : await response.json()) as T;
 }
 
+const MAX_PAGE = 1000;
+
+/** The first entries of a list, as many as are wanted, page by page. */
+export async function askPages<T>(path: string, wanted = Infinity): Promise<Page<T>> {
+  const items: T[] = [];
+  let token: string | null = null;
+  do {
+    const query = new URLSearchParams({ page_size: String(Math.min(MAX_PAGE, wanted - items.length)), ...(token && { page_token: token }) });
+    const page: Page<T> = await ask<Page<T>>(`${path}${path.includes("?") ? "&" : "?"}${query}`);
+    items.push(...page.items);
+    token = page.next_page_token ?? null;
+  } while (token && items.length < wanted);
+  return { items, next_page_token: token };
+}
+
 /** Answer that the server may keep waiting, until `left`. A hidden page waits for none, since a browser has six connections to a
  * server for all its pages; it asks anew when it is seen. */
 export async function askSeen<T>(path: string, left: AbortSignal): Promise<T> {
@@ -340,7 +355,7 @@ export interface Calibration {
   observability: { spread_deg: number[]; rotation_sd_deg: number; translation_sd_mm: number;
     weakest?: { freedom: string; axis: number[]; sd_deg?: number | null; sd_mm?: number | null } | null };
   leave_one_out: { spread: Spread }; held_out?: Spread | null; sigma: Record<"robot_deg" | "robot_mm" | "board_deg" | "board_mm", number>;
-  sigma_estimated: boolean; table_runout: { order: number; radial_mm: number; axial_mm: number }[]; temperature_c: number | null;
+  sigma_estimated: boolean; arm_sigma_source?: string; table_runout: { order: number; radial_mm: number; axial_mm: number }[]; temperature_c: number | null;
 }
 
 export interface Scan {
@@ -380,7 +395,7 @@ export interface RateBin { range: [number, number]; expected: number; returned: 
 export interface Learned {
   noise_best_mm: Estimate | null; noise_depth_gain: Estimate | null; incidence_deg: Estimate | null; lobe_deg: Estimate | null;
   incidence_by_device: { device: string; incidence_deg: Estimate | null }[]; depth_mm: [Estimate | null, Estimate | null];
-  by_incidence: RateBin[]; by_mirror: RateBin[]; by_depth: RateBin[]; offers: Offer[];
+  by_incidence: RateBin[]; by_mirror: RateBin[]; by_depth: RateBin[]; offers: Offer[]; withheld?: { reason: string; detail: string }[];
 }
 export interface Inspection {
   params: InspectionParams;
@@ -390,6 +405,8 @@ export interface Inspection {
   verdict: string;
   alignment: {
     method: string; mesh_from_stated: Pose; part_turned_deg: number; part_shifted_mm: number; noise_mm: number; inlier_share: number;
+    /** Reason for which the part was not found; absent in results of earlier releases. */
+    not_found?: string | null;
     part_sd: { rotation_deg: number; translation_mm: number };
     views: { viewpoint: number; points: number; inlier_share: number; rms_mm: number; turned_deg: number; shifted_mm: number;
       kept_pose: string | null }[];

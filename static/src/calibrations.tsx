@@ -7,7 +7,7 @@ import { UnitNote, Warnings } from "./job";
 import { LINES } from "./palette";
 import { fixed, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, Cut, Dialog, goToMade, known, NumberInput, Pending, Select, useLoaded } from "./widgets";
+import { Button, ConfirmButton, Cut, Dialog, goToMade, known, NumberInput, Pending, Select, useLoaded, useNewest } from "./widgets";
 
 const words = text.calibrations;
 const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
@@ -22,7 +22,7 @@ interface Names { cells: string[] }
 const namesOf = async (): Promise<Names> => ({ cells: (await ask<Page<{ name: string }>>("/cells")).items.map(({ name }) => name) });
 
 export function CalibrationList() {
-  const { value, error, reload } = useLoaded(() => ask<Page<CalibrationJob>>("/calibrations?page_size=200"), []);
+  const { value, error, reload, more } = useNewest<CalibrationJob>("/calibrations");
   useEffect(() => {
     if (!value?.items.some(isOpen)) return undefined;
     const timer = setTimeout(reload, 1000);
@@ -53,7 +53,7 @@ export function CalibrationList() {
           </table>
         </div>
       )}
-      <Cut page={value} />
+      <Cut page={value} onMore={more} />
     </section>
   );
 }
@@ -241,7 +241,7 @@ function Knowledge({ result }: { result: Calibration }) {
     [words.predicted, `${smallLength(left.spread.rms_translation_mm)}, ${deg(left.spread.rms_rotation_deg)}`],
     ...(held ? [[words.heldOutError, `${smallLength(held.rms_translation_mm)}, ${deg(held.rms_rotation_deg)}`] as [string, string]] : []),
     [words.chi2, summary.chi2_p < 1e-4 ? "< 0.0001" : summary.chi2_p.toFixed(4)],
-    [result.sigma_estimated ? words.sigmaEstimated : words.sigma, words.sigmas(smallLength(result.sigma.robot_mm), deg(result.sigma.robot_deg), smallLength(result.sigma.board_mm), deg(result.sigma.board_deg))],
+    [words.sigmaSources[result.arm_sigma_source ?? ""] ?? (result.sigma_estimated ? words.sigmaEstimated : words.sigma), words.sigmas(smallLength(result.sigma.robot_mm), deg(result.sigma.robot_deg), smallLength(result.sigma.board_mm), deg(result.sigma.board_deg))],
     ...runout.map(({ order, radial_mm: radial, axial_mm: axial }) => [words.runout(order), `${smallLength(radial)}, ${smallLength(axial)}`] as [string, string]),
     ...(result.temperature_c == null ? [] : [[words.temperature, `${result.temperature_c} °C`] as [string, string]]),
   ];

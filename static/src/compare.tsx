@@ -6,7 +6,7 @@ import { ask, type Job, type Plan, type Summary } from "./api";
 import { colourOfByte, isGrade, meaningOf } from "./bytes";
 import { Chart, type Line } from "./chart";
 import { facts, hasOwnCycle, StateMark } from "./joblist";
-import { jobIds, jobSignal, keepJob, partName } from "./jobs";
+import { jobIds, jobSignal, keepJob, listed, listMore, partName } from "./jobs";
 import { coverageBytes, preview, type Preview } from "./mesh";
 import { css, DIFFERENCES, LINES, type Rgb } from "./palette";
 import { apiDocument, changesOf } from "./schema";
@@ -191,6 +191,7 @@ export function Compare({ first: one, second: two }: { first: string; second: st
         <h1 id="compare-title">{words.title}</h1>
         {pick(words.first, first, (id) => goTo(pair(id, second)))}{pick(words.second, second, (id) => goTo(pair(first, id)))}
         <Button onClick={() => goTo(pair(second, first))}>{words.swap}</Button>
+        {listed.value?.token && <Button onClick={listMore}>{text.jobs.older}</Button>}
       </div>
       {error && <p class="problem" role="alert">{error}</p>}
       {value && <Pair key={value.map(({ job }) => job.id).join()} sides={value} />}

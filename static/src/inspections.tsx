@@ -2,18 +2,19 @@
 // scans teach, the views that are missing, and what further views brought.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { apiPath, ask, post, remove, type Estimate, type Inspection, type InspectionJob, type Job, type Learned, type Loss, type Offer, type Page, type RateBin,
+import { apiPath, ask, askPages, post, remove, type Estimate, type Inspection, type InspectionJob, type Job, type Learned, type Loss, type Offer, type RateBin,
   type Statistics, type Vector } from "./api";
 import { Chart } from "./chart";
 import { faceMapOf, type MapKind } from "./facemap";
 import { JobLink, RESCAN_OF, StateMark } from "./joblist";
 import { UnitNote } from "./job";
+import { hasDeviation, lostWords, whyNotFound } from "./located";
 import { jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
 import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
 import { area, areaIn, count, degrees, fileSize, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, points, setQuery, unit, when } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, CopyLink, Cut, known, NumberInput, Pending, Swatch, useLoaded } from "./widgets";
+import { Button, ConfirmButton, CopyLink, Cut, known, NumberInput, Pending, Swatch, useLoaded, useNewest } from "./widgets";
 
 const words = text.inspections;
 export const isOpen = ({ state }: { state: string }): boolean => ["queued", "running", "cancelling"].includes(state);
@@ -66,14 +67,14 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
 }
 
 export function InspectionList(_: object) {
-  const { value, error, reload } = useLoaded(() => ask<Page<InspectionJob>>("/inspections?page_size=200"), []);
+  const { value, error, reload, more } = useNewest<InspectionJob>("/inspections");
   if (error || !value) return <Pending error={error} />;
   return (
     <section class="runs" aria-labelledby="inspections-title">
       <h1 id="inspections-title">{words.title}</h1>
       <p class="soft">{words.hint}</p>
       {value.items.length === 0 ? <p class="empty">{words.empty}</p> : <InspectionTable items={value.items} reload={reload} withJob />}
-      <Cut page={value} />
+      <Cut page={value} onMore={more} />
     </section>
   );
 }
@@ -127,7 +128,11 @@ function Head({ job, planned, onChange }: { job: InspectionJob; planned: Job; on
 function Result({ job, planned, result }: { job: InspectionJob; planned: Job; result: Inspection }) {
   const { value: map, error } = useLoaded(() => faceMapOf(job), [job.id]);
   const pin = useSignal<Pin | null>(null);
-  const kind = known(words.maps, place.value.query.get("map")) as MapKind;
+  const isJudged = hasDeviation(result);
+  const isFitting = whyNotFound(result.alignment) !== "few_inliers";
+  const asked = known(words.maps, place.value.query.get("map")) as MapKind;
+  const kind = isJudged || asked !== "deviation" ? asked : "losses";
+  const unjudged = <p class="warning">{words.notJudged}</p>;
   const show = (next: MapKind): void => setQuery({ map: next === "losses" ? undefined : next });
   const point = (kindOf: MapKind, at: Vector, size: number): void => {
     show(kindOf);
@@ -136,9 +141,10 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
   };
   return (
     <>
+      <NotFound job={job} result={result} />
       <Verdict result={result} />
       <Findings result={result} />
-      <Rescan job={job} />
+      <Rescan job={job} isFitting={isFitting} />
       <div class="mapped">
         {error && <p class="problem" role="alert">{error}</p>}
         {map ? <ScanMap job={job} result={result} map={map} kind={kind} onKind={show} pin={pin.value} onPin={(next) => { pin.value = next; }} />
@@ -147,22 +153,31 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
       </div>
       <Before job={job} planned={planned} result={result} />
       <div class="columns results">
-        <section><h2>{words.deviation}</h2><Deviation result={result} onShow={(at, size) => point("deviation", at, size)} /></section>
+        <section><h2>{words.deviation}</h2>{isJudged ? <Deviation result={result} onShow={(at, size) => point("deviation", at, size)} /> : unjudged}</section>
         <section>
-          <h2>{words.extents}</h2><Extents result={result} />
+          <h2>{words.extents}</h2>{isJudged ? <Extents result={result} /> : unjudged}
           <h2>{words.comparison}</h2><Comparison result={result} />
         </section>
-        <section class="whole"><h2>{words.regions}</h2><Regions result={result} /></section>
+        <section class="whole"><h2>{words.regions}</h2>{isJudged ? <Regions result={result} /> : unjudged}</section>
         <section><h2>{words.byView}</h2><ByView result={result} /></section>
         <section><h2>{words.alignment}</h2><Alignment result={result} /></section>
-        <section><h2>{words.teach}</h2><Teach job={job} planned={planned} /></section>
+        <section><h2>{words.teach}</h2>{isFitting ? <Teach job={job} planned={planned} /> : <p class="warning">{words.nothingTaught}</p>}</section>
         <section><h2>{words.taken}</h2><Taken result={result} /><h2>{words.downloads}</h2><Downloads job={job} /></section>
       </div>
     </>
   );
 }
 
-function Verdict({ result: { verdict, coverage, deviation } }: { result: Inspection }) {
+/** Says first that the part was not found, where it was not. */
+function NotFound({ job, result }: { job: InspectionJob; result: Inspection }) {
+  const reason = whyNotFound(result.alignment);
+  return reason === null ? null : (
+    <p id="not-found" class="problem" role="alert" data-reason={reason}>{lostWords(result)} <a href={hrefOf(["jobs", job.job_id, "inspection"])}>{words.toScans}</a></p>
+  );
+}
+
+function Verdict({ result }: { result: Inspection }) {
+  const { verdict, coverage, deviation } = result;
   const figure = (id: string, value: string, name: string) => <div class="figure" data-figure={id}><strong>{value}</strong><span>{name}</span></div>;
   const isLater = coverage.measured_in_all_of_asked > coverage.measured_of_asked + 1e-9;
   const difference = coverage.measured_of_asked - coverage.planned_of_asked;
@@ -174,7 +189,7 @@ function Verdict({ result: { verdict, coverage, deviation } }: { result: Inspect
         {figure("difference", points(difference), words.points)}
         {figure("lost", share(coverage.lost_of_asked), words.lostOf)}{figure("gained", share(coverage.gained_of_asked), words.gainedOf)}
         {isLater && figure("all", share(coverage.measured_in_all_of_asked), words.inAllOf)}
-        {statistics && figure("rms", fine(statistics.rms_mm), words.rmsOf)}
+        {statistics && hasDeviation(result) && figure("rms", fine(statistics.rms_mm), words.rmsOf)}
       </div>
       <p>{verdict}</p>
       <UnitNote of={[verdict]} />
@@ -190,9 +205,9 @@ const Findings = ({ result }: { result: Inspection }) => (result.findings.length
 const MAX_VIEWS = 1000;
 
 /** Asks for a plan of what is missing, and shows what was asked for before. */
-function Rescan({ job }: { job: InspectionJob }) {
+function Rescan({ job, isFitting }: { job: InspectionJob; isFitting: boolean }) {
   const [views, setViews] = useState(4);
-  const { value, reload } = useLoaded(() => ask<Page<Job>>(`/jobs?label=${encodeURIComponent(`${RESCAN_OF}=${job.id}`)}&page_size=20`), [job.id]);
+  const { value, reload } = useLoaded(() => askPages<Job>(`/jobs?label=${encodeURIComponent(`${RESCAN_OF}=${job.id}`)}`), [job.id]);
   useEffect(() => value?.items.forEach((item) => { if (!jobSignal(item.id)) keepJob(item); }), [value]);
   const start = async (): Promise<void> => {
     const made = await post<Job>(`/inspections/${job.id}/rescans`, { params: { max_views: views } });
@@ -202,7 +217,7 @@ function Rescan({ job }: { job: InspectionJob }) {
   const made = (value?.items ?? []).map((item) => jobSignal(item.id)?.value ?? item);
   return (
     <div class="next rescan">
-      <span>{words.rescanHint}
+      <span>{isFitting ? words.rescanHint : words.noRescan}
         {made.map((item) => (
           <span key={item.id} class="made"><br /><a href={hrefOf(["jobs", item.id])}>{words.rescanJob(when(item.created_at))}</a> <StateMark job={item} />
             {item.summary && <span class="soft"> {item.summary.views_text}</span>}
@@ -212,7 +227,7 @@ function Rescan({ job }: { job: InspectionJob }) {
       </span>
       <span class="actions">
         <label><span>{words.maxViews}</span><NumberInput name="max_views" step={1} min={1} max={MAX_VIEWS} value={views} onNumber={(value) => setViews(value ?? 0)} /></label>
-        <Button kind="primary" disabled={!(views >= 1 && views <= MAX_VIEWS)} onClick={start}>{words.rescan}</Button>
+        <Button kind="primary" disabled={!isFitting || !(views >= 1 && views <= MAX_VIEWS)} onClick={start}>{words.rescan}</Button>
       </span>
     </div>
   );
@@ -339,21 +354,25 @@ const ByView = ({ result: { coverage } }: { result: Inspection }) => (
 );
 
 function Alignment({ result: { alignment: found } }: { result: Inspection }) {
-  const facts: [string, string][] = [
+  const isFound = whyNotFound(found) === null;
+  const place: [string, string][] = [
     [words.partShifted, `${fine(found.part_shifted_mm)} ${words.uncertainty(fine(2 * found.part_sd.translation_mm))}`],
     [words.partTurned, `${found.part_turned_deg.toFixed(3)}° ${words.uncertainty(`${(2 * found.part_sd.rotation_deg).toFixed(3)}°`)}`],
     [words.translation, `${found.mesh_from_stated.translation_mm.map((value) => fixed(lengthIn(value), unit.value === "mm" ? 3 : 4)).join(", ")} ${lengthUnit()}`],
+  ];
+  const facts: [string, string][] = [...(isFound ? place : []),
     [words.onPart, share(found.inlier_share)], [words.noise, fine(found.noise_mm)], [words.method, words.methods[found.method] ?? found.method],
   ];
   const kept = found.views.filter((view) => view.kept_pose);
   return (
     <>
       <dl class="facts-list">{facts.map(([name, value]) => <><dt>{name}</dt><dd>{value}</dd></>)}</dl>
-      <p class={kept.length ? "warning" : "soft"}>{kept.length ? words.keptCount(kept.length) : words.noneKept}</p>
+      {!isFound && <p class="warning">{words.placeUnknown}</p>}
+      {(isFound || kept.length > 0) && <p class={kept.length ? "warning" : "soft"}>{kept.length ? words.keptCount(kept.length) : words.noneKept}</p>}
       <Table label={words.viewPoses} heads={[words.view, words.shifted, words.turned, words.rms, words.onPart, words.pose]}>
         {found.views.map((view) => (
-          <tr key={view.viewpoint}><th scope="row">{view.viewpoint}</th><td>{fine(view.shifted_mm)}</td><td>{view.turned_deg.toFixed(3)}°</td><td>{fine(view.rms_mm)}</td><td>{share(view.inlier_share)}</td>
-            <td class={`wide ${view.kept_pose ? "warning" : ""}`}>{view.kept_pose ? words.kept[view.kept_pose] ?? view.kept_pose : words.corrected}</td></tr>
+          <tr key={view.viewpoint}><th scope="row">{view.viewpoint}</th><td>{isFound ? fine(view.shifted_mm) : text.none}</td><td>{isFound ? `${view.turned_deg.toFixed(3)}°` : text.none}</td><td>{fine(view.rms_mm)}</td><td>{share(view.inlier_share)}</td>
+            <td class={`wide ${view.kept_pose ? "warning" : ""}`}>{view.kept_pose ? words.kept[view.kept_pose] ?? view.kept_pose : isFound ? words.corrected : text.none}</td></tr>
         ))}
       </Table>
     </>
@@ -390,7 +409,8 @@ function Teach({ job, planned }: { job: InspectionJob; planned: Job }) {
   return (
     <>
       <p class="soft">{words.teachHint}</p>
-      <Offers offers={learned.offers} planned={planned} job={job} />
+      {(learned.withheld ?? []).map(({ reason, detail }) => <p key={reason} class="soft">{detail[0]!.toUpperCase() + detail.slice(1)}.</p>)}
+      {!(learned.withheld?.length && learned.offers.length === 0) && <Offers offers={learned.offers} planned={planned} job={job} />}
       <table aria-label={words.estimates}>
         <thead><tr>{[words.figure, words.value, words.interval, words.from].map((name, i) => <th key={name} scope="col" class={i ? "number" : ""}>{name}</th>)}</tr></thead>
         <tbody>

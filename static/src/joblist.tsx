@@ -3,7 +3,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { ask, idempotencyKey, post, put, remove, type Job, type Summary } from "./api";
 import {
-  cellName, ENDED, filterJobs, findJobs, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, refresh, scannerName, secondsLeft, forgetJob,
+  cellName, ENDED, filterJobs, findJobs, findMore, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, refresh, scannerName, secondsLeft, forgetJob,
 } from "./jobs";
 import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
 import { text } from "./text";
@@ -243,7 +243,7 @@ function useServerFilter(state: string, words: string): void {
   useEffect(() => {
     const timer = setTimeout(() => void guarded(async () => {
       await filterJobs({ ...(state && { state }), ...(label && { label }) });
-      if (number) await Promise.all(["part_number", "serial"].map((name) => findJobs(`${name}=${encodeURIComponent(number)}`)));
+      await findJobs(number ? ["part_number", "serial"].map((name) => `${name}=${encodeURIComponent(number)}`) : []);
     }), words ? TYPED_MS : 0);
     return () => clearTimeout(timer);
   }, [state, words]);
@@ -317,6 +317,7 @@ export function JobList() {
         ))}
       </ul>
       <p class="soft" role="status">{text.jobs.listed(shown.length, ids.length)}</p>
+      {findMore.value && <Button onClick={findMore.value}>{text.jobs.olderFound}</Button>}
       {reached?.token && <button id="more" type="button" onClick={() => void guarded(listMore)}>{text.jobs.older}</button>}
     </section>
   );

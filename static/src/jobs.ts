@@ -1,6 +1,6 @@
 // The jobs that the page knows, each a signal of its own so that one event draws one row; and the live events that change them.
 import { signal, type Signal } from "@preact/signals";
-import { ask, serverNow, type Job, type Mesh, type Page, type Region, type Note } from "./api";
+import { ask, askPages, serverNow, type Job, type Mesh, type Page, type Region, type Note } from "./api";
 import { Stream, type LiveEvent } from "./live";
 
 const jobs = new Map<string, Signal<Job>>();
@@ -88,9 +88,17 @@ export function filterJobs(query: Record<string, string>): Promise<void> {
   return listJobs(wanted);
 }
 
-/** Reads jobs that fit a query besides those of the list. */
-export async function findJobs(query: string): Promise<void> {
-  (await ask<Page<Job>>(`/jobs?page_size=${PAGE_SIZE}&${query}`)).items.forEach(keepJob);
+/** Reads older jobs of the search; null where there are none, or nothing is searched. */
+export const findMore = signal<(() => Promise<void>) | null>(null);
+let searches = 0;
+
+/** Reads the newest jobs that fit each of some queries, besides those of the list. */
+export async function findJobs(queries: string[], wanted = PAGE_SIZE): Promise<void> {
+  const search = (searches += 1);
+  findMore.value = null;
+  const pages = await Promise.all(queries.map((query) => askPages<Job>(`/jobs?${query}`, wanted)));
+  pages.forEach(({ items }) => items.forEach(keepJob));
+  if (search === searches && pages.some((page) => page.next_page_token)) findMore.value = () => findJobs(queries, wanted + PAGE_SIZE);
 }
 
 /** Reads a job with everything, regions and warnings too. */

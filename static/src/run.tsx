@@ -1,7 +1,7 @@
 // Runs: what moves, by whose leave, where it is against where it should be; and what to do when it stops.
 import { useSignal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { apiPath, ask, askSeen, post, Refused, remove, type Job, type Page, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
+import { apiPath, ask, askSeen, post, Refused, remove, type Job, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
 import { CellScene, cellModelOf } from "./cellscene";
 import { programsOf } from "./cell";
 import { Chart } from "./chart";
@@ -15,7 +15,7 @@ import { hrefOf, percent, seconds, when } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { StartRun } from "./startrun";
 import { text } from "./text";
-import { Button, ConfirmButton, Cut, guarded, Pending, Slider, useLoaded } from "./widgets";
+import { Button, ConfirmButton, Cut, guarded, Pending, Slider, useLoaded, useNewest } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.runs;
@@ -23,7 +23,7 @@ const OVER = ["done", "stopped", "failed"];
 const stateName = (state: string): string => words.states[state] ?? state;
 
 export function RunList(_: object) {
-  const { value, error, reload } = useLoaded(() => ask<Page<Run>>("/runs?page_size=100"), []);
+  const { value, error, reload, more } = useNewest<Run>("/runs");
   useEffect(() => {
     const timer = setInterval(reload, 5000);
     return () => clearInterval(timer);
@@ -47,7 +47,7 @@ export function RunList(_: object) {
           ))}</tbody>
         </table>
       )}
-      {value && <Cut page={value} />}
+      {value && <Cut page={value} onMore={more} />}
     </section>
   );
 }

@@ -4,6 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { BufferAttribute, BufferGeometry, Group, Mesh, MeshBasicMaterial, Points, PointsMaterial, SphereGeometry, Vector3 } from "three";
 import type { Inspection, InspectionJob, Vector } from "./api";
 import { cloudOf, matchOf, needsCloud, painterOf, type Cloud, type FaceMap, type MapKind } from "./facemap";
+import { hasDeviation } from "./located";
 import { Tracer } from "./mesh";
 import { BELOW, css, diverging, lossColour, MATCH, LOST, UNASKED, WHOLE, UNMEASURED, type Rgb } from "./palette";
 import { area, fine, lengthUnit, percent, point as shownPoint, unit } from "./settings";
@@ -174,7 +175,7 @@ export function ScanMap({ job, result, map, kind, onKind, pin, onPin }: {
   return (
     <View3d label={words.map} name="inspection" onStage={setStage} box={() => scene.current?.part.box ?? null}>
       <div class="overlaybar">
-        <Select label={text.plan.colour} name="map" value={kind} onChange={(value) => onKind(value as MapKind)} options={Object.entries(words.maps)} />
+        <Select label={text.plan.colour} name="map" value={kind} onChange={(value) => onKind(value as MapKind)} options={Object.entries(words.maps).filter(([name]) => name !== "deviation" || hasDeviation(result))} />
         {kind === "deviation" && <Slider label={words.scale} min={-4} max={4} step={0.25} value={zoom.value} show={`± ${fine(limit)}`} onInput={(value) => { zoom.value = value; }} />}
         {chosen.value ? <FaceFigures map={map} at={chosen.value} result={result} /> : <span class="soft">{words.mapHint}</span>}
       </div>
@@ -190,7 +191,7 @@ function FaceFigures({ map, at: { face, point }, result }: { map: FaceMap; at: F
     <div id="face" role="status" data-match={match}>
       <strong>{words.match[match]}</strong> <span class="soft">({shownPoint(point)}) {lengthUnit()}</span>
       {loss && <p>{words.losses[loss.cause] ?? loss.cause}: {loss.detail}</p>}
-      {map.compared[face]! > 0 && <p>{words.deviation}: {fine(map.deviation[face]!)} <span class="soft">{words.uncertainty(fine(map.uncertainty[face]!))}</span></p>}
+      {map.compared[face]! > 0 && hasDeviation(result) && <p>{words.deviation}: {fine(map.deviation[face]!)} <span class="soft">{words.uncertainty(fine(map.uncertainty[face]!))}</span></p>}
     </div>
   );
 }

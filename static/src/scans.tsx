@@ -1,34 +1,24 @@
 // Scans of a job: files are chosen and uploaded, listed, deleted; and inspections of them are started.
 import { useSignal, type Signal } from "@preact/signals";
 import { useState } from "preact/hooks";
-import { apiPath, ask, post, remove, uploadScan, type InspectionJob, type Job, type Page, type Plan, type Run, type Scan } from "./api";
+import { apiPath, ask, askPages, post, remove, uploadScan, type InspectionJob, type Job, type Plan, type Run, type Scan } from "./api";
 import { InspectionTable } from "./inspections";
 import { RESCAN_OF } from "./joblist";
 import { fileSize, hrefOf, percent, when } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, goToMade, NumberInput, Pending, Select, useLoaded } from "./widgets";
+import { Button, ConfirmButton, Cut, goToMade, NumberInput, Pending, Select, useLoaded, useNewest } from "./widgets";
 
 const words = text.inspections;
 const UNITS = ["mm", "cm", "m", "inch"];
 
 interface Entry { file: File; view: string; share: number; problem: string }
 
-/** Everything of a page after the other. */
-async function all<T>(path: string): Promise<T[]> {
-  const items: T[] = [];
-  let token: string | null | undefined = "";
-  while (token !== null && token !== undefined) {
-    const page: Page<T> = await ask<Page<T>>(`${path}${path.includes("?") ? "&" : "?"}page_size=1000${token ? `&page_token=${encodeURIComponent(token)}` : ""}`);
-    items.push(...page.items);
-    token = page.next_page_token ?? null;
-  }
-  return items;
-}
+const all = async <T,>(path: string): Promise<T[]> => (await askPages<T>(path)).items;
 
 export function ScansView({ job }: { job: Job }) {
   const { value: plan } = useLoaded(() => ask<Plan>(`/jobs/${job.id}/plan`), [job.id]);
   const { value: scans, error, reload } = useLoaded(() => all<Scan>(`/jobs/${job.id}/scans`), [job.id]);
-  const { value: inspections, error: problem, reload: reloadInspections } = useLoaded(() => ask<Page<InspectionJob>>(`/inspections?job_id=${job.id}&page_size=200`), [job.id]);
+  const { value: inspections, error: problem, reload: reloadInspections, more } = useNewest<InspectionJob>(`/inspections?job_id=${job.id}`);
   const left = useSignal(new Set<string>());
   const views = plan?.viewpoints.filter(({ rejected }) => !rejected).map(({ id }) => id) ?? [];
   const before = job.labels[RESCAN_OF];
@@ -47,6 +37,7 @@ export function ScansView({ job }: { job: Job }) {
         <Order job={job} plan={plan} scans={scans} left={left.value} />
         <h2>{words.title}</h2>
         {inspections.items.length === 0 ? <p class="soft">{words.noneOfJob}</p> : <InspectionTable items={inspections.items} reload={reloadInspections} />}
+        <Cut page={inspections} onMore={more} />
       </section>
     </div>
   );
@@ -139,7 +130,7 @@ interface Interests { regions?: { interest?: { name?: string }[]; features?: { n
 
 /** What is compared, how, and the start. */
 function Order({ job, plan, scans, left }: { job: Job; plan: Plan | null; scans: Scan[]; left: Set<string> }) {
-  const { value: runs } = useLoaded(() => ask<Page<Run>>(`/runs?job=${job.id}&page_size=100`), [job.id]);
+  const { value: runs } = useLoaded(() => all<Run>(`/runs?job=${job.id}`), [job.id]);
   const [method, setMethod] = useState("best_fit");
   const [region, setRegion] = useState("");
   const [tolerance, setTolerance] = useState<number>();
@@ -154,7 +145,7 @@ function Order({ job, plan, scans, left }: { job: Job; plan: Plan | null; scans:
     return hrefOf(["inspections", made.id]);
   });
   const methods = Object.entries(words.methods).filter(([name]) => name !== "best_fit_on" || names.length > 0);
-  const ended = runs?.items.filter(({ state }) => ["done", "stopped", "failed"].includes(state)) ?? [];
+  const ended = runs?.filter(({ state }) => ["done", "stopped", "failed"].includes(state)) ?? [];
   return (
     <>
       <p class="soft">{words.inspectHint}</p>

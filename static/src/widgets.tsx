@@ -2,7 +2,7 @@
 import { effect, signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
-import type { Page } from "./api";
+import { askPages, type Page } from "./api";
 import { stream } from "./jobs";
 import { goTo, hrefOf, visits } from "./settings";
 import { text } from "./text";
@@ -105,8 +105,9 @@ export const Pending = ({ error }: { error?: string | undefined }) => (error
   ? <div class="empty"><p class="problem" role="alert">{error}</p><a href={hrefOf(["jobs"])}>{text.nav.jobs}</a></div>
   : <p class="soft pending" role="status">{text.loading}</p>);
 
-/** Says that a list is not whole. */
-export const Cut = ({ page: { items, next_page_token: token } }: { page: Page<unknown> }) => (token ? <p class="soft">{text.cut(items.length)}</p> : null);
+/** Says that a list is not whole, and reads on. */
+export const Cut = ({ page: { items, next_page_token: token }, onMore }: { page: Page<unknown>; onMore: () => void }) => (token
+  ? <p class="cut actions"><span class="soft">{text.cut(items.length)}</span> <Button onClick={onMore}>{text.older}</Button></p> : null);
 
 /** A name of an address, or the first where it is none of the names. */
 export const known = (names: object, name: string | null): string => (name !== null && Object.hasOwn(names, name) ? name : Object.keys(names)[0]!);
@@ -195,6 +196,14 @@ export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: 
     return () => { isCurrent = false; };
   }, [...keys, turn]);
   return { ...state, reload: () => setTurn((value) => value + 1) };
+}
+
+const PAGE_SIZE = 100;
+
+/** The newest entries of a list, and with `more` as many older ones again. */
+export function useNewest<T>(path: string): { value: Page<T> | null; error: string; reload: () => void; more: () => void } {
+  const [wanted, setWanted] = useState(PAGE_SIZE);
+  return { ...useLoaded(() => askPages<T>(path, wanted), [path, wanted]), more: () => setWanted(wanted + PAGE_SIZE) };
 }
 
 const RETRY_MS = 2000;

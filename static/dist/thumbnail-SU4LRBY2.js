@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-L3G47M2D.js";import"./chunk-WLVDOSYS.js";import"./chunk-B64P227Q.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-SUDSNZKO.js";export{a as drawThumbnail,b as drawTurned};
