@@ -16,7 +16,10 @@ fn sources(folder: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)
 }
 
-/// The line of JSON that a script prints at its end; it must end well.
+/// Time after which a script is ended, seconds: ten times what the longest takes alone, since other tests run beside it.
+const SCRIPT_SECS: &str = "2700";
+
+/// The line of JSON that a script prints at its end; it must end well, or the words that it ends with are the last of the panic.
 fn figures(script: &str, modules: &Path, browser: &Path, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().expect("a folder");
     for file in ["browser.mjs", "walk.mjs", "events.mjs", "signin.mjs", "pace.mjs"] {
@@ -24,10 +27,15 @@ fn figures(script: &str, modules: &Path, browser: &Path, arguments: &[&str]) -> 
     }
     std::os::unix::fs::symlink(modules, folder.path().join("node_modules")).expect("linked");
     let mut command = Command::new("timeout");
-    command.args(["900", "node"]).arg(folder.path().join(script)).args(arguments).env("VANTAGE_CHROMIUM", browser);
+    // Told to end, it says where it is; a minute later it is killed.
+    command
+        .args(["-k", "60", SCRIPT_SECS, "node"])
+        .arg(folder.path().join(script))
+        .args(arguments)
+        .env("VANTAGE_CHROMIUM", browser);
     let output = command.stdin(Stdio::null()).output().expect("it runs");
     let (said, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{said}\n{errors}");
+    assert!(output.status.success(), "{script}, {}:\n{said}\n{errors}", output.status);
     serde_json::from_str(said.lines().last().unwrap_or_default()).unwrap_or_else(|error| panic!("{error}: {said}"))
 }
 
@@ -48,7 +56,8 @@ fn walk(prefix: &str, parts: &[(&str, &str)]) {
         parts.iter().map(|(file, unit)| shared(file).map(|file| json!({"file": file, "unit": unit}))).collect();
     let Some(parts) = parts else { return };
     let data = tempfile::tempdir().expect("a folder");
-    let server = Server::start(data.path(), &[]);
+    // The browser's renewals of a lease may be late by seconds on a busy machine.
+    let server = Server::start(data.path(), &[("VANTAGE_EXECUTION__LEASE_SECS", "30")]);
     let address = if prefix.is_empty() { server.address } else { prefix_proxy::start(server.address) };
     let pictures = sources("target/dashboard");
     std::fs::create_dir_all(&pictures).expect("a folder");
