@@ -89,8 +89,8 @@ impl Measured {
             (true, true) | (false, false) => (own, None),
             (true, false) => {
                 let reason = format!(
-                    "is {rays:.5}; by the engine of the plan, {name}, it is {own:.5}, as planned: that engine passes over relief \
-                     below 0.06 mm; to count it, plan with visibility.engine \"rays\""
+                    "is {rays:.5}; by the engine of the plan, {name}, it is {own:.5}, as planned: that engine passes over \
+                     what lies less than 0.003 mm before a facet; to count it, plan with visibility.engine \"rays\""
                 );
                 (own, Some(UnverifiedStatement { statement: "coverage by a ray for every sample".to_owned(), reason }))
             }
@@ -274,6 +274,6 @@ impl Reference {
 
     /// Returns true if the plan was made with a fixture, and none is given.
     pub(super) fn lacks_fixture(&self, plan: &PlanDocument) -> bool {
-        self.fixture.is_none() && plan.params.part.fixture_mesh.is_some()
+        self.fixture.is_none() && plan.has_fixture()
     }
 }

@@ -485,12 +485,12 @@ fn a_program_without_the_fixture_of_its_plan_is_told_that_first() {
     assert!(without_part.contains(", sound in cell e05-transcan; not checked: collisions with the part (give"), "{without_part}");
 }
 
-/// A plate of half a millimetre with ten ridges of 0.05 mm, relief that the default engine passes over.
+/// A plate of half a millimetre with fifty ridges of 0.008 mm, relief that the default engine passes over.
 fn ridges() -> Mesh {
-    let mut all = box_mesh([0.0; 3], [0.95, 1.0, 0.5]);
-    for ridge in 0..10_u32 {
-        let from_mm = 0.1 * f64::from(ridge);
-        let other = box_mesh([from_mm, 0.0, 0.5], [from_mm + 0.05, 1.0, 0.55]);
+    let mut all = box_mesh([0.0; 3], [0.99, 1.0, 0.5]);
+    for ridge in 0..50_u32 {
+        let from_mm = 0.02 * f64::from(ridge);
+        let other = box_mesh([from_mm, 0.0, 0.5], [from_mm + 0.01, 1.0, 0.508]);
         let first = all.vertices_mm.len() as u32;
         all.faces.extend(other.faces.iter().map(|face| face.map(|corner| corner + first)));
         all.vertices_mm.extend(other.vertices_mm);
@@ -501,7 +501,7 @@ fn ridges() -> Mesh {
 
 /// The plan was refused: its views were looked at by a ray for every sample alone, and it was made by another engine.
 #[test]
-fn a_plan_of_relief_below_0_06_mm_passes_by_its_own_engine_and_both_figures_are_told() {
+fn a_plan_of_relief_below_0_01_mm_passes_by_its_own_engine_and_both_figures_are_told() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it is valid");
     let (part, mut params) = (ridges(), quick());
     (params.part.samples_per_mm2, params.part.patch_edge_mm, params.limits.camera_deg) = (Some(400.0), Some(0.5), None);

@@ -88,7 +88,7 @@ pub fn recheck(
 }
 
 /// Evaluates each of `views` as [`recheck`] does, by another engine. By the engine of a plan, `params.visibility.engine`, its own
-/// views measure exactly what it states. The engines differ where relief is lower than the 0.06 mm that `raster` passes over.
+/// views measure exactly what it states. The engines differ by what lies less than 0.003 mm before the plane of a facet, which `raster` passes over.
 ///
 /// # Errors
 /// The errors of [`measured_in_cell`].

@@ -12,15 +12,9 @@ use crate::geometry::{Kernel, floor_to_i32, simd_from_fn, simd_max, simd_min};
 use crate::planning::visibility::QualityScale;
 use crate::planning::visibility::view::{IncidenceMin, PASSES, View};
 
-/// Distance by which a pixel may be nearer than the plane of a sample's facet and still not hide it: what f32 and the bends
-/// between facets leave, mm.
-const BAND_MM: f32 = 0.01;
-/// The distance where facets are small, so that the pixels around most samples show facets beside their own. On large ones, where
-/// bends are few, it would only take for seen what lies just behind another sheet: a third of a per cent of the area on the
-/// dragon of 48 000 triangles, which has such sheets.
-const BAND_OF_SMALL_MM: f32 = 0.06;
-/// Size of facets that count as small: pixels across at most, as a square.
-const SMALL_PX: f32 = 4.0;
+/// Distance by which a pixel may be nearer than the plane of a sample's facet and still not hide it, mm: what the definition leaves
+/// out before a sample. f32 leaves less; where bends between facets leave more, a ray decides.
+const BAND_MM: f32 = 0.003;
 /// Pixels of distance for which the surface's slope is allowed.
 const BAND_PX: f32 = 1.5;
 /// Distance by which all four pixels must be nearer, beyond the slope's share, for the map to hide a sample, mm.
@@ -196,8 +190,6 @@ impl Kernel for Compare<'_> {
     fn run(self) -> u64 {
         let Self { lookup, cluster, states } = self;
         let mut doubts = 0;
-        // Nearer than this the cluster's facets are large.
-        let large_inverse_depth = SMALL_PX / (lookup.pinhole.focal_px * cluster.facet_mm);
         let centre: [f32; 3] =
             (lookup.pinhole.centre_mm - Vector3::from(lookup.offset_mm).cast::<f64>()).map(|mm| mm as f32).into();
         for (batch, states) in states.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
@@ -227,8 +219,7 @@ impl Kernel for Compare<'_> {
                 rows[lane] = floor_to_i32(y) as u32;
                 // What the inverse depth of the facet's plane at the first of the four pixels may be at most.
                 let back = along_x[lane] * (columns[lane] as i32 as f32 - x) + along_y[lane] * (rows[lane] as i32 as f32 - y);
-                let band_mm = if inverse_depth[lane] < large_inverse_depth { BAND_OF_SMALL_MM } else { BAND_MM };
-                ahead[lane] = inverse_depth[lane] * (1.0 + band_mm * inverse_depth[lane]) + back;
+                ahead[lane] = inverse_depth[lane] * (1.0 + BAND_MM * inverse_depth[lane]) + back;
             }
             for lane in 0..LANES {
                 let (x, y) = (columns[lane], rows[lane]);

@@ -5,7 +5,7 @@
 //! by device, few samples are joined with the optical centre by packets of rays. Of many, the tiles of the undistorted image
 //! that they fall on are drawn with all triangles that meet them, and each sample is compared with the four pixels around it
 //! (Williams 1978, *Casting Curved Shadows on Curved Surfaces*). It is seen where none of the four is nearer than the plane of
-//! its own facet there by more than 0.01 mm, 0.06 mm among facets of a few pixels. With z its depth and i its incidence, it is
+//! its own facet there by more than 0.003 mm. With z its depth and i its incidence, it is
 //! hidden where all four are nearer than z − 0.06 mm − 1.5 pixels · tan i. Otherwise a ray to the optical centre decides. The
 //! lens's distortion enters with the frame alone, which is tested before: rays are straight lines in the undistorted image.
 //!

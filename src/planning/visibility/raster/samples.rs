@@ -37,8 +37,6 @@ pub(super) struct SampleCluster {
     pub(super) number: [u32; SAMPLES],
     /// Kind of requirement of each sample.
     pub(super) kind: [u16; SAMPLES],
-    /// Edge of a square as large as the largest patch that has a sample here.
-    pub(super) facet_mm: f32,
     /// Ball around the samples.
     centre_mm: Vector3<f64>,
     radius_mm: f64,
@@ -96,14 +94,12 @@ impl SampleCluster {
         let offset = |number: &u32| surface.sample_mm[*number as usize] - surface.centre_mm;
         let aabb = numbers.iter().fold(Aabb::empty(), |aabb, number| aabb.with(&Point3::from(offset(number))));
         let centre_mm = aabb.centre().coords;
-        let patches = numbers.iter().map(|number| surface.patch_of(SampleId(*number)));
-        let normals: Vec<_> = patches.clone().map(|patch| patch.normal).collect();
+        let normals: Vec<_> = numbers.iter().map(|number| surface.patch_of(SampleId(*number)).normal).collect();
         let mut cluster = Self {
             offset_mm: [[0.0; SAMPLES]; 3],
             normal: [[0.0; SAMPLES]; 3],
             number: [NO_SAMPLE; SAMPLES],
             kind: [0; SAMPLES],
-            facet_mm: patches.map(|patch| facet_mm(&patch.corners_mm) as f32).fold(0.0, f32::max),
             centre_mm,
             radius_mm: numbers.iter().map(|number| (offset(number) - centre_mm).norm()).fold(0.0, f64::max) + 1e-6,
             cone: Cone::around(normals.iter()),
@@ -135,11 +131,6 @@ impl SampleCluster {
     pub(super) fn batch_of_normals(&self, batch: usize) -> [&[f32; LANES]; 3] {
         lanes_of(&self.normal, batch)
     }
-}
-
-/// Edge of a square as large as a facet.
-fn facet_mm([a, b, c]: &[Point3<f64>; 3]) -> f64 {
-    (0.5 * (b - a).cross(&(c - a)).norm()).sqrt()
 }
 
 #[inline(always)]
