@@ -91,7 +91,7 @@ pub struct Inspection {
     pub deviation: Aligned,
     /// Figures of the deviation.
     pub figures: DeviationFigures,
-    /// Figures of the scanner; `None` where too little returned to tell, or the scans do not fit the part.
+    /// Figures of the scanner; `None` where nothing tells any, or the scans do not fit the part.
     pub learned: Option<Learned>,
     /// Changes of specification and parameters that are offered.
     pub offer: Offer,
@@ -295,8 +295,8 @@ impl Judged<'_> {
         Ok(telling(returns, &input, ctx)?)
     }
 
-    /// Figures of the scanner; `None` where too little returned, or the scans do not fit the part: what is not where it was looked for
-    /// is no weakness of the scanner.
+    /// Figures of the scanner; `None` where nothing tells any, or the scans do not fit the part: what is not where it was looked for
+    /// is no weakness of the scanner. The noise needs no pairs: a coarse cloud and one without a grid tell it too, a merged one does not.
     fn learned(&self, returns: &Returns, ctx: &Context<'_>) -> Result<Option<Learned>, PlanError> {
         if !self.registration.fits() {
             return Ok(None);
@@ -304,13 +304,15 @@ impl Judged<'_> {
         let scans: Vec<(&ViewScan, &RegisteredView)> =
             self.compared.scanned.iter().map(|scanned| (scanned.scan, scanned.registered)).collect();
         let part = TripleInput { mesh: self.input.part, surfaces: self.model.surfaces(), scanner: self.input.scanner };
-        let triples = triples(&part, &scans, ctx)?;
+        let triples = if self.input.is_merged() { Vec::new() } else { triples(&part, &scans, ctx)? };
+        let noise = noise(&triples, self.input.scanner);
         let returns = identification::returns(returns, self.input.scanner);
-        Ok(returns.map(|returns| Learned { noise: noise(&triples, self.input.scanner), returns }))
+        Ok((noise.is_some() || returns.is_some()).then_some(Learned { noise, returns }))
     }
 
     fn losses(&self, returns: &Returns, learned: Option<&Learned>, ctx: &Context<'_>) -> Result<Losses, PlanError> {
-        let limits = learned.map_or_else(IdentifiedLimits::default, |learned| learned.returns.limits(self.input.scanner));
+        let limits = learned.and_then(|learned| learned.returns.as_ref());
+        let limits = limits.map_or_else(IdentifiedLimits::default, |returns| returns.limits(self.input.scanner));
         let of = |scanned: &ScannedView<'_>| {
             let view = self.input.views.iter().find(|view| view.viewpoint == scanned.scan.viewpoint)?;
             Some((view, scanned.registered.part_from_scanner))

@@ -103,10 +103,11 @@ impl<'a> ViewLookup<'a> {
     }
 
     /// Distance of neighbours, in cells, at which the expected noise is small beside the spacing.
-    fn reach(&self, seen: &SeenSample) -> isize {
+    pub(in crate::inspection) fn reach(&self, seen: &SeenSample) -> isize {
         let MeasuringPrecision { cos, noise_mm, spacing_mm } = seen.precision;
         let across_mm = self.cloud.grid().step_px * spacing_mm * cos;
-        (noise_mm / (NOISE_OF_SPACING * across_mm)).ceil().clamp(1.0, MAX_REACH) as isize
+        let reach = (noise_mm / (NOISE_OF_SPACING * across_mm)).ceil().clamp(1.0, MAX_REACH);
+        (reach as isize).max(1)
     }
 
     fn is_dense(&self, sample: SampleId, seen: &SeenSample, cell: [usize; 2]) -> bool {

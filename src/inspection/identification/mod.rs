@@ -36,8 +36,8 @@ pub struct Identified {
 /// Everything that scans of one scanner teach.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Learned {
-    /// Noise of its points; `None` where too few lie on planes.
+    /// Noise of its points; `None` where too few lie on planes, and of a merged cloud, whose points are no scanner's own.
     pub noise: Option<NoiseEstimate>,
-    /// Limits and rates of return.
-    pub returns: LearnedReturns,
+    /// Limits and rates of return; `None` where too few pairs tell.
+    pub returns: Option<LearnedReturns>,
 }

@@ -91,12 +91,15 @@ fn in_range_of(field: OfferedField, value: f64) -> f64 {
 #[must_use]
 pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offer {
     let mut changes = Vec::new();
-    let returns = &learned.returns;
-    let of_device = |device: DeviceName| returns.by_device.iter().find(|(name, _)| *name == device).and_then(|(_, limit)| *limit);
+    let returns = learned.returns.as_ref();
+    let of_device = |device: DeviceName| {
+        let mut by_device = returns.into_iter().flat_map(|returns| &returns.by_device);
+        by_device.find(|(name, _)| *name == device).and_then(|(_, limit)| *limit)
+    };
     let [left, right] = [DeviceName::Left, DeviceName::Right].map(of_device);
     let cameras = match (left, right) {
         (Some(left), Some(right)) => Some(if left.plan_with <= right.plan_with { left } else { right }),
-        (one, other) => one.or(other).or(returns.incidence),
+        (one, other) => one.or(other).or(returns.and_then(|returns| returns.incidence)),
     };
     let own_deg = |devices: &[DeviceName]| {
         let limits = devices.iter().map(|device| scanner.devices[*device].incidence_max_rad.to_degrees());
@@ -109,7 +112,7 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
     };
     tighten(OfferedField::CameraLimit, cameras, own_deg(&[DeviceName::Left, DeviceName::Right]));
     tighten(OfferedField::ProjectorLimit, of_device(DeviceName::Projector), own_deg(&[DeviceName::Projector]));
-    if let Some(lobe) = returns.lobe {
+    if let Some(lobe) = returns.and_then(|returns| returns.lobe) {
         let to = lobe.plan_with.ceil();
         changes.push(OfferedChange { field: OfferedField::Lobe, from: None, to, identified: lobe.limit, count: lobe.pairs });
     }
@@ -124,7 +127,7 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
         noise_of(OfferedField::NoiseBest, noise.best_mm, known.best_mm);
         noise_of(OfferedField::NoiseDepthGain, noise.depth_gain, known.depth_gain);
     }
-    let [near, far] = returns.depth;
+    let [near, far] = returns.map_or([None; 2], |returns| returns.depth);
     let mut depth = |field: OfferedField, limit: Option<LimitEstimate>, from: f64, is_tighter: bool, to: f64| {
         let Some(limit) = limit.filter(|_| is_tighter) else { return };
         changes.push(OfferedChange { field, from: Some(from), to, identified: limit.limit, count: limit.pairs });

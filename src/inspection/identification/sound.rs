@@ -12,9 +12,9 @@ use crate::inspection::shots::Shots;
 use crate::inspection::simulated_scanner::{ScannedScene, SimulatedScanner, SimulationParams};
 use crate::inspection::{InspectedView, Inspection, InspectionInput, InspectionParams, ViewScan, inspect};
 use crate::planning::params::PlanParams;
-use crate::testing::{cylinder_mesh, nominal_scanner};
+use crate::testing::{box_mesh, cylinder_mesh, nominal_scanner};
 
-/// A column 100 mm high, of which a view sees every incidence.
+/// A column 100 mm high, of which a view sees every incidence, or another part.
 struct Column {
     mesh: Mesh,
     scanner: Scanner,
@@ -24,7 +24,10 @@ struct Column {
 
 impl Column {
     fn new(radius_mm: f64) -> Self {
-        let mesh = cylinder_mesh(radius_mm, 100.0, 96);
+        Self::of(cylinder_mesh(radius_mm, 100.0, 96))
+    }
+
+    fn of(mesh: Mesh) -> Self {
         let mut params = PlanParams::default();
         params.part.samples_per_mm2 = Some(0.8);
         let views = (1..).zip(Shots::of(&mesh, 8).poses(4)).collect();
@@ -79,10 +82,14 @@ fn every(step_px: u32) -> SimulationParams {
     SimulationParams { step_px, ..SimulationParams::default() }
 }
 
+/// Limits and rates that were learned.
+fn returns_of(found: &Inspection) -> Option<&LearnedReturns> {
+    found.learned.as_ref().and_then(|learned| learned.returns.as_ref())
+}
+
 /// Holds that no limit was learned and none is offered; the noise may be.
 fn check_teaches_no_limit(found: &Inspection, what: &str) {
-    if let Some(learned) = &found.learned {
-        let returns = &learned.returns;
+    if let Some(returns) = returns_of(found) {
         let limits = returns.by_device.iter().map(|(_, limit)| limit);
         let limits = limits.chain([&returns.incidence, &returns.lobe]).chain(&returns.depth);
         let limits: Vec<_> = limits.flatten().collect();
@@ -100,7 +107,7 @@ fn a_sound_scanner_teaches_no_limit_at_any_spacing() {
         let column = Column::new(radius_mm);
         let found = column.inspected(column.taken(&every(step_px)));
         check_teaches_no_limit(&found, &format!("{spacing_mm} mm"));
-        assert!(found.learned.is_some() || spacing_mm > 0.5, "{spacing_mm} mm: {:?}", found.offer);
+        assert!(returns_of(&found).is_some() || spacing_mm > 0.5, "{spacing_mm} mm: {:?}", found.offer);
         assert!(!is_coarse || found.offer.withheld.contains(&Withheld::CoarseCloud), "{:?}", found.offer);
         assert!(spacing_mm > 0.5 || found.offer.withheld.is_empty(), "{:?}", found.offer);
     }
@@ -110,8 +117,7 @@ fn a_sound_scanner_teaches_no_limit_at_any_spacing() {
 fn a_scanner_that_returns_less_from_50_degrees_on_still_teaches_that() {
     let column = Column::new(20.0);
     let found = column.inspected(column.taken(&SimulationParams { grazing_deg: vec![50.0, 60.0], ..every(4) }));
-    let learned = found.learned.as_ref().expect("enough pairs");
-    let limit = learned.returns.incidence.expect("a limit");
+    let limit = returns_of(&found).expect("enough pairs").incidence.expect("a limit");
     assert!((limit.limit.value - 52.5).abs() < 3.0, "0.75 of a fall from 50 to 60: {limit:?}");
     assert!(found.offer.changes.iter().any(|change| change.field == OfferedField::CameraLimit), "{:?}", found.offer);
 }
@@ -137,7 +143,23 @@ fn cells_between_the_points_of_a_cloud_without_a_grid_tell_nothing() {
     }
     let found = column.inspected(scans);
     check_teaches_no_limit(&found, "thinned");
-    assert!(found.learned.is_none() && found.offer.withheld == [Withheld::CoarseCloud], "{:?}", found.offer);
+    assert!(returns_of(&found).is_none() && found.offer.withheld == [Withheld::CoarseCloud], "{:?}", found.offer);
+}
+
+/// Neighbours in a row tell the noise, whatever lies between the rows: it was lost with the rates.
+#[test]
+fn a_cloud_without_a_grid_that_teaches_no_limit_still_tells_its_noise() {
+    let block = Column::of(box_mesh([-25.0, -25.0, 0.0], [25.0, 25.0, 20.0]));
+    let mut scans = block.taken(&every(8));
+    for taken in &mut scans {
+        taken.removed.is_projected = true;
+        let points_mm = &mut taken.scan.scanner_cloud.points_mm;
+        points_mm.iter_mut().enumerate().filter(|(cell, _)| cell % 7 < 2).for_each(|(_, point)| *point = [f32::NAN; 3]);
+    }
+    let found = block.inspected(scans);
+    assert!(returns_of(&found).is_none() && found.offer.withheld == [Withheld::CoarseCloud], "{:?}", found.offer);
+    let noise = found.learned.as_ref().and_then(|learned| learned.noise.as_ref());
+    assert!(noise.is_some_and(|noise| noise.triples >= MIN_TRIPLES), "{noise:?}");
 }
 
 #[test]
@@ -167,7 +189,7 @@ fn surface_within_the_zone_of_the_plate_cut_and_beside_filtered_points_counts_in
     };
     let easy_rate = |is_told: bool| {
         let found = column.inspected(sound.iter().map(|taken| without(taken, is_told)).collect());
-        found.learned.as_ref().map_or(0.0, |learned| learned.returns.easy_rate)
+        returns_of(&found).map_or(0.0, |returns| returns.easy_rate)
     };
     let [told, untold] = [true, false].map(easy_rate);
     assert!(told > 0.99 && untold < 0.95, "{told} of easy pairs return where it is told, {untold} where it is not");

@@ -17,7 +17,7 @@ use nalgebra::Point3;
 use super::rates::{EASY_INCIDENCE_DEG, EASY_MIRROR_DEG};
 use crate::cell::closed_list;
 use crate::geometry::{Part, Pose, ScannerFrame, parallel};
-use crate::inspection::coverage::{ComparedViews, ModelPoint, NominalModel, Return, Returns, SeenSample, ViewLookup};
+use crate::inspection::coverage::{ComparedViews, ModelPoint, NominalModel, Return, Returns, ViewLookup};
 use crate::inspection::ingest::Removed;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
@@ -28,10 +28,6 @@ const BLOCK: usize = 512;
 /// Share of the tolerances of a measured point within which the model lies around a sample: the rest is for noise and poses. It is our
 /// choice.
 const SHARE_OF_TOLERANCE: f64 = 0.5;
-/// Share of the spacing that the noise may have in a triangle of neighbouring points, and the largest distance of neighbours, cells:
-/// those of the lookup of measured points.
-const NOISE_OF_SPACING: f64 = 0.25;
-const MAX_REACH: f64 = 8.0;
 /// Distance above the plate's zone within which points may have been taken for the plate's, mm: the usual error of poses, twice.
 const ZONE_MARGIN_MM: f64 = 0.5;
 /// Share of the easy pairs of a cloud without the camera's grid that return where its points fill the cells, and the fewest such pairs
@@ -180,7 +176,8 @@ impl TellingView<'_> {
             return Err(Verdict::Coarse);
         }
         let [column, row] = grid.cell_of(&seen.scanner_mm).ok_or(Verdict::Unexpected)?;
-        let reach = self.reach(&seen);
+        // From there normals of measured points are taken.
+        let reach = self.lookup.reach(&seen);
         let far = RING.into_iter().filter(|_| reach > 1).map(|[right, down]| [right * reach, down * reach]);
         let mut cells = vec![grid.number([column, row])];
         for [right, down] in RING.into_iter().chain(far) {
@@ -190,14 +187,6 @@ impl TellingView<'_> {
             cells.push(grid.number([column, row]));
         }
         if cells.iter().any(|cell| self.is_removed(*cell)) { Err(Verdict::Filtered) } else { Ok(cells) }
-    }
-
-    /// Distance of neighbours, in cells, from which normals of measured points are taken: there the expected noise is small beside
-    /// the spacing.
-    fn reach(&self, seen: &SeenSample) -> isize {
-        let across_mm = self.lookup.cloud.grid().step_px * seen.precision.spacing_mm * seen.precision.cos;
-        let reach = (seen.precision.noise_mm / (NOISE_OF_SPACING * across_mm)).ceil().clamp(1.0, MAX_REACH);
-        (reach as isize).max(1)
     }
 
     fn is_in_zone(&self, scanner_mm: &Point3<f64>) -> bool {

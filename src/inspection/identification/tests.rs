@@ -163,7 +163,7 @@ fn a_scanner_that_returns_all_shows_no_limits() {
     let known = returns(&returns_of(&truth, 10, 4), &scanner()).expect("enough");
     assert_eq!((known.incidence, known.lobe, known.depth), (None, None, [None, None]));
     assert!((known.model.rate(1.4, 0.1, 430.0) - 1.0).abs() < 1e-9);
-    let learned = Learned { noise: None, returns: known };
+    let learned = Learned { noise: None, returns: Some(known) };
     assert_eq!(offers(&learned, &scanner(), &NoiseParams::default()), Offer::default());
     assert_eq!(returns(&Returns::default(), &scanner()), None);
 }
@@ -175,7 +175,7 @@ fn a_depth_beyond_which_nothing_returns_is_found_and_offered_with_the_other_limi
     let far = known.depth[1].expect("a limit");
     assert!((far.limit.value - 540.0).abs() < 5.0 && known.depth[0].is_none(), "{:?}", known.depth);
     let noise = noise(&triples_of(0.02, 1.0, 20_000, 0.0, 9), &scanner());
-    let offer = offers(&Learned { noise, returns: known }, &scanner(), &NoiseParams::default());
+    let offer = offers(&Learned { noise, returns: Some(known) }, &scanner(), &NoiseParams::default());
     let fields: Vec<_> = offer.changes.iter().map(|change| change.field).collect();
     use OfferedField::{CameraLimit, DepthFar, Lobe, NoiseBest};
     assert_eq!(fields, [CameraLimit, Lobe, NoiseBest, DepthFar], "{offer:?}");
@@ -185,4 +185,6 @@ fn a_depth_beyond_which_nothing_returns_is_found_and_offered_with_the_other_limi
     assert!((63.0..=68.0).contains(&camera.to) && camera.to <= camera.identified.value, "{camera:?}");
     assert_eq!(camera.field.parameter(), Some("limits.camera_deg"));
     assert!((offer.changes[2].to - 0.02).abs() < 0.0006 && offer.changes[3].to <= 540.0, "{offer:?}");
+    let of_noise = offers(&Learned { noise, returns: None }, &scanner(), &NoiseParams::default());
+    assert_eq!(of_noise.changes, [offer.changes[2]], "without rates the noise is offered alone");
 }

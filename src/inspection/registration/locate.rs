@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::matching::match_view;
 use super::points::ViewPoints;
 use super::ppf::{Oriented, oriented, poses, thinned};
-use super::turns::{TurnVerdict, turned};
+use super::turns::{TurnVerdict, looks_same, outline_mm, turned};
 use super::{MAX_POINTS, State};
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
@@ -31,8 +31,6 @@ const STATED_REACH_MM: f64 = 2.5;
 /// Smallest share of the points on the part that a pose of it is taken for. Not from a source: well below what scans of a part have, and
 /// above what was measured with scans of others' views.
 pub(super) const MIN_PART_SHARE: f64 = 0.5;
-/// Samples of the mesh with which a symmetry is tested.
-const SYMMETRY_SAMPLES: usize = 600;
 
 closed_list! {
     /// Reason for which no pose of the part is taken.
@@ -100,7 +98,10 @@ pub fn locate<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, optio
     let rival = second.filter(|second| second.share >= options.second_share * best.share);
     let refused =
         if best.share < options.min_inlier_share { Some(NotLocated::NoPart) } else { rival.map(|_| NotLocated::AmbiguousPose) };
-    let is_symmetric = rival.is_some_and(|rival| is_symmetry(&(rival.pose * best.pose.inverse()), nearest, options.inlier_mm));
+    // A shaft with a small key is not symmetric, though nearly all of it is.
+    let is_symmetric = rival.is_some_and(|rival| {
+        looks_same(&(rival.pose * best.pose.inverse()), nearest, &outline_mm(nearest.mesh()), options.inlier_mm)
+    });
     Location { best: best.into(), second: second.map(Into::into), is_symmetric, refused }
 }
 
@@ -119,7 +120,8 @@ pub enum PartPlace {
 ///
 /// The stated place is kept where a refinement from it explains nine tenths of the points, or nearly as many as the best pose that
 /// the search finds: a part that deviates from its mesh lies where it was put. Of a part that nearly looks the same in several turns, the
-/// one is taken that explains the points best; where points do not tell which, its place is not known, unless it lies as stated.
+/// one is taken that explains the points best; where points do not tell which, its place is not known, unless it lies as stated: then it
+/// is moved only by points on what breaks the symmetry, and one of which that is missing stays where it was put.
 #[must_use]
 pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, options: &LocateOptions) -> PartPlace {
     let search = Search::new(scans, nearest, options);
@@ -154,7 +156,7 @@ pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, option
 #[derive(Clone, Copy)]
 pub(super) struct Scored {
     pub(super) pose: Isometry3<f64>,
-    share: f64,
+    pub(super) share: f64,
 }
 
 impl From<Scored> for PartPose {
@@ -173,7 +175,7 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new<S: Borrow<ViewScan>>(scans: &[S], nearest: &'a NearestFace<'a>, options: &'a LocateOptions) -> Self {
+    pub(super) fn new<S: Borrow<ViewScan>>(scans: &[S], nearest: &'a NearestFace<'a>, options: &'a LocateOptions) -> Self {
         let of_view = (COMPARED_POINTS / scans.len().max(1)).max(50);
         let views = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
         Self { views, nearest, around: nearest.mesh().aabb(), options }
@@ -268,11 +270,4 @@ pub(super) fn samples(mesh: &Mesh, count: usize) -> Vec<Oriented> {
         }
     }
     samples
-}
-
-/// Returns true if a motion takes the part onto itself.
-fn is_symmetry(motion: &Isometry3<f64>, nearest: &NearestFace<'_>, within_mm: f64) -> bool {
-    let samples = samples(nearest.mesh(), SYMMETRY_SAMPLES);
-    let on_part = |sample: &&Oriented| nearest.nearest(&(motion * sample.point_mm), within_mm).is_some();
-    samples.iter().filter(on_part).count() as f64 >= 0.98 * samples.len() as f64
 }

@@ -8,7 +8,12 @@
 //! difference of two poses in cell i, they are told apart where Σmᵢ / √Σmᵢ² exceeds a quantile of the normal distribution (Q. H. Vuong,
 //! "Likelihood ratio tests for model selection and non-nested hypotheses", Econometrica 57(2), 1989, section 5), and Σmᵢ some cells.
 //!
-//! Cost: some 100 000 nearest-face queries for a part without such axes, four times as many for one with.
+//! A part as stated whose key is broken off is explained as well by each turn that has the key where nobody looked. Against the stated pose
+//! count only cells that the turn explains and most further turns do not, as points on a key: surface without a key lies alike in all of
+//! them. A hole is told by its walls, and where no further turn can be asked, the stated pose is kept.
+//!
+//! Cost: some 100 000 nearest-face queries for a part without such axes, four times as many for one with, and twice that again for one that
+//! a turn of the stated pose explains better.
 
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
@@ -46,6 +51,8 @@ const NEAR_SHARE: f64 = 0.8;
 const NEAR_DIAMETERS: f64 = 0.022;
 /// Turns that are refined at most.
 const RIVALS: usize = 8;
+/// Further turns that are asked at most which of a rival's points lie on surface without a feature: a twelfth of a turn apart, or nearer.
+const FURTHER_TURNS: usize = 12;
 /// Least turn between two of them, and from the pose that is turned, rad.
 const APART_RAD: f64 = 0.1;
 const AWAY_RAD: f64 = 0.05;
@@ -75,8 +82,9 @@ struct Level {
 
 /// Level of a pose that is taken: three cells, more than a speck covers (not from a source), and a probability of 1 % one-sided.
 const SURE: Level = Level { cells: 3.0, deviations: 2.326 };
-/// Level from which on the stated pose is doubted: two cells, and 10 % one-sided.
-const DOUBT: Level = Level { cells: 2.0, deviations: 1.282 };
+/// Level from which on the stated pose is doubted: two cells, and 10 % one-sided for the best of [`RIVALS`] rivals: an eighth of it for
+/// each (Bonferroni's inequality).
+const DOUBT: Level = Level { cells: 2.0, deviations: 2.241 };
 
 /// Finding on the turns of a pose.
 pub(super) enum TurnVerdict {
@@ -98,22 +106,27 @@ pub(super) fn turned<S: Borrow<ViewScan>>(scans: &[S], search: &Search<'_>, take
     let points = ComparedPoints::new(scans, CELL_MM.min(CELL_DIAMETERS * diameter_mm).max(f64::MIN_POSITIVE));
     let outline_mm = outline_mm(search.nearest.mesh());
     let [same, starts] = starts(&near, &points, search, &outline_mm, taken, diameter_mm);
-    let first_mm = diameter_mm / 48.0;
     let mut poses = vec![*taken];
     for start in &starts {
-        let rival = search.refined_from(start, first_mm, STEPS);
+        let rival = refined(start, search);
         // From beside a turn in which the part looks the same a refinement comes to that one.
         let mut known = poses.iter().map(|other| &other.pose).chain(&same);
         if known.all(|other| search.differ(other, &rival.pose)) {
             poses.push(rival);
         }
     }
-    if poses.len() == 1 { TurnVerdict::Kept } else { judged(&poses, &points, search, &outline_mm, is_stated) }
+    if poses.len() == 1 { TurnVerdict::Kept } else { judged(&poses, &near, &points, search, &outline_mm, is_stated) }
 }
 
-/// Compares poses, of which the first is the one that is turned.
+/// Refines a turn that is near the part.
+fn refined(turned: &Isometry3<f64>, search: &Search<'_>) -> Scored {
+    search.refined_from(turned, search.around.extent_mm().norm() / 48.0, STEPS)
+}
+
+/// Compares poses, of which the first is the one that is turned; `near` has its turns that bring most points near the part.
 fn judged(
     poses: &[Scored],
+    near: &[Turn],
     points: &ComparedPoints,
     search: &Search<'_>,
     outline_mm: &[Point3<f64>],
@@ -134,8 +147,15 @@ fn judged(
         let rival = (1..poses.len()).find(is_open).filter(|_| !is_stated);
         return rival.map_or(TurnVerdict::Kept, |rival| TurnVerdict::Open(poses[rival]));
     }
-    if is_stated && !is_told_apart(&costs[0], &costs[best], DOUBT) {
-        return TurnVerdict::Kept;
+    if is_stated {
+        let is_like = |pose: &Isometry3<f64>| {
+            let of = |other: usize| pose * poses[other].pose.inverse();
+            [0, best].iter().any(|other| looks_same(&of(*other), nearest, outline_mm, same_mm))
+        };
+        let further = further_costs([&poses[0].pose, &poses[best].pose], near, points, search, OFF_SDS * sd_mm, &is_like);
+        if !is_told_apart(&costs[0], &on_feature(&costs[0], &costs[best], &further), DOUBT) {
+            return TurnVerdict::Kept;
+        }
     }
     if (0..poses.len()).any(|other| is_open(&other)) {
         return TurnVerdict::Open(poses[best]);
@@ -144,6 +164,40 @@ fn judged(
     let moved_mm = |place: usize| search.apart_mm(&poses[place].pose, &Isometry3::identity());
     let same = (0..poses.len()).filter(|other| is_same(*other));
     TurnVerdict::Better(poses[same.fold(best, |least, other| if moved_mm(other) < moved_mm(least) { other } else { least })])
+}
+
+/// Costs of turns spread over those near the part: of poses that explain most cells, and in which the part lies and looks otherwise than in
+/// the stated one and its rival.
+fn further_costs(
+    [stated, rival]: [&Isometry3<f64>; 2],
+    near: &[Turn],
+    points: &ComparedPoints,
+    search: &Search<'_>,
+    limit_mm: f64,
+    is_like: &dyn Fn(&Isometry3<f64>) -> bool,
+) -> Vec<Vec<f64>> {
+    let mut further = Vec::with_capacity(FURTHER_TURNS);
+    for turn in near.iter().step_by(near.len().div_ceil(FURTHER_TURNS).max(1)) {
+        let pose = refined(&(turn.axis.turn(turn.angle_rad) * stated), search).pose;
+        let costs = points.costs(&pose, search.nearest, limit_mm);
+        let explains_most = costs.iter().sum::<f64>() <= (1.0 - NEAR_SHARE) * costs.len() as f64;
+        if explains_most && search.differ(&pose, stated) && search.differ(&pose, rival) && !is_like(&pose) {
+            further.push(costs);
+        }
+    }
+    further
+}
+
+/// Costs of a rival where it counts against the stated pose, elsewhere the stated pose's own if they are higher. It counts in cells that
+/// most further turns explain no better than the stated pose: points on the rival's feature. What they explain as the rival does is
+/// surface without a feature, which tells no more than that the stated one is missing. Without further turns it counts nowhere.
+fn on_feature(stated: &[f64], rival: &[f64], further: &[Vec<f64>]) -> Vec<f64> {
+    let cost = |cell: usize| {
+        let between = 0.5 * (stated[cell] + rival[cell]);
+        let without = further.iter().filter(|costs| costs[cell] > between).count();
+        if 2 * without > further.len() { rival[cell] } else { rival[cell].max(stated[cell]) }
+    };
+    (0..stated.len()).map(cost).collect()
 }
 
 /// Returns true if costs of cells tell that a pose is worse than another one.
@@ -155,7 +209,7 @@ fn is_told_apart(worse: &[f64], better: &[f64], level: Level) -> bool {
 
 /// Points by which a mesh is held against itself: vertices, of which each feature has some; middles of faces, since all vertices of a hole
 /// lie on the faces that it goes through; and samples, since in a sheet those middles do so too.
-fn outline_mm(mesh: &Mesh) -> Vec<Point3<f64>> {
+pub(super) fn outline_mm(mesh: &Mesh) -> Vec<Point3<f64>> {
     let [every_vertex, every_face] = [mesh.vertices_mm.len(), mesh.faces.len()].map(|count| count.div_ceil(MAX_VERTICES).max(1));
     let middle = |face: usize| {
         let [a, b, c] = mesh.corners(face);
@@ -168,7 +222,7 @@ fn outline_mm(mesh: &Mesh) -> Vec<Point3<f64>> {
 }
 
 /// Returns true if a motion takes the outline of the part onto its surface.
-fn looks_same(motion: &Isometry3<f64>, nearest: &NearestFace<'_>, outline_mm: &[Point3<f64>], within_mm: f64) -> bool {
+pub(super) fn looks_same(motion: &Isometry3<f64>, nearest: &NearestFace<'_>, outline_mm: &[Point3<f64>], within_mm: f64) -> bool {
     outline_mm.par_iter().all(|point| nearest.nearest(&(motion * point), within_mm).is_some())
 }
 
@@ -397,7 +451,9 @@ impl ComparedPoints {
 
 #[cfg(test)]
 mod tests {
+    use super::super::locate::LocateOptions;
     use super::*;
+    use crate::inspection::shots::Shots;
 
     #[test]
     fn poses_are_told_apart_by_many_cells_and_not_by_a_speck_or_by_chance() {
@@ -408,6 +464,84 @@ mod tests {
         let (one, other) = ([[1.0, 0.0]; 30].concat(), [[0.0, 0.9]; 30].concat());
         assert!(!told(&one, &other), "some for the one, as many for the other");
         assert!(!told(&[], &[]));
+    }
+
+    #[test]
+    fn a_rival_counts_where_most_further_turns_do_not_explain_the_points_either() {
+        let (stated, rival) = ([1.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]);
+        let further = [vec![1.0, 0.0, 0.0, 1.0], vec![1.0, 0.0, 0.0, 0.0], vec![0.0, 1.0, 0.0, 1.0]];
+        let sums =
+            |further: &[Vec<f64>]| on_feature(&stated, &rival, further).iter().map(|cost| *cost as i32).collect::<Vec<_>>();
+        assert_eq!(sums(&further), [0, 1, 1, 0], "a feature, surface without one, a feature that the rival lacks, a feature");
+        assert_eq!(sums(&[]), [1, 1, 1, 1], "nobody can be asked");
+    }
+
+    /// A round shaft with a boss on its side that is so high: one surface, so that none lies beneath the boss.
+    fn shaft(boss_mm: f64) -> Mesh {
+        let (sides, levels) = (96_u32, 21_u32);
+        let mut vertices_mm = Vec::new();
+        for level in 0..levels {
+            for side in 0..sides {
+                let angle_rad = std::f64::consts::TAU * f64::from(side) / f64::from(sides);
+                let is_boss = (8..=12).contains(&level) && (side <= 3 || side >= sides - 3);
+                let radius_mm = if is_boss { 30.0 + boss_mm } else { 30.0 };
+                vertices_mm.push(Point3::new(radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin(), 3.0 * f64::from(level)));
+            }
+        }
+        vertices_mm.extend([Point3::origin(), Point3::new(0.0, 0.0, 60.0)]);
+        let (top, below, above) = ((levels - 1) * sides, levels * sides, levels * sides + 1);
+        let mut faces: Vec<[u32; 3]> = Vec::new();
+        for side in 0..sides {
+            let next = (side + 1) % sides;
+            for from in (0..levels - 1).map(|level| level * sides) {
+                let (low, high) = ([from + side, from + next], [from + sides + side, from + sides + next]);
+                faces.extend([[low[0], low[1], high[1]], [low[0], high[1], high[0]]]);
+            }
+            faces.extend([[below, next, side], [above, top + side, top + next]]);
+        }
+        Mesh { vertices_mm, source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
+    }
+
+    /// Scans of a shaft, all around or of its half towards x.
+    fn scans_of(scanned: &Mesh, is_half: bool) -> Vec<ViewScan> {
+        let shots = Shots::of(scanned, 32);
+        let mut scans = shots.scans(&shots.poses(6), 0.01, |_| Isometry3::identity());
+        for scan in scans.iter_mut().filter(|_| is_half) {
+            let part_from_scanner = scan.part_from_scanner;
+            let is_hidden = |point: &[f32; 3]| part_from_scanner.point(&Point3::from(point.map(f64::from))).x < 0.0;
+            let hidden = scan.scanner_cloud.points_mm.iter_mut().filter(|point| is_hidden(point));
+            hidden.for_each(|point| *point = [f32::NAN; 3]);
+        }
+        scans
+    }
+
+    /// Verdict on a shaft with a boss at turns about its axis, of which the first is the stated one.
+    fn verdict_on(scans: &[ViewScan], turns_deg: &[f64]) -> TurnVerdict {
+        let (mesh, options) = (shaft(6.0), LocateOptions::default());
+        let nearest = NearestFace::new(&mesh);
+        let search = Search::new(scans, &nearest, &options);
+        let axis = Axis { through_mm: Point3::origin(), along: Vector3::z() };
+        let pose = |turn_deg: &f64| Scored { pose: axis.turn(turn_deg.to_radians()), share: 1.0 };
+        let poses: Vec<Scored> = turns_deg.iter().map(pose).collect();
+        let step_rad = std::f64::consts::TAU / f64::from(TURNS);
+        let near: Vec<Turn> = (1..TURNS).map(|step| Turn { axis, angle_rad: f64::from(step) * step_rad }).collect();
+        judged(&poses, &near, &ComparedPoints::new(scans, CELL_MM), &search, &outline_mm(&mesh), true)
+    }
+
+    /// It was turned, or all scans were dropped: the defect that an inspection should show.
+    #[test]
+    fn a_part_whose_boss_is_missing_lies_as_stated_though_the_boss_might_be_where_nobody_looked() {
+        let found = verdict_on(&scans_of(&shaft(0.0), true), &[0.0, 120.0, 180.0, 240.0]);
+        assert!(matches!(found, TurnVerdict::Kept));
+    }
+
+    #[test]
+    fn a_part_whose_boss_is_seen_elsewhere_is_turned_scanned_as_a_whole_or_in_half() {
+        for is_half in [false, true] {
+            let found = verdict_on(&scans_of(&shaft(6.0), is_half), &[120.0, 0.0, 210.0]);
+            let is_true = |found: &Scored| found.pose.rotation.angle() < 1e-6;
+            assert!(matches!(&found, TurnVerdict::Better(found) if is_true(found)), "half: {is_half}");
+        }
     }
 
     /// A square plate with a square hole, whose middle is moved along x.

@@ -193,7 +193,7 @@ impl LearnedDocument {
     #[must_use]
     pub fn new(learned: Option<&Learned>, offer: &Offer, plan_sha256: &str) -> Self {
         let noise = learned.and_then(|learned| learned.noise.as_ref());
-        let returns = learned.map(|learned| &learned.returns);
+        let returns = learned.and_then(|learned| learned.returns.as_ref());
         let limit =
             |of: fn(&LearnedReturns) -> Option<LimitEstimate>| returns.and_then(of).as_ref().map(EstimateDocument::of_limit);
         let rates = |of: fn(&LearnedReturns) -> &RateCurve| returns.map(|returns| bins(of(returns))).unwrap_or_default();

@@ -113,7 +113,8 @@ impl RescanState {
         if let Some(known) = known.filter(|known| known.words().len() == measured.words().len()) {
             measured.insert_all(&known);
         }
-        let model = inspection.learned.as_ref().map_or_else(ReturnModel::default, |learned| learned.returns.model.clone());
+        let returns = inspection.learned.as_ref().and_then(|learned| learned.returns.as_ref());
+        let model = returns.map_or_else(ReturnModel::default, |returns| returns.model.clone());
         let first = |of: fn(&Self) -> &str, own: &str| before.map_or_else(|| own.to_owned(), |before| of(before).to_owned());
         let params = &plan.params;
         let coverage = &plan.coverage;
