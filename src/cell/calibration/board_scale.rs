@@ -2,7 +2,9 @@
 //! large k times too far away: C = (R, k · t). Along the view X takes that up, as a shift of the scanner; what is left to see is
 //! how the distance, and the place in the image, change with the motions of the arm, whose lengths are known. k is one more
 //! unknown of a trial solution: the step of Gauss & Newton with the other unknowns eliminated (Schur complement), from
-//! observations that are divided by the k of the step before. Costs a refinement a round.
+//! observations that are divided by the k of the step before. Where the camera lies away from the origin of the clouds, at p in
+//! their frame, that adds (1 - k) · p to every place, which X takes up: k is the same, and so is the shift of the scanner. Costs a
+//! refinement a round.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -31,7 +33,8 @@ pub struct BoardScale {
     pub ratio: f64,
     /// Standard deviation of that.
     pub sd: f64,
-    /// Distance from the scanner to the point of best focus, mm: a ratio that is off moves the scanner by its share of it.
+    /// Distance from the scanner, not from the origin of its clouds, to the point of best focus, mm: a ratio that is off moves
+    /// the scanner by its share of it.
     pub distance_mm: f64,
     /// Standard deviations from 1 beyond which it is off.
     min_deviations: f64,

@@ -52,6 +52,8 @@ pub struct Task {
     pub hold_out: usize,
     /// Point of best focus in the cloud, mm.
     pub best_in_cloud_mm: Vector3<f64>,
+    /// Distance of that point from the scanner, mm; the cloud's frame may lie elsewhere.
+    pub best_mm: f64,
     /// Middle of the board, where its size is known, mm.
     pub board_middle_mm: Option<Vector3<f64>>,
     /// Edge of a square of the board, or distance between its points, where it is known, mm.
@@ -465,7 +467,7 @@ impl Task {
         }
         let estimate_sigma = screened.is_sigma_estimated;
         let weighting = if estimate_sigma { screened.refined.weighting } else { self.weighting() };
-        BoardScale::of(&screened.refined, used, &weighting, estimate_sigma, self.best_in_cloud_mm.norm())
+        BoardScale::of(&screened.refined, used, &weighting, estimate_sigma, self.best_mm)
     }
 
     /// Warning of a board of another size than was given.

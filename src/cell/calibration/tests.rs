@@ -430,6 +430,7 @@ pub(super) fn task(sightings: Vec<Sighting>, solve: Solve, sigma: Option<Sigma>)
         nominal: ChainEstimate { table: pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]), ..truth() },
         hold_out: 0,
         best_in_cloud_mm: Vector3::new(0.0, 0.0, 480.0),
+        best_mm: 480.0,
         board_middle_mm: Some(Vector3::new(75.0, 52.5, 0.0)),
         board_pitch_mm: Some(10.0),
         limits: UncertaintyLimits::default(),
@@ -597,6 +598,30 @@ fn a_board_of_another_size_than_was_given_is_told_with_its_size() {
             assert!(likely_mm.is_none_or(|likely_mm| (likely_mm - 10.0 / ratio).abs() < 0.01), "{likely_mm:?}");
         }
     }
+}
+
+/// The shift was told for 180 mm, the distance from the origin of clouds 300 mm before the scanner to the best focus.
+#[test]
+fn the_shift_by_a_board_of_another_size_is_told_by_the_distance_from_the_scanner() {
+    let (level, ratio) = (levels()[0], 1.002);
+    let at = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let cloud_from_scanner = pose(0.0, 0.0, -300.0, [0.0; 3]);
+    let mut noise = Noise(41);
+    let mut sightings = exact(&at, 24, 40.0, false, &mut noise);
+    disturb(&mut sightings, &level, &mut noise);
+    for each in &mut sightings {
+        each.seen.translation.vector *= ratio;
+        each.seen = cloud_from_scanner * each.seen;
+    }
+    let best_in_cloud_mm = Vector3::new(0.0, 0.0, 180.0);
+    let of_clouds = Task { best_in_cloud_mm, ..task(sightings, Solve::HandEye, Some(level)) };
+    let found = of_clouds.calibrate().unwrap_or_else(|findings| panic!("{findings:?}"));
+    let scale = found.board_scale.expect("a scale");
+    assert!((scale.ratio - ratio).abs() < 1e-3, "{scale:?}");
+    let (_, shifted_mm) = off(&found.refined.estimate.hand_eye, &(at.hand_eye * cloud_from_scanner.inverse()));
+    assert!((shifted_mm - 0.96).abs() < 0.25, "0.002 of 480 mm: {shifted_mm}");
+    assert!((scale.shift_mm() - (scale.ratio - 1.0).abs() * 480.0).abs() < 1e-9, "{scale:?}");
+    assert!((scale.shift_sd_mm() - scale.sd * 480.0).abs() < 1e-9, "{scale:?}");
 }
 
 /// Deviations that nobody gave were told to be estimated, where too few observations left those that an estimate begins with.

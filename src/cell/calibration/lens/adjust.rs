@@ -6,11 +6,11 @@
 //! Statistics*, 1981, section 6.4): σ² = Σ min(r, kσ)² / (n β), β = 2 (1 − exp(−k²/2)) for two coordinates. Sightings whose
 //! residual is beyond 5 σ, which 4 in a million normal ones are, are left out and the rest is estimated anew. An image most of
 //! whose sightings are left out shows something else than the board as the others see it, and is refused as a whole; a view
-//! without another image is taken out, since nothing fixes its board.
+//! without another image is taken out, since nothing fixes its board. Most points of images of few, if not on a line, fix one.
 
 use std::borrow::Cow;
 
-use nalgebra::{DMatrix, Isometry3, Matrix3, Vector2};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector2};
 
 use super::equations::{BundleProblem, BundleState, HUBER, POSES, SHARED, seen_by};
 use super::fault::{LensError, LensFault};
@@ -41,6 +41,8 @@ const MAX_START_MISFIT: f64 = 0.05;
 const MIN_REFUSED_PX: f64 = 1.0;
 /// Images of a device, and views, of which one may be refused: where more do not fit, nothing says which of them are right.
 const IMAGES_FOR_A_REFUSED: usize = 4;
+/// Distance of points from a line, as a share of their length, from which their pixels fix a pose. Chosen; no source.
+const MIN_CORNER: f64 = 0.02;
 /// Views that are taken out at most: each costs an estimate anew.
 const MAX_TAKEN_OUT: usize = 32;
 
@@ -338,7 +340,16 @@ fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> 
         state = found;
         if drop_outliers(&views, &state, &mut is_used, sigma_px) {
             let images = refuse_images(&views, &state, &mut is_used);
-            if let Some(worst) = worst_view(&views, &state, &is_used) {
+            let mut worst = worst_view(&views, &state, &is_used);
+            if worst.is_none() && !images.is_empty() {
+                // What did not fit beside them may fit without them, and what fitted may not.
+                is_used = all_used(&views);
+                images.iter().for_each(|(place, device)| is_used[*place][*device].fill(false));
+                (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
+                drop_outliers(&views, &state, &mut is_used, sigma_px);
+                worst = worst_view(&views, &state, &is_used);
+            }
+            if let Some(worst) = worst {
                 let taken_out = given.len() - views.len();
                 if taken_out == MAX_TAKEN_OUT || (taken_out + 1) * IMAGES_FOR_A_REFUSED > given.len() {
                     return Err(unfit(given, &refused, &views[worst]));
@@ -350,14 +361,7 @@ fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> 
                 views.to_mut().remove(worst);
                 continue;
             }
-            if !images.is_empty() {
-                // What did not fit beside them may fit without them.
-                is_used = all_used(&views);
-                images.iter().for_each(|(place, device)| is_used[*place][*device].fill(false));
-                (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
-                drop_outliers(&views, &state, &mut is_used, sigma_px);
-                refused.extend(images.iter().map(|(place, device)| (kept[*place], DeviceName::ALL[*device])));
-            }
+            refused.extend(images.iter().map(|(place, device)| (kept[*place], DeviceName::ALL[*device])));
             (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
         }
         return Ok(Fitted { views, kept, refused, state, is_used, sigma_px });
@@ -422,12 +426,34 @@ fn refuse_images(views: &[BoardView], state: &BundleState, is_used: &mut [[Vec<b
 
 /// View without an image that fixes its board, by the sightings that are used; of several the one with the largest residuals.
 fn worst_view(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3]]) -> Option<usize> {
-    let is_open = |place: &usize| is_used[*place].iter().all(|used| used.iter().filter(|used| **used).count() < MIN_POINTS);
+    let is_open = |place: &usize| {
+        let is_fixed_by_none = is_used[*place].iter().all(|used| used.iter().filter(|used| **used).count() < MIN_POINTS);
+        is_fixed_by_none && !is_fixed_by_most(&views[*place], &is_used[*place])
+    };
     let size_px = |place: usize| {
         let medians = (0..3).map(|device| image_median_px(&views[place], state, place, device));
         medians.fold(0.0, f64::max)
     };
     (0..views.len()).filter(is_open).max_by(|a, b| size_px(*a).total_cmp(&size_px(*b)))
+}
+
+/// Returns true if most sightings of the images that were not refused are used, and they fix the board, though no image does with
+/// [`MIN_POINTS`]: an image of few points does not show something else because one of them is wrong.
+fn is_fixed_by_most(view: &BoardView, is_used: &[Vec<bool>; 3]) -> bool {
+    let images = (0..3).filter(|device| is_used[*device].iter().any(|used| *used));
+    let sightings: Vec<(&DeviceSighting, bool)> =
+        images.flat_map(|device| seen_by(view, device).iter().zip(is_used[device].iter().copied())).collect();
+    let points: Vec<_> = sightings.iter().filter(|(_, used)| *used).map(|(sighting, _)| sighting.board_mm).collect();
+    2 * points.len() > sightings.len() && has_corner(&points)
+}
+
+/// Returns true if three of the points are not on a line: their pixels fix a pose.
+fn has_corner(points: &[Point3<f64>]) -> bool {
+    let Some(first) = points.first() else { return false };
+    let farthest = points.iter().map(|point| point - first).max_by(|a, b| a.norm().total_cmp(&b.norm()));
+    let Some(along) = farthest else { return false };
+    let off_mm2 = points.iter().map(|point| along.cross(&(point - first)).norm()).fold(0.0, f64::max);
+    off_mm2 > MIN_CORNER * along.norm_squared()
 }
 
 /// Estimates from a start, with the covariance.
@@ -651,3 +677,6 @@ impl Adjusted {
         [spread(&along, POSES + 3), spread(&slope, POSES)]
     }
 }
+
+#[cfg(test)]
+mod tests;
