@@ -111,7 +111,9 @@ fn beside_plan(plan: &Value, beside: Beside, given: &GivenBeside<'_>) -> Option<
         (Beside::Scanner, None) if has_no_cell => None,
         (Beside::Scanner, _) => Some(SCANNER_OF_CELL.to_owned()),
         (Beside::Plan, _) => Some("does not apply to a plan, which is held against no other; leave it out".to_owned()),
-        (Beside::Fixture, _) if plan["params"]["part"]["fixture_mesh"].is_null() => Some(WITHOUT_FIXTURE.to_owned()),
+        (Beside::Fixture, _) if plan["params"]["part"]["fixture_mesh"].is_null() && plan["fixture"].is_null() => {
+            Some(WITHOUT_FIXTURE.to_owned())
+        }
         (Beside::Fixture, _) => (!given.has_part).then(|| WITHOUT_PART.to_owned()),
         (Beside::Temperature, _) => {
             Some("does not apply to a plan, but to its program, which moves by the calibration; leave it out".to_owned())
@@ -128,7 +130,7 @@ fn beside_program(beside: Beside, given: &GivenBeside<'_>) -> Option<&'static st
         Beside::Scanner => Some("does not apply to a program, whose cell has its own scanner; leave it out"),
         Beside::Plan => None,
         Beside::Part => (!is_in_cell).then_some("is used in a cell alone, for collisions and coverage; give the cell too"),
-        Beside::Fixture if given.plan.is_some_and(|plan| plan.params.part.fixture_mesh.is_none()) => Some(WITHOUT_FIXTURE),
+        Beside::Fixture if given.plan.is_some_and(|plan| !plan.has_fixture()) => Some(WITHOUT_FIXTURE),
         Beside::Fixture => (!given.has_part).then_some(WITHOUT_PART),
         Beside::Temperature => {
             (!is_in_cell).then_some("is used in a cell alone, whose calibration it is held against; give the cell too")

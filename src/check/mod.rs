@@ -325,7 +325,8 @@ impl Reference {
 
     /// Finding on a program that is given the part without the fixture that its plan holds it with; `None` if nothing is lacking.
     fn lacking_fixture(&self) -> Option<FieldError> {
-        let name = self.plan.as_ref()?.0.params.part.fixture_mesh.as_ref()?;
+        let plan = self.plan.as_ref().map(|(plan, _)| plan).filter(|plan| plan.has_fixture())?;
+        let name = plan.params.part.fixture_mesh.as_deref().unwrap_or_default();
         let detail = format!(
             "is to be checked with the part, but without the fixture that holds it, {name:?} (params.part.fixture_mesh of the \
              plan): what collides with it and what it hides is not known; give the fixture too"

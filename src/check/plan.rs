@@ -50,7 +50,7 @@ pub(super) fn check(document: &PlanDocument, place: Option<CheckPlace<'_>>) -> R
     let scanner = place.and_then(CheckPlace::scanner);
     elsewhere.into_iter().for_each(|error| findings.push(error.pointer, error.detail));
     check_part(&document.part, &mut findings);
-    document.fixture.iter().for_each(|fixture| check_sha256("/fixture/sha256", &fixture.sha256, &mut findings));
+    check_fixture(document, &mut findings);
     check_devices(document, &mut findings);
     check_limits(document, scanner, &mut findings);
     check_depth(document, scanner, &mut findings);
@@ -105,6 +105,16 @@ fn check_part(part: &PartDocument, findings: &mut Findings) {
     let (min, max) = (part.bbox_mm.min, part.bbox_mm.max);
     findings.require((0..3).all(|axis| min[axis] <= max[axis]), "/part/bbox_mm/min", || {
         format!("is {min:?}; allowed is up to max, {max:?}, in every axis")
+    });
+}
+
+/// Requires the name of a fixture that the plan tells of: without it the parameters are those of a part without a fixture, and
+/// views that are planned by them again may collide with it.
+fn check_fixture(document: &PlanDocument, findings: &mut Findings) {
+    let Some(fixture) = &document.fixture else { return };
+    check_sha256("/fixture/sha256", &fixture.sha256, findings);
+    findings.require(document.params.part.fixture_mesh.is_some(), "/fixture", || {
+        "is given, and params.part.fixture_mesh is null: by that the part was planned without a fixture; plan again".into()
     });
 }
 

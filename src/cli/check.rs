@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::doubts;
 use super::files::{self, FileLibrary};
-use super::plan::load_scanner;
+use super::plan::{load_mesh, load_scanner};
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec, Presets, Scanner, SpecKind, SpecLibrary};
 use crate::check::{
@@ -19,11 +19,11 @@ use crate::check::{
     Reference, Sound, check, check_fixture, check_part, check_part_of, check_plan, check_told_fixture, implied_scanner,
     is_plan_without_cell, kind_of, misplaced, planned_fixture, told_fixture,
 };
-use crate::geometry::{LengthUnit, Poll};
+use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::wire::part_size::{PartSize, SizeLimits};
-use crate::wire::plan::PlanDocument;
+use crate::wire::plan::{FixtureDocument, PlanDocument};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{DocumentKind, UnverifiedStatement, UtcTime, hex};
 
@@ -265,22 +265,46 @@ impl<'a> CheckInput<'a> {
     /// Holds the fixture against the file that the plan names; `None` if there is no fixture or no plan that names one.
     fn identity_of_fixture(&self, value: &Value) -> Result<Option<FixtureIdentity>, CliError> {
         let plan = self.reference.plan.as_ref().map(|(plan, _)| plan);
-        let (Some(file), Some(name)) = (&self.fixture, planned_fixture(value, plan)) else { return Ok(None) };
-        if let (Some(fixture), Some(told)) = (&self.reference.fixture, told_fixture(value, plan)) {
-            check_told_fixture(&name, &told, fixture, &file.sha256).map_err(|other| file.refused_fixture(&other))?;
-            return Ok(Some(FixtureIdentity::Told));
-        }
-        // A plan may name anything: what is no file may have no end.
-        let bytes = Path::new(&name).is_file().then(|| std::fs::read(&name).ok()).flatten();
-        let Some(bytes) = bytes else {
-            let reason = format!("the plan names the file {name:?}, which cannot be read here, and not its SHA-256");
-            return Ok(Some(FixtureIdentity::Unknown(reason)));
-        };
-        let (found, planned) = (&file.sha256, hex(&Sha256::digest(bytes)));
-        let [found, planned] = [found, &planned].map(|sha256| FixtureFile { sha256, unit: file.unit });
-        check_fixture(&name, found, planned).map_err(|other| file.refused_fixture(&other))?;
-        Ok(Some(FixtureIdentity::Planned(name)))
+        let (Some(file), Some(fixture)) = (&self.fixture, &self.reference.fixture) else { return Ok(None) };
+        let Some(name) = planned_fixture(value, plan) else { return Ok(None) };
+        file.identity_of_fixture(fixture, &name, told_fixture(value, plan).as_ref()).map(Some)
     }
+}
+
+/// Reads the fixture that holds the part of a plan, with the SHA-256 of its file: the file that is given, else the one that the
+/// plan names, where it can be found. `None` for a plan without a fixture.
+///
+/// # Errors
+/// Another fixture than the plan's; one that is given for a plan without; none where the plan has one that is not found.
+pub(super) fn fixture_of(
+    plan: &PlanDocument,
+    given: Option<&Path>,
+    unit: Option<LengthUnit>,
+    cancel: &AtomicBool,
+) -> Result<Option<(Mesh, String)>, CliError> {
+    let name = plan.params.part.fixture_mesh.as_deref();
+    // What is no file may have no end.
+    let planned = name.map(Path::new).filter(|path| path.is_file());
+    let Some(path) = given.or(planned) else {
+        return match name.or(plan.fixture.as_ref().map(|told| told.sha256.as_str())) {
+            None => Ok(None),
+            Some(name) => Err(CliError::BadInput(format!(
+                "--fixture: is not given; the part was planned with the fixture {name:?} (params.part.fixture_mesh of the \
+                 plan), which is not found here\n  → name the file of that fixture with --fixture"
+            ))),
+        };
+    };
+    if !plan.has_fixture() {
+        return Err(CliError::BadInput(format!(
+            "--fixture {}: the plan was made without a fixture (its params.part.fixture_mesh is null)\n  → leave --fixture \
+             out, or plan with it",
+            path.display()
+        )));
+    }
+    let (read, sha256) = load_mesh(path, unit, cancel)?;
+    let file = MeshFile { path: path.to_owned(), unit: read.unit, sha256 };
+    file.identity_of_fixture(&read.mesh, name.unwrap_or_default(), plan.fixture.as_ref())?;
+    Ok(Some((read.mesh, file.sha256)))
 }
 
 /// Option that gives something beside the files.
@@ -426,12 +450,18 @@ impl ReferenceArgs {
         }
     }
 
-    /// Reads the files, and holds them against each other.
+    /// Reads the files, and holds them against each other. Beside the part of a plan with a fixture there is that fixture, the
+    /// one that is given or the file that the plan names: without it the arm would be checked against less.
     pub(super) fn load(&self) -> Result<Reference, CliError> {
-        self.read().map(|(reference, ..)| reference)
+        let (mut reference, ..) = Self { fixture: None, ..self.clone() }.read()?;
+        if let (Some((plan, _)), Some(_)) = (&reference.plan, &reference.part) {
+            let fixture = fixture_of(plan, self.fixture.as_deref(), self.unit, &AtomicBool::new(false))?;
+            reference.fixture = fixture.map(|(mesh, _)| mesh);
+        }
+        Ok(reference)
     }
 
-    /// Reads the files as [`ReferenceArgs::load`] does, with what is known of the files of part and fixture.
+    /// Reads the files that are given, with what is known of the files of part and fixture.
     fn read(&self) -> Result<(Reference, Option<MeshFile>, Option<MeshFile>), CliError> {
         let read = |path: &PathBuf| {
             let (read, sha256) = files::mesh(path, self.unit, &Poll::never())?;
@@ -462,6 +492,30 @@ struct MeshFile {
 }
 
 impl MeshFile {
+    /// Holds a fixture, read from this file, against what a plan tells of its own; of a plan that tells no more than its name,
+    /// against the file of that name.
+    fn identity_of_fixture(
+        &self,
+        fixture: &Mesh,
+        name: &str,
+        told: Option<&FixtureDocument>,
+    ) -> Result<FixtureIdentity, CliError> {
+        if let Some(told) = told {
+            check_told_fixture(name, told, fixture, &self.sha256).map_err(|other| self.refused_fixture(&other))?;
+            return Ok(FixtureIdentity::Told);
+        }
+        // A plan may name anything: what is no file may have no end.
+        let bytes = Path::new(name).is_file().then(|| std::fs::read(name).ok()).flatten();
+        let Some(bytes) = bytes else {
+            let reason = format!("the plan names the file {name:?}, which cannot be read here, and not its SHA-256");
+            return Ok(FixtureIdentity::Unknown(reason));
+        };
+        let (found, planned) = (&self.sha256, hex(&Sha256::digest(bytes)));
+        let [found, planned] = [found, &planned].map(|sha256| FixtureFile { sha256, unit: self.unit });
+        check_fixture(name, found, planned).map_err(|other| self.refused_fixture(&other))?;
+        Ok(FixtureIdentity::Planned(name.to_owned()))
+    }
+
     /// Error for a fixture that is not the plan's.
     fn refused_fixture(&self, other: &OtherFixture) -> CliError {
         let shown = self.path.display();

@@ -28,7 +28,8 @@ use crate::wire::program::ProgramDocument;
       --set dialects.scan_output=3
 
 The program is checked first, as by `vantage check`; a program with findings, or of another plan than the plan.json \
-beside it, is not written. --mesh needs the plan, which says where the part lies. Without --mesh the program is not checked for \
+beside it, is not written. --mesh needs the plan, which says where the part lies, \
+and the fixture of a plan that has one: --fixture, or the file that the plan names. Without --mesh the program is not checked for \
 collisions with the part, and its header says so. \
 Signals and names come from `params.dialects` of the plan; --set overrides them. KUKA programs are two files, and each \
 setup has its own program: give a folder for those. Programs that were made from the same place and an earlier plan \

@@ -49,7 +49,8 @@ const AUDIT_FILES: usize = 64;
   vantage run plan/program.json --cell cell.toml --mesh part.stl --unit mm \\
       --mode live --override 0.1 --record run.json --audit audit
 
-The program is checked first, as by `vantage check`, against the plan.json beside it if there is one; --mesh needs it. `simulate` \
+The program is checked first, as by `vantage check`, against the plan.json beside it if there is one; --mesh needs it, \
+and the fixture of a plan that has one: --fixture, or the file that the plan names. `simulate` \
 moves a twin in real time, or --speed times as fast. `dry_run` connects to the controllers that the cell file names in [controllers], reads their \
 state and sends no motion. `live` moves arm and table: the operator types the name of the cell, or --armed-by names who released \
 the motion; the speed stays below `first_run_speed` of the cell file.

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use super::check::fixture_of;
 use super::given_params::insert;
 use super::plan::{load_cell, load_mesh, load_scanner};
 use super::{CliError, files, set_value};
@@ -33,7 +34,7 @@ pub(super) struct ScannedPartArgs {
     /// Unit of the mesh files: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
-    /// Fixture, in the part's coordinates and unit.
+    /// Fixture that was planned with, in the part's coordinates and unit [default: the file that the plan names].
     #[arg(long)]
     fixture: Option<PathBuf>,
     /// Cell of the plan: name of a preset, or a TOML or JSON file [default: the preset that the plan names].
@@ -103,8 +104,7 @@ impl ScannedPartArgs {
         let scanner = load_scanner(cell.as_ref(), Some(scanner));
         let scanner = scanner.map_err(|error| named(error, self.scanner.is_none(), "--scanner"))?;
         let (part, _) = load_mesh(&self.mesh, self.unit, cancel)?;
-        let fixture = self.fixture.as_deref().map(|path| load_mesh(path, self.unit, cancel)).transpose()?;
-        let (fixture, fixture_sha256) = fixture.map(|(read, sha256)| (read.mesh, sha256)).unzip();
+        let (fixture, fixture_sha256) = fixture_of(&plan, self.fixture.as_deref(), self.unit, cancel)?.unzip();
         let name = self.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let scanned = ScannedPart {
             plan_sha256: plan_sha256(&plan_bytes),
@@ -209,7 +209,66 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::cli::planned_block::plan_of_block;
+    use crate::geometry::mesh_io::write_stl;
+    use crate::planning::params::{CandidateParams, PlanParams};
+    use crate::testing::{box_mesh, nominal_scanner};
     use crate::wire::run::RUN_RECORD_SCHEMA;
+
+    /// The plan of two views of a block, quickly made.
+    fn plan_of_two_views() -> Value {
+        let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
+        (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
+        params.robust.pose_error = None;
+        serde_json::from_slice(&plan_of_block(&params)).expect("JSON")
+    }
+
+    /// Any mesh was taken for the fixture, and one that was left out was not missed: a rescan planned its views through it.
+    #[test]
+    fn the_fixture_has_to_be_the_one_of_the_plan() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let stl = |name: &str, mesh: &Mesh| {
+            let (path, bytes) = (folder.path().join(name), write_stl(mesh));
+            std::fs::write(&path, &bytes).expect("a file");
+            (path, plan_sha256(&bytes))
+        };
+        let block = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+        let [low, high] = [10.0, 20.0].map(|height_mm| box_mesh([70.0, 0.0, 0.0], [80.0, 10.0, height_mm]));
+        let (mesh, _) = stl("part.stl", &block);
+        let (clamp, clamp_sha256) = stl("clamp.stl", &low);
+        let (vice, _) = stl("vice.stl", &high);
+        let load = |plan: &Value, fixture: Option<&Path>| {
+            let (path, fixture) = (folder.path().join(PLAN_FILE), fixture.map(Path::to_owned));
+            std::fs::write(&path, plan.to_string()).expect("a file");
+            let (mesh, unit) = (mesh.clone(), Some(LengthUnit::Millimetre));
+            let args = ScannedPartArgs { plan: path, mesh, unit, fixture, cell: None, scanner: None };
+            let loaded = args.load(&AtomicBool::new(false));
+            loaded.map(|scanned| scanned.fixture_sha256).map_err(|error| error.to_string())
+        };
+        let mut plan = plan_of_two_views();
+        assert_eq!(load(&plan, None), Ok(None));
+        let told = load(&plan, Some(clamp.as_path())).expect_err("it has none");
+        assert!(told.contains("clamp.stl: the plan was made without a fixture"), "{told}");
+        plan["params"]["part"]["fixture_mesh"] = "nowhere.stl".into();
+        let bbox_mm = json!({"min": [70.0, 0.0, 0.0], "max": [80.0, 10.0, 10.0]});
+        plan["fixture"] = json!({"sha256": clamp_sha256, "bbox_mm": bbox_mm});
+        let told = load(&plan, None).expect_err("it has one");
+        assert!(told.starts_with("--fixture: is not given; ") && told.contains("\"nowhere.stl\""), "{told}");
+        let told = load(&plan, Some(vice.as_path())).expect_err("another one");
+        assert!(told.contains("vice.stl: is not the fixture of the plan: its SHA-256 is "), "{told}");
+        assert_eq!(load(&plan, Some(clamp.as_path())), Ok(Some(clamp_sha256.clone())));
+        let held: PlanDocument = serde_json::from_value(plan.clone()).expect("a plan");
+        plan["params"]["part"]["fixture_mesh"] = clamp.display().to_string().into();
+        assert_eq!(load(&plan, None), Ok(Some(clamp_sha256)), "the file at its name");
+        let scanner = nominal_scanner();
+        for (fixture, told) in [(None, "is not given"), (Some(&low), ""), (Some(&high), "the planned fixture is")] {
+            let part = InspectedPart { mesh: &block, fixture, name: "block", scanner: &scanner, cell: None };
+            let found = part.check(&held).err().unwrap_or_default();
+            let is_told = found.iter().any(|error| error.pointer == "/fixture" && error.detail.contains(told));
+            assert_eq!(is_told, !told.is_empty(), "{told:?}: {found:?}");
+        }
+    }
 
     /// The record of a run of the plan `ab`, in a file.
     fn record_of(mode: RunMode, folder: &Path) -> RecordArgs {

@@ -354,7 +354,7 @@ fn scan_of(steps: &[RunStepRecord], viewpoint: u32) -> Option<&RunStepRecord> {
 }
 
 impl InspectedPart<'_> {
-    /// Refuses a part and hardware that the plan was not made with.
+    /// Refuses part, fixture and hardware that the plan was not made with.
     ///
     /// # Errors
     /// What differs from the plan.
@@ -375,7 +375,17 @@ impl InspectedPart<'_> {
             let other = plan.part.other_size(self.mesh);
             errors.extend(other.map(|other| refusal("/mesh", format!("{other}; give the unit that it was planned in"))));
         }
+        errors.extend(self.other_fixture(plan).map(|detail| refusal("/fixture", detail)));
         if errors.is_empty() { Ok(()) } else { Err(errors) }
+    }
+
+    /// Difference of the fixture from the plan's, in words; of its file this knows the size alone.
+    fn other_fixture(&self, plan: &PlanDocument) -> Option<String> {
+        match (self.fixture, &plan.fixture) {
+            (Some(fixture), Some(planned)) => planned.other_size(fixture),
+            (Some(_), None) => (!plan.has_fixture()).then(|| "is given; the plan was made without one, leave it out".to_owned()),
+            (None, _) => plan.has_fixture().then(|| "is not given; give the one that the plan was made with".to_owned()),
+        }
     }
 
     /// Subject of the report: the part, and what it was planned for.

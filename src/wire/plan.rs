@@ -402,6 +402,12 @@ impl From<&Bound> for BoundDocument {
 }
 
 impl PlanDocument {
+    /// Returns true if the part was planned with a fixture.
+    #[must_use]
+    pub fn has_fixture(&self) -> bool {
+        self.fixture.is_some() || self.params.part.fixture_mesh.is_some()
+    }
+
     /// Builds the document of an outcome, without its fixture, whose file an outcome does not know.
     #[must_use]
     pub fn new(outcome: &Outcome, scanner: &Scanner, cell: Option<CellDocument>, echo: Echo) -> Self {

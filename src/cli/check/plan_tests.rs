@@ -159,6 +159,17 @@ fn parameters_that_differ_from_what_the_plan_tells_of_them_are_refused() {
     each_is_found(&plan, cases);
 }
 
+/// A plan that tells of a fixture and names none was found sound without it.
+#[test]
+fn a_fixture_that_the_parameters_do_not_name_is_refused() {
+    let mut plan = plan();
+    plan["fixture"] = json!({"sha256": "0a".repeat(32), "bbox_mm": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]}});
+    let told = found(&plan);
+    assert!(told.starts_with("/fixture: is given, and params.part.fixture_mesh is null"), "{told}");
+    plan["params"]["part"]["fixture_mesh"] = "clamp.stl".into();
+    assert!(!found(&plan).contains("/fixture"), "{}", found(&plan));
+}
+
 /// Nothing was found to collide at a pose that is none.
 #[test]
 fn poses_of_the_cell_that_are_none_are_refused() {

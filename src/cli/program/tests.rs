@@ -227,6 +227,25 @@ fn a_part_without_the_plan_that_says_where_it_lies_is_refused() {
     assert!(refused.contains("without its plan") && refused.contains("--plan") && !out.exists(), "{refused}");
 }
 
+/// The program was checked without the fixture that holds the part, and written.
+#[test]
+fn a_part_without_the_fixture_of_its_plan_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    let (part, stl) = (folder.path().join("part.stl"), write_stl(&box_mesh([0.0; 3], [60.0, 40.0, 30.0])));
+    std::fs::write(&part, &stl).expect("writes");
+    let mut plan: Value = serde_json::from_slice(&plan_without_cell()).expect("JSON");
+    plan["part"]["sha256"] = plan_sha256(&stl).into();
+    plan["params"]["part"]["fixture_mesh"] = "nowhere.stl".into();
+    let plan = plan.to_string();
+    std::fs::write(folder.path().join("plan.json"), &plan).expect("writes");
+    planned_from(folder.path(), &plan_sha256(plan.as_bytes()), 1.5);
+    let out = folder.path().join("robot");
+    let args = ["--mesh", part.to_str().expect("a path"), "--unit", "mm", "--out", out.to_str().expect("a path")];
+    let refused = written(folder.path(), &args).expect_err("it is not there");
+    assert!(refused.starts_with("--fixture: is not given; ") && refused.contains("\"nowhere.stl\""), "{refused}");
+    assert!(refused.contains("with --fixture") && !out.exists(), "{refused}");
+}
+
 /// The program of the second setup was left out without a word.
 #[test]
 fn the_program_of_every_setup_is_asked_for() {

@@ -178,8 +178,9 @@ async fn a_deletion_that_leaves_the_log_says_so_and_the_same_request_removes_it_
     }
     fs::remove_file(&log).expect("removed");
     write_log(&folder.path().join("audit"), id, 300);
-    app.delete_run(id).await.expect("its log goes");
-    assert!(!log.exists());
+    // The service itself finishes deletions too, and may be first.
+    let again = app.delete_run(id).await;
+    assert!(matches!(again, Ok(()) | Err(Error::RunNotFound(_))) && !log.exists(), "{again:?}");
     assert!(matches!(app.delete_run(id).await, Err(Error::RunNotFound(_))));
 }
 

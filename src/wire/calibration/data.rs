@@ -365,6 +365,7 @@ impl CalibrationData {
             },
             hold_out,
             best_in_cloud_mm: (scanner_from_cloud.inverse() * best).coords,
+            best_mm: cell.scanner.best_mm,
             board_middle_mm: self.board.as_ref().and_then(BoardDocument::middle_mm),
             board_pitch_mm: self.board.as_ref().and_then(BoardDocument::pitch_mm),
             limits: UncertaintyLimits::default(),
