@@ -1,10 +1,12 @@
 //! Distances of a view's points from the faces that their rays meet, and those that a sample takes.
 
+use std::array;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{DeviationOptions, NOISE_MM, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{Hit, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
+use crate::geometry::{CloudGrid, Hit, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
 use crate::inspection::PixelGrid;
 use crate::planning::ids::SampleId;
 
@@ -139,6 +141,35 @@ impl ViewDistances {
         let turned = pieces.iter().map(|piece| piece.turned).sum();
         let off_surface = pieces.into_iter().flat_map(|piece| piece.off_surface).collect();
         Self { grid: Some(grid), found, off_surface, compared, turned }
+    }
+
+    /// Distances in runs of neighbouring cells along a row, or down a column, each of points that are compared with even surface: at most so
+    /// many runs, evenly chosen of all.
+    pub(super) fn runs<const RUN: usize>(&self, is_down: bool, normals: &[Vector3<f64>], most: usize) -> Vec<[f64; RUN]> {
+        let Some(CloudGrid { columns, rows }) = self.grid.map(|grid| grid.size) else { return Vec::new() };
+        let (lines, to_next_line, length, step) = if is_down { (columns, 1, rows, columns) } else { (rows, columns, columns, 1) };
+        let of_line = |line: usize| -> Vec<usize> {
+            let firsts = (0..length / RUN).map(|run| line * to_next_line + run * RUN * step);
+            firsts.filter(|first| self.is_even((0..RUN).map(|place| first + place * step), normals)).collect()
+        };
+        let firsts = parallel::map_range(lines, of_line).concat();
+        let chosen = firsts.iter().step_by(firsts.len().div_ceil(most).max(1));
+        chosen.map(|first| array::from_fn(|place| f64::from(self.found[first + place * step].distance_mm))).collect()
+    }
+
+    /// Returns true if the points of all these cells are compared, with faces that are hardly turned against that of the first.
+    fn is_even(&self, mut cells: impl Iterator<Item = usize>, normals: &[Vector3<f64>]) -> bool {
+        let mut first = NO_FACE;
+        cells.all(|cell| {
+            let Found { face, usage, .. } = self.found[cell];
+            if face == NO_FACE || usage != PointUse::Compared {
+                return false;
+            }
+            if first == NO_FACE {
+                first = face;
+            }
+            face == first || normals[face as usize].dot(&normals[first as usize]) >= EVEN_COS
+        })
     }
 }
 
@@ -342,6 +373,8 @@ const MAX_HALF_WIDTH: usize = 12;
 const ROUNDING_MM: f64 = 1e-6;
 /// Faces turned by less than this against a sample's own may be averaged with it: cos 30°, as for the measured normals.
 const SAME_SIDE_COS: f64 = 0.866;
+/// Faces turned by less than this against each other are even: cos 1°. By more, the facets of a curved surface would seem noise.
+const EVEN_COS: f64 = 0.999_848;
 
 impl Footprints<'_> {
     /// Points of a sample; `None` where it has none, of whatever use.

@@ -12,13 +12,14 @@
 //! those at edges that are broken do.
 //!
 //! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U² = t² σ²/n_eff + 4·(Σ (n_v/n)² σ_v² + |Σ (n_v/n) h_v|² + σ_align²), σ the points'
-//! own spread, σ_v the standard deviation along n of where a view lies by itself, and h_v the errors along n by one standard deviation of
-//! each component that all poses are off alike: h is summed over views as fully correlated (JCGM 100:2008, 5.2.2, Note 1). Few points show
-//! their σ badly, so that their variance is pooled with the median of the samples that are seen about as flatly, which counts for ten, and
-//! t is Student's factor where that is larger than 2 (JCGM 100:2008, G.3). After an alignment to samples the poses count by σ_align, which
-//! holds what neither their priors nor surface of several views rule out of them ([`super::OpenPoses`]), as far as the alignment does not
-//! take it up, and the uncertainty of the alignment itself ([`align`]). What the points alone leave open is told beside U: a pose that is
-//! off shifts a wall as a whole, and hides no spot of it.
+//! own spread, n_eff their number over that of points which share noise, as the scans show it (`correlation.rs`), σ_v the standard
+//! deviation along n of where a view lies by itself, and h_v the errors along n by one standard deviation of each component that all
+//! poses are off alike: h is summed over views as fully correlated (JCGM 100:2008, 5.2.2, Note 1). Few points show their σ badly, so
+//! that their variance is pooled with the median of the samples that are seen about as flatly, which counts for ten, and t is Student's
+//! factor where that is larger than 2 (JCGM 100:2008, G.3). After an alignment to samples the poses count by σ_align, which holds what
+//! neither their priors nor surface of several views rule out of them ([`super::OpenPoses`]), as far as the alignment does not take it
+//! up, and the uncertainty of the alignment itself ([`align`]). What the points alone leave open is told beside U: a pose that is off
+//! shifts a wall as a whole, and hides no spot of it.
 //!
 //! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between. Its
 //! contrary is shown as well where two samples of the same views are farther apart than T and what is open of their difference.
@@ -30,6 +31,7 @@
 
 pub mod align;
 mod aligned_poses;
+mod correlation;
 mod extents;
 mod footprint;
 mod off_surface;
@@ -49,6 +51,7 @@ use crate::geometry::parallel;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame, SimdLevel};
 use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
+use correlation::NoiseRuns;
 pub use extents::Extent;
 use footprint::{Footprints, ViewDistances};
 pub use off_surface::{MaterialKind, OffSurface};
@@ -75,7 +78,7 @@ pub struct DeviationOptions {
     /// Distance of a point from a step in depth, or from a rim of the part, within which the faces on both sides are tried, mm: what the
     /// part may lie off sideways.
     pub rim_mm: f64,
-    /// Points that share an error, pixels squared: n_eff = n over it.
+    /// Least number of points that are taken to share noise, n_eff = n over it: more where the scans show that neighbours share more.
     pub correlated_points: f64,
     /// Standard deviation of a point where too few samples show their own, mm. Where it is larger than usual, another face beside a step
     /// has to explain a point better by as many times more before the point counts for it.
@@ -220,6 +223,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let footprint_mm = options.footprint_mm.unwrap_or_else(|| default_footprint_mm(scans, nominal));
     let (mut sums, mut heaps) = (vec![SampleSum::default(); nominal.surface.sample_mm.len()], Vec::new());
     let (mut compared_points, mut turned_points) = (0, 0);
+    let mut runs = NoiseRuns::default();
     let mut seen: Vec<Vec<SeenSample>> = Vec::with_capacity(scans.len());
     let mesh = nominal.mesh;
     let normals: Vec<Vector3<f64>> = parallel::map_range(mesh.faces.len(), |face| mesh.scaled_normal(face).normalize());
@@ -228,6 +232,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
         compared_points += distances.compared;
         turned_points += distances.turned;
         heaps.extend_from_slice(&distances.off_surface);
+        runs.add(&distances, &normals);
         let scanner_from_part = placed.part_from_scanner.inverse();
         let (normals, distances) = (&normals[..], &distances);
         let footprints = Footprints { placed, nominal, normals, scanner_from_part, distances, footprint_mm };
@@ -247,7 +252,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
         }
         seen.push(own);
     }
-    let pooled = PooledVariance::of(&sums, options);
+    let pooled = PooledVariance::of(&sums, runs.correlation(), options);
     let samples: Vec<SampleDeviation> = sums.iter().map(|sum| sum.finish(&pooled, options)).collect();
     let (views, view_points, view_begin) = views_of(&seen, samples.len());
     let off_surface = off_surface::heaps(&heaps, options);

@@ -1,5 +1,6 @@
 //! Points of a sample over all views: their mean with its uncertainty, and those that do not count for it.
 
+use super::correlation::NoiseCorrelation;
 use super::footprint::{MeasuredFootprint, PointSum};
 use super::{DeviationOptions, PoseError, SampleDeviation};
 use crate::cell::calibration::se3::Twist;
@@ -54,7 +55,8 @@ impl SampleSum {
         if compared.count < 1.0 {
             return unmeasured;
         }
-        let of_points_mm2 = compared.of_points_mm2(pooled.of_class[compared.class()], options);
+        let shared = compared.shared_points(&pooled.correlation, options);
+        let of_points_mm2 = compared.of_points_mm2(pooled.of_class[compared.class()], shared);
         SampleDeviation {
             distance_mm: compared.mean_mm() as f32,
             sigma_mm: compared.variance_mm2().sqrt() as f32,
@@ -70,6 +72,8 @@ impl SampleSum {
 #[derive(Clone, Copy, Default)]
 struct PlacedPoints {
     count: f64,
+    /// Σ n_v² of the views' points.
+    count_square: f64,
     sum_mm: f64,
     square_mm2: f64,
     /// Σ n_v times the cosine of the incidence.
@@ -86,6 +90,7 @@ impl PlacedPoints {
         let count = f64::from(points.points);
         Self {
             count,
+            count_square: count * count,
             sum_mm: points.sum_mm,
             square_mm2: points.square_mm2,
             cos: count * error.cos,
@@ -96,6 +101,7 @@ impl PlacedPoints {
 
     fn add(&mut self, other: &Self) {
         self.count += other.count;
+        self.count_square += other.count_square;
         self.sum_mm += other.sum_mm;
         self.square_mm2 += other.square_mm2;
         self.cos += other.cos;
@@ -118,11 +124,27 @@ impl PlacedPoints {
         (self.square_mm2 / self.count - mean * mean).max(0.0) * self.count / (self.count - 1.0).max(1.0)
     }
 
+    /// Number of points that count as one. Noise is shared within a view: a point's own has Σ n_v²/n points in the mean.
+    fn shared_points(&self, correlation: &NoiseCorrelation, options: &DeviationOptions) -> f64 {
+        correlation.shared_points(self.count_square / self.count).max(options.correlated_points)
+    }
+
+    /// Variance of the noise: about a mean that takes part of what points share, they scatter by (n − shared)/(n − 1) of it. Where nearly
+    /// all is shared they show little of it, and the factor is bounded.
+    fn noise_mm2(&self, shared: f64) -> f64 {
+        self.variance_mm2() * ((self.count - 1.0) / (self.count - shared).max(0.5 * self.count))
+    }
+
+    /// Number of independent points whose mean would be known as well.
+    fn effective(&self, shared: f64) -> f64 {
+        (self.count / shared).max(1.0)
+    }
+
     /// Square of the expanded uncertainty of their mean by their own spread.
-    fn of_points_mm2(&self, pooled_mm2: f64, options: &DeviationOptions) -> f64 {
-        let freedoms = self.count - 1.0 + POOLED_FREEDOMS;
-        let variance = ((self.count - 1.0) * self.variance_mm2() + POOLED_FREEDOMS * pooled_mm2) / freedoms;
-        let effective = (self.count / options.correlated_points.max(1.0)).max(1.0);
+    fn of_points_mm2(&self, pooled_mm2: f64, shared: f64) -> f64 {
+        let effective = self.effective(shared);
+        let freedoms = effective - 1.0 + POOLED_FREEDOMS;
+        let variance = ((effective - 1.0) * self.noise_mm2(shared) + POOLED_FREEDOMS * pooled_mm2) / freedoms;
         student_factor(freedoms).powi(2) * variance / effective
     }
 
@@ -135,14 +157,20 @@ impl PlacedPoints {
 /// Variances of points by the class of incidence at which they are seen: across a surface that is seen more flatly, they scatter more.
 pub(super) struct PooledVariance {
     of_class: [f64; CLASSES],
+    correlation: NoiseCorrelation,
 }
 
 impl PooledVariance {
     /// Median variances of the samples with enough points, each divided by the median of χ²/ν, (1 − 2/9ν)³ (E. B. Wilson, M. M. Hilferty,
     /// "The distribution of chi-square", PNAS 17, 1931). A class of few samples has that of the nearest one, of two the flatter; where all
-    /// have few, that of all together; and without any the expected noise counts.
-    pub(super) fn of(sums: &[SampleSum], options: &DeviationOptions) -> Self {
-        let unbiased = |points: &PlacedPoints| points.variance_mm2() / (1.0 - 2.0 / (9.0 * (points.count - 1.0))).powi(3);
+    /// have few, that of all together; and without any the expected noise counts. Points that share noise have the freedoms of those that
+    /// would be independent, and one at least.
+    pub(super) fn of(sums: &[SampleSum], correlation: NoiseCorrelation, options: &DeviationOptions) -> Self {
+        let unbiased = |points: &PlacedPoints| {
+            let shared = points.shared_points(&correlation, options);
+            let freedoms = (points.effective(shared) - 1.0).max(1.0);
+            points.noise_mm2(shared) / (1.0 - 2.0 / (9.0 * freedoms)).powi(3)
+        };
         let mut variances: [Vec<f64>; CLASSES] = std::array::from_fn(|_| Vec::new());
         for points in sums.iter().map(|sum| &sum.compared).filter(|points| points.count >= POOLED_POINTS) {
             variances[points.class()].push(unbiased(points));
@@ -151,12 +179,13 @@ impl PooledVariance {
         let known = variances.map(|own| if own.len() >= MIN_POOLED { median(own) } else { None });
         let nearest =
             |class: usize| (0..CLASSES).filter(|other| known[*other].is_some()).min_by_key(|other| other.abs_diff(class));
-        Self { of_class: std::array::from_fn(|class| nearest(class).and_then(|class| known[class]).unwrap_or(of_all)) }
+        let of_class = std::array::from_fn(|class| nearest(class).and_then(|class| known[class]).unwrap_or(of_all));
+        Self { of_class, correlation }
     }
 }
 
 /// Middle one of some numbers.
-fn median(mut numbers: Vec<f64>) -> Option<f64> {
+pub(super) fn median(mut numbers: Vec<f64>) -> Option<f64> {
     let middle = numbers.len() / 2;
     (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

@@ -1,6 +1,7 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::align::{as_placed, best_fit};
+use super::correlation::NoiseCorrelation;
 use super::footprint::{MeasuredFootprint, PointSum};
 use super::statistics::{judge, statistics, verdict_of};
 use super::sums::{PooledVariance, SampleSum, student_factor};
@@ -503,7 +504,7 @@ fn the_uncertainty_is_that_of_the_incidence_at_which_a_sample_is_seen() {
     };
     let steeply = (0..2000).map(|seed| seen(0.95, 0.01, 7, seed));
     let sums: Vec<SampleSum> = steeply.chain((2000..2400).map(|seed| seen(0.33, 0.04, 3, seed))).collect();
-    let pooled = PooledVariance::of(&sums, &DeviationOptions::default());
+    let pooled = PooledVariance::of(&sums, NoiseCorrelation::default(), &DeviationOptions::default());
     let within = |sums: &[SampleSum]| {
         let found = sums.iter().map(|sum| sum.finish(&pooled, &DeviationOptions::default()));
         found.filter(|found| found.distance_mm.abs() <= found.expanded_mm).count() as f64 / sums.len() as f64
@@ -916,4 +917,41 @@ fn uncertainty_holds_noise_and_pose() {
     // What both views are off alike does not average out but by their angle, of 2 φ: cos φ of it is left along the normal.
     let shared = with(&scans, true);
     assert!(shared > 0.85 * one && shared <= one + 0.01, "{one} {shared}");
+}
+
+/// Noise that is averaged over so many cells a side, of a standard deviation of 0.01 mm, on a scan of a sheet from above.
+fn compared_with_noise_over(side: u64, model: &Model) -> Vec<SampleDeviation> {
+    let shots = Shots::of(&model.mesh, 8);
+    let mut scans = shots.scans(&[from_above(&shots)], 0.0, |_| Isometry3::identity());
+    let cloud = &mut scans[0].scanner_cloud;
+    let columns = cloud.grid.expect("organised").columns;
+    for (cell, point) in cloud.points_mm.iter_mut().enumerate().filter(|(_, point)| !point[0].is_nan()) {
+        let place = (cell / columns * 100_000 + cell % columns) as u64;
+        let around = (0..side).flat_map(|row| (0..side).map(move |column| place + 100_000 * row + column));
+        point[2] += (0.01 * around.map(normal).sum::<f64>() / side as f64) as f32;
+    }
+    let options = DeviationOptions { footprint_mm: Some(2.0), ..DeviationOptions::default() };
+    let found = compare(&placed(&scans, 0.0), &model.nominal(), &options);
+    found.samples.into_iter().filter(|sample| sample.points > 20).collect()
+}
+
+/// Points that share noise were once averaged as if they were independent: U held half of the samples.
+#[test]
+fn the_uncertainty_holds_noise_that_neighbours_share() {
+    let model = Model::of(extruded(&[[-30.0, 0.0], [30.0, 0.0]]), 0.05);
+    // Over that of as many independent points.
+    let median_ratio = |samples: &[SampleDeviation]| {
+        let mut ratios: Vec<f64> =
+            samples.iter().map(|own| f64::from(own.of_points_mm) * f64::from(own.points).sqrt() / (2.0 * 0.01)).collect();
+        ratios.sort_by(f64::total_cmp);
+        ratios[ratios.len() / 2]
+    };
+    let within = |samples: &[SampleDeviation]| {
+        samples.iter().filter(|own| own.distance_mm.abs() <= own.expanded_mm).count() as f64 / samples.len() as f64
+    };
+    let [independent, shared] = [1, 3].map(|side| compared_with_noise_over(side, &model));
+    assert!(independent.len() > 100 && shared.len() > 100, "{} {}", independent.len(), shared.len());
+    assert!((median_ratio(&independent) - 1.0).abs() < 0.05, "{}", median_ratio(&independent));
+    assert!((2.3..3.2).contains(&median_ratio(&shared)), "{}", median_ratio(&shared));
+    assert!(within(&shared) >= 0.9 && within(&independent) >= 0.9, "{} {}", within(&shared), within(&independent));
 }
