@@ -268,7 +268,7 @@ pub fn inspect(input: &InspectionInput<'_>, progress: &dyn Fn(f64), ctx: &Contex
         deviation,
         figures,
         learned,
-        offer: Offer { withheld: told.withheld, ..offer.unwrap_or_default() },
+        offer: Offer { withheld: told.withheld, kept_views: told.kept_views, ..offer.unwrap_or_default() },
         coverage: coverage.clone(),
         surface: planned.surface.clone(),
     })
@@ -284,6 +284,11 @@ struct Judged<'a> {
 }
 
 impl Judged<'_> {
+    /// Finds the scans whose registered pose was taken: one that kept its stated pose is not known to lie there.
+    fn is_registered(&self) -> Vec<bool> {
+        self.registration.found.iter().map(|view| view.kept_pose.is_none()).collect()
+    }
+
     /// Pairs whose loss tells something of the scanner: none where the scans do not fit the part.
     fn told(&self, returns: &Returns, ctx: &Context<'_>) -> Result<Telling, PlanError> {
         if !self.registration.fits() {
@@ -291,7 +296,14 @@ impl Judged<'_> {
         }
         let removed: Vec<&Removed> = self.input.taken.scans.iter().map(|taken| &taken.removed).collect();
         let is_merged = self.input.is_merged();
-        let input = TellingInput { compared: self.compared, model: self.model, removed: &removed, is_merged };
+        let is_registered = self.is_registered();
+        let input = TellingInput {
+            compared: self.compared,
+            model: self.model,
+            removed: &removed,
+            is_registered: &is_registered,
+            is_merged,
+        };
         Ok(telling(returns, &input, ctx)?)
     }
 
@@ -301,8 +313,8 @@ impl Judged<'_> {
         if !self.registration.fits() {
             return Ok(None);
         }
-        let scans: Vec<(&ViewScan, &RegisteredView)> =
-            self.compared.scanned.iter().map(|scanned| (scanned.scan, scanned.registered)).collect();
+        let scanned = self.compared.scanned.iter().zip(self.is_registered()).filter(|(_, is_registered)| *is_registered);
+        let scans: Vec<(&ViewScan, &RegisteredView)> = scanned.map(|(scanned, _)| (scanned.scan, scanned.registered)).collect();
         let part = TripleInput { mesh: self.input.part, surfaces: self.model.surfaces(), scanner: self.input.scanner };
         let triples = if self.input.is_merged() { Vec::new() } else { triples(&part, &scans, ctx)? };
         let noise = noise(&triples, self.input.scanner);

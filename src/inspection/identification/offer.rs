@@ -8,6 +8,14 @@ use crate::planning::params::{Knob, NoiseParams};
 /// Change of a limit that is worth an offer: degrees, and mm of depth.
 const MIN_CHANGE_DEG: f64 = 1.0;
 const MIN_CHANGE_MM: f64 = 5.0;
+/// Max half width of the interval of an offered limit of incidence or lobe, degrees. A plan with a limit that is too strict by 10° needs
+/// many more views: a limit that is known no better is no ground for one. There is no source; it is our choice.
+const MAX_HALF_WIDTH_DEG: f64 = 10.0;
+/// Max half width of the interval of an offered end of the depth, as a share of the scanner's depth range: at 10 % the range that is
+/// left is known to within a tenth. There is no source; it is our choice.
+const MAX_HALF_WIDTH_OF_DEPTH: f64 = 0.1;
+/// Angles that incidence and lobe can have, degrees. An interval that reaches beyond them does not rule out that there is no limit.
+const PHYSICAL_DEG: [f64; 2] = [0.0, 90.0];
 
 closed_list! {
     /// Field that is offered another value.
@@ -78,6 +86,14 @@ pub struct Offer {
     pub changes: Vec<OfferedChange>,
     /// Reasons for which scans teach little or nothing of the scanner's limits, in the order of [`Withheld`].
     pub withheld: Vec<Withheld>,
+    /// Views that kept their stated poses, and all views; zeros where the limits were not judged.
+    pub kept_views: [usize; 2],
+}
+
+/// Returns true if the interval of a limit is narrow enough and lies within the physical range.
+fn is_known(limit: &LimitEstimate, [min, max]: [f64; 2], max_half_width: f64) -> bool {
+    let [low, high] = limit.limit.interval;
+    low >= min && high <= max && high - low <= 2.0 * max_half_width
 }
 
 /// The value of the parameter's range that is nearest to a value of the noise.
@@ -92,14 +108,15 @@ fn in_range_of(field: OfferedField, value: f64) -> f64 {
 pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offer {
     let mut changes = Vec::new();
     let returns = learned.returns.as_ref();
+    let known_angle = |limit: Option<LimitEstimate>| limit.filter(|limit| is_known(limit, PHYSICAL_DEG, MAX_HALF_WIDTH_DEG));
     let of_device = |device: DeviceName| {
         let mut by_device = returns.into_iter().flat_map(|returns| &returns.by_device);
-        by_device.find(|(name, _)| *name == device).and_then(|(_, limit)| *limit)
+        known_angle(by_device.find(|(name, _)| *name == device).and_then(|(_, limit)| *limit))
     };
     let [left, right] = [DeviceName::Left, DeviceName::Right].map(of_device);
     let cameras = match (left, right) {
         (Some(left), Some(right)) => Some(if left.plan_with <= right.plan_with { left } else { right }),
-        (one, other) => one.or(other).or(returns.and_then(|returns| returns.incidence)),
+        (one, other) => one.or(other).or(known_angle(returns.and_then(|returns| returns.incidence))),
     };
     let own_deg = |devices: &[DeviceName]| {
         let limits = devices.iter().map(|device| scanner.devices[*device].incidence_max_rad.to_degrees());
@@ -112,7 +129,7 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
     };
     tighten(OfferedField::CameraLimit, cameras, own_deg(&[DeviceName::Left, DeviceName::Right]));
     tighten(OfferedField::ProjectorLimit, of_device(DeviceName::Projector), own_deg(&[DeviceName::Projector]));
-    if let Some(lobe) = returns.and_then(|returns| returns.lobe) {
+    if let Some(lobe) = known_angle(returns.and_then(|returns| returns.lobe)) {
         let to = lobe.plan_with.ceil();
         changes.push(OfferedChange { field: OfferedField::Lobe, from: None, to, identified: lobe.limit, count: lobe.pairs });
     }
@@ -127,7 +144,10 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
         noise_of(OfferedField::NoiseBest, noise.best_mm, known.best_mm);
         noise_of(OfferedField::NoiseDepthGain, noise.depth_gain, known.depth_gain);
     }
-    let [near, far] = returns.map_or([None; 2], |returns| returns.depth);
+    let range_mm = [scanner.near_mm, scanner.far_mm];
+    let max_half_width_mm = MAX_HALF_WIDTH_OF_DEPTH * (scanner.far_mm - scanner.near_mm);
+    let known_depth = |limit: Option<LimitEstimate>| limit.filter(|limit| is_known(limit, range_mm, max_half_width_mm));
+    let [near, far] = returns.map_or([None; 2], |returns| returns.depth).map(known_depth);
     let mut depth = |field: OfferedField, limit: Option<LimitEstimate>, from: f64, is_tighter: bool, to: f64| {
         let Some(limit) = limit.filter(|_| is_tighter) else { return };
         changes.push(OfferedChange { field, from: Some(from), to, identified: limit.limit, count: limit.pairs });
@@ -135,5 +155,5 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
     let [near_mm, far_mm] = [near.map_or(0.0, |near| near.plan_with.ceil()), far.map_or(0.0, |far| far.plan_with.floor())];
     depth(OfferedField::DepthNear, near, scanner.near_mm, near_mm > scanner.near_mm + MIN_CHANGE_MM, near_mm);
     depth(OfferedField::DepthFar, far, scanner.far_mm, far_mm < scanner.far_mm - MIN_CHANGE_MM, far_mm);
-    Offer { changes, withheld: Vec::new() }
+    Offer { changes, ..Offer::default() }
 }

@@ -1,7 +1,7 @@
 //! Inspections from beginning to end of a scanner without weakness: whatever the spacing of the points and whatever was taken out of the
 //! scans, they teach no limit; and those of a weak one still do.
 
-use nalgebra::Vector3;
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use super::*;
 use crate::cell::Scanner;
@@ -36,7 +36,12 @@ impl Column {
 
     /// Scans as a file of each view gives them.
     fn taken(&self, sim: &SimulationParams) -> Vec<TakenScan> {
-        let scene = ScannedScene { as_built: &self.mesh, fixture: None, plate: None, unknown: None, face_albedo: None };
+        self.taken_of(&self.mesh, sim)
+    }
+
+    /// Scans of a part that was built otherwise.
+    fn taken_of(&self, as_built: &Mesh, sim: &SimulationParams) -> Vec<TakenScan> {
+        let scene = ScannedScene { as_built, fixture: None, plate: None, unknown: None, face_albedo: None };
         let views = in_context(|ctx| SimulatedScanner::new(&self.scanner, &self.params, sim, scene, ctx)?.scan(&self.views, ctx));
         let (unit, frame) = (LengthUnit::Millimetre, ScanFrame::Scanner);
         let taken = |scan: ViewScan| TakenScan {
@@ -129,7 +134,7 @@ fn a_merged_cloud_teaches_nothing_and_says_so() {
     scans.iter_mut().for_each(|taken| taken.is_approximate = true);
     let found = column.inspected(scans);
     assert!(found.learned.is_none(), "{:?}", found.learned);
-    assert_eq!(found.offer, Offer { changes: Vec::new(), withheld: vec![Withheld::MergedCloud] });
+    assert_eq!(found.offer, Offer { withheld: vec![Withheld::MergedCloud], ..Offer::default() });
 }
 
 #[test]
@@ -193,4 +198,58 @@ fn surface_within_the_zone_of_the_plate_cut_and_beside_filtered_points_counts_in
     };
     let [told, untold] = [true, false].map(easy_rate);
     assert!(told > 0.99 && untold < 0.95, "{told} of easy pairs return where it is told, {untold} where it is not");
+}
+
+/// A view that lay elsewhere lost most of its samples, and the losses were put down to the scanner.
+#[test]
+fn a_view_that_kept_its_stated_pose_teaches_nothing() {
+    // Of its sides three neighbours fit on one.
+    let column = Column::of(cylinder_mesh(20.0, 100.0, 36));
+    let sound = column.taken(&every(8));
+    let mut scans = sound.clone();
+    // Both push what the view looks at the same way, across the column.
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::y() * 0.4_f64.to_radians());
+    let off = nalgebra::Isometry3::from_parts(Translation3::new(1.2, 0.0, 0.0), turn);
+    let stated = *scans[2].scan.part_from_scanner.isometry() * off;
+    scans[2].scan.part_from_scanner = Pose::claim(stated);
+    let found = column.inspected(scans);
+    let kept: Vec<bool> = found.registration.found.iter().map(|view| view.kept_pose.is_some()).collect();
+    assert_eq!(kept, [false, false, true, false], "{:?}", found.registration.found);
+    check_teaches_no_limit(&found, "a view elsewhere");
+    let returns = returns_of(&found).expect("three views tell enough");
+    let all = column.inspected(sound);
+    let of_all = returns_of(&all).expect("enough pairs");
+    assert!(returns.easy_rate > 0.99 && returns.pairs < of_all.pairs, "{} of easy pairs return", returns.easy_rate);
+    assert_eq!((found.offer.kept_views, all.offer.kept_views), ([1, 4], [0, 4]));
+    let triples = |found: &Inspection| found.learned.as_ref().and_then(|learned| learned.noise).map(|noise| noise.triples);
+    assert!(triples(&found) < triples(&all), "{:?} {:?}", triples(&found), triples(&all));
+}
+
+#[test]
+fn scans_most_of_which_kept_their_stated_poses_teach_little_and_say_so() {
+    let column = Column::new(20.0);
+    let mut scans = column.taken(&every(8));
+    for taken in scans.iter_mut().skip(1) {
+        let there = taken.scan.scanner_cloud.points_mm.iter_mut().filter(|point| !point[0].is_nan());
+        there.skip(400).for_each(|point| *point = [f32::NAN; 3]);
+    }
+    let found = column.inspected(scans);
+    check_teaches_no_limit(&found, "three views of few points");
+    assert!(found.offer.withheld.contains(&Withheld::MisplacedViews), "{:?}", found.offer);
+    assert_eq!(found.offer.kept_views, [3, 4]);
+}
+
+/// Points behind a collar that is missing were losses of the collar's samples.
+#[test]
+fn surface_that_the_part_lacks_counts_in_no_rate() {
+    let (bare, mut collared, collar) =
+        (cylinder_mesh(20.0, 100.0, 96), cylinder_mesh(20.0, 100.0, 96), cylinder_mesh(23.0, 30.0, 96));
+    let first = collared.vertices_mm.len() as u32;
+    collared.vertices_mm.extend(collar.vertices_mm.iter().map(|vertex_mm| vertex_mm + Vector3::z() * 35.0));
+    collared.faces.extend(collar.faces.iter().map(|face| face.map(|vertex| vertex + first)));
+    collared.source_face.extend(collar.source_face);
+    let column = Column::of(collared);
+    let found = column.inspected(column.taken_of(&bare, &every(8)));
+    let returns = returns_of(&found).expect("enough pairs");
+    assert!(returns.easy_rate > 0.95, "{} of easy pairs return", returns.easy_rate);
 }

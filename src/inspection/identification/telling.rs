@@ -10,6 +10,9 @@
 //! A cloud that came without the camera's grid does not tell where the scanner looked: its cells tell only where nearly all easy pairs
 //! returned. A merged cloud tells nothing, since the view of its points is not known.
 //!
+//! A view that kept its stated pose tells nothing: it is not known to lie where its samples are looked for. A pair tells nothing either
+//! where the points around it show that the part differs from the model there.
+//!
 //! Cost: 9 to 17 rays an expected pair from the left camera, and as many shadows, in packets.
 
 use nalgebra::Point3;
@@ -46,6 +49,8 @@ closed_list! {
         CoarseCloud = "coarse_cloud",
         /// The points of most of the surface were taken out as the scans were cleaned: around plate and fixture, at edges, or as specks.
         FilteredPoints = "filtered_points",
+        /// Most of the surface that would tell is in views that kept their stated poses, and may not lie there.
+        MisplacedViews = "misplaced_views",
     }
 }
 
@@ -58,6 +63,9 @@ pub struct TellingInput<'a> {
     pub model: &'a NominalModel<'a>,
     /// Points that were taken out of each scan, in the order of the scans; none of a scan that is not there.
     pub removed: &'a [&'a Removed],
+    /// True for each scan whose pose was registered, in the order of the scans; false where the stated pose was kept, and of a scan that
+    /// is not there.
+    pub is_registered: &'a [bool],
     /// True if the scans are images of one cloud, which another program has merged.
     pub is_merged: bool,
 }
@@ -69,6 +77,8 @@ pub struct Telling {
     pub returns: Returns,
     /// Reasons for which most others do not.
     pub withheld: Vec<Withheld>,
+    /// Views that kept their stated poses, and all views; zeros where no pair is judged.
+    pub kept_views: [usize; 2],
 }
 
 /// Finds the pairs that tell something of the scanner.
@@ -77,12 +87,13 @@ pub struct Telling {
 /// [`Cancelled`].
 pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -> Result<Telling, Cancelled> {
     if input.is_merged {
-        return Ok(Telling { returns: Returns::default(), withheld: vec![Withheld::MergedCloud] });
+        return Ok(Telling { withheld: vec![Withheld::MergedCloud], ..Telling::default() });
     }
     let compared = input.compared;
     let optics = Optics::new(compared.scanner, compared.params, &compared.surface.requirements);
     let mut told = Returns::default();
-    let (mut expected, mut coarse, mut filtered) = (0_usize, 0_usize, 0_usize);
+    let (mut expected, mut coarse, mut filtered, mut misplaced, mut tell) = (0_usize, 0_usize, 0_usize, 0_usize, 0_usize);
+    let is_registered = |place: usize| input.is_registered.get(place).copied().unwrap_or_default();
     for (place, scanned) in compared.scanned.iter().enumerate() {
         let removed = input.removed.get(place).copied();
         let pose = scanned.registered.part_from_scanner;
@@ -93,6 +104,9 @@ pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -
             Ok::<_, Cancelled>(view.verdicts(block, ctx))
         })?;
         let mut verdicts = blocks.concat();
+        if !is_registered(place) {
+            verdicts.iter_mut().filter(|verdict| **verdict == Verdict::Tells).for_each(|verdict| *verdict = Verdict::Misplaced);
+        }
         if removed.is_some_and(|removed| removed.is_projected) && !fills_cells(&pairs, &verdicts) {
             verdicts.iter_mut().filter(|verdict| **verdict == Verdict::Tells).for_each(|verdict| *verdict = Verdict::Coarse);
         }
@@ -100,13 +114,22 @@ pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -
         expected += pairs.iter().filter(|pair| pair.is_expected).count();
         coarse += count(Verdict::Coarse);
         filtered += count(Verdict::Filtered);
+        misplaced += count(Verdict::Misplaced);
+        tell += count(Verdict::Tells);
         let pair = |(pair, verdict): (&Return, &Verdict)| Return { is_expected: *verdict == Verdict::Tells, ..*pair };
         told.push_view(pairs.iter().zip(&verdicts).map(pair));
     }
-    let is_most = |pairs: usize| pairs > 0 && pairs as f64 >= WITHHELD_SHARE * expected as f64;
-    let reasons = [(Withheld::CoarseCloud, coarse), (Withheld::FilteredPoints, filtered)];
-    let withheld = reasons.into_iter().filter(|(_, pairs)| is_most(*pairs)).map(|(reason, _)| reason).collect();
-    Ok(Telling { returns: told, withheld })
+    let is_most = |pairs: usize, of: usize| pairs > 0 && pairs as f64 >= WITHHELD_SHARE * of as f64;
+    // Of pairs that the cloud rules out a registered pose would make no difference.
+    let reasons = [
+        (Withheld::CoarseCloud, coarse, expected),
+        (Withheld::FilteredPoints, filtered, expected),
+        (Withheld::MisplacedViews, misplaced, misplaced + tell),
+    ];
+    let withheld = reasons.into_iter().filter(|(_, pairs, of)| is_most(*pairs, *of)).map(|(reason, ..)| reason).collect();
+    let views = compared.scanned.len();
+    let kept = (0..views).filter(|place| !is_registered(*place)).count();
+    Ok(Telling { returns: told, withheld, kept_views: [kept, views] })
 }
 
 /// Returns true if nearly all easy pairs of a view that tell returned.
@@ -131,6 +154,10 @@ enum Verdict {
     Coarse,
     /// The points may have been taken out.
     Filtered,
+    /// The points around it lie off the model: the part differs there.
+    Deviates,
+    /// Its view may not lie where the sample was looked for.
+    Misplaced,
 }
 
 /// One scan, ready for its pairs.
@@ -151,7 +178,7 @@ impl TellingView<'_> {
             verdicts.push(match around {
                 Ok(cells) => {
                     let points: Vec<Option<ModelPoint>> = points.by_ref().take(cells.len()).collect();
-                    self.verdict(pair.sample, &points)
+                    self.verdict(pair.sample, &cells, &points)
                 }
                 Err(verdict) => verdict,
             });
@@ -199,7 +226,7 @@ impl TellingView<'_> {
         self.removed.is_some_and(|removed| holds(&removed.cells) || holds(&removed.fixture_cells))
     }
 
-    fn verdict(&self, sample: SampleId, points: &[Option<ModelPoint>]) -> Verdict {
+    fn verdict(&self, sample: SampleId, cells: &[usize], points: &[Option<ModelPoint>]) -> Verdict {
         let (surface, compare) = (self.input.compared.surface, self.input.compared.compare);
         let (sample_mm, normal) = (&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
         let level_cos = (SHARE_OF_TOLERANCE * compare.normal_deg).to_radians().cos();
@@ -215,7 +242,26 @@ impl TellingView<'_> {
             return Verdict::Coarse;
         }
         let in_zone = |point: &ModelPoint| self.is_in_zone(&(self.lookup.scanner_from_part * point.point_mm));
-        if points.iter().flatten().any(in_zone) { Verdict::Filtered } else { Verdict::Tells }
+        if points.iter().flatten().any(in_zone) {
+            Verdict::Filtered
+        } else if self.deviates(sample, cells, points) {
+            Verdict::Deviates
+        } else {
+            Verdict::Tells
+        }
+    }
+
+    /// Returns true if the points in the cell of a sample and around it lie off the model by more than a measured point may, on average:
+    /// noise is on either side of it.
+    fn deviates(&self, sample: SampleId, cells: &[usize], model: &[Option<ModelPoint>]) -> bool {
+        let Some(seen) = self.lookup.sample(sample) else { return false };
+        let columns = self.lookup.cloud.grid().size.columns;
+        let off_mm = |(cell, model): (&usize, &Option<ModelPoint>)| {
+            let point_mm = self.lookup.cloud.point([cell % columns, cell / columns])?;
+            Some((point_mm - self.lookup.scanner_from_part * model.as_ref()?.point_mm).dot(&seen.normal))
+        };
+        let off_mm: Vec<f64> = cells.iter().zip(model).take(1 + RING.len()).filter_map(off_mm).collect();
+        !off_mm.is_empty() && off_mm.iter().sum::<f64>().abs() > seen.tolerance_mm * off_mm.len() as f64
     }
 }
 

@@ -188,3 +188,27 @@ fn a_depth_beyond_which_nothing_returns_is_found_and_offered_with_the_other_limi
     let of_noise = offers(&Learned { noise, returns: None }, &scanner(), &NoiseParams::default());
     assert_eq!(of_noise.changes, [offer.changes[2]], "without rates the noise is offered alone");
 }
+
+/// Limits with an interval of −21 to 132 degrees were offered.
+#[test]
+fn a_limit_that_is_known_poorly_is_not_offered() {
+    let truth = Truth { far_mm: 540.0, ..THESIS };
+    let known = returns(&returns_of(&truth, 20, 5), &scanner()).expect("enough");
+    let with = |half_width: [f64; 2]| {
+        let mut known = known.clone();
+        let [angle, depth] = half_width;
+        let set = |limit: &mut LimitEstimate, half: f64| {
+            limit.limit.interval = [limit.limit.value - half, limit.limit.value + half];
+        };
+        let by_device = known.by_device.iter_mut().map(|(_, limit)| limit);
+        let angles = by_device.chain([&mut known.incidence, &mut known.lobe]);
+        angles.flatten().for_each(|limit| set(limit, angle));
+        known.depth.iter_mut().flatten().for_each(|limit| set(limit, depth));
+        let offer = offers(&Learned { noise: None, returns: Some(known) }, &scanner(), &NoiseParams::default());
+        offer.changes.iter().map(|change| change.field).collect::<Vec<_>>()
+    };
+    use OfferedField::{CameraLimit, DepthFar, Lobe};
+    assert_eq!(with([2.0, 5.0]), [CameraLimit, Lobe, DepthFar]);
+    assert_eq!(with([9.0, 14.0]), [CameraLimit, DepthFar], "about zero there may be no cone");
+    assert!(with([11.0, 17.0]).is_empty() && with([76.5, 76.5]).is_empty());
+}

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::matching::match_view;
 use super::points::ViewPoints;
 use super::ppf::{Oriented, oriented, poses, thinned};
-use super::turns::{TurnVerdict, looks_same, outline_mm, turned};
+use super::turns::{TurnVerdict, looks_same, outline_mm, turned, turned_back};
 use super::{MAX_POINTS, State};
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
@@ -28,6 +28,9 @@ const CELLS: f64 = 22.0;
 const SURE_SHARE: f64 = 0.9;
 /// Distance of a corner from its stated place up to which registration finds the part by itself, mm.
 const STATED_REACH_MM: f64 = 2.5;
+/// Distance of a corner from its stated place up to which a turn that no point tells is held for the stated one, mm. Not from a source:
+/// twice what registration bridges, and less than a part is off that was put down without care.
+const STATED_TURN_REACH_MM: f64 = 5.0;
 /// Smallest share of the points on the part that a pose of it is taken for. Not from a source: well below what scans of a part have, and
 /// above what was measured with scans of others' views.
 pub(super) const MIN_PART_SHARE: f64 = 0.5;
@@ -120,14 +123,15 @@ pub enum PartPlace {
 ///
 /// The stated place is kept where a refinement from it explains nine tenths of the points, or nearly as many as the best pose that
 /// the search finds: a part that deviates from its mesh lies where it was put. Of a part that nearly looks the same in several turns, the
-/// one is taken that explains the points best; where points do not tell which, its place is not known, unless it lies as stated: then it
-/// is moved only by points on what breaks the symmetry, and one of which that is missing stays where it was put.
+/// one is taken that explains the points best; where points do not tell which, its place is not known, unless it lies within 5 mm of the
+/// stated one: then it is turned only by points on what breaks the symmetry, and one of which that is missing or not in view stays as it
+/// was put. A turn that a refinement slid into, and that points do not tell from the stated one, is not held against it.
 #[must_use]
 pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, options: &LocateOptions) -> PartPlace {
     let search = Search::new(scans, nearest, options);
     let mut taken = search.refined(&Isometry3::identity());
-    let is_near = |pose: &Isometry3<f64>| search.apart_mm(pose, &Isometry3::identity()) <= STATED_REACH_MM;
-    let mut is_stated = is_near(&taken.pose);
+    let is_within = |pose: &Isometry3<f64>, reach_mm: f64| search.apart_mm(pose, &Isometry3::identity()) <= reach_mm;
+    let mut is_searched = false;
     if taken.share < SURE_SHARE {
         let found = locate(scans, nearest, options);
         if taken.share < options.min_inlier_share || taken.share < options.second_share * found.best.inlier_share {
@@ -135,13 +139,19 @@ pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, option
                 return PartPlace::Unknown(found);
             }
             let pose = *found.best.mesh_from_stated.isometry();
-            (taken, is_stated) = (Scored { pose, share: found.best.inlier_share }, false);
+            (taken, is_searched) = (Scored { pose, share: found.best.inlier_share }, true);
         }
     }
-    match turned(scans, &search, &taken, is_stated) {
+    if !is_within(&taken.pose, STATED_REACH_MM)
+        && let Some(pose) = turned_back(scans, &search, &taken.pose, STATED_TURN_REACH_MM)
+    {
+        taken = Scored { pose, share: search.share(&pose) };
+    }
+    let is_stated = !is_searched && is_within(&taken.pose, STATED_REACH_MM);
+    match turned(scans, &search, &taken, is_within(&taken.pose, STATED_TURN_REACH_MM)) {
         TurnVerdict::Kept if is_stated => PartPlace::AsStated,
         TurnVerdict::Kept => PartPlace::Elsewhere(taken.into()),
-        TurnVerdict::Better(other) if is_near(&other.pose) => PartPlace::AsStated,
+        TurnVerdict::Better(other) if is_within(&other.pose, STATED_REACH_MM) => PartPlace::AsStated,
         TurnVerdict::Better(other) => PartPlace::Elsewhere(other.into()),
         TurnVerdict::Open(other) => PartPlace::Unknown(Location {
             best: taken.into(),

@@ -121,8 +121,14 @@ impl InspectionDocument {
             measured_of_asked: self.coverage.measured_of_asked,
             measured_in_all_of_asked: self.coverage.measured_in_all_of_asked,
             unexplained_of_asked: self.lost_of_asked(LossCause::Unexplained),
-            deviation_rms_mm: self.deviation.statistics.map(|statistics| statistics.rms_mm),
+            deviation_rms_mm: self.statistics_of_found().map(|statistics| statistics.rms_mm),
+            not_found: self.alignment.why_not_found(),
         }
+    }
+
+    /// Statistics of the deviation; `None` where nothing was measured, or the part was not found: no deviation is told of it then.
+    fn statistics_of_found(&self) -> Option<&StatisticsDocument> {
+        self.deviation.statistics.as_ref().filter(|_| self.alignment.why_not_found().is_none())
     }
 }
 
@@ -161,7 +167,7 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
     if coverage.approximate {
         text += " The cloud is merged of several views: these figures are known to about one point.";
     }
-    if let Some(figures) = &document.deviation.statistics {
+    if let Some(figures) = document.statistics_of_found() {
         text += &format!(" {}", deviation_sentence(figures));
     }
     text
@@ -175,23 +181,92 @@ fn deviation_sentence(figures: &StatisticsDocument) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
+    use crate::cell::PoseSpec;
     use crate::inspection::deviation::DeviationStatistics;
 
-    /// −0.000 mm was told, and −0.0 written for a share of nothing.
-    #[test]
-    fn no_deviation_has_no_sign() {
-        let figures = DeviationStatistics {
+    fn statistics() -> StatisticsDocument {
+        StatisticsDocument::from(&DeviationStatistics {
             area_mm2: 100.0,
             mean_mm: -0.000_2,
             rms_mm: 0.012_3,
             percentiles_mm: [-0.031, -0.02, -0.0, 0.02, 0.03],
             max_mm: 0.05,
             in_tolerance: Some(std::iter::empty::<f64>().sum()),
-        };
-        let document = StatisticsDocument::from(&figures);
+        })
+    }
+
+    /// Document of an inspection of one view with these points, of which such a share lies on the part, and with figures of a deviation.
+    fn document(points: usize, inlier_share: f64, kept_pose: Option<&str>) -> InspectionDocument {
+        let pose = json!(PoseSpec::default());
+        let view = json!({
+            "viewpoint": 1, "points": points, "inlier_share": inlier_share, "rms_mm": 0.1, "turned_deg": 0.0, "shifted_mm": 0.0,
+            "kept_pose": kept_pose,
+        });
+        let alignment = json!({
+            "method": "best_fit", "mesh_from_stated": pose, "part_turned_deg": 0.0, "part_shifted_mm": 0.0,
+            "part_sd": {"rotation_deg": 0.1, "translation_mm": 0.1}, "noise_mm": 0.01, "inlier_share": inlier_share,
+            "views": [view],
+        });
+        let coverage = json!({
+            "asked_area_mm2": 100.0, "planned_of_asked": 0.9, "measured_of_asked": 0.8, "measured_in_all_of_asked": 0.8,
+            "measured_of_coverable": null, "both_of_asked": 0.8, "lost_of_asked": 0.0, "gained_of_asked": 0.0,
+            "neither_of_asked": 0.1, "lost_near_limit_of_asked": 0.0, "gained_near_limit_of_asked": 0.0, "approximate": false,
+            "by_view": [],
+        });
+        let extent = json!({"nominal_mm": 10.0, "measured_mm": null});
+        let deviation = json!({
+            "alignment": "best_fit", "mesh_from_placed": pose, "fixed_freedoms": 6, "compared_points": points,
+            "statistics": statistics(), "histogram": {"begin_mm": -1.0, "width_mm": 1.0, "area_mm2": []},
+            "extents": [extent, extent, extent], "regions": [], "worst": [], "off_surface": [],
+        });
+        let document = json!({
+            "schema": INSPECTION_SCHEMA, "plan_sha256": "", "verdict": "", "params": {}, "scans": [], "findings": [],
+            "alignment": alignment, "coverage": coverage, "losses": [], "deviation": deviation, "offers": [],
+        });
+        serde_json::from_value(document).expect("a document")
+    }
+
+    /// −0.000 mm was told, and −0.0 written for a share of nothing.
+    #[test]
+    fn no_deviation_has_no_sign() {
+        let document = statistics();
         let told = "The surface deviates by 0.000 mm in the mean and 0.012 mm rms; 98 % of it lies between -0.031 and 0.030 mm.";
         assert_eq!(deviation_sentence(&document), told);
         assert!([document.p50_mm, document.in_tolerance.expect("a tolerance")].iter().all(|value| value.is_sign_positive()));
+    }
+
+    /// Figures at a place that nothing held were told as the deviation of the surface.
+    #[test]
+    fn no_deviation_is_told_of_a_part_that_was_not_found() {
+        let found = document(3000, 0.95, None);
+        assert!(verdict_sentence(&found).contains("The surface deviates by"), "{}", verdict_sentence(&found));
+        for lost in [document(3000, 0.373, Some("few_inliers")), document(120, 1.0, Some("few_points"))] {
+            let told = verdict_sentence(&lost);
+            assert!(told.ends_with("90.00 % were planned."), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_list_tells_that_the_part_was_not_found_in_place_of_its_deviation() {
+        let of_list = |document: &InspectionDocument| {
+            let summary = json!(document.summary());
+            (summary["deviation_rms_mm"].clone(), summary["not_found"].clone())
+        };
+        assert_eq!(of_list(&document(3000, 0.95, None)), (json!(0.012_3), json!(null)));
+        assert_eq!(of_list(&document(3000, 0.373, Some("few_inliers"))), (json!(null), json!("few_inliers")));
+        assert_eq!(of_list(&document(120, 1.0, Some("few_points"))), (json!(null), json!("few_points")));
+    }
+
+    #[test]
+    fn a_summary_of_an_earlier_release_is_read() {
+        let earlier = json!({
+            "planned_of_asked": 0.9, "measured_of_asked": 0.8, "measured_in_all_of_asked": 0.8, "unexplained_of_asked": 0.0,
+            "deviation_rms_mm": 0.012,
+        });
+        let summary: InspectionSummary = serde_json::from_value(earlier).expect("a summary");
+        assert_eq!((summary.deviation_rms_mm, summary.not_found), (Some(0.012), None));
     }
 }

@@ -96,15 +96,15 @@ pub struct WithheldDocument {
     pub detail: String,
 }
 
-impl From<&Withheld> for WithheldDocument {
-    fn from(reason: &Withheld) -> Self {
-        Self { reason: *reason, detail: withheld_sentence(*reason).to_owned() }
+impl WithheldDocument {
+    fn new(reason: Withheld, kept_views: [usize; 2]) -> Self {
+        Self { reason, detail: withheld_sentence(reason, kept_views) }
     }
 }
 
-/// Sentence for a reason.
-fn withheld_sentence(reason: Withheld) -> &'static str {
-    match reason {
+/// Sentence for a reason; `kept_views` are the views that kept their stated poses, and all views.
+fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2]) -> String {
+    let sentence = match reason {
         Withheld::MergedCloud => {
             "the scanner's limits are not judged: in a merged cloud no point's view is known; give one file for each view"
         }
@@ -116,7 +116,14 @@ fn withheld_sentence(reason: Withheld) -> &'static str {
             "the scanner's limits are judged on little of the surface: most points were removed beside plate and \
              fixture, at edges or as specks"
         }
-    }
+        Withheld::MisplacedViews => {
+            return format!(
+                "the scanner's limits are judged on little of the surface: {kept} of {views} views could not be registered to \
+                 the part and may not lie at their stated poses; check the poses or the calibration"
+            );
+        }
+    };
+    sentence.to_owned()
 }
 
 /// Limit of incidence of one device.
@@ -214,7 +221,7 @@ impl LearnedDocument {
             by_mirror: rates(|returns| &returns.model.mirror),
             by_depth: rates(|returns| &returns.model.depth),
             offers: offer.changes.iter().map(OfferedChangeDocument::from).collect(),
-            withheld: offer.withheld.iter().map(WithheldDocument::from).collect(),
+            withheld: offer.withheld.iter().map(|reason| WithheldDocument::new(*reason, offer.kept_views)).collect(),
         }
     }
 }

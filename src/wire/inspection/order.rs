@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::inspection::InspectionParams;
+use crate::inspection::registration::PartNotFound;
 use crate::wire::{InspectionId, JobFile, JobId, JobProblem, JobState, RunId, ScanId};
 
 /// Request for an inspection. Unknown fields are refused.
@@ -30,8 +31,11 @@ pub struct InspectionSummary {
     pub measured_in_all_of_asked: f64,
     /// Share of the asked area that was planned, lost, and has no cause.
     pub unexplained_of_asked: f64,
-    /// Root mean square of the deviation, mm; `null` where nothing was measured.
+    /// Root mean square of the deviation, mm; `null` where nothing was measured, or the part was not found.
     pub deviation_rms_mm: Option<f64>,
+    /// Reason for which the alignment counts as not found; `null` where it was found, and in inspections of earlier releases.
+    #[serde(default)]
+    pub not_found: Option<PartNotFound>,
 }
 
 /// An inspection as the server keeps it. It never changes once it has ended.
