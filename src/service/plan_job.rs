@@ -302,7 +302,7 @@ impl PlanJob<'_> {
         let rendered: Vec<Vec<DialectProgram>> = programs.iter().zip(&checked).map(in_dialects).collect();
         let summary = self.with_program(Summary::of(plan), &programs, &checked, &rendered);
         let summary = summary.with_unstable_setups(unstable).with_unit_question(self.unit_question());
-        let summary = summary.of_file(plan_sha256.clone());
+        let summary = summary.with_blocked_home(&warnings).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput {

@@ -20,6 +20,7 @@ pub(crate) use missed::{choice_ended_by, further_setup, stop_rules};
 pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
+use super::warnings::{FieldWarning, WarningCode};
 use super::words::{counted, headline, percent_below};
 use crate::cell::Dialect;
 use crate::planning::params::{Registration, SelectionGoal};
@@ -190,6 +191,17 @@ impl Summary {
             ),
         };
         Self { title, level: PlanLevel::Limited, ..self }
+    }
+
+    /// The summary of a plan with these warnings: where its home is blocked, the remedy of that is the best action, and the fix of all that
+    /// is missed for want of a path.
+    #[must_use]
+    pub fn with_blocked_home(self, warnings: &[FieldWarning]) -> Self {
+        let Some(blocked) = warnings.iter().find(|warning| warning.code == WarningCode::HomeBlocked) else { return self };
+        // In plain text, as the other sentences are.
+        let remedy = blocked.remedy.replace('`', "");
+        let action = action::another_home(&remedy, 1.0 - self.missed_of_asked);
+        Self { action: Some(action), missed: missed::with_home_remedy(self.missed, &remedy), ..self }
     }
 
     /// The summary with a request to check the part's unit for a title, if there is one: a plan of a part of another size is of no use,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
-use super::words::{area_mm2, counted, fixed, independent_share, percent_below, rounded_up_mm};
+use super::words::{HOME_REMEDY, area_mm2, counted, fixed, independent_share, percent_below, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, Contact, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
@@ -241,7 +241,7 @@ pub fn of_home(cell: &Cell, scenes: &[CollisionScene], clearance_mm: f64, at: &s
             "lets {contact} collide, or come closer than {clearance_mm} mm, the clearance of the plan, with the part on its plate: no path \
              leads from there to any view"
         ),
-        remedy: "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)".to_owned(),
+        remedy: HOME_REMEDY.to_owned(),
     };
     contacts.into_iter().map(warning).collect()
 }

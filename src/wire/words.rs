@@ -337,10 +337,15 @@ pub(crate) fn rounded_up_mm(length_mm: f64) -> String {
     fixed((length_mm * 1e3 - 1e-6).ceil() / 1e3, 3)
 }
 
+/// Remedy of a home at which two bodies meet with the part on its plate.
+pub(crate) const HOME_REMEDY: &str =
+    "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)";
+
 /// Advice on how to keep two bodies apart, in a sentence.
 #[must_use]
 pub fn advice_sentence(advice: &Advice) -> String {
     let text = match advice {
+        Advice::MoveHome => HOME_REMEDY,
         Advice::ReduceClearance(max_mm) => {
             return format!("free there with motion.clearance_mm = {:.1}", (max_mm * 10.0).floor() / 10.0);
         }

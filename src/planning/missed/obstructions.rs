@@ -36,13 +36,24 @@ pub(in crate::planning) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Conte
         let entry = found.entry(key).or_insert_with(|| obstruction(bodies, &ends, blocked.scene));
         match blocked.stations {
             [] => entry.without_station += 1,
-            _ => entry.without_path += 1,
+            _ => {
+                entry.without_path += 1;
+                // No path leads from there, whatever else is in the way.
+                if is_home_blocked(blocked.scene) {
+                    entry.advice = Advice::MoveHome;
+                }
+            }
         }
     }
     let mut found: Vec<_> = found.into_values().collect();
     // Stable: equal ones stay in the order of their names.
     found.sort_by_key(|obstruction| std::cmp::Reverse(obstruction.without_station + obstruction.without_path));
     Ok(found)
+}
+
+/// Returns true if two bodies meet at the home of the cell while the part lies as in this scene.
+fn is_home_blocked(scene: &PlanningScene<'_>) -> bool {
+    scene.collision_scene().check(&scene.cell().home_rad).is_some()
 }
 
 fn obstruction(bodies: Contact, ends: &[Configuration; 2], scene: &PlanningScene<'_>) -> Obstruction {
@@ -75,4 +86,34 @@ fn advice(bodies: &Contact, separation: Option<&Separation>, cell: &Cell) -> Adv
     }
     let is_of_arm = |name: &str| cell.robot.links.iter().any(|link| *link.name == *name);
     if is_of_arm(&bodies.a) && is_of_arm(&bodies.b) { Advice::MoveFoot } else { Advice::MountScanner }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::cell::{Presets, SpecLibrary};
+    use crate::planning::context::Silent;
+    use crate::planning::params::{PlanParams, Strategy};
+    use crate::planning::{PlanInput, plan};
+    use crate::testing::box_mesh;
+
+    /// Laying the part another way was the advice.
+    #[test]
+    fn where_the_home_lies_within_the_part_the_home_is_to_be_moved() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let mesh = box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 750.0]);
+        let input =
+            PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
+        let mut params = PlanParams::default();
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.0005), Some(60.0));
+        (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(20));
+        (params.selection.max_views, params.robust.pose_error) = (Some(1), None);
+        (params.missed.remedies, params.missed.advice) = (0, false);
+        let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+        let advice = outcome.plan.obstructions.iter().filter(|found| found.without_path > 0).map(|found| &found.advice);
+        let advice: Vec<_> = advice.collect();
+        assert!(!advice.is_empty() && advice.iter().all(|advice| **advice == Advice::MoveHome), "{advice:?}");
+    }
 }

@@ -22,6 +22,8 @@ pub struct Obstruction {
 /// Change that would keep two bodies apart.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Advice {
+    /// Give the cell another home: two bodies meet at the home itself, so that no path leads from there.
+    MoveHome,
     /// Ask for a smaller clearance: at most this, mm.
     ReduceClearance(f64),
     /// Move the obstacle of this name, or the table away from it.

@@ -184,6 +184,7 @@ async fn what_a_cancelled_inspection_has_stored_already_is_taken_back() {
         measured_in_all_of_asked: 0.8,
         unexplained_of_asked: 0.0,
         deviation_rms_mm: None,
+        not_found: None,
     };
     app.keep_inspection(id, summary, result).await.expect("its end");
     assert_eq!((app.inspection(id).await.expect("it").state, stored()), (JobState::Cancelled, before));

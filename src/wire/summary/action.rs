@@ -14,8 +14,8 @@ use crate::wire::plan::{AdviceDocument, RobustDocument, options};
 use crate::wire::words::{counted, fixed, percents_apart};
 
 /// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
-/// spots. Of a plan that pose errors cost no less than that would gain: the choice of views that stand them, whose effect is not
-/// estimated.
+/// spots. Of a plan that pose errors cost no less than that would gain: the choice of views that stand them, and of one whose home is
+/// blocked: another home, whose effects are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -72,12 +72,22 @@ fn higher_target(plan: &Plan) -> Option<SummaryAction> {
     Some(without_estimate(plan, set, text))
 }
 
+/// Another home for a plan whose home is blocked, in the words of that warning: no parameter of a plan sets it. The measured share of the
+/// asked area is that on the samples that views are chosen on.
+pub(super) fn another_home(remedy: &str, of_asked: f64) -> SummaryAction {
+    unestimated(of_asked, BTreeMap::new(), format!("{remedy}; effect not estimated"))
+}
+
 /// Action whose effect is not estimated.
 fn without_estimate(plan: &Plan, set: BTreeMap<String, Value>, text: String) -> SummaryAction {
-    let of_asked = plan.coverage.of_asked();
+    unestimated(plan.coverage.of_asked(), set, text)
+}
+
+/// Action whose effect is not estimated, on a plan that measures this share of the asked area.
+fn unestimated(of_asked: f64, set: BTreeMap<String, Value>, text: String) -> SummaryAction {
     SummaryAction {
         text,
-        command: Some(options(&set)),
+        command: (!set.is_empty()).then(|| options(&set)),
         set,
         from_of_asked: of_asked,
         to_of_asked: of_asked,

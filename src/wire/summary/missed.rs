@@ -41,7 +41,8 @@ pub struct MissedGroup {
     pub area_mm2: f64,
     /// That area as a share of the asked area.
     pub of_asked: f64,
-    /// Kind of the fix: `none` if none was found, `null` if none was searched for, since larger spots come first.
+    /// Kind of the fix: `none` if none was found, `null` if none was searched for, since larger spots come first, or if the spots are
+    /// missed since the home of the cell is blocked, whose remedy comes before any other.
     pub fix: Option<RemedyKind>,
     /// True if the fix was simulated and measures at least 90 % of each of the spots.
     pub fix_known: bool,
@@ -97,6 +98,32 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
     }
     let mut groups: Vec<_> = merged.iter().map(|(cause, fix, spots)| group(plan, *cause, fix.as_ref(), spots)).collect();
     // Stable: of equal ones the order of causes stays.
+    groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    groups
+}
+
+/// Groups of a plan whose home is blocked, from those that it has otherwise: all that is missed for want of a path is one group, whose
+/// fix is the remedy of the home, whatever else was tried.
+pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str) -> Vec<MissedGroup> {
+    let (pathless, mut groups): (Vec<_>, Vec<_>) = groups.into_iter().partition(|group| group.reason == Cause::NoPath);
+    if pathless.is_empty() {
+        return groups;
+    }
+    let mut group = MissedGroup {
+        reason: Cause::NoPath,
+        spots: pathless.iter().map(|group| group.spots).sum(),
+        area_mm2: total(pathless.iter().map(|group| group.area_mm2)),
+        of_asked: total(pathless.iter().map(|group| group.of_asked)),
+        fix: None,
+        fix_known: false,
+        fix_text: remedy.to_owned(),
+        recovers_mm2: 0.0,
+        added_views: 0,
+        set: OptionSet::new(),
+        text: String::new(),
+    };
+    group.text = group.sentence();
+    groups.push(group);
     groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     groups
 }

@@ -14,6 +14,7 @@ use crate::planning::plan::{
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
+use crate::wire::warnings::{FieldWarning, WarningCode};
 
 /// Coverage of 1000 mm² asked for, of which 800 can be measured and so many are.
 fn coverage(measured_mm2: f64) -> Coverage {
@@ -774,6 +775,43 @@ fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
     assert!(partial.text.starts_with("1 more view from another distance: --set 'candidates.poses=["), "{}", partial.text);
     plan.missed.remove(0);
     assert_eq!(Summary::of(&plan).action, None);
+}
+
+/// "Next: turn it upside down" and "no fix found" were told of a part around the home of the cell.
+#[test]
+fn where_the_home_is_blocked_the_home_is_the_best_action_and_the_fix_of_what_has_no_path() {
+    let mut plan = plan(3, 3, 0.0);
+    plan.advice = vec![advice()];
+    let turned = Some(remedy(RemedyKind::Setup, 1.0, &[4]));
+    plan.missed = vec![
+        missed(Cause::FacesTable, vec![None]),
+        missed(Cause::NoPath, vec![Some(remedy(RemedyKind::None, 0.0, &[])), turned, None]),
+    ];
+    let warning = FieldWarning {
+        code: WarningCode::HomeBlocked,
+        pointer: "/cell/home_deg".to_owned(),
+        detail: "lets forearm and part collide".to_owned(),
+        remedy: "give the cell another home (`vantage cell --home`)".to_owned(),
+    };
+    let free = Summary::of(&plan);
+    let other = FieldWarning { code: WarningCode::HomeTooClose, ..warning.clone() };
+    assert_eq!(free.clone().with_blocked_home(std::slice::from_ref(&other)), free);
+    let blocked = free.with_blocked_home(&[other, warning]);
+    assert_eq!(
+        blocked.next_text().as_deref(),
+        Some("Next: give the cell another home (vantage cell --home); effect not estimated")
+    );
+    let action = blocked.action.as_ref().expect("an action");
+    assert!(action.set.is_empty() && action.command.is_none() && action.added_views == 0, "{action:?}");
+    let texts: Vec<&str> = blocked.missed.iter().map(|group| group.text.as_str()).collect();
+    assert_eq!(
+        texts,
+        [
+            "3 spots, 3.00 % of asked, no safe path found: give the cell another home (vantage cell --home)",
+            "1 spot, 1.00 % of asked, faces the table: no fix searched for",
+        ]
+    );
+    assert_eq!((blocked.missed[0].fix, blocked.missed[0].command()), (None, None));
 }
 
 #[test]

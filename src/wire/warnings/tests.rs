@@ -236,6 +236,8 @@ fn a_home_within_the_part_is_warned_of_once_with_the_bodies_and_the_cure() {
     assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::HomeBlocked, "/cell/home_deg"));
     assert!(found[0].detail.contains("and part collide, or come closer than 5 mm"), "{}", found[0].detail);
     assert!(found[0].remedy.contains("vantage cell"), "{}", found[0].remedy);
+    let advice = crate::planning::plan::Advice::MoveHome;
+    assert_eq!(crate::wire::words::advice_sentence(&advice), found[0].remedy, "one remedy everywhere");
 }
 
 fn stable(mesh: &Mesh) -> Vec<StablePose> {
