@@ -372,7 +372,9 @@ export interface InspectionJob {
   submitted_by: string | null; created_at: string; ended_at: string | null; files: { name: string; size_bytes: number | null }[];
   problem: Job["problem"];
   summary: { planned_of_asked: number; measured_of_asked: number; measured_in_all_of_asked: number; unexplained_of_asked: number;
-    deviation_rms_mm: number | null } | null;
+    deviation_rms_mm: number | null;
+    /** Reason for which the part was not found; absent in inspections of earlier releases. */
+    not_found?: string | null } | null;
 }
 
 export interface LostSpot { area_mm2: number; centre_mm: Vector; extent_mm: Vector; remedy: string }

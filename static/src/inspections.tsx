@@ -40,6 +40,12 @@ export function InspectionProgress({ job }: { job: InspectionJob }) {
   );
 }
 
+/** RMS deviation in a list; in its place, that the part was not found. */
+function rmsOf(summary: InspectionJob["summary"]): string {
+  if (summary?.not_found != null) return words.partLost;
+  return summary?.deviation_rms_mm == null ? text.none : fine(summary.deviation_rms_mm);
+}
+
 /** Table of inspections, of one job or of all. */
 export function InspectionTable({ items, reload, withJob }: { items: InspectionJob[]; reload: () => void; withJob?: boolean }) {
   useEffect(() => {
@@ -59,7 +65,7 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
           <td><span class={`state ${job.state}`}>{text.states[job.state]}</span> <InspectionProgress job={job} /></td>
           <td>{job.summary ? share(job.summary.planned_of_asked) : text.none}</td><td>{job.summary ? share(job.summary.measured_of_asked) : text.none}</td>
           <td>{job.summary ? share(job.summary.measured_in_all_of_asked) : text.none}</td>
-          <td>{job.summary?.deviation_rms_mm == null ? text.none : fine(job.summary.deviation_rms_mm)}</td><td>{end(job)}</td>
+          <td>{rmsOf(job.summary)}</td><td>{end(job)}</td>
         </tr>
       ))}
     </Table>

@@ -193,7 +193,7 @@ export const text = {
     inspect: "Inspect", inspectHint: "Aligns the scans with the part, compares what they measured with the plan, names the cause of every loss, and measures how the surface deviates.",
     inspectScans: (n: number) => (n === 1 ? "Inspect 1 scan" : `Inspect ${n} scans`), method: "Alignment", region: "Region", measuredWithin: "Measured within, mm", poses: "Poses of the views", asPlanned: "as planned", ofRun: (time: string) => `as measured in the run of ${time}`,
     methods: { best_fit: "best fit to the part", as_placed: "as placed: no fit", best_fit_on: "best fit on a region" } as Record<string, string>,
-    planned: "Planned", measured: "Measured", unmeasuredHead: "Not measured", inAll: "All rounds", rms: "RMS", plannedOf: "planned", measuredOf: "measured", points: "points, measured − planned", lostOf: "planned, not measured", gainedOf: "measured, not planned",
+    planned: "Planned", measured: "Measured", unmeasuredHead: "Not measured", inAll: "All rounds", rms: "RMS", partLost: "part not found", plannedOf: "planned", measuredOf: "measured", points: "points, measured − planned", lostOf: "planned, not measured", gainedOf: "measured, not planned",
     inAllOf: "measured in all rounds", rmsOf: "RMS deviation", pointsShort: "Points", noLosses: "Everything that was planned is measured.",
     approximate: "The file holds several views: coverage is known to about one point, and losses by view are not. Export single shots for exact figures.", findings: "Findings about the files",
     rescan: "Plan the missing views", rescanHint: "Plan the fewest further views for what is missing. What no view can improve is left out.", maxViews: "Views at most",

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-5VWLGWLO.js";import"./chunk-WLVDOSYS.js";import"./chunk-MMOPISOE.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-BJI53SZI.js";export{a as drawThumbnail,b as drawTurned};
