@@ -209,20 +209,10 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::cli::planned_block::plan_of_block;
+    use crate::cli::planned_block::plan_of_two_views;
     use crate::geometry::mesh_io::write_stl;
-    use crate::planning::params::{CandidateParams, PlanParams};
     use crate::testing::{box_mesh, nominal_scanner};
     use crate::wire::run::RUN_RECORD_SCHEMA;
-
-    /// The plan of two views of a block, quickly made.
-    fn plan_of_two_views() -> Value {
-        let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
-        (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
-        params.robust.pose_error = None;
-        serde_json::from_slice(&plan_of_block(&params)).expect("JSON")
-    }
 
     /// Any mesh was taken for the fixture, and one that was left out was not missed: a rescan planned its views through it.
     #[test]

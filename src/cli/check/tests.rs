@@ -5,10 +5,10 @@ use tempfile::TempDir;
 
 use super::{CheckArgs, run};
 use crate::cell::{Presets, SpecKind, SpecLibrary, preset_text};
-use crate::cli::planned_block::plan_of_block;
+use crate::cli::planned_block::plan_of_two_views;
 use crate::geometry::Mesh;
 use crate::geometry::mesh_io::write_stl;
-use crate::planning::params::{CandidateParams, PlanParams};
+use crate::planning::params::PlanParams;
 use crate::service::plan_job::plan_sha256;
 use crate::testing::box_mesh;
 
@@ -244,21 +244,12 @@ fn a_document_of_no_known_kind_is_told_by_what_it_is() {
     }
 }
 
-/// The plan of a block of 60 × 40 × 30 mm without a cell.
-fn plan() -> serde_json::Value {
-    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
-    (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
-    params.robust.pose_error = None;
-    serde_json::from_slice(&plan_of_block(&params)).expect("JSON")
-}
-
 /// A damaged plan switched the check of collisions off, or ended it in a panic.
 #[test]
 fn a_damaged_plan_is_no_reference() {
     let folder = Folder::new();
     let program = folder.file("program.json", "{}").display().to_string();
-    let sound = plan();
+    let sound = plan_of_two_views();
     for (pointer, value, told) in [
         ("/params/motion/clearance_mm", -20.0, "/params/motion/clearance_mm: is -20 mm; allowed is 1 to 200 mm"),
         ("/params/motion/clearance_mm", 0.0, "/params/motion/clearance_mm: is 0 mm; allowed is 1 to 200 mm"),
@@ -284,7 +275,7 @@ fn a_plan_is_held_against_the_part_that_is_given() {
         let plan = folder.file("plan.json", &plan.to_string()).display().to_string();
         check(&[&plan, "--cell", "none", "--mesh", &part, "--unit", unit])
     };
-    let mut plan = plan();
+    let mut plan = plan_of_two_views();
     let found = against(&plan, "mm").expect_err("another part");
     assert!(found.contains("part.stl: is not the part of the plan") && found.contains(&"0a".repeat(32)), "{found}");
     plan["part"]["sha256"] = plan_sha256(&stl).into();
@@ -306,7 +297,7 @@ fn a_fixture_is_held_against_the_file_that_the_plan_names() {
     // Within the block it hides nothing.
     let clamp = box_mesh([20.0, 10.0, 10.0], [22.0, 12.0, 12.0]);
     let (part, clamp, copy) = (stl("part.stl", &block), stl("clamp.stl", &clamp), stl("copy.stl", &clamp));
-    let mut plan = plan();
+    let mut plan = plan_of_two_views();
     plan["part"]["sha256"] = plan_sha256(&write_stl(&block)).into();
     let against = |plan: &serde_json::Value, fixture: &str| {
         let plan = folder.file("plan.json", &plan.to_string()).display().to_string();
@@ -340,7 +331,7 @@ fn a_fixture_is_held_against_the_digest_in_the_plan_whatever_lies_at_its_name() 
     // Within the block they hide nothing.
     let (clamp, changed) = (box_mesh([20.0, 10.0, 10.0], [22.0, 12.0, 12.0]), box_mesh([20.0, 10.0, 10.0], [22.0, 12.0, 13.0]));
     let (part, kept, at_name) = (stl("part.stl", &block), stl("kept.stl", &clamp), stl("clamp.stl", &changed));
-    let mut plan = plan();
+    let mut plan = plan_of_two_views();
     plan["part"]["sha256"] = plan_sha256(&write_stl(&block)).into();
     plan["params"]["part"]["fixture_mesh"] = at_name.clone().into();
     plan["fixture"] = serde_json::json!({
@@ -368,7 +359,7 @@ fn an_option_that_no_file_is_checked_with_is_refused_by_name() {
     let folder = Folder::new();
     let scanner = folder.file("scanner.toml", preset_text(SpecKind::Scanner, "transcan-c").expect("preset"));
     let params = folder.file("params.toml", "[motion]\nclearance_mm = 3.0\n");
-    let plan = folder.file("plan.json", &plan().to_string());
+    let plan = folder.file("plan.json", &plan_of_two_views().to_string());
     let [scanner, params, plan] = [scanner, params, plan].map(|path| path.display().to_string());
     for (args, told) in [
         (&[&*scanner, "--cell", "e05-transcan"][..], "--cell: does not apply to a scanner, which is checked by itself"),

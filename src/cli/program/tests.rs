@@ -5,9 +5,8 @@ use serde_json::{Value, json};
 
 use super::{ProgramArgs, run};
 use crate::cell::{Named, Presets, SpecLibrary};
-use crate::cli::planned_block::plan_of_block;
+use crate::cli::planned_block::bytes_of_two_views;
 use crate::geometry::mesh_io::write_stl;
-use crate::planning::params::{CandidateParams, PlanParams};
 use crate::service::plan_job::plan_sha256;
 use crate::testing::box_mesh;
 use crate::wire::output_record::RECORD_FILE;
@@ -31,15 +30,6 @@ fn planned_from(folder: &Path, plan_sha256: &str, cycle_secs: f64) {
         "steps": [{"op": "settle", "secs": 0.5}, {"op": "scan", "viewpoint": 3, "brightness": 5, "capture_secs": 1.0}],
     });
     std::fs::write(folder.join("program.json"), program.to_string()).expect("writes");
-}
-
-/// Bytes of a plan without a cell.
-fn plan_without_cell() -> Vec<u8> {
-    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
-    (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
-    params.robust.pose_error = None;
-    plan_of_block(&params)
 }
 
 /// Names of the files written, beside the record.
@@ -159,7 +149,7 @@ fn a_robot_of_unknown_make_takes_every_language_that_is_asked_for() {
 #[test]
 fn a_program_that_is_not_the_plans_is_refused() {
     let folder = tempfile::tempdir().expect("folder");
-    let (plan, out) = (plan_without_cell(), folder.path().join("robot"));
+    let (plan, out) = (bytes_of_two_views(), folder.path().join("robot"));
     std::fs::write(folder.path().join("plan.json"), &plan).expect("writes");
     let args = ["--out", out.to_str().expect("a path")];
     let program = folder.path().join("program.json");
@@ -233,7 +223,7 @@ fn a_part_without_the_fixture_of_its_plan_is_refused() {
     let folder = tempfile::tempdir().expect("folder");
     let (part, stl) = (folder.path().join("part.stl"), write_stl(&box_mesh([0.0; 3], [60.0, 40.0, 30.0])));
     std::fs::write(&part, &stl).expect("writes");
-    let mut plan: Value = serde_json::from_slice(&plan_without_cell()).expect("JSON");
+    let mut plan: Value = serde_json::from_slice(&bytes_of_two_views()).expect("JSON");
     plan["part"]["sha256"] = plan_sha256(&stl).into();
     plan["params"]["part"]["fixture_mesh"] = "nowhere.stl".into();
     let plan = plan.to_string();
@@ -250,7 +240,7 @@ fn a_part_without_the_fixture_of_its_plan_is_refused() {
 #[test]
 fn the_program_of_every_setup_is_asked_for() {
     let folder = Path::new("plan");
-    let mut plan: Value = serde_json::from_slice(&plan_without_cell()).expect("JSON");
+    let mut plan: Value = serde_json::from_slice(&bytes_of_two_views()).expect("JSON");
     let read = |plan: &Value| serde_json::from_value::<PlanDocument>(plan.clone()).expect("a plan");
     assert!(super::check_all_there(folder, 1, &read(&plan)).is_ok());
     let setup = json!({

@@ -87,33 +87,3 @@ fn advice(bodies: &Contact, separation: Option<&Separation>, cell: &Cell) -> Adv
     let is_of_arm = |name: &str| cell.robot.links.iter().any(|link| *link.name == *name);
     if is_of_arm(&bodies.a) && is_of_arm(&bodies.b) { Advice::MoveFoot } else { Advice::MountScanner }
 }
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::AtomicBool;
-
-    use super::*;
-    use crate::cell::{Presets, SpecLibrary};
-    use crate::planning::context::Silent;
-    use crate::planning::params::{PlanParams, Strategy};
-    use crate::planning::{PlanInput, plan};
-    use crate::testing::box_mesh;
-
-    /// Laying the part another way was the advice.
-    #[test]
-    fn where_the_home_lies_within_the_part_the_home_is_to_be_moved() {
-        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
-        let mesh = box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 750.0]);
-        let input =
-            PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
-        let mut params = PlanParams::default();
-        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.0005), Some(60.0));
-        (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(20));
-        (params.selection.max_views, params.robust.pose_error) = (Some(1), None);
-        (params.missed.remedies, params.missed.advice) = (0, false);
-        let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
-        let advice = outcome.plan.obstructions.iter().filter(|found| found.without_path > 0).map(|found| &found.advice);
-        let advice: Vec<_> = advice.collect();
-        assert!(!advice.is_empty() && advice.iter().all(|advice| **advice == Advice::MoveHome), "{advice:?}");
-    }
-}

@@ -144,10 +144,12 @@ mod tests {
     use crate::cell::{Presets, SpecLibrary};
     use crate::planning::context::Silent;
     use crate::planning::params::{PlanParams, Strategy};
+    use crate::planning::plan::Advice;
     use crate::planning::{PlanInput, plan};
     use crate::testing::box_mesh;
 
-    /// All but the few views that were tried were told as measurable, with more views as their fix.
+    /// All but the few views that were tried were told as measurable, with more views as their fix, and the part was to be laid another
+    /// way.
     #[test]
     fn area_is_missed_for_want_of_a_path_where_the_home_lies_within_the_part() {
         let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
@@ -167,5 +169,8 @@ mod tests {
         assert!(missed_mm2(Cause::NotChosen) <= 0.0, "{} mm² without a view", missed_mm2(Cause::NotChosen));
         let no_path_mm2 = missed_mm2(Cause::NoPath);
         assert!(no_path_mm2 > 0.5 * outcome.plan.coverage.asked_area_mm2, "{no_path_mm2} mm² without a path");
+        let obstructions = outcome.plan.obstructions.iter().filter(|found| found.without_path > 0);
+        let advice: Vec<_> = obstructions.map(|found| &found.advice).collect();
+        assert!(!advice.is_empty() && advice.iter().all(|advice| **advice == Advice::MoveHome), "{advice:?}");
     }
 }
