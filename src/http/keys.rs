@@ -11,6 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::auth::ApiKey;
 use super::options::ServerOptions;
+use crate::service::metrics;
 use crate::wire::is_spec_name;
 
 /// Name of the key in the settings.
@@ -137,7 +138,7 @@ impl KeysFile {
                 state.version = version;
                 let read = read_changed(&self.path);
                 // A typing error must not lock everybody out, but a key that was to be revoked is in force as long as it stands.
-                metrics::gauge!("vantage_api_keys_file_unreadable").set(if read.is_err() { 1.0 } else { 0.0 });
+                metrics::record(|metrics| metrics.api_keys_file_unreadable.set(if read.is_err() { 1.0 } else { 0.0 }));
                 match read {
                     Ok(keys) => {
                         tracing::info!(keys = keys.len(), "server.api_keys_file has changed; its keys are in force");

@@ -20,6 +20,7 @@ use super::options::ServerOptions;
 use super::parse_errors::ProblemStream;
 use super::problem::{Code, raw_response};
 use super::socket::TimeoutStream;
+use crate::service::metrics;
 
 /// Largest size of a request's headers, bytes.
 const MAX_HEADER_BYTES: usize = 64 * 1024;
@@ -174,7 +175,7 @@ fn begin(service: &Arc<Service>, limiter: &Arc<ConnectionLimiter>, connections: 
             connections.spawn(serve(service.clone(), slot, guard, stream, peer));
         }
         Err(limit) => {
-            metrics::counter!("vantage_connections_refused_total").increment(1);
+            metrics::record(|metrics| metrics.connections_refused.inc());
             // The buffer of a new connection is empty, so the response is sent whole.
             let _ = stream.into_std().and_then(|mut stream| stream.write(&raw_response(limit.code())));
         }
@@ -196,14 +197,14 @@ struct SlotGuard(Arc<ConnectionSlot>);
 
 impl SlotGuard {
     fn new(slot: Arc<ConnectionSlot>) -> Self {
-        metrics::gauge!("vantage_connections").increment(1.0);
+        metrics::record(|metrics| metrics.connections.inc());
         Self(slot)
     }
 }
 
 impl Drop for SlotGuard {
     fn drop(&mut self) {
-        metrics::gauge!("vantage_connections").decrement(1.0);
+        metrics::record(|metrics| metrics.connections.dec());
         self.0.release();
     }
 }

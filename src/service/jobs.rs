@@ -24,6 +24,7 @@ use self::tracker::{Tracker, persist_progress};
 use super::app::App;
 use super::error::Error;
 use super::failpoint;
+use super::metrics;
 use super::plan_job::{PLAN_FILE, left_out_candidates};
 use super::planner::{Artifact, JobError};
 use super::progress::Course;
@@ -215,8 +216,10 @@ impl App {
             self.pause(STORE_RETRY).await;
         }
         let seconds = began.elapsed().as_secs_f64();
-        metrics::counter!("vantage_attempts_total", "state" => state.map_or("unknown", JobState::as_str)).increment(1);
-        metrics::histogram!("vantage_attempt_seconds").record(seconds);
+        metrics::record(|metrics| {
+            metrics.attempts.with_label_values(&[state.map_or("unknown", JobState::as_str)]).inc();
+            metrics.attempt_seconds.observe(seconds);
+        });
         tracing::info!(state = state.map(JobState::as_str), seconds, "attempt ended");
     }
 

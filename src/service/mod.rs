@@ -20,6 +20,7 @@ mod kept;
 mod library;
 mod maintenance;
 mod meshes;
+pub(crate) mod metrics;
 mod options;
 mod parse_memory;
 pub mod plan_job;

@@ -31,7 +31,7 @@ const PURE: &[&str] = &[
     "config",
     "clap",
     "indicatif",
-    "metrics",
+    "prometheus",
     "tracing",
     "uuid",
     "std::fs",

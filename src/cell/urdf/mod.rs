@@ -5,12 +5,12 @@
 //! A URDF has no accelerations and no payload: the caller gives them.
 
 mod capsules;
+mod document;
 mod remarks;
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use urdf_rs::{Geometry, Joint, JointType, Link};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::axis::AxisSpec;
 use super::dialect::Dialect;
@@ -19,6 +19,7 @@ use super::pose_spec::PoseSpec;
 use super::robot::{LinkSpec, RobotSpec};
 use crate::geometry::{Mesh, Pose};
 use capsules::{Capsule, around};
+use document::{Geometry, Joint, JointKind, Link};
 
 const MM_OF_METRE: f64 = 1000.0;
 /// Names that the last link of an arm commonly has, the first preferred.
@@ -186,7 +187,7 @@ pub fn import(
     options: &UrdfOptions,
     load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
 ) -> Result<Imported, UrdfError> {
-    let robot = urdf_rs::read_from_string(text).map_err(|error| UrdfError::Unreadable(error.to_string()))?;
+    let robot = document::read(text)?;
     let tree = Tree::new(&robot);
     let arm = tree.arm(options)?;
     let (kinematics, moving) = chain(&arm)?;
@@ -230,14 +231,14 @@ struct Arm<'a> {
 
 /// The file's links and joints, found by name.
 struct Tree<'a> {
-    robot: &'a urdf_rs::Robot,
+    robot: &'a document::RobotElement,
     /// The joint that carries each link.
     parent: BTreeMap<&'a str, &'a Joint>,
 }
 
 impl<'a> Tree<'a> {
-    fn new(robot: &'a urdf_rs::Robot) -> Self {
-        Self { robot, parent: robot.joints.iter().map(|joint| (joint.child.link.as_str(), joint)).collect() }
+    fn new(robot: &'a document::RobotElement) -> Self {
+        Self { robot, parent: robot.joints.iter().map(|joint| (joint.child.as_str(), joint)).collect() }
     }
 
     fn named(&self, name: &str) -> Result<String, UrdfError> {
@@ -258,7 +259,7 @@ impl<'a> Tree<'a> {
     }
 
     fn ends(&self) -> Vec<String> {
-        let is_end = |name: &str| self.robot.joints.iter().all(|joint| joint.parent.link != name);
+        let is_end = |name: &str| self.robot.joints.iter().all(|joint| joint.parent != name);
         self.robot.links.iter().map(|link| link.name.clone()).filter(|name| is_end(name)).collect()
     }
 
@@ -277,17 +278,17 @@ impl<'a> Tree<'a> {
         let mut at_from_link: Isometry3<f64> = Isometry3::identity();
         // A file may be wound into a circle.
         for _ in 0..self.robot.joints.len() {
-            let above = self.parent.get(at).filter(|joint| joint.joint_type == JointType::Fixed);
+            let above = self.parent.get(at).filter(|joint| joint.kind == JointKind::Fixed);
             let Some(joint) = above.filter(|_| !is_wanted(at)) else { break };
-            at_from_link = metres(&joint.origin) * at_from_link;
-            at = &joint.parent.link;
+            at_from_link = joint.parent_from_joint * at_from_link;
+            at = &joint.parent;
         }
         (at.to_owned(), at_from_link.inverse())
     }
 
     /// Returns true if a joint that turns hangs on a link.
     fn carries_joints(&self, link: &str) -> bool {
-        self.robot.joints.iter().any(|joint| turns(joint) && self.path(link, &joint.parent.link).is_some())
+        self.robot.joints.iter().any(|joint| turns(joint) && self.path(link, &joint.parent).is_some())
     }
 
     /// The flange: six turning joints from the base, by its usual name if it has one.
@@ -311,7 +312,7 @@ impl<'a> Tree<'a> {
                 return None;
             }
             path.push(joint);
-            at = &joint.parent.link;
+            at = &joint.parent;
         }
         path.reverse();
         Some(path)
@@ -335,7 +336,7 @@ impl<'a> Tree<'a> {
             };
             let (mut vertices_mm, mut faces) = (Vec::new(), Vec::new());
             for collision in &link.collision {
-                let pose = frame_from_link * metres(&collision.origin);
+                let pose = frame_from_link * collision.link_from_shape;
                 let shape = shape(&collision.geometry, &link.name, load)?;
                 let first = vertices_mm.len() as u32;
                 vertices_mm.extend(shape.vertices_mm.iter().map(|vertex| pose * vertex));
@@ -359,13 +360,13 @@ impl<'a> Tree<'a> {
     fn carried(&self, name: &str, arm: &Arm<'_>, frames: &[Isometry3<f64>; 7]) -> Result<(usize, Isometry3<f64>), String> {
         let way = self.path(&arm.root, name).ok_or_else(|| format!("does not hang on {:?}", arm.base))?;
         let shared = way.iter().zip(&arm.path).take_while(|(a, b)| std::ptr::eq(**a, **b)).count();
-        if let Some(joint) = way[shared..].iter().find(|joint| joint.joint_type != JointType::Fixed) {
+        if let Some(joint) = way[shared..].iter().find(|joint| joint.kind != JointKind::Fixed) {
             return Err(format!("moves by joint {:?}, which is none of the arm's", joint.name));
         }
         let turned = way.iter().filter(|joint| turns(joint)).count();
         // What the flange carries is given in the flange's own frame.
         let frame = if name == arm.tip && turned == 6 { 6 } else { turned };
-        let base_from_link = way.iter().fold(arm.base_from_root, |at, joint| at * metres(&joint.origin));
+        let base_from_link = way.iter().fold(arm.base_from_root, |at, joint| at * joint.parent_from_joint);
         Ok((frame, frames[frame].inverse() * base_from_link))
     }
 
@@ -392,7 +393,7 @@ impl<'a> Tree<'a> {
 
 /// Remark on a link that the robot lacks; `None` for a mere frame, which has no body.
 fn left_out(link: &Link, reason: &str, remedy: &str) -> Option<UrdfRemark> {
-    let has_body = !link.collision.is_empty() || !link.visual.is_empty();
+    let has_body = !link.collision.is_empty() || link.is_drawn;
     has_body.then(|| UrdfRemark {
         detail: format!("leaves out link {:?}, which {reason}: nothing keeps clear of it", link.name),
         remedy: remedy.to_owned(),
@@ -412,14 +413,14 @@ fn turn_about(axis: &Vector3<f64>, turn_rad: f64) -> String {
 }
 
 fn turns(joint: &Joint) -> bool {
-    matches!(joint.joint_type, JointType::Revolute | JointType::Continuous)
+    matches!(joint.kind, JointKind::Revolute | JointKind::Continuous)
 }
 
 /// Foot, joints 1 to 5 and the flange with all joints at zero, base frame.
 fn zero_frames(arm: &Arm<'_>) -> [Isometry3<f64>; 7] {
     let (mut frames, mut at, mut turned) = ([Isometry3::identity(); 7], arm.base_from_root, 0);
     for joint in &arm.path {
-        at *= metres(&joint.origin);
+        at *= joint.parent_from_joint;
         if turns(joint) {
             turned += 1;
             frames[turned.min(6)] = at;
@@ -434,20 +435,20 @@ fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
     let (base, tip) = (&arm.base, &arm.tip);
     let (mut at, mut joints, mut moving) = (arm.base_from_root, Vec::new(), Vec::new());
     for joint in &arm.path {
-        at *= metres(&joint.origin);
-        match joint.joint_type {
-            JointType::Fixed => {}
-            JointType::Revolute | JointType::Continuous => {
-                if let Some(mimic) = &joint.mimic {
-                    let (joint, follows) = (joint.name.clone(), mimic.joint.clone());
+        at *= joint.parent_from_joint;
+        match joint.kind {
+            JointKind::Fixed => {}
+            JointKind::Revolute | JointKind::Continuous => {
+                if let Some(follows) = &joint.mimics {
+                    let (joint, follows) = (joint.name.clone(), follows.clone());
                     return Err(UrdfError::Mimic { joint, follows, base: base.to_owned(), tip: tip.to_owned() });
                 }
-                joints.push(ChainJointSpec { origin: written(&at), axis: joint.axis.xyz.0 });
+                joints.push(ChainJointSpec { origin: written(&at), axis: joint.axis });
                 moving.push(*joint);
                 at = Isometry3::identity();
             }
-            ref kind @ (JointType::Prismatic | JointType::Floating | JointType::Planar | JointType::Spherical) => {
-                let (joint, kind) = (joint.name.clone(), format!("{kind:?}").to_lowercase());
+            kind @ (JointKind::Prismatic | JointKind::Floating | JointKind::Planar | JointKind::Spherical) => {
+                let (joint, kind) = (joint.name.clone(), kind.name().to_owned());
                 return Err(UrdfError::JointKind { joint, kind, base: base.to_owned(), tip: tip.to_owned() });
             }
         }
@@ -458,37 +459,35 @@ fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
 
 /// Limits of a joint without its soft ones, rad.
 fn own_range_rad(joint: &Joint) -> (f64, f64) {
-    let turns_endlessly = matches!(joint.joint_type, JointType::Continuous);
-    if turns_endlessly { (-ENDLESS_RAD, ENDLESS_RAD) } else { (joint.limit.lower, joint.limit.upper) }
+    let turns_endlessly = joint.kind == JointKind::Continuous;
+    if turns_endlessly { (-ENDLESS_RAD, ENDLESS_RAD) } else { (joint.lower, joint.upper) }
 }
 
 /// Part of a joint's range that is within its soft limits, rad.
 fn within_soft_limits(joint: &Joint, (min_rad, max_rad): (f64, f64)) -> Result<(f64, f64), UrdfError> {
-    let Some(soft) = &joint.safety_controller else { return Ok((min_rad, max_rad)) };
-    let (lower, upper) = (soft.soft_lower_limit, soft.soft_upper_limit);
+    let Some((lower, upper)) = joint.soft_limits else { return Ok((min_rad, max_rad)) };
     // Both are 0 by default, which is to say that there are none.
     if lower == 0.0 && upper == 0.0 {
         return Ok((min_rad, max_rad));
     }
     let (low_rad, high_rad) = (min_rad.max(lower), max_rad.min(upper));
-    if lower.is_nan() || upper.is_nan() || low_rad >= high_rad {
+    if low_rad >= high_rad {
         return Err(UrdfError::SoftLimits { joint: joint.name.clone(), lower, upper });
     }
     Ok((low_rad, high_rad))
 }
 
 fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
-    let limit = &joint.limit;
     let (min_rad, max_rad) = own_range_rad(joint);
     let bad = |what: &'static str, value: f64| UrdfError::Number { joint: joint.name.clone(), what, value };
     if !(min_rad.is_finite() && max_rad > min_rad) {
         return Err(bad("upper limit", max_rad));
     }
-    if !(limit.velocity.is_finite() && limit.velocity > 0.0) {
-        return Err(bad("speed", limit.velocity));
+    if !(joint.speed.is_finite() && joint.speed > 0.0) {
+        return Err(bad("speed", joint.speed));
     }
     let (min_rad, max_rad) = within_soft_limits(joint, (min_rad, max_rad))?;
-    let speed_deg_per_s = limit.velocity.to_degrees();
+    let speed_deg_per_s = joint.speed.to_degrees();
     Ok(AxisSpec {
         min_deg: min_rad.to_degrees(),
         max_deg: max_rad.to_degrees(),
@@ -500,10 +499,9 @@ fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
 /// The surface of a collision shape, in its own frame, mm.
 fn shape(geometry: &Geometry, link: &str, load: &mut dyn FnMut(&str) -> Result<Mesh, String>) -> Result<Mesh, UrdfError> {
     Ok(match geometry {
-        Geometry::Mesh { filename, scale } => {
-            let scale = scale.map_or([1.0; 3], |scale| scale.0);
-            let bad = |detail| UrdfError::Mesh { file: filename.clone(), link: link.to_owned(), detail };
-            let mut mesh = load(filename).map_err(bad)?;
+        Geometry::Mesh { file, scale } => {
+            let bad = |detail| UrdfError::Mesh { file: file.clone(), link: link.to_owned(), detail };
+            let mut mesh = load(file).map_err(bad)?;
             for vertex in &mut mesh.vertices_mm {
                 *vertex = Point3::from([0, 1, 2].map(|axis| vertex[axis] * scale[axis] * MM_OF_METRE));
             }
@@ -573,12 +571,6 @@ fn capsules_of(surface: &LinkSurface) -> Vec<LinkSpec> {
         radius_mm: capsule.radius_mm,
     };
     capsules.iter().enumerate().map(spec).collect()
-}
-
-fn metres(pose: &urdf_rs::Pose) -> Isometry3<f64> {
-    let [roll, pitch, yaw] = pose.rpy.0;
-    let translation = Translation3::from(Vector3::from(pose.xyz.0) * MM_OF_METRE);
-    Isometry3::from_parts(translation, UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
 fn written(pose: &Isometry3<f64>) -> PoseSpec {

@@ -1,9 +1,9 @@
 //! Remarks on what a URDF says or leaves open, and a plan or a program would take otherwise.
 
 use nalgebra::{Isometry3, Vector3};
-use urdf_rs::Joint;
 
-use super::{Arm, MIN_TURN_DEG, UrdfRemark, metres, own_range_rad, turns};
+use super::document::Joint;
+use super::{Arm, MIN_TURN_DEG, UrdfRemark, own_range_rad, turns};
 use crate::cell::axis::AxisSpec;
 
 /// Returns true if one of the words of a robot's name is ABB's, as in `abb_irb2400`.
@@ -46,10 +46,10 @@ pub(super) fn narrowed(joint: &Joint, axis: &AxisSpec) -> Option<UrdfRemark> {
 /// Remark on a flange whose z axis is not along axis 6, to either side.
 pub(super) fn tilted_flange(arm: &Arm<'_>) -> Option<UrdfRemark> {
     let last = arm.path.iter().rposition(|joint| turns(joint))?;
-    let axis = Vector3::from(arm.path[last].axis.xyz.0).try_normalize(1e-9)?;
+    let axis = Vector3::from(arm.path[last].axis).try_normalize(1e-9)?;
     let mut joint_from_flange: Isometry3<f64> = Isometry3::identity();
     for joint in &arm.path[last + 1..] {
-        joint_from_flange *= metres(&joint.origin);
+        joint_from_flange *= joint.parent_from_joint;
     }
     let z = joint_from_flange.rotation * Vector3::z();
     let off_deg = axis.dot(&z).abs().min(1.0).acos().to_degrees();

@@ -40,6 +40,8 @@ fn what_is_no_arm_is_refused_by_name() {
     let refused = |text: &str, options: &UrdfOptions| import(text, options, &mut no_mesh).expect_err("refused").to_string();
     let told = refused("<robot", &options());
     assert!(told.contains("is not a URDF file"), "{told}");
+    let told = refused("<sdf version=\"1.9\"><model name=\"a\"/></sdf>", &options());
+    assert!(told.contains("line 1: <sdf> is not <robot>"), "{told}");
     let told = refused(&arm_urdf("fixed"), &options());
     assert!(told.contains("six turning joints from \"base_link\"") && told.contains("tool0"), "{told}");
     let told = refused(&arm_urdf("prismatic"), &UrdfOptions { tip_link: Some("tool0".into()), ..options() });
@@ -315,4 +317,56 @@ fn the_smallest_circle_is_that_of_closed_forms_and_of_every_triple() {
             }
         }
     }
+}
+
+/// Elements of the arm's file in place of others, and the fault that is told of them.
+#[test]
+fn a_fault_of_an_element_is_told_with_its_line_name_and_value() {
+    let text = arm_urdf("revolute").replacen("<link name=\"link_3\">", "\n<link name=\"link_3\">", 1);
+    for (from, to, told) in [
+        ("<child link=\"link_3\"/>", "", "line 2: <joint> \"joint_3\" has no child"),
+        ("<child link=\"link_3\"/>", "<child/>", "line 2: <child> of joint \"joint_3\" has no link"),
+        (
+            "name=\"joint_3\" type=\"revolute\"",
+            "name=\"joint_3\" type=\"hinge\"",
+            "has the type \"hinge\"; allowed are revolute, ",
+        ),
+        ("name=\"joint_3\" type=\"revolute\"", "name=\"joint_3\"", "<joint> \"joint_3\" has no type"),
+        ("<origin xyz=\"0 0 0.38\"/>", "<origin xyz=\"0 0\"/>", "has the xyz \"0 0\", which is not 3 finite numbers"),
+        ("<origin xyz=\"0 0 0.38\"/>", "<origin xyz=\"0 0 inf\"/>", "has the xyz \"0 0 inf\", which is not 3"),
+        ("<origin xyz=\"0 0 0.38\"/>", "<origin rpy=\"0 x 0\"/>", "<origin> of joint \"joint_3\" has the rpy \"0 x 0\""),
+        ("upper=\"2.5\"", "upper=\"2,5\"", "has the upper \"2,5\", which is not a number"),
+        ("radius=\"0.04\"", "radius=\"nan\"", "<cylinder> of link \"link_1\" has the radius \"nan\", which is not a number"),
+        ("radius=\"0.04\" length=\"0.1\"", "radius=\"0.04\"", "<cylinder> of link \"link_1\" has no length"),
+        ("<cylinder radius=\"0.04\" length=\"0.1\"/>", "<cone/>", "<cone> of link \"link_1\" is not a shape; allowed are box, "),
+        ("<cylinder radius=\"0.04\" length=\"0.1\"/>", "", "<collision> of link \"link_1\" has no geometry"),
+        ("<link name=\"world\"/>", "<link/>", "line 1: <link> has no name"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let error = import(&text.replacen(from, to, 1), &options(), &mut no_mesh).expect_err("refused");
+        assert!(error.to_string().contains(told), "{error}");
+    }
+    let macros = "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\" name=\"a\"><xacro:arm prefix=\"\"/></robot>";
+    let error = import(macros, &options(), &mut no_mesh).expect_err("refused");
+    assert!(error.to_string().contains("expand them first: xacro arm.urdf.xacro > arm.urdf"), "{error}");
+}
+
+#[test]
+fn what_a_version_of_the_format_added_counts_from_it_on() {
+    let (origin, quaternion) = ("<origin xyz=\"0 0 0.38\"/>", "<origin xyz=\"0 0 0.38\" quat_xyzw=\"0 0 1 1\"/>");
+    let read = |version: &str, to: &str| {
+        let text = arm_urdf("revolute").replacen("<robot", &format!("<robot version=\"{version}\""), 1);
+        import(&text.replacen(origin, to, 1), &options(), &mut no_mesh)
+    };
+    let flange = |version: &str, to: &str| {
+        let robot = read(version, to).expect("a robot").robot.build().expect("a sound one");
+        robot.link_frames(&[0.0; 6])[6]
+    };
+    let turned = flange("1.0", "<origin xyz=\"0 0 0.38\" rpy=\"0 0 1.5707963267948966\"/>");
+    assert!(flange("1.1", quaternion).rotation.angle_to(&turned.rotation) < 1e-9);
+    assert!(flange("1.0", quaternion).rotation.angle() < 1e-9, "1.0 has no quaternions");
+    let both = read("1.1", "<origin quat_xyzw=\"0 0 1 1\" rpy=\"0 0 0\"/>").expect_err("refused").to_string();
+    assert!(both.contains("<origin> of joint \"joint_3\" has both rpy and quat_xyzw"), "{both}");
+    let none = read("1.1", "<origin quat_xyzw=\"0 0 0 0\"/>").expect_err("refused").to_string();
+    assert!(none.contains("has a quat_xyzw of length 0"), "{none}");
 }

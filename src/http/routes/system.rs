@@ -10,6 +10,7 @@ use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
+use crate::service::metrics::{TEXT_FORMAT, record, text};
 use crate::wire::{Health, ProblemField, Readiness, Version};
 
 /// Check liveness
@@ -68,12 +69,12 @@ pub(in crate::http) async fn metrics(State(state): State<ApiState>) -> impl Into
     // What is not known is no number; the other metrics are needed most while the store cannot be read.
     let value = |count: Option<u64>| count.map_or(f64::NAN, |count| count as f64);
     for (job_state, count) in state.app.open_jobs().await {
-        metrics::gauge!("vantage_jobs", "state" => job_state.as_str()).set(value(count));
+        record(|all| all.jobs.with_label_values(&[job_state.as_str()]).set(value(count)));
     }
     for (run_state, count) in state.app.open_runs().await {
-        metrics::gauge!("vantage_runs", "state" => run_state.as_str()).set(value(count));
+        record(|all| all.runs.with_label_values(&[run_state.as_str()]).set(value(count)));
     }
-    ([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], crate::http::metrics::render())
+    ([(CONTENT_TYPE, TEXT_FORMAT)], text())
 }
 
 /// Get this document

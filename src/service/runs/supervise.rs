@@ -18,6 +18,7 @@ use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, Stop
 use crate::planning::context::Context;
 use crate::service::app::App;
 use crate::service::error::Error;
+use crate::service::metrics;
 use crate::wire::run::{ReportedReason, ReportedState, Run, RunCoverage, RunEventKind, RunMode, RunStepRecord};
 
 /// A run's task; what it holds is given back when it is dropped, however the task ends.
@@ -272,14 +273,16 @@ impl Supervisor {
     }
 
     fn count(&self) {
-        let labels = [("mode", self.run.mode.as_str()), ("state", self.run.state.as_str())];
-        metrics::counter!("vantage_run_ended_total", &labels).increment(1);
-        metrics::histogram!("vantage_run_seconds", "mode" => self.run.mode.as_str()).record(self.run.elapsed_secs);
+        let (mode, state) = (self.run.mode.as_str(), self.run.state.as_str());
+        metrics::record(|metrics| {
+            metrics.run_ended.with_label_values(&[mode, state]).inc();
+            metrics.run_seconds.with_label_values(&[mode]).observe(self.run.elapsed_secs);
+        });
         let devices = self.run.stop.iter().flat_map(|stop| [&stop.arm, &stop.table]).flatten();
         for device in devices {
             let stages = [("sent", device.sent_ms), ("acknowledged", device.acknowledged_ms), ("at_rest", device.at_rest_ms)];
             for (stage, ms) in stages.into_iter().filter_map(|(stage, ms)| Some((stage, ms?))) {
-                metrics::histogram!("vantage_run_stop_seconds", "stage" => stage).record(ms / 1000.0);
+                metrics::record(|metrics| metrics.run_stop_seconds.with_label_values(&[stage]).observe(ms / 1000.0));
             }
         }
     }
@@ -288,12 +291,18 @@ impl Supervisor {
 /// Adds the jitter of streamed set points to the metrics, a hundredth of the periods at a time.
 fn count_jitter(jitter: &Jitter) {
     const SHARES: u32 = 100;
-    let histogram = metrics::histogram!("vantage_run_jitter_seconds");
-    let count = usize::try_from(jitter.periods / u64::from(SHARES)).unwrap_or(usize::MAX);
-    for share in 0..SHARES {
-        histogram.record_many(jitter.quantile((f64::from(share) + 0.5) / f64::from(SHARES)).as_secs_f64(), count);
-    }
-    metrics::counter!("vantage_run_periods_missed_total").increment(jitter.missed);
+    metrics::record(|metrics| {
+        // Joins the metric once, after all values.
+        let histogram = metrics.run_jitter_seconds.local();
+        for share in 0..SHARES {
+            let seconds = jitter.quantile((f64::from(share) + 0.5) / f64::from(SHARES)).as_secs_f64();
+            for _ in 0..jitter.periods / u64::from(SHARES) {
+                histogram.observe(seconds);
+            }
+        }
+        histogram.flush();
+        metrics.run_periods_missed.inc_by(jitter.missed);
+    });
 }
 
 /// State, reason and words of a run that ended before its session began.
