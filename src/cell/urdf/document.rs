@@ -19,13 +19,13 @@ pub(super) struct RobotElement {
     /// Its name; empty where it has none.
     pub name: String,
     /// Links, in the order of the document.
-    pub links: Vec<Link>,
+    pub links: Vec<LinkElement>,
     /// Joints, in the order of the document.
-    pub joints: Vec<Joint>,
+    pub joints: Vec<JointElement>,
 }
 
 /// Rigid body, or a mere frame.
-pub(super) struct Link {
+pub(super) struct LinkElement {
     /// Its name.
     pub name: String,
     /// True if it has a visual shape.
@@ -94,7 +94,7 @@ impl JointKind {
 }
 
 /// Joint between two links.
-pub(super) struct Joint {
+pub(super) struct JointElement {
     /// Its name.
     pub name: String,
     /// Motion.
@@ -153,9 +153,9 @@ fn version(robot: Node<'_, '_>) -> Version {
     stated.unwrap_or((1, 0))
 }
 
-fn link(node: Node<'_, '_>, version: Version) -> Result<Link, UrdfError> {
+fn link(node: Node<'_, '_>, version: Version) -> Result<LinkElement, UrdfError> {
     let collision = |node| Ok(Collision { link_from_shape: origin(node, version)?, geometry: geometry(node)? });
-    Ok(Link {
+    Ok(LinkElement {
         name: text(node, "name")?,
         is_drawn: element(node, "visual").is_some(),
         collision: elements(node, "collision").map(collision).collect::<Result<_, UrdfError>>()?,
@@ -175,7 +175,7 @@ fn geometry(collision: Node<'_, '_>) -> Result<Geometry, UrdfError> {
     })
 }
 
-fn joint(node: Node<'_, '_>, version: Version) -> Result<Joint, UrdfError> {
+fn joint(node: Node<'_, '_>, version: Version) -> Result<JointElement, UrdfError> {
     let kind = text(node, "type")?;
     let known = JOINT_KINDS.iter().find(|(name, _)| *name == kind);
     let (_, kind) = known.ok_or_else(|| {
@@ -193,7 +193,7 @@ fn joint(node: Node<'_, '_>, version: Version) -> Result<Joint, UrdfError> {
         let limit = |name| Ok::<_, UrdfError>(number(node, name)?.unwrap_or(0.0));
         Ok::<_, UrdfError>((limit("soft_lower_limit")?, limit("soft_upper_limit")?))
     };
-    Ok(Joint {
+    Ok(JointElement {
         name: text(node, "name")?,
         kind: *kind,
         parent_from_joint: origin(node, version)?,

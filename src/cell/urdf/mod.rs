@@ -19,7 +19,7 @@ use super::pose_spec::PoseSpec;
 use super::robot::{LinkSpec, RobotSpec};
 use crate::geometry::{Mesh, Pose};
 use capsules::{Capsule, around};
-use document::{Geometry, Joint, JointKind, Link};
+use document::{Geometry, JointElement, JointKind, LinkElement};
 
 const MM_OF_METRE: f64 = 1000.0;
 /// Names that the last link of an arm commonly has, the first preferred.
@@ -226,14 +226,14 @@ struct Arm<'a> {
     root: String,
     base_from_root: Isometry3<f64>,
     /// Joints from the root to the flange, in order.
-    path: Vec<&'a Joint>,
+    path: Vec<&'a JointElement>,
 }
 
 /// The file's links and joints, found by name.
 struct Tree<'a> {
     robot: &'a document::RobotElement,
     /// The joint that carries each link.
-    parent: BTreeMap<&'a str, &'a Joint>,
+    parent: BTreeMap<&'a str, &'a JointElement>,
 }
 
 impl<'a> Tree<'a> {
@@ -303,7 +303,7 @@ impl<'a> Tree<'a> {
     }
 
     /// The joints from one link to another, in order; `None` where it does not hang on it.
-    fn path(&self, base: &str, tip: &str) -> Option<Vec<&'a Joint>> {
+    fn path(&self, base: &str, tip: &str) -> Option<Vec<&'a JointElement>> {
         let (mut path, mut at) = (Vec::new(), tip);
         while at != base {
             let joint = *self.parent.get(at)?;
@@ -392,7 +392,7 @@ impl<'a> Tree<'a> {
 }
 
 /// Remark on a link that the robot lacks; `None` for a mere frame, which has no body.
-fn left_out(link: &Link, reason: &str, remedy: &str) -> Option<UrdfRemark> {
+fn left_out(link: &LinkElement, reason: &str, remedy: &str) -> Option<UrdfRemark> {
     let has_body = !link.collision.is_empty() || link.is_drawn;
     has_body.then(|| UrdfRemark {
         detail: format!("leaves out link {:?}, which {reason}: nothing keeps clear of it", link.name),
@@ -412,7 +412,7 @@ fn turn_about(axis: &Vector3<f64>, turn_rad: f64) -> String {
     format!("{sign}{turn_deg}° about {}", ["x", "y", "z"][largest])
 }
 
-fn turns(joint: &Joint) -> bool {
+fn turns(joint: &JointElement) -> bool {
     matches!(joint.kind, JointKind::Revolute | JointKind::Continuous)
 }
 
@@ -431,7 +431,7 @@ fn zero_frames(arm: &Arm<'_>) -> [Isometry3<f64>; 7] {
 }
 
 /// The joints that turn, with whatever is fixed before each, and the flange behind the last.
-fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
+fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a JointElement>), UrdfError> {
     let (base, tip) = (&arm.base, &arm.tip);
     let (mut at, mut joints, mut moving) = (arm.base_from_root, Vec::new(), Vec::new());
     for joint in &arm.path {
@@ -458,13 +458,13 @@ fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
 }
 
 /// Limits of a joint without its soft ones, rad.
-fn own_range_rad(joint: &Joint) -> (f64, f64) {
+fn own_range_rad(joint: &JointElement) -> (f64, f64) {
     let turns_endlessly = joint.kind == JointKind::Continuous;
     if turns_endlessly { (-ENDLESS_RAD, ENDLESS_RAD) } else { (joint.lower, joint.upper) }
 }
 
 /// Part of a joint's range that is within its soft limits, rad.
-fn within_soft_limits(joint: &Joint, (min_rad, max_rad): (f64, f64)) -> Result<(f64, f64), UrdfError> {
+fn within_soft_limits(joint: &JointElement, (min_rad, max_rad): (f64, f64)) -> Result<(f64, f64), UrdfError> {
     let Some((lower, upper)) = joint.soft_limits else { return Ok((min_rad, max_rad)) };
     // Both are 0 by default, which is to say that there are none.
     if lower == 0.0 && upper == 0.0 {
@@ -477,7 +477,7 @@ fn within_soft_limits(joint: &Joint, (min_rad, max_rad): (f64, f64)) -> Result<(
     Ok((low_rad, high_rad))
 }
 
-fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
+fn axis(joint: &JointElement, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
     let (min_rad, max_rad) = own_range_rad(joint);
     let bad = |what: &'static str, value: f64| UrdfError::Number { joint: joint.name.clone(), what, value };
     if !(min_rad.is_finite() && max_rad > min_rad) {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::document::Joint;
+use super::document::JointElement;
 use super::{Arm, MIN_TURN_DEG, UrdfRemark, own_range_rad, turns};
 use crate::cell::axis::AxisSpec;
 
@@ -28,7 +28,7 @@ pub(super) fn joint_3_of_abb() -> UrdfRemark {
 }
 
 /// Remark on a joint whose range the soft limits narrow.
-pub(super) fn narrowed(joint: &Joint, axis: &AxisSpec) -> Option<UrdfRemark> {
+pub(super) fn narrowed(joint: &JointElement, axis: &AxisSpec) -> Option<UrdfRemark> {
     let (min_rad, max_rad) = own_range_rad(joint);
     let (min_deg, max_deg) = (min_rad.to_degrees(), max_rad.to_degrees());
     (axis.min_deg > min_deg || axis.max_deg < max_deg).then(|| UrdfRemark {
