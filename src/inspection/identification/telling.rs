@@ -11,16 +11,19 @@
 //! returned. A merged cloud tells nothing, since the view of its points is not known.
 //!
 //! A view that kept its stated pose tells nothing: it is not known to lie where its samples are looked for. A pair tells nothing either
-//! where the points around it show that the part differs from the model there.
+//! where the points around it show that the part differs from the model there, since they lie off it or are of a surface that looks
+//! elsewhere; nor beside such a spot, whichever view shows it.
 //!
 //! Cost: 9 to 17 rays an expected pair from the left camera, and as many shadows, in packets.
 
-use nalgebra::Point3;
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Point3, Vector3};
 
 use super::rates::{EASY_INCIDENCE_DEG, EASY_MIRROR_DEG};
 use crate::cell::closed_list;
 use crate::geometry::{Part, Pose, ScannerFrame, parallel};
-use crate::inspection::coverage::{ComparedViews, ModelPoint, NominalModel, Return, Returns, ViewLookup};
+use crate::inspection::coverage::{ComparedViews, ModelPoint, NominalModel, Return, Returns, ScannedView, ViewLookup};
 use crate::inspection::ingest::Removed;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
@@ -39,6 +42,12 @@ const DENSE_RATE: f64 = 0.95;
 const MIN_EASY: usize = 50;
 /// Share of the expected pairs that do not tell for one reason, from which on the reason is given. It is our choice.
 const WITHHELD_SHARE: f64 = 0.5;
+/// Size of a cell of the surface that differs from the model with its neighbours, mm, as registration takes them to deviate as one; and
+/// fewest samples in it that show it, since noise makes one differ. Both are our choice.
+const SPOT_MM: f64 = 5.0;
+const MIN_SPOT_SAMPLES: usize = 3;
+/// Cosine of the angle from which on a measured surface looks elsewhere than a sample: 45°, as of points that registration pairs.
+const ELSEWHERE_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 closed_list! {
     /// Reason for which scans teach little or nothing of the scanner's limits.
@@ -94,16 +103,11 @@ pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -
     let mut told = Returns::default();
     let (mut expected, mut coarse, mut filtered, mut misplaced, mut tell) = (0_usize, 0_usize, 0_usize, 0_usize, 0_usize);
     let is_registered = |place: usize| input.is_registered.get(place).copied().unwrap_or_default();
-    for (place, scanned) in compared.scanned.iter().enumerate() {
-        let removed = input.removed.get(place).copied();
-        let pose = scanned.registered.part_from_scanner;
-        let view = TellingView { input, removed, pose, lookup: ViewLookup::new(compared, &optics, scanned) };
+    let mut judged = verdicts_of(returns, input, &optics, ctx)?;
+    spread_deviations(&mut judged, returns, is_registered, &compared.surface.sample_mm);
+    for (place, mut verdicts) in judged.into_iter().enumerate() {
+        let removed = input.removed.get(place);
         let pairs: Vec<Return> = returns.of_view(place).collect();
-        let blocks = parallel::try_map_chunks(&pairs, BLOCK, |block| {
-            ctx.check()?;
-            Ok::<_, Cancelled>(view.verdicts(block, ctx))
-        })?;
-        let mut verdicts = blocks.concat();
         if !is_registered(place) {
             verdicts.iter_mut().filter(|verdict| **verdict == Verdict::Tells).for_each(|verdict| *verdict = Verdict::Misplaced);
         }
@@ -130,6 +134,54 @@ pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -
     let views = compared.scanned.len();
     let kept = (0..views).filter(|place| !is_registered(*place)).count();
     Ok(Telling { returns: told, withheld, kept_views: [kept, views] })
+}
+
+/// Meanings of the pairs of each view, each by itself.
+fn verdicts_of(
+    returns: &Returns,
+    input: &TellingInput<'_>,
+    optics: &Optics,
+    ctx: &Context<'_>,
+) -> Result<Vec<Vec<Verdict>>, Cancelled> {
+    let of_view = |(place, scanned): (usize, &ScannedView<'_>)| {
+        let removed = input.removed.get(place).copied();
+        let pose = scanned.registered.part_from_scanner;
+        let view = TellingView { input, removed, pose, lookup: ViewLookup::new(input.compared, optics, scanned) };
+        let pairs: Vec<Return> = returns.of_view(place).collect();
+        let blocks = parallel::try_map_chunks(&pairs, BLOCK, |block| {
+            ctx.check()?;
+            Ok::<_, Cancelled>(view.verdicts(block, ctx))
+        })?;
+        Ok(blocks.concat())
+    };
+    input.compared.scanned.iter().enumerate().map(of_view).collect()
+}
+
+/// Lets no view tell of samples where points of a view that was registered show that the part differs, nor of those around them: where a
+/// feature is missing, a view that looks past it sees nothing.
+fn spread_deviations(
+    judged: &mut [Vec<Verdict>],
+    returns: &Returns,
+    is_registered: impl Fn(usize) -> bool,
+    sample_mm: &[Point3<f64>],
+) {
+    let cell_of =
+        |sample: SampleId| -> [i64; 3] { sample_mm[sample.index()].coords.map(|value| (value / SPOT_MM).floor() as i64).into() };
+    let mut spots: BTreeMap<[i64; 3], BTreeSet<SampleId>> = BTreeMap::new();
+    for (view, verdicts) in judged.iter().enumerate().filter(|(view, _)| is_registered(*view)) {
+        for (pair, _) in returns.of_view(view).zip(verdicts).filter(|(_, verdict)| **verdict == Verdict::Deviates) {
+            spots.entry(cell_of(pair.sample)).or_default().insert(pair.sample);
+        }
+    }
+    let mut around: BTreeSet<[i64; 3]> = BTreeSet::new();
+    for ([x, y, z], _) in spots.into_iter().filter(|(_, samples)| samples.len() >= MIN_SPOT_SAMPLES) {
+        around.extend((0..27).map(|cell| [x + cell % 3 - 1, y + cell / 3 % 3 - 1, z + cell / 9 - 1]));
+    }
+    for (view, verdicts) in judged.iter_mut().enumerate() {
+        let pairs = returns.of_view(view).zip(verdicts);
+        let tell = pairs.filter(|(pair, verdict)| **verdict == Verdict::Tells && around.contains(&cell_of(pair.sample)));
+        tell.for_each(|(_, verdict)| *verdict = Verdict::Deviates);
+    }
 }
 
 /// Returns true if nearly all easy pairs of a view that tell returned.
@@ -251,19 +303,91 @@ impl TellingView<'_> {
         }
     }
 
-    /// Returns true if the points in the cell of a sample and around it lie off the model by more than a measured point may, on average:
-    /// noise is on either side of it.
+    /// Returns true if the points in the cell of a sample and around it lie off the model by more than a measured point may, on average,
+    /// since noise is on either side of it; or if they are of a surface that looks elsewhere, as at the foot of a wall that is missing.
     fn deviates(&self, sample: SampleId, cells: &[usize], model: &[Option<ModelPoint>]) -> bool {
         let Some(seen) = self.lookup.sample(sample) else { return false };
         let columns = self.lookup.cloud.grid().size.columns;
+        let point_mm = |cell: usize| self.lookup.cloud.point([cell % columns, cell / columns]);
         let off_mm = |(cell, model): (&usize, &Option<ModelPoint>)| {
-            let point_mm = self.lookup.cloud.point([cell % columns, cell / columns])?;
-            Some((point_mm - self.lookup.scanner_from_part * model.as_ref()?.point_mm).dot(&seen.normal))
+            Some((point_mm(*cell)? - self.lookup.scanner_from_part * model.as_ref()?.point_mm).dot(&seen.normal))
         };
         let off_mm: Vec<f64> = cells.iter().zip(model).take(1 + RING.len()).filter_map(off_mm).collect();
-        !off_mm.is_empty() && off_mm.iter().sum::<f64>().abs() > seen.tolerance_mm * off_mm.len() as f64
+        if !off_mm.is_empty() && off_mm.iter().sum::<f64>().abs() > seen.tolerance_mm * off_mm.len() as f64 {
+            return true;
+        }
+        // Normals of measured points are taken from the last ring.
+        let ring = &cells[cells.len() - RING.len()..];
+        looks_elsewhere(point_mm(cells[0]), CROSS.map(|place| point_mm(ring[place])), &seen.normal)
     }
+}
+
+/// Returns true if the measured surface around a sample looks elsewhere than the sample: all triangles of its point with two of the four
+/// neighbours around it do.
+fn looks_elsewhere(centre_mm: Option<Point3<f64>>, around_mm: [Option<Point3<f64>>; CROSS.len()], normal: &Vector3<f64>) -> bool {
+    let triangle = |place: usize| {
+        let (centre_mm, next) = (centre_mm?, (place + 1) % CROSS.len());
+        (around_mm[place]? - centre_mm).cross(&(around_mm[next]? - centre_mm)).try_normalize(0.0)
+    };
+    let mut triangles = (0..CROSS.len()).filter_map(triangle).peekable();
+    triangles.peek().is_some() && triangles.all(|triangle| triangle.dot(normal).abs() < ELSEWHERE_COS)
 }
 
 /// Offsets along row and column of the eight cells around a cell.
 const RING: [[isize; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
+/// Places in [`RING`] of the cells to the right, below, to the left and above.
+const CROSS: [usize; 4] = [4, 6, 3, 1];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::PerDevice;
+
+    /// At the foot of a key that is missing, points lie near its wall, and were held for returns that the scanner lost.
+    #[test]
+    fn a_surface_looks_elsewhere_where_all_that_was_measured_around_a_point_does() {
+        let (level, wall) = (Vector3::z(), Vector3::x());
+        let on = |x_mm: f64, y_mm: f64, z_mm: f64| Some(Point3::new(x_mm, y_mm, z_mm));
+        let around_mm = [on(1.0, 0.0, 0.1), on(0.0, 1.0, 0.0), on(-1.0, 0.0, 0.0), on(0.0, -1.0, 0.1)];
+        assert!(looks_elsewhere(on(0.0, 0.0, 0.0), around_mm, &wall));
+        assert!(!looks_elsewhere(on(0.0, 0.0, 0.0), around_mm, &level));
+        let beside_edge_mm = [on(0.0, 0.0, -1.0), on(0.0, 1.0, 0.0), on(-1.0, 0.0, 0.0), on(0.0, -1.0, 0.0)];
+        assert!(!looks_elsewhere(on(0.0, 0.0, 0.0), beside_edge_mm, &wall), "some of it looks as the wall");
+        assert!(
+            !looks_elsewhere(None, around_mm, &wall) && !looks_elsewhere(on(0.0, 0.0, 0.0), [None; 4], &wall),
+            "nothing is known"
+        );
+    }
+
+    /// The top of a key that was missing had no points in views that looked past it: a limit of the cameras was offered that is none.
+    #[test]
+    fn samples_beside_a_spot_at_which_the_part_differs_in_a_registered_view_tell_nothing_in_any() {
+        // Three on a wall, one on the top beside it, one far away.
+        let sample_mm =
+            [[20.0, 3.0, 1.0], [20.0, 3.0, 2.0], [20.0, 3.0, 3.0], [23.0, 0.0, 2.0], [-20.0, 0.0, 2.0]].map(Point3::from);
+        let pair = |view: usize, sample: usize| Return {
+            view,
+            sample: SampleId::at(sample),
+            is_returned: false,
+            is_expected: true,
+            incidence_rad: PerDevice { left: 1.0, right: 1.0, projector: 1.0 },
+            mirror_rad: 1.0,
+            depth_mm: 480.0,
+        };
+        let mut returns = Returns::default();
+        for view in 0..2 {
+            returns.push_view((0..sample_mm.len()).map(|sample| pair(view, sample)));
+        }
+        let (off, tells) = (Verdict::Deviates, Verdict::Tells);
+        let told = |first: [Verdict; 5], is_registered: bool| {
+            let mut judged = [first.to_vec(), vec![tells; sample_mm.len()]];
+            spread_deviations(&mut judged, &returns, |view| view == 1 || is_registered, &sample_mm);
+            judged
+        };
+        let [first, second] = told([off, off, off, Verdict::Filtered, tells], true);
+        assert_eq!(first, [off, off, off, Verdict::Filtered, tells], "only those that tell are taken back");
+        assert_eq!(second, [off, off, off, off, tells]);
+        assert_eq!(told([off, off, off, tells, tells], false)[1], [tells; 5], "that view may lie elsewhere");
+        assert_eq!(told([off, tells, tells, tells, tells], true)[1], [tells; 5], "noise makes one differ");
+    }
+}

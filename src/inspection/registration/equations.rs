@@ -4,6 +4,7 @@ use nalgebra::linalg::Cholesky;
 use nalgebra::{DMatrix, DVector, Dyn, Matrix6, Vector6};
 
 use super::FREEDOMS;
+use super::locate::STATED_TURN_REACH_MM;
 use super::matching::MatchedPoint;
 use crate::cell::calibration::se3::Twist;
 
@@ -131,11 +132,15 @@ pub(super) struct Solved {
     pub(super) part_step: Twist,
     pub(super) steps: Vec<Twist>,
     part_covariance: Matrix6<f64>,
+    /// Covariance of the part with the freedoms that no observation fixes.
+    part_stated: Matrix6<f64>,
 }
 
 /// Covariances of the part and of each view's registered pose.
 pub(super) struct Covariances {
     pub(super) part: Matrix6<f64>,
+    /// That of the part with the freedoms that no observation fixes.
+    pub(super) part_stated: Matrix6<f64>,
     pub(super) views: Vec<Matrix6<f64>>,
 }
 
@@ -147,11 +152,15 @@ impl Arrow {
         let settled = self.posterior.solve(&self.posterior_gradient);
         let part = symmetric(&(self.views_from_part.tr_mul(&seen) - seen.tr_mul(&follows)));
         let gradient = self.views_from_part.tr_mul(&self.gradient) - seen.tr_mul(&settled);
-        let part_covariance = if moves_part { pseudo_inverse(&part)? } else { Matrix6::zeros() };
+        let (part_covariance, part_stated) = if moves_part {
+            (pseudo_inverse(&part)?, bounded_inverse(&part, STATED_TURN_REACH_MM)?)
+        } else {
+            (Matrix6::zeros(), Matrix6::zeros())
+        };
         let part_step = -(part_covariance * Twist::from_fn(|row, _| gradient[row]));
         let steps = -(settled + follows * part_step);
         let of_view = |view: usize| steps.fixed_rows::<FREEDOMS>(FREEDOMS * view).into_owned();
-        Some(Solved { part_step, steps: (0..steps.len() / FREEDOMS).map(of_view).collect(), part_covariance })
+        Some(Solved { part_step, steps: (0..steps.len() / FREEDOMS).map(of_view).collect(), part_covariance, part_stated })
     }
 
     /// Covariance of each view's pose: that of ξ + M·η, of a view's own step and the part's.
@@ -164,7 +173,7 @@ impl Arrow {
             let own = follows.fixed_view::<FREEDOMS, FREEDOMS>(at, 0);
             inverse.fixed_view::<FREEDOMS, FREEDOMS>(at, at) + own * part * own.transpose()
         };
-        Covariances { part, views: (0..inverse.nrows()).step_by(FREEDOMS).map(view).collect() }
+        Covariances { part, part_stated: solved.part_stated, views: (0..inverse.nrows()).step_by(FREEDOMS).map(view).collect() }
     }
 
     /// Covariance of the views' steps at the part's place, and those steps.
@@ -178,8 +187,20 @@ fn symmetric(matrix: &DMatrix<f64>) -> Matrix6<f64> {
     Matrix6::from_fn(|row, column| 0.5 * (matrix[(row, column)] + matrix[(column, row)]))
 }
 
-/// Inverse on the freedoms that observations fix; rotations are measured in steps that move points by millimetres.
+/// Inverse on the freedoms that observations fix.
 fn pseudo_inverse(matrix: &Matrix6<f64>) -> Option<Matrix6<f64>> {
+    inverse_by(matrix, |value, largest| if value > MIN_CONDITION * largest { 1.0 / value } else { 0.0 })
+}
+
+/// Covariance of a part that is known to lie within so many millimetres, whatever the observations leave open.
+fn bounded_inverse(matrix: &Matrix6<f64>, reach_mm: f64) -> Option<Matrix6<f64>> {
+    let most = reach_mm * reach_mm;
+    inverse_by(matrix, |value, _| if value * most > 1.0 { 1.0 / value } else { most })
+}
+
+/// Matrix of the same axes with these values in place of the eigenvalues, of which `of` is given the largest too; rotations are measured
+/// in steps that move points by millimetres.
+fn inverse_by(matrix: &Matrix6<f64>, of: impl Fn(f64, f64) -> f64) -> Option<Matrix6<f64>> {
     let trace = |from: usize| (from..from + 3).map(|axis| matrix[(axis, axis)]).sum::<f64>();
     let (turn, shift) = (trace(0), trace(3));
     if !(turn > 0.0 && shift > 0.0 && turn.is_finite() && shift.is_finite()) {
@@ -190,7 +211,7 @@ fn pseudo_inverse(matrix: &Matrix6<f64>) -> Option<Matrix6<f64>> {
     let inverse_scale = Matrix6::from_diagonal(&Vector6::new(1.0 / arm, 1.0 / arm, 1.0 / arm, 1.0, 1.0, 1.0));
     let eigen = (inverse_scale * matrix * inverse_scale).symmetric_eigen();
     let largest = eigen.eigenvalues.max();
-    let inverse = eigen.eigenvalues.map(|value| if value > MIN_CONDITION * largest { 1.0 / value } else { 0.0 });
+    let inverse = eigen.eigenvalues.map(|value| of(value, largest));
     let plain = eigen.eigenvectors * Matrix6::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
     debug_assert!((scale * inverse_scale - Matrix6::identity()).norm() < 1e-9);
     Some(inverse_scale * plain * inverse_scale)

@@ -30,7 +30,7 @@ const SURE_SHARE: f64 = 0.9;
 const STATED_REACH_MM: f64 = 2.5;
 /// Distance of a corner from its stated place up to which a turn that no point tells is held for the stated one, mm. Not from a source:
 /// twice what registration bridges, and less than a part is off that was put down without care.
-const STATED_TURN_REACH_MM: f64 = 5.0;
+pub(super) const STATED_TURN_REACH_MM: f64 = 5.0;
 /// Smallest share of the points on the part that a pose of it is taken for. Not from a source: well below what scans of a part have, and
 /// above what was measured with scans of others' views.
 pub(super) const MIN_PART_SHARE: f64 = 0.5;

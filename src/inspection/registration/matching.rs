@@ -4,10 +4,15 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::points::ViewPoints;
+use super::points::{Elements, ViewPoints};
 use super::{FREEDOMS, KeptPose, RegistrationOptions};
 use crate::cell::calibration::se3::Twist;
 use crate::geometry::{NearestFace, parallel};
+
+/// Cosine of 45°, the angle up to which the normals of a pair may differ (K. Pulli, "Multiview registration for large data sets", 3DIM
+/// 1999, section 3; S. Rusinkiewicz, M. Levoy, "Efficient variants of the ICP algorithm", 3DIM 2001, section 3.2). Where a key is missing,
+/// points on the bare wall are nearest to the walls of the key, and would hold the part by them.
+const ALIKE_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// A point and the plane of its nearest face.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +25,8 @@ pub(super) struct MatchedPoint {
     pub(super) distance_mm: f64,
     /// Nearest point of the face, part frame, mm.
     nominal_mm: Point3<f64>,
+    /// True if the surface around the point looks as the face does, or is not known.
+    looks_alike: bool,
     /// Side that the face looks to: its axis, 0 to 2, or 3 more where it looks against that axis; part frame.
     side: u8,
 }
@@ -31,8 +38,11 @@ impl MatchedPoint {
         Twist::new(turn.x, turn.y, turn.z, self.normal.x, self.normal.y, self.normal.z)
     }
 
-    /// Weight after Tukey within a radius.
+    /// Weight after Tukey within a radius; none where the surface around the point looks elsewhere than the face.
     pub(super) fn weight(&self, radius_mm: f64) -> f64 {
+        if !self.looks_alike {
+            return 0.0;
+        }
         let share = self.distance_mm / radius_mm;
         (1.0 - share * share).max(0.0).powi(2)
     }
@@ -66,7 +76,8 @@ pub(super) fn match_view(
     radius_mm: f64,
 ) -> Matched {
     let scanner_from_part = part_from_scanner.inverse();
-    let pair = |point_mm: &Point3<f64>| {
+    let pair = |number: usize| {
+        let point_mm = &view.points_mm[number];
         let in_part = part_from_scanner * point_mm;
         let found = nearest.nearest(&in_part, radius_mm)?;
         let normal = nearest.mesh().scaled_normal(found.face as usize).try_normalize(0.0)?;
@@ -77,10 +88,17 @@ pub(super) fn match_view(
         let distance_mm = normal.dot(&(in_part - found.point_mm));
         let axis = normal.iamax();
         let side = axis as u8 + if normal[axis] < 0.0 { 3 } else { 0 };
-        Some(MatchedPoint { point_mm: *point_mm, normal: in_scanner, distance_mm, nominal_mm: found.point_mm, side })
+        let looks_alike = view.elements.get(number).is_none_or(|elements| look_alike(elements, &in_scanner));
+        Some(MatchedPoint { point_mm: *point_mm, normal: in_scanner, distance_mm, nominal_mm: found.point_mm, looks_alike, side })
     };
-    let pairs = parallel::map(&view.points_mm, pair).into_iter().flatten().collect();
+    let pairs = parallel::map_range(view.points_mm.len(), pair).into_iter().flatten().collect();
     Matched { points: view.points_mm.len(), there: view.there, radius_mm, pairs }
+}
+
+/// Returns true if one of the elements around a point looks along a normal, or none is known: beside an edge others look elsewhere.
+fn look_alike(elements: &Elements, normal: &Vector3<f64>) -> bool {
+    let mut known = elements.iter().flatten().peekable();
+    known.peek().is_none() || known.any(|element| element.dot(normal).abs() >= ALIKE_COS)
 }
 
 impl Matched {
@@ -123,5 +141,20 @@ impl Matched {
         } else {
             None
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_looks_as_a_face_that_one_element_around_it_is_level_with_or_that_none_is_known_of() {
+        let (up, side) = (Vector3::z(), Vector3::x());
+        let tilted = Vector3::new(1.0, 0.0, 1.2).normalize();
+        assert!(look_alike(&[Some(up), None, Some(-side), None], &side), "beside an edge");
+        assert!(!look_alike(&[Some(up), Some(-up), None, Some(tilted)], &side), "on another wall");
+        assert!(look_alike(&[Some(tilted), None, None, None], &up), "tilted by less than 45°");
+        assert!(look_alike(&[None; 4], &side), "nothing is known");
     }
 }

@@ -8,6 +8,9 @@
 //! least-squares", Communications in Statistics A6, 1977). The prior is N(0, Σ_i) on ξ_i (right perturbation, as
 //! [`crate::cell::calibration::se3`] has it).
 //!
+//! A point of an organised cloud weighs only where the surface around it looks as the face does, to within 45° (`matching.rs`): points
+//! on a bare wall are nearest to the walls of a key that is missing, and would hold the part by them at every place.
+//!
 //! A part deviates from its mesh, and views that see the same place see the same deviation. The part's surface is cut into cells of
 //! [`RegistrationOptions::correlation_mm`], each with an unknown deviation d ~ N(0, σ²); the mean residual of view i in a cell is
 //! aᵢ·(ξᵢ + Mᵢη) + d + noise, η the part's step and Mᵢ its adjoint in the view's frame. With each d eliminated, views that share
@@ -43,8 +46,10 @@ use crate::cell::calibration::se3::{Twist, adjoint, exp, log};
 use crate::cell::closed_list;
 use crate::geometry::{NearestFace, Part, Pose};
 use equations::{Arrow, CellMean, NormalEquations, Observations};
+use locate::STATED_TURN_REACH_MM;
 use matching::{CellSum, Matched, SurfaceCell, match_view};
 use points::ViewPoints;
+use turns::open_turns;
 
 /// Freedoms of a rigid motion.
 const FREEDOMS: usize = 6;
@@ -195,7 +200,8 @@ pub struct ViewRegistration {
 pub struct ScanRegistration {
     /// Takes the part's coordinates by the stated poses to those of the mesh: Δ.
     pub mesh_from_stated: Pose<Part, Part>,
-    /// Standard deviations of Δ, rad and mm, in the mesh's frame.
+    /// Standard deviations of Δ, rad and mm, in the mesh's frame. A freedom that no point fixes counts 5 mm; a turn about an axis of the
+    /// part as far as no point tells it, up to 5 mm at the part's corners, with the shift of the part's middle.
     pub sd: Twist,
     /// Views, in the order in which they were given.
     pub views: Vec<RegisteredView>,
@@ -216,6 +222,18 @@ impl ScanRegistration {
         why_not_found(self.inlier_share, self.found.iter().map(|view| view.kept_pose))
     }
 
+    /// Adds to the standard deviation the turns that points of the views that were placed do not tell.
+    fn with_open_turns<S: Borrow<ViewScan>>(self, scans: &[S], nearest: &NearestFace<'_>) -> Self {
+        let views = scans.iter().zip(&self.views).zip(&self.found).filter(|(_, found)| found.kept_pose.is_none());
+        let (placed, poses): (Vec<&ViewScan>, Vec<Isometry3<f64>>) =
+            views.map(|((scan, view), _)| (scan.borrow(), *view.part_from_scanner.isometry())).unzip();
+        if placed.is_empty() {
+            return self;
+        }
+        let open = open_turns(&placed, &poses, nearest, STATED_TURN_REACH_MM);
+        Self { sd: self.sd.zip_map(&open, |sd, variance| sd.hypot(variance.sqrt())), ..self }
+    }
+
     /// Returns true if the points lie on the part, be they too few to hold it in place: else nothing is learned from them.
     #[must_use]
     pub fn fits(&self) -> bool {
@@ -233,7 +251,7 @@ pub fn register<S: Borrow<ViewScan>>(
     options: &RegistrationOptions,
 ) -> ScanRegistration {
     let of_view = options.matched_of_view(scans.len());
-    let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
+    let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::with_elements(scan.borrow(), of_view)).collect();
     let priors: Vec<Matrix6<f64>> =
         (0..views.len()).map(|view| prior_weight(priors.get(view).copied().flatten(), options)).collect();
     let mut state = State { part: *options.start.isometry(), corrections: vec![Twist::zeros(); views.len()] };
@@ -250,7 +268,8 @@ pub fn register<S: Borrow<ViewScan>>(
             state.move_all(&views, &matched, &Weighing { priors: &priors, usable: &usable, options });
         }
     }
-    state.finish(scans, &views, nearest, &Weighing { priors: &priors, usable: &usable, options })
+    let found = state.finish(scans, &views, nearest, &Weighing { priors: &priors, usable: &usable, options });
+    if options.moves_part { found.with_open_turns(scans, nearest) } else { found }
 }
 
 /// Inverse of a covariance; the default's where there is none, or none that can be inverted; that of a pose that is not off at all where
@@ -463,11 +482,12 @@ impl State {
         }
         let all: usize = judged.iter().map(|view| view.points).sum();
         let inliers: usize = judged.iter().map(|view| view.pairs.len()).sum();
-        let part_covariance = covariances.map_or_else(Matrix6::zeros, |found| found.part);
+        let [part_covariance, part_stated] =
+            covariances.map_or_else(|| [Matrix6::zeros(); 2], |found| [found.part, found.part_stated]);
         let open = Arc::new(self.open_poses((views, &last), &kept, part_covariance, weighing));
         ScanRegistration {
             mesh_from_stated: Pose::claim(self.part),
-            sd: part_covariance.diagonal().map(|variance| variance.max(0.0).sqrt()),
+            sd: part_stated.diagonal().map(|variance| variance.max(0.0).sqrt()),
             views: registered,
             open,
             found,

@@ -343,6 +343,21 @@ fn a_round_part_and_a_box_are_placed_by_what_they_look_like() {
     assert_eq!(place_of(&mesh, &scans_around(&mesh, 32), &turned_about_z(23.0, 0.0, 0.0)), PartPlace::AsStated);
 }
 
+/// A freedom that nothing fixes counted as known, and one that walls without a point seemed to fix as half a millimetre.
+#[test]
+fn shifts_and_turns_that_a_view_from_above_leaves_open_are_stated_as_such() {
+    let mesh = cylinder_mesh(30.0, 60.0, 96);
+    let shots = Shots::of(&mesh, 16);
+    let down = UnitQuaternion::face_towards(&-Vector3::z(), &Vector3::x());
+    let above = Pose::from_parts(mesh.aabb().centre().coords + Vector3::z() * shots.scanner.best_mm, down);
+    let scans = shots.scans(&[above], 0.01, |_| Isometry3::identity());
+    let found = register(&scans, &NearestFace::new(&mesh), &[], &RegistrationOptions::default());
+    assert_eq!(found.not_found(), None, "{:?}", found.found);
+    let (turns_deg, shifts_mm) = (found.sd.fixed_rows::<3>(0).map(f64::to_degrees), found.sd.fixed_rows::<3>(3));
+    assert!(turns_deg.z > 2.0 && turns_deg.x < 0.5 && turns_deg.y < 0.5, "{turns_deg}");
+    assert!(shifts_mm.x > 2.0 && shifts_mm.y > 2.0 && shifts_mm.z < 0.5, "{shifts_mm}");
+}
+
 /// More than a hundred views were each thinned to fewer points than hold a view, and none was placed.
 #[test]
 fn views_that_are_thinned_are_held_by_the_points_that_theirs_stand_for() {

@@ -12,6 +12,7 @@
 //! count only cells that the turn explains and most further turns do not, as points on a key: surface without a key lies alike in all of
 //! them. A hole is told by its walls, and where no further turn can be asked, the stated pose is kept. A refinement slides about an axis
 //! that points leave open: it is turned back first ([`turned_back`]), so that a part beside its place counts as stated too.
+//! Turns that points leave open of a part that is registered count towards its uncertainty ([`open_turns`]).
 //!
 //! Cost: some 100 000 nearest-face queries for a part without such axes, four times as many for one with, and twice that again for one that
 //! a turn of the stated pose explains better.
@@ -26,7 +27,8 @@ use super::locate::{Scored, Search, samples};
 use super::points::ViewPoints;
 use super::ppf::Oriented;
 use super::robust_sd_mm;
-use crate::geometry::{Mesh, NearestFace, NearestPoint, parallel};
+use crate::cell::calibration::se3::{Twist, twist};
+use crate::geometry::{Aabb, Mesh, NearestFace, NearestPoint, parallel};
 use crate::inspection::ViewScan;
 
 /// Samples of the mesh that axes are found from.
@@ -91,6 +93,10 @@ const DOUBT: Level = Level { cells: 2.0, deviations: 2.241 };
 /// in all cells alike. Not from a source.
 const SLIGHT: f64 = 0.1;
 
+/// Distance by which the first turn moves a corner of those that are tried for whether points tell them, mm; each further one is twice as
+/// large. Not from a source: about the distance from which on a point counts as off the surface.
+const FIRST_TURN_MM: f64 = 0.15;
+
 /// Finding on the turns of a pose.
 pub(super) enum TurnVerdict {
     /// The pose is kept: no turn explains the points as well, or all that do look the same.
@@ -112,7 +118,8 @@ pub(super) fn turned_back<S: Borrow<ViewScan>>(
     let diameter_mm = search.around.extent_mm().norm();
     let moved_mm = |pose: &Isometry3<f64>| search.apart_mm(pose, &Isometry3::identity());
     let closest_mm = moved_mm(taken).min(reach_mm);
-    let backs = axes(search, diameter_mm).into_iter().map(|axis| axis.turn(-axis.turn_of(&taken.rotation)) * taken);
+    let backs =
+        axes(search.nearest.mesh(), diameter_mm).into_iter().map(|axis| axis.turn(-axis.turn_of(&taken.rotation)) * taken);
     let mut backs: Vec<(f64, Isometry3<f64>)> =
         backs.map(|pose| (moved_mm(&pose), pose)).filter(|(moved_mm, _)| *moved_mm < closest_mm).collect();
     if backs.is_empty() {
@@ -122,12 +129,50 @@ pub(super) fn turned_back<S: Borrow<ViewScan>>(
     let points = ComparedPoints::of_part(scans, diameter_mm);
     let limit_mm = OFF_SDS * points.sd_mm(taken, search.nearest);
     let own = points.costs(taken, search.nearest, limit_mm);
-    let explains_as_well = |pose: &Isometry3<f64>| {
-        let costs = points.costs(pose, search.nearest, limit_mm);
-        let felt = costs.iter().zip(&own).map(|(cost, own)| if (cost - own).abs() < SLIGHT { *own } else { *cost });
-        !is_told_apart(&felt.collect::<Vec<_>>(), &own, DOUBT)
-    };
+    let explains_as_well =
+        |pose: &Isometry3<f64>| !is_told_apart(&felt(points.costs(pose, search.nearest, limit_mm), &own), &own, DOUBT);
     backs.into_iter().map(|(_, pose)| pose).find(explains_as_well)
+}
+
+/// Costs of a pose where they differ from those of another one by more than a little, elsewhere those.
+fn felt(costs: Vec<f64>, own: &[f64]) -> Vec<f64> {
+    costs.into_iter().zip(own).map(|(cost, own)| if (cost - own).abs() < SLIGHT { *own } else { cost }).collect()
+}
+
+/// Corners of a box.
+fn corners_mm(around: &Aabb) -> [Point3<f64>; 8] {
+    let ends = [around.min, around.max];
+    std::array::from_fn(|index| Point3::new(ends[index & 1].x, ends[index >> 1 & 1].y, ends[index >> 2].z))
+}
+
+/// Variances of the turns of a part about its axes that scans with these registered poses leave open, rad² and, of its middle, mm²: the
+/// largest turn that points do not tell, of those that move no corner by more than the reach, counts as a standard deviation. Normal
+/// equations know nothing of it where facets of a round wall, or points that lie off the part, seem to hold it.
+pub(super) fn open_turns<S: Borrow<ViewScan>>(
+    scans: &[S],
+    part_from_scanner: &[Isometry3<f64>],
+    nearest: &NearestFace<'_>,
+    reach_mm: f64,
+) -> Twist {
+    let (mesh, placed) = (nearest.mesh(), Isometry3::identity());
+    let diameter_mm = mesh.aabb().extent_mm().norm();
+    let views = compared_views(scans).into_iter().zip(part_from_scanner);
+    let views = views.map(|(view, pose)| ViewPoints { part_from_scanner: *pose, ..view }).collect();
+    let points = ComparedPoints::of_views(views, cell_mm(diameter_mm));
+    let limit_mm = OFF_SDS * points.sd_mm(&placed, nearest);
+    let own = points.costs(&placed, nearest, limit_mm);
+    let is_told = |turn: Isometry3<f64>| is_told_apart(&felt(points.costs(&turn, nearest, limit_mm), &own), &own, DOUBT);
+    let mut variances = Twist::zeros();
+    for axis in axes(mesh, diameter_mm) {
+        let arm_mm = corners_mm(&mesh.aabb()).map(|corner| axis.distance_mm(&corner)).into_iter().fold(0.0, f64::max);
+        let turns = std::iter::successors(Some(FIRST_TURN_MM), |moved_mm| Some(2.0 * moved_mm));
+        let turns = turns.take_while(|moved_mm| *moved_mm <= reach_mm).map(|moved_mm| moved_mm / arm_mm.max(f64::MIN_POSITIVE));
+        let open = turns.take_while(|angle_rad| [1.0, -1.0].iter().any(|sense| !is_told(axis.turn(sense * angle_rad)))).last();
+        if let Some(angle_rad) = open {
+            variances += axis.twist(angle_rad, &mesh.aabb().centre()).map(|component| component * component);
+        }
+    }
+    variances
 }
 
 /// Looks for turns of a pose that explain the points as well. A pose that is as stated is kept unless points speak against it.
@@ -274,6 +319,16 @@ impl Axis {
         centre * Isometry3::from_parts(Translation3::identity(), rotation) * centre.inverse()
     }
 
+    /// Motion of a turn, to first order: the rotation, and by how much it shifts a point.
+    fn twist(&self, angle_rad: f64, point_mm: &Point3<f64>) -> Twist {
+        twist(&self.along, &self.along.cross(&(point_mm - self.through_mm))) * angle_rad
+    }
+
+    /// Distance of a point from the line, mm.
+    fn distance_mm(&self, point_mm: &Point3<f64>) -> f64 {
+        (point_mm - self.through_mm).cross(&self.along).norm()
+    }
+
     /// Angle of a rotation's turn about the line, −π to π: what is left without it turns about lines across.
     fn turn_of(&self, rotation: &UnitQuaternion<f64>) -> f64 {
         let (along, scalar) = (rotation.imag().dot(&self.along), rotation.scalar());
@@ -289,8 +344,8 @@ impl Axis {
 }
 
 /// Axes about which the part may look the same.
-fn axes(search: &Search<'_>, diameter_mm: f64) -> Vec<Axis> {
-    let samples = samples(search.nearest.mesh(), AXIS_SAMPLES);
+fn axes(mesh: &Mesh, diameter_mm: f64) -> Vec<Axis> {
+    let samples = samples(mesh, AXIS_SAMPLES);
     let count = samples.len().max(1) as f64;
     let centre = Point3::from(samples.iter().map(|sample| sample.point_mm.coords).sum::<Vector3<f64>>() / count);
     let mut spread = Matrix3::<f64>::zeros();
@@ -300,7 +355,7 @@ fn axes(search: &Search<'_>, diameter_mm: f64) -> Vec<Axis> {
     }
     let principal = spread.symmetric_eigen().eigenvectors;
     // Those of the box are exact where others, which are found from samples, are not.
-    let through_mm = search.around.centre();
+    let through_mm = mesh.aabb().centre();
     let mut found: Vec<Axis> = (0..3).map(|axis| Axis { through_mm, along: Vector3::ith(axis, 1.0) }).collect();
     found.extend(slippage(&samples, &centre, spread.trace().sqrt()));
     found.extend((0..3).map(|axis| Axis { through_mm: centre, along: principal.column(axis).into_owned() }));
@@ -360,7 +415,7 @@ fn turns_near<S: Borrow<ViewScan>>(scans: &[S], search: &Search<'_>, taken: &Sco
     };
     let needed = NEAR_SHARE * near(&taken.pose).max(1.0);
     let step_rad = std::f64::consts::TAU / f64::from(TURNS);
-    let turns: Vec<Turn> = axes(search, diameter_mm)
+    let turns: Vec<Turn> = axes(search.nearest.mesh(), diameter_mm)
         .into_iter()
         .flat_map(|axis| (1..TURNS).map(move |step| Turn { axis, angle_rad: f64::from(step) * step_rad }))
         .collect();
@@ -423,6 +478,17 @@ fn distances_mm(views: &[ViewPoints], pose: &Isometry3<f64>, nearest: &NearestFa
     views.iter().flat_map(of_view).collect()
 }
 
+/// Points of scans that are compared.
+fn compared_views<S: Borrow<ViewScan>>(scans: &[S]) -> Vec<ViewPoints> {
+    let of_view = (COMPARED_POINTS / scans.len().max(1)).max(50);
+    scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect()
+}
+
+/// Size of a cell of a part of this diameter.
+fn cell_mm(diameter_mm: f64) -> f64 {
+    CELL_MM.min(CELL_DIAMETERS * diameter_mm).max(f64::MIN_POSITIVE)
+}
+
 /// Points that tell poses apart, with the cells of the part that they lie in.
 struct ComparedPoints {
     views: Vec<ViewPoints>,
@@ -435,12 +501,14 @@ struct ComparedPoints {
 impl ComparedPoints {
     /// Points in cells of the size that suits a part of this diameter.
     fn of_part<S: Borrow<ViewScan>>(scans: &[S], diameter_mm: f64) -> Self {
-        Self::new(scans, CELL_MM.min(CELL_DIAMETERS * diameter_mm).max(f64::MIN_POSITIVE))
+        Self::new(scans, cell_mm(diameter_mm))
     }
 
     fn new<S: Borrow<ViewScan>>(scans: &[S], size_mm: f64) -> Self {
-        let of_view = (COMPARED_POINTS / scans.len().max(1)).max(50);
-        let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
+        Self::of_views(compared_views(scans), size_mm)
+    }
+
+    fn of_views(views: Vec<ViewPoints>, size_mm: f64) -> Self {
         let mut numbers: BTreeMap<[i64; 3], usize> = BTreeMap::new();
         let (mut cells, mut counts) = (Vec::new(), Vec::<f64>::new());
         for view in &views {
@@ -488,7 +556,7 @@ impl ComparedPoints {
                 }
                 *number += 1;
             }
-            ViewPoints { part_from_scanner: view.part_from_scanner, points_mm, there: view.there }
+            ViewPoints { part_from_scanner: view.part_from_scanner, points_mm, elements: Vec::new(), there: view.there }
         };
         self.views.iter().map(some_of).collect()
     }
@@ -497,9 +565,11 @@ impl ComparedPoints {
 #[cfg(test)]
 mod tests {
     use super::super::locate::LocateOptions;
+    use super::super::{RegistrationOptions, register};
     use super::*;
+    use crate::cell::calibration::se3::log;
     use crate::geometry::Pose;
-    use crate::inspection::shots::Shots;
+    use crate::inspection::shots::{Shots, motion_of};
 
     #[test]
     fn poses_are_told_apart_by_many_cells_and_not_by_a_speck_or_by_chance() {
@@ -607,6 +677,42 @@ mod tests {
         let found = taken_back(0.0).expect("nothing tells the turn");
         assert!(found.rotation.angle() < 0.01 && found.translation.vector.norm() < 0.1, "{found}");
         assert_eq!(taken_back(6.0), None, "the boss does");
+    }
+
+    /// Facets of a round wall were taken to hold it.
+    #[test]
+    fn a_turn_about_a_round_part_is_open_unless_points_on_its_boss_tell_it() {
+        let mesh = shaft(6.0);
+        let nearest = NearestFace::new(&mesh);
+        let open_deg = |boss_mm: f64| {
+            let scans = scans_of(&shaft(boss_mm), false);
+            let poses: Vec<Isometry3<f64>> = scans.iter().map(|scan| *scan.part_from_scanner.isometry()).collect();
+            open_turns(&scans, &poses, &nearest, 5.0).fixed_rows::<3>(0).map(|variance| variance.sqrt().to_degrees())
+        };
+        let (without, with) = (open_deg(0.0), open_deg(6.0));
+        assert!(without.z > 2.0 && without.x < 0.5 && without.y < 0.5, "{without}");
+        assert!(with.max() < 0.5, "the boss tells: {with}");
+    }
+
+    /// Points on the bare wall pulled at the walls of the boss, and were taken to hold the part by them.
+    #[test]
+    fn a_part_whose_boss_is_missing_is_placed_by_its_other_surface_and_its_turn_is_stated_as_open() {
+        let mesh = shaft(6.0);
+        let (nearest, options) = (NearestFace::new(&mesh), RegistrationOptions::default());
+        let scans = scans_of(&shaft(0.0), false);
+        for seed in 0..2 {
+            let off = motion_of(seed, 0.3, 1.0);
+            let state = |scan: &ViewScan| {
+                let part_from_scanner = Pose::claim(off * scan.part_from_scanner.isometry());
+                ViewScan { part_from_scanner, ..scan.clone() }
+            };
+            let scans: Vec<ViewScan> = scans.iter().map(state).collect();
+            let found = register(&scans, &nearest, &[], &options);
+            let error = log(&(found.mesh_from_stated.isometry() * off));
+            assert!(error.iter().zip(&found.sd).all(|(error, sd)| error.abs() <= 3.0 * sd), "{error} ± {}", found.sd);
+            assert!(error.fixed_rows::<3>(3).norm() < 0.15, "{error}");
+            assert!(found.sd[2].to_degrees() > 2.0 && found.sd[0].to_degrees() < 0.5, "{}", found.sd);
+        }
     }
 
     /// A square plate with a square hole, whose middle is moved along x.
