@@ -8,12 +8,13 @@ use super::{CliError, failed, output};
 use crate::service::{BackupReport, backup, restore};
 use crate::wire::words::counted;
 
-/// Back up a server's store; the server may be running.
+/// Back up the data of a server, which may be running.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A backup has the layout of a store: vantage.db, files, audit and store-id. A later backup to the same folder copies \
-the database and only new files. The hash of every file is checked as it is copied. If some are missing or damaged, all others are \
-backed up, and the command ends with exit code 1 and names them. Audit logs in a folder of their own (execution.audit_dir) are left out.
+    after_help = "A backup has the layout of a store: vantage.db, files, audit and store-id. A later backup to the same folder \
+copies the database and only new files. The hash of every file is checked as it is copied. If a file is missing or damaged, the \
+command names it, backs up the rest, and exits with code 1. Audit logs in a separate folder (execution.audit_dir) are not backed \
+up.
 
 Example:
   vantage backup --data /var/lib/vantage --to /mnt/backup/vantage"
@@ -22,26 +23,27 @@ pub struct BackupArgs {
     /// Data folder of the server.
     #[arg(long, value_name = "DIR", default_value = "vantage-data")]
     data: PathBuf,
-    /// Folder of the backup; created if it does not exist.
+    /// Folder for the backup; created if it does not exist.
     #[arg(long, value_name = "DIR")]
     to: PathBuf,
 }
 
-/// Restore a store from a backup.
+/// Restore the data of a server from a backup.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "The database and every file are checked; if one is missing or damaged, nothing is restored without \
---keep-damaged. The new data folder must be empty or not exist.
+#[command(after_help = "The database and every file are checked; if one is missing or damaged, nothing is restored unless you \
+give --keep-damaged. The new data folder must be empty, or must not exist.
 
 Example:
   vantage restore --from /mnt/backup/vantage --data /var/lib/vantage")]
 pub struct RestoreArgs {
-    /// Folder of the backup.
+    /// Folder that has the backup.
     #[arg(long, value_name = "DIR")]
     from: PathBuf,
-    /// Data folder of the new store; created if it does not exist.
+    /// New data folder of the server; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "vantage-data")]
     data: PathBuf,
-    /// Restore the rest if files of the backup are missing or damaged; the meshes and jobs that need them stay, without them.
+    /// Restore the rest even if files of the backup are missing or damaged; meshes and jobs that need those files are kept
+    /// without them.
     #[arg(long)]
     keep_damaged: bool,
 }

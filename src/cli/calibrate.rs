@@ -29,7 +29,7 @@ const READ: &str = "observations are JSON or TOML of schema vantage.calibration_
 /// Largest file of observations, bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// Calibrate a scanner and a cell from observations of a board, check it before use, plan the poses for it, place the part.
+/// Calibrate a scanner or a cell, check a calibration before use, or locate the part on the table.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage calibrate scanner stereo.yml --out my-scanner.toml
@@ -42,7 +42,8 @@ const MAX_BYTES: u64 = 256 << 20;
   vantage calibrate part points.json --cell calibrated.toml
   vantage calibrate brightness sweep.json --out exposure.toml
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 the check does not pass.")]
+Exit codes: 0 success; 1 system error; 2 bad input; 3 the calibration no longer holds (`check`), or too few poses are \
+reachable (`poses`).")]
 pub struct CalibrateArgs {
     #[command(subcommand)]
     command: CalibrateCommand,
@@ -76,10 +77,11 @@ pub fn run(args: &CalibrateArgs) -> Result<(), CliError> {
 /// Conventions of files that other programs wrote.
 #[derive(Clone, Copy, Debug, clap::Args)]
 struct ReadArgs {
-    /// Place of the scanner in files that do not say it: eye_in_hand or eye_to_hand.
+    /// Mounting of the scanner, for files that do not state it: eye_in_hand (on the flange) or eye_to_hand (fixed in the cell).
     #[arg(long, default_value = "eye_in_hand", value_parser = setup)]
     setup: HandEyeSetup,
-    /// Rotation of the flange in CSV files: urscript, kuka_abc, abb_quat, fanuc_wpr, staubli, hans_rpy or quaternion.
+    /// Convention for the rotation of the flange in CSV files: urscript, kuka_abc, abb_quat, fanuc_wpr, staubli, hans_rpy or
+    /// quaternion.
     #[arg(long, value_name = "KIND", default_value = "quaternion", value_parser = robot_pose)]
     robot_pose: RobotPoseKind,
     /// Unit of lengths in CSV files: mm, cm, m or inch.

@@ -17,7 +17,7 @@ use crate::planning::studies::reach::{ELEVATIONS, Layouts, Reached, mountings, o
 use crate::report::sketch::cell_svg;
 use crate::wire::warnings::{self, FieldWarning};
 
-/// Write a cell's specification from its devices and distances, with a home and the scanner's mounting found.
+/// Write a cell specification from robot, scanner and table position; Vantage finds home and mounting.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage cell --robot ur10e --scanner my-scanner.toml \\
@@ -27,28 +27,29 @@ use crate::wire::warnings::{self, FieldWarning};
       --mount back --adapter 40 --out my-cell.toml --sketch my-cell.svg
   vantage plan part.stl --unit mm --cell my-cell.toml --out plan
 
-The foot of the robot is the origin: x to the front, y to its left, z up. Without --mount every \
-face of the scanner's housing is tried on the flange, and the one from which the arm reaches the most views is taken. \
-Lengths are millimetres, angles degrees.
+The origin is the robot's foot: x to its front, y to its left, z up. Without --mount, Vantage tries every face of the scanner's \
+housing on the flange and takes the one with which the arm reaches the most views. Lengths are in millimetres, angles in \
+degrees.
 
-Exit codes: 0 success, 1 system error, 2 bad input or a cell that does not fit together.")]
+Exit codes: 0 success, 1 system error, 2 bad input, or devices that do not fit together.")]
 pub struct CellArgs {
-    /// Robot: name of a preset, or a TOML or JSON file.
+    /// Robot: a preset name, or a TOML or JSON file.
     #[arg(long)]
     robot: String,
-    /// Scanner: name of a preset, or a TOML or JSON file.
+    /// Scanner: a preset name, or a TOML or JSON file.
     #[arg(long)]
     scanner: String,
-    /// Turntable: name of a preset, or a TOML or JSON file.
+    /// Turntable: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "minas-a6-500")]
     turntable: String,
-    /// Centre of the plate's upper face from the robot's foot, X,Y,Z in mm, -10000 to 10000 each.
+    /// Centre of the plate's upper face, measured from the robot's foot, X,Y,Z in mm, -10000 to 10000 each.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     table_at: Triple,
-    /// Angle by which the plate's zero is turned, degrees, -360 to 360.
+    /// Rotation of the plate's zero position about the table axis, degrees, -360 to 360.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
     table_yaw: f64,
-    /// Face of the scanner's housing on the flange: back, top, bottom, left or right [default: the one that reaches most].
+    /// Face of the scanner's housing on the flange: back, top, bottom, left or right [default: the one that reaches the most
+    /// views].
     #[arg(long)]
     mount: Option<Mount>,
     /// Distance between flange and housing, mm, 0 to 1000.
@@ -57,25 +58,26 @@ pub struct CellArgs {
     /// Mass of the adapter, kg, 0 to 1000.
     #[arg(long, value_name = "KG", default_value_t = 0.0)]
     adapter_mass: f64,
-    /// Height of the floor, mm, -10000 to 0: it lies below the robot's foot, as in -600 [default: no floor].
+    /// Height of the floor relative to the robot's foot, mm, -10000 to 0, such as -600 [default: no floor].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     floor: Option<f64>,
-    /// The robot stands on a pedestal of 200 mm diameter that reaches down to --floor.
+    /// Stand the robot on a pedestal of 200 mm diameter that reaches down to --floor.
     #[arg(long, requires = "floor")]
     pedestal: bool,
-    /// Joints 1 to 6 and the table where a program begins and ends, degrees, comma-separated [default: found].
+    /// Home position, where programs begin and end: joints 1 to 6 and table, degrees, comma-separated [default: found by
+    /// Vantage].
     #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_hyphen_values = true)]
     home: Vec<f64>,
     /// Name of the cell.
     #[arg(long, default_value = "my-cell")]
     name: String,
-    /// Edge of the cube on the plate whose views are tried, mm, 1 to 5000.
+    /// Edge length of a cube on the plate, whose views are tried to compare reach, mm, 1 to 5000.
     #[arg(long, value_name = "MM", default_value_t = 120.0)]
     cube: f64,
     /// TOML file to write [default: standard output].
     #[arg(long)]
     out: Option<PathBuf>,
-    /// SVG file to write: the cell from above and from the side, with reach, table and heights.
+    /// SVG sketch to write: the cell from above and from the side, with reach, table and heights.
     #[arg(long, value_name = "FILE.svg")]
     sketch: Option<PathBuf>,
 }

@@ -30,7 +30,7 @@ use crate::wire::{DocumentKind, UnverifiedStatement, UtcTime, hex};
 /// Temperatures that a cell may have, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
 
-/// Check specifications, parameters, plans and programs.
+/// Check cells, devices, parameters, plans and programs, and list every error.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage check cell.toml robot.json params.toml
@@ -42,29 +42,31 @@ const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json \\
       --mesh part.stl --unit mm
 
-Without --cell plans and programs are checked for structure and ranges only, and a program that it belongs to the plan.json \
-beside it, if there is one. A program is held against the one of the given plans that it names, without --plan too. With \
---cell a plan must have been made in that cell, and its stations are recomputed: limits, poses and collisions. With --mesh the \
-part is among what may collide, and the coverage that a plan states is derived anew from its views, by the engine that it was made \
-with and by a ray for every sample; a program then needs its plan, which says where the part lies. A plan that was made without a \
-cell is checked with --cell none. A fixture must be the one that the plan was made with; a program of a plan with a fixture needs \
-it beside the part. \
-The line of a plan or program says what was checked and what was not; --json lists every statement that was verified, and every \
-one that was not, with the reason. Options that none of the files is checked with are refused. \
-For an incomplete file every missing field is listed at once. Warnings, such as a tolerance finer than the scanner's noise \
-allows or a home that looks like radians, are not findings unless --strict is given.
+Without --cell, plans and programs are checked only for structure and ranges. A program must also be made from the plan.json \
+beside it, if there is one. If its plan is among the files, the program is checked against it, even without --plan.
 
-Exit codes: 0 no findings, 2 findings.")]
+With --cell, a plan must have been made in that cell, and its stations are recomputed: limits, poses and collisions. With \
+--mesh, collisions with the part are checked too, and the coverage that a plan states is recomputed from its views, with the \
+planner's engine and with a ray for every sample; a program then needs its plan, which says where the part lies. Check a plan \
+made without a cell with --cell none. A fixture must be the one that the plan was made with; a program of such a plan needs the \
+fixture as well as the part.
+
+The line for a plan or program says what was checked and what was not; --json lists every statement that was verified, and every \
+one that was not, with the reason. An option that applies to none of the files is refused. For an incomplete file, all missing \
+fields are listed. Warnings, such as a tolerance too fine for the scanner's noise or a home position that looks like radians, \
+are errors only with --strict.
+
+Exit codes: 0 no errors; 2 errors.")]
 pub struct CheckArgs {
-    /// Files to check, TOML or JSON; the kind of each is recognised by its content.
+    /// Files to check, TOML or JSON: cells, devices, parameters, plans or programs, recognised by their content.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Cell to recompute limits, times, collisions, poses and coverage with: name of a preset, a TOML or JSON file, or `none`
+    /// Cell in which to recompute limits, times, collisions, poses and coverage: a preset name, a TOML or JSON file, or `none`
     /// for a plan that was made without a cell.
     #[arg(long)]
     cell: Option<String>,
-    /// Scanner, with `--cell none` only: name of a preset, or a file [default: the preset that the plan names; for parameters
-    /// transcan-c].
+    /// Scanner, only with `--cell none`: a preset name, or a TOML or JSON file [default: the preset that the plan names; for
+    /// parameters, transcan-c].
     #[arg(long, requires = "cell")]
     scanner: Option<String>,
     /// Treat warnings as errors.
@@ -77,19 +79,19 @@ pub struct CheckArgs {
 /// Files that plans and programs are checked against, besides the cell.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ReferenceArgs {
-    /// Plan that a program has to carry out.
+    /// Plan that the program was made from: its plan.json.
     #[arg(long, requires = "cell")]
     pub(super) plan: Option<PathBuf>,
-    /// Part, STL, OBJ or PLY: for collisions and for the area that scans and views measure. The plan says where it lies.
+    /// Part (STL, OBJ or PLY), to check collisions with it and the area measured. The plan says where it lies.
     #[arg(long, requires = "cell")]
     pub(super) mesh: Option<PathBuf>,
-    /// Fixture, in the part's coordinates and unit: for collisions and for what it hides of the part.
+    /// Fixture in the part's coordinates and unit, to check collisions with it and what it hides of the part.
     #[arg(long, requires = "mesh")]
     fixture: Option<PathBuf>,
-    /// Unit of the meshes: mm, cm, m or inch.
+    /// Unit of the part and the fixture, required with --mesh: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
-    /// Temperature in the cell now, °C: a calibration that holds at another one alone is refused.
+    /// Current temperature in the cell, °C, -50 to 100; a calibration that is not valid at it is refused.
     #[arg(long, value_name = "C", allow_negative_numbers = true, value_parser = temperature)]
     temperature: Option<f64>,
 }
@@ -519,7 +521,7 @@ impl MeshFile {
     /// Error for a fixture that is not the plan's.
     fn refused_fixture(&self, other: &OtherFixture) -> CliError {
         let shown = self.path.display();
-        CliError::BadInput(format!("{shown}: {other}\n  → name the fixture that was planned with, or plan with this one"))
+        CliError::BadInput(format!("{shown}: {other}\n  → name the fixture that the plan was made with, or plan with this one"))
     }
 
     /// Error for a part that is not the plan's: another file, or the file in another unit.

@@ -24,15 +24,15 @@ const EXAMPLES: &str = "Examples:
       --frame scanner --scan-unit mm --set align.method=as_placed \\
       --out inspection
 
-Scans are PLY, PCD, E57, XYZ or STL files: one of each view, whose number is the last one in its name, or one of all views. Unit and \
-frame are found out where they are not given. `vantage compare --help` lists the parameters for --set.
+Scans are PLY, PCD, E57, XYZ or STL files: one file per view, with the view's number as the last number in its name, or one file \
+for all views. Unit and frame are worked out unless they are given. `vantage compare --help` lists the parameters for --set.
 
 Files written to --out: inspection.html (open this first), inspection.txt, inspection.json, losses.json, learned.json, coverage.csv, \
 deviation.csv, deviation.ply, and rescan.json, from which `vantage rescan` plans further views.
 
 Exit codes: 0 success, 1 system error, 2 bad input, 4 interrupted.";
 
-/// Compare scans with the plan of a part.
+/// Compare scans of a part with its plan: coverage, the cause of every loss, and deviation.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}{}", params::for_help(&parameters::of_inspections())))]
 pub struct CompareArgs {
@@ -40,19 +40,19 @@ pub struct CompareArgs {
     part: ScannedPartArgs,
     #[command(flatten)]
     run: RecordArgs,
-    /// Scans: files, or folders of files.
+    /// Scans to compare: files, or folders of files.
     #[arg(required = true, value_name = "SCANS")]
     scans: Vec<PathBuf>,
-    /// Unit of the scans, if it is known: mm, cm, m or inch.
+    /// Unit of the scans: mm, cm, m or inch [default: worked out from the scans].
     #[arg(long, value_name = "UNIT")]
     scan_unit: Option<LengthUnit>,
-    /// Frame of the scans, if it is known: cloud, scanner, base, table, plate or part.
+    /// Frame of the scans: cloud, scanner, base, table, plate or part [default: worked out from the scans].
     #[arg(long)]
     frame: Option<ScanFrame>,
-    /// Set one parameter: `compare.tolerance_mm=0.3`. Repeatable.
+    /// Set one parameter, such as `compare.tolerance_mm=0.3`. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
-    /// Inspection of the round before, whose surface stays measured: the folder that `vantage compare` wrote.
+    /// Inspection of the previous round, to add up both rounds: the folder that `vantage compare` wrote.
     #[arg(long, value_name = "INSPECTION")]
     after: Option<PathBuf>,
     /// Folder for the results; created if it does not exist.

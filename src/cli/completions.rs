@@ -14,14 +14,14 @@ use crate::geometry::demo_parts::DemoPart;
 use crate::program::dialects::Dialect;
 use crate::wire::parameters;
 
-/// Print a completion script for a shell.
+/// Print a shell completion script.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage completions bash > /etc/bash_completion.d/vantage
   vantage completions zsh > ~/.zfunc/_vantage
   vantage completions fish > ~/.config/fish/completions/vantage.fish")]
 pub(super) struct CompletionsArgs {
-    /// Shell to complete for.
+    /// Shell that will load the script.
     shell: Shell,
 }
 

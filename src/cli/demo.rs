@@ -22,14 +22,14 @@ use crate::wire::{Job, JobId, JobRequest, JobState};
 /// Approximate number of triangles of the sample part.
 const TRIANGLES: usize = 20_000;
 
-/// Run a server with a sample part that is planned, run on simulated controllers, scanned and inspected; nothing is kept.
+/// Try Vantage: plan, run, scan and inspect a sample part on a temporary server with simulated devices.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Prints the address to open in a browser. Ctrl-C stops the server and deletes its temporary folder.
 
 Example:
   vantage demo")]
 pub struct DemoArgs {
-    /// Port to listen on; if it is in use, a free one is taken.
+    /// Port to listen on; if it is in use, Vantage picks a free one.
     #[arg(long, default_value_t = 8080)]
     port: u16,
 }
@@ -90,7 +90,7 @@ async fn show(app: App) {
 /// Runs the program of the sample on the simulated controllers.
 async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
     output::line(
-        "The sample part is planned; the page links its report. Its program runs on a simulated robot and turntable now, over \
+        "The sample part is planned; the page links to its report. Its program now runs on a simulated robot and turntable, over \
          sockets.",
     )?;
     let run = rehearsal::run(app, job).await.map_err(|error| CliError::Failed(format!("the run of the sample: {error}")))?;
@@ -105,9 +105,9 @@ async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
     let (axis_deg, position_mm) = (worst(|step| step.optical_axis_deviation_deg), worst(|step| step.position_deviation_mm));
     let measured = run.coverage.map_or(0.0, |coverage| 100.0 * coverage.measured_of_asked);
     output::line(format_args!(
-        "The run is done: {} steps in {actual:.1} s, planned {planned:.1} s; {} scans within {axis_deg:.3}° and {position_mm:.3} mm of \
-         their poses; {measured:.1} % of the asked area from the measured poses. Its record is at /api/v1/runs/{}/record, every byte \
-         exchanged with the controllers at /api/v1/runs/{}/audit.",
+        "The run is done: {} steps in {actual:.1} s, planned {planned:.1} s; {} scans within {axis_deg:.3}° and {position_mm:.3} \
+         mm of their poses; coverage from the measured poses {measured:.1} % of the asked area. Its record is at \
+         /api/v1/runs/{}/record, every byte exchanged with the controllers at /api/v1/runs/{}/audit.",
         run.steps, run.scans, run.id, run.id
     ))?;
     inspection::show(app, job, run.id).await.map_err(|error| CliError::Failed(format!("the scans of the sample: {error}")))

@@ -94,8 +94,7 @@ pub(super) fn of_controllers(controllers: &ControllersSpec, robot: &Value) -> Ve
 fn of_trigger(controllers: &ControllersSpec) -> Option<FieldWarning> {
     let is_digital = matches!(controllers.trigger, TriggerSpec::Digital(_));
     (is_digital && !controllers.arm.has_digital_signals()).then(|| {
-        let detail =
-            format!("is digital; the driver of {} has no digital signals, so that no run begins", controllers.arm.name());
+        let detail = format!("is digital, but the driver of {} has no digital signals: no run can begin", controllers.arm.name());
         doubt("/controllers/trigger/protocol", detail, "trigger the scanner by http or by a command")
     })
 }
@@ -113,8 +112,7 @@ pub(super) fn of_levels(controllers: &ControllersSpec, program: &Program) -> Opt
     let levels: Vec<String> = levels.iter().map(ToString::to_string).collect();
     let (last, others) = levels.split_last().filter(|(_, others)| !others.is_empty() && !trigger.tells_brightness())?;
     let (others, name) = (others.join(", "), trigger.name());
-    let detail =
-        format!("scans at brightness levels {others} and {last}; the cell's trigger {name} does not tell the scanner which");
+    let detail = format!("scans at brightness levels {others} and {last}; the cell's trigger {name} does not send the level");
     let remedy =
         "trigger the scanner by http, or by a command with {brightness}, or have its own software switch before each scan";
     Some(doubt("/steps", detail, remedy))
@@ -142,7 +140,7 @@ fn of_joint_3(arm: &ArmControllerSpec, robot: &RobotSpec) -> Option<FieldWarning
     };
     let planned = if from_ground == Some(true) { JointThreeOrigin::Ground } else { JointThreeOrigin::UpperArm };
     let Some(told) = rmi.joint_3_from else {
-        let detail = "is not given, so that nothing is sent to the arm".to_owned();
+        let detail = "is not given, so nothing is sent to the arm".to_owned();
         return Some(doubt("/controllers/arm/joint_3_from", detail, format!("give {:?}", planned.as_str())));
     };
     (told != planned).then(|| {
@@ -269,7 +267,7 @@ fn bare_links(robot: &Value, at: &str) -> Option<FieldWarning> {
     let covered: Vec<u64> = bodies.filter_map(|body| body["link"].as_u64()).collect();
     let bare: Vec<String> = (1..=5).filter(|link| !covered.contains(link)).map(|link| link.to_string()).collect();
     (!bare.is_empty()).then(|| {
-        let detail = format!("has no capsule for link {}: nothing keeps clear of what moves there", bare.join(", "));
+        let detail = format!("has no capsule for link {}: collisions with it are not seen", bare.join(", "));
         doubt(format!("{at}/links"), detail, "give capsules around each of the links 1 to 5")
     })
 }

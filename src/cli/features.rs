@@ -50,7 +50,7 @@ fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
     let (_, header) = lines.next().ok_or("is empty; the first line must name the columns")?;
     if header.contains(';') && !header.contains(',') {
-        return Err("its columns are separated by ;, use , and a point as decimal separator".to_owned());
+        return Err("its columns are separated by semicolons; use commas, and a point as decimal separator".to_owned());
     }
     let columns = cells_of(header)?;
     if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(&column.as_str())) {
@@ -61,7 +61,7 @@ fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
         return Err(format!("has the column {twice:?} twice"));
     }
     let mut lines = lines.peekable();
-    lines.peek().ok_or("has no line below the one that names the columns: no feature")?;
+    lines.peek().ok_or("has no feature below the line that names the columns")?;
     lines.map(|(number, line)| feature(&columns, line).map_err(|error| format!("line {number}: {error}"))).collect()
 }
 
@@ -79,7 +79,7 @@ fn cells_of(line: &str) -> Result<Vec<String>, String> {
         let mut cell = String::new();
         let mut after = quoted;
         loop {
-            let (text, behind) = after.split_once('"').ok_or("has a quote that is not closed")?;
+            let (text, behind) = after.split_once('"').ok_or("has an unclosed quote")?;
             cell.push_str(text);
             match behind.strip_prefix('"') {
                 Some(behind) => {
@@ -96,7 +96,7 @@ fn cells_of(line: &str) -> Result<Vec<String>, String> {
         match after.strip_prefix(',') {
             Some(after) => rest = after,
             None if after.is_empty() => return Ok(cells),
-            None => return Err(format!("has {after:?} behind a closing quote; allowed is a comma")),
+            None => return Err(format!("has {after:?} after a closing quote; allowed is a comma")),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::{CliError, output};
 
-/// Ask a server whether it is healthy; exit code 0 if it is, 1 if not.
+/// Check that a server is healthy: exit code 0 if it is, 1 if it is not.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage healthcheck --url http://127.0.0.1:8080")]

@@ -15,7 +15,7 @@ use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{area_mm2, by_thousands, fixed, fixed_nonzero};
 
-/// Describe a mesh and its defects, or a scanner and its field of view.
+/// Show the size and defects of a mesh, or the field of view and measurement volume of a scanner.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage inspect part.stl
@@ -23,15 +23,15 @@ use crate::wire::words::{area_mm2, by_thousands, fixed, fixed_nonzero};
   vantage inspect transcan-c
   vantage inspect my-scanner.toml --json")]
 pub struct InspectArgs {
-    /// File to inspect, recognised by its content; or the name of a scanner preset.
+    /// Mesh or scanner file to inspect, recognised by its content, or the name of a scanner preset.
     pub file: PathBuf,
-    /// Unit of the coordinates in the mesh: mm, cm, m or inch [default: the size is printed in all four].
+    /// Unit of the coordinates in the mesh: mm, cm, m or inch [default: none; the size is printed for all four].
     #[arg(long)]
     pub unit: Option<LengthUnit>,
-    /// Cell whose scanner and plate the part should suit: name of a preset, or a TOML or JSON file.
+    /// Cell whose scanner and plate the part must fit: a preset name, or a TOML or JSON file.
     #[arg(long)]
     pub cell: Option<String>,
-    /// Scanner that the part should suit, without a cell: name of a preset, or a TOML or JSON file.
+    /// Scanner that the part must fit, if there is no cell: a preset name, or a TOML or JSON file.
     #[arg(long, conflicts_with = "cell")]
     pub scanner: Option<String>,
     /// Print JSON instead of a table.
@@ -142,12 +142,12 @@ fn unopened(path: &Path, error: &io::Error) -> CliError {
     let others = [SpecKind::Robot, SpecKind::Turntable, SpecKind::Cell];
     if let Some(kind) = others.into_iter().find(|kind| preset_text(*kind, name).is_some()) {
         let kind = kind.as_str();
-        let what = format!("it is the name of a {kind} preset, not of a scanner's; `vantage presets {name}` prints it");
+        let what = format!("it is the name of a {kind} preset, not of a scanner preset; `vantage presets {name}` prints it");
         return CliError::BadInput(format!("{text}; {what}"));
     }
     let known = Presets.names(SpecKind::Scanner);
     let question = did_you_mean(name, known.iter().map(String::as_str));
-    CliError::BadInput(format!("{text}; nor is there such a scanner preset; these are {}{question}", known.join(", ")))
+    CliError::BadInput(format!("{text}; there is no such scanner preset either; the presets are {}{question}", known.join(", ")))
 }
 
 /// Rows on the size: in the unit that is given, else in each.
@@ -164,7 +164,7 @@ fn size_rows(
             None => "",
         };
         let row = |reading: &UnitReading| (format!("in {}", reading.unit), size_text(&reading.size_mm) + fits(reading));
-        let unit = ("unit".to_owned(), "not given; the size would be, if the file is".to_owned());
+        let unit = ("unit".to_owned(), "not given; the size, if the file is".to_owned());
         return std::iter::once(unit).chain(readings.iter().map(row)).collect();
     }
     let size = mesh.health.aabb.extent_mm();

@@ -11,10 +11,11 @@ use crate::settings::job_memory_bytes;
 /// Limits on time and memory.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct LimitArgs {
-    /// Maximum planning time, 1 to 604800 s; a plan that would take far longer is refused at once. 0 for no limit.
+    /// Maximum planning time, 1 to 604800 s; 0 for no limit. A plan that would take far longer is refused before it starts.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = secs)]
     max_secs: f64,
-    /// Maximum memory in MiB, 256 or more; a plan that would need more is refused at once. 0 for 60 % of the machine's memory.
+    /// Maximum memory, 256 MiB or more; 0 for 60 % of the machine's memory. A plan that would need more is refused before it
+    /// starts.
     #[arg(long, value_name = "MIB", default_value_t = 0, value_parser = mebibytes)]
     max_memory: u64,
 }

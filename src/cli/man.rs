@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{Cli, CliError, out, output};
 
-/// Write the manual pages, one for each command.
+/// Write a manual page for each command.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage man --out /usr/local/share/man/man1")]

@@ -59,22 +59,22 @@ pub mod study;
 mod summary;
 mod telemetry;
 
-/// Plan automated 3D scans: mesh and cell in; viewpoints, proof of coverage and robot program out.
+/// Plan automated 3D scans: from a mesh and a cell to viewpoints, their coverage, motion and a robot program.
 #[derive(Debug, Parser)]
 #[command(
     name = "vantage",
     version = VERSION_LINE,
     max_term_width = 110,
     after_help = "Examples:
-  vantage demo                                 a server with a sample part
-  vantage plan part.stl --unit mm --out plan   a plan without a server
-  vantage serve --data /var/lib/vantage        a server at 127.0.0.1:8080
+  vantage demo                                 try Vantage with a sample part
+  vantage plan part.stl --unit mm --out plan   plan a part without a server
+  vantage serve --data /var/lib/vantage        run the server at 127.0.0.1:8080
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with `plan --strict` a region below its \
-target, 4 interrupted.
+Exit codes: 0 success; 1 system error; 2 bad input; 3 no plan possible, a region or feature below its target (`plan --strict`), \
+no further view worth taking (`rescan`), or a calibration that no longer holds (`calibrate check`); 4 interrupted.
 
-With --json an error is an object {level, code, title, detail, exit_code, errors} on standard error. If the reader of the output \
-closes the pipe, as `head` does, the command finishes its work and keeps its exit code."
+With --json, the error that ends a command is one JSON object {level, code, title, detail, exit_code, errors} on standard error. \
+If the reader closes the pipe, as `head` does, the command finishes its work and keeps its exit code."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -171,7 +171,7 @@ impl CliError {
     /// Stable code for programs, and its title.
     fn code(&self) -> (&'static str, &'static str) {
         match self {
-            Self::Failed(_) => ("system_error", "The system refused"),
+            Self::Failed(_) => ("system_error", "System error"),
             Self::BadInput(_) => ("bad_input", "The input cannot be used"),
             Self::Findings(_) => ("invalid_fields", "Fields of the input are invalid"),
             Self::NoPlan(_) => ("no_plan", "No plan is possible"),

@@ -215,7 +215,7 @@ impl OutputFolder {
         let kept = kept.into_iter().cloned().collect::<Vec<_>>();
         let left = OutputRecord::new([kept, new.clone()].concat(), complete);
         self.swap(&staging, &old.files, &touched, &new, &left).map_err(|error| {
-            let what = format!("cannot be written: {error}; what it lacks of the new files is in {}", staging.display());
+            let what = format!("cannot be written: {error}; the new files that it lacks are in {}", staging.display());
             CliError::Failed(format!("--out {}: {what}", self.path.display()))
         })
     }
@@ -226,7 +226,7 @@ impl OutputFolder {
         match fs::read(&path) {
             Ok(bytes) => {
                 let record = OutputRecord::parse(&bytes).ok_or_else(|| {
-                    let what = "is not a record that this version of Vantage reads; move it away or name another folder";
+                    let what = "is not a record that this version of Vantage can read; move it away or name another folder";
                     CliError::BadInput(format!("--out {}: {RECORD_FILE} {what}", self.path.display()))
                 })?;
                 Ok(OldFiles { files: record.files, has_record: true, complete: record.complete })
@@ -246,7 +246,7 @@ impl OutputFolder {
         if self.writer != OutputWriter::Program || !old.files.iter().any(is_other) {
             return Ok(());
         }
-        let what = "holds the results of another plan than the program's; name another folder";
+        let what = "holds the results of another plan, not of the program's; name another folder";
         Err(CliError::BadInput(format!("--out {}: {what}", self.path.display())))
     }
 
@@ -364,7 +364,7 @@ fn lock(path: &Path) -> Result<Option<File>, CliError> {
     match folder.try_lock() {
         Ok(()) => Ok(Some(folder)),
         Err(TryLockError::WouldBlock) => {
-            Err(CliError::BadInput(format!("--out {}: another run of vantage writes to this folder", path.display())))
+            Err(CliError::BadInput(format!("--out {}: another vantage command is writing to this folder", path.display())))
         }
         Err(TryLockError::Error(_)) => Ok(None),
     }
@@ -452,7 +452,7 @@ pub(super) fn check_complete(folder: &Path) -> Result<(), CliError> {
     let lacks_plan = record.files.iter().any(|file| file.name == PLAN_FILE) && !folder.join(PLAN_FILE).is_file();
     match () {
         () if !record.complete => {
-            let what = "holds only some of its files, since the last command that wrote to it was stopped; plan again";
+            let what = "holds only some of its files, because the last command that wrote to it was stopped; plan again";
             Err(CliError::BadInput(format!("{}: {what}", folder.display())))
         }
         () if lacks_plan => Err(CliError::BadInput(format!("{}: {PLAN_FILE} is gone; plan again", folder.display()))),

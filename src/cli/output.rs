@@ -16,14 +16,14 @@ use super::{CliError, FileFinding};
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Output")]
 pub(super) struct OutputArgs {
-    /// Print errors only, and JSON if --json asks for it; results are written to files all the same.
+    /// Print only errors, and the JSON that --json asks for; result files are still written.
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
-    /// Log what is done, with times, to standard error: -v the stages, -vv details, -vvv everything.
+    /// Log to standard error, with times: -v stages, -vv details, -vvv everything.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub(super) verbose: u8,
-    /// Print one JSON document to standard output instead of text; warnings and errors are one JSON object a line on standard
-    /// error.
+    /// Print one JSON document to standard output instead of text; standard error has one JSON object per line for each warning
+    /// and error.
     #[arg(long, global = true)]
     pub(super) json: bool,
 }

@@ -6,7 +6,7 @@ use super::{CliError, output};
 use crate::cell::did_you_mean;
 use crate::wire::parameters::{self, Parameter};
 
-/// List the parameters of a plan, as --set and --params take them.
+/// List the planning parameters for --set and --params, with default, range, unit and meaning.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage params
@@ -14,7 +14,7 @@ use crate::wire::parameters::{self, Parameter};
   vantage params selection.target
   vantage params --json")]
 pub(super) struct ParamsArgs {
-    /// Parameter, group of parameters or part of a name; all of them if it is left out.
+    /// Parameter, group of parameters, or part of a name [default: all parameters].
     name: Option<String>,
 }
 

@@ -6,7 +6,7 @@ use super::{CliError, files, output};
 use crate::geometry::demo_parts::{DEFAULT_TRIANGLES, DemoPart};
 use crate::geometry::mesh_io::write_stl;
 
-/// Write a demo part as STL.
+/// Write a demo part as an STL file, in millimetres.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage part base --triangles 50000 --out base.stl")]

@@ -48,62 +48,64 @@ const EXAMPLES: &str = "Examples:
 
 Files written to --out: report.html (open this first), report.txt (see --report), summary.json, plan.json, program.json and the program in the \
 robot's language, tables of views, coverage and missed spots (CSV, JSON), timings.json, and ovp.json, a log in the format of the \
-public benchmark of viewpoint planning. With regions of interest or features also regions.csv; with --set output.candidates=true \
-also candidates.json, every viewpoint that was considered.
+public benchmark for viewpoint planning. Regions of interest and features add regions.csv; --set output.candidates=true adds \
+candidates.json, which lists every viewpoint that was considered.
 
-The files appear together, once all of them are written, and replace the results of an earlier run, including programs made from \
-its plan. vantage.json records them with their hashes. Files that Vantage did not write are left alone; if one is in the way, \
-nothing is planned. If no plan is possible, or the part does not suit the plate or the scanner, the earlier results are removed, \
-and report.html and report.txt say why.
+Vantage writes all files at once, when they are complete. They replace the results of an earlier run, including programs made \
+from its plan. vantage.json lists them with their hashes. Your own files are left alone; if one is in the way, nothing is \
+planned. If no plan is possible, or the part does not suit the plate or the scanner, the earlier results are removed, and \
+report.html and report.txt say why.
 
-Several parts are planned one after another, each into a folder of --out that is named after its file. One that fails does not \
-stop the others; a table at the end shows the result of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there \
-is one line for each part, an object with mesh, out, exit_code, error and plan.
+Several parts are planned one after another, each into a folder of --out that is named after its file. If one fails, the others \
+are still planned. A table at the end shows each result, and the exit code is the most serious one, in the order 4, 1, 2, 3. \
+With --json, each part is one line: an object with mesh, out, exit_code, error and plan.
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or no path to any view of it, or with --strict a region \
-or feature below its target, 4 interrupted.";
+Exit codes: 0 success; 1 system error; 2 bad input; 3 no plan possible, no path to any of its views, or with --strict a region \
+or feature below its target; 4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\nParameters for --set:\n{}", parameters::help()))]
 pub struct PlanArgs {
-    /// Part: an STL, OBJ or PLY file. Several are planned one after another, each into a folder named after its file.
+    /// Part to plan: an STL, OBJ or PLY file. Several parts are planned one after another, each into a folder named after its
+    /// file.
     #[arg(required = true, value_name = "MESH")]
     pub(super) meshes: Vec<PathBuf>,
-    /// Unit of the coordinates in the file: mm, cm, m or inch (also `in`, `inches`, `MM` and the like).
+    /// Unit of the coordinates in the file, required: mm, cm, m or inch (also `in`, `inches`, `MM` and similar).
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
-    /// Cell: name of a preset, a TOML or JSON file, or `none` to plan viewpoints only.
+    /// Cell: a preset name, a TOML or JSON file, or `none` to plan viewpoints only.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// Scanner, with `--cell none` only: name of a preset, or a file [default: transcan-c].
+    /// Scanner, only with `--cell none`: a preset name, or a TOML or JSON file [default: transcan-c].
     #[arg(long)]
     scanner: Option<String>,
-    /// Planning parameters: a TOML or JSON file.
+    /// Planning parameters: a TOML or JSON file (`vantage params` lists them).
     #[arg(long)]
     params: Option<PathBuf>,
-    /// Set one parameter, overriding the file: `selection.target=0.99`. A value that is not JSON is a string;
-    /// `KEY=@FILE` reads it from a JSON, TOML or text file; a list in TOML is a table after another, such as `[[exclude]]`. Repeatable.
+    /// Set one parameter, overriding --params: `selection.target=0.99`. A value that is not valid JSON is taken as a string.
+    /// `KEY=@FILE` reads the value from a JSON, TOML or text file; in TOML, a list is an array of tables such as `[[exclude]]`.
+    /// Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
-    /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. Example of CSV: a header
-    /// `name,region,tolerance_mm,point_spacing_mm` and a line `bore,sphere 10 20 30 5,0.05,0.2`.
+    /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. CSV example: a header line
+    /// `name,region,tolerance_mm,point_spacing_mm`, then `bore,sphere 10 20 30 5,0.05,0.2` (centre and radius in mm).
     #[arg(long)]
     features: Option<PathBuf>,
     /// Folder for the results; created if it does not exist [default: NAME_plan for NAME.stl, `plans` for several parts].
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Print plan.json to standard output instead of a summary; of several parts an object a line.
+    /// Print plan.json to standard output instead of a summary; for several parts, one JSON object per line.
     #[arg(long)]
     pub(super) json: bool,
-    /// Reports to write: html (report.html and report.txt), text (report.txt alone) or none.
+    /// Reports to write: html (report.html and report.txt), text (only report.txt) or none.
     #[arg(long, value_name = "REPORTS", default_value_t = Reports::Html)]
     report: Reports,
-    /// Exit with code 3 if a region of interest or a feature does not reach its target, or independent samples refute that it does; the
-    /// results are written all the same.
+    /// Exit with code 3 if a region of interest or a feature misses its target, or if the independent samples refute that it
+    /// meets it; results are still written.
     #[arg(long)]
     strict: bool,
     /// Number of threads, 0 to 1024; 0 for all cores. The plan does not depend on it.
@@ -111,7 +113,7 @@ pub struct PlanArgs {
     threads: u16,
     #[command(flatten)]
     limits: LimitArgs,
-    /// Label to record in the plan, the program and the report. Repeatable.
+    /// Label to record in the plan, the program and the report, such as `line=3`. Repeatable.
     #[arg(long = "label", value_name = "KEY=VALUE")]
     labels: Vec<String>,
     /// Part number to record in the plan, the program and the report.
@@ -361,10 +363,9 @@ fn without_plan(error: CliError, report: &[Artifact], folder: &OutputFolder) -> 
 /// Warns of programs in the robot's own language that are not among the files.
 pub(super) fn warn_of_refused(cell: Option<&Cell>, artifacts: &[Artifact], folder: &Path) {
     let refused = cell.and_then(|cell| cell.robot.dialect).map(|dialect| refused_programs(artifacts, dialect));
-    let remedy =
-        format!("plan again with what it asks for; all that was refused stands in {}", folder.join(REFUSED_FILE).display());
+    let remedy = format!("plan again with what it asks for; {} lists all that was refused", folder.join(REFUSED_FILE).display());
     for (name, reason) in refused.unwrap_or_default() {
-        output::warning(&name, "", &format!("is not written, so that there is no program for the robot: {reason}"), &remedy);
+        output::warning(&name, "", &format!("was not written, so there is no program for the robot: {reason}"), &remedy);
     }
 }
 
@@ -420,7 +421,7 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage], 
     let empty = regions.iter().filter(|region| region.samples == 0).count();
     if empty > 0 {
         return Err(CliError::RegionsUnmet(format!(
-            "{empty} of {} regions and features hold nothing of the part that is asked for (--strict); the results are written",
+            "{empty} of {} regions and features contain no asked surface of the part (--strict); the results are written",
             regions.len()
         )));
     }
@@ -430,7 +431,7 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage], 
     let with_target = regions.iter().filter(|region| region.target.is_some()).count();
     let on_others = match refuted.len() {
         0 => String::new(),
-        refuted => format!(", {refuted} of them on independent samples alone"),
+        refuted => format!(", {refuted} of them only on independent samples"),
     };
     Err(CliError::RegionsUnmet(format!(
         "{} of {with_target} regions and features with a target do not reach it{on_others} (--strict); the results are written",
@@ -444,7 +445,8 @@ fn require_a_view(executed: usize, chosen: usize) -> Result<(), CliError> {
         return Ok(());
     }
     Err(CliError::NoPlan(format!(
-        "no view can be carried out: no collision-free path leads to any ({} chosen); the results are written and say what is in the way",
+        "no view can be reached: no collision-free path leads to any ({} chosen); the results are written and say what \
+         is in the way",
         counted(chosen, "view")
     )))
 }
@@ -614,8 +616,8 @@ mod tests {
         assert_eq!(refused.exit_code(), 3);
         assert_eq!(
             refused.to_string(),
-            "2 of 3 regions and features with a target do not reach it, 1 of them on independent samples alone (--strict); the results \
-             are written"
+            "2 of 3 regions and features with a target do not reach it, 1 of them only on independent samples (--strict); the \
+             results are written"
         );
     }
 }

@@ -11,15 +11,15 @@ use crate::cell::{
 use crate::planning::params::Preset;
 use crate::wire::preset::{all_defaults, set_by};
 
-/// List the scanners, robots, turntables, cells and sets of parameters that ship with Vantage.
+/// List the presets: scanners, robots, turntables, cells and parameter sets; or print one as a file.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage presets
   vantage presets robot
-  vantage presets e05-transcan > my-cell.toml    start your own cell from it
+  vantage presets e05-transcan > my-cell.toml    start your own cell
   vantage presets thesis                         parameters that it sets")]
 pub(super) struct PresetsArgs {
-    /// Kind to list: scanner, robot, turntable, cell or parameters; or name of a preset to print as a TOML file.
+    /// Kind to list (scanner, robot, turntable, cell or parameters), or name of a preset to print as TOML [default: list all].
     preset: Option<String>,
 }
 
@@ -43,7 +43,7 @@ pub(super) const KINDS: [SpecKind; 4] = [SpecKind::Scanner, SpecKind::Robot, Spe
 pub(super) const PARAMETERS: &str = "parameters";
 /// Sets of parameters, as `--set preset=NAME` takes them.
 pub(super) const PARAMETER_SETS: [(&str, &str); 2] = [
-    ("vantage", "the defaults: as few views as meet the target, then the best of that many"),
+    ("vantage", "the defaults: minimise the number of views for the target, then take the best set of that many"),
     ("thesis", "greedy with a = b = 0.5 over the 54 candidates of the thesis"),
 ];
 

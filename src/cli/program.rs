@@ -18,7 +18,7 @@ use crate::wire::parameters;
 use crate::wire::plan::PlanDocument;
 use crate::wire::program::ProgramDocument;
 
-/// Write a program in the language of a robot controller.
+/// Check a program and write it in the language of the robot controller.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage program plan --cell e05-transcan --mesh part.stl --unit mm --out robot
@@ -27,28 +27,28 @@ use crate::wire::program::ProgramDocument;
   vantage program plan/program.json --cell cell.toml --out scan.script \\
       --set dialects.scan_output=3
 
-The program is checked first, as by `vantage check`; a program with findings, or of another plan than the plan.json \
-beside it, is not written. --mesh needs the plan, which says where the part lies, \
-and the fixture of a plan that has one: --fixture, or the file that the plan names. Without --mesh the program is not checked for \
-collisions with the part, and its header says so. \
-Signals and names come from `params.dialects` of the plan; --set overrides them. KUKA programs are two files, and each \
-setup has its own program: give a folder for those. Programs that were made from the same place and an earlier plan \
-are removed from the folder.")]
+The program is checked first, as by `vantage check`. It is not written if it has errors, or if it was not made from the \
+plan.json beside it. --mesh needs the plan, which says where the part lies, and the fixture if the plan has one: --fixture, or \
+the file that the plan names. Without --mesh, collisions with the part are not checked, and the program's header says so.
+
+Signals and names come from `params.dialects` of the plan; --set overrides them. A KUKA program has two files, and each setup \
+has its own program: give --out a folder for these. Programs made from the same source and an earlier plan are removed from the \
+folder.")]
 pub struct ProgramArgs {
-    /// Folder that `vantage plan` wrote, or a program.json.
+    /// Program: a folder that `vantage plan` wrote, or a program.json.
     from: PathBuf,
-    /// Cell: name of a preset, or a TOML or JSON file.
+    /// Cell: a preset name, or a TOML or JSON file.
     #[arg(long)]
     cell: String,
     #[arg(long, help = format!(
-        "Controller language: {} [default: that of the robot's specification]",
+        "Controller language: {} [default: the one that the robot's specification names]",
         Dialect::ALL.map(Dialect::as_str).join(", ")
     ))]
     dialect: Option<Dialect>,
-    /// Write another maker's language than the robot's specification names; the program's header warns.
+    /// Accept the language of another maker's controller; the program's header then carries a warning.
     #[arg(long, requires = "dialect")]
     force: bool,
-    /// Folder for files named as the controller expects them, or a single file.
+    /// Folder for the program, with file names as the controller expects them, or a single file.
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]
@@ -90,7 +90,7 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
         rendered_from.push(program.clone());
         let first = plan_sha256.get_or_insert_with(|| program.plan_sha256.clone());
         if *first != program.plan_sha256 {
-            return Err(CliError::BadInput(format!("{shown}: is made from another plan than program.json; plan again")));
+            return Err(CliError::BadInput(format!("{shown}: is made from a different plan than program.json; plan again")));
         }
     }
     // Last: a program that is not the plan's is told as such, whatever the cell and the others.
@@ -146,7 +146,7 @@ impl RenderJob {
     fn render(&self, program: &Program, params: &DialectParams, shown: &str) -> Result<Vec<DialectFile>, CliError> {
         let not_the_plans = |finding| {
             let findings = files::findings(shown, &field_errors(&[finding]));
-            CliError::BadInput(format!("{findings}\n  → plan again, and take the program that it writes"))
+            CliError::BadInput(format!("{findings}\n  → plan again, and use the program that it writes"))
         };
         self.reference.owns(program).map_err(not_the_plans)?;
         let expected = self.reference.expected(program.setup);
@@ -159,7 +159,7 @@ impl RenderJob {
         }
         let rendered = match checked.render(self.dialect, params) {
             Err(foreign @ DialectError::Foreign { .. }) if self.force => {
-                output::warning(shown, "", &foreign.to_string(), "the header of the program warns of it");
+                output::warning(shown, "", &foreign.to_string(), "the program's header carries this warning");
                 checked.render_forced(self.dialect, params)
             }
             rendered => rendered,
@@ -204,7 +204,7 @@ pub(super) fn unplaced(program: &impl std::fmt::Display, reason: &str) -> CliErr
 /// Error for a folder without a program: a plan that was made without a cell has none.
 pub(super) fn without_program(folder: &Path) -> CliError {
     let reason = if folder.join(PLAN_FILE).is_file() {
-        "has no program.json: its plan was made without a cell and holds viewpoints alone; plan with a cell (--cell)"
+        "has no program.json: its plan was made without a cell and has only viewpoints; plan with a cell (--cell)"
     } else {
         "has no program.json"
     };
@@ -218,7 +218,7 @@ fn params(plan: Option<&PlanDocument>, sets: &[String]) -> Result<DialectParams,
         set.contains('=') && parameters::unknown(key).is_none() && key != "dialects" && !key.starts_with("dialects.")
     });
     if let Some(set) = elsewhere {
-        let reason = "has no effect here: a program takes parameters dialects.* alone; plan again with it";
+        let reason = "has no effect here: only parameters dialects.* apply to a program; plan again with it";
         return Err(CliError::BadInput(format!("--set {set}: {reason}")));
     }
     let dialects = plan.map_or_else(DialectParams::default, |plan| plan.params.dialects.clone());
@@ -254,7 +254,7 @@ fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Res
         return Ok(vec![path.to_owned()]);
     }
     if std::fs::read(path).is_ok_and(|bytes| !bytes.is_empty() && !out::is_program_text(&bytes)) {
-        let what = "exists and is not a program of Vantage's; move it away or name another file";
+        let what = "exists and is not a program that Vantage wrote; move it away or name another file";
         return Err(CliError::BadInput(format!("--out {}: {what}", path.display())));
     }
     std::fs::create_dir_all(folder_of(path))

@@ -29,22 +29,23 @@ const MAX_DISTANCE_MM: f64 = 5000.0;
 
 Files written to --out: reach.csv and reach.svg.")]
 pub struct ReachArgs {
-    /// Cell: name of a preset, or a TOML or JSON file.
+    /// Cell: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// Edge of the cube on the plate that stands for the part, mm.
+    /// Edge length of a cube on the plate that represents the part, mm, 1 to 5000.
     #[arg(long, default_value_t = 120.0)]
     cube: f64,
-    /// Distances of the robot's foot from the table's axis, mm, comma-separated [default: the cell's own, ±50 and ±100].
+    /// Distances between the robot's foot and the table axis, mm, 0 to 5000, comma-separated [default: the cell's own, ±50 and
+    /// ±100].
     #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     foot: Vec<f64>,
-    /// Heights of the plate above the foot, mm, comma-separated [default: the cell's own, ±50 and ±100].
+    /// Heights of the plate above the foot, mm, -5000 to 5000, comma-separated [default: the cell's own, ±50 and ±100].
     #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     table: Vec<f64>,
-    /// Compare mountings too: the flange on each other face of the scanner.
+    /// Also compare mountings: the flange on each of the scanner's other faces.
     #[arg(long)]
     mountings: bool,
-    /// Distance between flange and scanner for the other mountings, mm.
+    /// Distance between flange and scanner for the other mountings, mm, 0 to 5000.
     #[arg(long, default_value_t = 30.0)]
     adapter: f64,
     /// Folder for the results; created if it does not exist.

@@ -15,7 +15,7 @@ use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{PLAN_FILE, PlanJob, Reports, bytes_of, plan_sha256};
 use crate::service::rescan_job::RescanJob;
 
-/// Plan further views for what scans of a part lack.
+/// Plan further views for surface that the scans missed.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage compare plan scans --mesh part.stl --unit mm --out inspection
@@ -23,19 +23,19 @@ use crate::service::rescan_job::RescanJob;
   vantage rescan inspection plan --mesh part.stl --unit mm --set max_views=8 \\
       --out plan2
 
-INSPECTION is the folder that `vantage compare` wrote, or its rescan.json. The views are chosen by what they are expected to add at the \
-rates at which the scanner returned points; what no view mends, such as concave corners, is left out. The choice ends at max_views (4), \
-when the best view is expected to add less than min_gain (0.002 of the asked area), when all further views together would add less than \
-min_left (0.005), or after max_rounds (2). The results are a plan like that of `vantage plan`, with its program.
+Vantage chooses the views that are expected to add the most area, given the rates at which the scanner returned points. Surface \
+that no view recovers, such as concave corners, is left out. Vantage stops at max_views (default 4), when the best view is \
+expected to add less than min_gain (0.002 of the asked area), when all further views together would add less than min_left \
+(0.005 of it), or after max_rounds (2). The result is a plan like that of `vantage plan`, with its program.
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no further view is worth it, 4 interrupted.")]
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no further view worth taking, 4 interrupted.")]
 pub struct RescanArgs {
-    /// Folder that `vantage compare` wrote, or its rescan.json.
+    /// Inspection: the folder that `vantage compare` wrote, or its rescan.json.
     #[arg(value_name = "INSPECTION")]
     inspection: PathBuf,
     #[command(flatten)]
     part: ScannedPartArgs,
-    /// Set one parameter: max_views, min_gain, max_rounds or min_left. Repeatable.
+    /// Set one parameter, such as `max_views=8`: max_views, min_gain, max_rounds or min_left. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Folder for the plan; created if it does not exist.
@@ -63,7 +63,7 @@ pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     // The state of a later round is that of several plans.
     if state.rounds == 0 && state.plan_sha256 != scanned.plan_sha256 {
         return Err(CliError::BadInput(format!(
-            "{}: its inspection is of another plan\n  → name the plan that `vantage compare` was given",
+            "{}: the inspection is of another plan\n  → name the plan that `vantage compare` was given",
             args.inspection.display()
         )));
     }

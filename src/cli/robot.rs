@@ -12,7 +12,7 @@ use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::wire::warnings::FieldWarning;
 
-/// Write a robot's specification from a URDF file: joints, limits, and capsules around its collision shapes.
+/// Write a robot specification from a URDF file: joints, limits, and capsules around the collision shapes.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage robot elfin5.urdf --payload 5 --dialect hans --out elfin5.toml
@@ -21,37 +21,37 @@ use crate::wire::warnings::FieldWarning;
       --payload 10 --out arm.toml
 
 A URDF states neither payload nor accelerations: give --payload, and --ramp unless joints reach full speed in half a \
-second. Name the file as the robot in a cell's TOML, or upload it: PUT /api/v1/robots/{name}. With --surfaces \
+second. Name the file as the `robot` of a cell, or upload it to a server with PUT /api/v1/robots/{name}. With --surfaces, \
 near-collisions are re-checked on the exact meshes: tighter moves, slower checks. For a server, upload each surface as \
-a mesh and replace the file name by its id.")]
+a mesh and replace its file name with the mesh's id.")]
 pub struct RobotArgs {
     /// URDF file; expand xacro first.
     pub urdf: PathBuf,
     /// TOML file to write.
     #[arg(long)]
     pub out: PathBuf,
-    /// Write the surfaces of the links to this folder too, as STL in millimetres, and refer to them in the specification.
+    /// Folder for the surfaces of the links, written as STL in millimetres; the specification then refers to them.
     #[arg(long, value_name = "DIR")]
     pub surfaces: Option<PathBuf>,
     /// Name of the robot [default: the name in the file].
     #[arg(long)]
     pub name: Option<String>,
-    /// Base link, which does not move [default: base_link, else the root].
+    /// Name of the base link, which does not move [default: base_link, else the root link].
     #[arg(long)]
     pub base: Option<String>,
-    /// Flange link [default: tool0 or flange, else the link six joints from the base].
+    /// Name of the flange link [default: tool0 or flange, else the link six joints from the base].
     #[arg(long)]
     pub tip: Option<String>,
     /// Maximum mass at the flange, kg.
     #[arg(long, value_parser = positive)]
     pub payload: f64,
-    /// Language of its controller.
+    /// Language of the robot's controller.
     #[arg(long, help = format!(
-        "Language of its controller: {}; programs in another maker's are then refused",
+        "Language of the robot's controller: {}; programs in another maker's language are then refused",
         Dialect::ALL.map(Dialect::as_str).join(", ")
     ))]
     pub dialect: Option<Dialect>,
-    /// Time in which a joint reaches its rated speed, s.
+    /// Time that a joint takes to reach its rated speed, s.
     #[arg(long, default_value_t = 0.5, value_parser = positive)]
     pub ramp: f64,
     /// Folder with a subfolder NAME for each `package://NAME` [default: the URDF's folder, then its parents].

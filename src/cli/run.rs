@@ -40,7 +40,7 @@ const AUDIT_FILE_BYTES: u64 = 16 << 20;
 /// Files kept of the audit log.
 const AUDIT_FILES: usize = 64;
 
-/// Carry out a program: on a twin of arm and table, or on the controllers of a cell file.
+/// Run a program on a simulated twin of the cell, or on the controllers named in a cell file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage run plan/program.json --cell e05-transcan --speed 20
@@ -49,48 +49,51 @@ const AUDIT_FILES: usize = 64;
   vantage run plan/program.json --cell cell.toml --mesh part.stl --unit mm \\
       --mode live --override 0.1 --record run.json --audit audit
 
-The program is checked first, as by `vantage check`, against the plan.json beside it if there is one; --mesh needs it, \
-and the fixture of a plan that has one: --fixture, or the file that the plan names. `simulate` \
-moves a twin in real time, or --speed times as fast. `dry_run` connects to the controllers that the cell file names in [controllers], reads their \
-state and sends no motion. `live` moves arm and table: the operator types the name of the cell, or --armed-by names who released \
-the motion; the speed stays below `first_run_speed` of the cell file.
+The program is checked first, as by `vantage check`, against the plan.json beside it if there is one. --mesh needs that plan, \
+and the fixture if the plan has one: --fixture, or the file that the plan names.
 
-With --step, and a terminal or a pipe on standard input, each line takes one step. Ctrl-C stops the run in order and says when the \
-stop was sent, acknowledged, and arm and table at rest; a second one ends the process at once. A terminal that is closed stops it in \
-order too. Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+`simulate` moves a twin in real time, or --speed times as fast. `dry_run` connects to the controllers named in the [controllers] \
+section of the cell file and reads their state, but sends no motion. `live` moves arm and table: the operator types the name of \
+the cell, or --armed-by names the operator who releases the motion. The speed never exceeds `first_run_speed` of the cell file.
 
-Exit codes: 0 done, 1 ended by a fault, 2 bad input, 4 stopped by ctrl-c.")]
+With --step, each line on standard input, from a terminal or a pipe, starts one step. Ctrl-C stops the run in a controlled way \
+and reports when the stop was sent, when it was acknowledged, and when arm and table were at rest; a second ctrl-c ends the \
+process at once. Closing the terminal stops the run in the same controlled way.
+
+Vantage is not safety-rated, and its stop is not an emergency stop. Guards, emergency stops and speed limits are the cell's own.
+
+Exit codes: 0 done; 1 ended by a fault; 2 bad input; 4 stopped by ctrl-c.")]
 pub struct RunArgs {
-    /// Program: a program.json, or a folder that `vantage plan` wrote.
+    /// Program: a folder that `vantage plan` wrote, or a program.json.
     program: PathBuf,
-    /// Cell: name of a preset, or a TOML or JSON file; controllers are named in a file alone.
+    /// Cell: a preset name, or a TOML or JSON file; dry_run and live need a file with a `[controllers]` section.
     #[arg(long)]
     cell: String,
-    /// Mode: simulate, dry_run or live.
+    /// Mode: simulate (twin only), dry_run (connect, but send no motion) or live (move arm and table).
     #[arg(long, value_name = "MODE", default_value = "simulate")]
     mode: RunMode,
     #[command(flatten)]
     reference: ReferenceArgs,
-    /// Speed of the twin's clock, 1 to 100.
+    /// Speed of the twin, 1 (real time) to 100 times real time.
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = factor)]
     speed: f64,
-    /// Share of the program's speed at which it moves, 0.01 to 1.
+    /// Speed override, as a share of the program's speed, 0.01 to 1.
     #[arg(long = "override", value_name = "SHARE", default_value_t = 1.0)]
     speed_override: f64,
-    /// Pause after each step; a line on standard input goes on.
+    /// Pause after each step, until a line on standard input (Enter) starts the next.
     #[arg(long)]
     step: bool,
-    /// Step to begin with, from 0; arm and table must stand where it begins.
+    /// First step to run, counted from 0; arm and table must be where it begins.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = step)]
     from_step: usize,
-    /// File for the record: commanded and measured poses and times of each step; a table if its name ends in .csv, else JSON.
+    /// File for the record of commanded and measured poses and times of each step: CSV if its name ends in .csv, otherwise JSON.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Folder for the log of every byte exchanged with the controllers. Default: `audit` beside the program in the mode `live`,
-    /// none in the others.
+    /// Folder for the log of every byte exchanged with the controllers [default: with --mode live, `audit` beside the program;
+    /// otherwise none].
     #[arg(long, value_name = "DIR")]
     audit: Option<PathBuf>,
-    /// Name of the operator who released the motion; for scripts, in the mode `live`.
+    /// Name of the operator who releases the motion; for scripts, with --mode live.
     #[arg(long, value_name = "NAME")]
     armed_by: Option<String>,
 }
@@ -142,7 +145,10 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
         let judged = outcome.judge();
         if further > 0 && judged.is_ok() {
             let (next, setups) = (args.program.join(format!("{}.json", program_stem(1))), further + 1);
-            output::note(format_args!("setup 1 of {setups}; turn the part as its plan says, then run {}", next.display()));
+            output::note(format_args!(
+                "setup 1 of {setups} is done; turn the part as its plan says, then run {}",
+                next.display()
+            ));
         }
         judged
     })
@@ -159,8 +165,7 @@ fn operator(armed_by: Option<&str>, cell: &str) -> Result<String, CliError> {
         };
     }
     if !stdin().is_terminal() {
-        let what =
-            "--mode live: the operator has to release the motion; run it on a terminal, or name the operator with --armed-by";
+        let what = "--mode live: an operator must release the motion; run it on a terminal, or name the operator with --armed-by";
         return Err(CliError::BadInput(what.into()));
     }
     output::prompt(format_args!(
@@ -171,7 +176,7 @@ fn operator(armed_by: Option<&str>, cell: &str) -> Result<String, CliError> {
     if line.trim() == cell {
         return Ok(std::env::var("USER").unwrap_or_else(|_| "the operator".to_owned()));
     }
-    Err(CliError::BadInput(format!("{:?} is not the name of the cell, {cell:?}; nothing was moved", line.trim())))
+    Err(CliError::BadInput(format!("{:?} is not the name of the cell, {cell:?}; nothing moved", line.trim())))
 }
 
 /// Says what a program cannot be checked against, and refuses to move an arm with it.
@@ -179,12 +184,9 @@ fn check_known(mode: RunMode, shown: &str, reference: &Reference) -> Result<(), 
     // A twin hurts nothing, and its part lies where the plan says.
     let missing = match (&reference.plan, &reference.part) {
         (Some(_), None) if mode == RunMode::Simulate => return Ok(()),
-        (None, _) => (
-            "its plan: whether cell and part are those that it was planned for is not known",
-            "keep plan.json beside it, or give --plan",
-        ),
+        (None, _) => ("its plan, against which cell and part are checked", "keep plan.json beside it, or give --plan"),
         (_, None) => {
-            ("the part: that the arm stays clear of it is not checked", "give --mesh and --unit, and the fixture if there is one")
+            ("the part, which the check for collisions needs", "give --mesh and --unit, and the fixture if there is one")
         }
         (Some(_), Some(_)) => return Ok(()),
     };
@@ -202,7 +204,7 @@ fn check_step(from_step: usize, steps: usize) -> Result<(), CliError> {
         return Ok(());
     }
     let last = steps.saturating_sub(1);
-    Err(CliError::BadInput(format!("--from-step {from_step}: the program has the steps 0 to {last}")))
+    Err(CliError::BadInput(format!("--from-step {from_step}: the program has steps 0 to {last}")))
 }
 
 /// Findings on a run's request, each at the option that gave the value.
@@ -231,7 +233,7 @@ impl PreparedRun {
         request.check().map_err(|errors| at_options(&errors))?;
         let (mut spec, controllers) = files::cell(&args.cell)?;
         if args.mode != RunMode::Simulate && controllers.is_none() {
-            let what = "has no section [controllers], which names the controllers of arm and table; --mode simulate needs none";
+            let what = "has no [controllers] section for arm and table, which every mode but simulate needs";
             return Err(CliError::BadInput(format!("{}: {what}", args.cell)));
         }
         spec.inline_devices(&FileLibrary);
@@ -318,8 +320,8 @@ impl PreparedRun {
                     output::warning(
                         &shown,
                         "",
-                        &format!("has an audit log that may lack its end: {reason}"),
-                        "check the disk of the log",
+                        &format!("the end of its audit log may be missing: {reason}"),
+                        "check the disk that holds the log",
                     );
                 }
             }

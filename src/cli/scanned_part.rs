@@ -31,16 +31,16 @@ pub(super) struct ScannedPartArgs {
     /// Part as it was planned: an STL, OBJ or PLY file.
     #[arg(long)]
     mesh: PathBuf,
-    /// Unit of the mesh files: mm, cm, m or inch.
+    /// Unit of the mesh files, required: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
-    /// Fixture that was planned with, in the part's coordinates and unit [default: the file that the plan names].
+    /// Fixture that the plan was made with, in the part's coordinates and unit [default: the file that the plan names].
     #[arg(long)]
     fixture: Option<PathBuf>,
-    /// Cell of the plan: name of a preset, or a TOML or JSON file [default: the preset that the plan names].
+    /// Cell of the plan: a preset name, or a TOML or JSON file [default: the preset that the plan names].
     #[arg(long)]
     cell: Option<String>,
-    /// Scanner of a plan without a cell: name of a preset, or a file [default: the preset that the plan names].
+    /// Scanner of a plan without a cell: a preset name, or a TOML or JSON file [default: the preset that the plan names].
     #[arg(long)]
     scanner: Option<String>,
 }
@@ -48,7 +48,7 @@ pub(super) struct ScannedPartArgs {
 /// The run in which the scans are taken.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct RecordArgs {
-    /// Record of the run in which the scans are taken (`vantage run --record`): its measured poses count in place of the plan's.
+    /// Record of the run that takes the scans (`vantage run --record`); its measured poses are used in place of the plan's.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
 }
@@ -142,7 +142,7 @@ fn read_record(path: &Path) -> Result<RunRecordDocument, CliError> {
     if record.run.mode == RunMode::DryRun {
         return Err(CliError::BadInput(format!(
             "{shown}: is the record of a dry run, which moves nothing and takes no scans\n  → name the record of the run in which \
-             they were taken, or leave --record out, so that the poses of the plan count"
+             they were taken, or leave --record out, to use the poses of the plan"
         )));
     }
     Ok(record)

@@ -12,7 +12,7 @@ use crate::cell::{DataSheet, Scanner, ScannerSpec};
 use crate::report::sketch::scanner_svg;
 use crate::wire::warnings::FieldWarning;
 
-/// Write a scanner's specification from its data sheet: field, working distance and depth, baseline.
+/// Write a scanner specification from a data sheet: field of view, working distance and depth, baseline.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage scanner --field 300x200 --at 500 --depth 440..560 --baseline 200 \\
@@ -22,19 +22,20 @@ use crate::wire::warnings::FieldWarning;
       --projector-incidence 70 --mass 2.4 --out lab.toml --sketch lab.svg
   vantage plan part.stl --unit mm --cell none --scanner lab.toml --out plan
 
-Model: pinholes without distortion; both cameras look at the middle of the field, and all three devices see all of it. \
-Replace the poses and lenses by your calibration once you have one. Lengths are millimetres, angles degrees.")]
+The model has pinhole lenses without distortion. Both cameras aim at the centre of the field, and both cameras and the projector \
+cover all of it. Once the scanner is calibrated, replace the nominal lenses and poses (`vantage calibrate scanner --like`). \
+Lengths are in millimetres, angles in degrees.")]
 pub struct ScannerArgs {
     /// Field of view at the working distance, WIDTHxHEIGHT in mm, 1 to 10000 each; the width is along the baseline.
     #[arg(long, value_name = "WxH")]
     field: Dimensions<f64>,
-    /// Working distance, mm, 1 to 10000: from the middle between the cameras to the depth of best focus.
+    /// Working distance, mm, 1 to 10000: from the midpoint between the cameras to best focus.
     #[arg(long, value_name = "MM")]
     at: f64,
-    /// Working depth, NEAR..FAR in mm, 1 to 10000, with --at in between.
+    /// Working depth: nearest and farthest distance, NEAR..FAR in mm, 1 to 10000, with --at in between.
     #[arg(long, value_name = "NEAR..FAR")]
     depth: Span,
-    /// Distance between the cameras, mm, 1 to 3 times --at.
+    /// Distance between the cameras, from 1 mm to three times --at.
     #[arg(long, value_name = "MM")]
     baseline: f64,
     /// Name of the scanner.
@@ -46,29 +47,31 @@ pub struct ScannerArgs {
     /// Resolution of the projector, WIDTHxHEIGHT in pixels, 16 to 100000 each.
     #[arg(long, value_name = "WxH", default_value = "1920x1200")]
     projector_resolution: Dimensions<u32>,
-    /// Optical centre of the projector from the middle between the cameras, X,Y,Z in mm: x to the right camera, y down, z towards
-    /// the part.
+    /// Optical centre of the projector, relative to the midpoint between the cameras, X,Y,Z in mm: x to the right camera, y down,
+    /// z towards the part.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
     projector: Triple,
-    /// Largest angle between surface normal and camera ray, degrees, 1 to 89.9. Cautious by default: no data sheet states it.
+    /// Largest angle between surface normal and camera ray, degrees, 1 to 89.9. The default is cautious: data sheets do not
+    /// state it.
     #[arg(long, value_name = "DEG", default_value_t = 60.0)]
     camera_incidence: f64,
     /// Largest angle between surface normal and projector ray, degrees, 1 to 89.9.
     #[arg(long, value_name = "DEG", default_value_t = 55.0)]
     projector_incidence: f64,
-    /// Mass, kg, 0.01 to 100.
+    /// Mass of the scanner, kg, 0.01 to 100.
     #[arg(long, value_name = "KG", default_value_t = 3.0)]
     mass: f64,
-    /// Housing, WIDTHxHEIGHTxDEPTH in mm, its front at the cameras [default: 100 mm wider than the baseline, 130 high, 110 deep].
+    /// Size of the housing, WIDTHxHEIGHTxDEPTH in mm, with its front at the cameras [default: 100 mm wider than the baseline,
+    /// 130 high, 110 deep].
     #[arg(long, value_name = "WxHxD")]
     housing: Option<Triple>,
-    /// Distance between the cameras' pixels, µm, 0.1 to 100; for depth of field only.
+    /// Pixel pitch of the cameras, µm, 0.1 to 100; used only for depth of field.
     #[arg(long, value_name = "UM")]
     pixel_pitch: Option<f64>,
     /// TOML file to write [default: standard output].
     #[arg(long)]
     out: Option<PathBuf>,
-    /// SVG file to write: the scanner from the side, with devices, field and working depth.
+    /// SVG sketch to write: the scanner from the side, with devices, field and working depth.
     #[arg(long, value_name = "FILE.svg")]
     sketch: Option<PathBuf>,
 }
@@ -200,7 +203,7 @@ fn text(sheet: &DataSheet, spec: &ScannerSpec) -> Result<String, CliError> {
         "# From a data sheet, by `vantage scanner`: field {width} x {height} mm at {} mm, working depth {near} to {far} mm, cameras {} mm\n\
          # apart. Pinholes without distortion whose images hold the whole field; both cameras look at its middle. The practical\n\
          # volume is the field at the near end of the working depth. Limits of incidence, mass and housing are as given, or\n\
-         # assumed. Replace poses and lenses by your calibration. Lengths in mm, angles in degrees, focal lengths in pixels.\n\n{toml}",
+         # assumed. Replace poses and lenses with your calibration. Lengths in mm, angles in degrees, focal lengths in pixels.\n\n{toml}",
         sheet.at_mm, sheet.baseline_mm
     ))
 }

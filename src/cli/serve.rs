@@ -13,13 +13,14 @@ use crate::http::{self, Server};
 use crate::service::{App, OperatorCell, THREAD_STACK_BYTES};
 use crate::settings::{DEFAULTS, Flags, Settings};
 
-/// Run the server.
+/// Run the server, with its REST API and dashboard.
 #[derive(Debug, Default, clap::Args)]
 #[command(after_help = "Settings are read from the built-in defaults, then from --config FILE, then from the environment \
-(VANTAGE_SERVER__LISTEN for server.listen), then from these flags; later ones override earlier ones. An address that \
-other machines can reach needs a key (server.api_key) or --insecure.
+(VANTAGE_SERVER__LISTEN for server.listen), then from these flags; later ones override earlier ones. To listen on an \
+address that other machines can reach, set a key (server.api_key or server.api_keys_file) or give --insecure.
 
-SIGTERM or ctrl-c stops the server within server.drain_timeout_secs, with exit code 0; a second one at once, with 130.
+SIGTERM, SIGHUP or ctrl-c stops the server within server.drain_timeout_secs, with exit code 0; a second signal stops it at once, \
+with exit code 130.
 
 Examples:
   vantage serve
@@ -31,16 +32,16 @@ pub struct ServeArgs {
     /// Address and port to listen on [default: 127.0.0.1:8080].
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = listen)]
     pub listen: Option<SocketAddr>,
-    /// Folder of the database and the files; created if it does not exist [default: vantage-data].
+    /// Folder for the server's data; created if it does not exist [default: vantage-data].
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// Settings file, TOML.
+    /// Settings file in TOML, to override the built-in defaults.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Accept requests from other machines without a key.
     #[arg(long)]
     pub insecure: bool,
-    /// Print the built-in settings with their meanings and ranges, a file for --config, and exit.
+    /// Print the built-in settings with meanings and ranges, as a file for --config, and exit.
     #[arg(long)]
     pub print_defaults: bool,
 }
@@ -124,7 +125,7 @@ fn operator_cells(paths: &[PathBuf]) -> Result<Vec<OperatorCell>, CliError> {
     for path in paths {
         let cell = files::operator_cell(&path.display().to_string())?;
         if cells.iter().any(|other| other.name == cell.name) {
-            let detail = format!("execution.cells names two files of a cell {:?}; each cell has one", cell.name);
+            let detail = format!("execution.cells names two files for cell {:?}; each cell has one file", cell.name);
             return Err(CliError::BadInput(detail));
         }
         cells.push(cell);

@@ -39,7 +39,7 @@ async fn end_by(mut signals: Signals, first: impl FnOnce(&'static str), grace: O
     first(signals.next().await);
     let second = tokio::time::timeout(grace.unwrap_or(Duration::MAX), without_echoes(async || signals.next().await));
     let code = if second.await.is_err() {
-        tracing::warn!("stopping although some work has not ended");
+        tracing::warn!("stopping although some work has not finished");
         0
     } else {
         tracing::warn!("stopping at once");

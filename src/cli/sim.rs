@@ -17,7 +17,7 @@ use crate::execution::simulators::faults::{DeviceLook, Faults};
 use crate::execution::simulators::hans::HansSimulator;
 use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
 
-/// Run a simulated controller, or scan with a simulated scanner.
+/// Simulate a robot controller, a turntable drive or a scanner.
 #[derive(Debug, clap::Args)]
 #[command(
     arg_required_else_help = true,
@@ -26,9 +26,9 @@ use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
   vantage sim turntable --listen 127.0.0.1:1502 --speed 5
   echo 'emergency_stop on' | nc -N 127.0.0.1 9003
 
-The section [controllers] that it prints goes into the cell file. Faults are set line by line on the control socket: \
-emergency_stop on|off, guard on|off, alarm NUMBER|off, late MS, silent on|off, word_order on|off, cut, clear, state. \
-Nothing simulated here is a proof that the real controller does the same."
+`sim robot` and `sim turntable` print their part of the [controllers] section for the cell file. To inject faults, send commands \
+to the --control address, one per line: emergency_stop on|off, guard on|off, alarm NUMBER|off, late MS, silent on|off, \
+word_order on|off, cut, clear, state. A simulation does not prove that the real device behaves the same."
 )]
 pub struct SimArgs {
     #[command(subcommand)]
@@ -60,13 +60,13 @@ enum TableProtocol {
 /// Arguments that every simulator takes.
 #[derive(Debug, clap::Args)]
 struct CommonSimArgs {
-    /// Address and port to listen on; port 0 takes a free one.
+    /// Address and port to listen on; port 0 picks a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
-    /// Address and port on which faults are set, and `state` answers where it stands.
+    /// Address and port that take fault commands, and `state` to query the device [default: none].
     #[arg(long, value_name = "ADDRESS:PORT")]
     control: Option<SocketAddr>,
-    /// Simulated seconds a second, 0.1 to 100.
+    /// Simulated seconds per second, 0.1 to 100.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
     speed: f64,
 }
@@ -79,17 +79,17 @@ struct RobotSimArgs {
     /// Protocol of the controller.
     #[arg(long, value_enum, default_value_t = RobotProtocol::Hans)]
     protocol: RobotProtocol,
-    /// Robot: name of a preset.
+    /// Robot: a preset name.
     #[arg(long, default_value = "hans-e05")]
     robot: String,
-    /// Joints at the beginning, degrees, comma-separated.
+    /// Angles of joints 1 to 6 at the start, degrees, comma-separated.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "0,-30,60,0,30,0")]
     joints: Vec<f64>,
     #[command(flatten)]
     common: CommonSimArgs,
 }
 
-/// Run a simulated drive of a turntable.
+/// Run a simulated turntable drive.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage sim turntable --listen 127.0.0.1:1502 --speed 5
@@ -98,19 +98,19 @@ struct TurntableSimArgs {
     /// Protocol of the drive.
     #[arg(long, value_enum, default_value_t = TableProtocol::MinasA6)]
     protocol: TableProtocol,
-    /// Pseudo terminal in place of a socket, as a serial line.
+    /// Use a pseudo-terminal, as a serial line, instead of a socket.
     #[arg(long, conflicts_with = "listen")]
     pty: bool,
-    /// Frames of Modbus TCP in place of those of a serial line.
+    /// Use Modbus TCP frames instead of those of a serial line.
     #[arg(long, conflicts_with = "pty")]
     modbus_tcp: bool,
-    /// Command units of one turn of the table.
+    /// Command units per turn of the table, 1000 to 2147483647.
     #[arg(long, default_value_t = 1_600_000, value_parser = clap::value_parser!(u32).range(1000..=2_147_483_647))]
     units_per_turn: u32,
-    /// Turns of the motor for one of the table.
+    /// Motor turns per turn of the table, 1 to 512.
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=512))]
     gear_ratio: u16,
-    /// Turns without end: positions repeat with every turn.
+    /// Rotate without end: positions repeat after every turn.
     #[arg(long)]
     infinite_rotation: bool,
     #[command(flatten)]
@@ -155,10 +155,10 @@ async fn run_robot(args: &RobotSimArgs) -> Result<(), CliError> {
     let robot = Presets.robot(&args.robot).map_err(unknown)?.build();
     let robot = robot.map_err(|found| CliError::Failed(format!("robot {}: {found:?}", args.robot)))?;
     let joints_rad: [f64; 6] = <[f64; 6]>::try_from(args.joints.as_slice())
-        .map_err(|_| CliError::BadInput("--joints: takes six numbers".into()))?
+        .map_err(|_| CliError::BadInput("--joints: give six numbers".into()))?
         .map(f64::to_radians);
     if !robot.joints.iter().zip(joints_rad).all(|(joint, angle)| joint.allows(angle)) {
-        return Err(CliError::BadInput("--joints: are beyond the robot's limits".into()));
+        return Err(CliError::BadInput("--joints: not within the robot's limits".into()));
     }
     let address = args.common.listen.to_string();
     let simulator = HansSimulator::listen(&address, robot, joints_rad, args.common.speed).await;

@@ -21,8 +21,8 @@ const EXAMPLES: &str = "Examples:
       --set grazing_deg=[65,80] --set view_error_mm=0.2 --out scans
   vantage compare plan scans --mesh part.stl --unit mm --out inspection
 
-Writes an organised cloud for each view (PLY, mm, scanner frame) and truth.json: poses as they really were, and what became of every \
-pixel. `vantage sim scanner --help` lists the parameters for --set. Nothing simulated here is a proof that a real scanner does the \
+Writes an organised cloud for each view (PLY, mm, scanner frame), and truth.json with the true poses and the fate of every \
+pixel. `vantage sim scanner --help` lists the parameters for --set. A simulation does not prove that a real scanner behaves the \
 same.";
 
 /// Scan the views of a plan with a simulated scanner.
@@ -33,13 +33,13 @@ pub(super) struct SimScannerArgs {
     part: ScannedPartArgs,
     #[command(flatten)]
     run: RecordArgs,
-    /// Part as it was built, where it differs from the planned one: an STL, OBJ or PLY file in the same coordinates.
+    /// Part as it was built, if it differs from the planned one: an STL, OBJ or PLY file in the same coordinates.
     #[arg(long, value_name = "MESH")]
     part_as_built: Option<PathBuf>,
     /// Unit of the part as it was built: mm, cm, m or inch.
     #[arg(long, value_name = "UNIT", default_value = "mm")]
     as_built_unit: LengthUnit,
-    /// Set one parameter: `lobe_deg=4`. Repeatable.
+    /// Set one parameter, such as `lobe_deg=4`. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Folder for the scans; created if it does not exist.

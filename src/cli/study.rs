@@ -22,11 +22,11 @@ use crate::service::plan_job::Artifact;
 /// Number of views at which grades are compared where none is given.
 const DEFAULT_AT: u32 = 8;
 
-/// Vary one parameter with the others fixed, and compare coverage and grades; or vary the layout of a cell, and compare its reach.
+/// Vary one parameter and compare coverage and grades, or vary the layout of a cell and compare its reach.
 #[derive(Debug, clap::Args)]
 #[command(
     override_usage = "vantage study <weights|limits|candidates> <MESH> [OPTIONS]\n       vantage study reach [OPTIONS]",
-    after_help = "Each study has options of its own: vantage study weights --help.
+    after_help = "Each study has its own options: see `vantage study weights --help`.
 
 Examples:
   vantage study weights part.stl --unit mm
@@ -45,13 +45,13 @@ pub struct StudyArgs {
 // Its doc comment would stand in the help in place of the one of the command.
 #[derive(Debug, clap::Subcommand)]
 enum StudyCommand {
-    /// Weights of coverage (a) and quality (b): a = 1, 0.75, 0.5, 0.25, 0 and b = 1 - a.
+    /// Vary the weights of coverage (a) and quality (b): a = 1, 0.75, 0.5, 0.25, 0 with b = 1 - a.
     Weights(SeriesArgs),
-    /// Incidence limits: cameras 85 to 45 degrees, projector 7.5 degrees less.
+    /// Vary the incidence limits: cameras from 85° to 45°, projector 7.5° less.
     Limits(SeriesArgs),
-    /// Candidate strategies: each alone, then the configured mix.
+    /// Compare the strategies that generate candidate viewpoints: each alone, then the configured mix.
     Candidates(SeriesArgs),
-    /// Layouts of robot, table and scanner in a cell: the share of the viewing hemisphere that each reaches.
+    /// Compare layouts of robot, table and scanner by the share of the viewing hemisphere that each reaches.
     Reach(reach::ReachArgs),
 }
 
@@ -66,31 +66,31 @@ Example:
       --set candidates.even_directions=100"
 )]
 struct SeriesArgs {
-    /// Part: an STL, OBJ or PLY file.
+    /// Part to study: an STL, OBJ or PLY file.
     mesh: PathBuf,
-    /// Unit of the coordinates in the file: mm, cm, m or inch.
+    /// Unit of the coordinates in the file, required: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
-    /// Cell: name of a preset, a TOML or JSON file, or `none` to study viewpoints only.
+    /// Cell: a preset name, a TOML or JSON file, or `none` to study viewpoints only.
     #[arg(long, default_value = "none", help_heading = "Cell and scanner")]
     cell: String,
-    /// Scanner, with `--cell none` only: name of a preset, or a file [default: transcan-c].
+    /// Scanner, only with `--cell none`: a preset name, or a TOML or JSON file [default: transcan-c].
     #[arg(long, help_heading = "Cell and scanner")]
     scanner: Option<String>,
-    /// Parameters that stay fixed: a TOML or JSON file.
-    #[arg(long, help_heading = "Parameters that stay fixed")]
+    /// Values of the parameters that are not varied: a TOML or JSON file.
+    #[arg(long, help_heading = "Fixed parameters")]
     params: Option<PathBuf>,
-    /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string;
-    /// `KEY=@FILE` reads it from a JSON, TOML or text file. Repeatable.
-    #[arg(long = "set", value_name = "KEY=VALUE", help_heading = "Parameters that stay fixed")]
+    /// Set one parameter, overriding --params: `selection.objective=coverage`. A value that is not valid JSON is taken as a
+    /// string. `KEY=@FILE` reads the value from a JSON, TOML or text file. Repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE", help_heading = "Fixed parameters")]
     sets: Vec<String>,
-    /// Maximum number of views in a series.
+    /// Maximum number of views in each series, 1 to 1000.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
     views: u32,
-    /// Number of views at which grades are compared, no more than --views [default: 8, or --views where that is fewer].
+    /// Number of views at which grades are compared, at most --views [default: 8, or --views if that is fewer].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
     at: Option<u32>,
     /// Folder for the results; created if it does not exist.

@@ -83,7 +83,7 @@ fn check_word(word: &str) -> Result<(), String> {
     if word.contains(['=', ':']) || word.parse::<LevelFilter>().is_ok() {
         return Ok(());
     }
-    Err(format!("{word:?} is no level; {}{}", allowed(), did_you_mean(word, LEVELS)))
+    Err(format!("{word:?} is not a level; {}{}", allowed(), did_you_mean(word, LEVELS)))
 }
 
 /// Detaches the log: a thread of its own writes it from now on, so that a terminal that is paused or a pipe that nobody reads holds
@@ -92,7 +92,7 @@ fn check_word(word: &str) -> Result<(), String> {
 /// # Errors
 /// [`CliError::Failed`] without a thread for it.
 pub(super) fn detach() -> Result<DetachedLog, CliError> {
-    let tell = |lines: u64| tracing::warn!(lines, "lines of the log were dropped, since it could not be written");
+    let tell = |lines: u64| tracing::warn!(lines, "log lines were dropped, because the log could not be written");
     let queue = LogQueue::start(io::stderr(), tell).map_err(|error| failed("the thread of the log", &error))?;
     // A process has one log; the thread of a second one ends with its queue.
     let _ = QUEUE.set(queue);
@@ -242,7 +242,7 @@ mod tests {
         }
         let told = targets("info,debgu").expect_err("no level");
         assert!(
-            told.starts_with("\"debgu\" is no level; allowed are off, error") && told.ends_with("did you mean debug?"),
+            told.starts_with("\"debgu\" is not a level; allowed are off, error") && told.ends_with("did you mean debug?"),
             "{told}"
         );
         assert!(targets("[span]=debug").expect_err("no module").contains("names a span or a field"));

@@ -35,11 +35,14 @@ fn a_name_that_is_neither_a_file_nor_a_scanner_preset_is_told_the_presets() {
         error.to_string()
     };
     let preset = told("transcan-d");
-    assert!(preset.starts_with("transcan-d: there is no such file; nor is there such a scanner preset; these are "), "{preset}");
+    assert!(
+        preset.starts_with("transcan-d: there is no such file; there is no such scanner preset either; the presets are "),
+        "{preset}"
+    );
     assert!(preset.contains("transcan-c, ") && preset.ends_with("; did you mean transcan-c?"), "{preset}");
     let robot = told("hans-e05");
     assert!(
-        robot.ends_with("it is the name of a robot preset, not of a scanner's; `vantage presets hans-e05` prints it"),
+        robot.ends_with("it is the name of a robot preset, not of a scanner preset; `vantage presets hans-e05` prints it"),
         "{robot}"
     );
     for file in ["transcan-d.toml", "/nowhere/transcan-d"] {

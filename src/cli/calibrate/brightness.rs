@@ -9,13 +9,13 @@ use crate::cli::files;
 use crate::cli::{CliError, output};
 use crate::wire::calibration::{BrightnessData, BrightnessDocument};
 
-/// Identify the light of the projector's levels from captures of a plate, one at each level.
+/// Measure the light at each brightness level of the projector, from one capture of a plate per level.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage calibrate brightness sweep.json --out exposure.toml")]
 pub(super) struct CalibrateBrightnessArgs {
-    /// Captures: {"full_scale": 255, "ambient_signal": 6, "captures": [{"level": 0, "mean_signal": 31.5, "points": 20000}, …]}, JSON
-    /// or TOML. Beside or instead of the mean grey value: noise_mm, the noise of the points.
+    /// Captures, JSON or TOML: {"full_scale": 255, "ambient_signal": 6, "captures": [{"level": 0, "mean_signal": 31.5, "points":
+    /// 20000}, …]}. In addition to the mean grey value (mean_signal), or instead of it: noise_mm, the noise of the points.
     data: PathBuf,
     /// TOML file to write: the section `[exposure]` for the scanner's specification [default: standard output].
     #[arg(long)]
@@ -41,9 +41,9 @@ pub(super) fn run(args: &CalibrateBrightnessArgs) -> Result<(), CliError> {
 }
 
 fn text(identified: &BrightnessDocument, section: &str) -> String {
-    let mut text = String::from("level  gain     U of it (k = 2)\n");
+    let mut text = String::from("level  gain     U (k = 2)\n");
     for (level, (gain, sd)) in identified.exposure.levels.iter().zip(&identified.relative_sd).enumerate() {
-        let of_it = sd.map_or_else(|| "not captured, from its neighbours".to_owned(), |sd| format!("{:.2} %", 200.0 * sd));
+        let of_it = sd.map_or_else(|| "not captured; taken from its neighbours".to_owned(), |sd| format!("{:.2} %", 200.0 * sd));
         text += &format!("{level:>5}  {gain:<7.4}  {of_it}\n");
     }
     let list = |levels: &[u8]| levels.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
@@ -78,6 +78,6 @@ mod tests {
             saturated_levels: Vec::new(),
         };
         let told = text(&identified, "");
-        assert!(told.starts_with("level  gain     U of it (k = 2)\n    0  ") && told.contains("  1.00 %\n"), "{told}");
+        assert!(told.starts_with("level  gain     U (k = 2)\n    0  ") && told.contains("  1.00 %\n"), "{told}");
     }
 }

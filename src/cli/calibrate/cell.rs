@@ -18,34 +18,36 @@ use crate::wire::calibration::{
 use crate::wire::json_file_bytes;
 use crate::wire::words::fixed;
 
-/// Solve for scanner and table, screen the observations, and say how well the result is known.
+/// Solve for the scanner's pose on the flange and the turntable axis, with the uncertainty of the result.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage calibrate cell data.json --cell my-cell.toml --hold-out 2 \\
       --out calibration.json --write-cell calibrated.toml
 
-CSV has a row for each pose, and columns id, j1_deg to j6_deg, table_angle_deg, flange_x, flange_y, flange_z with flange_r1 to \
-flange_r3 or flange_r4 in the controller's convention, and board_x, board_y, board_z with board_qx, board_qy, board_qz, board_qw. \
-Joints or flange may be left out.")]
+A CSV file has one row per pose, with these columns: id; j1_deg to j6_deg; table_angle_deg; flange_x, flange_y, flange_z with \
+flange_r1 to flange_r3 or flange_r4 in the controller's convention (--robot-pose); board_x, board_y, board_z with board_qx, \
+board_qy, board_qz, board_qw. Either the joints or the flange may be left out.")]
 pub(super) struct CalibrateCellArgs {
-    /// Observations: vantage.calibration_data/1, CSV with named columns, or pairs of 4 × 4 matrices as MoveIt writes them.
+    /// Observations of the board: JSON or TOML of schema vantage.calibration_data/1, CSV, or files of MoveIt, easy_handeye2 or
+    /// Zivid.
     data: PathBuf,
-    /// Cell that was observed: name of a preset, or a TOML or JSON file.
+    /// Cell in which the board was observed: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// Unknowns: hand_eye (the board stands still), table (the scanner is known) or joint (the board turns with the plate).
+    /// Unknowns to solve for: hand_eye (the board stands still), table (the scanner is known) or joint (the board turns with
+    /// the plate).
     #[arg(long, default_value = "joint", value_parser = solve)]
     solve: Solve,
-    /// Observations at the end that are kept out and predicted, 0 to 1000.
+    /// Number of observations, from the end of the data, to hold out and predict as a test, 0 to 1000.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
     hold_out: u16,
     /// JSON file to write the calibration to [default: standard output with --json].
     #[arg(long)]
     out: Option<PathBuf>,
-    /// TOML file to write the cell to, with the poses found and where they are from.
+    /// TOML file to write the cell to, with the calibrated poses and their source.
     #[arg(long, value_name = "FILE.toml")]
     write_cell: Option<PathBuf>,
-    /// HTML file to write a report to.
+    /// HTML report to write.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
@@ -91,7 +93,7 @@ fn remedy(finding: &FindingDocument) -> &'static str {
         Severity::Error => "the calibration cannot be used",
         Severity::Warning if finding.code == FindingCode::BoardScale => "measure the board",
         Severity::Warning if finding.observations.is_empty() => "take more observations",
-        Severity::Warning => "look at the observations named, and take them again",
+        Severity::Warning => "check the observations named, and repeat them",
         Severity::Note => "for your information",
     }
 }
@@ -102,7 +104,7 @@ fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -
         // The runout goes into the turntable's specification, which has to stand in the cell for that.
         spec.inline_devices(&FileLibrary);
     }
-    let not_on_flange = "--write-cell: a cell has its scanner on the flange; the data have it in the cell";
+    let not_on_flange = "--write-cell: needs the scanner on the flange; in these data it is fixed in the cell";
     let spec = document.calibrated(spec).ok_or_else(|| CliError::BadInput(not_on_flange.into()))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
     let head = "# By `vantage calibrate cell`: flange_from_scanner and base_from_table as calibrated, the rest as it was.\n\
@@ -135,13 +137,13 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
     let left_out = &document.leave_one_out.spread;
     let is_predicted = document.residuals.iter().any(|each| each.predicted_translation_mm.is_some());
     let predicted = format!("rms {:.3} mm, {:.4}°", left_out.rms_translation_mm, left_out.rms_rotation_deg);
-    line("predicted by the rest", if is_predicted { predicted } else { "cannot be told of so few".to_owned() });
+    line("predicted by the rest", if is_predicted { predicted } else { "too few observations".to_owned() });
     if let Some(held_out) = &document.held_out {
         line("held out", format!("rms {:.3} mm, {:.4}°", held_out.rms_translation_mm, held_out.rms_rotation_deg));
     }
     line("a scanned point", format!("standard deviation {:.3} mm at best focus", document.point_at_best_focus_sd_mm));
     if let Some(weakest) = &document.observability.weakest {
-        line("known least", weakest_text(weakest));
+        line("least certain", weakest_text(weakest));
     }
     if let Some(scale) = &document.board_scale {
         line("lengths to the board", board_scale_text(scale));
@@ -156,18 +158,18 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
 /// Scale of the lengths to the board, and what it leaves open.
 fn board_scale_text(scale: &BoardScaleDocument) -> String {
     let sd = format!("{:.5}, {:.3} mm along the view", scale.sd, scale.shift_sd_mm);
-    with_sd(&format!("{:.5} of what the arm's motions tell", scale.ratio), &sd)
+    with_sd(&format!("{:.5} of the lengths that the arm's motions imply", scale.ratio), &sd)
 }
 
 /// Source of standard deviations, in words.
 fn source_words(source: Option<SigmaSource>) -> &'static str {
     match source {
         Some(SigmaSource::Given) => "as given",
-        Some(SigmaSource::Enlarged) => "as given, times what the residuals ask for",
+        Some(SigmaSource::Enlarged) => "as given, enlarged to match the residuals",
         Some(SigmaSource::Assumed) => "assumed: too few observations to estimate them",
         Some(SigmaSource::Estimated) => "estimated from the residuals",
-        Some(SigmaSource::Unused) => "not used: points of the boards tell theirs",
-        None => "of a source that is not told",
+        Some(SigmaSource::Unused) => "not used: points of the boards give their own",
+        None => "source not stated",
     }
 }
 
@@ -198,7 +200,7 @@ mod tests {
         let turn = WeakestDocument { freedom: Freedom::Turn, sd_deg: Some(0.001_2), sd_mm: None, ..shift };
         assert!(weakest_text(&turn).ends_with("(standard deviation 0.0012°)"), "{}", weakest_text(&turn));
         let scale = BoardScaleDocument { ratio: 1.002, sd: 0.000_8, shift_mm: 0.96, shift_sd_mm: 0.384 };
-        let told = "1.00200 of what the arm's motions tell (standard deviation 0.00080, 0.384 mm along the view)";
+        let told = "1.00200 of the lengths that the arm's motions imply (standard deviation 0.00080, 0.384 mm along the view)";
         assert_eq!(board_scale_text(&scale), told);
     }
 

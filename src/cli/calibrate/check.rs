@@ -16,7 +16,7 @@ use crate::cli::{CliError, output};
 use crate::wire::calibration::{CalibrationCheckDocument, CalibrationDocument};
 use crate::wire::json_file_bytes;
 
-/// Check before use that a calibration still holds: ok, compensate or recalibrate.
+/// Check before use that a calibration still holds; the verdict is ok, compensate or recalibrate.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage calibrate check check.json --cell calibrated.toml \\
@@ -24,27 +24,27 @@ use crate::wire::json_file_bytes;
 
 Exit codes: 0 the calibration holds, 1 system error, 2 bad input, 3 it does not.")]
 pub(super) struct CalibrateCheckArgs {
-    /// Observations of the board where the calibration saw it, four or more, one of them from the zenith.
+    /// Observations of the board where it stood in the calibration: four or more, one of them from straight above.
     data: PathBuf,
-    /// Calibration to check.
+    /// Calibration to check: the JSON file that `vantage calibrate cell` wrote.
     #[arg(long, value_name = "FILE.json")]
     calibration: PathBuf,
-    /// Cell that was observed: name of a preset, or a TOML or JSON file.
+    /// Cell in which the board was observed: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// Rate of false alarms, 0.0001 to 0.2.
+    /// Accepted rate of false alarms, 0.0001 to 0.2.
     #[arg(long, value_name = "RATE", default_value_t = 0.01)]
     false_alarm: f64,
-    /// Hours for which a compensation may be used, 0.01 to 1000000.
+    /// Time for which a compensation is valid, hours, 0.01 to 1000000.
     #[arg(long, value_name = "HOURS", default_value_t = 24.0)]
     max_age: f64,
-    /// Change of temperature beyond which a compensation may not be used, K, 0.1 to 100.
+    /// Largest change of temperature for which a compensation is valid, K, 0.1 to 100.
     #[arg(long, value_name = "K", default_value_t = 5.0)]
     max_temperature_change: f64,
     /// JSON file to write the check to, with the compensation if there is one.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// TOML file to write the compensated cell to; only with the verdict compensate.
+    /// TOML file to write the compensated cell to; only if the verdict is compensate.
     #[arg(long, value_name = "FILE.toml")]
     write_cell: Option<PathBuf>,
     #[command(flatten)]
@@ -83,7 +83,10 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         return Err(refused(&args.data, &read.findings));
     }
     if read.sightings.len() < 2 {
-        return Err(CliError::BadInput(format!("{shown}: {} observations; a check needs 4, at least 2", read.sightings.len())));
+        return Err(CliError::BadInput(format!(
+            "{shown}: {} observations; a check needs 4, or at least 2",
+            read.sightings.len()
+        )));
     }
     let (calibrated, covariance, weighting) = calibration.estimate();
     let runout = &cell.turntable.runout;
@@ -91,7 +94,7 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
     let sightings: Vec<Sighting> = read.sightings.iter().map(beside).collect();
     let limits = CheckLimits { false_alarm: args.false_alarm, ..CheckLimits::default() };
     let check = Check { sightings: &sightings, calibrated, covariance: &covariance, weighting, limits };
-    let unfit = || CliError::BadInput(format!("{}: knows no covariance to check by", args.calibration.display()));
+    let unfit = || CliError::BadInput(format!("{}: has no covariance to check with", args.calibration.display()));
     let checked = check.check().ok_or_else(unfit)?;
     let scanner_from_cloud = calibration.scanner_from_cloud.scanner_from_cloud(&cell.scanner.devices);
     let taken_at = data.taken_at.as_ref().map_or_else(now, ToString::to_string);
@@ -153,7 +156,7 @@ fn write_compensated(path: &std::path::Path, mut spec: CellSpec, document: &Cali
     };
     let provenance = spec.calibrated.take().filter(|known| known.calibration_id == document.calibration_id);
     let provenance = provenance
-        .ok_or_else(|| CliError::BadInput("--write-cell: the cell does not have its poses from this calibration".to_owned()))?;
+        .ok_or_else(|| CliError::BadInput("--write-cell: the cell's poses are not from this calibration".to_owned()))?;
     spec.flange_from_scanner = compensation.flange_from_scanner;
     spec.calibrated = document.in_force(provenance);
     spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;

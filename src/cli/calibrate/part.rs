@@ -9,19 +9,20 @@ use crate::wire::calibration::{PlacementData, PlacementDocument};
 use crate::wire::json_file_bytes;
 use crate::wire::words::fixed;
 
-/// Find the pose of the part on the table from points, a registered cloud or a seat of a fixture.
+/// Locate the part on the table from points on it, a registered cloud, or a seat of its fixture.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage calibrate part points.json --cell calibrated.toml
 
-Points, three or more: {\"method\": \"points\", \"points\": [{\"part_mm\": [0, 0, 0], \"table_mm\": [-60, -36, 0]}, …]}.")]
+The method `points` takes three or more points: \
+{\"method\": \"points\", \"points\": [{\"part_mm\": [0, 0, 0], \"table_mm\": [-60, -36, 0]}, …]}.")]
 pub(super) struct CalibratePartArgs {
-    /// Data: {"method": "points" | "cloud" | "fixture", …}, TOML or JSON.
+    /// Measurements, TOML or JSON: {"method": "points" | "cloud" | "fixture", …}.
     data: PathBuf,
-    /// Cell: name of a preset, or a TOML or JSON file.
+    /// Cell: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// JSON file to write [default: standard output].
+    /// JSON file to write the pose to; standard output has it as a --set option for `vantage plan`.
     #[arg(long)]
     out: Option<PathBuf>,
 }

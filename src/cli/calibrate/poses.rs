@@ -24,35 +24,35 @@ use crate::wire::json_file_bytes;
 use crate::wire::output_record::RECORD_FILE;
 use crate::wire::program::ProgramDocument;
 
-/// Plan calibration poses: reachable, free of collisions, the board in view, the most informative first.
+/// Plan calibration poses: reachable, collision-free, with the board in view, most informative first.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage calibrate poses --cell my-cell.toml --count 15 --board 11x8x15 \\
       --out poses.json")]
 pub(super) struct PosesArgs {
-    /// Cell: name of a preset, or a TOML or JSON file.
+    /// Cell: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// Poses to calibrate from, 4 to 200; 12 or more are advised.
+    /// Number of poses to calibrate from, 4 to 200; 12 or more are recommended.
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u16).range(4..=200))]
     count: u16,
-    /// Poses to hold out, 0 to 50.
+    /// Number of further poses to hold out as a test, 0 to 50.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(0..=50))]
     hold_out: u16,
-    /// Board: COLUMNSxROWSxSQUARE, inner corners and edge of a square in mm.
+    /// Board: COLUMNSxROWSxSQUARE, the numbers of inner corners and the edge of a square in mm.
     #[arg(long, value_name = "CxRxMM", default_value = "11x8x15")]
     board: BoardSize,
     /// Height of the board above the plate, mm, 0 to 1000.
     #[arg(long, value_name = "MM", default_value_t = 10.0)]
     height: f64,
-    /// Distance that bodies keep, mm, 1 to 200 [default: that of plans].
+    /// Smallest distance between bodies, mm, 1 to 200 [default: 5, as for plans].
     #[arg(long, value_name = "MM")]
     clearance: Option<f64>,
-    /// JSON file to write [default: standard output]. A program.json that goes to the poses, as the linter passed it, is written
-    /// beside it.
+    /// JSON file to write the poses to [default: standard output]. A checked program.json that moves to them is written beside
+    /// it.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Controller language to write the program in as well, beside program.json.
+    /// Controller language, such as urscript, in which to write the program too, beside program.json.
     #[arg(long, value_name = "DIALECT", requires = "out")]
     program: Option<Dialect>,
 }
@@ -116,8 +116,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
     let routed = route(&planner, &scene, (count, hold_out), &params, &ctx);
     let routed = routed.map_err(|_| CliError::Failed("cancelled".to_owned()))?.map_err(|TooFewPoses { reached }| {
         CliError::NoPlan(format!(
-            "the arm gets to {reached} poses with the whole board in view, and {} are needed: take a smaller board, move it, or ask \
-             for fewer",
+            "the arm reaches {reached} poses with the whole board in view, and {} are needed: use a smaller board, move it, or \
+ask for fewer",
             count + hold_out
         ))
     })?;
@@ -207,8 +207,8 @@ fn document(plan: &PosePlan, planner: &PosePlanner<'_>, cell: &Cell, hold_out: u
 
 fn text(document: &CalibrationPosesDocument) -> String {
     format!(
-        "{} poses of {} candidates, {} of them to hold out; with a calibrated arm the scanner will be known with a standard deviation \
-         of {:.3} mm and {:.4}°, the axis with one of {:.3} mm\n",
+        "{} poses of {} candidates, {} of them to hold out; expected standard deviation with a calibrated arm: scanner {:.3} mm \
+and {:.4}°, table axis {:.3} mm\n",
         document.poses.len(),
         document.candidates,
         document.hold_out,
@@ -238,10 +238,7 @@ mod tests {
             axis_sd_mm: 0.021,
         };
         let told = text(&document);
-        assert!(
-            told.ends_with("known with a standard deviation of 0.034 mm and 0.0012°, the axis with one of 0.021 mm\n"),
-            "{told}"
-        );
+        assert!(told.ends_with("scanner 0.034 mm and 0.0012°, table axis 0.021 mm\n"), "{told}");
     }
 
     #[test]

@@ -25,7 +25,7 @@ use crate::wire::{Distinct, hex};
 /// Names of the parameters that can be held at 0.
 const HOLDABLE: std::ops::Range<usize> = 4..10;
 
-/// Make a scanner's specification from calibration files, or from points of a board as its devices image them.
+/// Write a scanner specification from calibration files, or from observed points of a board.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage calibrate scanner intrinsics.yml extrinsics.yml \\
@@ -35,18 +35,18 @@ const HOLDABLE: std::ops::Range<usize> = 4..10;
   vantage calibrate scanner observations.json --like my-scanner.toml \\
       --out calibrated.toml --report calibration.html
 
-A format is recognised, or given by --from. Files of results: OpenCV YAML, XML or JSON, Bouguet's .m, MATLAB's stereoParams as \
-JSON, Kalibr's camera chain, a scanner of Vantage. Observations: JSON of schema vantage.scanner_observations/1, or CSV \
-view,device,x_mm,y_mm,z_mm,u_px,v_px. Corners are not searched for in pictures. What is not known stays unknown: no uncertainty is \
-made up.")]
+Calibration results can come from OpenCV (YAML, XML or JSON), Bouguet's toolbox (.m), MATLAB (stereoParams as JSON), Kalibr \
+(camera chain), or a scanner file of Vantage. Observations are JSON of schema vantage.scanner_observations/1, or CSV with the \
+columns view,device,x_mm,y_mm,z_mm,u_px,v_px. Vantage does not detect corners in images. Values that the files do not give stay \
+unknown; no uncertainty is made up.")]
 pub struct CalibrateScannerArgs {
-    /// Files: one of both cameras, or left, right and projector in this order; or one of observations.
+    /// Calibration results (one file for both cameras, or left, right and projector in this order), or one file of observations.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Format of the files [default: recognised].
+    /// Format of the files: opencv, bouguet, matlab, kalibr, toml or observations [default: recognised by content].
     #[arg(long, value_name = "FORMAT", value_parser = format_name)]
     from: Option<CalibrationFormat>,
-    /// Image size of the cameras, WIDTHxHEIGHT in pixels, 16 to 100000 each, where the files do not give it.
+    /// Image size of the cameras, WIDTHxHEIGHT in pixels, 16 to 100000 each, if the files do not give it.
     #[arg(long, value_name = "WxH")]
     image_size: Option<Dimensions<u32>>,
     /// Image size of the projector, WIDTHxHEIGHT in pixels, 16 to 100000 each.
@@ -61,26 +61,27 @@ pub struct CalibrateScannerArgs {
     /// Working depth, NEAR..FAR in mm.
     #[arg(long, value_name = "NEAR..FAR")]
     depth: Option<Span>,
-    /// Preset or file of a scanner whose other fields are kept: working depth, incidence, mass, housing, and what is not calibrated.
+    /// Scanner (preset name or file) to take the other values from: working depth, incidence, mass, housing, and all that is
+    /// not calibrated.
     #[arg(long, value_name = "SCANNER")]
     like: Option<String>,
     /// Name of the scanner.
     #[arg(long)]
     name: Option<String>,
-    /// JSON or TOML file of the rectangle that the projector lights at two or three depths, where nothing else is known of it.
+    /// JSON or TOML file with the rectangle that the projector lights at two or three depths, if the projector is not calibrated.
     #[arg(long, value_name = "FILE")]
     lit: Option<PathBuf>,
-    /// Plane at a known working distance and its measured depth in the scanner frame, STATED=MEASURED in mm; three or more find where
-    /// working distances count from.
+    /// Plane at a known working distance and its measured depth in the scanner frame, STATED=MEASURED in mm. Repeat for three
+    /// or more planes, to find the origin of working distances.
     #[arg(long, value_name = "MM=MM")]
     plane: Vec<PlaneAt>,
-    /// Parameters of the lenses held at 0 when they are estimated: skew, k1, k2, p1, p2, k3.
+    /// Lens parameters to hold at 0 in the estimation, comma-separated: skew, k1, k2, p1, p2, k3.
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     hold: Vec<String>,
     /// TOML file to write [default: standard output].
     #[arg(long)]
     out: Option<PathBuf>,
-    /// HTML file to write: figures, reprojection errors, coverage, residuals by view.
+    /// HTML report to write: figures, reprojection errors, coverage, residuals by view.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }
@@ -195,7 +196,7 @@ impl CalibrateScannerArgs {
             let text = text_of(path)?;
             hash.update(text.as_bytes());
             let format = self.from.or_else(|| lens::detect(&text)).ok_or_else(|| {
-                CliError::BadInput(format!("{name}: the format is not recognised (unknown_format); give it by --from"))
+                CliError::BadInput(format!("{name}: the format is not recognised (unknown_format); give it with --from"))
             })?;
             source.files.push(path.file_name().map_or_else(|| name.clone(), |file| file.to_string_lossy().into_owned()));
             source.from.push(format);

@@ -62,7 +62,7 @@ pub(super) async fn show(app: &App, job: JobId, run: RunId) -> Result<(), Failur
     let rescan = app.job_when_ended(rescan.id, PATIENCE).await?;
     let words = match (rescan.state, rescan.summary, rescan.problem) {
         (JobState::Succeeded, Some(summary), _) => {
-            format!("Planned for what is missing: {}, job {}.", counted(summary.views, "further view"), rescan.id)
+            format!("Planned {} for the missing surface: job {}.", counted(summary.views, "further view"), rescan.id)
         }
         (_, _, problem) => problem.map_or_else(String::new, |problem| problem.detail),
     };
@@ -98,7 +98,7 @@ fn inspected(inspection: &InspectionJob, scans: usize) -> String {
         return format!("The scans could not be inspected: {reason}");
     };
     format!(
-        "A simulated scanner took {scans} scans: they measure {:.1} % of the asked area where {:.1} % were planned. What was lost, and \
+        "A simulated scanner took {scans} scans: they measure {:.1} % of the asked area, of {:.1} % planned. What was lost, and \
          why, is at /api/v1/inspections/{}/report.",
         100.0 * summary.measured_of_asked,
         100.0 * summary.planned_of_asked,

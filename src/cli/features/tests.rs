@@ -32,7 +32,7 @@ fn what_is_wrong_is_named_with_its_line() {
         ("region,tolerance\n", "\"tolerance\""),
         ("region,tolerance_mm\n\n", "no feature"),
         ("region,tolerance_mm,tolerance_mm\nsphere 1 2 3 4,0.1,0.2\n", "\"tolerance_mm\" twice"),
-        ("name;region;tolerance_mm\nbore;sphere 1 2 3 4;0,05\n", "separated by ;, use ,"),
+        ("name;region;tolerance_mm\nbore;sphere 1 2 3 4;0,05\n", "separated by semicolons; use commas"),
         ("region,tolerance_mm\nsphere 1 2 3 4,x\n", "line 2: tolerance_mm is \"x\""),
         ("region,tolerance_mm\n\nsphere 1 2 3,0.1\n", "line 3: region sphere has 3 numbers; it takes 4"),
         ("region,tolerance_mm\ncone 1,0.1\n", "\"cone\""),
@@ -53,7 +53,7 @@ fn cells_in_quotes_hold_commas_and_quotes() {
     assert_eq!(features[0].name.as_deref(), Some("seat, \"A\""));
     assert!(matches!(features[0].region, Region::Plane { within_mm, .. } if within_mm == 0.5));
     assert_eq!((features[1].name.as_deref(), features[1].tolerance_mm), (Some("plain"), 0.3));
-    for (line, said) in [("\"a,sphere 0 0 0 5,0.2", "not closed"), ("\"a\"b,sphere 0 0 0 5,0.2", "a comma")] {
+    for (line, said) in [("\"a,sphere 0 0 0 5,0.2", "unclosed quote"), ("\"a\"b,sphere 0 0 0 5,0.2", "a comma")] {
         let error = csv(&format!("name,region,tolerance_mm\n{line}\n")).expect_err(line);
         assert!(error.contains("line 2") && error.contains(said), "{error}");
     }

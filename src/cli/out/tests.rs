@@ -153,7 +153,7 @@ fn two_runs_do_not_write_to_one_folder() {
     let first = OutputFolder::prepare(folder.path(), OutputWriter::Plan, &[]).expect("free");
     if cfg!(unix) {
         let refused = OutputFolder::prepare(folder.path(), OutputWriter::Plan, &[]).expect_err("taken");
-        assert!(refused.exit_code() == 2 && refused.to_string().contains("another run"), "{refused}");
+        assert!(refused.exit_code() == 2 && refused.to_string().contains("another vantage command is writing"), "{refused}");
     }
     drop(first);
     assert!(OutputFolder::prepare(folder.path(), OutputWriter::Plan, &[]).is_ok());

@@ -89,7 +89,7 @@ fn one_file_takes_one_file() {
     assert!(refused.contains("VANTAGE.src, VANTAGE.dat"), "{refused}");
     std::fs::write(&out, "# my own script").expect("a file");
     let refused = written(folder.path(), &args).expect_err("a file of the user");
-    assert!(refused.contains("is not a program of Vantage's"), "{refused}");
+    assert!(refused.contains("is not a program that Vantage wrote"), "{refused}");
     assert_eq!(std::fs::read_to_string(&out).expect("there"), "# my own script");
 }
 
@@ -183,7 +183,7 @@ fn a_folder_of_viewpoints_alone_says_how_to_get_a_program() {
     assert!(told.ends_with("has no program.json"), "{told}");
     std::fs::write(folder.path().join("plan.json"), "{}").expect("writes");
     let told = super::without_program(folder.path()).to_string();
-    assert!(told.contains("holds viewpoints alone; plan with a cell"), "{told}");
+    assert!(told.contains("has only viewpoints; plan with a cell"), "{told}");
 }
 
 #[test]

@@ -99,8 +99,10 @@ impl RunOutcome {
             let position_mm = max(|step| step.position_deviation_mm);
             let planned: f64 = steps.iter().map(|step| step.planned_secs).sum();
             // Strings take every write.
-            let _ =
-                writeln!(words, "at the scans at most {axis_deg:.3}° and {position_mm:.2} mm off; predicted time {planned:.1} s");
+            let _ = writeln!(
+                words,
+                "largest deviation at a scan {axis_deg:.3}° and {position_mm:.2} mm; predicted time {planned:.1} s"
+            );
         }
         if let Some(coverage) = &run.coverage {
             let (measured, planned) = (100.0 * coverage.measured_of_asked, 100.0 * coverage.planned_of_asked);

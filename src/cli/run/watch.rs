@@ -71,7 +71,7 @@ impl RunWatch {
                 },
                 () = self.stop.cancelled(), if !is_stopping => {
                     is_stopping = true;
-                    output::note("stopping in order; ctrl-c again ends the process at once");
+                    output::note("stopping in a controlled way; ctrl-c again ends the process at once");
                 }
                 line = next_line(&mut self.lines) => match line {
                     // A line at another moment is no order.
@@ -103,7 +103,7 @@ impl RunWatch {
         }
         self.bar.suspend(|| output::note(&paused));
         match &self.lines {
-            Some(_) if self.resumes => self.bar.suspend(|| output::prompt("press Enter to go on, ctrl-c to stop\n")),
+            Some(_) if self.resumes => self.bar.suspend(|| output::prompt("press Enter to resume, ctrl-c to stop\n")),
             Some(_) => {}
             None => {
                 output::note("nobody can resume: standard input is not a terminal; the run stops");
