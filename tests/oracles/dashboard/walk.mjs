@@ -726,7 +726,10 @@ async function batch() {
   await page.locator(".drop .problem").waitFor();
   await page.locator('.create input[placeholder^="key=value"]').fill("walk=batch");
   await page.locator(".placing > summary").click();
+  // The poses in which it stands move the buttons below them as they appear.
+  await page.locator(".placing .poses li").first().waitFor();
   await page.locator(".placing .actions button", { hasText: "−Z up" }).click();
+  await page.locator(".placing > summary", { hasText: "By hand" }).waitFor();
   await page.locator(".sticky button").click();
   await page.locator("#message", { hasText: "none.stl" }).waitFor();
   const { items } = await api("/jobs?label=walk=batch");
