@@ -67,7 +67,7 @@ fn result(calibration: &CalibrationDocument) -> String {
     }
     rows += &spread("Residuals, root mean square", summary.rms_translation_mm, summary.rms_rotation_deg);
     rows += &spread("Residuals, largest", summary.max_translation_mm, summary.max_rotation_deg);
-    rows += &spread("Predicted by the others", left_out.rms_translation_mm, left_out.rms_rotation_deg);
+    rows += &spread("Residuals, each predicted from the others", left_out.rms_translation_mm, left_out.rms_rotation_deg);
     if let Some(held_out) = &calibration.held_out {
         rows += &spread("Held out", held_out.rms_translation_mm, held_out.rms_rotation_deg);
     }
@@ -81,13 +81,13 @@ fn result(calibration: &CalibrationDocument) -> String {
     }
     let taken_out: Vec<String> = calibration.turntable_runout.iter().map(|harmonic| harmonic.order.to_string()).collect();
     if !taken_out.is_empty() {
-        let name = "Runout beyond noise, in the turntable's specification".to_owned();
+        let name = "Runout above noise, added to the turntable's specification".to_owned();
         rows += &row(&[name, format!("harmonics {} of the angle", taken_out.join(", "))]);
     }
     for harmonic in &calibration.table_runout {
         let [radial, axial] = [harmonic.radial_mm, harmonic.axial_mm].map(|mm| number(mm, 3));
-        let name = format!("Runout of the table, {} a turn", harmonic.order);
-        rows += &row(&[name, with_sd(&format!("{radial} mm across, {axial} mm along the axis"), harmonic.sd_mm)]);
+        let name = format!("Runout of the table, {} per turn", harmonic.order);
+        rows += &row(&[name, with_sd(&format!("{radial} mm radial, {axial} mm axial"), harmonic.sd_mm)]);
     }
     format!("<section>\n<h2>Result</h2>\n<div class=\"card\"><table>\n{rows}</table></div>\n</section>\n")
 }
@@ -163,7 +163,7 @@ fn over_angle(residuals: &[ResidualDocument]) -> String {
 
 /// Shifts in the board's planes xy and xz, each with the ellipse that holds 95 % of those used.
 fn ellipses(residuals: &[ResidualDocument]) -> String {
-    let title = "Shift, mm; an ellipse holds 95 % of those used";
+    let title = "Shift, mm; an ellipse contains 95 % of the used observations";
     let mut svg = Svg::new(WIDTH, 380.0, title, "Shift of each residual in two planes of the board, with 95 % ellipses");
     let limit = limit_mm(residuals);
     for (place, (across, up, name)) in [(0, 1, "y over x"), (0, 2, "z over x")].into_iter().enumerate() {

@@ -153,7 +153,7 @@ fn rig(calibration: &ScannerCalibration) -> String {
     if let Some(origin) = &calibration.depth_origin {
         let place = with_sigma(origin.origin_mm, Some(origin.sigma_mm), 2);
         let said = format!("{place}: {}", origin.datum.as_str().replace('_', " "));
-        rows.push(vec!["Working distances count from z, mm".to_owned(), said]);
+        rows.push(vec!["Working distances are measured from z, mm".to_owned(), said]);
     }
     table(&["Figure", "Value"], &rows)
 }
@@ -212,7 +212,7 @@ fn vectors_svg(device: DeviceName, pictures: &CalibrationPictures) -> String {
         20.0,
         height - 12.0,
         "",
-        &format!("1 % are longer than {} px; left out: dashed in the second colour", significant(large)),
+        &format!("1 % of the errors are longer than {} px; left out: dashed in the second colour", significant(large)),
     );
     svg.finish()
 }

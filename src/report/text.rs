@@ -24,7 +24,7 @@ use crate::wire::words::{
 /// Meaning of the asked surface in a plan of further views.
 const ASKED_OF_OPEN: &str = "asked: what earlier scans left open";
 /// Words on a region of which earlier scans left nothing open.
-const NOTHING_OPEN: &str = "met: earlier scans left nothing of it open";
+const NOTHING_OPEN: &str = "met: earlier scans left none of it open";
 
 /// The text of a plan without a program. Same plan, same text; every line ends with a newline.
 #[must_use]
@@ -113,7 +113,7 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         let first = || first_lie(plan.params.part.table_from_part.as_ref(), &setup.table_from_part);
         let lies = plan.turn_into(id).map(|turn| lie_phrase(&turn)).or_else(first).map_or_else(String::new, |lies| lies + "; ");
         write!(out, "  {}: {lies}{views} {measured} % of the asked area", id.0 + 1)?;
-        writeln!(out, ", of {coverable} % that candidates here could; {at}")
+        writeln!(out, " (its candidates could measure {coverable} %); {at}")
     })
 }
 
@@ -121,8 +121,12 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
 fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
     let told = |stability: &Stability| {
         let (shared, weakest) = (area_mm2(stability.shared_area_mm2), freedom(stability));
-        let verdict = if stability.is_fixed() { "all freedoms fixed" } else { "not all freedoms fixed" };
-        format!("share {shared} mm²; weakest is {weakest}, resistance {}: {verdict}", fixed_nonzero(stability.resistance, 3))
+        let verdict = if stability.is_fixed() {
+            "all six degrees of freedom constrained"
+        } else {
+            "not all six degrees of freedom constrained"
+        };
+        format!("share {shared} mm²; weakest motion: {weakest}, resistance {}: {verdict}", fixed_nonzero(stability.resistance, 3))
     };
     if !plan.setup_links.is_empty() || plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
         writeln!(out, "\nregistration by shared surface")?;
@@ -132,7 +136,7 @@ fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
         writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;
     }
     if plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
-        writeln!(out, "  views of one setup share the table's frame, so their links need not fix every freedom")?;
+        writeln!(out, "  views of one setup share the table's frame, so their links need not constrain every degree of freedom")?;
     }
     for (number, setup) in plan.setups.iter().enumerate() {
         if let Some(([a, b], stability)) = &setup.weakest_link {
@@ -228,7 +232,7 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     let independent = &coverage.independent;
     writeln!(
         out,
-        "\nindependent check, on {} samples that no view was chosen on (the coverable area excepted): quote these figures",
+        "\nindependent check, on {} samples that were not used to choose views (except \"measured of coverable\"): quote these figures",
         independent.samples
     )?;
     for figure in headline(&CoverageDocument::from(coverage)) {
@@ -273,7 +277,7 @@ fn write_advice(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt
 
 /// Remark on advice that keeps a pose in which the part would tip over.
 pub(super) const UNSTABLE_POSE_KEPT: &str =
-    "the further setup stands beside one in which the part would tip over: lay it so that it stands, and plan again";
+    "the part would still tip over in one of the present setups: place it so that it stands, and plan again";
 
 /// Returns true if the part would tip over in a setup of the plan, and some advice adds one to those; `adds_setup` is told of each.
 pub(super) fn keeps_unstable_pose(adds_setup: impl IntoIterator<Item = bool>, warnings: &[FieldWarning]) -> bool {
@@ -289,10 +293,10 @@ pub(super) fn holds_grades(params: &PlanParams) -> bool {
 }
 
 fn write_bound(out: &mut String, plan: &Plan) -> fmt::Result {
-    let (bound, grades) = (&plan.bound, if holds_grades(&plan.params) { " at such grades" } else { "" });
-    writeln!(out, "bound: no fewer than {}{grades}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+    let (bound, grades) = (&plan.bound, if holds_grades(&plan.params) { " at these grades" } else { "" });
+    writeln!(out, "bound: at least {} needed{grades}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
     if let (Some(upper), Some(gap)) = (bound.of_asked_upper, bound.gap_of_asked) {
-        writeln!(out, "bound: no more than {} % of asked, gap {} %", percent(upper), percent(gap))?;
+        writeln!(out, "bound: up to {} % of asked, gap {} percentage points", percent(upper), percent(gap))?;
     }
     Ok(())
 }
@@ -301,7 +305,7 @@ fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
     writeln!(out, "\nviews, in the order chosen: {}", plan.views.len())?;
     for (view, measured_mm2) in plan.views.iter().zip(&plan.coverage.curve_area_mm2) {
         writeln!(out, "  {:>3}  candidate {}, {}", view.id.0, view.candidate.0, view.label.as_str())?;
-        write!(out, "       adds {} % of asked, in all ", percent(view.gain_of_asked))?;
+        write!(out, "       adds {} % of asked, total ", percent(view.gain_of_asked))?;
         write!(out, "{} %", percent(share(*measured_mm2, plan.coverage.asked_area_mm2)))?;
         writeln!(out, "; score {} mm²", area_mm2(view.score))?;
         writeln!(out, "       {}", pose(&view.part_from_scanner))?;
@@ -317,7 +321,7 @@ fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
 
 fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     if sequence.visits.is_empty() {
-        return writeln!(out, "\nsequence: none, since no view is carried out");
+        return writeln!(out, "\nsequence: none, because no view is executed");
     }
     writeln!(out, "\nsequence, from home")?;
     for (view, leg) in &sequence.visits {
@@ -332,7 +336,7 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     let claim = order_claim(sequence.motion_secs(), sequence.moving_lower_secs);
     let claim = claim.map_or_else(String::new, |claim| format!(": {claim}"));
     writeln!(out, "  lower bound {straight} s for these stations in any order, with straight moves{claim}")?;
-    writeln!(out, "  ordered in {ordered} s; lower bound {lower_bound} s over the stations and moves considered")
+    writeln!(out, "  before that shift: {ordered} s; lower bound {lower_bound} s over the stations and moves considered")
 }
 
 /// Lists the pairs of bodies that keep the cell from most candidates.
@@ -344,11 +348,14 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
     for Obstruction { bodies, without_station, without_path, separation, advice, .. } in obstructions.iter().take(SHOWN) {
         write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
         match separation {
-            Some(Separation { distance_mm, place_in_base_mm, .. }) if *distance_mm < 0.0 => {
-                write!(out, "; {} mm deep at {} in the base", fixed_nonzero(-distance_mm, 1), point(place_in_base_mm))?
-            }
+            Some(Separation { distance_mm, place_in_base_mm, .. }) if *distance_mm < 0.0 => write!(
+                out,
+                "; they overlap by {} mm at {} in the base frame",
+                fixed_nonzero(-distance_mm, 1),
+                point(place_in_base_mm)
+            )?,
             Some(Separation { distance_mm, place_in_base_mm, .. }) => {
-                write!(out, "; {} mm apart at {} in the base", fixed_nonzero(*distance_mm, 1), point(place_in_base_mm))?
+                write!(out, "; {} mm apart at {} in the base frame", fixed_nonzero(*distance_mm, 1), point(place_in_base_mm))?
             }
             None => {}
         }
@@ -400,7 +407,7 @@ fn write_spots(out: &mut String, missed: &[MissedCause], warnings: &[FieldWarnin
 }
 
 fn leg_text(leg: &Leg) -> String {
-    format!("{} s, {} between", fixed(leg.duration_secs, 1), counted(leg.via_rad.len(), "point"))
+    format!("{} s, {}", fixed(leg.duration_secs, 1), counted(leg.via_rad.len(), "via point"))
 }
 
 fn station_text(station: &Station) -> String {
@@ -566,7 +573,7 @@ mod tests {
         let none = Sequence { visits: Vec::new(), return_home, ordered_secs: 0.0, lower_bound_secs: 0.0, moving_lower_secs: 0.0 };
         let mut out = String::new();
         write_sequence(&mut out, &none).expect("a String takes all");
-        assert_eq!(out, "\nsequence: none, since no view is carried out\n");
+        assert_eq!(out, "\nsequence: none, because no view is executed\n");
     }
 
     #[test]

@@ -101,7 +101,7 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
         code: WarningCode::HomeInRadians,
         pointer: format!("{at}/home_deg"),
         detail: format!(
-            "is {:?}, all within ±2π, as if in radians",
+            "is {:?}; all values are within ±2π, which suggests radians",
             cell.home_rad.axes_rad().map(|angle| fixed_number(angle.to_degrees()))
         ),
         remedy: format!("if it is in radians, give {home_deg:?} (degrees)"),
@@ -111,8 +111,8 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
         code: WarningCode::PlateBeyondReach,
         pointer: format!("{at}/base_from_table"),
         detail: format!(
-            "puts the plate's centre {centre_mm:.0} mm from the robot's shoulder; stretched, the arm and the scanner measure up to \
-             {reach_mm:.0} mm from it"
+            "puts the plate's centre {centre_mm:.0} mm from the robot's shoulder; with the arm fully extended, the scanner measures up \
+             to {reach_mm:.0} mm from it"
         ),
         remedy: "move the table nearer: `vantage study reach` compares distances and heights".to_owned(),
     });
@@ -173,7 +173,7 @@ pub fn of_poses(stable: &[StablePose], poses: &[(String, Pose<Table, Part>)]) ->
         code: WarningCode::PartUnstable,
         pointer: pointer.clone(),
         detail: format!(
-            "the part would tip over as it is placed: it does not stand that way, or within 3° of it, and nothing holds it{}",
+            "the part would tip over as it is placed: it does not stand stably within 3° of that pose, and nothing holds it{}",
             ways_to_stand(stable)
         ),
         remedy: remedy.to_owned(),
@@ -218,7 +218,7 @@ fn home_too_close(cell: &Cell, scene: &CollisionScene, clearance_mm: f64, at: &s
         code: WarningCode::HomeTooClose,
         pointer: format!("{at}/home_deg"),
         detail: format!(
-            "lets {contact} come closer than {clearance_mm} mm, the clearance of a plan: no path may lead from there"
+            "brings {contact} closer together than {clearance_mm} mm, the clearance of a plan: there may be no path from home"
         ),
         remedy: "move the home, mount the scanner by another face, or plan with a smaller motion.clearance_mm".to_owned(),
     })
@@ -238,8 +238,8 @@ pub fn of_home(cell: &Cell, scenes: &[CollisionScene], clearance_mm: f64, at: &s
         code: WarningCode::HomeBlocked,
         pointer: format!("{at}/home_deg"),
         detail: format!(
-            "lets {contact} collide, or come closer than {clearance_mm} mm, the clearance of the plan, with the part on its plate: no path \
-             leads from there to any view"
+            "makes {contact} collide, or come closer than {clearance_mm} mm, the clearance of the plan, with the part on its plate: no \
+             path leads from home to any view"
         ),
         remedy: HOME_REMEDY.to_owned(),
     };
@@ -259,8 +259,8 @@ pub fn of_params(params: &PlanParams, at: &str) -> Vec<FieldWarning> {
         code: WarningCode::ToleranceBeyondNoise,
         pointer: format!("{at}/regions/features/{index}/tolerance_mm"),
         detail: format!(
-            "is {tolerance_mm} mm; the finest tolerance that this noise can serve is {} mm, at best focus and seen straight on, so \
-             none of the feature will count as measured. A tolerance has to be at least 4 · regions.noise.best_mm ({} mm) / \
+            "is {tolerance_mm} mm; the finest tolerance that this noise allows is {} mm, at best focus and perpendicular to the \
+             surface, so none of the feature will count as measured. A tolerance has to be at least 4 · regions.noise.best_mm ({} mm) / \
              regions.noise.budget ({}){}",
             rounded_up_mm(noise.min_tolerance_mm()),
             fixed(noise.best_mm, 4),
@@ -291,8 +291,8 @@ fn sources(noise: &NoiseParams) -> String {
 }
 
 fn remedy_for_noise() -> String {
-    "give a coarser tolerance_mm, a smaller regions.noise.best_mm if yours was measured, or a larger regions.noise.budget if your \
-     rule for the uncertainty allows it"
+    "give a coarser tolerance_mm, a smaller regions.noise.best_mm if you measured your scanner's noise, or a larger \
+     regions.noise.budget if your rule for uncertainty allows it"
         .to_owned()
 }
 
@@ -334,7 +334,7 @@ pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> 
     FieldWarning {
         code: if list == RegionUse::Exclude { WarningCode::ExclusionEmpty } else { WarningCode::RegionEmpty },
         pointer: format!("{at}/regions/{}/{place}", list.as_str()),
-        detail: format!("holds nothing of the part, which spans {} mm", spans.join(", ")),
+        detail: format!("contains nothing of the part, which spans {} mm", spans.join(", ")),
         remedy: "regions are given in mm, in the coordinates of the part's file".to_owned(),
     }
 }
@@ -363,8 +363,8 @@ pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Opti
         code: WarningCode::FragileUnderPoseError,
         pointer: format!("{at}/robust/select"),
         detail: format!(
-            "is {state} an error of {} by {}° and {} mm costs {:.2} points of coverage in the worst of {}: {} % of the asked area \
-             instead of {} %; a plan that tolerates it loses at most {:.1}",
+            "is {state} an error of {} by {}° and {} mm costs {:.2} percentage points of coverage in the worst of {}: {} % of the \
+             asked area instead of {} %; a plan that tolerates it loses no more than {:.1} points",
             costliest.kind,
             error.angle_deg,
             error.translation_mm,
@@ -407,7 +407,7 @@ fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning 
     let remedy = if region.beyond_noise_area_mm2 > 0.5 * missed_mm2 {
         remedy_for_noise()
     } else {
-        "see what would measure the largest missed spots, in missed of the plan and in the report; exclude what cannot be measured \
+        "see the fixes for the largest missed spots, in the report and under missed in the plan; exclude what cannot be measured \
          (regions.exclude), or lower the target"
             .to_owned()
     };
@@ -415,7 +415,7 @@ fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning 
         code: WarningCode::RegionUnmet,
         pointer: format!("{pointer}/target"),
         detail: format!(
-            "is {}, and {} % of the {} mm² of {:?} are measured; missed: {}",
+            "is {}, but {} % of the {} mm² of {:?} is measured; missed: {}",
             region.target.unwrap_or_default(),
             percent_below(region.of_asked, region.target.unwrap_or_default(), 2),
             area_mm2(region.asked_area_mm2),

@@ -24,7 +24,7 @@ const MAX_VALUE_CHARS: usize = 160;
 /// Causes that are named where no plan is possible.
 const NAMED_CAUSES: usize = 3;
 /// Reason for which a region without samples does not reach its target.
-pub(crate) const NOTHING_IN_REGION: &str = "it holds none of the asked surface";
+pub(crate) const NOTHING_IN_REGION: &str = "it contains none of the asked surface";
 /// Share that may be lacking of a whole, or be left of nothing: sums over samples are not exact to the last bit.
 const SUM_SLACK: f64 = 1e-9;
 /// Size from which on a number is told with a power of ten: areas of 1000 m² in mm², of which no cell has more.
@@ -100,17 +100,17 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
         (
             "measured of visible",
             visible.of_visible,
-            "visible: asked area that can be seen at all, which neither stands on the table nor is enclosed by the part",
+            "visible: asked area that can be seen at all (the part neither stands on it nor encloses it)",
         ),
-        ("grades A and B of visible", visible.grades_a_b_of_visible, "measured near best focus and fairly squarely"),
-        ("within 35° of visible", visible.within_35_deg_of_visible, "measured at 35° from the surface's normal or less"),
-        ("within 60° of visible", visible.within_60_deg_of_visible, "measured at 60° from the surface's normal or less"),
+        ("grades A and B of visible", visible.grades_a_b_of_visible, "measured near best focus and at moderate incidence"),
+        ("within 35° of visible", visible.within_35_deg_of_visible, "measured at 35° or less from the surface normal"),
+        ("within 60° of visible", visible.within_60_deg_of_visible, "measured at 60° or less from the surface normal"),
         ("measured of asked", of_asked, "asked: every face outside excluded regions"),
         (
             "measured of coverable",
             coverage.of_coverable,
-            "coverable: asked area that some viewpoint considered measures in this cell, on the samples that views are chosen on; \
-             targets are shares of it by default",
+            "coverable: asked area that at least one of the viewpoints considered measures in this cell, on the samples that \
+             views are chosen on; by default, targets are shares of it",
         ),
         ("measured of total", of_total, "total: every face of the part"),
     ]
@@ -134,21 +134,21 @@ pub fn at_risk_sentence(at_risk: &AtRiskDocument) -> String {
 pub fn risk_meaning(reason: RiskReason, realism: &RealismParams) -> String {
     match reason {
         RiskReason::ConcaveZone => format!(
-            "within {} mm of an edge at which two faces leave less than {}° of air, where scanners lose points",
+            "within {} mm of a concave edge with an opening angle below {}°, where scanners lose points",
             realism.concave_zone_mm, realism.concave_dihedral_deg
         ),
         RiskReason::InterReflection => {
-            "in that zone, and every view that measures it has the projector's light mirrored onto the opposite face".to_owned()
+            "in that zone, and in every view that measures it the projector's light reflects onto the opposite face".to_owned()
         }
         RiskReason::FrameMargin => {
             format!(
-                "within {} px of the border of an image, and no view measures it clear of both margins",
+                "within {} px of the border of an image, and no view measures it outside both margins",
                 realism.frame_margin_px
             )
         }
         RiskReason::SilhouetteMargin => {
             let px = realism.silhouette_margin_px;
-            format!("within {px} px of a jump of depth in an image, and no view measures it clear of both margins")
+            format!("within {px} px of a depth discontinuity in an image, and no view measures it outside both margins")
         }
     }
 }
@@ -221,16 +221,16 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
             let [measured, left, hopeless] =
                 [measured_of_asked, left_of_asked, hopeless_of_asked].map(|share| percent_below(*share, 1.0, 2));
             return format!(
-                "no further view is worth it ({}): {measured} % of the asked area is measured, further views are expected to add \
-                 {left} %, and {hopeless} % is missing that no view mends",
+                "no further view is worth taking ({}): {measured} % of the asked area is measured, further views are expected to add \
+                 {left} %, and {hopeless} % cannot be recovered by any view",
                 rule.replace('_', " ")
             );
         }
         NoPlan::NotRegistered { stability } => {
             return format!(
                 "the setups share {} mm² of surface, which leaves {} free, so they cannot be registered to each other; set \
-                 registration = markers or fixture if something else does it, or none if it need not be done; or allow more views \
-                 (selection.max_views) or more setups, or set setups = 1",
+                 registration = markers or fixture if markers or a fixture register them, or none if they need not be registered; or \
+                 allow more views (selection.max_views) or more setups, or set setups = 1",
                 area_mm2(stability.shared_area_mm2),
                 freedom(stability)
             );
@@ -243,7 +243,7 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
         0 => format!("none of {} is usable{dropped}", counted(candidates.generated, "candidate")),
         kept => {
             let all = counted(candidates.generated, "candidate");
-            format!("{kept} of {all} can be used{dropped}, but none measures anything worth a view")
+            format!("{kept} of {all} can be used{dropped}, but none measures enough to be worth a view")
         }
     };
     let named = missed_mm2.iter().take(NAMED_CAUSES);
@@ -259,9 +259,10 @@ pub fn stability_sentence(stability: &StabilityDocument) -> String {
         expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm (1 σ)", fixed_nonzero(1e3 * error_mm, 1)));
     let resistance = fixed_nonzero(*resistance, 3);
     format!(
-        "share {} mm², {}: weakest is {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), error by noise alone {error}",
+        "share {} mm², {}: weakest motion: {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), expected error \
+         from noise alone {error}",
         area_mm2(*shared_area_mm2),
-        if *is_fixed { "all six freedoms fixed" } else { "not all six freedoms fixed" }
+        if *is_fixed { "all six degrees of freedom constrained" } else { "not all six degrees of freedom constrained" }
     )
 }
 
@@ -328,7 +329,7 @@ pub fn noise_remark(region: &RegionCoverage, cause: Cause) -> Option<String> {
     let below_grade_mm2: f64 = region.missed_mm2.iter().filter(|(missed, _)| *missed == cause).map(|(_, mm2)| mm2).sum();
     let part = if beyond_mm2 < below_grade_mm2 * ALL { format!(" on {} mm²", area_mm2(beyond_mm2)) } else { String::new() };
     let min_mm = rounded_up_mm(region.min_tolerance_mm);
-    Some(format!("tolerance beyond the scanner's noise{part}; the finest that it can serve is {min_mm} mm"))
+    Some(format!("tolerance too fine for the scanner's noise{part}; the finest that this noise allows is {min_mm} mm"))
 }
 
 /// Formats a length so that it is not below `length_mm`, with three decimals.
@@ -347,7 +348,7 @@ pub fn advice_sentence(advice: &Advice) -> String {
     let text = match advice {
         Advice::MoveHome => HOME_REMEDY,
         Advice::ReduceClearance(max_mm) => {
-            return format!("free there with motion.clearance_mm = {:.1}", (max_mm * 10.0).floor() / 10.0);
+            return format!("collision-free there with motion.clearance_mm = {:.1}", (max_mm * 10.0).floor() / 10.0);
         }
         Advice::MoveObstacle(name) => return format!("move {name}, or the table away from it"),
         Advice::MoveFixture => "clamp the part elsewhere, or plan it in several setups",
@@ -361,7 +362,7 @@ pub fn advice_sentence(advice: &Advice) -> String {
             "raise the part above the plate, or the robot's foot; `vantage study reach` finds the layout that reaches most"
         }
         Advice::MoveFoot => {
-            "the arm folds onto itself there: move its foot closer to the table or farther away; `vantage study reach` compares layouts"
+            "the arm collides with itself there: move its foot closer to the table or farther away; `vantage study reach` compares layouts"
         }
         Advice::MountScanner => "mount the scanner differently (flange_from_scanner); `vantage study reach` compares mounts",
     };
@@ -484,7 +485,7 @@ fn side_name(side: PartSide) -> &'static str {
 pub fn turn_phrase(turn: &Turn) -> String {
     let side = side_name(turn.side);
     match turn.kind {
-        TurnKind::None => "lay it as it lies".to_owned(),
+        TurnKind::None => "leave it as it lies".to_owned(),
         TurnKind::UpsideDown => "turn it upside down".to_owned(),
         TurnKind::OnSide => format!("stand it on its {side}"),
         TurnKind::Tilt => format!("tilt it by {}° towards its {side}", degrees(turn.angle_rad)),
@@ -503,12 +504,12 @@ pub fn lie_phrase(turn: &Turn) -> String {
     }
 }
 
-/// Lie of the part in the first setup, where that is not as it is placed: "upside down from how it is placed (part.table_from_part)".
+/// Lie of the part in the first setup, where that is not as it is placed: "upside down relative to its placement (part.table_from_part)".
 /// Setups that a plan chooses by itself may leave the pose that a job gives.
 pub(crate) fn first_lie(placed: Option<&PoseSpec>, first: &Pose<Table, Part>) -> Option<String> {
     let turn = Turn::between(&placed.copied().unwrap_or_default().pose(), first);
     let is_turned = turn.kind != TurnKind::None;
-    is_turned.then(|| format!("{} from how it is placed (part.table_from_part)", lie_phrase(&turn)))
+    is_turned.then(|| format!("{} relative to its placement (part.table_from_part)", lie_phrase(&turn)))
 }
 
 fn limits_text(remedy: &Remedy) -> String {
@@ -516,7 +517,7 @@ fn limits_text(remedy: &Remedy) -> String {
     let limits = [limit("limits.camera_deg", remedy.camera_deg), limit("limits.projector_deg", remedy.projector_deg)];
     let limits: Vec<_> = limits.into_iter().flatten().collect();
     let from = remedy.views.first().map_or_else(String::new, |first| {
-        format!(" and look from candidate {}{}{}", first.candidate.0, tilted(first), rolled(first))
+        format!(" and scan from candidate {}{}{}", first.candidate.0, tilted(first), rolled(first))
     });
     format!("raise {}{from}", limits.join(" and "))
 }

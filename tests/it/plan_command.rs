@@ -104,13 +104,13 @@ fn a_feature_that_gets_nothing_is_warned_of_and_with_strict_exits_with_3() {
         assert!(summary.contains(said), "{said:?} is not in\n{summary}");
     }
     assert!(summary.contains("target 90.00 %: met") && summary.contains("0.00 %, target 95.00 %: NOT MET"), "{summary}");
-    assert!(summary.contains("tolerance beyond the scanner's noise"), "{summary}");
+    assert!(summary.contains("tolerance too fine for the scanner's noise"), "{summary}");
     let (early, late) = warned.split_once("\nsurface\n").expect("the first stage is named");
     assert!(
         early.contains("/regions/features/0/tolerance_mm: is 0.05 mm") && early.contains("0.156 mm"),
         "before planning: {warned}"
     );
-    assert!(late.contains("/regions/features/0/target: is 0.95, and 0.00 % of the 2 400.0 mm² of \"top\""), "{warned}");
+    assert!(late.contains("/regions/features/0/target: is 0.95, but 0.00 % of the 2 400.0 mm² of \"top\""), "{warned}");
     assert!(late.contains("→ "), "with advice: {warned}");
 
     std::fs::remove_dir_all(folder.path().join("out")).expect("results");

@@ -143,5 +143,5 @@ fn plan_and_texts_tell_it_apart_from_the_headline() {
     assert!(told.starts_with(&begins), "{told}");
     let text = text(&outcome.plan);
     assert!(text.contains(&format!("\n{told}\n")), "{text}");
-    assert!(text.contains("within 2 mm of an edge at which two faces leave less than 120° of air"), "{text}");
+    assert!(text.contains("within 2 mm of a concave edge with an opening angle below 120°"), "{text}");
 }

@@ -113,7 +113,10 @@ fn a_block_is_joined_by_the_sides_that_two_setups_share() {
     let [link] = outcome.plan.setup_links[..] else { panic!("{:?}", outcome.plan.setup_links) };
     assert!(link.stability.is_fixed() && link.stability.shared_area_mm2 > 1000.0, "{link:?}");
     let text = vantage::report::text::text(&outcome.plan);
-    assert!(text.contains("setups 1 and 2 share") && text.contains(" % of the asked area, of "), "{text}");
+    assert!(
+        text.contains("setups 1 and 2 share") && text.contains(" % of the asked area (its candidates could measure "),
+        "{text}"
+    );
 }
 
 /// Views that join setups count in the bound, and are added where the target alone does not ask for them.

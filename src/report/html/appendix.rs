@@ -126,7 +126,7 @@ fn at_risk(input: &ReportInput<'_>) -> String {
     let counts = if document.counted { "It counts as measured." } else { "It does not count as measured." };
     format!(
         "<h3>At risk in a real scan</h3>\n<p>{} of the area that the views measure in the simulation, {} of the visible \
-         area, may be lacking in a real scan. {counts} Surface that is at risk for several reasons is listed under each. The widths \
+         area, may be missing from a real scan. {counts} Surface that is at risk for several reasons is listed under each. The widths \
          behind it are our choice: they have no published source.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Reason</th>\
          <th class=\"n\">Area</th><th class=\"n\">Of visible</th><th>Meaning</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n\
          ",
@@ -157,16 +157,16 @@ fn registration(input: &ReportInput<'_>) -> String {
     });
     let views = plan.setups.iter().enumerate().filter_map(|(number, setup)| {
         let ([a, b], stability) = setup.weakest_link.as_ref()?;
-        Some(row(format!("Views {} and {}, the worst joined of setup {}", a.0, b.0, number + 1), stability))
+        Some(row(format!("Views {} and {}, the weakest link of setup {}", a.0, b.0, number + 1), stability))
     });
     let rows: String = pairs.chain(views).collect();
     if rows.is_empty() {
         return String::new();
     }
     format!(
-        "<h3>Registration by shared surface</h3>\n<p>Setups are one measurement only if they can be registered to each \
-         other: the surface that both measure has to resist every motion of one against the other. Views of one setup share \
-         the table's frame; theirs is information. The error is that of the scanner's noise alone (1 σ).</p>\n\
+        "<h3>Registration by shared surface</h3>\n<p>Setups form one measurement only if they can be registered to each \
+         other: the surface that both measure must constrain every motion of one relative to the other. Views of one setup \
+         share the table's frame; their rows are for information. The error is that of the scanner's noise alone (1 σ).</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th>Between</th><th class=\"n\">Shared</th><th>Weakest motion</th>\
          <th class=\"n\">Resistance</th><th class=\"n\">Expected error</th><th>All fixed</th></tr></thead>\n<tbody>\n{rows}</tbody>\
          </table></div>\n"
@@ -223,8 +223,8 @@ pub(super) fn obstructions(obstructions: &[Obstruction]) -> String {
         return String::new();
     }
     format!(
-        "<h3>What blocks the cell</h3>\n<p>Pairs of bodies whose collisions keep the cell from viewpoints that were \
-         considered, the pair that blocks most first. Distance and position are those at one of these viewpoints.</p>\n\
+        "<h3>What blocks the cell</h3>\n<p>Pairs of bodies whose collisions block viewpoints that were considered; \
+         the pair that blocks most comes first. Distance and position are those at one of these viewpoints.</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th>Bodies</th><th class=\"n\">Without a station</th>\
          <th class=\"n\">Without a path</th><th class=\"n\">Distance</th><th class=\"n\">Position, base frame</th>\
          <th>What would help</th></tr></thead>\n<tbody>\n{}</tbody>\

@@ -121,11 +121,11 @@ fn place(alignment: &AlignmentDocument) -> String {
     match alignment.why_not_found() {
         None => {}
         Some(PartNotFound::FewPoints) => {
-            return format!("The place of the part was not found: {}.", alignment.few_points_words());
+            return format!("The pose of the part was not found: {}.", alignment.few_points_words());
         }
         Some(PartNotFound::FewInliers) => {
             return format!(
-                "The place of the part was not found: {on_part} of the points lie on it. Are these scans of this part?"
+                "The pose of the part was not found: {on_part} of the points lie on it. Are these scans of this part?"
             );
         }
     }
@@ -143,7 +143,7 @@ fn place(alignment: &AlignmentDocument) -> String {
 fn alignment(report: &InspectionReport<'_>) -> String {
     let alignment = &report.document.alignment;
     let method = alignment.method.as_str().replace('_', " ");
-    let part = format!("<p>{} Deviations are at the alignment <b>{method}</b>.</p>\n", place(alignment));
+    let part = format!("<p>{} Deviations are given for the <b>{method}</b> alignment.</p>\n", place(alignment));
     let of_view = |view: &crate::wire::inspection::ViewAlignmentDocument| {
         let kept = view.kept_pose.map_or("corrected", |reason| reason.as_str());
         row(&[
@@ -247,11 +247,11 @@ fn no_spot(off_of_area: f64) -> String {
     if off_of_area > 0.0 {
         let off = percent(off_of_area);
         return format!(
-            "<p>No spot of what is compared deviates by more than 0.1 mm and its uncertainty (k = 2); {off} of the area lies beyond the \
-             search distance and is not compared.</p>\n"
+            "<p>No compared spot deviates by more than 0.1 mm plus its uncertainty (k = 2); {off} of the area lies beyond the search \
+             distance and is not compared.</p>\n"
         );
     }
-    "<p>No spot deviates by more than 0.1 mm and its uncertainty (k = 2).</p>\n".to_owned()
+    "<p>No spot deviates by more than 0.1 mm plus its uncertainty (k = 2).</p>\n".to_owned()
 }
 
 /// Points off the surface.
@@ -279,7 +279,7 @@ fn anchor(part: u32) -> &'static str {
 fn histogram(report: &InspectionReport<'_>) -> String {
     let histogram = &report.document.deviation.histogram;
     let most = histogram.area_mm2.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let title = format!("Area by deviation; highest bar {}, the outermost bars hold what lies beyond", area(most));
+    let title = format!("Area by deviation; highest bar {}, the outermost bars include everything beyond", area(most));
     let mut svg = Svg::new(WIDTH, HEIGHT, &title, "Histogram of the measured area by its deviation");
     let (classes, bottom) = (histogram.area_mm2.len().max(1), HEIGHT - BOTTOM);
     let width = (WIDTH - LEFT - 16.0) / classes as f64;
@@ -304,13 +304,13 @@ fn histogram(report: &InspectionReport<'_>) -> String {
 fn group_of(cause: LossCause) -> (MissGroup, &'static str) {
     match cause {
         LossCause::ViewMissing | LossCause::OutsideFile => (MissGroup::Reach, "No scan, or the file ends"),
-        LossCause::Pose | LossCause::UnmodelledOccluder => (MissGroup::Shadow, "View off its pose, or something in the way"),
+        LossCause::Pose | LossCause::UnmodelledOccluder => (MissGroup::Shadow, "View off its pose, or obstructed"),
         LossCause::PartDeviates => (MissGroup::Resting, "The part deviates"),
-        LossCause::Grazing => (MissGroup::Incidence, "Too flat for this scanner"),
+        LossCause::Grazing => (MissGroup::Incidence, "Too oblique for this scanner"),
         LossCause::Specular | LossCause::Dark | LossCause::Saturated => (MissGroup::Facing, "Glare, dark or saturated"),
         LossCause::Edge | LossCause::Concave => (MissGroup::Frame, "Edge or concave corner"),
         LossCause::DepthBlur | LossCause::Sparse | LossCause::Noisy => (MissGroup::Depth, "Blurred, sparse or noisy"),
-        LossCause::Filtered | LossCause::Unexplained => (MissGroup::NotChosen, "Cleaned away, or unexplained"),
+        LossCause::Filtered | LossCause::Unexplained => (MissGroup::NotChosen, "Filtered out, or unexplained"),
     }
 }
 
@@ -395,11 +395,11 @@ fn regions(report: &InspectionReport<'_>) -> String {
     section(
         "Regions and features",
         &(table(&head, &rows)
-            + "<p>Verdicts after ISO 14253-1: <i>undecided</i> where the deviation lies within its uncertainty of the limit, where too \
-         little is measured, or where surface is <i>off</i>: points before or behind it lie beyond the search distance; raise \
-         <code>compare.search_mm</code> so that it is judged. <i>Steep</i> points show a surface that is turned too far against the \
-         model: where most are, and beyond the limit, the area counts as not measured. U holds what is open of the poses where nothing \
-         but the model holds a view.</p>\n"
+            + "<p>Verdicts follow ISO 14253-1. A region is <i>undecided</i> if its deviation is within its uncertainty of the limit, if too \
+         little of it is measured, or if some of its surface is <i>off</i>: points in front of it or behind it lie beyond the search \
+         distance; raise <code>compare.search_mm</code> so that it is judged. <i>Steep</i> points show a surface that is tilted too far \
+         from the model; where most points are steep and beyond the limit, the area counts as not measured. U includes the uncertainty \
+         of the poses of views that only the model constrains.</p>\n"
             + &open_by_poses(&report.document.deviation.regions)),
     )
 }

@@ -34,7 +34,7 @@ pub(super) fn section(subject: &ReportSubject<'_>, lays: &[Lay], album: &mut Alb
     format!(
         "<section class=\"lays\">\n<h2>How the part lies on the plate</h2>\n<p>Drawn to scale with the table at 0°, in millimetres; a \
          plate too wide for its drawing is cut off at break lines. Offsets are those of the box around the part from the table’s \
-         axis; angles of the table count counter-clockwise seen from above, from the 0° mark.</p>\n{figures}</section>\n"
+         axis; table angles are counter-clockwise, seen from above, from the 0° mark.</p>\n{figures}</section>\n"
     )
 }
 

@@ -84,7 +84,7 @@ fn advice(input: &ReportInput<'_>) -> String {
     let is_kept = keeps_unstable_pose(adds_setup, input.warnings);
     let kept = if is_kept { format!("<p>{}.</p>\n", words::capitalised(UNSTABLE_POSE_KEPT)) } else { String::new() };
     format!(
-        "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model with views that the cell can take. \
+        "<h3>What would measure more</h3>\n<p>Changes to the whole plan, each simulated with views that the cell can reach. \
          The figures are estimates: a plan with these parameters chooses its views anew.</p>\n<ul class=\"card list\">\n\
          {items}</ul>\n{kept}"
     )
@@ -177,10 +177,10 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
 /// Action by which a plan chooses more of the views that it has: it changes the rule that ended the choice.
 fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> &'static str {
     match stopped_because {
-        StopReason::Growth => "Choose more views, which add less than selection.min_growth",
+        StopReason::Growth => "Choose more views: lower selection.min_growth, as each adds less than that",
         StopReason::MaxViews => "Choose more views: raise selection.max_views",
         StopReason::NoGain => {
-            "Choose more views: none of these was worth its cost (selection.view_cost_mm2_per_s) with the overlap asked for \
+            "Choose more views: none of these was worth its cost (selection.view_cost_mm2_per_s) with the required overlap \
              (selection.overlap)"
         }
         StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => match goal {
@@ -196,7 +196,7 @@ fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> &'static str 
 fn unsearched(cause: Cause, remedies: u32) -> &'static str {
     match (cause, remedies) {
         (Cause::AtRisk, _) => {
-            "No fix was searched for: views measure it, but what is at risk does not count (realism.count_at_risk)"
+            "No fix was searched for: views measure it, but area at risk does not count (realism.count_at_risk)"
         }
         (_, 0) => "No fix was searched for (missed.remedies = 0)",
         _ => "No fix was searched for: only the largest spots are tried",
@@ -216,9 +216,9 @@ fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let asked_mm2 = input.outcome.plan.coverage.asked_area_mm2;
     let rows: String = spots.iter().map(|spot| row(spot, asked_mm2, input.warnings)).collect();
     format!(
-        "<h3>The largest spots</h3>\n<p>Each spot is listed under what stopped the view that came closest to measuring it. A fix is \
-         the cheapest that was simulated and measures at least 90 % of the spot; where none does, the cheapest that measures at \
-         least half, its share first. Its views are in <code>plan.json</code>. Coordinates are the part’s own.</p>\n\
+        "<h3>The largest spots</h3>\n<p>Each spot is listed under what stopped the view that came closest to measuring it. The \
+         fix is the cheapest of those simulated that measures at least 90 % of the spot; if none does, the cheapest that \
+         measures at least half, with that share stated first. Its views are in <code>plan.json</code>. Coordinates are the part’s own.</p>\n\
          <div class=\"card scroll\"><table class=\"spots\">\n<thead><tr><th class=\"n\">No.</th><th>Cause</th><th class=\"n\">Area</th>\
          <th class=\"n\">Of asked</th><th>Centre, size in mm</th><th>Fix</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n"
     )

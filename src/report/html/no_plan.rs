@@ -116,23 +116,23 @@ impl NoPlanInput<'_> {
         Some(match (cause, most_blocking(obstructions)) {
             (Some(Cause::HiddenByCell), _) => {
                 let hidden = mm2.map_or(0.0, |mm2| share(mm2, asked_mm2));
-                format!("{}: it hides {} % of the asked area", self.clear_view(), number(100.0 * hidden, 0))
+                format!("{}, which hides {} % of the asked area", self.clear_view(), number(100.0 * hidden, 0))
             }
             (Some(Cause::Unreachable), _) => {
-                "set the table nearer to the robot, or the part nearer to it; `vantage study reach` compares places".to_owned()
+                "move the table or the part closer to the robot; `vantage study reach` compares layouts".to_owned()
             }
             (_, Some(obstruction)) => format!("{}: {}", obstruction.bodies, advice_sentence(&obstruction.advice)),
             (Some(Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector), None) => {
-                "look at the size of the part: was it read in the right unit?".to_owned()
+                "check the size of the part: was it read in the right unit?".to_owned()
             }
             (Some(Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector), None) => {
                 let limits = &self.params.limits;
                 let is_of_job = limits.camera_deg.is_some() || limits.projector_deg.is_some();
                 let of_job = "allow a larger angle of incidence (limits.camera_deg, limits.projector_deg)";
-                let own = "look at the limits of incidence in the scanner's specification (incidence_max_deg)";
+                let own = "check the incidence limits in the scanner's specification (incidence_max_deg)";
                 (if is_of_job { of_job } else { own }).to_owned()
             }
-            (_, None) => "look at the causes, and at the size of the part: was it read in the right unit?".to_owned(),
+            (_, None) => "check the causes and the size of the part: was it read in the right unit?".to_owned(),
         })
     }
 
@@ -155,8 +155,8 @@ impl NoPlanInput<'_> {
         let foot = cell.base_from_table.inverse().origin_mm();
         let (centre_mm, reach_mm) = cell.plate_centre_distance_mm();
         Some(format!(
-            "The table's axis is {} mm from the robot's foot, and the plate's centre {} mm from the robot's shoulder; stretched, the \
-             arm and the scanner measure up to {} mm from there.",
+            "The table's axis is {} mm from the robot's foot, and the plate's centre {} mm from the robot's shoulder; with the \
+             arm fully extended, the scanner measures up to {} mm from the shoulder.",
             fixed(foot.x.hypot(foot.y), 0),
             fixed(centre_mm, 0),
             fixed(reach_mm, 0)
@@ -254,8 +254,7 @@ fn verdict(input: &NoPlanInput<'_>) -> String {
     let (title, sentence, figures) = match input.reason {
         NoPlanReason::NoPlan(NoPlan::NothingMeasured { candidates, .. }) => (
             "No plan is possible",
-            "None of the viewpoints that were considered measures anything worth a view: see below what became of them."
-                .to_owned(),
+            "None of the viewpoints considered measures enough to be worth a view; the reasons are given below.".to_owned(),
             vec![
                 Figure::new(number(candidates.generated as f64, 0), "viewpoints considered"),
                 Figure::new(number(candidates.kept as f64, 0), "of them usable"),
@@ -306,7 +305,7 @@ fn dropped(candidates: &CandidateCounts) -> String {
         format!("<tr><td><b>{name}</b> <code>{code}</code></td><td class=\"n\">{count}</td></tr>\n")
     };
     let reasons = candidates.rejected.iter().map(|(reason, count)| row(&words::rejection_name(*reason), reason.as_str(), *count));
-    let rows: String = reasons.chain([row("Usable, but they measure nothing worth a view", "kept", candidates.kept)]).collect();
+    let rows: String = reasons.chain([row("Usable, but not worth a view", "kept", candidates.kept)]).collect();
     format!(
         "<h3>What became of the viewpoints</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>{} viewpoints considered</th>\
          <th class=\"n\">Number</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n",
@@ -362,9 +361,9 @@ fn in_the_way(
     let legend = [Ink::Body(BodyRole::Part), Ink::Body(BodyRole::Other)];
     let legend: String = legend.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();
     Ok(format!(
-        "<section class=\"blocked\">\n<h2>What is in the way</h2>\n<p>The pairs of bodies that keep the cell from most viewpoints, each at \
-         one of these viewpoints, from both sides of the table. The two shine through what hides them; a ring marks where they \
-         meet. The arm is drawn as the capsules that collisions are tested with.</p>\n{figures}<ul class=\"legend\">{legend}</ul>\n\
+        "<section class=\"blocked\">\n<h2>What is in the way</h2>\n<p>The pairs of bodies that block most viewpoints, each at one of these \
+         viewpoints, from both sides of the table. The two bodies show through whatever hides them; a ring marks where they \
+         meet. The arm is drawn as the capsules that are used to check collisions.</p>\n{figures}<ul class=\"legend\">{legend}</ul>\n\
          </section>\n"
     ))
 }
@@ -467,10 +466,13 @@ mod tests {
             step_of(NoPlanReason::NoPlan(&finding))
         };
         let hidden = step(vec![(Cause::HiddenByCell, 59.0), (Cause::Collision, 11.0)]);
-        assert_eq!(hidden, "move or lower what stands in the cell (guard): it hides 59 % of the asked area", "not the pedestal");
+        assert_eq!(
+            hidden, "move or lower what stands in the cell (guard), which hides 59 % of the asked area",
+            "not the pedestal"
+        );
         let resting_first = step(vec![(Cause::ExcludedResting, 60.0), (Cause::Collision, 40.0)]);
         assert_eq!(resting_first, "forearm and guard: move guard, or the table away from it");
-        assert!(step(vec![(Cause::Unreachable, 70.0)]).starts_with("set the table nearer to the robot"));
+        assert!(step(vec![(Cause::Unreachable, 70.0)]).starts_with("move the table or the part closer to the robot"));
         let refused = |fault: &str| step_of(NoPlanReason::PartRefused(&[fault.to_owned()]));
         assert_eq!(refused("is 121000 mm wide; allowed is 150 times: is this the right unit?"), "check the unit of the file");
         assert!(refused("hangs over the plate").contains("plan it in pieces"));

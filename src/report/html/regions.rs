@@ -20,15 +20,15 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let rows: Vec<String> = regions.iter().map(|region| row(region, coverage.is_of_open)).collect();
     let of_open = match coverage.is_of_open {
         true => {
-            "<p><b>Asked of each region is what earlier scans left open of it.</b> A target is one for the whole region, so none is \
-                 judged here.</p>\n"
+            "<p><b>The asked area of each region is what earlier scans left open.</b> A target applies to the whole region, so \
+                 none is judged here.</p>\n"
         }
         false => "",
     };
     format!(
         "<section>\n<h2>Regions and features</h2>\n{}{of_open}<p>Shares are of the asked area of each region; only what meets its \
-         requirements counts as measured. A target that is met on the samples that views were chosen on, and missed on others by more \
-         than the standard error of their share, is not confirmed.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
+         requirements counts as measured. A target is not confirmed if it is met on the samples that views were chosen on, but missed on \
+         other samples by more than the standard error of their share.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
          <th class=\"n\">Area</th><th class=\"n\">Samples</th><th class=\"n\">Target</th><th class=\"n\">Reached</th><th>Verdict</th>\
          <th>What is missed, and why</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n</section>\n",
         notice(regions),
@@ -82,7 +82,7 @@ fn row(region: &RegionCoverage, is_of_open: bool) -> String {
         region.target.map_or_else(|| "—".to_owned(), percent),
         reached,
         on_other_samples(region),
-        if is_nothing_open { escape("earlier scans left nothing of it open") } else { misses(region) }
+        if is_nothing_open { escape("earlier scans left none of it open") } else { misses(region) }
     )
 }
 
@@ -167,7 +167,7 @@ mod tests {
     fn a_region_of_which_nothing_is_left_open_is_met() {
         let done = RegionCoverage { samples: 0, asked_area_mm2: 0.0, measured_area_mm2: 0.0, target: None, ..region() };
         let told = row(&done, true);
-        assert!(told.contains("<td>Met</td><td>earlier scans left nothing of it open</td>"), "{told}");
+        assert!(told.contains("<td>Met</td><td>earlier scans left none of it open</td>"), "{told}");
         assert!(!told.contains("0.00\u{a0}%"), "no share of nothing: {told}");
     }
 }

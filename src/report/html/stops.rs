@@ -68,7 +68,7 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, ctx: &Context<
     let inks = GRADES.into_iter().chain([Ink::ByOthers]).chain(unmeasured(input, Ink::of_grade));
     Ok(format!(
         "<section>\n<h2>{}</h2>\n<p>Each picture shows the part from the viewpoint itself, with the scanner’s baseline horizontal, \
-         coloured by what this view measures; grey is measured by other views. The dashed line is the field that both cameras and \
+         coloured by what this view measures; grey surface is measured by other views. The dashed line is the field that both cameras and \
          the projector share at best focus. {}{}</p>\n{program}{}{body}</section>\n",
         if ordered { "Stops in the robot’s order" } else { "The chosen views" },
         how_to_read(ordered),
@@ -85,8 +85,8 @@ fn ink_name(ink: Ink) -> &'static str {
 /// Says what the times of the stops are, and on a screen how to open one.
 fn how_to_read(ordered: bool) -> &'static str {
     if ordered {
-        "Times are the plan’s, from the start of the setup, with arm and table moving together; where a controller moves them in turn \
-         it takes longer. <span class=\"screen\">Click a stop to see its pose and joints.</span>"
+        "Times are those of the plan, from the start of the setup, with arm and table moving together; a controller that moves them \
+         in turn takes longer. <span class=\"screen\">Click a stop to see its pose and joints.</span>"
     } else {
         "<span class=\"screen\">Click a view to see its pose.</span>"
     }

@@ -50,8 +50,8 @@ fn bounds(input: &ReportInput<'_>) -> String {
     let proved = proved(bound, plan.executed_views() == plan.views.len()) + grades_held(&plan.params);
     let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
         format!(
-            " Of the samples that views are chosen on, no choice of as many views measures more than {} more of the asked area: at most \
-             {} in all.",
+            " On the samples that views are chosen on, no choice of the same number of views measures more than another {} of the \
+             asked area: up to {} in total.",
             percent(gap),
             percent(upper)
         )
@@ -62,7 +62,7 @@ fn bounds(input: &ReportInput<'_>) -> String {
 /// Says that a bound is one of choices that hold the grades too; empty where the plan does not have to.
 fn grades_held(params: &PlanParams) -> &'static str {
     if holds_grades(params) {
-        " As much means at each grade too (selection.max_grade_loss): fewer views may reach the target with worse grades."
+        " The bound also keeps the area at each grade (selection.max_grade_loss): fewer views may reach the target with worse grades."
     } else {
         ""
     }
@@ -73,22 +73,26 @@ fn proved(bound: &Bound, have_all_a_path: bool) -> String {
     let views = counted(bound.views_lower as usize, "view");
     match (bound.gap, have_all_a_path) {
         (0, true) => {
-            format!("No choice from the same viewpoints reaches as much with fewer than {views}: the number is proven best.")
+            format!(
+                "No choice of fewer than {views} from the same viewpoints reaches this coverage: the number is proven optimal."
+            )
         }
         (0, false) => format!(
-            "No choice from the same viewpoints measures with fewer than {views} what the chosen views do, those without a path among \
-             them: the number is proven best."
+            "No choice of fewer than {views} from the same viewpoints measures what the chosen views do, including those without a \
+             path: the number is proven optimal."
         ),
-        (gap, true) => format!("At least {views} of the viewpoints considered are needed for as much; the plan has {gap} more."),
+        (gap, true) => {
+            format!("At least {views} from the viewpoints considered are needed for this coverage; the plan has {gap} more.")
+        }
         (gap, false) => format!(
-            "At least {views} of the viewpoints considered are needed for what the chosen views measure, those without a path among \
-             them; {gap} more were chosen."
+            "At least {views} from the viewpoints considered are needed for what the chosen views measure, including those without a \
+             path; {gap} more were chosen."
         ),
     }
 }
 
 /// Words in place of a bound of the cycle where the tour is empty.
-const NO_ORDER: &str = "<p>No view is carried out, so there is no order, and no cycle, to judge.</p>\n";
+const NO_ORDER: &str = "<p>No view is executed, so there is no order and no cycle to judge.</p>\n";
 
 /// Bound of the cycle; empty without a cell.
 fn order(input: &ReportInput<'_>) -> String {
@@ -104,9 +108,9 @@ fn order(input: &ReportInput<'_>) -> String {
     let lower_secs: f64 = plan.sequences().map(|sequence| sequence.moving_lower_secs).sum();
     let claim = order_claim(moving_secs, lower_secs).map_or_else(String::new, |claim| format!(": {claim}"));
     format!(
-        "<p>The order was found with {} of motion; the lower bound over the stations and moves considered is {}. Stations were then \
-         shifted in table angle and roll, which leaves {}; the lower bound for them in any order, with straight moves, is {}{claim}. \
-         Every move was checked for collisions along its whole length.</p>\n",
+        "<p>The order as first found takes {} of motion; the lower bound over the stations and moves considered is {}. Stations \
+         were then shifted in table angle and roll, after which the motion takes {}; the lower bound for these stations in any \
+         order, with straight moves, is {}{claim}. Every move was checked for collisions along its whole length.</p>\n",
         sum(|sequence| sequence.ordered_secs),
         sum(|sequence| sequence.lower_bound_secs),
         duration(moving_secs),
@@ -211,10 +215,10 @@ mod tests {
         let told = |gap: u32, have_all_a_path: bool| {
             proved(&Bound { views_lower: 3, gap, of_asked_upper: None, gap_of_asked: None }, have_all_a_path)
         };
-        assert!(told(0, true).starts_with("No choice from the same viewpoints reaches as much with fewer than 3 views:"));
+        assert!(told(0, true).starts_with("No choice of fewer than 3 views from the same viewpoints reaches this coverage:"));
         for gap in [0, 2] {
             let told = told(gap, false);
-            assert!(told.contains("those without a path among them") && !told.contains("as much"), "{told}");
+            assert!(told.contains("including those without a path") && !told.contains("this coverage"), "{told}");
         }
         assert!(told(2, true).ends_with("the plan has 2 more."), "{}", told(2, true));
     }

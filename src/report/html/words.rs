@@ -37,9 +37,9 @@ pub(super) fn risk_name(reason: RiskReason) -> String {
 pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams) -> String {
     match cause {
         Cause::ExcludedResting => {
-            "This surface lies on the turntable. It can be measured only with the part placed another way.".into()
+            "This surface lies on the turntable. It can be measured only if the part is placed differently.".into()
         }
-        Cause::Enclosed => "No straight line leads from the surface out of the part: no scanner can see it from outside.".into(),
+        Cause::Enclosed => "No straight line leads out of the part from this surface, so no scanner can see it from outside.".into(),
         Cause::FacesTable => {
             "The surface can be seen only from below the turntable. Turn the part over, and plan two setups (setups = 2).".into()
         }
@@ -71,13 +71,13 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
             number(params.motion.clearance_mm, 1)
         ),
         Cause::HiddenByCell => {
-            "Something that stands in the cell comes between the surface and a device at every table angle from which the \
-             viewpoints that would measure it can be taken."
+            "At every table angle at which the viewpoints that would measure it can be reached, an obstacle in the cell hides the \
+             surface from a camera or from the projector."
                 .into()
         }
-        Cause::NoPath => "Viewpoints would measure it, but no collision-free path to them was found.".into(),
+        Cause::NoPath => "Some viewpoints would measure it, but no collision-free path to them was found.".into(),
         Cause::NotChosen => "A viewpoint that was considered measures it, but the selection ended before choosing it.".into(),
-        Cause::AtRisk => "A view measures it in the simulation, but a real scan may lack it, and it was asked not to count \
+        Cause::AtRisk => "A view measures it in the simulation, but a real scan may miss it, so it does not count as measured \
              (realism.count_at_risk = false)."
             .into(),
     }

@@ -155,7 +155,7 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         .map(|loss| format!("{} {}", percent(loss.of_asked), loss.cause.as_str().replace('_', " ")))
         .collect();
     if !named.is_empty() {
-        text += &format!(" Planned and lost are {}: {}", percent(coverage.lost_of_asked), named.join(", "));
+        text += &format!(" Planned but not measured: {} ({})", percent(coverage.lost_of_asked), named.join(", "));
         text += if document.losses.len() > named.len() { ", and smaller losses." } else { "." };
     }
     if coverage.gained_of_asked > 0.0 {

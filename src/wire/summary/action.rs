@@ -68,7 +68,7 @@ fn meets_targets(verdict: PlanVerdict) -> bool {
 /// A higher target for views that are chosen for pose errors too and miss theirs; `None` for any other plan.
 fn higher_target(plan: &Plan) -> Option<SummaryAction> {
     let set = raised_target(plan)?;
-    let text = format!("choose views up to a higher target: {}; effect not estimated", options(&set));
+    let text = format!("raise the target, so that more views are chosen: {}; effect not estimated", options(&set));
     Some(without_estimate(plan, set, text))
 }
 
@@ -104,9 +104,10 @@ fn robust(plan: &Plan) -> Option<SummaryAction> {
     // Neither given nor that of a calibration: the error of no cell.
     let is_default = RobustParams::default().pose_error == Some(error);
     let or_own =
-        if is_default { "; or give the cell's own error in place of the default: --set robust.pose_error=…" } else { "" };
+        if is_default { "; or set the cell's own error in place of the default: --set robust.pose_error=…" } else { "" };
     let text = format!(
-        "choose the views for pose errors of {}° and {} mm too (costliest: {}, {} points): {}; effect not estimated{or_own}",
+        "choose views that tolerate pose errors of {}° and {} mm (costliest: {}, {} percentage points): {}; effect not \
+         estimated{or_own}",
         error.angle_deg,
         error.translation_mm,
         costliest.kind,
@@ -153,7 +154,7 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
     };
     // Every other fix says how many views it adds.
     let is_setup = group.fix == Some(RemedyKind::Setup);
-    let views = is_setup.then(|| format!("at most +{}", counted(group.added_views, "view")));
+    let views = is_setup.then(|| format!("up to +{}", counted(group.added_views, "view")));
     action.text = action.sentence(&group.fix_text, views);
     action
 }
@@ -164,7 +165,7 @@ impl SummaryAction {
     fn sentence(&self, what: &str, views: Option<String>) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
         let [from, to] = percents_apart([self.from_of_asked, self.to_of_asked]);
-        let effect = if from == to { format!("{from} % of asked, as now") } else { format!("{from} → {to} % of asked") };
+        let effect = if from == to { format!("{from} % of asked, unchanged") } else { format!("{from} → {to} % of asked") };
         let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {}", cycle_change(secs)));
         let views = views.map_or_else(String::new, |views| format!(", {views}"));
         format!("{what}{command}; estimated effect: {effect}{views}{cycle}")

@@ -74,7 +74,7 @@ impl ProgramCycle {
         match &self.command {
             Some(command) => Some(format!("{program}, which moves table and arm in turn; to plan for that: {command}")),
             None if planned_secs.is_some_and(|planned_secs| (self.cycle_secs - planned_secs).abs() >= ALIKE_SECS) => {
-                Some(format!("{program}, whose speeds are whole percents"))
+                Some(format!("{program}, whose speeds are set in whole percent"))
             }
             None => None,
         }
@@ -94,14 +94,14 @@ pub(super) fn text(plan: &Plan, motion: &MotionDocument) -> String {
     let [cycle, moving] = [motion.cycle_secs, motion.moving_secs].map(|secs| fixed(secs, 1));
     let visits = plan.visits().count();
     if visits == 0 {
-        return "No cycle: no view is carried out".to_owned();
+        return "No cycle: no view is executed".to_owned();
     }
     let [each, settling] = [scan.settle_secs + scan.capture_secs, scan.settle_secs].map(|secs| (secs * 100.0).round() / 100.0);
     let again = match plan.captures() - visits {
         0 => String::new(),
         again => format!(" + {again} × {} s for second captures", (scan.capture_secs * 100.0).round() / 100.0),
     };
-    let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of it settling)") } else { String::new() };
+    let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of each is settling)") } else { String::new() };
     let order = order_claim(motion.moving_secs, motion.moving_secs_lower).map_or_else(String::new, |claim| format!("; {claim}"));
     let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
     format!(

@@ -376,8 +376,8 @@ fn a_cycle_is_the_sum_of_its_parts() {
     assert_eq!(
         summary.cycle_text.as_deref(),
         Some(
-            "Cycle 31.2 s = 23.4 s moving (table turning for 3.5 s of it) + 6 × 1.3 s scanning (0.3 s of it settling); order \
-             proven optimal for its stations"
+            "Cycle 31.2 s = 23.4 s moving (table turning for 3.5 s of it) + 6 × 1.3 s scanning (0.3 s of each is settling); \
+             order proven optimal for its stations"
         )
     );
     let (cycle_secs, parts) = (summary.cycle_secs.expect("a cell"), summary.cycle_parts.expect("a cell"));
@@ -390,7 +390,7 @@ fn a_cycle_is_the_sum_of_its_parts() {
     assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
     assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
     // Speeds that are rounded down to whole percents take longer too, and the table has no part in that.
-    let told = "; 33.9 s as the robot's own program (hans), whose speeds are whole percents";
+    let told = "; 33.9 s as the robot's own program (hans), whose speeds are set in whole percent";
     assert_eq!(program(33.9).cycle_text, summary.cycle_text.clone().map(|text| text + told));
     // A file that needs work before its first run says so; one that runs as it is says nothing.
     let work = Dialect::Urscript.before_first_run().map(str::to_owned);
@@ -434,7 +434,7 @@ fn a_tour_without_views_has_no_cycle_to_tell() {
     let mut none = plan(10, 10, 0.0);
     none.setups[0].sequence =
         Some(Sequence { visits: Vec::new(), return_home, ordered_secs: 0.0, lower_bound_secs: 0.0, moving_lower_secs: 0.0 });
-    assert_eq!(Summary::of(&none).cycle_text.as_deref(), Some("No cycle: no view is carried out"));
+    assert_eq!(Summary::of(&none).cycle_text.as_deref(), Some("No cycle: no view is executed"));
 }
 
 #[test]
@@ -690,12 +690,12 @@ fn a_fragile_plan_is_told_which_error_costs_most_and_to_give_that_of_the_cell_wh
         plan.coverage.robust = Some(Robust { pose_error, views, part, hand_eye });
         Summary::of(&plan).action.expect("an action").text
     };
-    let choose = "mm too (costliest: the part as a whole, 10.60 points): --set robust.select=true; effect not estimated";
-    assert_eq!(told(0.5), format!("choose the views for pose errors of 0.5° and 1 {choose}"));
+    let choose = "mm (costliest: the part as a whole, 10.60 percentage points): --set robust.select=true; effect not estimated";
+    assert_eq!(told(0.5), format!("choose views that tolerate pose errors of 0.5° and 1 {choose}"));
     assert_eq!(
         told(1.0),
         format!(
-            "choose the views for pose errors of 1° and 1 {choose}; or give the cell's own error in place of the default: \
+            "choose views that tolerate pose errors of 1° and 1 {choose}; or set the cell's own error in place of the default: \
              --set robust.pose_error=…"
         )
     );
@@ -714,7 +714,10 @@ fn of_what_is_missed_and_what_pose_errors_cost_the_larger_loss_is_told_first() {
     };
     let (verdict, told, action) = verdict_at(0.742);
     assert_eq!(verdict, PlanVerdict::PartlyMeasured);
-    assert!(told.contains("errors of 1° and 1 mm cost 5.00 points of the asked area in the worst draw"), "{told}");
+    assert!(
+        told.contains("pose errors of 1° and 1 mm cost 5.00 percentage points of the asked area in the worst draw"),
+        "{told}"
+    );
     assert!(action.starts_with("turn it upside down"), "{action}");
     let (verdict, told, action) = verdict_at(0.5);
     assert_eq!(verdict, PlanVerdict::Fragile);
@@ -736,7 +739,7 @@ fn best_coverage_that_misses_more_than_pose_errors_cost_says_so() {
     let summary = Summary::of(&best);
     assert_eq!(summary.verdict, PlanVerdict::BestCoverage);
     assert!(summary.title.starts_with("Can be scanned, but 44.00 % of what was asked is not measured"), "{}", summary.title);
-    let told = "; errors of 1° and 1 mm cost 1.42 points of the asked area in the worst draw";
+    let told = "; pose errors of 1° and 1 mm cost 1.42 percentage points of the asked area in the worst draw";
     assert!(summary.verdict_text.ends_with(told), "{}", summary.verdict_text);
     assert!(summary.action.is_some_and(|action| action.text.starts_with("turn it upside down")));
 }
@@ -748,11 +751,11 @@ fn views_chosen_for_pose_errors_that_miss_the_target_are_not_said_to_have_no_fur
     let summary = Summary::of(&plan);
     assert_eq!(
         summary.verdict_text,
-        "Target missed: 98.00 % of coverable, target 98.50 %: views were chosen for what they measure under pose errors too, and on \
-         those samples they reach it (a higher one takes more views: --set selection.target=0.99)"
+        "Target missed: 98.00 % of coverable, target 98.50 %: views were chosen to tolerate pose errors, and on the samples \
+         of that choice they reach it (a higher target adds views: --set selection.target=0.99)"
     );
     let action = summary.action.expect("an action").text;
-    assert_eq!(action, "choose views up to a higher target: --set selection.target=0.99; effect not estimated");
+    assert_eq!(action, "raise the target, so that more views are chosen: --set selection.target=0.99; effect not estimated");
     plan.missed = vec![missed(Cause::NotChosen, vec![Some(remedy(RemedyKind::View, 0.2, &[4]))])];
     assert_eq!(group_of(&plan).command().as_deref(), Some("--set selection.target=0.99"));
 }
@@ -871,6 +874,6 @@ fn an_action_of_little_effect_is_told_with_the_digits_that_show_it() {
         text.split_once("; estimated effect: ").expect("an effect").1.to_owned()
     };
     assert_eq!(action(504.2, None), "50.40 → 50.42 % of asked, +2 views");
-    assert_eq!(action(504.0, None), "50.4 % of asked, as now, +2 views");
+    assert_eq!(action(504.0, None), "50.4 % of asked, unchanged, +2 views");
     assert_eq!(action(979.0, Some(9.0)), "50.4 → 97.9 % of asked, +2 views, the same cycle time");
 }

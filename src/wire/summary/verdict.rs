@@ -197,13 +197,13 @@ fn reason(plan: &Plan) -> String {
         },
         StopReason::NoPath => no_path(plan).unwrap_or_else(|| "no collision-free path was found to some candidates".to_owned()),
         StopReason::Target if plan.params.robust.select => {
-            let higher = raised_target(plan)
-                .map_or_else(String::new, |set| format!(" (a higher one takes more views: {})", options(&set)));
-            format!("views were chosen for what they measure under pose errors too, and on those samples they reach it{higher}")
+            let higher =
+                raised_target(plan).map_or_else(String::new, |set| format!(" (a higher target adds views: {})", options(&set)));
+            format!("views were chosen to tolerate pose errors, and on the samples of that choice they reach it{higher}")
         }
         StopReason::Target | StopReason::NoGain | StopReason::RegionsUnmet => {
             let overlaps = selection.overlap != OverlapParams::default();
-            let overlapping = if overlaps { " and overlaps the others as selection.overlap asks" } else { "" };
+            let overlapping = if overlaps { " and overlaps the others as selection.overlap requires" } else { "" };
             format!("no further view adds anything worth its cost{overlapping}")
         }
     }
@@ -239,7 +239,7 @@ fn fragile_clause(plan: &Plan) -> String {
 fn fragile(plan: &Plan) -> String {
     plan.coverage.robust.as_ref().map_or_else(String::new, |robust| {
         format!(
-            "errors of {}° and {} mm cost {} points of the asked area in the worst draw",
+            "pose errors of {}° and {} mm cost {} percentage points of the asked area in the worst draw",
             robust.pose_error.angle_deg,
             robust.pose_error.translation_mm,
             fixed(100.0 * robust.worst_loss(), 2)

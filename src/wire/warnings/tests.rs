@@ -94,8 +94,8 @@ fn an_unmet_region_is_named_at_its_target_with_its_causes() {
     assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::RegionUnmet, "/params/regions/features/0/target"));
     assert_eq!(
         found[0].detail,
-        "is 0.95, and 0.00 % of the 900.0 mm² of \"bore\" are measured; missed: below_grade 850.0 mm² (tolerance beyond the \
-         scanner's noise; the finest that it can serve is 0.156 mm), shadow_left 50.0 mm²"
+        "is 0.95, but 0.00 % of the 900.0 mm² of \"bore\" is measured; missed: below_grade 850.0 mm² (tolerance too fine for the \
+         scanner's noise; the finest that this noise allows is 0.156 mm), shadow_left 50.0 mm²"
     );
     assert!(found[0].remedy.contains("regions.noise.budget"), "{}", found[0].remedy);
 }
@@ -129,11 +129,11 @@ fn a_region_that_other_samples_refute_is_warned_of_and_is_not_unmet() {
 fn a_shortfall_names_causes_by_area_and_says_where_noise_is_a_part_of_it() {
     let partly = RegionCoverage { beyond_noise_area_mm2: 12.0, ..feature() };
     let told = shortfall(&partly).unwrap_or_default();
-    assert!(told.starts_with("below_grade 850.0 mm² (tolerance beyond the scanner's noise on 12.0 mm²;"), "{told}");
+    assert!(told.starts_with("below_grade 850.0 mm² (tolerance too fine for the scanner's noise on 12.0 mm²;"), "{told}");
     let without_noise = RegionCoverage { beyond_noise_area_mm2: 0.0, ..feature() };
     assert_eq!(shortfall(&without_noise).as_deref(), Some("below_grade 850.0 mm², shadow_left 50.0 mm²"));
     let empty = RegionCoverage { samples: 0, asked_area_mm2: 0.0, missed_mm2: Vec::new(), ..feature() };
-    assert_eq!(shortfall(&empty).as_deref(), Some("it holds none of the asked surface"));
+    assert_eq!(shortfall(&empty).as_deref(), Some("it contains none of the asked surface"));
     assert_eq!(shortfall(&RegionCoverage { target: None, ..feature() }), None);
     assert_eq!(shortfall(&RegionCoverage { measured_area_mm2: 860.0, ..feature() }), None);
 }
@@ -157,8 +157,8 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
     assert_eq!(
         found.detail,
-        "is false, and an error of the part as a whole by 1° and 1 mm costs 2.31 points of coverage in the worst of 5 draws: 94.79 % of \
-         the asked area instead of 97.10 %; a plan that tolerates it loses at most 1.0"
+        "is false, and an error of the part as a whole by 1° and 1 mm costs 2.31 percentage points of coverage in the worst of 5 \
+         draws: 94.79 % of the asked area instead of 97.10 %; a plan that tolerates it loses no more than 1.0 points"
     );
     assert!(found.remedy.contains("robust.select = true"), "{}", found.remedy);
     params.robust.select = true;
@@ -181,7 +181,7 @@ fn a_home_that_is_free_only_without_the_clearance_is_warned_of() {
     let scene = CollisionScene::without_part(&cell, 400.0);
     let warning = home_too_close(&cell, &scene, 400.0, "/cell").expect("nothing is that far apart");
     assert_eq!((warning.code.as_str(), warning.pointer.as_str()), ("home_too_close", "/cell/home_deg"));
-    assert!(warning.detail.contains(" and ") && warning.detail.contains("closer than 400 mm"), "{}", warning.detail);
+    assert!(warning.detail.contains(" and ") && warning.detail.contains("closer together than 400 mm"), "{}", warning.detail);
 }
 
 /// The cell was sound, and its plans drove the scanner through the forearm.

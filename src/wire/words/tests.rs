@@ -90,7 +90,10 @@ fn what_is_not_zero_is_not_told_as_zero() {
         expected_error_mm: Some(0.000_031),
     };
     let told = stability_sentence(&stability);
-    assert!(told.ends_with("resistance 0.00040 (at least 0.01 needed), error by noise alone 0.031 µm (1 σ)"), "{told}");
+    assert!(
+        told.ends_with("resistance 0.00040 (at least 0.01 needed), expected error from noise alone 0.031 µm (1 σ)"),
+        "{told}"
+    );
     let reason = RiskReasonDocument { reason: "frame_margin".to_owned(), area_mm2: 0.5, of_visible: 0.000_05 - 1e-6 };
     let at_risk = AtRiskDocument { area_mm2: 0.5, of_asked: 0.1, of_visible: 0.1, counted: true, reasons: vec![reason] };
     assert!(at_risk_sentence(&at_risk).ends_with("counted as measured: frame margin 0.0049 %"), "{}", at_risk_sentence(&at_risk));
@@ -136,8 +139,8 @@ fn no_plan_names_what_became_of_candidates_and_the_largest_causes() {
     };
     assert_eq!(
         no_plan_sentence(&nothing_measured(candidates, 100.0, missed_mm2)),
-        "3 of 30 candidates can be used (dropped: below the plate 20, out of the robot's reach 7), but none measures anything \
-         worth a view; area missed by cause: outside the working depth (50 %), faces away (30 %), hidden from the left camera (15 %)"
+        "3 of 30 candidates can be used (dropped: below the plate 20, out of the robot's reach 7), but none measures enough \
+         to be worth a view; area missed by cause: outside the working depth (50 %), faces away (30 %), hidden from the left camera (15 %)"
     );
     let candidates = CandidateCounts { generated: 300, kept: 0, rejected: [(Rejection::MeasuresNothing, 300)].into() };
     assert_eq!(
@@ -148,7 +151,7 @@ fn no_plan_names_what_became_of_candidates_and_the_largest_causes() {
     let candidates = CandidateCounts { generated: 2, kept: 2, ..CandidateCounts::default() };
     assert_eq!(
         no_plan_sentence(&nothing_measured(candidates, 9.0, vec![(Cause::Facing, 9.0)])),
-        "2 of 2 candidates can be used, but none measures anything worth a view; area missed by cause: faces away (100 %)"
+        "2 of 2 candidates can be used, but none measures enough to be worth a view; area missed by cause: faces away (100 %)"
     );
     assert_eq!(no_plan_sentence(&NoPlan::NothingInStudy), "no candidate measures anything; check the part's unit and size");
 }
@@ -232,7 +235,7 @@ fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
 fn turns_are_told_in_an_operator_s_words() {
     let turn = |kind, side, deg: f64| Turn { kind, side, angle_rad: deg.to_radians() };
     for (turn, asked, lies) in [
-        (turn(TurnKind::None, PartSide::Right, 0.0), "lay it as it lies", "on the same side as in setup 1"),
+        (turn(TurnKind::None, PartSide::Right, 0.0), "leave it as it lies", "on the same side as in setup 1"),
         (turn(TurnKind::UpsideDown, PartSide::Back, 180.0), "turn it upside down", "upside down"),
         (turn(TurnKind::OnSide, PartSide::Right, 90.0), "stand it on its right side", "on its right side"),
         (turn(TurnKind::OnSide, PartSide::Back, 90.0), "stand it on its back", "on its back"),
@@ -256,7 +259,7 @@ fn the_first_setup_is_told_against_the_pose_of_the_job() {
         Pose::from_parts(nalgebra::Vector3::new(1.0, 2.0, 3.0), turn)
     };
     assert_eq!((first_lie(None, &turned(0.0)), first_lie(Some(&PoseSpec::from(&turned(90.0))), &turned(90.0))), (None, None));
-    let over = "upside down from how it is placed (part.table_from_part)";
+    let over = "upside down relative to its placement (part.table_from_part)";
     assert_eq!(first_lie(None, &turned(180.0)).as_deref(), Some(over));
 }
 
