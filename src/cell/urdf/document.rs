@@ -7,7 +7,7 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use roxmltree::{Document, Node, ParsingOptions};
 
-use super::{MM_OF_METRE, UrdfError};
+use super::{JointKind, MM_OF_METRE, UrdfError};
 
 /// Max number of nodes of a document. The largest arms of ROS-Industrial have about two thousand.
 const MAX_NODES: u32 = 1_000_000;
@@ -54,43 +54,6 @@ pub(super) enum Geometry {
     Sphere { radius: f64 },
     /// Mesh in a file of its own.
     Mesh { file: String, scale: [f64; 3] },
-}
-
-/// Motion that a joint allows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum JointKind {
-    /// A turn between two limits.
-    Revolute,
-    /// A turn without end.
-    Continuous,
-    /// A shift.
-    Prismatic,
-    /// None.
-    Fixed,
-    /// All six freedoms.
-    Floating,
-    /// A plane.
-    Planar,
-    /// Every turn about a point.
-    Spherical,
-}
-
-/// Names of the kinds in a document.
-const JOINT_KINDS: [(&str, JointKind); 7] = [
-    ("revolute", JointKind::Revolute),
-    ("continuous", JointKind::Continuous),
-    ("prismatic", JointKind::Prismatic),
-    ("fixed", JointKind::Fixed),
-    ("floating", JointKind::Floating),
-    ("planar", JointKind::Planar),
-    ("spherical", JointKind::Spherical),
-];
-
-impl JointKind {
-    /// Name in a document.
-    pub(super) fn name(self) -> &'static str {
-        JOINT_KINDS.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
-    }
 }
 
 /// Joint between two links.
@@ -177,10 +140,8 @@ fn geometry(collision: Node<'_, '_>) -> Result<Geometry, UrdfError> {
 
 fn joint(node: Node<'_, '_>, version: Version) -> Result<JointElement, UrdfError> {
     let kind = text(node, "type")?;
-    let known = JOINT_KINDS.iter().find(|(name, _)| *name == kind);
-    let (_, kind) = known.ok_or_else(|| {
-        let kinds = JOINT_KINDS.map(|(name, _)| name).join(", ");
-        unreadable(node, &format!("has the type {kind:?}; allowed are {kinds}"))
+    let kind = JointKind::ALL.into_iter().find(|known| known.as_str() == kind).ok_or_else(|| {
+        unreadable(node, &format!("has the type {kind:?}; allowed are {}", JointKind::ALL.map(JointKind::as_str).join(", ")))
     })?;
     let linked =
         |name| element(node, name).ok_or_else(|| unreadable(node, &format!("has no {name}"))).and_then(|node| text(node, "link"));
@@ -195,7 +156,7 @@ fn joint(node: Node<'_, '_>, version: Version) -> Result<JointElement, UrdfError
     };
     Ok(JointElement {
         name: text(node, "name")?,
-        kind: *kind,
+        kind,
         parent_from_joint: origin(node, version)?,
         parent: linked("parent")?,
         child: linked("child")?,

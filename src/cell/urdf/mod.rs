@@ -13,13 +13,14 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::axis::AxisSpec;
+use super::closed_list;
 use super::dialect::Dialect;
 use super::kinematics::{ChainJointSpec, ChainSpec, KinematicsSpec};
 use super::pose_spec::PoseSpec;
 use super::robot::{LinkSpec, RobotSpec};
 use crate::geometry::{Mesh, Pose};
 use capsules::{Capsule, around};
-use document::{Geometry, JointElement, JointKind, LinkElement};
+use document::{Geometry, JointElement, LinkElement};
 
 const MM_OF_METRE: f64 = 1000.0;
 /// Names that the last link of an arm commonly has, the first preferred.
@@ -91,6 +92,26 @@ pub struct LinkSurface {
     pub mesh: Mesh,
 }
 
+closed_list! {
+    /// Motion that a joint allows.
+    pub enum JointKind {
+        /// A turn between two limits.
+        Revolute = "revolute",
+        /// A turn without end.
+        Continuous = "continuous",
+        /// A shift.
+        Prismatic = "prismatic",
+        /// None.
+        Fixed = "fixed",
+        /// All six freedoms.
+        Floating = "floating",
+        /// A plane.
+        Planar = "planar",
+        /// Every turn about a point.
+        Spherical = "spherical",
+    }
+}
+
 /// Reason why a URDF gives no robot.
 #[derive(Debug, thiserror::Error)]
 pub enum UrdfError {
@@ -117,12 +138,12 @@ pub enum UrdfError {
         ends: Vec<String>,
     },
     /// A joint of another kind.
-    #[error("joint {joint:?} between {base:?} and {tip:?} is {kind}; allowed are revolute, continuous and fixed ones")]
+    #[error("joint {joint:?} between {base:?} and {tip:?} is {}; allowed are revolute, continuous and fixed ones", kind.as_str())]
     JointKind {
         /// Its name.
         joint: String,
         /// Kind of the joint.
-        kind: String,
+        kind: JointKind,
         /// First link of the chain.
         base: String,
         /// Last link of the chain.
@@ -448,7 +469,7 @@ fn chain<'a>(arm: &Arm<'a>) -> Result<(ChainSpec, Vec<&'a JointElement>), UrdfEr
                 at = Isometry3::identity();
             }
             kind @ (JointKind::Prismatic | JointKind::Floating | JointKind::Planar | JointKind::Spherical) => {
-                let (joint, kind) = (joint.name.clone(), kind.name().to_owned());
+                let joint = joint.name.clone();
                 return Err(UrdfError::JointKind { joint, kind, base: base.to_owned(), tip: tip.to_owned() });
             }
         }

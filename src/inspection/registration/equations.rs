@@ -194,8 +194,8 @@ fn pseudo_inverse(matrix: &Matrix6<f64>) -> Option<Matrix6<f64>> {
 
 /// Covariance of a part that is known to lie within so many millimetres, whatever the observations leave open.
 fn bounded_inverse(matrix: &Matrix6<f64>, reach_mm: f64) -> Option<Matrix6<f64>> {
-    let most = reach_mm * reach_mm;
-    inverse_by(matrix, |value, _| if value * most > 1.0 { 1.0 / value } else { most })
+    let open_mm2 = reach_mm * reach_mm;
+    inverse_by(matrix, |value, _| if value * open_mm2 > 1.0 { 1.0 / value } else { open_mm2 })
 }
 
 /// Matrix of the same axes with these values in place of the eigenvalues, of which `of` is given the largest too; rotations are measured
