@@ -208,6 +208,49 @@ fn text_is_read_in_every_style() {
     assert_eq!((error.position(), error.code()), (Some(Position::Line(60_000)), "cloud_syntax"), "{error}");
 }
 
+/// A comment such as `# columns: x y z r g b` once moved every coordinate by a column, and the points were read from the wrong ones.
+#[test]
+fn a_comment_that_says_more_than_names_moves_no_column() {
+    let wanted = [[1.0_f32, 2.5, -3.0], [4.0, 5.0, 6.0]];
+    for text in [
+        "# columns: x y z r g b\n1 2.5 -3 7 8 9\n4 5 6 7 8 9\n",
+        "# columns: x y z\n1 2.5 -3 7\n4 5 6 7\n",
+        "// Columns x y z r g b\n1 2.5 -3 7 8 9\n4 5 6 7 8 9\n",
+        "# The x y z coordinates of one scan\n1 2.5 -3\n4 5 6\n",
+        "# The x y z coordinates of one scan\nz,x,y\n-3,1,2.5\n6,4,5\n",
+        "# x y z of one scan\n# x y z\n1 2.5 -3\n4 5 6\n",
+        "# id x y z\n7 1 2.5 -3\n8 4 5 6\n",
+        "# x y z\n1 2.5 -3 7\n4 5 6 7\n",
+        // numpy.savetxt writes a header whatever the separator of the numbers is.
+        "# x, y, z\n1 2.5 -3\n4 5 6\n",
+        "# x y z\n1,2.5,-3\n4,5,6\n",
+    ] {
+        assert_eq!(one(text.as_bytes()).points, wanted, "{text:?}");
+    }
+    let error = read(b"# the x y z coordinates\n1 2.5 -3 0 0 1\n", &CloudLimits::default()).expect_err("which columns?");
+    assert_eq!((error.position(), error.code()), (Some(Position::Line(1)), "cloud_syntax"), "{error}");
+    assert!(error.to_string().contains("names every column"), "{error}");
+}
+
+#[test]
+fn a_text_may_have_a_long_preface_and_names_in_any_encoding() {
+    let preface = "# a line of what the scanner tells\n".repeat(300);
+    assert_eq!(one(format!("{preface}1 2.5 -3\n").as_bytes()).points, [[1.0, 2.5, -3.0]]);
+    assert_eq!(one(b"T [\xb0C];x;y;z\n20,5;1;2,5;-3\n").points, [[1.0, 2.5, -3.0]]);
+}
+
+/// `X [mm] Y [mm] Z [mm]` once named six columns, of which the first, third and fifth were read.
+#[test]
+fn a_unit_may_stand_apart_from_its_name_between_spaces() {
+    let wanted = [[1.0_f32, 2.5, -3.0], [4.0, 5.0, 6.0]];
+    for text in
+        ["X [mm] Y [mm] Z [mm] NX NY NZ\n1 2.5 -3 0 0 1\n4 5 6 0 0 1\n", "# Z (mm)\tX (mm)\tY (mm)\n-3\t1\t2.5\n6\t4\t5\n"]
+    {
+        let file = read(text.as_bytes(), &CloudLimits::default()).unwrap_or_else(|error| panic!("{text:?}: {error}"));
+        assert_eq!((file.unit, &file.clouds[0].points[..]), (Some(LengthUnit::Millimetre), &wanted[..]), "{text:?}");
+    }
+}
+
 #[test]
 fn scans_of_e57_come_with_name_pose_and_grid() {
     use e57::{E57Writer, Quaternion, Record, RecordName, RecordValue, Transform, Translation};

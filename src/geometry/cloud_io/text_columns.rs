@@ -1,10 +1,11 @@
 //! Text with a point a line: XYZ, ASC, PTS, CSV. Columns are separated by white space, commas or semicolons; where there are
 //! semicolons, a comma is a decimal mark. Lines that begin with `#`, `//`, `;` or `!` are comments. One line of names may stand before
-//! the points; it tells where x, y and z are, and their unit (`x_mm`, `X [mm]`). A first line of one whole number is a count (PTS).
+//! the points; it tells where x, y and z are, and their unit (`x_mm`, `X [mm]`). It may be a comment, which is then held against the number
+//! of columns: it may say more than names. A first line of one whole number is a count (PTS).
 
 use super::stream::CloudStream;
 use super::{CloudError, CloudLimits, Collected, StoredCloud};
-use crate::geometry::mesh_io::text::{Lines, excerpt, number};
+use crate::geometry::mesh_io::text::{Line, Lines, excerpt, number};
 use crate::geometry::mesh_io::{MeshError, Position};
 use crate::geometry::parallel;
 use crate::geometry::poll::Poll;
@@ -13,7 +14,7 @@ use crate::geometry::unit::LengthUnit;
 /// Bytes of text that are parsed together.
 const PIECE_BYTES: usize = 1 << 17;
 /// Lines that are looked at to tell whether a text is one of columns.
-const LINES_LOOKED_AT: usize = 64;
+const LINES_LOOKED_AT: usize = 2000;
 
 /// Layout of the lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,10 +34,46 @@ enum Separator {
 /// Kind of a line.
 enum LineKind {
     Blank,
-    Names(Columns, Option<LengthUnit>),
+    Names(Names),
     Count,
     Point(Columns),
     Other,
+}
+
+/// Names of columns.
+struct Names {
+    columns: Columns,
+    /// Number of names.
+    count: usize,
+    unit: Option<LengthUnit>,
+}
+
+impl Names {
+    /// Columns of the points that follow on this line, the first of which is `first`, if it is at hand. `None` where it is a comment that
+    /// names none: x, y and z are words of it, or names follow in a line of their own.
+    fn columns(&self, line: Line<'_>, first: Option<&[u8]>) -> Result<Option<Columns>, MeshError> {
+        let Columns { mut xyz, separator } = self.columns;
+        let (Some(first), in_comment) = (first, is_comment(line.text)) else { return Ok(Some(self.columns)) };
+        let separator = match kind_of(first) {
+            LineKind::Names(_) if in_comment => return Ok(None),
+            LineKind::Point(found) => found.separator,
+            LineKind::Names(_) | LineKind::Blank | LineKind::Count | LineKind::Other => separator,
+        };
+        let (count, last) = (words(first, separator).count(), xyz[0].max(xyz[1]).max(xyz[2]));
+        if in_comment && self.count != count && last > 2 {
+            // Words before the names, as many as there are too many.
+            let surplus = self.count.saturating_sub(count);
+            if surplus == 0 {
+                let expected = "a comment that names every column, or x, y and z first, or none of them";
+                return Err(MeshError::Syntax { at: line.at(), expected, found: excerpt(line.text.trim_ascii()) });
+            }
+            if xyz.iter().any(|place| *place < surplus) {
+                return Ok((last < count).then_some(Columns { xyz, separator }));
+            }
+            xyz = xyz.map(|place| place - surplus);
+        }
+        Ok(Some(Columns { xyz, separator }))
+    }
 }
 
 /// Returns true if the text's first lines are comments, at most one line of names or a count, and then points.
@@ -44,16 +81,17 @@ pub(super) fn is_columns(head: &[u8], poll: &Poll<'_>) -> bool {
     if head.contains(&0) {
         return false;
     }
-    let mut headings = 0;
+    let (mut headings, mut is_named) = (0, false);
     for line in Lines::new(without_mark(head), 1, poll).take(LINES_LOOKED_AT) {
         match kind_of(line.text) {
             LineKind::Blank => {}
-            LineKind::Names(..) | LineKind::Count if headings == 0 => headings += 1,
+            LineKind::Names(_) if is_comment(line.text) => is_named = true,
+            LineKind::Names(_) | LineKind::Count if headings == 0 => headings += 1,
             LineKind::Point(_) => return true,
-            LineKind::Names(..) | LineKind::Count | LineKind::Other => return false,
+            LineKind::Names(_) | LineKind::Count | LineKind::Other => return false,
         }
     }
-    headings > 0
+    headings > 0 || is_named
 }
 
 /// Reads all points, and the unit if the names state it.
@@ -90,11 +128,17 @@ struct Begin {
 
 fn find_columns(text: &[u8], first_line: u64, poll: &Poll<'_>) -> Result<Begin, CloudError> {
     let mut begin = Begin { columns: None, unit: None, bytes: 0, lines: 0 };
+    // The line behind all comments, once it was sought.
+    let mut first: Option<Option<&[u8]>> = None;
     let mut lines = Lines::new(text, first_line, poll);
     while let Some(line) = lines.next() {
         match kind_of(line.text) {
             LineKind::Blank | LineKind::Count => {}
-            LineKind::Names(columns, unit) => (begin.columns, begin.unit) = (Some(columns), unit),
+            LineKind::Names(names) => {
+                let find_point = || Lines::new(lines.rest(), 1, poll).find(|line| !is_comment(line.text)).map(|line| line.text);
+                begin.columns = names.columns(line, *first.get_or_insert_with(find_point))?;
+                begin.unit = names.unit.filter(|_| begin.columns.is_some());
+            }
             LineKind::Point(columns) => {
                 begin.columns = Some(columns);
                 return Ok(begin);
@@ -212,16 +256,17 @@ fn is_comment(line: &[u8]) -> bool {
 }
 
 fn kind_of(line: &[u8]) -> LineKind {
-    // A comment may hold the names of the columns.
-    let names = line.trim_ascii_start().trim_ascii_start();
-    let names = names.strip_prefix(b"//").or_else(|| names.strip_prefix(b"#")).unwrap_or(names);
+    // A comment may hold the names of the columns, behind a word and a colon.
+    let names = line.trim_ascii_start();
+    let in_comment = names.strip_prefix(b"//").or_else(|| names.strip_prefix(b"#"));
+    let names = in_comment.map_or(names, |text| text.rsplit(|byte| *byte == b':').next().unwrap_or(text));
     let separator = match names {
         _ if names.contains(&b';') => Separator::Semicolon,
         _ if names.contains(&b',') => Separator::Comma,
         _ => Separator::Space,
     };
-    if let Some((xyz, unit)) = named_columns(names, separator) {
-        return LineKind::Names(Columns { xyz, separator }, unit);
+    if let Some(names) = named_columns(names, separator) {
+        return LineKind::Names(names);
     }
     if is_comment(line) {
         return LineKind::Blank;
@@ -235,11 +280,12 @@ fn kind_of(line: &[u8]) -> LineKind {
     }
 }
 
-/// Places of the columns x, y, z, and their unit.
-fn named_columns(line: &[u8], separator: Separator) -> Option<([usize; 3], Option<LengthUnit>)> {
-    let text = std::str::from_utf8(line).ok().filter(|text| text.len() < 4096)?.to_lowercase();
+/// Names of columns, x, y and z among them.
+fn named_columns(line: &[u8], separator: Separator) -> Option<Names> {
+    // A name such as `T [°C]` may be in any encoding.
+    let text = Some(line).filter(|line| line.len() < 4096).map(|line| String::from_utf8_lossy(line).to_lowercase())?;
     let plain: Vec<String> = match separator {
-        Separator::Space => text.split_whitespace().map(str::to_owned).collect(),
+        Separator::Space => spaced_names(&text),
         Separator::Comma => text.split(',').map(str::to_owned).collect(),
         Separator::Semicolon => text.split(';').map(str::to_owned).collect(),
     };
@@ -253,7 +299,20 @@ fn named_columns(line: &[u8], separator: Separator) -> Option<([usize; 3], Optio
         parts.iter().position(|(name, unit)| name == axis && (unit.is_empty() || unit.parse::<LengthUnit>().is_ok()))
     };
     let xyz = [place("x")?, place("y")?, place("z")?];
-    Some((xyz, parts[xyz[0]].1.parse().ok()))
+    let count = parts.iter().rposition(|(name, _)| !name.is_empty()).map_or(0, |last| last + 1);
+    Some(Names { columns: Columns { xyz, separator }, count, unit: parts[xyz[0]].1.parse().ok() })
+}
+
+/// Names that white space separates, each with its unit, which stands in brackets behind it.
+fn spaced_names(text: &str) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match names.last_mut() {
+            Some(name) if word.starts_with(['[', '(']) => name.push_str(word),
+            _ => names.push(word.to_owned()),
+        }
+    }
+    names
 }
 
 fn without_mark(text: &[u8]) -> &[u8] {

@@ -22,6 +22,8 @@ const NESTING_BUDGET: usize = 20_000_000;
 const NOT_CLOSED: u32 = u32::MAX;
 /// Vertices tried where the winding number is undecided because bodies touch.
 const VERTICES_TRIED: usize = 8;
+/// Volume of a tetrahedron, as a share of the product of the three edges at its tip, that rounding leaves of none.
+const FLAT_SHARE: f64 = 1e-12;
 
 /// Body of each triangle, and facts of each body.
 pub(super) struct Bodies {
@@ -83,6 +85,11 @@ impl Bodies {
         self.closed.len()
     }
 
+    /// Number of bodies that are closed.
+    pub(super) fn closed(&self) -> usize {
+        self.solid.len()
+    }
+
     pub(super) fn of_face(&self, face: usize) -> usize {
         self.of_face[face] as usize
     }
@@ -117,13 +124,14 @@ impl Bodies {
         Ok(outward)
     }
 
-    fn solids(&self, mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<Solid>, Interrupted> {
+    /// Every closed body.
+    pub(super) fn solids(&self, mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<ClosedBody>, Interrupted> {
         let origin = mesh.aabb_of_vertices(poll)?.centre();
-        (0..self.solid.len()).map(|index| Solid::new(index, mesh, self.faces(index), &origin, poll)).collect()
+        (0..self.solid.len()).map(|index| ClosedBody::new(index, mesh, self.faces(index), &origin, poll)).collect()
     }
 
     /// Faces of a closed body.
-    fn faces(&self, solid: usize) -> &[u32] {
+    pub(super) fn faces(&self, solid: usize) -> &[u32] {
         &self.faces[self.begin[solid] as usize..self.begin[solid + 1] as usize]
     }
 }
@@ -196,15 +204,15 @@ fn closed_bodies(count: usize, of_face: &[u32], edges: &Edges, poll: &Poll<'_>) 
 }
 
 /// A closed body.
-struct Solid {
+pub(super) struct ClosedBody {
     /// Its place among them.
-    index: usize,
-    aabb: Aabb,
-    volume_mm3: f64,
+    pub(super) index: usize,
+    pub(super) aabb: Aabb,
+    pub(super) volume_mm3: f64,
     inverted: bool,
 }
 
-impl Solid {
+impl ClosedBody {
     fn new(index: usize, mesh: &Mesh, faces: &[u32], origin: &Point3<f64>, poll: &Poll<'_>) -> Result<Self, Interrupted> {
         let extent = |faces: &&[u32]| {
             faces.iter().fold((Aabb::empty(), 0.0), |(aabb, sixfold_mm3), face| {
@@ -239,7 +247,7 @@ struct Nesting<'a> {
 
 impl Nesting<'_> {
     /// Marks the solids to turn; returns how many negative ones it could not decide.
-    fn mark_inverted(&mut self, solids: &mut [Solid]) -> Result<usize, Interrupted> {
+    fn mark_inverted(&mut self, solids: &mut [ClosedBody]) -> Result<usize, Interrupted> {
         let negative: Vec<usize> = (0..solids.len()).filter(|&i| solids[i].volume_mm3 < 0.0).collect();
         let mut unresolved = 0;
         for &i in &negative {
@@ -265,7 +273,7 @@ impl Nesting<'_> {
     }
 
     /// The solids that solid `i` lies in; `None` where the budget does not suffice to tell.
-    fn around(&mut self, i: usize, solids: &[Solid]) -> Result<Option<Vec<usize>>, Interrupted> {
+    fn around(&mut self, i: usize, solids: &[ClosedBody]) -> Result<Option<Vec<usize>>, Interrupted> {
         if !self.afford(solids.len()) {
             return Ok(None);
         }
@@ -311,7 +319,7 @@ fn encloses(outer: &Aabb, inner: &Aabb) -> bool {
 }
 
 /// Winding number of the surface of `faces` about `point`: 0 outside, ±1 inside.
-fn winding_number(mesh: &Mesh, faces: &[u32], point: &Point3<f64>, poll: &Poll<'_>) -> Result<f64, Interrupted> {
+pub(super) fn winding_number(mesh: &Mesh, faces: &[u32], point: &Point3<f64>, poll: &Poll<'_>) -> Result<f64, Interrupted> {
     let mut half_angles = 0.0;
     for &face in faces {
         poll.spend(60)?;
@@ -320,8 +328,13 @@ fn winding_number(mesh: &Mesh, faces: &[u32], point: &Point3<f64>, poll: &Poll<'
     Ok(half_angles / TAU)
 }
 
+/// Half the solid angle of a triangle; 0 where the point lies in its plane. On the triangle it would be ±π by mere rounding, and the
+/// winding number a whole one; so it is ±½ there, which tells nothing.
 fn half_solid_angle([a, b, c]: [Vector3<f64>; 3]) -> f64 {
     let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
     let volume = a.dot(&b.cross(&c));
+    if volume.abs() <= FLAT_SHARE * la * lb * lc {
+        return 0.0;
+    }
     volume.atan2(la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb)
 }

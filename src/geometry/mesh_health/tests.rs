@@ -143,3 +143,56 @@ fn deep_nesting_ends_in_time_and_is_said() {
     assert!(health.unresolved_bodies > 0 && health.unresolved_bodies < 6000, "{}", health.unresolved_bodies);
     assert!(health.warnings().iter().any(|w| w.code() == "orientation_unresolved"));
 }
+
+/// A prism along z over an L, which has its inner corner at (10, 10).
+fn ell(height: f64) -> Mesh {
+    // From the inner corner all of the L is in sight.
+    let outline = [[10.0, 10.0], [10.0, 30.0], [0.0, 30.0], [0.0, 0.0], [30.0, 0.0], [30.0, 10.0]];
+    let vertices_mm = [0.0, height].iter().flat_map(|z| outline.map(|[x, y]| Point3::new(x, y, *z))).collect();
+    let ends = (1..5).flat_map(|i| [[0, i + 1, i], [6, 6 + i, 7 + i]]);
+    let sides = (0..6).flat_map(|i| [[i, (i + 1) % 6, 6 + (i + 1) % 6], [i, 6 + (i + 1) % 6, 6 + i]]);
+    let faces: Vec<[u32; 3]> = ends.chain(sides).collect();
+    Mesh { vertices_mm, source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
+}
+
+fn moved(mut mesh: Mesh, by: [f64; 3]) -> Mesh {
+    mesh.vertices_mm.iter_mut().for_each(|corner| *corner += Vector3::from(by));
+    mesh
+}
+
+/// Vertices on a face of another body were once taken to lie inside it: the body was left inside out, as a cavity, and nothing said so.
+#[test]
+fn an_inverted_body_that_stands_on_a_face_of_another_is_turned() {
+    for by in [[12.0, 10.0, 2.0], [10.0, 12.0, 2.0], [10.0, 10.0, 2.0]] {
+        let health = clean(join([ell(10.0), moved(cube(5.0, at(0.0), true), by)])).1;
+        assert_eq!((health.flipped_bodies, health.volume_mm3.map(f64::round)), (1, Some(5125.0)), "{by:?}");
+        assert_eq!(health.warnings(), [MeshWarning::Flipped { bodies: 1 }], "{by:?}");
+    }
+}
+
+/// `vantage inspect` once said nothing of bodies that run into each other.
+#[test]
+fn bodies_that_run_into_each_other_are_told_and_those_that_touch_are_not() {
+    let bar = |half: [f64; 3]| {
+        let mut mesh = cube(2.0, at(-1.0), false);
+        mesh.vertices_mm.iter_mut().for_each(|corner| *corner = Point3::from(corner.coords.component_mul(&Vector3::from(half))));
+        mesh
+    };
+    let ten = || cube(10.0, at(0.0), false);
+    for (name, parts, pairs) in [
+        ("a corner within", vec![ten(), cube(10.0, at(5.0), false)], 1),
+        ("inside out", vec![cube(10.0, at(0.0), true), cube(10.0, at(5.0), false)], 1),
+        ("bars through each other", vec![bar([10.0, 1.0, 1.0]), bar([2.0, 10.0, 3.0])], 1),
+        ("three in a row", vec![ten(), moved(ten(), [8.0, 1.0, 2.0]), moved(ten(), [16.0, 2.0, 1.0])], 2),
+        ("side by side", vec![ten(), cube(10.0, at(20.0), false)], 0),
+        ("faces touch", vec![ten(), moved(ten(), [10.0, 5.0, 0.0])], 0),
+        ("a block in the corner of an L", vec![ell(10.0), moved(ten(), [10.0, 10.0, 0.0])], 0),
+        ("a block in the walls of an L", vec![ell(10.0), moved(ten(), [9.0, 9.0, 0.0])], 1),
+        ("a part inside a part", vec![ten(), cube(2.0, at(3.0), false)], 0),
+        ("a cavity", vec![ten(), cube(2.0, at(3.0), true)], 0),
+    ] {
+        let health = clean(join(parts)).1;
+        assert_eq!(health.overlapping_pairs, pairs, "{name}");
+        assert_eq!(health.warnings().iter().any(|warning| warning.code() == "bodies_overlap"), pairs > 0, "{name}");
+    }
+}

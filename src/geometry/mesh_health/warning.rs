@@ -30,6 +30,16 @@ pub enum MeshWarning {
         /// Edges between them.
         edges: usize,
     },
+    /// Closed bodies that run into each other.
+    Overlap {
+        /// Number of pairs that were found.
+        pairs: usize,
+    },
+    /// Polygons whose triangles lie upon each other.
+    Uncut {
+        /// Number of such polygons.
+        polygons: usize,
+    },
     /// Triangles dropped.
     Degenerate {
         /// Number of such triangles.
@@ -61,10 +71,12 @@ impl MeshHealth {
         [
             (!USUAL_DIAGONAL_MM.contains(&diagonal_mm)).then_some(W::Size { diagonal_mm }),
             some(self.inconsistent_edges, |edges| W::Inconsistent { edges }),
+            some(self.uncut_polygons, |polygons| W::Uncut { polygons }),
             some(self.unresolved_bodies, |bodies| W::Unresolved { bodies }),
             some(self.flipped_bodies, |bodies| W::Flipped { bodies }),
             some(self.boundary_edges, |edges| W::Open { edges }),
             some(self.non_manifold_edges, |edges| W::NonManifold { edges }),
+            some(self.overlapping_pairs, |pairs| W::Overlap { pairs }),
             some(self.duplicate_triangles, |triangles| W::Duplicate { triangles }),
             some(self.degenerate_triangles, |triangles| W::Degenerate { triangles }),
         ]
@@ -87,6 +99,8 @@ impl MeshWarning {
             Self::Open { .. } => "open_surface",
             Self::NonManifold { .. } => "non_manifold_edges",
             Self::Inconsistent { .. } => "inconsistent_winding",
+            Self::Overlap { .. } => "bodies_overlap",
+            Self::Uncut { .. } => "polygons_not_cut",
             Self::Degenerate { .. } => "degenerate_triangles_dropped",
             Self::Duplicate { .. } => "duplicate_triangles",
             Self::Flipped { .. } => "bodies_flipped",
@@ -106,6 +120,10 @@ impl MeshWarning {
             Self::Inconsistent { .. } => {
                 "triangles that face the wrong way cannot be seen by any view; unify the normals in the CAD system"
             }
+            Self::Overlap { .. } => {
+                "no view shows surface inside another body, but it counts as surface to scan; unite the bodies in the CAD system"
+            }
+            Self::Uncut { .. } => "the surface is false there; export the mesh as triangles",
             Self::Degenerate { .. } => "nothing to do; they have no area to scan",
             Self::Duplicate { .. } => "their area counts twice; remove the copies for exact coverage figures",
             Self::Flipped { .. } => "nothing to do if these bodies are solid; re-export with outward normals to be sure",
@@ -123,6 +141,10 @@ impl fmt::Display for MeshWarning {
             Self::Open { edges } => write!(f, "the surface is open along {edges} edges"),
             Self::NonManifold { edges } => write!(f, "{edges} edges belong to more than two triangles"),
             Self::Inconsistent { edges } => write!(f, "the winding of neighbours disagrees at {edges} edges"),
+            Self::Overlap { pairs } => write!(f, "at least {pairs} pairs of closed bodies run into each other"),
+            Self::Uncut { polygons } => {
+                write!(f, "{polygons} polygons cross or fold over themselves, or are too large to be cut into triangles")
+            }
             Self::Degenerate { triangles } => write!(f, "{triangles} degenerate triangles were dropped"),
             Self::Duplicate { triangles } => write!(f, "{triangles} triangles are there more than once"),
             Self::Flipped { bodies } => write!(f, "{bodies} closed bodies were inside out and have been turned"),

@@ -3,10 +3,11 @@
 //! together with its health. Every error names the line or byte at fault; no allocation relies on a count that the file
 //! merely declares.
 //!
-//! Cost: linear in the size of the file. Files are parsed in pieces, side by side on the threads of the caller's pool (`pieces`),
-//! and the poll is asked every few milliseconds for cancellation. Peak memory, counted: for a binary STL file, of which a few megabytes
-//! are held at a time, 75 bytes per triangle where six triangles share each vertex, 150 where none share any; for other formats
-//! the file and 28 to 88 bytes per triangle, then 55 to 150 bytes per triangle without the file.
+//! Cost: linear in the size of the file, save for concave polygons (`polygons`). Files are parsed in pieces, side by side on the
+//! threads of the caller's pool (`pieces`), and the poll is asked every few milliseconds for cancellation. Peak memory, counted: for
+//! a binary STL file, of which a few megabytes are held at a time, 75 bytes per triangle where six triangles share each vertex, 150
+//! where none share any; for other formats the file and 28 to 88 bytes per triangle, then 55 to 150 bytes per triangle without the
+//! file.
 
 mod detect;
 mod error;
@@ -15,6 +16,7 @@ mod obj;
 mod obj_groups;
 mod pieces;
 pub(super) mod ply;
+mod polygons;
 mod soup;
 mod stl_ascii;
 mod stl_binary;
@@ -66,7 +68,7 @@ impl fmt::Display for MeshFormat {
 /// Limits on the size of a mesh file.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Max triangles, counted after polygons are cut into fans; the max number of vertices is three times this.
+    /// Max triangles, counted after polygons are cut into them; the max number of vertices is three times this.
     pub max_triangles: usize,
 }
 
@@ -208,6 +210,7 @@ impl ParsedMesh<'_> {
     /// [`MeshError::NoTriangles`]; [`MeshError::Interrupted`] when the poll that it was read with says to stop.
     pub fn finished(self) -> Result<ReadMesh, MeshError> {
         let Self { format, mut soup, groups } = self;
+        let uncut_polygons = soup.cut_concave()?;
         match format {
             MeshFormat::StlBinary | MeshFormat::StlAscii => soup.weld_float_noise()?,
             MeshFormat::Obj | MeshFormat::Ply => soup.weld_equal()?,
@@ -220,6 +223,7 @@ impl ParsedMesh<'_> {
             });
         }
         let (mesh, health) = clean(raw, poll)?;
+        let health = MeshHealth { uncut_polygons, ..health };
         if mesh.faces.is_empty() {
             return Err(MeshError::NoTriangles { reason: "every triangle is degenerate (has no area)" });
         }

@@ -1,4 +1,4 @@
-//! Triangle soup of a file: coordinates converted to millimetres, equal vertices welded, polygons cut into fans, all within
+//! Triangle soup of a file: coordinates converted to millimetres, equal vertices welded, polygons cut into triangles, all within
 //! limits.
 
 use std::hash::{BuildHasher, Hash};
@@ -8,6 +8,7 @@ use nalgebra::Point3;
 
 use super::Settings;
 use super::error::{MeshError, Position};
+use super::polygons;
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::random_hash::RandomHash;
 use crate::geometry::side_by_side::{self, PIECE};
@@ -179,6 +180,14 @@ impl<'a> Soup<'a> {
     /// Number of vertices.
     pub(super) fn vertices(&self) -> usize {
         self.whole.vertices_mm.len()
+    }
+
+    /// Cuts anew the polygons that their fans do not fill; returns the number of those that cannot be cut.
+    pub(super) fn cut_concave(&mut self) -> Result<usize, Interrupted> {
+        let SoupPiece { vertices_mm, faces, source_face, faces_in_file, .. } = &mut self.whole;
+        // Most files have triangles alone.
+        let has_polygons = faces.len() > *faces_in_file as usize;
+        if has_polygons { polygons::cut_concave(vertices_mm, faces, source_face, self.poll) } else { Ok(0) }
     }
 
     /// Welds vertices of exactly equal coordinates, each to the first of them.

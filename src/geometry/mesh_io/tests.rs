@@ -271,6 +271,23 @@ fn text_may_have_any_line_end_and_byte_order_mark() {
     assert_eq!(code(b"\xff\xfev\0 \0\0"), "mesh_text_encoding");
 }
 
+/// A file with strips of triangles was once told to have only points, or read without them.
+#[test]
+fn strips_of_triangles_in_ply_are_refused_by_name() {
+    let strips = |faces: &str, records: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n{faces}\
+             element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n{records}4 0 1 2 3\n"
+        )
+    };
+    let face = "element face 1\nproperty list uchar int vertex_indices\n";
+    for (text, line) in [(strips("", ""), 7), (strips(face, "3 0 1 2\n"), 9)] {
+        let error = read_mm(text.as_bytes()).expect_err("strips");
+        assert_eq!((error.code(), error.position()), ("mesh_syntax", Some(Position::Line(line))));
+        assert!(error.to_string().contains("the element tristrips") && error.to_string().contains("as faces"), "{error}");
+    }
+}
+
 #[test]
 fn a_binary_ply_header_with_bare_carriage_returns_ends_at_one_byte() {
     let bytes = ply(&CUBE_CORNERS, &quads(), "binary_little_endian");

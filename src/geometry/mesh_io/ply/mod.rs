@@ -16,7 +16,7 @@ use super::pieces::parse_round;
 use super::soup::{FacetSink, Soup, SoupPiece};
 use crate::geometry::poll::Poll;
 
-/// Reads the elements `vertex` and `face`; skips all others.
+/// Reads the elements `vertex` and `face`; skips all others, save for strips of triangles, without which the surface would have holes.
 pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let poll = soup.poll;
     let header = Header::parse(bytes, poll)?;
@@ -33,6 +33,10 @@ pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
                     found: "none".into(),
                 })?;
                 read_faces(element, &mut values, &vertices, soup)?;
+            }
+            b"tristrips" if element.count > 0 => {
+                let expected = "triangles as the element face (strips of them are not read; export the mesh as faces)";
+                return Err(MeshError::Syntax { at: element.at, expected, found: "the element tristrips".into() });
             }
             _ => skip_records(element, &mut values)?,
         }
