@@ -412,7 +412,7 @@ fn between(step: &Move, [planned_from, from, to]: [&Configuration; 3], points: P
 }
 
 /// Returns true if no segment of the program moves arm and table together.
-fn moves_alone(program: &Program) -> bool {
+pub(super) fn moves_alone(program: &Program) -> bool {
     let mut here = program.home_rad;
     program.steps.iter().all(|step| {
         let Step::Move(step) = step else { return true };

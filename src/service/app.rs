@@ -131,9 +131,11 @@ impl App {
         Ok(app)
     }
 
-    /// Stops the service: takes no more work, interrupts running jobs (the next process starts them again) and waits for them.
+    /// Stops the service: takes no more work, stops runs, interrupts running jobs (the next process starts them again) and waits for
+    /// them.
     pub async fn stop(&self) {
         self.0.stopping.cancel();
+        self.0.runs.stop_all();
         self.0.runner.interrupt();
         self.0.tasks.close();
         self.0.tasks.wait().await;

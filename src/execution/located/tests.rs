@@ -1,14 +1,16 @@
 use std::sync::Arc;
+use std::time::Duration;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use tokio::time::sleep;
 
 use super::{LocateBounds, Locating, Misplaced, Relocate};
 use crate::execution::record::StepKind;
-use crate::execution::session::{PauseCause, RunOptions, RunReason, RunState, StopCause, simulate};
-use crate::execution::tests::rehearsal::{job, planned, until};
+use crate::execution::session::{PauseCause, RunJob, RunOptions, RunReason, RunState, StopCause, simulate, simulate_with};
+use crate::execution::tests::rehearsal::{Planned, hashes, job, planned, twins, until};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::params::PlanParams;
-use crate::program::{Step, scan_poses};
+use crate::program::{Step, interlock, scan_poses};
 
 fn locating() -> Locating {
     let planned = planned();
@@ -88,4 +90,26 @@ async fn a_run_locates_the_part_and_goes_on_or_stops() {
             assert!(matches!(record.status.reason, RunReason::Ended(StopCause::Misplaced(_))));
         }
     }
+}
+
+/// Each has a controller of its own there, and two controllers do not keep in step.
+#[tokio::test(start_paused = true)]
+async fn arm_and_table_that_move_in_turn_do_so_to_the_first_station_of_the_part_where_it_lies() {
+    let Planned { cell, scene, program, expected, .. } = planned();
+    let program = interlock(program, cell, scene).expect("free");
+    let job = RunJob::new(program, Arc::clone(cell), scene, Some(expected), [hashes(), hashes()]).expect("sound");
+    let (machine, trigger, access) = twins();
+    let relocate = Arc::new(Locating { coverage: None, ..locating() });
+    let handle = simulate_with(job, machine, trigger, RunOptions { relocate: Some(relocate), ..RunOptions::default() });
+    until(&handle, RunState::Paused).await;
+    handle.located(None, off(8.0, 0.0, 3.0)).await.expect("waits");
+    let (mut moved, mut turned) = (false, false);
+    while handle.steps_from(0).iter().all(|step| step.kind != StepKind::Scan) {
+        assert!(!handle.status().state.is_final(), "{}", handle.status().reason);
+        let (moves, turns) = (access.arm.is_moving(), access.table.is_moving());
+        assert!(!(moves && turns), "both at once");
+        (moved, turned) = (moved || moves, turned || turns);
+        sleep(Duration::from_millis(10)).await;
+    }
+    assert!(moved && turned);
 }

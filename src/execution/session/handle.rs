@@ -139,7 +139,7 @@ impl RunHandle {
         self.order(Order::Arm(token)).await
     }
 
-    /// Brings a running run to rest, until it is resumed. Needs no token.
+    /// Brings a running run to rest, until it is resumed; one that is about to go on rests on. Needs no token.
     ///
     /// # Errors
     /// [`CommandError::NotNow`].
@@ -266,6 +266,10 @@ pub(super) struct Control {
     speed_cap: f64,
     pub(super) single_step: bool,
     pub(super) go_on: bool,
+    /// True from when a paused run is told to go on until it moves or comes to rest again: it takes the right to move meanwhile.
+    pub(super) leaves_pause: bool,
+    /// True once a pause was asked for in that time.
+    pub(super) pauses_again: bool,
     pub(super) located: Option<Pose<Table, Part>>,
 }
 
@@ -310,6 +314,8 @@ pub(super) fn handle_and_control(
         speed_cap,
         single_step,
         go_on: false,
+        leaves_pause: false,
+        pauses_again: false,
         located: None,
     };
     (handle, control)
@@ -388,11 +394,12 @@ impl Control {
         let is_between = matches!(status.state, RunState::Armed | RunState::Paused);
         let (fits, token) = match order {
             Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm() && self.token.is_none(), Some(*token)),
-            Order::Pause => return self.fits(status.state == RunState::Running, order),
+            Order::Pause => return self.fits(status.state == RunState::Running || self.is_to_go_on(status.state), order),
             Order::Resume(token) | Order::Step(token) => (is_between && !is_locating, *token),
             Order::Override(token, value) if is_override(*value) => (!status.state.is_final(), *token),
             Order::Override(_, value) => return Err(CommandError::Override(*value)),
-            Order::Located(token, _) => (is_locating, *token),
+            // A pose is taken once: the program is made for it meanwhile.
+            Order::Located(token, _) => (is_locating && !self.leaves_pause, *token),
         };
         self.fits(fits, order)?;
         let Some(authority) = &self.authority else { return Ok(()) };
@@ -404,6 +411,11 @@ impl Control {
             }
             (Some(_) | None, Some(_) | None) => Ok(()),
         }
+    }
+
+    /// Returns true for a run that is paused and was told to go on: it does not move yet, and would without a further word.
+    fn is_to_go_on(&self, state: RunState) -> bool {
+        state == RunState::Paused && (self.go_on || self.located.is_some() || self.leaves_pause)
     }
 
     /// Speed override, capped.
@@ -422,9 +434,11 @@ impl Control {
                 self.token = Some(token);
                 *self.heartbeat.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
             }
+            // It rests, and is kept from going on.
+            Order::Pause if self.live.status().state == RunState::Paused => (self.go_on, self.pauses_again) = (false, true),
             Order::Pause => return Err(Halt::Pause(PauseCause::Client)),
-            Order::Resume(_) => (self.single_step, self.go_on) = (false, true),
-            Order::Step(_) => (self.single_step, self.go_on) = (true, true),
+            Order::Resume(_) => (self.single_step, self.go_on, self.pauses_again) = (false, true, false),
+            Order::Step(_) => (self.single_step, self.go_on, self.pauses_again) = (true, true, false),
             Order::Override(_, value) => {
                 self.speed_override = value;
                 self.live.at_override(self.speed_in_force());

@@ -201,11 +201,30 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         }
     }
 
-    /// Comes to rest, waits for a client, and takes the right to move again.
+    /// Comes to rest, waits for a client, and takes the right to move again; comes to rest once more where a pause is asked for before
+    /// anything moves.
     async fn pause(&mut self, cause: PauseCause) -> Result<(), Halt> {
+        let mut cause = cause;
+        loop {
+            self.rest_until_told(cause).await?;
+            if !self.watcher.control.pauses_again {
+                self.arm().await?;
+            }
+            self.watcher.happen(RunEvent::Resumed);
+            // Whoever asked for it was told that the run is paused.
+            if !self.watcher.control.pauses_again {
+                return Ok(());
+            }
+            cause = PauseCause::Client;
+        }
+    }
+
+    /// Comes to rest, and waits until a client tells the run to go on.
+    async fn rest_until_told(&mut self, cause: PauseCause) -> Result<(), Halt> {
         (self.watcher.segment, self.watcher.standstill) = (None, None);
         let is_locating = cause == PauseCause::Locating;
-        self.watcher.control.go_on = false;
+        let control = &mut self.watcher.control;
+        (control.go_on, control.leaves_pause, control.pauses_again) = (false, false, false);
         let asked = Instant::now();
         let (stops, _) = stop::stop(&mut self.watcher.machine, asked).await;
         if !stop::is_complete(&stops) {
@@ -218,12 +237,10 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         // A scanner that goes by the level would take captures all the while. What is not taken back in time is tried again at the end.
         let _ = self.watcher.during(timeout(WITHDRAWAL, self.trigger.withdraw())).await?;
         if is_locating {
-            self.wait_for_location().await?;
-        } else {
-            self.wait_to_go_on(None).await?;
+            return self.wait_for_location().await;
         }
-        self.arm().await?;
-        self.watcher.happen(RunEvent::Resumed);
+        self.wait_to_go_on(None).await?;
+        self.watcher.control.leaves_pause = true;
         Ok(())
     }
 
@@ -235,6 +252,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             self.watcher.tick().await?;
             self.watcher.rest(self.watcher.poll).await?;
         };
+        self.watcher.control.leaves_pause = true;
         let Some(relocate) = self.options.relocate.clone() else { return Ok(()) };
         let program = Arc::clone(&self.job.program);
         let work = tokio::task::spawn_blocking(move || relocate.relocate(&program, &table_from_part));

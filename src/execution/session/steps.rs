@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout};
 
 use super::cause::{PauseCause, StopCause};
-use super::gate;
+use super::gate::{self, Objection};
 use super::handle::Halt;
 use super::machine::Drive;
 use super::runner::{Runner, internal, refuse, silent};
@@ -14,10 +14,11 @@ use super::watcher::{Watcher, of_machine};
 use super::way;
 use crate::cell::Configuration;
 use crate::execution::device::{Capture, Captured, DeviceError, Trigger};
+use crate::execution::located::moves_alone;
 use crate::execution::profile::segment;
 use crate::execution::record::StepKind;
 use crate::planning::plan::ViewId;
-use crate::program::{Move, Step};
+use crate::program::{Move, Program, Step, interlock};
 
 /// Time that a trigger is given beyond its own deadline.
 const LATE: Duration = Duration::from_millis(200);
@@ -64,7 +65,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     /// Follows a polyline from wherever on it the devices stand.
     async fn travel(&mut self, index: usize, step: &Move) -> Result<Done, Halt> {
         let mut here = self.watcher.tick().await?.configuration();
-        let points = if self.rejoins { vec![here, step.target_rad] } else { way::points(&self.job.program, index) };
+        let points = if self.rejoins { self.rejoining(here, step).await? } else { way::points(&self.job.program, index) };
         let (passed, nearest) = way::nearest(&points, &here);
         refuse(gate::to_start(&here, &nearest, &self.options.safeguards).into_iter().collect())?;
         for (number, to) in points.iter().enumerate().skip(passed + 1) {
@@ -76,6 +77,24 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         // A pause on the way leaves it to rejoin the program.
         self.rejoins = false;
         Ok(Done { kind: StepKind::Move, view: None, measured: here, taken: None })
+    }
+
+    /// Points from where the devices stand to the target of a move. In a program that moves arm and table one after the other they do so
+    /// here too: their controllers may not be able to move them together, or do not keep in step with each other.
+    async fn rejoining(&mut self, here: Configuration, step: &Move) -> Result<Vec<Configuration>, Halt> {
+        let to = step.target_rad;
+        if !moves_alone(&self.job.program) {
+            return Ok(vec![here, to]);
+        }
+        // A device that stands there already, within the tolerance, is left alone.
+        let from = standing(&to, &to, &here, self.options.safeguards.position_tolerance_rad);
+        let (job, straight) = (self.job.clone(), Step::Move(Move { via_rad: Vec::new(), ..step.clone() }));
+        let work = tokio::task::spawn_blocking(move || {
+            let alone = Program { home_rad: from, steps: vec![straight], ..Program::clone(&job.program) };
+            interlock(&alone, &job.cell, &job.scene).map(|separate| way::points(&separate, 0))
+        });
+        let separate = self.watcher.during(work).await?.map_err(|error| internal(&error))?;
+        separate.map_err(|together| Halt::stop(StopCause::Objections(vec![Objection::Collision(together.contact)])))
     }
 
     /// One segment: checked from where the devices were just measured, sent, and watched until it is reached; where they are then.

@@ -228,6 +228,35 @@ async fn a_device_stays_armed_while_its_partner_takes_its_target() {
     run_with_slow(Duration::ZERO, Duration::from_millis(300)).await;
 }
 
+/// Drives may take seconds to enable: until then the run rests, and would go on without a further word.
+#[tokio::test(start_paused = true)]
+async fn a_pause_that_is_asked_for_while_a_run_is_about_to_go_on_is_kept() {
+    const ARMING: Duration = Duration::from_secs(3);
+    let (Pair { arm, table }, trigger, access) = twins();
+    let machine = Pair { arm: Slow { device: arm, arming: ARMING, starting: Duration::ZERO }, table };
+    let handle = simulate_with(short_job(0.1, [hashes(), hashes()]), machine, trigger, RunOptions::default());
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(200)).await;
+    handle.pause().await.expect("runs");
+    until(&handle, RunState::Paused).await;
+    let (here, targets) = (access.arm.positions_rad(), access.arm.asked().targets);
+    handle.resume(None).await.expect("paused");
+    sleep(ARMING / 3).await;
+    assert_eq!(handle.status().state, RunState::Paused, "it takes the right to move");
+    handle.pause().await.expect("it is about to go on");
+    sleep(10 * ARMING).await;
+    assert_eq!(handle.status().state, RunState::Paused, "{}", handle.status().reason);
+    assert_eq!((access.arm.positions_rad(), access.arm.asked().targets), (here, targets));
+    // The last word counts.
+    handle.resume(None).await.expect("paused");
+    sleep(ARMING / 3).await;
+    handle.pause().await.expect("it is about to go on");
+    handle.resume(None).await.expect("paused");
+    let record = handle.ended().await;
+    assert_eq!(record.status.state, RunState::Done, "{}", record.status.reason);
+    assert_eq!(record.steps[0].attempts, 2);
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_device_is_fed_while_its_partner_takes_its_time_to_stop_and_to_be_read() {
     const LATE: Duration = Duration::from_millis(400);

@@ -28,7 +28,7 @@ impl App {
         }
         if open.mode != RunMode::Live {
             return Err(Error::RunRefused(format!(
-                "a run in the mode {} moves no controller and needs no arm",
+                "a run in the mode {} moves no controller and need not be armed",
                 open.mode.as_str()
             )));
         }

@@ -28,7 +28,7 @@ pub use stream::{RunCursor, RunMessage, RunStream};
 use self::leases::HeldLeases;
 use super::THREAD_STACK_BYTES;
 use super::error::Error;
-use crate::execution::session::RunHandle;
+use crate::execution::session::{RunHandle, StopCause};
 use crate::wire::RunId;
 use crate::wire::run::{RunEventDocument, RunMode};
 
@@ -100,6 +100,12 @@ impl Runs {
     /// Names of the cells whose leases are held.
     pub(super) fn leased_cells(&self) -> BTreeSet<String> {
         self.leases.current().into_iter().map(|lease| lease.cell).collect()
+    }
+
+    /// Stops every session: not by way of the tasks of their runs, which may be waiting for the store.
+    pub(super) fn stop_all(&self) {
+        let sessions: Vec<RunHandle> = self.open().values().filter_map(|run| run.session()).collect();
+        sessions.iter().for_each(|session| session.stop(StopCause::ServerGone));
     }
 
     /// Runs that move or read controllers under a lease.

@@ -219,7 +219,7 @@ impl Supervisor {
         self.run.coverage = self.coverage(checked, record).await;
         self.run.conclude(record);
         self.run.armed_by = self.open.armed_by();
-        if self.run.state == ReportedState::Done && self.run.mode == RunMode::Live {
+        if has_completed_program(&self.run) {
             let noted = self.app.0.store.note_completed(&order.program_sha256, &order.cell_sha256).await;
             warn(&self.run, "noting that the program was completed", noted);
         }
@@ -303,6 +303,12 @@ fn count_jitter(jitter: &Jitter) {
         histogram.flush();
         metrics.run_periods_missed.inc_by(jitter.missed);
     });
+}
+
+/// Returns true for a run that moved through the whole program live: later ones may be faster. One that began at a later step has shown
+/// nothing of the motions before it.
+fn has_completed_program(run: &Run) -> bool {
+    run.state == ReportedState::Done && run.mode == RunMode::Live && run.from_step == 0
 }
 
 /// State, reason and words of a run that ended before its session began.

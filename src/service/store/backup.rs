@@ -194,6 +194,7 @@ pub async fn restore(from: &Path, data: &Path, keep_damaged: bool) -> Result<Bac
     let mut source = open_database(&connect_options(&snapshot), &snapshot).await?;
     let id = id_of(&mut source).await?;
     skip_versions(&mut source).await?;
+    skip_tokens(&mut source).await?;
     source.close().await?;
     let referenced = referenced_files(&snapshot).await?;
     let mut report = BackupReport { files: referenced.len(), ..BackupReport::default() };
@@ -217,6 +218,15 @@ async fn skip_versions(database: &mut SqliteConnection) -> Result<(), sqlx::Erro
     const SKIP: &str = "INSERT INTO spec_version (only_row, last) VALUES (1, 1 + (random() & 0xffffffffff))
         ON CONFLICT (only_row) DO UPDATE SET last = last + excluded.last";
     sqlx::query(SKIP).execute(database).await.map(drop)
+}
+
+/// Skips fencing tokens of leases: those given after the backup are not given again, or whoever holds one from then could move a cell that
+/// another has leased. Databases before the schema with runs have none.
+async fn skip_tokens(database: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    const HAS_TOKENS: &str = "SELECT EXISTS (SELECT 1 FROM sqlite_master WHERE name = 'run_fence')";
+    const SKIP: &str = "UPDATE run_fence SET last = last + 0x100000000 + (random() & 0xffffffff)";
+    let has_tokens: bool = sqlx::query_scalar(HAS_TOKENS).fetch_one(&mut *database).await?;
+    if has_tokens { sqlx::query(SKIP).execute(database).await.map(drop) } else { Ok(()) }
 }
 
 /// Adds to the files what they belong to. Databases before the schema that says so tell nothing.

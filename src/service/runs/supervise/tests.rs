@@ -1,13 +1,21 @@
 //! Ends of runs while the disk is full, and of the work for them.
 
 use std::io::{Read as _, Write as _};
+use std::time::Duration;
+
+use nalgebra::Isometry3;
 
 use super::super::{RunCursor, RunMessage};
 use super::*;
+use crate::cell::{CollisionScene, Presets, SpecLibrary};
 use crate::execution::audit::{AuditLimits, verify};
+use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, simulate};
+use crate::geometry::Pose;
+use crate::program::{Program, Step};
 use crate::service::Options;
 use crate::service::planner::JobInput;
 use crate::service::tests::{no_steps, options, service};
+use crate::testing::box_mesh;
 use crate::wire::run::{RunAudit, RunRequest};
 use crate::wire::{JobId, RunId};
 
@@ -129,4 +137,46 @@ async fn a_run_that_was_cut_off_is_linked_with_the_end_of_its_log() {
     assert_eq!((run.state, run.reason), (ReportedState::Stopped, ReportedReason::ServerRestarted));
     assert_eq!((head.lines, run.audit), (2, Some(RunAudit::from(head))));
     assert_eq!(app.run(simulated.id).await.expect("it").audit, None, "there is none");
+}
+
+/// Its last step alone would else take the cap off the speed of all.
+#[test]
+fn a_run_that_began_at_a_later_step_has_not_completed_the_program() {
+    let ended = |mode: RunMode, from_step: usize, state: ReportedState| {
+        let request = RunRequest { mode, from_step, ..RunRequest::new(JobId::generate()) };
+        Run { state, ..Run::new(&request, None, "cell", &no_steps(), "") }
+    };
+    assert!(has_completed_program(&ended(RunMode::Live, 0, ReportedState::Done)));
+    for (mode, from_step, state) in [
+        (RunMode::Live, 1, ReportedState::Done),
+        (RunMode::Live, 0, ReportedState::Stopped),
+        (RunMode::Simulate, 0, ReportedState::Done),
+        (RunMode::DryRun, 0, ReportedState::Done),
+    ] {
+        assert!(!has_completed_program(&ended(mode, from_step, state)), "{mode:?} from {from_step}, {state:?}");
+    }
+}
+
+/// A run that stays armed until it is told to take its only step.
+fn waiting() -> RunHandle {
+    let cell = Arc::new(Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds"));
+    let part = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 100.0]);
+    let scene = CollisionScene::new(&cell, &part, None, &Pose::claim(Isometry3::identity()), 5.0);
+    let (robot, turntable, home_rad) = (cell.robot.name.clone(), cell.turntable.name.clone(), cell.home_rad);
+    let (steps, cycle_secs) = (vec![Step::Settle { secs: 1.0 }], 1.0);
+    let program = Program { robot, turntable, home_rad, steps, cycle_secs, ..no_steps() };
+    let hashes = Hashes { plan: program.plan_sha256.clone(), cell: String::new(), compensation: None };
+    let job = RunJob::new(program, cell, &scene, None, [hashes.clone(), hashes]).expect("sound");
+    simulate(job, RunOptions { single_step: true, ..RunOptions::default() })
+}
+
+/// A disk that does not answer holds up the task, and whoever stops the server to stop the arm waits for no disk.
+#[tokio::test]
+async fn a_session_stops_with_the_service_whatever_its_task_waits_for() {
+    let (app, _folder) = service().await;
+    let (supervisor, handle) = (supervisor(&app).await, waiting());
+    supervisor.open.session.send_replace(Some(handle.clone()));
+    app.stop().await;
+    let record = tokio::time::timeout(Duration::from_secs(5), handle.ended()).await.expect("it stops");
+    assert_eq!(record.status.reason, RunReason::Ended(StopCause::ServerGone));
 }
