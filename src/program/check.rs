@@ -456,19 +456,32 @@ impl Linter<'_> {
             }
         }
         if let Some(within_rad) = step.passed_within_rad {
-            self.pass(index, &points, within_rad);
+            self.pass(index, &points, within_rad, table_alone);
         }
     }
 
-    /// Checks the curve that passes points without stopping, beside the straight segments, which executors may follow too.
-    fn pass(&mut self, index: usize, points: &[Configuration], within_rad: f64) {
+    /// Checks the curve that passes points without stopping, beside the straight segments, which executors may follow too. It
+    /// moves table and arm between a segment of the one and a segment of the other.
+    fn pass(&mut self, index: usize, points: &[Configuration], within_rad: f64, table_alone: bool) {
         for bend in SmoothPath::through(points, within_rad).bends() {
-            let Some(contact) = bend.windows(2).find_map(|ends| self.scene.check_segment(&ends[0], &ends[1])) else { continue };
+            let is_together =
+                table_alone && bend.windows(2).any(|ends| ends[0].turns_table(&ends[1]) && ends[0].moves_arm(&ends[1]));
+            let contact = bend.windows(2).find_map(|ends| self.scene.check_segment(&ends[0], &ends[1]));
+            if !is_together && contact.is_none() {
+                continue;
+            }
             let middle = &bend[bend.len() / 2];
             let corners = points.iter().enumerate().skip(1);
             let nearest = corners.min_by(|(_, a), (_, b)| a.distance_rad(middle).total_cmp(&b.distance_rad(middle)));
             let segment = nearest.map_or(0, |(corner, _)| corner - 1);
-            self.find(Some(index), Fault::Collision { segment, contact });
+            let together = Finding { step: Some(index), fault: Fault::Together { segment } };
+            // A segment that moves both is a finding already.
+            if is_together && !self.findings.contains(&together) {
+                self.findings.push(together);
+            }
+            if let Some(contact) = contact {
+                self.find(Some(index), Fault::Collision { segment, contact });
+            }
         }
     }
 

@@ -149,6 +149,28 @@ fn the_curve_that_passes_a_point_is_checked_beside_the_segments() {
     assert!(matches!(passing(Some(within_rad))[..], [Fault::Collision { segment: 0, .. }]));
 }
 
+/// Each segment moves the table or the arm; the curve that passes the point between them moves both, and went unnoticed.
+#[test]
+fn a_point_between_table_and_arm_that_is_passed_is_found_where_the_plan_turns_the_table_alone() {
+    let mut job = job();
+    let (home, axes) = (job.program.home_rad, job.cell.axes());
+    let corner = Configuration { table_rad: home.table_rad + 0.2, ..home };
+    let mut target = corner;
+    target.joints_rad[0] += 0.1;
+    let together = |job: &Job, passed_within_rad: Option<f64>| {
+        let mut program = job.program.clone();
+        let step = first_move(&mut program);
+        (step.via_rad, step.target_rad, step.passed_within_rad) = (vec![corner], target, passed_within_rad);
+        step.duration_secs = step.derived_secs(&home, &axes);
+        program.steps.truncate(1);
+        job.faults(&program).into_iter().filter(|fault| matches!(fault, Fault::Together { .. })).collect::<Vec<_>>()
+    };
+    assert_eq!(together(&job, Some(0.01)), [], "the plan lets them move together");
+    job.expected.table_alone = true;
+    assert_eq!(together(&job, None), [], "it stops between them");
+    assert_eq!(together(&job, Some(0.01)), [Fault::Together { segment: 0 }]);
+}
+
 /// A run stops at every point; it was predicted to pass them.
 #[test]
 fn a_program_with_stops_takes_the_time_of_its_stops() {

@@ -27,6 +27,9 @@ pub type LinkFrames = [Isometry3<f64>; 7];
 /// The axis of each joint in the frame that it turns.
 type JointAxes = [[f64; 3]; 6];
 
+/// Squared sine of the angle between two axes below which they are taken as parallel, and meet nowhere.
+const PARALLEL: f64 = 1e-12;
+
 /// Build of an arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
@@ -104,9 +107,12 @@ impl Kinematics {
     pub fn posture(&self, joints_rad: &[f64; 6]) -> Posture {
         let (frames, axes) = (self.link_frames(joints_rad), self.axes_in_base(joints_rad));
         let at = |frame: usize| frames[frame].translation.vector;
+        let wrist = self.wrist_centre(&frames, &axes);
+        // The forearm of three parallel axes ends at axis 4, wherever on it; the wrist stands off from there.
+        let forearm_end = if self.has_three_parallel_axes() { at(4) } else { wrist };
         Posture {
-            shoulder_back: axes[0].cross(&axes[1]).dot(&(at(5) - at(1))) > 0.0,
-            elbow_down: (at(3) - at(2)).cross(&(at(5) - at(3))).dot(&axes[1]) < 0.0,
+            shoulder_back: axes[0].cross(&axes[1]).dot(&(wrist - at(1))) > 0.0,
+            elbow_down: (at(3) - at(2)).cross(&(forearm_end - at(3))).dot(&axes[1]) < 0.0,
             wrist_flipped: axes[3].cross(&axes[5]).dot(&axes[4]) < 0.0,
         }
     }
@@ -120,9 +126,10 @@ impl Kinematics {
         let at = |frame: usize| frames[frame].translation.vector;
         let length = (at(3) - at(2)).norm() + (at(5) - at(3)).norm();
         // Of the wrist's centre: how far the flange stands out is no matter of posture.
+        let wrist = self.wrist_centre(&frames, &axes);
         let jacobian = Matrix6::from_columns(&std::array::from_fn::<_, 6, _>(|joint| {
-            let (axis, on_axis) = (axes[joint], if joint == 5 { at(5) } else { at(joint + 1) });
-            let moved = axis.cross(&(at(5) - on_axis)) / length.max(1.0);
+            let (axis, on_axis) = (axes[joint], if joint == 5 { wrist } else { at(joint + 1) });
+            let moved = axis.cross(&(wrist - on_axis)) / length.max(1.0);
             Vector6::new(moved.x, moved.y, moved.z, axis.x, axis.y, axis.z)
         }));
         jacobian.singular_values().min()
@@ -137,6 +144,33 @@ impl Kinematics {
             Self::Chain(arm) => arm.joint_axes(),
         };
         std::array::from_fn(|joint| frames[joint + 1].rotation * Vector3::from(axes[joint]))
+    }
+
+    /// Returns true if axes 2, 3 and 4 are parallel.
+    fn has_three_parallel_axes(&self) -> bool {
+        match self {
+            Self::Opw(_) => false,
+            Self::Ur(_) => true,
+            Self::Chain(arm) => arm.closed_form() == Some("ur"),
+        }
+    }
+
+    /// Point of axis 6 that is nearest to axis 5, base frame: the wrist's centre, where the two meet. The origin of frame 5 is on
+    /// axis 5, and beside axis 6 where the wrist is no spherical one.
+    fn wrist_centre(&self, frames: &LinkFrames, axes: &[Vector3<f64>; 6]) -> Vector3<f64> {
+        let at = |frame: usize| frames[frame].translation.vector;
+        let on_axis_6 = match self {
+            Self::Opw(_) => return at(5),
+            Self::Ur(_) => at(6),
+            // The flange need not lie on axis 6.
+            Self::Chain(arm) => (frames[6] * arm.flange.inverse()).translation.vector,
+        };
+        let normal = axes[4].cross(&axes[5]);
+        let square = normal.norm_squared();
+        if square < PARALLEL {
+            return on_axis_6;
+        }
+        on_axis_6 + axes[5] * ((on_axis_6 - at(5)).cross(&axes[4]).dot(&normal) / square)
     }
 
     /// Returns true if joint 3 is counted from the ground: it keeps its slope as joint 2 turns.

@@ -59,7 +59,7 @@ impl OpwSpec {
         findings.range(format!("{pointer}/c3_mm"), self.c3_mm, 1.0, 5000.0, "mm");
         findings.range(format!("{pointer}/c4_mm"), self.c4_mm, 0.0, 5000.0, "mm");
         for (joint, sign) in self.sign_corrections.iter().enumerate() {
-            findings.require(sign.abs() == 1, format!("{pointer}/sign_corrections/{joint}"), || {
+            findings.require(matches!(*sign, 1 | -1), format!("{pointer}/sign_corrections/{joint}"), || {
                 format!("is {sign}; allowed is 1 or -1")
             });
         }

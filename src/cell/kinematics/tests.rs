@@ -122,6 +122,66 @@ fn singular_poses_give_finite_exact_solutions() {
     }
 }
 
+/// Told by the origin of frame 5, which is beside axis 6, one in seven poses of a UR5e had two solutions of one posture. The
+/// margin was 0.05 at the singularity here, and next to nothing at the other joints, where there is none.
+#[test]
+fn the_wrist_of_an_arm_with_three_parallel_axes_is_where_its_last_two_axes_meet() {
+    let ur5e = ur5e();
+    // The wrist's centre is in the plane of axes 1 and 2: a2 cos θ2 + a3 cos θ23 + d5 sin θ234 = 0.
+    let (theta3, theta4) = (1.2_f64, 0.4_f64);
+    let of_cosine = -425.0 - 392.2 * theta3.cos() + 99.7 * (theta3 + theta4).sin();
+    let of_sine = 392.2 * theta3.sin() + 99.7 * (theta3 + theta4).cos();
+    let singular = (-of_cosine).atan2(of_sine);
+    let at = |theta2: f64| [0.3, theta2, theta3, theta4, 0.9, 0.2];
+    let (as_chain, _) = chain(chain_of(&ur5e, [[0.0, 0.0, 1.0]; 6], 25.0));
+    for arm in [&ur5e, &as_chain] {
+        let margins = [singular, 0.998_407_346].map(|theta2| arm.singularity_margin(&at(theta2)));
+        assert!(margins[0] < 1e-9 && margins[1] > 0.03, "{margins:?}");
+        for off in [-0.1, -0.05, 0.05, 0.1] {
+            let branches = ur5e.ik_solutions(&ur5e.base_from_flange(&at(singular + off)));
+            let postures: std::collections::BTreeSet<_> = branches.iter().map(|joints| arm.posture(joints)).collect();
+            assert_eq!((branches.len(), postures.len()), (8, 8), "{off} beside the singularity");
+        }
+    }
+}
+
+/// Arm with the origin of joint 5 elsewhere on its axis.
+fn slid(mut spec: ChainSpec, along_mm: f64) -> ChainSpec {
+    let axis = Vector3::from(spec.joints[4].axis).normalize();
+    let shift = |by_mm: f64| Isometry3::from_parts(Translation3::from(axis * by_mm), UnitQuaternion::identity());
+    let origin = |joint: usize| *spec.joints[joint].origin.pose::<(), ()>().isometry();
+    let (five, six) = (origin(4) * shift(along_mm), shift(-along_mm) * origin(5));
+    spec.joints[4].origin = PoseSpec::from(&Pose::<(), ()>::claim(five));
+    spec.joints[5].origin = PoseSpec::from(&Pose::<(), ()>::claim(six));
+    spec
+}
+
+/// A URDF has the origin of a joint wherever it likes on the joint's axis.
+#[test]
+fn an_origin_that_slides_along_its_axis_changes_no_posture() {
+    for (arm, axes) in [(arm(general()), OPW_AXES), (ur5e(), [[0.0, 0.0, 1.0]; 6])] {
+        let spec = chain_of(&arm, axes, 0.0);
+        let (before, after) = (chain(spec.clone()).0, chain(slid(spec, 300.0)).0);
+        for step in 0..50 {
+            let q: [f64; 6] = std::array::from_fn(|joint| 2.5 * (f64::from(step) * (joint as f64 + 2.0).sqrt() + 0.3).sin());
+            let (a, b) = (before.base_from_flange(&q), after.base_from_flange(&q));
+            assert!(error(a.isometry(), b.isometry()) < 1e-9, "{q:?}");
+            assert_eq!(before.posture(&q), after.posture(&q), "{q:?}");
+        }
+    }
+}
+
+/// −128 has no opposite among numbers of eight bits: a debug build ended in the check itself.
+#[test]
+fn a_sign_that_is_none_is_refused_by_its_place() {
+    for sign in [i8::MIN, 0, 2] {
+        let mut findings = crate::cell::Findings::default();
+        OpwSpec { sign_corrections: [1, sign, 1, 1, 1, 1], ..e05() }.check("/kinematics", &mut findings);
+        let errors = findings.into_result().expect_err("no sign");
+        assert_eq!(errors[0].pointer, "/kinematics/sign_corrections/1");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 

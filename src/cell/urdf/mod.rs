@@ -501,13 +501,19 @@ fn within_soft_limits(joint: &JointElement, (min_rad, max_rad): (f64, f64)) -> R
 fn axis(joint: &JointElement, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
     let (min_rad, max_rad) = own_range_rad(joint);
     let bad = |what: &'static str, value: f64| UrdfError::Number { joint: joint.name.clone(), what, value };
-    if !(min_rad.is_finite() && max_rad > min_rad) {
+    if !min_rad.is_finite() {
+        return Err(bad("lower limit", min_rad));
+    }
+    if max_rad <= min_rad {
         return Err(bad("upper limit", max_rad));
     }
     if !(joint.speed.is_finite() && joint.speed > 0.0) {
         return Err(bad("speed", joint.speed));
     }
     let (min_rad, max_rad) = within_soft_limits(joint, (min_rad, max_rad))?;
+    if !max_rad.is_finite() {
+        return Err(bad("upper limit", max_rad));
+    }
     let speed_deg_per_s = joint.speed.to_degrees();
     Ok(AxisSpec {
         min_deg: min_rad.to_degrees(),

@@ -187,6 +187,16 @@ fn soft_limits_narrow_a_joint_and_are_told() {
     assert!(refused.contains("\"joint_3\" has the soft limits 3 to 4 rad"), "{refused}");
 }
 
+/// A lower limit that is left out was told as the upper one, and an upper one that is left out was passed on as infinite.
+#[test]
+fn a_limit_that_a_joint_lacks_is_told_by_its_name() {
+    for (left_out, told) in [("lower=\"-2\" ", "the lower limit -inf"), ("upper=\"2.5\" ", "the upper limit inf")] {
+        let text = arm_urdf("revolute").replacen("<robot", "<robot version=\"1.2\"", 1).replacen(left_out, "", 1);
+        let error = import(&text, &options(), &mut no_mesh).expect_err("refused").to_string();
+        assert!(error.contains("\"joint_1\"") && error.contains(told), "{error}");
+    }
+}
+
 /// `tool0` of some public files has z square to axis 6.
 #[test]
 fn a_flange_whose_z_is_off_axis_6_is_told() {

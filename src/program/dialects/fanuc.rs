@@ -22,6 +22,8 @@ const DECIMALS: usize = 3;
 const HOMING_PERCENT: u32 = 5;
 /// Label that the wait for the scanner jumps to.
 const LATE: u32 = 99;
+/// Axis of motion group 2 that turns the table. Positions name every axis of a group, and this group's other axes are not known.
+const TABLE_AXIS: u32 = 1;
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
@@ -36,6 +38,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
 /// The program.
 fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Fanuc, 1, 4096)?;
+    check_table_axis(job)?;
     let joint_3_from = joint_3_from(job)?;
     let rule = NameRule { longest: job.params.fanuc_name_chars as usize, reserved: &RESERVED, point: "" };
     let name = identifier(&job.params.program_name, job.program.setup, &rule).to_ascii_uppercase();
@@ -48,6 +51,12 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     }
     lines.push("/END".to_owned());
     Ok(vec![Job::file(&name, "ls", &lines)])
+}
+
+/// Refuses another axis for the table than the program turns: the one that it turns would be something else, such as a tilt.
+fn check_table_axis(job: &Job<'_>) -> Result<(), DialectError> {
+    let axis = job.params.table_axis;
+    if axis == TABLE_AXIS { Ok(()) } else { Err(DialectError::TableAxis(axis)) }
 }
 
 /// Link from which the program's joint 3 is counted. Another maker's arm is not converted: the header warns.

@@ -160,6 +160,12 @@ pub enum DialectError {
         /// Highest.
         highest: u32,
     },
+    /// The table is another axis than FANUC programs turn.
+    #[error(
+        "dialects.table_axis is {0}; a fanuc program turns axis 1 of motion group 2 alone: make the table that axis, and set \
+         dialects.table_axis = 1"
+    )]
+    TableAxis(u32),
     /// Whole percents cannot say it without being quicker than was checked.
     #[error("the speed is {0} of the rated; {1} cannot go below 1 %")]
     TooSlow(f64, &'static str),

@@ -1,6 +1,12 @@
 //! Names and comments as each language allows them. What users wrote never becomes code: identifiers keep letters, digits
 //! and underscores only, comments lose line ends and everything that is not printable ASCII.
 
+/// Names that Windows keeps for devices, whatever the extension: a file cannot have them there, and KUKA's controllers run on it.
+const DEVICES: [&str; 22] = [
+    "AUX", "COM1", "COM2", "COM3", "COM4", "COM5", "COM6", "COM7", "COM8", "COM9", "CON", "LPT1", "LPT2", "LPT3", "LPT4", "LPT5",
+    "LPT6", "LPT7", "LPT8", "LPT9", "NUL", "PRN",
+];
+
 /// Rules of a language for the name of a program.
 pub(super) struct NameRule {
     /// Largest number of characters.
@@ -16,12 +22,12 @@ impl NameRule {
     fn is_taken(&self, name: &str) -> bool {
         let number = name.strip_prefix(self.point).unwrap_or_default();
         let is_point = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
-        is_point || self.reserved.contains(&name)
+        is_point || self.reserved.contains(&name) || DEVICES.contains(&name)
     }
 }
 
 /// An identifier that resembles `name`: runs of other characters become one underscore, a first digit, a reserved word or the name
-/// of a point gets `v_` before it, a later setup its number behind it, within the length.
+/// of a point or a device gets `v_` before it, a later setup its number behind it, within the length.
 pub(super) fn identifier(name: &str, setup: usize, rule: &NameRule) -> String {
     let words = name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let mut plain = words.collect::<Vec<_>>().join("_");

@@ -1,7 +1,8 @@
 //! ABB RAPID (*Technical reference manual, RAPID Instructions, Functions and Data types*, 3HAC050917). `MoveAbsJ` with `fine`
 //! stops at each joint target; its `\T` is the time of the move, which is how a share of the rated joint speeds is said in a
 //! language whose speed data are those of the tool. The table is an external axis of the joint target. `WaitDI` past
-//! `\MaxTime` raises ERR_WAIT_MAXTIME, which stops the program since nothing handles it. Names have 32 characters at most.
+//! `\MaxTime` raises ERR_WAIT_MAXTIME, which stops the program since nothing handles it. `AliasIO` takes the name of a signal by
+//! reference, from a constant: a string as it stands is none. Names have 32 characters at most.
 //! Controllers of arms with a parallel rod count joint 3 from the ground; a robot's model without `joint_3_from_ground`
 //! may have left that open, so the header tells how the program counts it, and how to try it on the arm.
 
@@ -146,7 +147,9 @@ fn routines(job: &Job<'_>) -> String {
         .chain([format!("Abs(now.extax.eax_{eax}-p0.extax.eax_{eax})>0.5")])
         .collect();
     format!(
-        "  LOCAL VAR signaldo scan_output;
+        "  LOCAL CONST string scan_output_name:=\"DO_{}\";
+  LOCAL CONST string scan_input_name:=\"DI_{}\";
+  LOCAL VAR signaldo scan_output;
   LOCAL VAR signaldi scan_input;
   ! The paths begin at home; from anywhere else they were not checked.
   LOCAL PROC require_home()
@@ -164,6 +167,8 @@ fn routines(job: &Job<'_>) -> String {
     WaitDI scan_input,1\\MaxTime:={};
   ENDPROC
 ",
+        params.scan_output,
+        params.scan_input,
         far.join("\n      OR "),
         fixed(params.pulse_secs, 3),
         fixed(params.timeout_secs, 3)
@@ -172,8 +177,8 @@ fn routines(job: &Job<'_>) -> String {
 
 fn body(job: &Job<'_>) -> Vec<String> {
     let mut lines = vec![
-        format!("    AliasIO \"DO_{}\",scan_output;", job.params.scan_output),
-        format!("    AliasIO \"DI_{}\",scan_input;", job.params.scan_input),
+        "    AliasIO scan_output_name,scan_output;".to_owned(),
+        "    AliasIO scan_input_name,scan_input;".to_owned(),
         "    require_home;".to_owned(),
     ];
     let mut acceleration = None;
@@ -203,7 +208,7 @@ fn share_of_acceleration(speed_fraction: f64) -> u32 {
 }
 
 fn go(stretch: &Stretch, job: &Job<'_>) -> String {
-    // Rounded up, never quicker than was planned; what angles lose in a file changes no digit.
-    let secs = (stretch.secs(&job.axes) * 1000.0 - 1e-3).ceil() / 1000.0;
-    format!("    MoveAbsJ p{}\\NoEOffs,vmax\\T:={},fine,tool0;", stretch.point, fixed(secs, 3))
+    // Rounded up, never quicker than was planned; what angles lose in a file changes no digit. The shortest move takes time too.
+    let millisecs = (stretch.secs(&job.axes) * 1000.0 - 1e-3).ceil().max(1.0);
+    format!("    MoveAbsJ p{}\\NoEOffs,vmax\\T:={},fine,tool0;", stretch.point, fixed(millisecs / 1000.0, 3))
 }

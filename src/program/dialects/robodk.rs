@@ -9,8 +9,8 @@ use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, scanning, toward};
 use super::{DialectFacts, DialectFile, DialectOutput, Job};
 
-/// A Python file's name should be a module's.
-const NAME: NameRule = NameRule { longest: 64, reserved: &[], point: "" };
+/// A Python file's name should be a module's, and not that of the package it imports: Python would find the file in its place.
+const NAME: NameRule = NameRule { longest: 64, reserved: &["ROBODK"], point: "" };
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {

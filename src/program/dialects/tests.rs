@@ -82,6 +82,9 @@ fn no_module_is_named_by_a_word_of_its_language_or_a_point_of_its_own() {
         assert_eq!(first_line(Dialect::Krl, name, "DEF "), format!("DEF {}( )", name.to_uppercase()));
     }
     assert_eq!(first_line(Dialect::Rapid, "without", "MODULE "), "MODULE without");
+    // Windows has no file AUX.src, and Python takes robodk.py for the package of that name.
+    assert_eq!(first_line(Dialect::Krl, "aux", "DEF "), "DEF V_AUX( )");
+    assert!(first_line(Dialect::Robodk, "RoboDK", "# Vantage").ends_with("File name: v_RoboDK.py"));
 }
 
 #[test]
@@ -103,6 +106,9 @@ fn names_become_identifiers_of_each_length() {
         ("p12", 1, 32, "p12_2"),
         ("p", 0, 32, "p"),
         ("abcdefg_h", 0, 8, "abcdefg"),
+        ("aux", 0, 32, "v_aux"),
+        ("Com7", 0, 32, "v_Com7"),
+        ("aux", 1, 32, "aux_2"),
     ] {
         let found = identifier(name, setup, &rule(longest));
         assert_eq!(found, wanted, "{name:?} in {longest}");
@@ -167,6 +173,53 @@ fn signals_that_a_controller_lacks_are_refused() {
     assert!(rendered(&program, &cell, Dialect::Krl, &far).is_ok());
     let none = DialectParams { scan_input: 0, ..params() };
     assert_eq!(refused(Dialect::Krl, none), "dialects.scan_input is 0; krl has 1 to 4096");
+}
+
+/// A string as it stands is no reference, which the instruction's syntax asks for (3HAC050917, AliasIO).
+#[test]
+fn a_rapid_module_names_its_signals_by_constants() {
+    let cell = cell();
+    let numbered = DialectParams { scan_output: 3, scan_input: 5, ..params() };
+    let text = rendered(&program(&cell), &cell, Dialect::Rapid, &numbered).expect("renders").remove(0);
+    for line in [
+        "  LOCAL CONST string scan_output_name:=\"DO_3\";\n",
+        "  LOCAL CONST string scan_input_name:=\"DI_5\";\n",
+        "    AliasIO scan_output_name,scan_output;\n",
+        "    AliasIO scan_input_name,scan_input;\n",
+    ] {
+        assert_eq!(text.matches(line).count(), 1, "{line}{text}");
+    }
+}
+
+/// Points that differ by the last digits of a double are a move of less than a microsecond, which was written as 0 s.
+#[test]
+fn a_rapid_move_of_next_to_nothing_has_a_time() {
+    let cell = cell();
+    let mut program = program(&cell);
+    let Step::Move(step) = &mut program.steps[0] else { panic!("a program begins with a move") };
+    step.via_rad[0] = Configuration { table_rad: cell.home_rad.table_rad + 1e-15, ..cell.home_rad };
+    step.duration_secs = step.derived_secs(&cell.home_rad, &cell.axes());
+    program.cycle_secs = program.steps.iter().map(Step::secs).sum();
+    let text = rendered(&program, &cell, Dialect::Rapid, &params()).expect("renders").remove(0);
+    assert!(text.contains("MoveAbsJ p1\\NoEOffs,vmax\\T:=0.001,fine,tool0;") && !text.contains("T:=0.000"), "{text}");
+}
+
+/// Axis 1 of the group was turned, such as the tilt of a positioner, by the angle of the table.
+#[test]
+fn a_table_that_is_another_axis_than_a_fanuc_program_turns_is_refused() {
+    let cell = cell();
+    let program = program(&cell);
+    let second = DialectParams { table_axis: 2, ..params() };
+    for dialect in Dialect::ALL {
+        let rendered = rendered(&program, &cell, dialect, &second);
+        if dialect == Dialect::Fanuc {
+            let refused = rendered.expect_err("refused").to_string();
+            let wanted = "dialects.table_axis is 2; a fanuc program turns axis 1 of motion group 2 alone";
+            assert!(refused.starts_with(wanted) && refused.ends_with("set dialects.table_axis = 1"), "{refused}");
+        } else {
+            assert!(rendered.is_ok(), "{dialect:?}");
+        }
+    }
 }
 
 #[test]

@@ -26,6 +26,8 @@ MODULE vantage
   LOCAL CONST jointtarget p3:=[[10.1235,-33.0000,64.0000,5.0000,24.0000,7.0000],[45.0000,9E9,9E9,9E9,9E9,9E9]];
   LOCAL CONST jointtarget p4:=[[-10.0000,-33.0000,64.0000,0.0000,30.0000,-7.6543],[-20.0000,9E9,9E9,9E9,9E9,9E9]];
   LOCAL CONST jointtarget p5:=[[0.0000,-30.0000,60.0000,0.0000,30.0000,0.0000],[0.0000,9E9,9E9,9E9,9E9,9E9]];
+  LOCAL CONST string scan_output_name:="DO_1";
+  LOCAL CONST string scan_input_name:="DI_1";
   LOCAL VAR signaldo scan_output;
   LOCAL VAR signaldi scan_input;
   ! The paths begin at home; from anywhere else they were not checked.
@@ -50,8 +52,8 @@ MODULE vantage
     WaitDI scan_input,1\MaxTime:=30.000;
   ENDPROC
   PROC vantage_run()
-    AliasIO "DO_1",scan_output;
-    AliasIO "DI_1",scan_input;
+    AliasIO scan_output_name,scan_output;
+    AliasIO scan_input_name,scan_input;
     require_home;
     ! to viewpoint 4
     AccSet 25,100;

@@ -169,10 +169,12 @@ impl Module {
                 Some(Said::Begin(self.point("p0", params)))
             }
             ("scan", []) => Some(Said::Scan),
-            ("AliasIO", [Argument::Required(Expr::Text(signal)), alias]) => {
+            ("AliasIO", [Argument::Required(Expr::Name(signal)), alias]) => {
+                let data = self.data.iter().find(|data| data.name == *signal && data.kind == "string");
+                let value = data.and_then(|data| data.value.clone());
                 let wanted =
                     [(format!("DO_{}", params.scan_output), "scan_output"), (format!("DI_{}", params.scan_input), "scan_input")];
-                assert!(wanted.iter().any(|(text, name)| text == signal && *alias == named(name)));
+                assert!(wanted.iter().any(|(text, name)| value == Some(Expr::Text(text.clone())) && *alias == named(name)));
                 None
             }
             ("AccSet", [Argument::Required(Expr::Number(share)), _]) => {
