@@ -187,7 +187,8 @@ fn problem<'a>(
 /// Chosen views, and the last problem on every sample that was looked at.
 type ChosenOnEvery<'a> = (ChosenViews, Option<ViewPlanningProblem<'a>>);
 
-/// Chooses views that meet their goals on every sample: among candidates beside a first choice too, unless fewer are chosen without.
+/// Chooses views that meet their goals on every sample: among candidates beside a first choice too, unless fewer are chosen without;
+/// or, without a closer look, once more where greedy's views have better grades once they are slid.
 fn choose<'a>(
     problem: &mut ViewPlanningProblem<'a>,
     sampled: &'a SampledPart,
@@ -197,7 +198,11 @@ fn choose<'a>(
 ) -> Result<ChosenOnEvery<'a>, PlanError> {
     if !(looks_closer && adjust::looks_closer(problem)) {
         let selected = problem.select(excluded, None, ctx)?;
-        return settle(problem, (sampled, setups), (selected, None), excluded, ctx);
+        let settled = settle(problem, (sampled, setups), (selected, None), excluded, ctx)?;
+        let better = adjust::better_graded_choice(problem, setups, &settled.0.candidates, excluded, ctx)?;
+        let Some(first) = better else { return Ok(settled) };
+        let selected = problem.select(excluded, Some(&first), ctx)?;
+        return settle(problem, (sampled, setups), (selected, Some(&first)), excluded, ctx);
     }
     let at_first = problem.strata.is_some().then(|| problem.clone());
     let (selected, first) = adjust::select_beside_first_choice(problem, (sampled, setups), excluded, ctx)?;

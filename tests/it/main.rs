@@ -19,6 +19,7 @@ mod device_limits;
 mod dialects;
 mod exposure;
 mod goldens;
+mod grade_floor;
 mod http;
 mod inspect_scanner;
 mod kinematics;

@@ -45,6 +45,14 @@ impl Guard {
         Self { of_sample }
     }
 
+    /// Asked area that the views together measure at a grade or better, mm².
+    pub(super) fn area_mm2(&self, problem: &ViewPlanningProblem<'_>, grade: Grade) -> f64 {
+        let best = |measured: &Measurements| measured.iter().map(|(_, quality)| *quality).reduce(f32::max);
+        let has_grade = |measured: &Measurements| best(measured).is_some_and(|quality| Grade::of(f64::from(quality)) <= grade);
+        let graded = self.of_sample.iter().zip(&problem.asked_area_mm2).filter(|(measured, _)| has_grade(measured));
+        graded.map(|(_, area_mm2)| area_mm2).sum()
+    }
+
     /// Best quality of a sample by the other views, where one measures it.
     pub(super) fn best_of_others(&self, view: ViewId, sample: SampleId) -> Option<f32> {
         let others = self.of_sample[sample.index()].iter().filter(|(other, _)| *other != view);

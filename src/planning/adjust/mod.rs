@@ -1,9 +1,10 @@
 //! Chosen views adjusted: chosen again among tilted ones; joined by others where setups share too little surface; slid to where
-//! they score higher; exchanged for others that lie better on the way, and rolled about their axes, for shorter cycles of the same
+//! they score higher; chosen again where that leaves them too few good grades; exchanged for others that lie better on the way, and rolled about their axes, for shorter cycles of the same
 //! plan.
 
 mod closer;
 mod exchange;
+mod floors;
 mod guard;
 mod joins;
 mod rolls;
@@ -13,6 +14,7 @@ use super::problem::ViewPlanningProblem;
 
 pub(super) use closer::{looks_closer, select_beside_first_choice};
 pub(super) use exchange::exchange_views;
+pub(super) use floors::better_graded_choice;
 pub(super) use joins::join_setups;
 pub(super) use rolls::roll_views;
 pub(super) use slides::slide_views;

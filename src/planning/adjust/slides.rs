@@ -43,13 +43,33 @@ pub(in crate::planning) fn slide_views(
     excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
 ) -> Result<ChosenViews, PlanError> {
-    if problem.params.candidates.standoff != Standoff::Surface || super::keeps_views(problem) {
+    let slid_views = slid(problem, setups, &chosen.candidates, ctx)?;
+    if slid_views == chosen.candidates {
         return Ok(chosen);
     }
-    let ctx = ctx.silent();
+    let usable = problem.choosable(excluded);
+    let place = |candidate| usable.binary_search(candidate).ok().map(RowIndex::at);
+    let rows: Vec<RowIndex> = slid_views.iter().filter_map(place).collect();
+    problem.chosen_of(&problem.cover_problem(&usable), &usable, &rows, &chosen, &ctx.silent())
+}
+
+/// Slides views one after another; those that slid are new candidates.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn slid(
+    problem: &mut ViewPlanningProblem<'_>,
+    setups: &[Setup<'_>],
+    views: &[CandidateIndex],
+    ctx: &Context<'_>,
+) -> Result<Vec<CandidateIndex>, Cancelled> {
+    let mut slid_views = views.to_vec();
+    if problem.params.candidates.standoff != Standoff::Surface || super::keeps_views(problem) {
+        return Ok(slid_views);
+    }
+    let (ctx, known) = (ctx.silent(), problem.known());
     let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
-    let (mut slid_views, known) = (chosen.candidates.clone(), problem.known());
-    let mut guard = Guard::new(problem, chosen.views());
+    let mut guard = Guard::new(problem, ViewId::number(views.iter().copied()));
     for (view, candidate) in ViewId::number(&mut slid_views) {
         ctx.check()?;
         let slide = Slide { problem, optics: &optics, guard: &guard, view, candidate: *candidate };
@@ -58,17 +78,11 @@ pub(in crate::planning) fn slide_views(
         guard.exchange(view, &before, &slid.row);
         *candidate = slid.join(problem);
     }
-    if slid_views == chosen.candidates {
-        return Ok(chosen);
-    }
     if joins::must_join(problem) && !joins::are_joined(problem, &slid_views) {
         problem.forget_from(known);
-        return Ok(chosen);
+        return Ok(views.to_vec());
     }
-    let usable = problem.choosable(excluded);
-    let place = |candidate| usable.binary_search(candidate).ok().map(RowIndex::at);
-    let rows: Vec<RowIndex> = slid_views.iter().filter_map(place).collect();
-    problem.chosen_of(&problem.cover_problem(&usable), &usable, &rows, &chosen, &ctx)
+    Ok(slid_views)
 }
 
 /// A chosen view that may slide.

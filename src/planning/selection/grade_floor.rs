@@ -8,11 +8,11 @@
 
 use std::borrow::Cow;
 
-use super::{CoverProblem, FirstChoice, Goal, coverable_mm2, greedy};
+use super::{CoverProblem, FirstChoice, Floors, Goal, coverable_mm2, greedy};
 use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
-use crate::planning::params::{Objective, ScoreParams, SelectionParams};
+use crate::planning::params::{Objective, ScoreParams, SelectionParams, Solver};
 use crate::planning::verdict::Grade;
 use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
@@ -40,11 +40,15 @@ impl GradeFloor {
         first: Option<&FirstChoice>,
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
-        let Some(max_loss) = params.max_grade_loss else { return Ok(None) };
-        let counts = params.objective == Objective::Score && weights.b > 0.0 && !super::is_for_coverage(params);
-        if !counts || problem.rows.iter().any(|row| row.quality().is_none()) {
+        let Some(max_loss) = Self::max_loss(params, weights) else { return Ok(None) };
+        if problem.rows.iter().any(|row| row.quality().is_none()) {
             return Ok(None);
         }
+        let (max_loss, first_mm2) = match first.map(|first| &first.floors) {
+            Some(Floors::MaxLoss(max_loss)) => (*max_loss, &[][..]),
+            Some(Floors::NeededMm2(needed_mm2)) => (max_loss, needed_mm2.as_slice()),
+            None => (max_loss, &[][..]),
+        };
         let start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
         let rows: Vec<Row> = parallel::map(&problem.rows, |row| places.with_twins(row));
@@ -55,7 +59,7 @@ impl GradeFloor {
             let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
             let greedy_mm2 = coverable_mm2(&chosen, &area_mm2);
             let of_greedy_mm2 = (greedy_mm2 - max_loss * area_mm2.iter().sum::<f64>()).max(0.0);
-            let needed_mm2 = first.and_then(|first| first.floors_mm2.get(floor).copied()).unwrap_or(of_greedy_mm2);
+            let needed_mm2 = first_mm2.get(floor).copied().unwrap_or(of_greedy_mm2);
             goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 });
         }
         Ok(Some(Self {
@@ -65,6 +69,13 @@ impl GradeFloor {
             goals,
             start,
         }))
+    }
+
+    /// Share of the asked area by which views may give less of a grade or better than greedy's; `None` where no floor is asked for,
+    /// or quality does not count.
+    pub(in crate::planning) fn max_loss(params: &SelectionParams, weights: &ScoreParams) -> Option<f64> {
+        let counts = params.objective == Objective::Score && weights.b > 0.0 && !super::is_for_coverage(params);
+        params.max_grade_loss.filter(|_| counts && matches!(params.solver, Solver::Local | Solver::Certified))
     }
 
     /// Area needed of each grade or better, mm².

@@ -37,6 +37,7 @@ use super::visibility::{Row, SampleSet};
 pub use bound::Bound;
 pub(in crate::planning) use bound::OpenBound;
 pub(in crate::planning) use grade_floor::GradeFloor;
+pub(in crate::planning) use overlap::Overlap;
 
 /// Seconds that the cell needs from the view of one row to that of another.
 pub type TravelSecs<'a> = &'a (dyn Fn(RowIndex, RowIndex) -> f64 + Sync);
@@ -115,11 +116,25 @@ pub(in crate::planning) struct OpenSelection {
     pub(in crate::planning) bound: Arc<OpenBound>,
 }
 
-/// A first choice, beside which other views are looked for.
+/// A first choice, in place of which or beside which other views are looked for.
 pub(in crate::planning) struct FirstChoice {
     pub(in crate::planning) rows: Vec<RowIndex>,
+    floors: Floors,
+}
+
+/// Floors under grades that a first choice sets.
+enum Floors {
     /// Area that views must measure of each grade that has a floor, or better, mm²; empty without floors.
-    floors_mm2: Vec<f64>,
+    NeededMm2(Vec<f64>),
+    /// Share of the asked area by which views may give less of a grade or better than the first choice does.
+    MaxLoss(f64),
+}
+
+impl FirstChoice {
+    /// Makes a first choice of whose grades others may lose a share of the asked area.
+    pub(in crate::planning) fn with_max_loss(rows: Vec<RowIndex>, max_loss: f64) -> Self {
+        Self { rows, floors: Floors::MaxLoss(max_loss) }
+    }
 }
 
 /// Chosen views without their bound.
@@ -201,7 +216,7 @@ pub(in crate::planning) fn first_choice(
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let (found, _) = local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?;
-    Ok(FirstChoice { rows: found.rows, floors_mm2 })
+    Ok(FirstChoice { rows: found.rows, floors: Floors::NeededMm2(floors_mm2) })
 }
 
 /// Chooses greedily, without a bound.

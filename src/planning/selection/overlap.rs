@@ -11,14 +11,14 @@ use crate::planning::params::OverlapParams;
 use crate::planning::visibility::ones;
 
 /// Tells which rows overlap enough.
-pub(super) struct Overlap<'a> {
+pub(in crate::planning) struct Overlap<'a> {
     problem: &'a CoverProblem<'a>,
     params: &'a OverlapParams,
     joined: RefCell<HashMap<(RowIndex, RowIndex), bool>>,
 }
 
 impl<'a> Overlap<'a> {
-    pub(super) fn new(problem: &'a CoverProblem<'a>, params: &'a OverlapParams) -> Self {
+    pub(in crate::planning) fn new(problem: &'a CoverProblem<'a>, params: &'a OverlapParams) -> Self {
         Self { problem, params, joined: RefCell::default() }
     }
 
@@ -28,7 +28,7 @@ impl<'a> Overlap<'a> {
     }
 
     /// Returns true if `row` may be added to `chosen`.
-    pub(super) fn joins(&self, row: RowIndex, chosen: &[RowIndex]) -> bool {
+    pub(in crate::planning) fn joins(&self, row: RowIndex, chosen: &[RowIndex]) -> bool {
         !self.is_asked_for() || chosen.is_empty() || chosen.iter().any(|other| self.are_joined(row, *other))
     }
 

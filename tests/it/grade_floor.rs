@@ -1,0 +1,49 @@
+//! The floor under grade A: a plan's views give as much of it as greedy's, but for the share that may be lost.
+
+use std::sync::atomic::AtomicBool;
+
+use vantage::cell::{Cell, Presets, SpecLibrary};
+use vantage::geometry::{Mesh, demo_parts};
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::{PlanParams, Solver};
+use vantage::planning::{PlanInput, plan};
+
+use crate::support::{preset_scanner, shared_mesh_scaled};
+
+/// Views, and share of the asked area at grade A.
+fn planned(mesh: &Mesh, cell: Option<&Cell>, params: &PlanParams, solver: Solver) -> (usize, f64) {
+    let (scanner, cancel) = (preset_scanner("transcan-c"), AtomicBool::new(false));
+    let scanner = cell.map_or(&scanner, |cell| &cell.scanner);
+    let mut params = params.clone();
+    (params.selection.solver, params.missed.advice) = (solver, false);
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell, roadmaps: None };
+    let plan = plan(&input, &params, &Context::new(&cancel, &Silent)).expect("a plan").plan;
+    (plan.views.len(), plan.coverage.measured.grade_area_mm2[0] / plan.coverage.asked_area_mm2)
+}
+
+fn keeps_grade_a(name: &str, mesh: &Mesh, cell: Option<&Cell>, params: &PlanParams) {
+    let max_loss = params.selection.max_grade_loss.expect("a floor");
+    let (views, share) = planned(mesh, cell, params, Solver::Local);
+    let (of_greedy, wanted) = planned(mesh, cell, params, Solver::Greedy);
+    println!("{name}: {views} views, {share:.4} at grade A; greedy {of_greedy} views, {wanted:.4}");
+    assert!(views <= of_greedy, "{name}: {views} views, greedy {of_greedy}");
+    assert!(share >= wanted - max_loss, "{name}: {share} at grade A, greedy {wanted}");
+}
+
+/// Views taken in place of greedy's lost more than permitted here when both were slid.
+#[test]
+fn fewer_views_keep_the_grade_a_of_greedys_once_both_are_slid() {
+    let mut params = PlanParams::default();
+    (params.limits.camera_deg, params.limits.projector_deg, params.selection.target) = (Some(60.0), Some(60.0), 0.95);
+    keeps_grade_a("base", &demo_parts::base(20_000).expect("a demo part"), None, &params);
+}
+
+#[test]
+#[ignore = "long: tests/all runs it"]
+fn fewer_views_keep_the_grade_a_of_greedys_on_public_parts() {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    for path in ["meshes/rocker-arm_20k.obj", "meshes/piboy_rear_case_15k_binary.stl", "meshes/gearbox_output_housing_16k.stl"] {
+        let Some(mesh) = shared_mesh_scaled(path, 120.0) else { return };
+        keeps_grade_a(path, &mesh, Some(&cell), &PlanParams::default());
+    }
+}
