@@ -52,12 +52,12 @@ const RESTING_WITHIN_MM: f64 = 0.1;
 /// Cosine below which such a sample faces down: within 8° of the vertical.
 const RESTING_NORMAL_COS: f64 = -0.99;
 
-/// Returns true if a sample belongs to the faces that the part stands on.
+/// Returns true if a sample belongs to the faces that the part stands on, on a plate of this radius.
 #[must_use]
-pub(super) fn stands_on(surface: &Surface, sample: SampleId, table_from_part: &Pose<Table, Part>) -> bool {
-    let height_mm = table_from_part.point(&surface.sample_mm[sample.index()]).z;
+pub(super) fn stands_on(surface: &Surface, sample: SampleId, table_from_part: &Pose<Table, Part>, plate_radius_mm: f64) -> bool {
+    let at = table_from_part.point(&surface.sample_mm[sample.index()]);
     let down = table_from_part.direction(&surface.patch_of(sample).normal).z;
-    height_mm.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS
+    at.z.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS && at.xy().coords.norm() <= plate_radius_mm
 }
 
 /// Sky of a surface point.

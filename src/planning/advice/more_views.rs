@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 
+use super::turn_over::raised_limit;
 use super::{Basis, Wanted, choose as choose_rows, cycle_secs, exceeds_every_limit, views_of};
 use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SetupIndex};
-use crate::planning::params::SelectionGoal;
+use crate::planning::params::{Registration, SelectionGoal};
 use crate::planning::plan::{AdviceKind, Outcome, ParamChange, PlanAdvice};
 use crate::planning::problem::ViewPlanningProblem;
 use crate::planning::registration::union_of;
@@ -27,11 +28,14 @@ pub(super) struct MoreViews {
     measured_mm2: f64,
     /// Target that asks for them; `None` where only the limit of views keeps them out.
     target: Option<f64>,
+    /// Means by which the setups that are planned in are registered to each other; none for a single one.
+    registration: Registration,
     /// Time of the moves to them, each put between two views where it takes least, moves straight.
     moving_secs: f64,
 }
 
-/// Chooses more of the candidates that are not `given_up`; `None` where too little is open for them.
+/// Chooses more of the candidates that are not `given_up`; `None` where too little is open for them, or a plan with more of them may not
+/// register its setups.
 pub(super) fn choose(
     basis: &Basis,
     problem: &ViewPlanningProblem<'_>,
@@ -43,6 +47,11 @@ pub(super) fn choose(
         return Ok(None);
     }
     let params = &problem.params.selection;
+    let registration = if problem.setups.len() > 1 { problem.params.registration } else { Registration::None };
+    // All views that there may be are taken for their area, and none is left to register setups.
+    if params.goal == SelectionGoal::BestCoverage && registration == Registration::Surface {
+        return Ok(None);
+    }
     let (choosable, open_mm2) = (problem.choosable(given_up), basis.open_area_mm2());
     let min_gain_mm2 = MIN_GAIN.max(params.min_growth) * basis.asked_mm2();
     let wanted = Wanted { open_mm2: &open_mm2, needed_mm2: open_mm2.iter().sum(), min_gain_mm2, max_views: MAX_ADDED };
@@ -59,7 +68,7 @@ pub(super) fn choose(
         SelectionGoal::FewestViews | SelectionGoal::MinTime => (None, measured_mm2.min(params.target * whole_mm2)),
     };
     let moving_secs = insertion_secs(problem, ordered, &picks);
-    let more = MoreViews { added: picks.len(), measured_mm2, target, moving_secs };
+    let more = MoreViews { added: picks.len(), measured_mm2, target, registration, moving_secs };
     Ok(basis.is_worth(measured_mm2).then_some(more))
 }
 
@@ -100,8 +109,7 @@ impl MoreViews {
         if exceeds_every_limit(params.selection.max_views, views) {
             return None;
         }
-        let limit =
-            params.selection.max_views.filter(|limit| (*limit as usize) < views).map(|_| ParamChange::MaxViews(views as u32));
+        let limit = self.raised_limit(params.selection.max_views, views).map(ParamChange::MaxViews);
         let changes: Vec<ParamChange> = self.target.map(ParamChange::Target).into_iter().chain(limit).collect();
         (!changes.is_empty()).then(|| PlanAdvice {
             kind: AdviceKind::MoreViews,
@@ -116,5 +124,84 @@ impl MoreViews {
             cycle_secs: cycle_secs(outcome, |_| true, (self.added, self.moving_secs)),
             regions_met: Vec::new(),
         })
+    }
+
+    /// Limit of views for a plan that takes so many, and others to register its setups; `None` where there is none, or nothing that is
+    /// advised needs more than the one that there is.
+    fn raised_limit(&self, limit: Option<u32>, views: usize) -> Option<u32> {
+        let is_too_low = limit.is_some_and(|limit| (limit as usize) < views);
+        raised_limit(limit, views, self.registration).filter(|_| is_too_low || self.target.is_some())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::planning::context::Silent;
+    use crate::planning::params::{PlanParams, Strategy, TargetOf};
+    use crate::planning::plan::Plan;
+    use crate::planning::{PlanInput, plan};
+    use crate::testing::{box_mesh, nominal_scanner};
+
+    /// A box in two setups, of which a single view may be taken.
+    fn one_view_in_two_setups() -> PlanParams {
+        let mut params = PlanParams { setups: 2, ..PlanParams::default() };
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.2), Some(1000.0));
+        (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(30));
+        (params.selection.max_views, params.selection.target_of) = (Some(1), TargetOf::Asked);
+        (params.missed.remedies, params.robust.pose_error) = (0, None);
+        params
+    }
+
+    fn planned(params: &PlanParams) -> Plan {
+        let (mesh, scanner, cancel) = (box_mesh([0.0; 3], [50.0, 40.0, 30.0]), nominal_scanner(), AtomicBool::new(false));
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan").plan
+    }
+
+    /// A limit of as many views as were told left the box without a plan: its setups could not be registered.
+    #[test]
+    fn a_part_in_two_setups_is_planned_with_the_limit_of_views_that_is_advised() {
+        let mut params = one_view_in_two_setups();
+        let before = planned(&params);
+        let [advice] = &before.advice[..] else { panic!("{:?}", before.advice) };
+        assert_eq!(advice.kind, AdviceKind::MoreViews);
+        for change in &advice.changes {
+            match change {
+                ParamChange::MaxViews(views) => params.selection.max_views = Some(*views),
+                ParamChange::Target(target) => params.selection.target = *target,
+                ParamChange::Setups(_) | ParamChange::RestingPoses(_) | ParamChange::Registration(_) => panic!("{change:?}"),
+            }
+        }
+        params.missed.advice = false;
+        let after = planned(&params);
+        let measured_mm2 = after.coverage.measured.area_mm2;
+        assert!(measured_mm2 >= advice.measured_area_mm2 - 1e-6, "{measured_mm2} of {} mm²", advice.measured_area_mm2);
+    }
+
+    /// Choosing as many views for the best coverage leaves none to register the setups, so that there is no plan.
+    #[test]
+    fn more_views_for_the_best_coverage_are_not_advised_where_setups_are_registered_by_surface() {
+        let mut params = one_view_in_two_setups();
+        params.selection.goal = SelectionGoal::BestCoverage;
+        assert_eq!(planned(&params).advice, []);
+        params.registration = Registration::Markers;
+        let advice = planned(&params).advice;
+        assert!(advice.iter().any(|advice| advice.kind == AdviceKind::MoreViews), "{advice:?}");
+    }
+
+    #[test]
+    fn a_limit_of_views_is_raised_for_what_is_advised_alone() {
+        let raised = |registration: Registration, target: Option<f64>, limit: Option<u32>| {
+            MoreViews { added: 2, measured_mm2: 0.0, target, registration, moving_secs: 0.0 }.raised_limit(limit, 3)
+        };
+        let limits = [None, Some(1), Some(3), Some(15)];
+        let with = |registration, target| limits.map(|limit| raised(registration, target, limit));
+        assert_eq!(with(Registration::None, Some(0.999)), [None, Some(3), None, None]);
+        assert_eq!(with(Registration::None, None), [None, Some(3), None, None]);
+        assert_eq!(with(Registration::Surface, Some(0.999)), [None, Some(15), Some(15), None]);
+        assert_eq!(with(Registration::Surface, None), [None, Some(15), None, None], "the limit does not keep them out");
     }
 }

@@ -406,10 +406,11 @@ fn into_advice(
 
 /// Asked area on which the part stands in every setup of the plan, and with a choice of poses not in all.
 fn freed_mm2(start: &Start<'_, '_>, choice: &SetupChoice) -> f64 {
-    let Start { basis, outcome, .. } = *start;
+    let Start { basis, outcome, scope, .. } = *start;
+    let plate_radius_mm = scope.input.cell.map_or(0.0, |cell| cell.turntable.plate_radius_mm);
     let poses = choice.further.as_ref().map_or(choice.poses.as_slice(), std::slice::from_ref);
     let is_freed = |sample: &SampleId| {
-        let stands = |pose: &Pose<Table, Part>| stands_on(&outcome.surface, *sample, pose);
+        let stands = |pose: &Pose<Table, Part>| stands_on(&outcome.surface, *sample, pose, plate_radius_mm);
         outcome.verdicts[sample.index()] == Verdict::Missed(Cause::ExcludedResting) && !poses.iter().all(stands)
     };
     outcome.surface.samples().filter(is_freed).map(|sample| basis.asked_area_mm2[sample.index()]).sum()
@@ -431,7 +432,7 @@ fn changes(scope: &AdviceScope<'_>, choice: &SetupChoice, views: usize) -> Vec<P
 
 /// Limit of views for a plan that takes so many; `None` where there is none, or the one that there is suffices. A plan that takes as many
 /// views as it may has none left to register its setups by surface, without which there is no plan at all: there is room for those.
-fn raised_limit(limit: Option<u32>, views: usize, registration: Registration) -> Option<u32> {
+pub(super) fn raised_limit(limit: Option<u32>, views: usize, registration: Registration) -> Option<u32> {
     let joining = if registration == Registration::Surface { MAX_JOINING } else { 0 };
     let needed = ((views + joining) as u32).min(MAX_VIEWS);
     limit.filter(|limit| *limit < needed).map(|_| needed)

@@ -155,6 +155,12 @@ pub fn resolve(
     CandidateParams { even_directions: params.even_directions.or(Some(directions)), ..params.clone() }
 }
 
+/// Number of blocks that a part is divided into as it lies.
+#[must_use]
+pub(in crate::planning) fn occupied_blocks(surface: &Surface, table_from_part: &Pose<Table, Part>, scanner: &Scanner) -> usize {
+    blocks::split(surface, table_from_part, scanner).len()
+}
+
 /// Even directions that are looked from where the job does not say.
 fn even_directions(params: &CandidateParams, blocks: usize, samples: usize) -> u32 {
     (max_candidates(samples) / 2 / (views_of_an_aim(params) * blocks).max(1)).clamp(4, EVEN_DIRECTIONS) as u32

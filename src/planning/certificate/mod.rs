@@ -201,7 +201,9 @@ impl<'a> SecondSampling<'a> {
         let (mesh, best_mm, level) = (self.input.mesh, self.input.scanner.best_mm, ctx.simd_level());
         // Whether the sky is open does not depend on where the plate is, nor on limits.
         let sky = SkyProbe::new(mesh, part, (&[], 0.0), best_mm, FRAC_PI_2, level);
-        let rests = |sample| !standing.is_empty() && standing.iter().all(|pose| stands_on(&self.surface, sample, pose));
+        let plate_radius_mm = self.input.cell.map_or(0.0, |cell| cell.turntable.plate_radius_mm);
+        let stands = |sample, pose| stands_on(&self.surface, sample, pose, plate_radius_mm);
+        let rests = |sample| !standing.is_empty() && standing.iter().all(|pose| stands(sample, pose));
         let is_open = |sample: &SampleId| {
             let area_mm2 = self.asked_area_mm2[sample.index()];
             area_mm2 > 0.0 && !is_measured.holds(*sample) && !rests(*sample)

@@ -77,13 +77,15 @@ pub struct Shares {
     pub candidates: f64,
     /// Grows with views.
     pub views: f64,
+    /// Grows with the regions of interest and features that have a target.
+    pub regions: f64,
 }
 
 impl Shares {
     /// All of it.
     #[must_use]
     pub fn sum(&self) -> f64 {
-        self.triangles + self.samples + self.candidates + self.views
+        self.triangles + self.samples + self.candidates + self.views + self.regions
     }
 }
 

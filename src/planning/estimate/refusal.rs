@@ -55,7 +55,13 @@ fn refuse(counts: &Counts, shares: &Shares, takes: &str, allowed: &str) -> PlanE
 /// Names the parameter to change where most grows with the largest of `shares`.
 #[expect(clippy::float_cmp, reason = "the largest is one of those that it is compared with")]
 fn remedy(counts: &Counts, shares: &Shares) -> (&'static str, &'static str) {
-    let most = shares.triangles.max(shares.samples).max(shares.candidates).max(shares.views);
+    let most = shares.triangles.max(shares.samples).max(shares.candidates).max(shares.views).max(shares.regions);
+    if most == shares.regions {
+        return (
+            "/regions",
+            "give fewer regions of interest and features a target, plan them in several jobs, or take fewer selection.samples",
+        );
+    }
     if most == shares.candidates {
         return ("/candidates", "take larger steps, fewer even_directions, rolls_deg or standoffs_mm, or fewer samples");
     }

@@ -41,5 +41,6 @@ pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams)
         samples: SAMPLE * (patches + samples),
         candidates: candidates * (SLIDE + stations + castings * pair * chosen_on + OPEN * pair * samples) + exchanged,
         views: views * pair * samples * f64::from(1 + draws) + views.min(MAX_PICTURES) * PICTURE + ways,
+        regions: 0.0,
     }
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::planning::params::CandidateParams;
+use crate::planning::params::{CandidateParams, FeatureParams, Region};
 use crate::testing::{box_mesh, nominal_scanner};
 
 fn estimate_of(mesh: &Mesh, params: &PlanParams) -> Estimate {
@@ -73,6 +73,27 @@ fn what_is_refused_names_figure_limit_and_parameter() {
             && detail.contains("1 s of one core, which is the time limit times the threads (limits.job_secs, --max-secs)"),
         "{detail}"
     );
+}
+
+/// 1500 features of a small part took 3.3 GB, of which nothing was reckoned with.
+#[test]
+fn targets_of_many_features_are_reckoned_with_and_refused_by_name() {
+    let mesh = box_mesh([0.0; 3], [60.1, 40.1, 30.1]);
+    let of_features = |count: usize, target: Option<f64>| {
+        let region = Region::Sphere { centre_mm: [30.0, 20.0, 30.1], radius_mm: 2.0 };
+        let feature = FeatureParams { name: None, region, tolerance_mm: 0.4, point_spacing_mm: None, target };
+        let mut params = PlanParams::default();
+        params.regions.features = vec![feature; count];
+        params
+    };
+    let bytes = |params: &PlanParams| estimate_of(&mesh, params).bytes.sum();
+    let without = bytes(&PlanParams::default());
+    assert!((bytes(&of_features(1_500, None)) - without).abs() < 1.0, "without a target there is no goal");
+    let (few, many) = (bytes(&of_features(300, Some(0.9))) - without, bytes(&of_features(1_500, Some(0.9))) - without);
+    assert!((0.65e9..1.95e9).contains(&few) && (3.2e9..9.6e9).contains(&many), "{few} and {many} bytes");
+    let allowed = Allowance { bytes: 16e9, ..Allowance::default() };
+    let (pointer, detail) = refusal(&mesh, &of_features(10_000, Some(0.9)), &allowed);
+    assert!(pointer == "/regions" && detail.contains("fewer regions of interest and features a target"), "{detail}");
 }
 
 #[test]

@@ -63,8 +63,11 @@ fn causes(
     ctx: &Context<'_>,
 ) -> Result<Vec<Cause>, Cancelled> {
     let motion_cause = motion_causes(problem, all_excluded);
-    let rests_on =
-        |sample: SampleId| problem.reach.is_some() && problem.setups.iter().all(|pose| stands_on(&problem.surface, sample, pose));
+    let plate_radius_mm = problem.input.cell.map(|cell| cell.turntable.plate_radius_mm);
+    let rests_on = |sample: SampleId| {
+        let stands = |radius_mm| problem.setups.iter().all(|pose| stands_on(&problem.surface, sample, pose, radius_mm));
+        plate_radius_mm.is_some_and(stands)
+    };
     let known = |sample: &SampleId| match motion_cause[sample.index()] {
         _ if left_out.holds(*sample) => Some(Cause::AtRisk),
         _ if rests_on(*sample) => Some(Cause::ExcludedResting),
@@ -172,5 +175,33 @@ mod tests {
         let obstructions = outcome.plan.obstructions.iter().filter(|found| found.without_path > 0);
         let advice: Vec<_> = obstructions.map(|found| &found.advice).collect();
         assert!(!advice.is_empty() && advice.iter().all(|advice| **advice == Advice::MoveHome), "{advice:?}");
+    }
+
+    /// All of the underside was told as resting, and the visible area was too small by what overhangs.
+    #[test]
+    fn what_overhangs_the_plate_faces_the_table_and_is_visible() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let mesh = box_mesh([-288.0, -30.0, 0.0], [288.0, 30.0, 20.0]);
+        let input =
+            PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
+        let mut params = PlanParams::default();
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.005), Some(40.0));
+        (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(20));
+        (params.selection.max_views, params.robust.pose_error) = (Some(1), None);
+        (params.missed.remedies, params.missed.advice) = (0, false);
+        let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+        let missed_mm2 = |cause: Cause| -> f64 {
+            outcome.plan.missed.iter().filter(|missed| missed.cause == cause).map(|missed| missed.area_mm2).sum()
+        };
+        // The part of the underside over a plate of 500 mm: a strip of 60 mm across the disc.
+        let (underside_mm2, on_plate_mm2) = (576.0 * 60.0, 60.0 * 500.0 * (1.0 - 30.0 * 30.0 / (6.0 * 250.0 * 250.0)));
+        let (resting_mm2, facing_mm2) = (missed_mm2(Cause::ExcludedResting), missed_mm2(Cause::FacesTable));
+        assert!((resting_mm2 - on_plate_mm2).abs() < 1500.0, "{resting_mm2} mm² rest, not {on_plate_mm2}");
+        assert!((resting_mm2 + facing_mm2 - underside_mm2).abs() < 1.0, "{resting_mm2} and {facing_mm2} of {underside_mm2} mm²");
+        let coverage = &outcome.plan.coverage;
+        for visible_mm2 in [coverage.visible_area_mm2, coverage.independent.visible_area_mm2] {
+            let wanted_mm2 = coverage.total_area_mm2 - on_plate_mm2;
+            assert!((visible_mm2 - wanted_mm2).abs() < 1500.0, "{visible_mm2} mm² are visible, not {wanted_mm2}");
+        }
     }
 }

@@ -17,7 +17,7 @@ use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use crate::planning::registration::union_of;
-use crate::planning::selection::{CoverProblem, Goal, StopReason};
+use crate::planning::selection::{CoverProblem, Goal, Overlap, StopReason};
 use crate::planning::sequence::Ordered;
 use crate::planning::setups::Setup;
 use crate::planning::surface::Surface;
@@ -255,7 +255,7 @@ impl<'a> ViewPlanningProblem<'a> {
     }
 
     /// The chosen views with as many more as meet the goals on every sample, each the one that adds most to the first goal that is
-    /// not met; where the goals stay unmet, with the rule that ended it.
+    /// not met, of those that overlap the views before as is asked for; where the goals stay unmet, with the rule that ended it.
     pub(in crate::planning) fn topped_up(
         &self,
         every: &ViewPlanningProblem<'_>,
@@ -264,20 +264,26 @@ impl<'a> ViewPlanningProblem<'a> {
         ctx: &Context<'_>,
     ) -> Result<ChosenViews, PlanError> {
         let choosable = self.choosable(excluded);
-        let cover = every.cover_problem(&choosable);
+        let (cover, own) = (every.cover_problem(&choosable), self.cover_problem(&choosable));
+        // On every sample, other candidates have rows of what the views miss alone.
+        let overlap = Overlap::new(&own, &self.params.selection.overlap);
+        let place = |candidate: &CandidateIndex| choosable.binary_search(candidate).ok().map(RowIndex::at);
+        let mut rows: Vec<RowIndex> = chosen.candidates.iter().filter_map(place).collect();
         let max_views = self.params.selection.max_views.map_or(usize::MAX, |views| views as usize);
         let (mut views, mut measured) =
             (chosen.candidates.clone(), union_of(every.rows(&chosen.candidates), every.asked_area_mm2.len()));
         while views.len() < max_views {
             let Some(goal) = unmet(&cover, &measured) else { break };
-            let gain = |candidate: &CandidateIndex| {
+            let gain = |(row, candidate): (RowIndex, &CandidateIndex)| {
                 let new = every.row(*candidate).samples().filter(|sample| !measured.holds(*sample));
-                (new.map(|sample| goal.area_mm2[sample.index()]).sum::<f64>(), *candidate)
+                (new.map(|sample| goal.area_mm2[sample.index()]).sum::<f64>(), row, *candidate)
             };
-            let best = choosable.iter().map(gain).reduce(|best, next| if next.0 > best.0 { next } else { best });
-            let Some((_, candidate)) = best.filter(|best| best.0 > 0.0) else { break };
+            let joining = RowIndex::number(&choosable).filter(|(row, _)| overlap.joins(*row, &rows));
+            let best = joining.map(gain).reduce(|best, next| if next.0 > best.0 { next } else { best });
+            let Some((_, row, candidate)) = best.filter(|best| best.0 > 0.0) else { break };
             measured.insert_all(every.row(candidate).measured());
             views.push(candidate);
+            rows.push(row);
         }
         if unmet(&cover, &measured).is_some() {
             let ended_by = if views.len() < max_views { StopReason::NoGain } else { StopReason::MaxViews };
@@ -286,9 +292,7 @@ impl<'a> ViewPlanningProblem<'a> {
         if views.len() == chosen.candidates.len() {
             return Ok(chosen);
         }
-        let place = |candidate| choosable.binary_search(candidate).ok().map(RowIndex::at);
-        let rows: Vec<RowIndex> = views.iter().filter_map(place).collect();
-        self.chosen_of(&self.cover_problem(&choosable), &choosable, &rows, &chosen, ctx)
+        self.chosen_of(&own, &choosable, &rows, &chosen, ctx)
     }
 
     /// Asked area that some candidate of each setup measures that the cell can use.
@@ -354,4 +358,68 @@ fn viewpoint(candidate: &Candidate, usable: bool, table_rad: Vec<f64>) -> Viewpo
 fn unmet<'c>(cover: &'c CoverProblem<'_>, measured: &SampleSet) -> Option<&'c Goal<'c>> {
     let measured_mm2 = |goal: &Goal<'_>| measured.iter().map(|sample| goal.area_mm2[sample.index()]).sum::<f64>();
     cover.goals.iter().find(|goal| measured_mm2(goal) < goal.needed_mm2 * (1.0 - SUM_SLACK))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::Range;
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::planning::candidates::{CandidateSet, Label};
+    use crate::planning::context::Silent;
+    use crate::planning::ids::CandidateId;
+    use crate::planning::params::{OverlapParams, PlanParams};
+    use crate::planning::plan::{Bound, ChosenOn};
+    use crate::planning::scene::PlanInput;
+    use crate::planning::selection::{Choice, OpenBound, OpenSelection};
+    use crate::planning::surface;
+    use crate::testing::{box_mesh, nominal_scanner};
+
+    /// Views that met the target on some samples alone were joined by the one that adds most, whatever it shares with them.
+    #[test]
+    fn a_view_that_is_added_on_every_sample_overlaps_those_before_it_as_is_asked() {
+        let (mesh, scanner, mut params) = (box_mesh([0.0; 3], [30.0; 3]), nominal_scanner(), PlanParams::default());
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.05), Some(100.0));
+        params.selection.overlap = OverlapParams { min_area_mm2: Some(1.0), min_share: None };
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        let surface = surface::sample(&mesh, &params.part, &params.regions, 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+        let (asked_area_mm2, samples) = (surface.asked_area_mm2(), surface.sample_mm.len());
+        // The first is chosen; the second adds most and shares nothing with it; the third does.
+        let measured: [Range<usize>; 3] = [0..100, 130..240, 90..120];
+        let row = |range: Range<usize>| Row::from_samples(samples, range.map(|sample| (SampleId::at(sample), 0.5)));
+        let candidate = |number: usize| Candidate {
+            id: CandidateId::at(number),
+            part_from_scanner: Pose::identity(),
+            label: Label::Top,
+            setup: SetupIndex(0),
+            is_given: false,
+            slid_from: None,
+        };
+        let problem = ViewPlanningProblem {
+            input: &input,
+            params: &params,
+            surface: Arc::new(surface),
+            setups: vec![Pose::identity()],
+            candidates: CandidateSet { remaining: (0..3).map(candidate).collect(), generated: 3, rejected: Vec::new() },
+            matrix: VisibilityMatrix { rows: measured.map(row).into(), furthest_cause: vec![Cause::Facing; samples] },
+            robust_rows: None,
+            reach: None,
+            hidden_by_cell: SampleSet::none_of(samples),
+            asked_area_mm2,
+            partly_known: PartlyKnown::default(),
+            strata: None,
+            coverable_of_setup_mm2: None,
+            chosen_on: ChosenOn::default(),
+        };
+        let choices = vec![Choice { row: RowIndex(0), gain_mm2: 0.0, score: 0.0 }];
+        let bound = Arc::new(OpenBound::Known(Bound::default()));
+        let selection = OpenSelection { choices, stopped_because: StopReason::Target, bound };
+        let chosen = ChosenViews { candidates: vec![CandidateIndex(0)], selection };
+        let (cancel, nothing) = (AtomicBool::new(false), BTreeSet::new());
+        let topped_up = problem.topped_up(&problem, chosen, &nothing, &Context::new(&cancel, &Silent));
+        let topped_up = topped_up.unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(BTreeSet::from_iter(topped_up.candidates), BTreeSet::from([CandidateIndex(0), CandidateIndex(2)]));
+        assert_eq!(topped_up.selection.stopped_because, StopReason::NoGain, "the target is not met without the second");
+    }
 }

@@ -46,10 +46,15 @@ pub(super) fn select(
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
     let rows = improve_score::run(&scorer, &exchange, found.rows, &mut Budget { left: u64::MAX }, ctx)?;
-    let met_with_fewer =
-        found.stopped_because == StopReason::MaxViews && rows.len() < max_views(params) && !is_for_coverage(params);
-    let stopped_because = if met_with_fewer { StopReason::Target } else { found.stopped_because };
-    let bound = Arc::new(OpenBound::Known(bound));
+    // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals.
+    let saves_some = found.stopped_because == StopReason::MaxViews && rows.len() < max_views(params) && !is_for_coverage(params);
+    let (rows, stopped_because) = if saves_some {
+        let more = greedy::select_after(problem, params, weights, &rows, ctx)?;
+        (more.rows(), more.stopped_because)
+    } else {
+        (rows, found.stopped_because)
+    };
+    let bound = Arc::new(OpenBound::Known(bound.beside(rows.len())));
     Ok(OpenSelection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
 }
 

@@ -66,24 +66,52 @@ impl Classes {
     }
 }
 
-/// Finds the places of rows, given by their classes, that no other contains; of equal ones the first.
+/// Finds the places of rows, given by their classes, ascending, that no other contains; of equal ones the first. Only rows that hold the
+/// rarest class of a row are compared with it: of the many candidates of a large part few share any.
 pub(super) fn undominated(of_row: &[Vec<u32>], classes: usize) -> Vec<usize> {
-    let bits: Vec<Vec<u64>> = of_row.iter().map(|row| bits_of(row, classes)).collect();
     let mut largest_first: Vec<usize> = (0..of_row.len()).filter(|row| !of_row[*row].is_empty()).collect();
     largest_first.sort_by_key(|row| std::cmp::Reverse(of_row[*row].len()));
     let mut found: Vec<usize> = Vec::new();
+    let mut found_with: Vec<Vec<u32>> = vec![Vec::new(); classes];
     for row in largest_first {
-        let within = |other: &usize| bits[row].iter().zip(&bits[*other]).all(|(own, other)| own & !other == 0);
-        if !found.iter().any(within) {
+        let own = &of_row[row];
+        let rarest = own.iter().map(|class| &found_with[*class as usize]).min_by_key(|found| found.len());
+        let is_contained = rarest.is_some_and(|found| found.iter().any(|other| is_within(own, &of_row[*other as usize])));
+        if !is_contained {
             found.push(row);
+            own.iter().for_each(|class| found_with[*class as usize].push(row as u32));
         }
     }
     found.sort_unstable();
     found
 }
 
-fn bits_of(row: &[u32], classes: usize) -> Vec<u64> {
-    let mut bits = vec![0; classes.div_ceil(64)];
-    row.iter().for_each(|class| bits[*class as usize / 64] |= 1 << (class % 64));
-    bits
+/// Returns true if a row has all classes of another, given by its own; both ascend.
+fn is_within(own: &[u32], other: &[u32]) -> bool {
+    let mut held = other.iter();
+    own.len() <= other.len() && own.iter().all(|class| held.by_ref().find(|held| *held >= class) == Some(class))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::random::split_mix;
+
+    #[test]
+    fn rows_are_left_that_no_other_contains_and_of_equal_ones_the_first() {
+        let rows: [&[u32]; 7] = [&[1, 2], &[0, 1, 2, 5], &[], &[3], &[3], &[2, 4], &[0, 5]];
+        assert_eq!(undominated(&rows.map(<[u32]>::to_vec), 6), [1, 3, 5]);
+        let contains = |a: &Vec<u32>, b: &Vec<u32>| b.iter().all(|class| a.contains(class));
+        for seed in 0..200 {
+            let holds = |row: u64, class: u64| split_mix(seed << 16 | row << 8 | class) % 4 < 1 + row % 3;
+            let row = |row: u64| (0..12).filter(|class| holds(row, *class)).map(|class| class as u32).collect::<Vec<_>>();
+            let rows: Vec<Vec<u32>> = (0..16).map(row).collect();
+            let is_left = |at: &usize| {
+                let is_before = |other: &usize| rows[*other].len() > rows[*at].len() || *other < *at;
+                let dominates = |other: &usize| other != at && contains(&rows[*other], &rows[*at]) && is_before(other);
+                !rows[*at].is_empty() && !(0..rows.len()).any(|other| dominates(&other))
+            };
+            assert_eq!(undominated(&rows, 12), (0..rows.len()).filter(is_left).collect::<Vec<_>>(), "{rows:?}");
+        }
+    }
 }

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::planning::context::Silent;
 use crate::planning::ids::SampleId;
-use crate::planning::params::Objective;
+use crate::planning::params::{Objective, OverlapParams};
 
 fn row(samples: &[u32], quality: f32) -> Row {
     Row::from_samples(10, samples.iter().map(|sample| (SampleId(*sample), quality)))
@@ -71,6 +71,25 @@ fn growth_and_view_limits_end_it() {
     let limited = SelectionParams { max_views: Some(1), ..coverage() };
     let selection = chosen(&rows, &limited, &ScoreParams::default());
     assert_eq!((selection.choices.len(), selection.stopped_because), (1, StopReason::MaxViews));
+}
+
+/// Half of the area was told as the target, since the one view that measures as much as the three that may be chosen are fewer than those.
+#[test]
+fn a_target_is_not_met_by_fewer_views_than_may_be_chosen_that_measure_as_little() {
+    // The three of high quality overlap each other, and the one that measures as much as they do overlaps none.
+    let rows = [row(&[0, 1], 1.0), row(&[1, 2, 3], 1.0), row(&[3, 4], 1.0), row(&[5, 6, 7, 8, 9], -0.9)];
+    let params = SelectionParams {
+        solver: Solver::Certified,
+        target: 1.0,
+        max_views: Some(3),
+        max_grade_loss: Some(1.0),
+        overlap: OverlapParams { min_area_mm2: Some(1.0), min_share: None },
+        ..SelectionParams::default()
+    };
+    let selection = chosen(&rows, &params, &ScoreParams::default());
+    let measured_mm2: f64 = selection.choices.iter().map(|choice| choice.gain_mm2).sum();
+    assert!((measured_mm2 - 5.0).abs() < 1e-9, "{measured_mm2} of 10 mm²");
+    assert!(matches!(selection.stopped_because, StopReason::MaxViews | StopReason::NoGain), "{:?}", selection.stopped_because);
 }
 
 #[test]

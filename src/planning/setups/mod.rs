@@ -7,7 +7,7 @@
 //! place and the stable poses of [`crate::geometry::stable_poses()`].
 //!
 //! Cost: one table of 412 views and 8 000 samples, some of the facets' where there are more facets than that; of 108 views where
-//! there are many.
+//! there are many. So many views look at each block of the part, and fewer where they would be more than a job may have.
 
 #[cfg(test)]
 mod tests;
@@ -32,6 +32,8 @@ const MAX_POSES: usize = 12;
 const SAMPLES: f64 = 8_000.0;
 /// Triangles beyond which fewer viewpoints are compared: a ray among them takes longer.
 const MANY_TRIANGLES: usize = 20_000;
+/// Steps of the grids of viewpoints around a block, `step_small_deg` and `step_large_deg`, the finest first: of 412, 108, 44 and 12 views.
+const GRIDS_DEG: [[f64; 2]; 4] = [[15.0, 30.0], [30.0, 45.0], [45.0, 90.0], [90.0, 90.0]];
 /// Viewpoints that are evaluated side by side.
 const BATCH: usize = 8;
 /// Share of the asked area for which the part is turned over once more.
@@ -236,15 +238,8 @@ fn measured_from(
     } else {
         surface::sample_for(input.mesh, &coarse.part, &coarse.regions, coarse.seed, ctx)?
     };
-    let has_many = input.mesh.faces.len() > MANY_TRIANGLES;
-    let [step_small_deg, step_large_deg] = if has_many { [30.0, 45.0] } else { [15.0, 30.0] };
-    let grid = CandidateParams {
-        step_small_deg,
-        step_large_deg,
-        rolls_deg: vec![0.0, 90.0],
-        hemisphere: Some(Hemisphere::Full),
-        ..CandidateParams::ellipsoid()
-    };
+    let blocks = candidates::occupied_blocks(&surface, &pool[0], input.scanner);
+    let grid = grid(blocks, surface.sample_mm.len(), input.mesh.faces.len() > MANY_TRIANGLES);
     let scope = Scope {
         part: input.mesh,
         surface: &surface,
@@ -268,6 +263,22 @@ fn measured_from(
     let together = UnitedViews::new(&surface, &optics, occluders, &coarse, &silent);
     let by_pose = measured_in_poses(&together, &views, &served, pool.len())?;
     Ok(Reachable { by_pose, area_mm2: surface.asked_area_mm2(), surface })
+}
+
+/// The grid of viewpoints around a part of so many blocks: the finest that a job may have, or the second where the part has many triangles.
+fn grid(blocks: usize, samples: usize, has_many_triangles: bool) -> CandidateParams {
+    let grid = |[step_small_deg, step_large_deg]: [f64; 2]| CandidateParams {
+        step_small_deg,
+        step_large_deg,
+        rolls_deg: vec![0.0, 90.0],
+        hemisphere: Some(Hemisphere::Full),
+        ..CandidateParams::ellipsoid()
+    };
+    let is_allowed =
+        |grid: &CandidateParams| candidates::check_count(candidates::expected(grid, blocks, samples), samples).is_ok();
+    let [.., coarsest] = GRIDS_DEG;
+    let mut grids = GRIDS_DEG.into_iter().skip(usize::from(has_many_triangles)).map(grid);
+    grids.find(is_allowed).unwrap_or_else(|| grid(coarsest))
 }
 
 /// Samples that views measure in each pose of the part in which they can be taken, `served`. A view is not asked about a sample that

@@ -22,6 +22,21 @@ fn pool_of(mesh: &Mesh, params: &PlanParams) -> Vec<Pose<Table, Part>> {
     pool(mesh, params, || Ok(stable.as_slice())).expect("not cancelled")
 }
 
+/// A part of a metre was refused in several setups, for more candidates than the job asked for.
+#[test]
+fn a_part_of_many_blocks_is_compared_from_as_many_viewpoints_as_a_job_may_have() {
+    const SAMPLES: usize = 8_000;
+    let views = |blocks: usize, has_many: bool| candidates::expected(&grid(blocks, SAMPLES, has_many), blocks, SAMPLES);
+    let of_a_block = |blocks: usize, has_many: bool| views(blocks, has_many) / blocks;
+    let blocks = [1, 121, 122, 462, 463, 1136, 1137, 4166];
+    assert_eq!(blocks.map(|blocks| of_a_block(blocks, false)), [412, 412, 108, 108, 44, 44, 12, 12]);
+    assert_eq!([1, 462, 463].map(|blocks| of_a_block(blocks, true)), [108, 108, 44]);
+    // A box of 1400 × 1000 × 1000 mm has 352.
+    for blocks in blocks.into_iter().chain([352]) {
+        assert!(candidates::check_count(views(blocks, false), SAMPLES).is_ok(), "{blocks} blocks");
+    }
+}
+
 /// Samples that earlier views measure are not asked about again; what is measured in each pose is what the views alone measure.
 #[test]
 fn views_together_measure_what_they_measure_alone() {

@@ -1,5 +1,7 @@
 use super::*;
 use crate::geometry::Mesh;
+use crate::planning::params::{PartParams, RegionParams};
+use crate::planning::surface;
 use crate::testing::box_mesh;
 
 /// Meshes as one.
@@ -20,6 +22,18 @@ fn hollow(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
     let mut mesh = box_mesh(min_mm, max_mm);
     mesh.faces.iter_mut().for_each(|face| face.swap(0, 1));
     mesh
+}
+
+#[test]
+fn what_overhangs_the_rim_of_the_plate_does_not_stand_on_it() {
+    let mesh = box_mesh([-300.0, -300.0, 0.0], [300.0, 300.0, 20.0]);
+    let part = PartParams { patch_edge_mm: Some(20.0), samples_per_mm2: Some(0.001), ..PartParams::default() };
+    let surface = surface::sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let standing_mm2 =
+        |plate_radius_mm: f64| surface.area_where(|sample| stands_on(&surface, sample, &Pose::identity(), plate_radius_mm));
+    assert!((standing_mm2(500.0) - 360_000.0).abs() < 1.0, "all of the underside: {} mm²", standing_mm2(500.0));
+    let disc_mm2 = PI * 250.0 * 250.0;
+    assert!((standing_mm2(250.0) / disc_mm2 - 1.0).abs() < 0.02, "{} of {disc_mm2} mm²", standing_mm2(250.0));
 }
 
 fn sky_of(mesh: &Mesh, setups: &[Pose<Table, Part>], point_mm: [f64; 3], normal: Vector3<f64>) -> Sky {

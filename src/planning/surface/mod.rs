@@ -22,7 +22,7 @@ mod subset;
 mod tests;
 pub(super) mod thinned;
 
-use region_finder::{RegionFinder, excluded};
+use region_finder::{RegionFinder, border_mm, excluded};
 use requirements::Requirements;
 pub(super) use subset::{sample_some, systematic};
 
@@ -221,6 +221,7 @@ fn asked<E>(
 /// Places, among some regions of the mesh, of those that hold none of the samples.
 #[must_use]
 pub fn empty_regions<'a>(mesh: &Mesh, surface: &Surface, regions: impl Iterator<Item = &'a Region>) -> Vec<usize> {
+    let border_mm = border_mm(mesh);
     let is_empty = |region: &RegionFinder| {
         let holds = |sample: SampleId| {
             let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
@@ -228,7 +229,7 @@ pub fn empty_regions<'a>(mesh: &Mesh, surface: &Surface, regions: impl Iterator<
         };
         !surface.samples().any(holds)
     };
-    let finders = regions.enumerate().map(|(index, region)| (index, RegionFinder::new(mesh, region, "").ok()));
+    let finders = regions.enumerate().map(|(index, region)| (index, RegionFinder::new(mesh, region, ("", border_mm)).ok()));
     finders.filter(|(_, finder)| finder.as_ref().is_some_and(is_empty)).map(|(index, _)| index).collect()
 }
 

@@ -21,7 +21,7 @@ use nalgebra::Point3;
 
 use super::small_regions::{SAMPLES_OF_A_REGION, SmallRegions, denser};
 use super::subset::sample_some_and_all_of;
-use super::{RegionFinder, Surface, sample_for, sample_some};
+use super::{RegionFinder, Surface, border_mm, sample_for, sample_some};
 use crate::cell::{FieldError, Material, closed_list};
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
@@ -187,7 +187,9 @@ impl Requirements {
         let features = features.iter().enumerate().map(|(i, region)| (format!("/regions/features/{i}/region"), &region.region));
         let materials =
             materials.iter().enumerate().map(|(i, region)| (format!("/materials/regions/{i}/region"), &region.region));
-        let finders = interest.chain(features).chain(materials).map(|(at, region)| RegionFinder::new(mesh, region, &at));
+        let border_mm = border_mm(mesh);
+        let all = interest.chain(features).chain(materials);
+        let finders = all.map(|(at, region)| RegionFinder::new(mesh, region, (at.as_str(), border_mm)));
         let finders = finders.collect::<Result<Vec<_>, _>>()?;
         let mut kind_of: HashMap<Vec<usize>, u16> = HashMap::from([(Vec::new(), 0)]);
         for (sample, p) in SampleId::number(&surface.sample_mm) {

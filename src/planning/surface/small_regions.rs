@@ -17,7 +17,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::region_finder::{RegionFinder, excluded};
+use super::region_finder::{RegionFinder, border_mm, excluded};
 use super::requirements::Requirements;
 use super::{Patch, Surface, asked, sample_point};
 use crate::cell::FieldError;
@@ -99,7 +99,9 @@ impl<'a> SmallRegions<'a> {
         }
         let all = interest.iter().map(|interest| &interest.region).chain(features.iter().map(|feature| &feature.region));
         let small = all.zip(held).filter(|(_, held)| held.number() < least as f64 * (1.0 - ROUNDING));
-        let regions = small.map(|(region, _)| RegionFinder::new(mesh, region, "")).collect::<Result<Vec<_>, _>>()?;
+        let border_mm = border_mm(mesh);
+        let regions = small.map(|(region, _)| RegionFinder::new(mesh, region, ("", border_mm)));
+        let regions = regions.collect::<Result<Vec<_>, _>>()?;
         if regions.is_empty() {
             return Ok(None);
         }

@@ -3,6 +3,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::geometry::FaceGroup;
+use crate::testing::box_mesh;
 
 /// A 60 × 40 mm plate of two triangles, +z up.
 fn plate() -> Mesh {
@@ -75,6 +76,30 @@ fn every_kind_of_region_is_left_out() {
     assert!((asked_mm2(corner) - 1800.0).abs() < 5.0);
     let ball = Region::Sphere { centre_mm: [30.0, 20.0, 5.0], radius_mm: 10.0 };
     assert!((asked_mm2(ball) - (2400.0 - 100.0 * std::f64::consts::PI)).abs() < 5.0);
+}
+
+/// Samples are rounded off their facet: a box region as large as the part held neither its upper nor its lower face.
+#[test]
+fn a_region_holds_the_faces_that_lie_in_its_border() {
+    let size_mm = [60.1, 40.1, 30.1];
+    let mesh = box_mesh([0.0; 3], size_mm);
+    let excluded_mm2 = |region: Region| {
+        let regions = RegionParams { exclude: vec![region], ..RegionParams::default() };
+        let surface = sample(&mesh, &params(10.0, 0.2), &regions, 7).unwrap_or_else(|errors| panic!("{errors:?}"));
+        surface.area_where(|sample| !surface.asked[sample.index()])
+    };
+    let around = Region::Box { min_mm: [0.0; 3], max_mm: size_mm };
+    let above_the_plate = Region::HalfSpace { point_mm: [0.0; 3], normal: [0.0, 0.0, -1.0] };
+    let from_below = Region::HalfSpace { point_mm: size_mm, normal: [0.0, 0.0, 1.0] };
+    for region in [around, above_the_plate, from_below] {
+        let all_mm2 = excluded_mm2(region.clone());
+        assert!((all_mm2 - mesh.area_mm2()).abs() < 1e-6, "{region:?} holds {all_mm2} of {} mm²", mesh.area_mm2());
+    }
+    let upper_face = Region::Plane { point_mm: size_mm, normal: [0.0, 0.0, 1.0], within_mm: 1e-6 };
+    assert!((excluded_mm2(upper_face) - 60.1 * 40.1).abs() < 1e-6);
+    // A tenth of a micrometre beyond the border is beyond it.
+    let just_below = Region::HalfSpace { point_mm: [0.0, 0.0, -1e-4], normal: [0.0, 0.0, 1.0] };
+    assert_eq!(excluded_mm2(just_below), 0.0);
 }
 
 #[test]
