@@ -144,7 +144,8 @@ mod tests {
     #[test]
     fn a_parameter_is_told_with_default_range_and_meaning() {
         let told = described(&found("selection.target").expect("found")[0]);
-        assert_eq!(told, "selection.target = 0.985    (0 to 1)\n    Share of the area at which the choice stops.\n");
+        let meaning = "Share of the area named by `target_of` at which selection stops. A higher target takes more views.";
+        assert_eq!(told, format!("selection.target = 0.985    (0 to 1)\n    {meaning}\n"));
         let told = described(&found("selection.solver").expect("found")[0]);
         assert!(told.starts_with("selection.solver = \"local\"    (greedy, lazy, local, certified)\n"), "{told}");
         let told = described(&found("scan.settle_secs").expect("found")[0]);

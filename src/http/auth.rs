@@ -32,9 +32,10 @@ pub(super) const COOKIE_NAME: &str = "vantage_session";
 const SESSION_HEADER: HeaderName = HeaderName::from_static("x-vantage-session");
 
 /// Detail of a refusal of another site's page, for operators too whose own page is taken for one.
-const CROSS_SITE: &str = "the request was sent by another site's page; if it was the server's own, behind a reverse proxy, the proxy \
-                          must hand on the browser's Host (nginx: proxy_set_header Host $http_host), or, as one of \
-                          server.trusted_proxies, send it as X-Forwarded-Host, with a name that the server answers to (server.hosts)";
+const CROSS_SITE: &str = "the request came from another site's page; if it is the server's own page behind a reverse proxy, the \
+                          proxy must pass on the browser's Host (nginx: proxy_set_header Host $http_host), or, as one of \
+                          server.trusted_proxies, send it as X-Forwarded-Host, with a name that the server answers to \
+                          (server.hosts)";
 
 /// A key of the server. Its debug form does not show it.
 #[derive(Clone, PartialEq, Eq, Deserialize)]

@@ -250,7 +250,7 @@ impl FromRequestParts<ApiState> for Precondition {
             (None, None) => Ok(Self::None),
             (Some(tags), None) => Ok(Self::Match(if tags.trim() == "*" { Vec::new() } else { split_tags(tags) })),
             (of, Some(tags)) if tags.trim() == "*" => Ok(of.map_or(Self::Absent, |_| Self::Never)),
-            (_, Some(_)) => Err(ApiError::at(Code::BadRequest, "If-None-Match", "can only be * here")),
+            (_, Some(_)) => Err(ApiError::at(Code::BadRequest, "If-None-Match", "must be * here")),
         }
     }
 }

@@ -144,7 +144,10 @@ impl KeysFile {
                         tracing::info!(keys = keys.len(), "server.api_keys_file has changed; its keys are in force");
                         state.keys = keys.into();
                     }
-                    Err(reason) => tracing::error!(reason, "server.api_keys_file has changed and cannot be used; its keys stay"),
+                    Err(reason) => tracing::error!(
+                        reason,
+                        "server.api_keys_file has changed but cannot be used; the earlier keys stay in force"
+                    ),
                 }
             }
         }

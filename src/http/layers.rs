@@ -126,7 +126,7 @@ pub(super) async fn refuse_transfer_codings(request: Request, next: Next) -> Res
         _ if brings_to_rest(&request) => next.run(request).await,
         codings => {
             let quoted: String = codings.chars().take(MAX_QUOTED).collect();
-            let detail = format!("the Transfer-Encoding is {quoted:?}; send the body as it is, with chunked at most");
+            let detail = format!("the Transfer-Encoding is {quoted:?}; send the body without it, or as chunked");
             ApiError::at(Code::UnsupportedTransferCoding, "Transfer-Encoding", detail).into_response()
         }
     }

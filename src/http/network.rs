@@ -79,7 +79,7 @@ impl FromStr for IpNetwork {
     fn from_str(text: &str) -> Result<Self, String> {
         let (address, prefix) = text.split_once('/').map_or((text, None), |(address, prefix)| (address, Some(prefix)));
         let address: IpAddr = address.parse().map_err(|_| {
-            "is no IP address; give one, such as 10.0.0.1, or a network with the length of its prefix, such as 10.0.0.0/8"
+            "is not an IP address; give one, such as 10.0.0.1, or a network with the length of its prefix, such as 10.0.0.0/8"
                 .to_owned()
         })?;
         let Some(prefix) = prefix else { return Ok(address.into()) };
@@ -87,7 +87,7 @@ impl FromStr for IpNetwork {
         let is_plain = prefix.bytes().all(|c| c.is_ascii_digit());
         let length = prefix.parse().ok().filter(|length: &u8| is_plain && *length <= width);
         let length = length.ok_or_else(|| {
-            format!("has {prefix:?} for the length of its prefix in bits; allowed is a whole number from 0 to {width}")
+            format!("has {prefix:?} as the length of its prefix, in bits; allowed is a whole number from 0 to {width}")
         })?;
         let network = Self { address: lowest(address, length), prefix: length };
         if network.address != address {
@@ -175,17 +175,17 @@ mod tests {
     #[test]
     fn what_is_no_network_is_refused_with_what_is_allowed() {
         for (text, reason) in [
-            ("proxy", "is no IP address; give one, such as 10.0.0.1, or a network"),
-            ("", "is no IP address"),
-            ("/8", "is no IP address"),
-            ("10.0.0/8", "is no IP address"),
-            ("10.0.0.0/33", "has \"33\" for the length of its prefix in bits; allowed is a whole number from 0 to 32"),
-            ("fd00::/129", "has \"129\" for the length of its prefix in bits; allowed is a whole number from 0 to 128"),
-            ("10.0.0.0/", "has \"\" for the length"),
-            ("10.0.0.0/+8", "has \"+8\" for the length"),
-            ("10.0.0.0/-1", "has \"-1\" for the length"),
-            ("10.0.0.0/8/8", "has \"8/8\" for the length"),
-            ("10.0.0.0/255.0.0.0", "has \"255.0.0.0\" for the length"),
+            ("proxy", "is not an IP address; give one, such as 10.0.0.1, or a network"),
+            ("", "is not an IP address"),
+            ("/8", "is not an IP address"),
+            ("10.0.0/8", "is not an IP address"),
+            ("10.0.0.0/33", "has \"33\" as the length of its prefix, in bits; allowed is a whole number from 0 to 32"),
+            ("fd00::/129", "has \"129\" as the length of its prefix, in bits; allowed is a whole number from 0 to 128"),
+            ("10.0.0.0/", "has \"\" as the length"),
+            ("10.0.0.0/+8", "has \"+8\" as the length"),
+            ("10.0.0.0/-1", "has \"-1\" as the length"),
+            ("10.0.0.0/8/8", "has \"8/8\" as the length"),
+            ("10.0.0.0/255.0.0.0", "has \"255.0.0.0\" as the length"),
             ("10.1.2.3/8", "is not the lowest address of its network; give 10.0.0.0/8, or 10.1.2.3 for that address alone"),
             ("fd00::1/8", "give fd00::/8, or fd00::1 for that address alone"),
             ("::ffff:10.0.0.0/90", "is not the lowest address of its network"),

@@ -23,13 +23,14 @@ use crate::wire::{self, parameters};
 #[openapi(
     info(
         title = "Vantage",
-        description = "Plans automated 3D scans: from a mesh and a cell to viewpoints, proof of coverage, causes of missed area, \
-                       collision-free motion and a robot program.\n\nKeys carry their units. Unknown fields are refused. \
-                       Every response other than 2xx and 3xx is a problem (RFC 9457) with a stable `code`, and its `type` is the \
-                       path of a page about it.\n\nThe examples work as they are, once the example of `POST /meshes` was sent. \
-                       Results also come in the forms that `Accept` and the query parameter `format` (`dialect` for programs) \
-                       name; every form has a route of its own here. There are no webhooks: wait with `?wait=`, or follow \
-                       `GET /events`. All files can be fetched in parts (`Range`, RFC 9110).",
+        description = "Plans automated 3D scans: from a mesh and a robot cell to viewpoints, proof of coverage, causes of missed \
+                       area, collision-free motion and a robot program.\n\nNames of quantities end in their unit, such as `_mm`. \
+                       Unknown fields are refused. Every response other than 2xx and 3xx is a problem (RFC 9457) with a stable \
+                       `code`; its `type` is the path of a page about that code.\n\nThe examples work as they are once the \
+                       example of `POST /meshes` has been sent. `Accept` or the query parameter `format` (`dialect` for \
+                       programs) selects another representation of a result; each also has a route of its own. There are no \
+                       webhooks: wait with `?wait=`, or follow `GET /events`. All files can be fetched in parts (`Range`, RFC \
+                       9110).",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
         contact()
     ),
@@ -41,8 +42,8 @@ use crate::wire::{self, parameters};
         (name = "events", description = "Live events of jobs."),
         (name = "runs", description = "Runs of programs on the controllers of a cell, or on a twin of them. Vantage is not safety-rated, and \
                                        its stop is not an emergency stop."),
-        (name = "calibrations", description = "Calibrations of cells from observations of a board."),
-        (name = "inspections", description = "Scans of planned parts, and how they compare with their plan."),
+        (name = "calibrations", description = "Calibration of cells from observations of a board."),
+        (name = "inspections", description = "Scans of planned parts, compared with their plan."),
         (name = "server", description = "Health, metrics, storage and sessions.")
     ),
     components(schemas(
@@ -56,7 +57,7 @@ use crate::wire::{self, parameters};
 )]
 pub(super) struct ApiDoc;
 
-/// Token of a page: the last id of the previous page, a digest of the listing, and the key that it is sorted by.
+/// Token of a page, from `next_page_token`: the last id of the previous page, a digest of the listing, and the sort key.
 #[derive(ToSchema)]
 #[schema(value_type = String, pattern = "^([0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}|x([0-9a-f]{2})*)\\.[0-9a-f]{16}(\\.([0-9a-f]{2})+)?$")]
 #[expect(dead_code, reason = "only its schema is used; tokens are read by the store")]
@@ -113,8 +114,8 @@ pub(super) struct RunEventText;
 
 impl PartialSchema for RunEventText {
     fn schema() -> RefOr<Schema> {
-        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind`, or `live`; `data`, a `RunEventDocument` as JSON, \
-                     or a `RunSample` for `live`.";
+        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind` or `live`; `data`, as JSON, a \
+                     `RunEventDocument`, or a `RunSample` for `live`.";
         ObjectBuilder::new().schema_type(SchemaType::AnyValue).description(Some(about)).into()
     }
 }
@@ -192,7 +193,7 @@ fn add_problems(operation: &mut Operation) {
     let schema = Ref::from_schema_name("Problem");
     let content = ContentBuilder::new().schema(Some(schema)).build();
     for (status, description) in
-        [("4XX", "The request was refused; `code` says why."), ("5XX", "The server cannot handle the request now.")]
+        [("4XX", "The request was refused; `code` says why."), ("5XX", "The server cannot handle the request; `code` says why.")]
     {
         let response = ResponseBuilder::new().description(description).content(PROBLEM_JSON, content.clone()).build();
         operation.responses.responses.insert(status.to_owned(), response.into());
@@ -250,7 +251,7 @@ fn add_sparse_answers(openapi: &mut OpenApi) {
     for whole in ["Job", "JobListItem", "JobPage"] {
         let Some(RefOr::T(Schema::Object(object))) = components.schemas.get(whole) else { continue };
         let mut sparse = object.clone();
-        sparse.description = Some(format!("The fields of `{whole}` that `fields` names, and `id`."));
+        sparse.description = Some(format!("The fields of `{whole}` that the query parameter `fields` names, and `id`."));
         sparse.required.retain(|name| name == "id" || name == "items");
         if let Some(RefOr::T(Schema::Array(items))) = sparse.properties.get_mut("items") {
             items.items =
@@ -271,7 +272,7 @@ fn add_sparse_answers(openapi: &mut OpenApi) {
                 let either = AnyOfBuilder::new()
                     .item(Ref::from_schema_name(whole))
                     .item(Ref::from_schema_name(format!("Sparse{whole}")))
-                    .description(Some("With the query parameter `fields` the second."));
+                    .description(Some("The second form is returned with the query parameter `fields`."));
                 content.schema = Some(Schema::AnyOf(either.build()).into());
             }
         }

@@ -79,10 +79,10 @@ pub(super) fn problems() -> String {
 /// List of the parameters of a plan with defaults and ranges.
 pub(super) fn parameters() -> String {
     let mut body = String::from(
-        "<h2>Parameters of a plan</h2>\n<p>The fields of <code>params</code> in a job, nested as the dots say; <code>[]</code> \
-         stands for each entry of a list. On the command line the same names: <code>--set KEY=VALUE</code>.</p>\n\
-         <div class=\"regions\"><table>\n<thead><tr><th scope=\"col\">Key</th><th scope=\"col\">Default</th>\
-         <th scope=\"col\">Range</th><th scope=\"col\">Meaning</th></tr></thead>\n<tbody>\n",
+        "<h2>Parameters of a plan</h2>\n<p>The fields of <code>params</code> in a job; a dot in a key stands for a nested \
+         object, <code>[]</code> for each entry of a list. The command line takes the same names: <code>--set \
+         KEY=VALUE</code>.</p>\n<div class=\"regions\"><table>\n<thead><tr><th scope=\"col\">Key</th><th \
+         scope=\"col\">Default</th><th scope=\"col\">Range</th><th scope=\"col\">Meaning</th></tr></thead>\n<tbody>\n",
     );
     for parameter in parameters::list() {
         let (key, default) = (escaped(&parameter.key), escaped(&parameter.default_text()));

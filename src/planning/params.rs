@@ -38,18 +38,20 @@ pub use selection::{OverlapParams, SelectionGoal};
 params! {
     /// All parameters of a plan. Unknown fields are refused.
     PlanParams {
-        /// Set of parameters that is chosen as a whole; a parameter that it sets cannot be set otherwise beside it.
+        /// Named set of parameter values. A parameter that the preset sets may be left out or given the preset's value; any other
+        /// value is refused.
         preset: Preset = Preset::Vantage;
-        /// Patches, samples and how the part lies.
+        /// Patches, samples and the pose of the part.
         part: PartParams = PartParams::default();
-        /// Regions that are excluded, of interest, or toleranced.
+        /// Excluded regions, regions of interest and toleranced features.
         regions: RegionParams = RegionParams::default();
-        /// Materials of the surface, from which the brightness of views follows. Default: not known; brightness then enters no figure.
+        /// Materials of the surface, from which the exposure of the views is predicted. Default: unknown; exposure is then
+        /// predicted only with `scan.brightness` = `auto`, for a matte white part.
         #[serde(skip_serializing_if = "MaterialParams::is_default")]
         materials: MaterialParams = MaterialParams::default();
-        /// Values that the program carries to the scanner.
+        /// Exposure and timing of the captures.
         scan: ScanParams = ScanParams::default();
-        /// Values that the program carries to the robot.
+        /// Motion of robot and turntable.
         motion: MotionParams = MotionParams::default();
         /// Names and signals in the programs for robot controllers.
         dialects: DialectParams = DialectParams::default();
@@ -61,97 +63,104 @@ params! {
         visibility: VisibilityParams = VisibilityParams::default();
         /// Weights of the score ([`crate::planning::method::quality`]).
         score: ScoreParams = ScoreParams::default();
-        /// Choice of views, and stop rules.
+        /// Selection of views, and stopping rules.
         selection: SelectionParams = SelectionParams::default();
-        /// Evaluation with poses that are off.
+        /// Evaluation of the plan under pose errors.
         robust: RobustParams = RobustParams::default();
-        /// Measured area that a real scan may lack ([`crate::planning::method::realism`]).
+        /// Measured area that may be missing from a real scan ([`crate::planning::method::realism`]).
         realism: RealismParams = RealismParams::default();
         /// Remedies for missed area.
         missed: MissedParams = MissedParams::default();
         /// Optional result files.
         output: OutputParams = OutputParams::default();
-        /// Resting poses in which the part may be planned; fewer are used where they do. With more than 1 every setup is planned
-        /// with viewpoints above the plate.
+        /// Maximum number of setups: resting poses in which the part is scanned one after another. Fewer are used if they measure
+        /// as much, to within 0.2 % of the asked area. More than 1 cannot be combined with a fixture.
         setups: u32 = 1, [1.0, 4.0] "";
-        /// Means by which measurements of different setups are registered to each other. With `surface` every setup has to share
-        /// surface with another that fixes all six freedoms; views are added where it takes them.
+        /// Means of registering the measurements of different setups to each other. With `surface`, every setup must share
+        /// surface with another one that constrains all six degrees of freedom; views are added where that takes them.
         registration: Registration = Registration::Surface;
-        /// Seed of every pseudo-random choice. The largest is that which a JSON number of any reader holds exactly, 2⁵³ − 1.
+        /// Seed of the sample positions, the random candidates and the pose-error draws: the same input with the same seed gives
+        /// the same plan. The maximum, 2⁵³ − 1, is the largest integer that every JSON reader represents exactly.
         seed: u64 = 0, [0.0, 9007199254740991.0] "";
     }
 }
 
 params! {
-    /// Patches, samples and how the part lies.
+    /// Patches, samples and the pose of the part.
     PartParams {
-        /// Largest patch edge, mm. Default: 1/60 of the bounding box's diagonal.
+        /// Maximum edge length of a surface patch, mm. Smaller patches resolve more detail but take longer. Default: 1/60 of the
+        /// diagonal of the part's bounding box.
         patch_edge_mm: Option<f64> = None, [0.001, 1000.0] "mm";
-        /// Samples per mm²; every patch has at least one. Default: 50 000 on the part.
+        /// Samples per mm² of surface, on which coverage is evaluated; every patch has at least one. More samples are more
+        /// accurate but take longer. Default: about 50 000 on the whole part.
         samples_per_mm2: Option<f64> = None, [0.0001, 1_000_000.0] "per mm²";
-        /// Pose of the part on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
+        /// Pose of the part on the turntable's plate. Default: axes parallel to the table's, the bottom of the bounding box on
+        /// the plate and its centre on the table axis.
         #[schema(value_type = Option<PoseInput>)]
         table_from_part: Option<PoseSpec> = None;
-        /// Poses to choose from where `setups` is more than 1. Default: `table_from_part` and the stable poses of the part's
-        /// convex hull.
+        /// Poses to choose from if `setups` is more than 1. Default: `table_from_part` and the stable poses of the part's convex
+        /// hull.
         #[schema(value_type = Vec<PoseInput>)]
         resting_poses: Vec<PoseSpec> = Vec::new(), entries [0, 12];
-        /// A fixture that occludes and collides and is not measured, modelled in the part's own coordinates and unit:
-        /// a mesh id over HTTP, a file on the command line.
+        /// Mesh of the fixture, in the part's own coordinates and unit: a mesh id over HTTP, a file on the command line. It hides
+        /// surface and can be collided with, but is not measured. Default: no fixture.
         fixture_mesh: Option<String> = None;
     }
 }
 
 params! {
-    /// Values that the program carries to the scanner.
+    /// Exposure and timing of the captures.
     ScanParams {
-        /// Projector brightness: a level for every view, or `auto`: for each view the level at which the largest area is neither
-        /// saturated nor dark, and two captures where that adds at least 1 % of it.
+        /// Projector brightness, from 0 (darkest) to 9 (brightest): one level for every view, or `auto`. `auto` chooses for each
+        /// view the level at which the most area is neither saturated nor too dark, and adds a second capture where that gains at
+        /// least 1 % of the area.
         brightness: Brightness = Brightness::Level(5), [0.0, 9.0] "";
-        /// Light of the surroundings: share of the cameras' full scale that it alone gives a white surface. Default: none.
+        /// Ambient light: the share of the cameras' full scale to which it alone lifts a white surface. Default: none.
         #[serde(skip_serializing_if = "Option::is_none")]
         ambient: Option<f64> = None, [0.0, 0.9] "";
-        /// Pause between arrival and capture, s.
+        /// Pause between arriving at a viewpoint and capturing, s. A longer pause lets vibration decay.
         settle_secs: f64 = 0.3, [0.0, 60.0] "s";
-        /// Time of one capture, s.
+        /// Duration of one capture, s.
         capture_secs: f64 = 1.0, [0.0, 600.0] "s";
     }
 }
 
 params! {
-    /// Values that the program carries to the robot.
+    /// Motion of robot and turntable.
     MotionParams {
-        /// Share of the axes' rated speed.
+        /// Fraction of each axis's rated speed and acceleration with which moves are made. A larger fraction is faster.
         speed_fraction: f64 = 0.25, [0.01, 1.0] "";
-        /// Smallest distance between moving and other bodies, mm.
+        /// Minimum distance that moving bodies keep from everything else, mm. A larger distance is safer, but puts more views out
+        /// of reach.
         clearance_mm: f64 = 5.0, [1.0, 200.0] "mm";
-        /// Table motion beside the arm's: `with_arm`, or `alone` for controllers that cannot drive both together. Alone costs the
-        /// time of both.
+        /// Table motion: `with_arm` turns the table while the arm moves; `alone` turns it while the arm rests, for controllers
+        /// that cannot drive both together, and takes the time of both.
         table: TableMotion = TableMotion::WithArm;
-        /// Treatment of the points of a move that is not straight: `stop`, which every controller does alike, or `round`: corners
-        /// are cut where that is free and quicker, not with motion.table = `alone`. Runs and simulators stop there all the same, and
-        /// dialects refuse it.
+        /// Motion at the via points of a move: `stop`, which every controller does alike, or `round`, which cuts corners where
+        /// that is collision-free and faster. `round` cannot be combined with motion.table = `alone`; runs and simulators stop at
+        /// the points all the same, and dialects refuse it.
         corners: Corners = Corners::Stop;
-        /// Roll of chosen views about the optical axis where that makes the moves shorter: `free`, where no less is measured
-        /// then, or `fixed`.
+        /// Roll of the chosen views about the optical axis: `free` rolls them where that shortens moves and no less is measured,
+        /// `fixed` keeps the roll of the candidates.
         roll: Roll = Roll::Free;
-        /// Largest deviation of an emitted polyline from the planned path, degrees of any joint.
+        /// Blend tolerance of `corners` = `round`: maximum deviation from the corner at a via point, degrees in each axis. A
+        /// larger value cuts corners more and takes less time. `stop` does not use it.
         path_tolerance_deg: f64 = 0.1, [0.001, 2.0] "°";
     }
 }
 
-/// Motion of the table beside that of the arm.
+/// Motion of the table relative to that of the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TableMotion {
-    /// While the arm moves.
+    /// The table turns while the arm moves.
     #[default]
     WithArm,
     /// The table turns with the arm at rest.
     Alone,
 }
 
-/// Treatment of the inner points of a move.
+/// Motion at the via points of a move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Corners {
@@ -174,12 +183,13 @@ pub enum Roll {
 }
 
 params! {
-    /// Incidence limits of this job. They tighten the scanner's own, which they may not exceed.
+    /// Incidence limits of this job. They can only tighten the scanner's own limits.
     LimitParams {
-        /// Largest angle between surface normal and the ray of either camera, degrees; at most the own limit of each camera.
-        /// Default: each camera's own.
+        /// Maximum angle between the surface normal and the ray to either camera, degrees; no more than each camera's own limit.
+        /// A smaller limit measures less area, but less obliquely. Default: each camera's own limit.
         camera_deg: Option<f64> = None, [1.0, 89.9] "°";
-        /// Largest angle between surface normal and projector ray, degrees; at most the projector's own limit. Default: that.
+        /// Maximum angle between the surface normal and the projector ray, degrees; no more than the projector's own limit.
+        /// Default: the projector's own limit.
         projector_deg: Option<f64> = None, [1.0, 89.9] "°";
     }
 }
@@ -219,13 +229,11 @@ fn check_within_own(at: String, limit_deg: Option<f64>, device: &OpticalDevice, 
         let own_deg = device.incidence_max_rad.to_degrees();
         let (name, own_deg) = (device.name.as_str(), (own_deg * 1e6).round() / 1e6);
         let kind = if device.name == DeviceName::Projector { "" } else { " camera" };
-        format!(
-            "is {limit_deg} °; allowed is 1 to {own_deg} °, the own limit of the {name}{kind}: a job may tighten it, not widen it"
-        )
+        format!("is {limit_deg} °; allowed is 1 to {own_deg} °, the own limit of the {name}{kind}: a job can only tighten it")
     });
 }
 
-/// A way to compute visibility. All agree on [`crate::planning::method::visibility`].
+/// Engine that computes visibility ([`crate::planning::method::visibility`]). All engines agree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
@@ -239,15 +247,16 @@ pub enum Engine {
 params! {
     /// Computation of visibility.
     VisibilityParams {
-        /// Way to compute visibility.
+        /// Engine that computes visibility: `raster`, by depth maps, and rays where these leave doubt, or `rays`, by rays alone,
+        /// as a reference.
         engine: Engine = Engine::Raster;
-        /// Counts by pixels beside samples, as the thesis does (§3.2.1): for each face the chosen views that hit it
-        /// with at least one pixel of each device, in `coverage.csv`, and the share of such faces in `plan.json`.
+        /// Counts coverage by pixels as well, as the thesis does (§3.2.1): `coverage.csv` then gives, for each face, the chosen
+        /// views that hit it with at least one pixel of each device, and `plan.json` the share of the surface on such faces.
         pixel_set: bool = false;
     }
 }
 
-/// Direction against which the angle quality is measured.
+/// Direction with which the surface normal is compared for the quality of the angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ScoreAngle {
@@ -260,20 +269,21 @@ pub enum ScoreAngle {
 params! {
     /// Weights of the score ([`crate::planning::method::quality`]).
     ScoreParams {
-        /// Weight of the covered area.
+        /// Weight a of the measured area G_c in the score a · G_c + b · G_q of a view.
         a: f64 = 0.5, [0.0, 10.0] "";
-        /// Weight of the quality.
+        /// Weight b of the quality G_q in the score. A larger weight favours quality over area.
         b: f64 = 0.5, [0.0, 10.0] "";
-        /// Weight of the angle in the quality.
+        /// Weight c of the incidence angle in the quality.
         c: f64 = 0.6, [0.0, 10.0] "";
-        /// Weight of the distance in the quality.
+        /// Weight d of the distance from best focus in the quality.
         d: f64 = 0.4, [0.0, 10.0] "";
-        /// Direction against which the angle is measured.
+        /// Direction with which the surface normal is compared: `ray`, from the sample to the viewpoint, or `optical_axis`, the
+        /// viewing axis (the thesis's literal form).
         angle: ScoreAngle = ScoreAngle::Ray;
     }
 }
 
-/// A way to choose views.
+/// Algorithm that selects views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Solver {
@@ -288,7 +298,7 @@ pub enum Solver {
     Certified,
 }
 
-/// Objective of greedy.
+/// Quantity by which views are scored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
@@ -313,36 +323,44 @@ pub enum TargetOf {
 }
 
 params! {
-    /// Choice of views, and stop rules ([`crate::planning::method::selection`]).
+    /// Selection of views, and stopping rules ([`crate::planning::method::selection`]).
     SelectionParams {
-        /// Way to choose views.
+        /// Algorithm that selects views: `greedy`, the thesis's; `lazy`, the same choices from a priority queue; `local`, greedy
+        /// and then exchanges for fewer views and a higher score; `certified`, `local` and then branch and bound, to prove that
+        /// no fewer views suffice or to find them.
         solver: Solver = Solver::Local;
-        /// Objective of greedy.
+        /// Quantity by which views are scored: `score`, area and quality, or `coverage`, area alone.
         objective: Objective = Objective::Score;
-        /// Share of the area at which the choice stops.
+        /// Share of the area named by `target_of` at which selection stops. A higher target takes more views.
         target: f64 = 0.985, [0.0, 1.0] "";
-        /// Area of which the target is a share.
+        /// Area of which the target is a share: `coverable`, the asked area that at least one candidate measures; `asked`, all
+        /// faces outside excluded regions; or `total`, the whole surface.
         target_of: TargetOf = TargetOf::Coverable;
-        /// Stop when the best view adds less than this share of the asked area.
+        /// Minimum share of the asked area that a view must add; selection stops when no further view does.
         min_growth: f64 = 0.0001, [0.0, 1.0] "";
-        /// Stop at this many views. Default: no limit.
+        /// Maximum number of views. Default: no limit.
         max_views: Option<u32> = None, [1.0, 1000.0] "views";
-        /// `local` and `certified`: share of the asked area by which the views may give less grade A, and less of A and B together,
-        /// than greedy's; `null` lets them give any. Fewer views look at more surface obliquely.
+        /// `local` and `certified`: largest share of the asked area by which grade A, and grades A and B together, may fall below
+        /// what greedy's views give; `null` sets no limit. A larger share allows fewer views, which look at more of the surface
+        /// obliquely.
         max_grade_loss: Option<f64> = Some(0.01), [0.0, 1.0] "";
-        /// Samples that views are chosen on: about so many, more where the part has small features of its own. The chosen views are
-        /// then evaluated on every sample. Default: 8 000 and one for each 25 mm², at most 40 000; 40 000 for a part of many views.
+        /// Approximate number of samples that views are chosen on; more are taken where small features need them. The chosen
+        /// views are then evaluated on every sample. Default: 8 000 plus one for each 25 mm² of surface, at most 40 000; 40 000
+        /// for a part that takes many views.
         samples: Option<u32> = None, [100.0, 40_000_000.0] "samples";
-        /// Count only area that is measured at this grade or better ([`crate::planning::method::quality`]). Default: all of it.
+        /// Lowest grade at which area counts as measured; A is the best ([`crate::planning::method::quality`]). Default: any
+        /// grade counts.
         min_grade: Option<Grade> = None;
-        /// Formulation that is solved.
+        /// Goal of the selection: `fewest_views` that reach the target; `min_time`, among these the ones with the shortest cycle
+        /// (needs a cell); or `best_coverage`, the largest area with `max_views` views, whatever the target.
         goal: SelectionGoal = SelectionGoal::FewestViews;
-        /// Area that chosen views share, for registration. Default: none asked for.
+        /// Surface that the chosen views must share, for registration. Default: none required.
         overlap: OverlapParams = OverlapParams::default();
-        /// Price of a second of the cycle: each view costs the time to settle, capture and travel to it, in mm² of score per s.
+        /// Cost of cycle time, mm² of score per second: each view is charged for the time to settle, to capture and to travel to
+        /// it. A larger cost favours fewer and closer views; 0 ignores time.
         view_cost_mm2_per_s: f64 = 0.0, [0.0, 1_000_000.0] "mm²/s";
-        /// Work of `local` and `certified`, in million pairs of sample and candidate looked at, about a millisecond each on
-        /// one core. No clock, so that the same input gives the same plan.
+        /// Limit on the work of `local` and `certified`, in million pairs of sample and candidate examined; a million takes about
+        /// a millisecond on one core. It is a count, not a time, so that the same input gives the same plan.
         work_limit: u32 = 20_000, [1.0, 10_000_000.0] "million pairs";
     }
 }
@@ -350,9 +368,10 @@ params! {
 params! {
     /// Remedies for missed area.
     MissedParams {
-        /// Number of the largest missed spots for which a remedy is sought.
+        /// Number of missed spots, largest first, for which a remedy is searched; 0 searches none.
         remedies: u32 = 20, [0.0, 1000.0] "spots";
-        /// Tries advice on the plan as a whole: one more setup, more views.
+        /// Tries changes to the plan as a whole (a further setup, or more views), and reports those with which it would measure
+        /// more.
         advice: bool = true;
     }
 }
@@ -360,8 +379,8 @@ params! {
 params! {
     /// Optional result files.
     OutputParams {
-        /// Writes `candidates.json`: every candidate with its pose, its fate and the area that it measures, and the matrices of
-        /// visibility and of quality (H and G of the thesis, §3.2.2), sparse. It changes nothing else of a plan.
+        /// Writes `candidates.json`: every candidate with its pose, its fate and the area that it measures, and the sparse
+        /// matrices of visibility and quality (H and G of the thesis, §3.2.2). The plan itself is not affected.
         candidates: bool = false;
     }
 }
@@ -468,7 +487,7 @@ impl MotionParams {
         self.check_ranges("/motion", findings);
         let rounds_alone = self.corners == Corners::Round && self.table == TableMotion::Alone;
         findings.require(!rounds_alone, "/motion/corners", || {
-            "is \"round\", which turns the table with the arm; motion.table is \"alone\"".into()
+            "is \"round\", which moves table and arm together, but motion.table is \"alone\"".into()
         });
     }
 }
@@ -482,6 +501,6 @@ impl ScoreParams {
 
     fn check(&self, findings: &mut Findings) {
         self.check_ranges("/score", findings);
-        findings.require(self.a + self.b > 0.0, "/score/a", || "a and b are both 0; at least one must count".into());
+        findings.require(self.a + self.b > 0.0, "/score/a", || "is 0 and so is b; at least one of them must be above 0".into());
     }
 }

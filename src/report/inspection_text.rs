@@ -134,6 +134,6 @@ mod tests {
         assert!(told.contains(wanted) && told.ends_with("off the surface"), "{told}");
         let open = RegionDeviationDocument { verdict: Some(Conformity::Undecided), is_open_by_poses: true, ..region };
         let told = region_words(&open);
-        assert!(told.contains("off the surface. U is mostly what poses leave open (± 0.240 mm): calibrate"), "{told}");
+        assert!(told.contains("off the surface. U is mostly due to the poses of the views (± 0.240 mm): calibrate"), "{told}");
     }
 }

@@ -76,7 +76,7 @@ pub enum Error {
         state: CalibrationState,
     },
     /// The calibration cannot be written into a cell.
-    #[error("calibration {0} has its scanner in the cell (eye_to_hand); a cell has it on the flange")]
+    #[error("calibration {0} is of a scanner that stands in the cell (eye_to_hand), but a cell has its scanner on the flange")]
     NotOnFlange(CalibrationId),
     /// The scan does not exist.
     #[error("there is no scan {0}")]
@@ -141,14 +141,15 @@ pub enum Error {
     #[error("live runs are switched off (execution.live); rehearse with the mode simulate or dry_run")]
     LiveDisabled,
     /// No file of the operator's names controllers of the cell.
-    #[error("no cell file of the operator's (execution.cells) has cell {cell} with controllers; run it in the mode simulate")]
+    #[error("none of the operator's cell files (execution.cells) has controllers for cell {cell}; run it in the mode simulate")]
     NoControllers {
         /// Name of the cell.
         cell: String,
     },
     /// The operator's cell differs from the job's.
     #[error(
-        "cell {cell} of the operator's file is not the one that the job was planned in; plan the part again in the cell as it is"
+        "cell {cell} of the operator's file differs from the one that the job was planned in; plan the part again in the \
+         operator's cell"
     )]
     OtherCell {
         /// Name of the cell.

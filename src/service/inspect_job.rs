@@ -134,7 +134,7 @@ impl From<PlanError> for InspectError {
         match error {
             PlanError::Cancelled => Self::Cancelled,
             PlanError::BadParams(errors) => Self::Refused(errors.into_iter().map(|error| error.below("/params")).collect()),
-            PlanError::NoPlan(_) => Self::Refused(vec![refusal("", "has no plan that could be inspected".to_owned())]),
+            PlanError::NoPlan(_) => Self::Refused(vec![refusal("", "has no plan to inspect".to_owned())]),
         }
     }
 }
@@ -254,7 +254,7 @@ impl InspectJob {
         part.check(&plan).map_err(InspectError::Refused)?;
         let PlannedViews { setups, views } = PlannedViews::new(&plan, self.record.as_ref(), part.cell);
         if views.is_empty() {
-            return Err(InspectError::Refused(vec![refusal("/viewpoints", "has none that was to be taken".to_owned())]));
+            return Err(InspectError::Refused(vec![refusal("/viewpoints", "has no view to inspect".to_owned())]));
         }
         let files = self.read(ctx)?;
         progress(0.1);

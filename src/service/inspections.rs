@@ -107,7 +107,7 @@ impl App {
         let Some(named) = named else { return Ok(all) };
         let (mut chosen, mut errors) = (Vec::new(), Vec::new());
         if named.is_empty() {
-            let detail = "is empty; name at least one scan, or leave it out for all of the job".to_owned();
+            let detail = "is empty; name at least one scan, or leave it out to compare all scans of the job".to_owned();
             errors.push(FieldError { pointer: "/scans".to_owned(), detail });
         }
         for (index, id) in named.iter().enumerate() {
@@ -131,7 +131,7 @@ impl App {
     async fn check_run(&self, job: JobId, id: RunId) -> Result<(), Error> {
         let run = self.run(id).await.map_err(of_missing_run)?;
         if run.job_id != Some(job) {
-            return Err(of_run(format!("is {id}; that run is of another job than {job}")));
+            return Err(of_run(format!("is {id}, which is a run of another job than {job}")));
         }
         if run.mode == RunMode::DryRun {
             let detail = "a dry run, which moves nothing and takes no scans; name the run in which they were taken, or leave it out, so \
@@ -442,7 +442,7 @@ fn of_missing_run(error: Error) -> Error {
         Some(deletion) => format!("that run was deleted {deletion}, and with it the poses that it measured"),
         None => "no run has this id: it was deleted, or never was".to_owned(),
     };
-    of_run(format!("is {run}; {gone}; scans and plan remain: inspect without run_id, so that the poses of the plan count"))
+    of_run(format!("is {run}; {gone}; scans and plan remain: inspect without run_id, which uses the poses of the plan"))
 }
 
 fn below_params(errors: Vec<FieldError>) -> Vec<FieldError> {

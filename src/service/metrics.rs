@@ -88,9 +88,9 @@ impl Metrics {
         let stages = "Time from the order to stop until it is sent, acknowledged, and the device at rest";
         Ok(Self {
             http_requests: counters(of, "vantage_http_requests_total", "Responses", &["method", "route", "status"])?,
-            http_seconds: histograms(of, "vantage_http_seconds", "Time to the head of a response", &RESPONSE_SECONDS, "route")?,
+            http_seconds: histograms(of, "vantage_http_seconds", "Time to the response headers", &RESPONSE_SECONDS, "route")?,
             connections: gauge(of, "vantage_connections", "Open connections")?,
-            connections_refused: counter(of, "vantage_connections_refused_total", "Connections closed since too many are open")?,
+            connections_refused: counter(of, "vantage_connections_refused_total", "Connections closed, as too many were open")?,
             api_keys_file_unreadable: gauge(
                 of,
                 "vantage_api_keys_file_unreadable",

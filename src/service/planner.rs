@@ -176,7 +176,7 @@ fn read_again<T>(read: impl Fn() -> Result<T, JobError>, stop: &dyn Fn() -> bool
             Err(JobError::Unread(reason)) => {
                 failures += 1;
                 if failures == MAX_READ_FAILURES {
-                    let advice = "upload the same file again and start anew";
+                    let advice = "upload the same file again and start over";
                     return Err(JobError::Damaged(format!("{reason}, in each of {failures} attempts; {advice}")));
                 }
                 reason

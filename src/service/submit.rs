@@ -252,10 +252,7 @@ impl App {
 /// A finding on the job that was scanned, whose fields the request for further views does not have.
 fn of_scanned_job(error: FieldError) -> FieldError {
     let FieldError { pointer, detail } = error;
-    FieldError {
-        pointer: String::new(),
-        detail: format!("{} of the job that was scanned {detail}", pointer.trim_start_matches('/')),
-    }
+    FieldError { pointer: String::new(), detail: format!("{} of the scanned job {detail}", pointer.trim_start_matches('/')) }
 }
 
 /// Resolves and checks everything that the requests of a batch name; findings of all of them together.

@@ -188,12 +188,12 @@ fn of_environment(environment: impl Iterator<Item = (OsString, OsString)>) -> Re
     for (name, value) in environment {
         let Some((name, rest)) = name.to_str().and_then(|name| Some((name, name.strip_prefix(PREFIX)?))) else { continue };
         if !rest.contains("__") {
-            faults.extend(meant(rest).map(|meant| format!("{name} (the environment): is no setting; did you mean {meant}?")));
+            faults.extend(meant(rest).map(|meant| format!("{name} (the environment): is not a setting; did you mean {meant}?")));
             continue;
         }
         let Some(key) = key_of(rest) else {
             let form = "settings have the form VANTAGE_SECTION__KEY, such as VANTAGE_SERVER__LISTEN";
-            faults.push(format!("{name} (the environment): is no setting; {form}"));
+            faults.push(format!("{name} (the environment): is not a setting; {form}"));
             continue;
         };
         let Ok(value) = value.into_string() else {

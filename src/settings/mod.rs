@@ -56,7 +56,7 @@ pub struct LimitSettings {
     pub upload_bytes: u64,
     /// Largest JSON body, bytes.
     pub json_bytes: u64,
-    /// Rate of all downloads together, bytes per second.
+    /// Maximum rate of all downloads together, bytes per second.
     pub download_bytes_per_sec: u64,
     /// Largest number of concurrent uploads.
     pub uploads_at_once: u32,
@@ -66,14 +66,14 @@ pub struct LimitSettings {
     pub mesh_triangles: u64,
     /// Largest number of queued jobs.
     pub queued_jobs: u64,
-    /// Longest time for reading an uploaded mesh.
+    /// Time limit for reading an uploaded mesh, s.
     pub parse_secs: f64,
     /// Largest estimated memory of the meshes that are read at the same time after uploads and for previews; 0 for a share of the
     /// machine's memory.
     pub parse_memory_bytes: u64,
     /// Largest estimated memory of a job, and of all that run at the same time; 0 for a share of the machine's memory.
     pub job_memory_bytes: u64,
-    /// Longest planning time of a job; 0 for no limit.
+    /// Time limit for planning a job, s; 0 for no limit.
     pub job_secs: f64,
 }
 
@@ -83,17 +83,17 @@ pub struct LimitSettings {
 pub struct StoreSettings {
     /// Folder of the database and the files.
     pub data_dir: PathBuf,
-    /// Time for which events of ended jobs are kept.
+    /// Time for which events of ended jobs are kept, hours.
     pub event_retention_hours: u32,
-    /// Free space that uploads and new jobs must leave on the disk, unless `min_free_share` of it is less.
+    /// Free space that uploads and new jobs must leave on the disk, bytes, unless `min_free_share` of the disk is less.
     pub min_free_bytes: u64,
-    /// Share of the disk that they must leave free, unless `min_free_bytes` is less.
+    /// Share of the disk that uploads and new jobs must leave free, unless `min_free_bytes` is less.
     pub min_free_share: f64,
-    /// Age at which unreferenced files are moved to `swept/`.
+    /// Age at which unreferenced files are moved to `swept/`, hours.
     pub orphan_hours: u32,
-    /// Time after which swept files are deleted.
+    /// Time after which swept files are deleted, hours.
     pub swept_hours: u32,
-    /// Interval at which every stored file is checked against its hash; 0 for never.
+    /// Interval at which every stored file is checked against its hash, hours; 0 for never.
     pub scrub_hours: u32,
 }
 
@@ -101,15 +101,15 @@ pub struct StoreSettings {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetentionSettings {
-    /// Age at which ended jobs are deleted; 0 keeps them.
+    /// Age at which ended jobs are deleted, days; 0 keeps them.
     pub job_days: u32,
     /// Number of ended jobs kept per part; 0 keeps all.
     pub jobs_per_part: u32,
-    /// Time after the upload at which unused meshes are deleted; 0 keeps them.
+    /// Time after the upload at which unused meshes are deleted, days; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Time after its end at which a run is deleted with its record and its audit log; 0 keeps them.
+    /// Time after its end at which a run is deleted with its record and its audit log, days; 0 keeps them.
     pub run_days: u32,
-    /// Largest share of the disk for stored files and the audit logs on it, half of it for the files at least; 0 for no limit.
+    /// Maximum share of the disk for stored files and the audit logs on it; 0 for no limit. At least half of it is for the files.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,

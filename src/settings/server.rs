@@ -104,7 +104,7 @@ impl ServerSettings {
         }
         findings.require(http::is_public_path(&self.public_path), "/server/public_path", || {
             format!(
-                "is {:?}; allowed is an empty text, or a path such as \"/vantage\" of letters, digits, - . _ and ~",
+                "is {:?}; allowed is an empty string, or a path such as \"/vantage\" of letters, digits, - . _ and ~",
                 self.public_path
             )
         });
@@ -121,7 +121,8 @@ impl ServerSettings {
         let guarded = self.listen.ip().is_loopback() || self.insecure || has_keys;
         findings.require(guarded, "/server/listen", || {
             format!(
-                "is {}, which other machines can reach; set server.api_key or server.api_keys_file, or pass --insecure to admit everybody",
+                "is {}, which other machines can reach; set server.api_key or server.api_keys_file, or pass --insecure to accept \
+                 requests without a key",
                 self.listen
             )
         });

@@ -157,9 +157,9 @@ fn lists_are_lists_in_files_and_texts_with_commas_in_the_environment() {
         assert!(text.contains("server.hosts") && text.contains(host), "{text}");
     }
     for (proxy, reason) in [
-        ("10.0.0.0/33", "has \"33\" for the length of its prefix"),
+        ("10.0.0.0/33", "has \"33\" as the length of its prefix"),
         ("10.1.2.3/8", "is not the lowest address of its network; give 10.0.0.0/8"),
-        ("proxy", "is no IP address"),
+        ("proxy", "is not an IP address"),
     ] {
         let text = refusal(None, &[("VANTAGE_SERVER__TRUSTED_PROXIES", proxy)], &Vec::new());
         assert!(text.contains("server.trusted_proxies") && text.contains(&format!("{proxy:?}: {reason}")), "{text}");
@@ -222,7 +222,7 @@ fn variables_with_too_few_underscores_are_answered_with_those_that_were_meant() 
         ("VANTAGE_TELEMETRY_FORMAT", "VANTAGE_TELEMETRY__FORMAT"),
     ] {
         let text = refusal(None, &[(name, "0012345678901234")], &Flags::new());
-        assert_eq!(text, format!("{name} (the environment): is no setting; did you mean {meant}?"));
+        assert_eq!(text, format!("{name} (the environment): is not a setting; did you mean {meant}?"));
     }
     // Kubernetes sets these for a service of the name `vantage`.
     let strange = [("VANTAGE_SERVICE_HOST", "10.0.0.1"), ("VANTAGE_PORT", "tcp://10.0.0.1:80")];

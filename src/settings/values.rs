@@ -307,7 +307,7 @@ impl Kind {
     fn mismatch(self, written: Written<'_>) -> String {
         let allowed = self.allowed();
         if matches!(self, Self::Secret) {
-            return format!("is of another kind; allowed is {allowed}");
+            return format!("is of the wrong kind; allowed is {allowed}");
         }
         let is_list = matches!(self, Self::List);
         let is_quoted = !is_list && self.read(Written { is_text: true, ..written }).is_some();

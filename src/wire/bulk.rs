@@ -41,7 +41,7 @@ pub struct JobBatch {
     pub jobs: Vec<Job>,
 }
 
-/// A change of a job that waits in the queue.
+/// A change to a queued job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct JobUpdate {
@@ -62,7 +62,7 @@ impl JobUpdate {
     }
 }
 
-/// Jobs that all of the given fields fit. At least one must be given.
+/// Jobs that match all of the given fields. At least one field must be given.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default, expecting = "an object")]
 #[schema(min_properties = 1)]

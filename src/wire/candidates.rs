@@ -44,7 +44,7 @@ pub struct CandidateListing {
     pub plan_sha256: String,
     /// Weights of the score and of the quality.
     pub score: ScoreParams,
-    /// Pose of the part on the table in each setup that was planned in, `table_from_part`; also of setups in which no view is
+    /// Pose of the part on the table, `table_from_part`, in each setup that was planned in; includes setups in which no view is
     /// taken, which `plan.json` leaves out.
     pub setups: Vec<PoseSpec>,
     /// Samples: the columns of both matrices.
@@ -84,9 +84,9 @@ pub struct WeightedRun {
 /// A candidate with its row of each matrix.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CandidateDocument {
-    /// Number as generated, `candidate` of a viewpoint in `plan.json`.
+    /// Number in the order generated: `candidate` of a viewpoint in `plan.json`.
     pub id: u32,
-    /// Setup that it is generated for: a place in `setups` of this document.
+    /// Setup that it was generated for: an index into `setups` of this document.
     pub setup: u32,
     /// Side of the part that it looks at.
     #[schema(value_type = crate::planning::candidates::Label)]
@@ -99,14 +99,15 @@ pub struct CandidateDocument {
     /// Reason for which it was dropped; `null` if it was not.
     #[schema(value_type = Option<crate::planning::candidates::Rejection>)]
     pub dropped_because: Option<String>,
-    /// Id of the viewpoint in `plan.json` that it is; `null` if it is none.
+    /// Id of its viewpoint in `plan.json`; `null` if it has none.
     pub viewpoint: Option<u32>,
     /// Asked area that it measures; `null` if it was dropped before that was evaluated.
     pub measured_area_mm2: Option<f64>,
     /// Score G_v = a·G_c + b·G_q of the candidate by itself, mm²: over all asked samples that it measures, before any other
     /// view is chosen. `null` with `measured_area_mm2`.
     pub score_mm2: Option<f64>,
-    /// Row of H: first sample and number of samples of each run of measured samples, one run after another, ascending.
+    /// Row of H in runs: the first sample and the number of samples of each run of measured samples, one run after another,
+    /// ascending.
     pub measured_runs: Vec<u32>,
     /// Row of G: quality of each measured sample, ascending by sample, to four decimals.
     pub quality: Vec<f32>,

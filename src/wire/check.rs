@@ -29,16 +29,16 @@ closed_list! {
     }
 }
 
-/// A request to check a document. Unknown fields are refused, and so is what does not apply to the kind of the document.
+/// A request to check a document. Unknown fields are refused, and so are fields that do not apply to the kind of the document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct CheckRequest {
     /// Specification, parameters, plan or program; its kind is recognised by its content.
     #[schema(value_type = Object)]
     pub document: Map<String, Value>,
-    /// Cell in which plans and programs are checked: name of a stored one, a specification, or `"none"` for a plan that was
-    /// made without a cell. Without one, only structure and ranges are checked. The limits of parameters are held against its
-    /// scanner.
+    /// Cell in which plans and programs are checked: name of a stored one, a specification, or `"none"` for a plan that was made
+    /// without a cell. Without one, only structure and ranges are checked. Incidence limits in parameters are compared with those
+    /// of its scanner.
     #[serde(default)]
     pub cell: Option<Named<CellSpec>>,
     /// Scanner, used if `cell` is `"none"`: name of a stored one, or a specification. Default: the one that the plan names, for
@@ -49,16 +49,18 @@ pub struct CheckRequest {
     #[serde(default)]
     #[schema(value_type = Option<Object>)]
     pub plan: Option<Map<String, Value>>,
-    /// Part: a plan is held against it, and in the cell checked for collisions with it and for the coverage that it states; a program,
-    /// with its `plan`, which says where the part lies, for collisions and for the area that its scans measure.
+    /// Mesh of the part. A plan is compared with it and, in the cell, checked for collisions with it and for the coverage that it
+    /// states. A program is checked for collisions and for the area that its scans measure; that takes its `plan`, which says
+    /// where the part lies.
     #[serde(default)]
     pub mesh_id: Option<MeshId>,
-    /// Fixture, in the part's coordinates, beside `mesh_id`: the one that the plan was made with. It is compared with `fixture` of
-    /// the plan; for a plan of an earlier release, which has none, with the mesh that its `params.part.fixture_mesh` names, where
-    /// this server has that.
+    /// Fixture, in the part's coordinates, beside `mesh_id`: the one that the plan was made with. It is compared with `fixture`
+    /// of the plan; for a plan of an earlier release, which has none, with the mesh that its `params.part.fixture_mesh` names, if
+    /// this server has it.
     #[serde(default)]
     pub fixture_mesh_id: Option<MeshId>,
-    /// Temperature in the cell now, °C, -50 to 100: for a program, a calibration that holds at another one alone is a finding.
+    /// Temperature in the cell now, °C, -50 to 100. For a program, a calibration that is valid only at other temperatures is a
+    /// finding.
     #[serde(default)]
     #[schema(minimum = -50, maximum = 100)]
     pub temperature_c: Option<f64>,
@@ -87,10 +89,10 @@ pub struct CheckReport {
     pub measured_of_asked: Option<f64>,
     /// Findings, each with the pointer into the document; empty for the whole.
     pub findings: Vec<ProblemField>,
-    /// Warnings on a sound document: parameters that cannot be reached, a cell or a part that is hardly what was meant.
+    /// Warnings on a sound document: parameters that cannot be reached, or a cell or a part that is probably not what was meant.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
-    /// Statements of a sound document that were verified: recomputed, or held against what else was given.
+    /// Statements of a sound document that were verified: recomputed, or compared with the other inputs.
     #[serde(default)]
     pub verified: Vec<String>,
     /// Statements of a sound document that were not verified, or that nothing can verify.

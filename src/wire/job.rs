@@ -243,10 +243,10 @@ pub struct Job {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
-    /// Warnings on what was accepted: a part whose size tells of a wrong unit (`/mesh_id`), a doubtful cell, tolerances finer than the
-    /// scanner's noise. Once the job has succeeded, those of its plan too: regions and features that do not reach their target, reach it
-    /// on the samples that views were chosen on alone, or hold nothing of the part, excluded regions that hold nothing of it, views that
-    /// do not tolerate an error of their poses, and a list of every candidate that was asked for and is too large.
+    /// Warnings on what was accepted: a part whose size suggests a wrong unit (`/mesh_id`), a doubtful cell, tolerances too fine
+    /// for the scanner's noise. Once the job has succeeded, also those of its plan: regions and features that miss their target,
+    /// reach it only on the samples that views were chosen on, or contain nothing of the part; excluded regions that contain
+    /// nothing of it; views that do not tolerate pose errors; and a list of all candidates that was asked for but is too large.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Coverage of each region of interest and each feature, once the job has succeeded.
@@ -262,7 +262,7 @@ pub struct Job {
     /// Name of the key with which the job was submitted: of a key in `server.api_keys_file`, or `api_key` for the one in the
     /// settings; `null` without a key.
     pub submitted_by: Option<String>,
-    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`. A job that failed with the code `no_plan` has its report
+    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`. A job that failed with the code `no_plan` has a report
     /// on the reasons.
     pub results: Vec<JobFile>,
 }

@@ -57,7 +57,7 @@ fn no_value(line: &[u8], at: usize) -> String {
     let quoted: String = word.chars().take(MAX_QUOTED).collect();
     let unsigned = word.trim_start_matches(['+', '-']).to_ascii_lowercase();
     match unsigned.as_str() {
-        "" if line.get(at) == Some(&b'\'') => "a string stands in double quotes, not in single ones".to_owned(),
+        "" if line.get(at) == Some(&b'\'') => "a string is written in double quotes, not in single ones".to_owned(),
         "" => "expected a value".to_owned(),
         "nan" | "inf" | "infinity" => format!("`{quoted}` is not JSON, which has no NaN and no infinity"),
         "true" | "false" => format!("`{quoted}` is not JSON; write `{unsigned}`"),
@@ -65,7 +65,7 @@ fn no_value(line: &[u8], at: usize) -> String {
         number if number.starts_with(|first: char| first == '.' || first.is_ascii_digit()) => {
             format!("`{quoted}` is not a number as JSON writes it")
         }
-        _ => format!("`{quoted}` is not a JSON value; strings stand in double quotes"),
+        _ => format!("`{quoted}` is not a JSON value; strings are written in double quotes"),
     }
 }
 
@@ -109,12 +109,12 @@ mod tests {
                 "{\"a\": \"b\nc\"}",
                 "a string holds a line break or another control character; JSON writes it as an escape such as \\n (line 1, column 8)",
             ),
-            ("[nul\n]", "`nul` is not a JSON value; strings stand in double quotes (line 1, column 4)"),
+            ("[nul\n]", "`nul` is not a JSON value; strings are written in double quotes (line 1, column 4)"),
             ("[True]", "`True` is not JSON; write `true` (line 1, column 2)"),
             ("[.5]", "`.5` is not a number as JSON writes it (line 1, column 2)"),
             ("[1.]", "`1.` is not a number as JSON writes it (line 1, column 4)"),
-            ("{\"ä\": abc}", "`abc` is not a JSON value; strings stand in double quotes (line 1, column 7)"),
-            ("['a']", "a string stands in double quotes, not in single ones (line 1, column 2)"),
+            ("{\"ä\": abc}", "`abc` is not a JSON value; strings are written in double quotes (line 1, column 7)"),
+            ("['a']", "a string is written in double quotes, not in single ones (line 1, column 2)"),
             ("{'a': 1}", "expected the name of a field, in double quotes (line 1, column 2)"),
             ("[1,]", "nothing follows the last comma; leave it out (line 1, column 4)"),
             ("{} {}", "more text follows the end of the document (line 1, column 4)"),

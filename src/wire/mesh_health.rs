@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use crate::geometry::mesh_io::ReadMesh;
 
-/// Facts of a mesh, and warnings to read before planning on it. Polygons count as the triangles that they were cut into.
+/// Facts of a mesh, and warnings to read before planning on it. Polygons count as the triangles that they were split into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = MeshHealth)]
 pub struct MeshHealthReport {

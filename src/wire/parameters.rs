@@ -173,10 +173,9 @@ pub fn without_links(text: &str) -> String {
 /// `api/parameters.md`.
 #[must_use]
 pub fn markdown() -> String {
-    let mut text = "# Parameters of a plan\n\n\
-                    Keys as `--set KEY=VALUE` takes them; over HTTP and in files the same names, nested. `[]` stands for each \
-                    entry of a list. Renewed by `UPDATE_GOLDEN=1 cargo test --test it contract`.\n\n\
-                    | key | default | range | meaning |\n| --- | --- | --- | --- |\n"
+    let mut text = "# Parameters of a plan\n\nKeys are written as `--set KEY=VALUE` takes them; requests and files use the same \
+                    names, nested. `[]` stands for each entry of a list. Renewed by `UPDATE_GOLDEN=1 cargo test --test it \
+                    contract`.\n\n| key | default | range | meaning |\n| --- | --- | --- | --- |\n"
         .to_owned();
     for parameter in list() {
         let default = parameter.default_text();

@@ -126,7 +126,7 @@ impl PartSize {
         });
         let large = limits.plate_mm.filter(|_| limits.overhangs(lies_mm)).map(|plate_mm| {
             let [x, y] = lies_mm.map(length_text);
-            let detail = format!("{read}: it lies on {x} × {y} mm, and the plate's diameter is {} mm", length_text(plate_mm));
+            let detail = format!("{read}: it covers {x} × {y} mm, but the plate's diameter is {} mm", length_text(plate_mm));
             let right = "if that is its size, lay it another way (part.table_from_part) or use a larger table".to_owned();
             self.warning(WarningCode::PartLargerThanPlate, at, detail, limits, right)
         });
@@ -223,7 +223,7 @@ mod tests {
         let warnings = read.warnings(None, &limits, "--unit");
         let [warning] = &warnings[..] else { panic!("{warnings:?}") };
         assert_eq!((warning.code, warning.pointer.as_str()), (WarningCode::PartLargerThanPlate, "--unit"));
-        assert!(warning.detail.contains("121000 × 73000 mm, and the plate's diameter is 500"), "{warning:?}");
+        assert!(warning.detail.contains("121000 × 73000 mm, but the plate's diameter is 500"), "{warning:?}");
         assert!(warning.remedy.contains("mm (121.0 × 73.0 × 37.0 mm)") && !warning.remedy.contains("inch"), "{warning:?}");
         assert!(read.unit_question(None, &limits).is_some());
         // Too large, and so in every other unit.

@@ -72,8 +72,9 @@ pub struct PlanDocument {
     /// `program-2.json` to the second, and so on.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setups: Vec<SetupDocument>,
-    /// Registration of every two setups to each other by the surface that both measure. Measurements of a part that is turned over
-    /// are one only if it fixes all six freedoms, or if markers or a fixture do (`params.registration`).
+    /// Registration of every two setups to each other by the surface that both measure. Measurements of a part that is turned
+    /// over form one measurement only if that surface constrains all six degrees of freedom, or if markers or a fixture do
+    /// (`params.registration`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setup_links: Vec<SetupLinkDocument>,
     /// The weakest link between the views of each setup.
@@ -86,7 +87,7 @@ pub struct PlanDocument {
     /// Cycle time and its components; `null` without a cell.
     #[serde(default)]
     pub motion: Option<MotionDocument>,
-    /// Pairs of bodies that keep the cell from candidates, sorted by the number of candidates, largest first.
+    /// Pairs of bodies whose collisions keep the cell from reaching candidates, the pair that blocks most first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub obstructions: Vec<ObstructionDocument>,
     /// Missed area by cause.
@@ -349,13 +350,13 @@ pub struct StationDocument {
     /// singularity.
     #[serde(default)]
     pub singularity_margin: f64,
-    /// Distance between the two nearest bodies, mm, of those that are nearer to each other here than they have to be: pairs that no
-    /// axis can bring farther apart are left out. `null` if it is more than 200 mm.
+    /// Distance between the two nearest bodies, mm. Pairs that are as far apart here as the axes can bring them are left out.
+    /// `null` if it is more than 200 mm.
     #[serde(default)]
     pub clearance_mm: Option<f64>,
 }
 
-/// Samples that views are chosen on, and bounds hold for. Coverage is that of every sample.
+/// Samples that views are chosen on and that bounds are computed on. Coverage is that of every sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ChosenOnDocument {
@@ -363,8 +364,8 @@ pub struct ChosenOnDocument {
     pub samples: usize,
     /// Number of all samples.
     pub of_samples: usize,
-    /// Number of times that samples were added and views chosen anew, since the views met the target on these samples and not on
-    /// all.
+    /// Number of times that samples were added and views chosen anew, because the views met the target on these samples but not
+    /// on all.
     pub refinements: u32,
 }
 
@@ -380,16 +381,17 @@ impl From<ChosenOn> for ChosenOnDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct BoundDocument {
-    /// Lower bound on the number of views that reach the goals, those on grades (`selection.max_grade_loss`) among them; a goal that the
-    /// plan misses counts only as far as the plan reaches it.
+    /// Lower bound on the number of views that reach the goals, including those on grades (`selection.max_grade_loss`); a goal
+    /// that the plan misses counts only as far as the plan reaches it.
     pub views_lower: u32,
     /// Number of chosen views minus `views_lower`; 0 proves that no selection needs fewer.
     pub gap: u32,
-    /// Upper bound on the share of the asked area that `selection.max_views` views measure: the share that the plan measures, and
+    /// Upper bound on the share of the asked area that `selection.max_views` views measure: the share that the plan measures plus
     /// `gap_of_asked`. Present with `selection.goal` `best_coverage`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_asked_upper: Option<f64>,
-    /// Share by which another selection could measure more of the samples that views are chosen on; 0 proves that none does.
+    /// Upper bound on how much more of the samples that views are chosen on another selection could measure, as a share; 0 proves
+    /// that none measures more.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap_of_asked: Option<f64>,
 }

@@ -26,7 +26,7 @@ use crate::cell::closed_list;
 
 /// Sentence that stands wherever a robot may move.
 pub const NOT_SAFETY_RATED: &str =
-    "Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.";
+    "Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety system active.";
 
 closed_list! {
     /// Things that a run moves.
@@ -177,7 +177,7 @@ pub struct Run {
     pub reason: ReportedReason,
     /// Reason in words, with what to do; `null` where there is nothing to add.
     pub detail: Option<String>,
-    /// Things that it moves.
+    /// Mode: what the run moves.
     pub mode: RunMode,
     /// Id of the job whose program it carries out; `null` for a run of the command line.
     pub job_id: Option<JobId>,
@@ -214,17 +214,17 @@ pub struct Run {
     pub stop: Option<RunStop>,
     /// Devices that it was connected to; `null` before.
     pub devices: Option<RunDevices>,
-    /// Conditions for motion that a dry run found not to be met.
+    /// Conditions for motion that a dry run found unmet.
     pub objections: Vec<String>,
     /// Jitter of streamed set points; `null` where none were streamed.
     pub jitter: Option<RunJitter>,
-    /// Joints and table angle that were measured last, once the run has ended: where it left arm and table. `null` before, where
-    /// nothing was measured, and for a run that a restart of the server cut off; its record has those of the last step.
+    /// Joints and table angle that were measured last, once the run has ended: where it left arm and table. `null` before that,
+    /// if nothing was measured, and for a run that a restart of the server interrupted; its record has those of the last step.
     pub last_measured: Option<ConfigurationDocument>,
     /// Coverage at the measured poses beside the plan's, once the run is done.
     pub coverage: Option<RunCoverage>,
-    /// End of its audit log, once the run has ended; `null` where none is kept. A log that lacks its last entries shows against it.
-    /// Of a run that a restart cut off, the last whole entry found on the disk then.
+    /// End of its audit log, once the run has ended; `null` if no log is kept. It reveals a log whose last entries are missing.
+    /// For a run that a restart interrupted, it is the last complete entry that was then on the disk.
     pub audit: Option<RunAudit>,
     /// Operator who armed it; `null` if nobody did.
     pub armed_by: Option<String>,
@@ -249,7 +249,7 @@ pub struct RunAudit {
     pub sha256: String,
 }
 
-/// Stop that ended a run, as each device took it; `null` for a device that had nothing to stop.
+/// Stop that ended a run, as each device carried it out; `null` for a device that had nothing to stop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RunStop {
     /// The arm.
@@ -258,7 +258,7 @@ pub struct RunStop {
     pub table: Option<DeviceStopDocument>,
 }
 
-/// Stop of a device, each stage with the time since it was asked for; `null` where a stage was not reached.
+/// Stop of a device, with the time from the request to each stage; `null` for a stage that was not reached.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceStopDocument {
     /// The request was put on the wire, ms.
@@ -267,7 +267,7 @@ pub struct DeviceStopDocument {
     pub acknowledged_ms: Option<f64>,
     /// The device was measured at rest, ms.
     pub at_rest_ms: Option<f64>,
-    /// Fault of the stop; `null` if nothing did.
+    /// Fault of the stop; `null` if there was none.
     pub error: Option<String>,
 }
 
@@ -280,35 +280,35 @@ pub struct RunDevices {
     pub table: DeviceIdentity,
 }
 
-/// Identity of a controller, as it says itself.
+/// Identity of a controller, as reported by itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceIdentity {
     /// Maker.
     pub maker: String,
     /// Model.
     pub model: String,
-    /// Serial number, if it is told.
+    /// Serial number, if reported.
     pub serial: Option<String>,
-    /// Version of the firmware, if it is told.
+    /// Firmware version, if reported.
     pub firmware: Option<String>,
 }
 
-/// Differences of the periods of streamed set points from the one asked for.
+/// Deviations of the periods between streamed set points from the requested period.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RunJitter {
-    /// Period asked for, ms.
+    /// Requested period, ms.
     pub period_ms: f64,
     /// Number of periods.
     pub periods: u64,
-    /// Number of deadlines left out.
+    /// Number of missed deadlines.
     pub missed: u64,
-    /// Difference that half of the periods do not exceed, ms.
+    /// Deviation that half of the periods do not exceed, ms.
     pub p50_ms: f64,
-    /// Difference that 99 % of the periods do not exceed, ms.
+    /// Deviation that 99 % of the periods do not exceed, ms.
     pub p99_ms: f64,
-    /// Difference that 99.9 % of the periods do not exceed, ms.
+    /// Deviation that 99.9 % of the periods do not exceed, ms.
     pub p999_ms: f64,
-    /// Largest difference, ms.
+    /// Largest deviation, ms.
     pub max_ms: f64,
 }
 

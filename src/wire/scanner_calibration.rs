@@ -345,14 +345,18 @@ fn warnings(document: &ScannerCalibration) -> Vec<String> {
             && (cells < MIN_CELLS || radius < MIN_RADIUS)
         {
             out.push(format!(
-                "the board covers {:.0} % of the {}'s image and {:.0} % of the way to its corners: the lens is extrapolated beyond",
+                "the board covers {:.0} % of the {}'s image and {:.0} % of the way to its corners: the lens model is \
+                 extrapolated beyond that",
                 100.0 * cells,
                 device.name,
                 100.0 * radius
             ));
         }
         if let (Some(count), Some(worst_px)) = (device.fitted_coefficients, device.fitted_worst_px) {
-            out.push(format!("{}: five coefficients stand for {count}, to {worst_px:.4} px at worst", device.name));
+            out.push(format!(
+                "{}: five coefficients approximate the {count} of the source, to within {worst_px:.4} px",
+                device.name
+            ));
         }
     }
     out.extend(document.assumed.iter().map(|assumption| format!("assumed: {}", assumption_words(*assumption))));

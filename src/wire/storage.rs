@@ -18,7 +18,7 @@ pub struct Storage {
     pub database_bytes: u64,
     /// Total size of all stored files.
     pub files_bytes: u64,
-    /// Total size of the files that nothing names any more, which are kept for `store.swept_hours`.
+    /// Total size of the files that nothing refers to any more; they are kept for `store.swept_hours`.
     pub swept_bytes: u64,
     /// Total size of the audit logs of runs; they may lie on another disk (`execution.audit_dir`).
     pub audit_bytes: u64,
@@ -70,8 +70,9 @@ pub struct RetentionPolicy {
     pub unused_mesh_days: u32,
     /// Days after its end at which a run is deleted with its record and its audit log; 0 keeps them.
     pub run_days: u32,
-    /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs are deleted; 0 for no limit.
-    /// Half of it is for the stored files; no audit log is deleted for it, and no job for what logs take beyond half.
+    /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs are deleted; 0 for no
+    /// limit. Half of it is reserved for the stored files: no audit log is deleted to meet it, and no job because of what logs
+    /// take beyond half.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,

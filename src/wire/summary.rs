@@ -40,7 +40,7 @@ pub const SUMMARY_FILE: &str = "summary.json";
 pub struct Summary {
     /// Schema name, `vantage.summary/1`.
     pub schema: String,
-    /// Level of the verdict: may the part be scanned as planned?
+    /// Level of the verdict: whether the part can be scanned as planned.
     pub level: PlanLevel,
     /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read. In its place, if the
     /// part has an implausible size, a request to check its unit, else, if it does not stand as it is placed, what to do about that.
@@ -76,7 +76,7 @@ pub struct Summary {
     pub program_cycle: Option<ProgramCycle>,
     /// Number of regions of interest and features that have a target.
     pub regions_with_target: usize,
-    /// Number of those that do not reach it, or of which independent samples refute that they do.
+    /// Number of these that miss their target, on the samples that views were chosen on or on independent ones.
     pub regions_unmet: usize,
     /// Missed share of the asked area, on the samples that views are chosen on.
     pub missed_of_asked: f64,
@@ -86,18 +86,18 @@ pub struct Summary {
     pub missed_text: String,
     /// Missed spots, those of the same cause and the same fix together, the largest area first.
     pub missed: Vec<MissedGroup>,
-    /// Action that would measure most more; `null` if none is known.
+    /// Action that would add the most measured area; `null` if none is known.
     pub action: Option<SummaryAction>,
     /// SHA-256 of `plan.json`, of which this is the summary; `null` before that is written.
     pub plan_sha256: Option<String>,
 }
 
-/// Shares that head a plan: on independent samples, but for the share of the coverable area, which is known on the samples that views
-/// are chosen on alone.
+/// Headline shares of a plan. They are on independent samples, except the share of the coverable area, which is only known on the
+/// samples that views are chosen on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryShares {
-    /// Measured share of the visible area: what neither stands on the table nor is enclosed by the part.
+    /// Measured share of the visible area, which the part neither stands on nor encloses.
     pub of_visible: f64,
     /// Share of the visible area measured at grade A or B.
     pub grades_a_b_of_visible: f64,

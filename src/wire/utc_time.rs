@@ -14,8 +14,8 @@ const UNIX_YEAR: i64 = 1970;
 /// Last day of a year that has four digits, from the first day of year 0.
 const MAX_DAYS: i64 = days_before_year(10_000) - 1;
 
-/// A time in UTC to the millisecond, `2026-01-31T12:00:00.000Z`: order of text is order of time. Read from every form of RFC
-/// 3339, a finer fraction rounded up.
+/// A time in UTC to the millisecond, `2026-01-31T12:00:00.000Z`, so that text sorts by time. Every form of RFC 3339 is accepted;
+/// a finer fraction is rounded up.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(try_from = "String")]
 #[schema(value_type = String, format = DateTime)]

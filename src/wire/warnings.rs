@@ -81,14 +81,14 @@ impl WarningCode {
     }
 }
 
-/// A warning on a field that is accepted.
+/// A warning on a field that was accepted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FieldWarning {
     /// Stable code, for programs.
     pub code: WarningCode,
     /// JSON pointer of the field.
     pub pointer: String,
-    /// Value that was found, and why it cannot be reached or was not.
+    /// Value found, and what is wrong with it or could not be reached.
     pub detail: String,
     /// Advice on what to do about it.
     pub remedy: String,

@@ -30,9 +30,9 @@ fn calibration_id(text: &str) -> Result<CalibrationId, ApiError> {
 
 /// Calibrate a cell
 ///
-/// Solves for the scanner on the flange, the axis of the table and the board from observations of a board, names the observations that
-/// do not fit, and says how well the result is known. Calibrations are computed one after another, and take seconds at most. Put the
-/// cell of `GET /calibrations/{id}/cell` in place with `PUT /cells/{name}`.
+/// Solves for the pose of the scanner on the flange, the axis of the table and the pose of the board from observations of a
+/// board. Names the observations that do not fit, and states how accurate the result is. Calibrations are computed one after
+/// another and take seconds at most. To use the result, send the cell of `GET /calibrations/{id}/cell` to `PUT /cells/{name}`.
 #[utoipa::path(
     post,
     path = "/calibrations",
@@ -60,7 +60,7 @@ pub(in crate::http) async fn create(
 
 /// List calibrations
 ///
-/// Newest first. All given filters must fit.
+/// Newest first. Only items that match all given filters are listed.
 #[utoipa::path(
     get,
     path = "/calibrations",
@@ -68,7 +68,7 @@ pub(in crate::http) async fn create(
     operation_id = "list_calibrations",
     params(
         ("state" = Option<CalibrationState>, Query, description = "Only calibrations in this state."),
-        ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only calibrations of the cell of this name."),
+        ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only calibrations of the cell with this name."),
         ("page_size" = Option<u32>, Query, description = "Largest number of entries on the page; 50 by default.", minimum = 1, maximum = 1000),
         ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page; filters must be the same."),
     ),
@@ -111,7 +111,7 @@ pub(in crate::http) async fn get(
 
 /// Cancel a calibration
 ///
-/// One that waits is cancelled at once; one that is being computed at the end of its stage, within seconds. One that has ended never
+/// A queued calibration is cancelled at once, a running one at the end of its stage, within seconds. One that has ended never
 /// changes.
 #[utoipa::path(
     post,
@@ -119,7 +119,7 @@ pub(in crate::http) async fn get(
     tag = "calibrations",
     operation_id = "cancel_calibration",
     params(("id" = uuid::Uuid, Path, description = "Id of the calibration.")),
-    responses((status = 200, description = "The calibration, cancelled.", body = CalibrationJob))
+    responses((status = 200, description = "The cancelled calibration.", body = CalibrationJob))
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<ApiState>,
@@ -151,7 +151,7 @@ pub(in crate::http) async fn delete(
 
 /// Get the result of a calibration
 ///
-/// Poses, covariances, the residual of every observation, and what the observations look like. It never changes.
+/// Poses, covariances, the residual of every observation, and findings about the observations. It never changes.
 #[utoipa::path(
     get,
     path = "/calibrations/{id}/result",
@@ -171,8 +171,8 @@ pub(in crate::http) async fn result(
 
 /// Get the calibrated cell
 ///
-/// The cell that was observed with the poses that were found and their provenance, for `PUT /cells/{name}`. A preset cannot be replaced:
-/// its name is followed by `-calibrated`.
+/// The observed cell with the calibrated poses and their provenance, for `PUT /cells/{name}`. A preset cannot be replaced, so the
+/// name of a preset gets the suffix `-calibrated`.
 #[utoipa::path(
     get,
     path = "/calibrations/{id}/cell",
@@ -192,7 +192,7 @@ pub(in crate::http) async fn cell(
 
 /// Get the report of a calibration
 ///
-/// One page for people: residuals, error ellipses, every observation.
+/// HTML page with the residuals, error ellipses and every observation.
 #[utoipa::path(
     get,
     path = "/calibrations/{id}/report",

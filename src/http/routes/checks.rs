@@ -9,16 +9,17 @@ use crate::wire::{CheckReport, CheckRequest};
 
 /// Check a specification, parameters, a plan or a program
 ///
-/// Nothing is stored. A program is recomputed from itself alone: limits, times, collisions along every segment and where the
-/// scanner is at each capture; with plan and part also the area that its captures measure, by the reference engine.
+/// Nothing is stored. A program is recomputed from itself alone: limits, times, collisions along every segment, and the pose of
+/// the scanner at each capture. With its plan and part, the area that its captures measure is recomputed too, by the reference
+/// engine.
 ///
-/// A plan is checked for structure and ranges, and its parameters against what it says elsewhere; with the cell, that it was
-/// made in this cell with this scanner, and each of its stations: limits, pose and collisions; with the part also collisions
-/// with the part, and the coverage that it states, by the reference engine. A plan that was made without a cell is checked with
-/// the cell `"none"`, as a job is planned.
+/// A plan is checked for structure and ranges, and its parameters for agreement with the rest of it. With the cell, it must have
+/// been made in this cell with this scanner, and each of its stations is checked: limits, pose and collisions. With the part,
+/// also collisions with the part, and the coverage that the plan states, by the reference engine. A plan that was made without a
+/// cell is checked with the cell `"none"`, as a job is planned.
 ///
-/// Part and fixture have to be those of the plan: another part is refused by its SHA-256 and its size, another fixture by the
-/// SHA-256 of the mesh that the plan names, as far as this server has it. What does not apply to the kind of the document is
+/// Part and fixture must be those of the plan: another part is refused by its SHA-256 and its size, another fixture by the
+/// SHA-256 of the mesh that the plan names, if this server has that mesh. Fields that do not apply to the kind of document are
 /// refused by name. `verified` and `unverified` list what was checked and what was not, with the reason.
 #[utoipa::path(
     post,

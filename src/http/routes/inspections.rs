@@ -47,8 +47,8 @@ fn inspection_id(text: &str) -> Result<InspectionId, ApiError> {
 
 /// Inspect a part
 ///
-/// Registers the job's scans with its part, counts what they measured beside what was planned, names the reason for every loss, and
-/// measures how the surface deviates. Inspections are computed one after another.
+/// Registers the scans of the job to its part, compares what they measured with what was planned, names the cause of every loss,
+/// and measures how the surface deviates. Inspections are computed one after another.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/inspections",
@@ -78,9 +78,9 @@ pub(in crate::http) async fn create(
 
 /// Plan further views
 ///
-/// Plans the fewest views for what the scans lack, as a job of its own: the part, cell, parameters and labels are those of the
-/// inspected job, and the label `rescan_of` names the inspection.
-/// What no view mends is left out; the job fails with `no_plan` where no further view is worth it.
+/// Plans the fewest views for what the scans lack, as a new job. Its part, cell, parameters and labels are those of the inspected
+/// job, and its label `rescan_of` names the inspection. Surface that no view can recover is left out; the job fails with
+/// `no_plan` if no further view is worth taking.
 #[utoipa::path(
     post,
     path = "/inspections/{id}/rescans",
@@ -110,7 +110,7 @@ pub(in crate::http) async fn rescan(
 
 /// List inspections
 ///
-/// Newest first. All given filters must fit.
+/// Newest first. Only items that match all given filters are listed.
 #[utoipa::path(
     get,
     path = "/inspections",
@@ -167,7 +167,7 @@ pub(in crate::http) async fn get(
     tag = "inspections",
     operation_id = "cancel_inspection",
     params(("id" = uuid::Uuid, Path, description = "Id of the inspection.")),
-    responses((status = 200, description = "The inspection; one that is computed ends soon.", body = InspectionJob))
+    responses((status = 200, description = "The inspection; a running one ends soon.", body = InspectionJob))
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<ApiState>,
@@ -220,7 +220,8 @@ async fn answer(
 
 /// Get the result of an inspection
 ///
-/// Where the scans lie, what they measured beside the plan, the losses by cause, and how the surface deviates. It never changes.
+/// The poses of the scans, what they measured compared with the plan, the losses by cause, and the deviation of the surface. It
+/// never changes.
 #[utoipa::path(
     get,
     path = "/inspections/{id}/result",
@@ -240,7 +241,7 @@ pub(in crate::http) async fn result(
 
 /// Get the losses of an inspection
 ///
-/// Every spot that was planned and not measured, with its cause and what to do; as `csv` every face with its areas.
+/// Every spot that was planned but not measured, with its cause and remedy; as `csv`, every face with its areas.
 #[utoipa::path(
     get,
     path = "/inspections/{id}/losses",
@@ -248,7 +249,7 @@ pub(in crate::http) async fn result(
     operation_id = "get_inspection_losses",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
-        ("format" = Option<String>, Query, pattern = "^(json|csv)$", example = "json", description = "Form of the response; `Accept` chooses where it is not given."),
+        ("format" = Option<String>, Query, pattern = "^(json|csv)$", example = "json", description = "Form of the response. Default: chosen by `Accept`."),
     ),
     responses((status = 200, description = "The losses.", content((LossListing = "application/json"), (String = "text/csv"))))
 )]
@@ -263,7 +264,7 @@ pub(in crate::http) async fn losses(
 
 /// Get the deviation of the surface
 ///
-/// A table of the faces, or as `ply` the measured points in colours.
+/// A table of the faces; as `ply`, the measured points coloured by deviation.
 #[utoipa::path(
     get,
     path = "/inspections/{id}/deviation",
@@ -271,7 +272,7 @@ pub(in crate::http) async fn losses(
     operation_id = "get_inspection_deviation",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
-        ("format" = Option<String>, Query, pattern = "^(csv|ply)$", example = "csv", description = "Form of the response; `Accept` chooses where it is not given."),
+        ("format" = Option<String>, Query, pattern = "^(csv|ply)$", example = "csv", description = "Form of the response. Default: chosen by `Accept`."),
     ),
     responses((status = 200, description = "The deviation.", content(
         (String = "text/csv"), (inline(super::super::openapi::Bytes) = "application/octet-stream"),
@@ -286,10 +287,10 @@ pub(in crate::http) async fn deviation(
     answer(&state, &id, &headers, params, &DEVIATION).await
 }
 
-/// Get what the scans teach of the scanner
+/// Get what the scans reveal about the scanner
 ///
-/// Noise, limits of incidence, specular lobe and depth with their intervals, and parameters to plan with; nothing of it is applied by
-/// itself.
+/// Noise, limits of incidence, specular lobe and depth, each with its confidence interval, and suggested parameters; none of
+/// these is applied automatically.
 #[utoipa::path(
     get,
     path = "/inspections/{id}/learned",
@@ -309,7 +310,7 @@ pub(in crate::http) async fn learned(
 
 /// Get the report of an inspection
 ///
-/// One page for people: alignment, deviation, losses by cause, features.
+/// HTML page with the alignment, the deviation, the losses by cause, and the features.
 #[utoipa::path(
     get,
     path = "/inspections/{id}/report",
@@ -317,7 +318,7 @@ pub(in crate::http) async fn learned(
     operation_id = "get_inspection_report",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
-        ("format" = Option<String>, Query, pattern = "^(html|text)$", example = "text", description = "Form of the response; `Accept` chooses where it is not given."),
+        ("format" = Option<String>, Query, pattern = "^(html|text)$", example = "text", description = "Form of the response. Default: chosen by `Accept`."),
     ),
     responses((status = 200, description = "The report.", content((String = "text/html"), (String = "text/plain"))))
 )]

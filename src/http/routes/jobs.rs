@@ -190,7 +190,7 @@ pub(in crate::http) async fn create_batch(
 
 /// Delete several ended jobs and their results
 ///
-/// Deletes the jobs that every given field fits; at least one field must be given. Jobs that have not ended, and jobs with the
+/// Deletes the jobs that match all given fields; at least one field must be given. Jobs that have not ended, and jobs with the
 /// hold label, are kept and counted.
 #[utoipa::path(
     post,
@@ -199,7 +199,7 @@ pub(in crate::http) async fn create_batch(
     operation_id = "delete_jobs",
     params(("dry_run" = Option<bool>, Query, example = json!(false), description = "`true`: only count the jobs.")),
     request_body = JobSelection,
-    responses((status = 200, description = "Numbers of the selected jobs by what became of them.", body = DeletedJobs))
+    responses((status = 200, description = "Numbers of the selected jobs, by outcome.", body = DeletedJobs))
 )]
 pub(in crate::http) async fn delete_selected(
     State(state): State<ApiState>,
@@ -213,8 +213,8 @@ pub(in crate::http) async fn delete_selected(
 
 /// List jobs
 ///
-/// Status of each job, without its request, which `/jobs/{id}` includes; newest first unless `sort` says otherwise. All given
-/// filters must fit. A page ends early, with a token, if its entries would exceed 4 MiB.
+/// Status of each job without its request, which `/jobs/{id}` includes; newest first unless `sort` says otherwise. Only jobs that
+/// match all given filters are listed. A page ends early, with a token, if its entries would exceed 4 MiB.
 #[utoipa::path(
     get,
     path = "/jobs",
@@ -229,8 +229,8 @@ pub(in crate::http) async fn delete_selected(
         ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only jobs in the cell of this name; `none` for those without one."),
         ("created_after" = Option<String>, Query, format = DateTime, example = "2026-01-01T00:00:00Z", description = "Only jobs accepted at this time or later (RFC 3339)."),
         ("created_before" = Option<String>, Query, format = DateTime, example = "2100-01-01T00:00:00+01:00", description = "Only jobs accepted before this time (RFC 3339)."),
-        ("sort" = Option<JobSort>, Query, example = "-created_at", description = "Order of the jobs: a field, with `-` for the greatest first; `-created_at` by default. A job that has not ended comes after those that have, one without a number before those with one."),
-        ("fields" = Option<String>, Query, example = "id,state,part_number,serial,ended_at", description = "Only these fields of each job, with commas between them; `id` is always there."),
+        ("sort" = Option<JobSort>, Query, example = "-created_at", description = "Order of the jobs: a field, with `-` for descending; `-created_at` by default. In ascending order, a job that has not ended comes after those that have, and one without a number before those with one."),
+        ("fields" = Option<String>, Query, example = "id,state,part_number,serial,ended_at", description = "Fields of each job to return, separated by commas; `id` is always included. Default: all."),
         ("page_size" = Option<u32>, Query, description = "Largest number of entries on the page; 50 by default.", minimum = 1, maximum = 1000),
         ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page; filters and order must be the same."),
     ),
@@ -288,7 +288,7 @@ pub(super) fn keyed(label: Option<String>) -> Result<Option<String>, ApiError> {
         ("wait" = Option<String>, Query, pattern = "^([0-9]|[1-5][0-9]|60)s?$", example = "5s",
             description = "Respond when the job has ended, or after this time: up to 60 seconds, for example `30s`."),
         ("fields" = Option<String>, Query,
-            description = "Only these fields of the job, with commas between them, for example `state,fraction`; `id` is always there."),
+            description = "Fields of the job to return, separated by commas, for example `state,fraction`; `id` is always included. Default: all."),
     ),
     responses((status = 200, description = "The job.", body = Job))
 )]
@@ -322,7 +322,7 @@ pub(super) fn duration(text: &str) -> Result<Duration, ApiError> {
 
 /// Change the priority of a queued job
 ///
-/// It moves in the queue at once. A job that runs or has ended cannot be changed.
+/// The job moves in the queue at once. A job that is running or has ended cannot be changed.
 #[utoipa::path(
     patch,
     path = "/jobs/{id}",
@@ -363,8 +363,8 @@ pub(in crate::http) async fn cancel(
 
 /// Replace a job's labels
 ///
-/// Labels serve to find jobs, and to protect them: a job with the label named by the setting `retention.hold_label`
-/// (default `hold`) cannot be deleted. The labels that its plan and program echo stay as submitted.
+/// Labels serve to find jobs and to protect them: a job with the label named by the setting `retention.hold_label` (default
+/// `hold`) cannot be deleted. The labels in its plan and program stay as submitted.
 #[utoipa::path(
     put,
     path = "/jobs/{id}/labels",

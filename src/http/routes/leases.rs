@@ -19,8 +19,8 @@ fn lease_id(text: &str) -> Result<LeaseId, ApiError> {
 
 /// Take the lease of a cell
 ///
-/// One client at a time may move a cell. The lease ends after `ttl_ms` unless it is renewed; a live run then stops, and has to be
-/// started and armed anew. Requests that move the cell name its `token`, which rises with every lease.
+/// Only one client at a time may move a cell. The lease ends after `ttl_ms` unless it is renewed; a live run then stops, and has
+/// to be started and armed again. Requests that move the cell carry its `token`, which increases with every lease.
 ///
 /// A lease protects clients from each other, not people from machines: Vantage is not safety-rated, and its stop is not an
 /// emergency stop.
@@ -47,7 +47,8 @@ pub(in crate::http) async fn take(
 
 /// Renew a lease
 ///
-/// The heartbeat of whoever moves the cell: at least every `heartbeat_ms`. A lease that has ended is not brought back.
+/// The heartbeat of the client that moves the cell: send it at least every `heartbeat_ms`. A lease that has ended cannot be
+/// renewed.
 #[utoipa::path(
     put,
     path = "/leases/{id}",
@@ -67,7 +68,7 @@ pub(in crate::http) async fn renew(
 
 /// Give a lease back
 ///
-/// A live run that it carries stops in order.
+/// A live run that depends on the lease is stopped in a controlled way.
 #[utoipa::path(
     delete,
     path = "/leases/{id}",

@@ -27,9 +27,9 @@ static PREVIEW: [Representation; 2] = [
 
 /// Upload a mesh
 ///
-/// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`. STL, OBJ and PLY
-/// are recognised by content. The same file with the same unit and name is the same mesh: uploading it again
-/// gives the same mesh, with the time of the last upload as `created_at`. The file of the example always gets the id that other examples name.
+/// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`. STL, OBJ and PLY are
+/// recognised by content. Uploading the same file with the same unit and name again returns the same mesh, with the time of the
+/// last upload as `created_at`. The file of the example always gets the id that other examples use.
 #[utoipa::path(
     post,
     path = "/meshes",
@@ -63,7 +63,7 @@ pub(in crate::http) async fn upload(
 
 /// List meshes, newest first
 ///
-/// By their first upload: uploading a mesh again changes its `created_at`, not its place.
+/// Sorted by their first upload: uploading a mesh again changes its `created_at` but not its place.
 #[utoipa::path(
     get,
     path = "/meshes",
@@ -101,8 +101,8 @@ pub(in crate::http) async fn get(
 
 /// Delete a mesh
 ///
-/// Refused while a job that has not ended needs the mesh, or a stored specification names it. Ended jobs keep their results, and the file of the mesh for inspections,
-/// further views and runs.
+/// Refused while a job that has not ended needs the mesh, or a stored specification names it. Ended jobs keep their results, and
+/// the mesh file for inspections, further views and runs.
 #[utoipa::path(
     delete,
     path = "/meshes/{id}",
@@ -132,11 +132,11 @@ pub(in crate::http) async fn delete(
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the mesh."),
         ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
-        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
     ),
     responses(
         (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
-        (status = 206, description = "The asked part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 206, description = "The requested part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has the current version."),
     )
 )]
@@ -171,14 +171,14 @@ fn file_name(mesh: &UploadedMesh) -> String {
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the mesh."),
         ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
-        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
     ),
     responses(
         (status = 200, description = "The preview, as binary glTF.", content(
             (inline(super::super::openapi::Bytes) = "model/gltf-binary"),
             (inline(super::super::openapi::Bytes) = "application/octet-stream"),
         )),
-        (status = 206, description = "The asked part of the preview.", content(
+        (status = 206, description = "The requested part of the preview.", content(
             (inline(super::super::openapi::Bytes) = "model/gltf-binary"),
             (inline(super::super::openapi::Bytes) = "application/octet-stream"),
         )),

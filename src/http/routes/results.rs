@@ -312,7 +312,7 @@ macro_rules! program_text {
                 ("id" = uuid::Uuid, Path, description = "Id of the job."),
                 ("dialect" = ProgramDialect, Path, description = "Language of the program, or `csv`."),
                 ("force" = Option<bool>, Query, example = false,
-                    description = "Send a program in the language of another maker than the robot's too."),
+                    description = "`true`: send the program even if its language is for another maker's robots."),
             ),
             responses(
                 (status = 200, description = "The program; it never changes.", content((String = "text/plain")),
@@ -363,8 +363,8 @@ result! {
 result! {
     /// Get the robot program
     ///
-    /// As neutral JSON. `/jobs/{id}/program/{dialect}` has it as a table and in the languages of robot controllers, as does the
-    /// query parameter `dialect` of this route.
+    /// The program as neutral JSON. `/jobs/{id}/program/{dialect}`, or the query parameter `dialect` of this route, gives it as a
+    /// table or in the language of a robot controller.
     program, "get_program", "/jobs/{id}/program", programs(0), FormChoice::Asked("dialect"), ("application/json", ProgramDocument)
 }
 result! {
@@ -385,11 +385,11 @@ result! {
 program_text! {
     /// Get the robot program as text
     ///
-    /// A table (`csv`), or the language of a robot controller (see `params.dialects`). For KUKA there are two files, `krl` and
-    /// `krl_dat`. If a language cannot express the program, the response is `result_not_found` with the reason. If it is not
-    /// the one that the robot's specification names (`dialect`), nor `csv` or `robodk`, the response is `foreign_dialect`; with
-    /// `force=true` it is the program, with a warning in its header. The head of the file says under which name the controller
-    /// wants it.
+    /// The program as a table (`csv`) or in the language of a robot controller (see `params.dialects`). For KUKA there are two
+    /// files, `krl` and `krl_dat`. If a language cannot express the program, the response is `result_not_found` with the reason.
+    /// If the language is not the one that the robot's specification names (`dialect`), nor `csv` or `robodk`, the response is
+    /// `foreign_dialect`; with `force=true`, it is the program with a warning in its header. The head of the file gives the file
+    /// name that the controller expects.
     program_text, "get_program_text", "/jobs/{id}/program/{dialect}", 0
 }
 program_text! {
@@ -458,7 +458,7 @@ result! {
 
 /// Download a result file by name
 ///
-/// Byte for byte, to be kept as a file. `Range` gives a part of it (RFC 9110, section 14), so that a download can be resumed.
+/// The file, byte for byte. `Range` gives a part of it (RFC 9110, section 14), so that a download can be resumed.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/files/{name}",
@@ -468,11 +468,11 @@ result! {
         ("id" = uuid::Uuid, Path, description = "Id of the job."),
         ("name" = String, Path, description = "Name of the file, as in the job's `results`.", example = "plan.json"),
         ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
-        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
     ),
     responses(
         (status = 200, description = "The file; it never changes.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
-        (status = 206, description = "The asked part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 206, description = "The requested part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has the current version."),
     )
 )]

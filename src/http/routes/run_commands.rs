@@ -12,11 +12,11 @@ use crate::wire::run::{ArmRequest, LocatedRequest, OverrideRequest, Run};
 
 /// Arm a live run
 ///
-/// The release of motion by the operator, who stands at the cell and has made sure that nobody is in it. Needs the lease of the cell.
-/// The run then begins. Before that the state of arm and table, their pose and the hashes of plan, program and cell are checked; a
-/// first live run of a program is slow.
+/// Releases motion on behalf of the operator, who stands at the cell and has made sure that nobody is in it. Needs the lease of
+/// the cell. The state of arm and table, their pose, and the hashes of plan, program and cell are checked; then the run begins.
+/// The first live run of a program is slow.
 ///
-/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety system active.
 #[utoipa::path(
     post,
     path = "/runs/{id}/arm",
@@ -42,10 +42,10 @@ pub(in crate::http) async fn arm(
 
 /// Pause a run
 ///
-/// It stops in order where it is and holds there until it is resumed. Pausing a paused run has no effect. Anybody may pause.
-/// A query or a body is ignored.
+/// Stops the run in a controlled way where it is, and holds it there until it is resumed. Pausing a paused run has no effect.
+/// Anybody may pause. A query or a body is ignored.
 ///
-/// Not an emergency stop: Vantage is not safety-rated.
+/// This is not an emergency stop: Vantage is not safety-rated.
 #[utoipa::path(
     post,
     path = "/runs/{id}/pause",
@@ -60,9 +60,10 @@ pub(in crate::http) async fn pause(State(state): State<ApiState>, Path(id): Path
 
 /// Resume a paused run
 ///
-/// State and pose are checked anew. In the mode `live` it needs the lease of the cell, and moves arm and table.
+/// Checks the state and the pose again before moving. In the mode `live`, it needs the lease of the cell, and moves arm and
+/// table.
 ///
-/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety system active.
 #[utoipa::path(
     post,
     path = "/runs/{id}/resume",
@@ -70,7 +71,7 @@ pub(in crate::http) async fn pause(State(state): State<ApiState>, Path(id): Path
     operation_id = "resume_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`."),
     ),
     responses((status = 200, description = "The run.", body = Run))
 )]
@@ -86,11 +87,11 @@ pub(in crate::http) async fn resume(
 
 /// Stop a run
 ///
-/// Asks the controllers to stop in order, and ends the run; it cannot be resumed. `stop` of the run tells apart when the request was
-/// put on the wire, when the controllers acknowledged it, and when arm and table were measured at rest. Anybody may stop; stopping an
-/// ended run has no effect. A query or a body is ignored.
+/// Asks the controllers to stop in a controlled way, and ends the run; it cannot be resumed. The field `stop` of the run states
+/// separately when the request was put on the wire, when the controllers acknowledged it, and when arm and table were measured at
+/// rest. Anybody may stop; stopping an ended run has no effect. A query or a body is ignored.
 ///
-/// Not an emergency stop: Vantage is not safety-rated, and this request can be late or lost.
+/// This is not an emergency stop: Vantage is not safety-rated, and this request can be late or lost.
 #[utoipa::path(
     post,
     path = "/runs/{id}/stop",
@@ -111,11 +112,12 @@ pub(in crate::http) async fn stop(
     Ok(accepted(state.app.stop_run(run_id(&id)?).await?, &prefix))
 }
 
-/// Carry out one step
+/// Execute one step
 ///
-/// Takes a paused run, or an armed one that pauses after each step, one step on; it pauses again after it. In the mode `live` it needs the lease of the cell, and moves arm and table.
+/// Executes one step of a paused run, or of an armed run that pauses after each step; the run pauses again after it. In the mode
+/// `live`, it needs the lease of the cell, and moves arm and table.
 ///
-/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety system active.
 #[utoipa::path(
     post,
     path = "/runs/{id}/step",
@@ -123,7 +125,7 @@ pub(in crate::http) async fn stop(
     operation_id = "step_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`."),
     ),
     responses((status = 200, description = "The run.", body = Run))
 )]
@@ -139,7 +141,7 @@ pub(in crate::http) async fn step(
 
 /// Change the speed of a run
 ///
-/// Holds from the next segment of motion on. The first live run of a program stays below the cap of the cell file.
+/// Takes effect with the next segment of motion. The first live run of a program stays below the cap in the cell file.
 #[utoipa::path(
     post,
     path = "/runs/{id}/override",
@@ -147,7 +149,7 @@ pub(in crate::http) async fn step(
     operation_id = "override_run",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`."),
     ),
     request_body = OverrideRequest,
     responses((status = 200, description = "The run.", body = Run))
@@ -163,11 +165,11 @@ pub(in crate::http) async fn set_override(
     Ok(Json(state.app.override_run(run_id(&id)?, request, token).await?))
 }
 
-/// Tell where the part lies
+/// Set the pose of the part
 ///
-/// The answer to a locating scan, which the run waits for (`paused`, reason `locating`). The program is checked again for reach,
-/// collision and coverage with the part there: within bounds the run goes on with corrected targets, else it stops and says how to put
-/// the part right.
+/// Answers a locating scan, for which the run waits (`paused`, reason `locating`). The program is checked again for reach,
+/// collisions and coverage with the part in that pose. Within bounds, the run continues with corrected targets; otherwise it
+/// stops and says how to correct the pose of the part.
 #[utoipa::path(
     post,
     path = "/runs/{id}/located",
@@ -175,7 +177,7 @@ pub(in crate::http) async fn set_override(
     operation_id = "locate_part",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the run."),
-        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`."),
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`."),
     ),
     request_body = LocatedRequest,
     responses((status = 200, description = "The run.", body = Run))

@@ -48,18 +48,18 @@ pub(super) fn accepted(run: Run, prefix: &Prefix) -> Accepted {
 
 /// Start a run
 ///
-/// Carries out the program of a job that succeeded. In the mode `simulate`, the default, a twin of arm and table moves, and the run
-/// begins at once. `dry_run` connects to the controllers of the operator's cell file, reads their state and sends no motion. `live`
-/// moves arm and table: it needs the setting `execution.live`, the lease of the cell (`token`) and the operator's arm
-/// (`POST /runs/{id}/arm`). Controllers are named in the operator's cell file alone, never in a request.
+/// Executes the program of a job that succeeded. In the mode `simulate`, the default, a simulated twin of arm and table moves,
+/// and the run begins at once. `dry_run` connects to the controllers of the operator's cell file, reads their state and sends no
+/// motion. `live` moves arm and table: it needs the setting `execution.live`, the lease of the cell (`token`), and to be armed by
+/// the operator (`POST /runs/{id}/arm`). Controllers are named only in the operator's cell file, never in a request.
 ///
-/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety system active.
 #[utoipa::path(
     post,
     path = "/runs",
     tag = "runs",
     operation_id = "create_run",
-    params(("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; for the mode `live`.")),
+    params(("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`.")),
     request_body = RunRequest,
     responses(
         (status = 202, description = "The run was accepted.", body = Run,
@@ -81,7 +81,7 @@ pub(in crate::http) async fn create(
 
 /// List runs
 ///
-/// Newest first. All given filters must fit.
+/// Newest first. Only items that match all given filters are listed.
 #[utoipa::path(
     get,
     path = "/runs",
@@ -146,8 +146,8 @@ pub(in crate::http) async fn get(
 /// Follow a run to its end
 ///
 /// Server-sent events, from the run's beginning or resumed after `Last-Event-ID`; the stream ends with the run. Events other than
-/// `live` are stored: `event` is a `RunEventKind`, `data` a `RunEventDocument` as JSON. `live` is the measured state, 10 to 50 times a second:
-/// `data` is a `RunSample`; the latest of them are replayed too, and a reader that is slow loses some.
+/// `live` are stored: `event` is a `RunEventKind`, `data` a `RunEventDocument` as JSON. `live` is the measured state, 10 to 50
+/// times a second: `data` is a `RunSample`; the latest ones are replayed too, and a slow reader loses some.
 #[utoipa::path(
     get,
     path = "/runs/{id}/events",
@@ -176,8 +176,8 @@ pub(in crate::http) async fn events(
 
 /// Get the record of a run
 ///
-/// Each step that was completed, as commanded and as measured; also while the run is under way. As a table with
-/// `Accept: text/csv`, or from `/runs/{id}/record.csv`.
+/// Every completed step, as commanded and as measured, also while the run is under way. As a table with `Accept: text/csv`, or
+/// from `/runs/{id}/record.csv`.
 #[utoipa::path(
     get,
     path = "/runs/{id}/record",
@@ -227,9 +227,9 @@ fn csv(record: &RunRecordDocument) -> Response {
 
 /// Get the audit log of a run
 ///
-/// Every byte that was exchanged with the controllers, as text with one entry a line: its number, nanoseconds of a monotonic clock since
-/// the log was opened, the device, `sent` or `received`, the bytes in hexadecimal, and the SHA-256 that chains the line to the one
-/// before. Its size is bounded: the oldest part of a long log is missing. A simulated run exchanges none.
+/// Every byte that was exchanged with the controllers, as text with one entry per line: its number, nanoseconds of a monotonic
+/// clock since the log was opened, the device, `sent` or `received`, the bytes in hexadecimal, and the SHA-256 that chains the
+/// line to the one before. Its size is bounded: the oldest part of a long log is missing. A simulated run exchanges no bytes.
 #[utoipa::path(
     get,
     path = "/runs/{id}/audit",
@@ -258,8 +258,8 @@ pub(in crate::http) async fn audit(
 
 /// Delete an ended run with its record and its audit log
 ///
-/// Where the log cannot be removed, the run is deleted all the same, and the answer, with status 500, says that its log is left: the
-/// same request, sent again, removes it.
+/// If the audit log cannot be removed, the run is deleted all the same, and the response, with status 500, says that the log
+/// remains: sending the same request again removes it.
 #[utoipa::path(
     delete,
     path = "/runs/{id}",

@@ -27,8 +27,9 @@ fn scan_id(text: &str) -> Result<ScanId, ApiError> {
 
 /// Upload a scan
 ///
-/// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`: PLY, PCD, E57, XYZ or STL, of
-/// one view, or of all views together. It is read when the job is inspected. Unit and frame that are not given are found out then.
+/// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`: PLY, PCD, E57, XYZ or
+/// STL, of one view, or of all views together. It is read when the job is inspected. A unit or frame that is not given is
+/// detected then.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/scans",
@@ -36,7 +37,7 @@ fn scan_id(text: &str) -> Result<ScanId, ApiError> {
     operation_id = "upload_scan",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job whose plan was scanned."),
-        ("view" = Option<u32>, Query, minimum = 0, maximum = 99_999, example = 1, description = "Viewpoint of the plan from which the scan was taken. Without it, the number in the name of the file; a file without one has all views together."),
+        ("view" = Option<u32>, Query, minimum = 0, maximum = 99_999, example = 1, description = "Viewpoint of the plan from which the scan was taken. Default: the number in the name of the file; a file without a number contains all views together."),
         ("unit" = inline(Option<crate::wire::MeshUnit>), Query, example = "mm", description = "Unit of the coordinates."),
         ("frame" = Option<ScanFrame>, Query, example = "scanner", description = "Frame of the coordinates."),
         ("name" = Option<String>, Query, description = "Name of the file. Without it, the name that a multipart form gives.", example = "view_01.ply", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
@@ -125,11 +126,11 @@ pub(in crate::http) async fn get(
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the scan."),
         ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
-        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
     ),
     responses(
         (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
-        (status = 206, description = "The asked part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 206, description = "The requested part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has the current version."),
     )
 )]
@@ -148,7 +149,7 @@ pub(in crate::http) async fn file(
 
 /// Delete a scan
 ///
-/// Refused while an inspection of its job has not ended. Results of inspections are kept.
+/// Refused while an inspection of the scan's job has not ended. Results of inspections are kept.
 #[utoipa::path(
     delete,
     path = "/scans/{id}",

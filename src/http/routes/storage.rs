@@ -9,7 +9,7 @@ use crate::wire::{Retention, Storage};
 
 /// Get the state of the store
 ///
-/// Free space on its disk, sizes of all that is stored, audit logs included, and items known to be damaged.
+/// Free space on the disk of the store, sizes of everything stored, including audit logs, and items known to be damaged.
 #[utoipa::path(
     get,
     path = "/storage",
@@ -41,7 +41,7 @@ pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Pa
 /// Apply retention now
 ///
 /// Deletes the jobs, meshes and runs that the policy selects. The server also does this by itself every hour. Each deleted job
-/// gets an event with the reason as `code`. A run does not go with its job, but by its own age, and its audit log with it.
+/// gets an event with the reason as `code`. A run is not deleted with its job but at its own age, together with its audit log.
 #[utoipa::path(
     post,
     path = "/retention",

@@ -109,7 +109,7 @@ async fn receive_form(
     meter.lock().is_in_file = false;
     if let Some(second) = form.next_field().await.map_err(refused)? {
         check_only_file(second.name())?;
-        return Err(ApiError::at(Code::BadBody, "file", "the form has this field twice; send one file a request"));
+        return Err(ApiError::at(Code::BadBody, "file", "the form has this field twice; send one file per request"));
     }
     Ok((upload.finish(announced).await?, file_name))
 }
@@ -120,7 +120,7 @@ fn check_only_file(name: Option<&str>) -> Result<(), ApiError> {
     if name == "file" {
         return Ok(());
     }
-    let said = "the form has a field of this name; it may have one field, \"file\": all else belongs into the query";
+    let said = "the form has a field of this name; the only field allowed is \"file\", everything else belongs in the query";
     Err(ApiError::at(Code::BadBody, name, said))
 }
 

@@ -17,7 +17,7 @@ params! {
         band_deg: f64 = 2.0, [0.0, 45.0] "°";
         /// Distance from a step of depth within which scanners may lack points, pixels. It has no published source.
         edge_px: f64 = 10.0, [0.0, 1000.0] "px";
-        /// Smallest step of depth that counts.
+        /// Smallest depth discontinuity that counts as an edge, mm.
         edge_step_mm: f64 = 5.0, [0.01, 1000.0] "mm";
     }
 }

@@ -25,7 +25,7 @@ params! {
         lobe_deg: f64 = 0.0, [0.0, 90.0] "°";
         /// Distance from a step of depth within which nothing returns, pixels; 0 is none.
         edge_px: f64 = 0.0, [0.0, 1000.0] "px";
-        /// Smallest step of depth that counts.
+        /// Smallest depth discontinuity that counts as an edge, mm.
         edge_step_mm: f64 = 5.0, [0.01, 1000.0] "mm";
         /// Distance from a concave corner within which nothing returns; 0 is none.
         concave_mm: f64 = 0.0, [0.0, 100.0] "mm";

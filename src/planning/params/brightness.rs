@@ -8,7 +8,7 @@ use utoipa::{PartialSchema, ToSchema};
 use super::knob::Ranged;
 use crate::cell::{Findings, LEVELS, REFERENCE_LEVEL};
 
-/// Brightness of the projector: a level, or `auto`.
+/// Brightness of the projector: a level from 0 (darkest) to 9 (brightest), or `auto`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Brightness {
     /// This level for every view.
@@ -95,8 +95,8 @@ impl PartialSchema for Brightness {
             .minimum(Some(0))
             .maximum(Some(9));
         let auto = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["auto"]));
-        let one_of =
-            OneOfBuilder::new().item(level).item(auto).description(Some("Brightness of the projector: a level, or `auto`."));
+        let about = "Brightness of the projector: a level from 0 (darkest) to 9 (brightest), or `auto`.";
+        let one_of = OneOfBuilder::new().item(level).item(auto).description(Some(about));
         RefOr::T(Schema::OneOf(one_of.build()))
     }
 }

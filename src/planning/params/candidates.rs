@@ -8,8 +8,8 @@ use super::knob::params;
 use crate::cell::{Findings, PoseInput, PoseSpec, closed_list};
 
 closed_list! {
-    /// A scheme that generates candidates. Those of all schemes that are named are joined, in the order named; `iterative`
-    /// and `targeted` build on what the others measure, and so come after them.
+    /// Strategy that generates candidates. The candidates of all strategies given are joined, in that order; `iterative` and
+    /// `targeted` build on what the others measure, and come after them.
     pub enum Strategy {
         /// Block ellipsoid, Algorithm 1 (thesis §3.1.3).
         Ellipsoid = "ellipsoid",
@@ -55,49 +55,56 @@ pub enum Standoff {
 params! {
     /// Viewpoints to consider ([`crate::planning::method::candidates`]).
     CandidateParams {
-        /// Schemes; their candidates are joined. The default needs the fewest views for the same area
+        /// Strategies that generate candidates; their candidates are joined. The default needs the fewest views for the same area
         /// (`src/planning/candidates/DEFAULT.md`).
         strategies: Vec<Strategy> = vec![Strategy::Even, Strategy::Targeted];
-        /// `ellipsoid`: polar step, and azimuth step near the equator, degrees.
+        /// `ellipsoid`: step in the polar angle, and in azimuth near the equator, degrees. A smaller step gives more candidates.
         step_small_deg: f64 = 30.0, [1.0, 90.0] "°";
-        /// `ellipsoid`: azimuth step near the poles, degrees.
+        /// `ellipsoid`: step in azimuth near the poles, degrees.
         step_large_deg: f64 = 45.0, [1.0, 180.0] "°";
-        /// `even`: directions around a part of one block. Default: 150, fewer where the table of what each view measures would not
-        /// hold them. Each of b blocks has the √b-th part, but not fewer than 27: neighbours see each other's surface.
+        /// `even`: number of viewing directions around a part of one block. Each of b blocks gets this number divided by √b, but
+        /// no fewer than 27 where the number allows, because neighbouring blocks share views. More directions find better views
+        /// but take longer. Default: 150, or fewer where the visibility table has no room for more.
         even_directions: Option<u32> = None, [4.0, 10_000.0] "";
-        /// `facet_normal`: facets, the largest first.
+        /// `facet_normal`: maximum number of facets, the largest first.
         facet_normals: u32 = 100, [1.0, 10_000.0] "";
-        /// `surface_points`: points.
+        /// `surface_points`: maximum number of surface points.
         surface_points: u32 = 100, [1.0, 10_000.0] "";
-        /// `facet_normal` and `surface_points`: nearer than this, mm, and with a normal within 15° no second one
-        /// is taken. Default: the root of the surface's area divided by the count.
+        /// `facet_normal` and `surface_points`: minimum distance, mm, between two points whose normals differ by less than 15°.
+        /// Default: √(surface area / number of points).
         spacing_mm: Option<f64> = None, [0.0, 1000.0] "mm";
-        /// `volume`: random viewpoints.
+        /// `volume`: maximum number of random viewpoints.
         volume_points: u32 = 200, [1.0, 10_000.0] "";
-        /// `reach`: directions.
+        /// `reach`: maximum number of viewing directions.
         reach_directions: u32 = 100, [1.0, 10_000.0] "";
-        /// `iterative`: rounds; each looks closer around the best views.
+        /// `iterative`: number of rounds; each samples more closely around the best views so far.
         iterative_rounds: u32 = 3, [1.0, 20.0] "";
-        /// `iterative`: viewpoints a round.
+        /// `iterative`: maximum number of viewpoints per round.
         iterative_views: u32 = 50, [1.0, 10_000.0] "";
-        /// `targeted`: max number of viewpoints.
+        /// `targeted`: maximum number of viewpoints.
         targeted_max: u32 = 100, [1.0, 1000.0] "";
-        /// Rolls about the viewing axis for each direction, degrees. `iterative` draws its rolls and `targeted` solves for them.
+        /// Rolls about the viewing axis that are tried for each viewing direction, degrees; at 0 the baseline of the cameras is
+        /// level. `iterative` draws its own rolls and `targeted` computes them.
         rolls_deg: Vec<f64> = vec![0.0, 90.0], [-360.0, 360.0] "°", entries [1, 360];
-        /// Beside each view, four that are turned by this angle to the four sides about the point at F ahead, with the
-        /// scanner levelled again, degrees.
+        /// Tilts that are tried for each view, degrees: each adds four views, turned by this angle to the four sides about the
+        /// point at best focus, with the baseline level again.
         tilts_deg: Vec<f64> = Vec::new(), [1.0, 60.0] "°", entries [0, 360];
-        /// Distances by which a view stands back from where `standoff` puts it, mm.
+        /// Offsets along the viewing axis that are tried for each view, mm: positive puts the scanner farther from the part than
+        /// `standoff` does, negative nearer.
         standoffs_mm: Vec<f64> = vec![0.0], [-500.0, 500.0] "mm", entries [1, 360];
-        /// Part of the viewing sphere. Default: `full` without a cell, `above_table` with one.
+        /// Part of the viewing sphere that is considered. Default: `above_table` with a cell or with several setups, else `full`.
         hemisphere: Option<Hemisphere> = None;
-        /// `above_table`: smallest elevation of a viewpoint over the plate's plane, seen from the plate's centre, degrees.
+        /// `above_table`: minimum elevation of a viewpoint above the plane of the plate, seen from the plate's centre, degrees.
         min_elevation_deg: f64 = 1.0, [0.0, 89.0] "°";
-        /// Rule for the distance from the part.
+        /// Rule for the distance from the part: `surface` moves a view along its axis to where the visible surface of its block
+        /// scores highest; `first_surface` puts the first surface on the axis at best focus; `centre` puts the centre of the
+        /// block there.
         standoff: Standoff = Standoff::Surface;
-        /// Look beside the views of a first choice, each tilted by 6° and 12° to four sides, and choose again: often fewer views, which look more obliquely: a scanner that returns less than its specification measures less with them. Solvers `local` and `certified` with `standoff` `surface`.
+        /// Looks for better views beside a first selection: each of its views is also tilted by 6° and by 12° to four sides, and
+        /// views are selected again. The plan often needs fewer views, but these look more obliquely: a scanner that falls short
+        /// of its specification measures less with them. Needs solver `local` or `certified`, and `standoff` = `surface`.
         look_closer: bool = false;
-        /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own.
+        /// Further viewpoints to consider, as `part_from_scanner`: those of a remedy, or your own.
         #[schema(value_type = Vec<PoseInput>)]
         poses: Vec<PoseSpec> = Vec::new(), entries [0, 10_000];
     }

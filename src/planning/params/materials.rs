@@ -5,15 +5,16 @@ use super::regions::Region;
 use crate::cell::{Findings, Finish, Material};
 
 params! {
-    /// Materials of the surface. Where several regions hold a sample, the last one counts.
+    /// Materials of the surface. If several regions contain a sample, the last one applies.
     MaterialParams {
-        /// Finish of the part outside all regions. Default: dull white, where a region or `scan.brightness` asks for one.
+        /// Finish of the part outside the regions. Default: `matte_white`, where exposure is predicted.
         finish: Option<Finish> = None;
-        /// Share of the light that the part scatters, outside all regions. Default: that of the finish.
+        /// Albedo outside the regions: the share of the incident light that the surface scatters. Default: that of the finish.
         albedo: Option<f64> = None, [0.001, 1.0] "";
-        /// Brightness inside the mirror cone relative to a white surface, outside all regions. Default: that of the finish.
+        /// Brightness inside the specular cone, relative to a white surface, outside the regions. Default: that of the finish.
         gloss: Option<f64> = None, [0.0, 10_000.0] "";
-        /// Half the opening of the mirror cone, degrees, outside all regions. Default: that of the finish.
+        /// Half-angle of the specular cone outside the regions, degrees. A larger angle spreads glare over more views. Default:
+        /// that of the finish.
         lobe_deg: Option<f64> = None, [0.0, 90.0] "°";
         /// Regions of another material.
         regions: Vec<RegionMaterialParams> = Vec::new(), entries [0, 100];
@@ -23,18 +24,18 @@ params! {
 params! {
     /// Material of a region.
     required RegionMaterialParams {
-        /// The region of the surface.
+        /// Region of the surface.
         region: Region;
         /// Finish of the region. Default: that of the part.
         #[serde(default)]
         finish: Option<Finish>;
-        /// Share of the light that it scatters. Default: that of the finish.
+        /// Albedo: the share of the incident light that the surface scatters. Default: that of the finish.
         #[serde(default)]
         albedo: Option<f64>, [0.001, 1.0] "";
-        /// Brightness inside the mirror cone relative to a white surface. Default: that of the finish.
+        /// Brightness inside the specular cone, relative to a white surface. Default: that of the finish.
         #[serde(default)]
         gloss: Option<f64>, [0.0, 10_000.0] "";
-        /// Half the opening of the mirror cone, degrees. Default: that of the finish.
+        /// Half-angle of the specular cone, degrees. Default: that of the finish.
         #[serde(default)]
         lobe_deg: Option<f64>, [0.0, 90.0] "°";
     }

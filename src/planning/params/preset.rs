@@ -1,4 +1,4 @@
-//! Sets of parameters that are chosen as a whole.
+//! Named sets of parameter values.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -6,19 +6,20 @@ use utoipa::ToSchema;
 use super::{CandidateParams, PlanParams, Solver, Standoff, Strategy};
 use crate::cell::Findings;
 
-/// Set of parameters that is chosen as a whole.
+/// Named set of parameter values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// The defaults: as few views as meet the target, then the best of that many.
+    /// The defaults: the fewest views that reach the target, then the best choice of that many.
     #[default]
     Vantage,
-    /// The thesis's: greedy with a = b = 0.5 over the 54 candidates of Algorithm 1, none of them slid again.
+    /// The thesis's method: greedy selection with a = b = 0.5 among the 54 candidates per block of Algorithm 1, whose distance is
+    /// not adjusted afterwards.
     Thesis,
 }
 
 impl Preset {
-    /// Parameters with what the preset sets.
+    /// Parameters with the values of the preset.
     #[must_use]
     pub fn apply(self, params: &PlanParams) -> PlanParams {
         let mut applied = params.clone();
@@ -37,7 +38,7 @@ impl Preset {
         applied
     }
 
-    /// Refuses parameters that the preset sets otherwise.
+    /// Refuses parameters whose values differ from those of the preset.
     pub(super) fn check(self, params: &PlanParams, findings: &mut Findings) {
         let (default, applied) = (PlanParams::default(), self.apply(params));
         let mut require = |same: bool, at: &str| {

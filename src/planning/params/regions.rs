@@ -14,16 +14,16 @@ const MAX_REGIONS: usize = 10_000;
 const SIGMAS: f64 = 4.0;
 
 params! {
-    /// Regions that are excluded, of interest, or toleranced.
+    /// Excluded regions, regions of interest and toleranced features.
     RegionParams {
-        /// Regions that are not asked for, since clamped, resting or of no interest. A face is left out when any of these regions
-        /// holds it (face list, name), or holds the sample (the others).
+        /// Regions that need not be measured: clamped, resting or of no interest. A face list or a name excludes whole faces, the
+        /// other kinds exclude the samples inside them.
         exclude: Vec<Region> = Vec::new();
         /// Regions with a weight, a target or limits of their own.
         interest: Vec<InterestParams> = Vec::new();
-        /// Toleranced features; what they ask of the measurement follows from `noise`.
+        /// Toleranced features. The quality at which each must be measured follows from its tolerance and from `noise`.
         features: Vec<FeatureParams> = Vec::new();
-        /// The expected noise of a measured point, against which features are held.
+        /// Expected noise of a measured point, with which the tolerances of features are compared.
         noise: NoiseParams = NoiseParams::default();
     }
 }
@@ -85,66 +85,69 @@ pub enum Region {
 }
 
 params! {
-    /// A region of interest. Where several hold a sample, the greatest weight and the strictest limits count.
+    /// Region of interest. If several contain a sample, the largest weight and the strictest limits apply.
     required InterestParams {
-        /// Name in plan and report. Default: `interest` and its number.
+        /// Name in the plan and the report. Default: `interest` and its number.
         #[serde(default)]
         name: Option<String>;
-        /// The region of the surface.
+        /// Region of the surface.
         region: Region;
-        /// Weight of its area in the score; elsewhere it is 1. The target of the plan counts true area. Default: 1.
+        /// Weight of the region's area in the score; elsewhere it is 1. A larger weight favours views of this region. Targets
+        /// ignore weights. Default: 1.
         #[serde(default = "one")]
         weight: f64, [0.0, 100.0] "";
-        /// Share of its asked area that is to be measured, beside the plan's own target; a plan that stays below it says so.
-        /// Default: none of its own.
+        /// Share of the region's asked area to measure, besides the plan's own target; a plan that falls short of it says so.
+        /// Default: no target of its own.
         #[serde(default)]
         target: Option<f64>, [0.0, 1.0] "";
-        /// Largest angle between surface normal and the ray of either camera here, degrees; at most the own limit of each camera.
-        /// Default: the job's.
+        /// Maximum angle between the surface normal and the ray to either camera in this region, degrees; no more than each
+        /// camera's own limit. Default: the job's limit.
         #[serde(default)]
         camera_deg: Option<f64>, [1.0, 89.9] "°";
-        /// Largest angle between surface normal and projector ray here, degrees; at most the projector's own limit. Default: the
-        /// job's.
+        /// Maximum angle between the surface normal and the projector ray in this region, degrees; no more than the projector's
+        /// own limit. Default: the job's limit.
         #[serde(default)]
         projector_deg: Option<f64>, [1.0, 89.9] "°";
-        /// Count only area that is measured at this grade or better here. Default: `selection.min_grade`.
+        /// Lowest grade at which area of this region counts as measured. Default: `selection.min_grade`.
         #[serde(default)]
         min_grade: Option<Grade>;
     }
 }
 
 params! {
-    /// A toleranced feature: one line of a `features.json` or CSV.
+    /// Toleranced feature: an entry of a `features.json` or a row of a CSV file.
     required FeatureParams {
-        /// Name in plan and report. Default: `feature` and its number.
+        /// Name in the plan and the report. Default: `feature` and its number.
         #[serde(default)]
         name: Option<String>;
-        /// The region that has to keep the tolerance.
+        /// Region that must keep the tolerance.
         region: Region;
-        /// Width of the tolerance zone, mm. None of the feature counts as measured if it is finer than the noise allows at best,
-        /// 4 · `noise.best_mm` / `noise.budget`, 0.156 mm by default: such a feature is accepted with a warning.
+        /// Width of the tolerance zone, mm. A feature whose tolerance is below 4 · `noise.best_mm` / `noise.budget` (0.156 mm by
+        /// default) is accepted with a warning, but none of it counts as measured: even at best, the noise is too large for it.
         tolerance_mm: f64, [0.001, 100.0] "mm";
-        /// Largest distance between measured points on the surface, mm. Default: none.
+        /// Maximum distance between measured points on the surface, mm. Default: no limit.
         #[serde(default)]
         point_spacing_mm: Option<f64>, [0.01, 100.0] "mm";
-        /// Share of its asked area that is to be measured so well; a plan that stays below it says so. Default: the plan's own
-        /// target alone.
+        /// Share of the feature's asked area to measure at that quality; a plan that falls short of it says so. Default: no
+        /// target of its own.
         #[serde(default)]
         target: Option<f64>, [0.0, 1.0] "";
     }
 }
 
 params! {
-    /// The expected noise of a measured point: see [`crate::planning::surface::requirements`] for the formula.
+    /// Expected noise of a measured point ([`crate::planning::surface::requirements`]). It grows with the distance from best
+    /// focus and with the incidence.
     NoiseParams {
-        /// Standard deviation across a surface that is seen straight on at the best focus, mm. The default is a third of the
-        /// scanner's single-shot accuracy of 0.035 mm (Table 4.3), which is taken as three sigma.
+        /// Standard deviation of a point along the surface normal, at best focus and normal incidence, mm. The default is a third
+        /// of the TransCAN C's single-shot accuracy of 0.035 mm (thesis, Table 4.3), which is taken as three sigma.
         best_mm: f64 = 0.035 / 3.0, [1e-4, 10.0] "mm";
-        /// Relative increase of the noise at the ends of the working depth. The default, twice as much, is taken, since no
-        /// figure is known for this scanner.
+        /// Relative increase of the noise from best focus to the ends of the working depth; 1 doubles it. The default is our
+        /// choice: no figure is known for this scanner.
         depth_gain: f64 = 1.0, [0.0, 100.0] "";
-        /// Share of the tolerance that the expanded uncertainty to both sides, four sigma, may take. The default is what
-        /// VDA Volume 5 recommends for a measurement process; taking the noise for all of its uncertainty is our choice.
+        /// Share of the tolerance that the expanded uncertainty to both sides, four sigma, may take. A larger share accepts finer
+        /// tolerances. The default is what VDA Volume 5 recommends for a measurement process; taking the noise for the whole
+        /// uncertainty is our choice.
         budget: f64 = 0.3, [0.01, 1.0] "";
     }
 }
@@ -186,7 +189,7 @@ impl RegionParams {
         }
         let count = self.interest.len() + self.features.len();
         findings.require(count <= MAX_REGIONS, "/regions/interest", || {
-            format!("and /regions/features have {count} entries; allowed are {MAX_REGIONS}")
+            format!("and /regions/features have {count} entries together; allowed are {MAX_REGIONS}")
         });
         for (index, interest) in self.interest.iter().enumerate() {
             interest.check(&format!("/regions/interest/{index}"), findings);
@@ -228,7 +231,7 @@ impl Region {
             }
             Self::Box { min_mm, max_mm } => {
                 findings.require((0..3).all(|i| min_mm[i] <= max_mm[i]), format!("{at}/min_mm"), || {
-                    format!("{min_mm:?} is not below max_mm {max_mm:?} in every axis")
+                    format!("is {min_mm:?}; no coordinate may exceed that of max_mm, {max_mm:?}")
                 });
             }
             Self::Sphere { radius_mm, .. } => findings.range(format!("{at}/radius_mm"), *radius_mm, 1e-6, 1e5, "mm"),
@@ -238,7 +241,7 @@ impl Region {
                 findings.range(format!("{at}/within_mm"), *within_mm, 1e-6, 1e5, "mm");
             }
             Self::Name { name } => {
-                findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group of the file".into());
+                findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group in the file".into());
             }
         }
     }

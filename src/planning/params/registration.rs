@@ -3,16 +3,16 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Means by which measurements of different setups are registered to each other.
+/// Means of registering the measurements of different setups to each other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Registration {
-    /// Surface that both setups measure: it has to fix all six freedoms, else the part is not planned.
+    /// Surface that both setups measure: it must constrain all six degrees of freedom, or the part is not planned.
     #[default]
     Surface,
-    /// Markers on the part or beside it.
+    /// Markers on or beside the part.
     Markers,
-    /// A fixture that puts the part where it is known to be.
+    /// A fixture that puts the part in a known pose.
     Fixture,
     /// None: each setup is evaluated by itself.
     None,

@@ -1,39 +1,40 @@
-//! Poses that are not where they were planned: against which errors a plan is certified, and whether it is chosen so that
-//! it bears them.
+//! Pose errors: against which ones a plan is certified, and whether views are chosen to tolerate them.
 
 use super::knob::params;
 use crate::cell::{CalibrationProvenance, Findings};
 
 params! {
-    /// Error of a pose: turned by the whole angle and moved by the whole distance, each in a random direction.
+    /// Error of a pose: a rotation by the full angle about a random axis, and a translation by the full distance in a random
+    /// direction.
     #[derive(Copy)]
     required PoseErrorParams {
-        /// Turn, degrees. The thesis accepts 1 (§4.1.2).
+        /// Rotation, degrees. The thesis accepts 1° (§4.1.2).
         angle_deg: f64, [0.0, 20.0] "°";
-        /// Shift, mm.
+        /// Translation, mm.
         translation_mm: f64, [0.0, 100.0] "mm";
     }
 }
 
 params! {
-    /// Evaluation of a plan with poses that are off.
+    /// Evaluation of a plan under pose errors.
     RobustParams {
-        /// Error of poses for which coverage is evaluated again, on samples that the views were not chosen on; `null` evaluates
-        /// none. The default turn is the one that the thesis accepts (§4.1.2); the shift has no source. In a cell whose poses are
-        /// calibrated, twice the standard deviations of the calibration stand in for the default, also where the default is written out.
+        /// Pose error under which coverage is evaluated again, on samples that the views were not chosen on; `null` skips that.
+        /// The default rotation is the one that the thesis accepts (§4.1.2); the default translation has no source. In a cell
+        /// whose poses are calibrated, twice the standard deviations of the calibration replace the default, even where the
+        /// default is written out.
         pose_error: Option<PoseErrorParams> = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
-        /// Draws in which every view is put off by an error of its own. Six turn and shift both ways along three axes each; fewer, or
-        /// a rest of fewer than six, leave axes out.
+        /// Number of draws in which every view has a pose error of its own. Use a multiple of 6: six draws rotate and translate
+        /// both ways along three axes; with fewer, some axes are not tried.
         draws: u32 = 6, [1.0, 1000.0] "";
-        /// Draws in which the part as a whole is put off; as with `draws`, fewer than six leave axes out.
+        /// Number of draws in which the part as a whole is off its pose. Use a multiple of 6, as for `draws`.
         part_draws: u32 = 12, [1.0, 1000.0] "";
-        /// Draws of one error that every view shares in the scanner frame: a wrong hand-eye calibration. As with `draws`, fewer than
-        /// six leave axes out.
+        /// Number of draws in which all views share one error in the scanner frame, as a wrong hand-eye calibration causes it.
+        /// Use a multiple of 6, as for `draws`.
         hand_eye_draws: u32 = 12, [1.0, 1000.0] "";
-        /// Chooses views by what they measure under each of twelve stated errors as well (`planning/problem/robust_rows.rs`): six of the
-        /// scanner, turned about its x, y and z both ways by the angle, and moved by the distance to where the turn takes the field; six
-        /// of the part, turned about the x, y and z through the centre of its box both ways, and moved by the distance across the axis.
-        /// Thirteen times the time for visibility.
+        /// Chooses views by what they measure under each of twelve fixed pose errors as well (`planning/problem/robust_rows.rs`):
+        /// six of the scanner, rotated both ways about its x, y and z by the angle, and moved by the distance towards where the
+        /// rotation takes the field; and six of the part, rotated both ways about the x, y and z through the centre of its
+        /// bounding box, and moved by the distance across the axis. Computing visibility then takes thirteen times as long.
         select: bool = false;
     }
 }

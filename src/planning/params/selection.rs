@@ -7,27 +7,27 @@ use super::SelectionParams;
 use super::knob::params;
 use crate::cell::Findings;
 
-/// Formulation that is solved.
+/// Goal of the selection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SelectionGoal {
     /// The fewest views that reach the target (set cover with a partial target).
     #[default]
     FewestViews,
-    /// The shortest cycle that reaches the target: of the fewest views those that take the least time to go through. Needs a
+    /// The shortest cycle that reaches the target: among selections of the fewest views, one that takes the least time. Needs a
     /// cell; without one it is `fewest_views`.
     MinTime,
-    /// The largest asked area with `selection.max_views` views (maximum coverage); targets do not count.
+    /// The largest asked area with `selection.max_views` views (maximum coverage); targets are ignored.
     BestCoverage,
 }
 
 params! {
-    /// Chosen views form a connected graph whose edges join views that measure at least so much asked area together. At most
-    /// one of the two is given; with neither, nothing is asked for.
+    /// Overlap required of the chosen views: they must form a connected graph in which neighbours measure at least so much asked
+    /// area in common. At most one of the two fields may be given; without either, no overlap is required.
     OverlapParams {
-        /// Shared asked area, mm².
+        /// Minimum asked area that two neighbouring views measure in common, mm².
         min_area_mm2: Option<f64> = None, [1e-6, 1e9] "mm²";
-        /// Shared asked area as a share of what the view that measures less of the two measures.
+        /// Minimum asked area in common, as a share of what the view that measures less of the two measures.
         min_share: Option<f64> = None, [1e-6, 1.0] "";
     }
 }

@@ -666,7 +666,7 @@ mod tests {
         let row = region_row(&region).replace('\u{a0}', " ");
         assert!(row.contains("25.00 % of the points steep; area: 5.00 % steep, 3.00 % off"), "{row}");
         let told = open_by_poses(std::slice::from_ref(&region));
-        assert!(told.contains("<li>top: U is mostly what poses leave open (± 0.240 mm)"), "{told}");
+        assert!(told.contains("<li>top: U is mostly due to the poses of the views (± 0.240 mm)"), "{told}");
         assert_eq!(open_by_poses(&[RegionDeviationDocument { is_open_by_poses: false, ..region }]), "");
     }
 }

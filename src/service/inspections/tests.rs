@@ -158,7 +158,7 @@ async fn a_run_that_was_deleted_is_told_at_its_field_with_when_by_whom_and_what_
     let said = told(retired).await;
     assert!(said.starts_with(&format!("is {retired}; that run was deleted at 2")), "{said}");
     assert!(said.contains("Z by the retention policy (retention.run_days)"), "{said}");
-    assert!(said.ends_with("scans and plan remain: inspect without run_id, so that the poses of the plan count"), "{said}");
+    assert!(said.ends_with("scans and plan remain: inspect without run_id, which uses the poses of the plan"), "{said}");
     assert!(told(deleted).await.contains("Z by a request"));
     assert!(told(RunId::generate()).await.contains("no run has this id"));
     let said = app.run(retired).await.expect_err("it is gone").to_string();

@@ -18,7 +18,7 @@ pub const FAILURE_CODES: [(&str, &str); 9] = [
     ("job_attempts_exhausted", "The server crashed in every attempt at this job"),
     ("job_unreadable", "The stored job cannot be read by this version"),
     ("file_damaged", "A stored file is damaged"),
-    ("internal", "The server is at fault"),
+    ("internal", "Internal server error"),
 ];
 
 /// Reasons why an attempt ended without result files.

@@ -101,7 +101,7 @@ pub fn left_out_candidates(artifacts: &[Artifact], at: &str) -> Option<FieldWarn
     Some(FieldWarning {
         code: WarningCode::CandidatesLeftOut,
         pointer: format!("{at}/output/candidates"),
-        detail: format!("is true, and {CANDIDATES_FILE} is not written: {reason}"),
+        detail: format!("is true, but {CANDIDATES_FILE} is not written: {reason}"),
         remedy: remedy.to_owned(),
     })
 }
@@ -122,7 +122,7 @@ mod tests {
         let expected = FieldWarning {
             code: WarningCode::CandidatesLeftOut,
             pointer: "/params/output/candidates".to_owned(),
-            detail: "is true, and candidates.json is not written: it would be larger than 512 MiB".to_owned(),
+            detail: "is true, but candidates.json is not written: it would be larger than 512 MiB".to_owned(),
             remedy: "reduce part.samples_per_mm2 or the number of candidates".to_owned(),
         };
         assert_eq!(told, expected);

@@ -197,7 +197,7 @@ fn a_number_may_be_written_as_a_whole_one_and_keeps_its_fraction() {
 fn a_key_that_is_no_string_is_refused_without_it() {
     let told = refusal(Some("[server]\napi_key = 1234567890123456\n"), &[], &Flags::new());
     assert!(
-        told.starts_with("server.api_key (") && told.ends_with("): is of another kind; allowed is a string, in quotes"),
+        told.starts_with("server.api_key (") && told.ends_with("): is of the wrong kind; allowed is a string, in quotes"),
         "{told}"
     );
     let told = refusal(Some("[server]\napi_key = [\"0012345678901234\"]\n"), &[], &Flags::new());
@@ -257,7 +257,7 @@ fn variables_that_name_no_setting_or_the_same_twice_are_refused() {
     {
         let told = refusal(None, &[(name, "x")], &Flags::new());
         assert!(
-            told.starts_with(&format!("{name} (the environment): is no setting; ")) && told.contains("VANTAGE_SECTION__KEY"),
+            told.starts_with(&format!("{name} (the environment): is not a setting; ")) && told.contains("VANTAGE_SECTION__KEY"),
             "{told}"
         );
     }

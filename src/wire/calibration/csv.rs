@@ -43,7 +43,7 @@ pub struct CsvOptions {
     pub robot_pose: RobotPoseKind,
     /// Millimetres in a unit of its lengths.
     pub unit_mm: f64,
-    /// Place of the scanner.
+    /// Mounting of the scanner.
     pub setup: HandEyeSetup,
 }
 

@@ -38,13 +38,14 @@ const MAX_REPROJECTION: f64 = 20.0;
 pub struct CalibrationData {
     /// `vantage.calibration_data/1`.
     pub schema: String,
-    /// Cell that was observed; a note.
+    /// Name of the observed cell, for information only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<String>,
-    /// Place of the scanner: `eye_in_hand`, on the flange (the default), or `eye_to_hand`, in the cell with the board on the flange.
+    /// Mounting of the scanner: `eye_in_hand`, on the flange (the default), or `eye_to_hand`, fixed in the cell with the board on
+    /// the flange.
     #[serde(default = "in_hand")]
     pub setup: HandEyeSetup,
-    /// Frame of the clouds, instead of the scanner specification's.
+    /// Frame of the point clouds, in place of the one in the scanner's specification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cloud_frame: Option<CloudFrameSpec>,
     /// Time of the observations, RFC 3339.
@@ -56,8 +57,8 @@ pub struct CalibrationData {
     /// The board.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<BoardDocument>,
-    /// Camera whose pixels the observations give. Its frame is that of the clouds, which `cloud_frame` or the scanner's specification
-    /// then has to name.
+    /// Camera in whose images the board was observed. Its frame counts as that of the clouds, which `cloud_frame` or the
+    /// scanner's specification then has to name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraDocument>,
     /// Standard deviations of arm and board. Default: estimated from the observations.
@@ -65,7 +66,8 @@ pub struct CalibrationData {
     pub sigma: Option<SigmaDocument>,
     /// Observations, 1 to 5000.
     pub observations: Vec<ObservationDocument>,
-    /// Scans of the plate's bare face, at most 1000: with some, the table's origin is put into the face. Not with `hand_eye`.
+    /// Scans of the bare plate, at most 1000. If given, the table's origin is placed on the face of the plate. Not allowed with
+    /// `hand_eye`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub plate: Vec<PlateScanDocument>,
 }
@@ -78,7 +80,7 @@ pub struct PlateScanDocument {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_items = 6, max_items = 6)]
     pub joints_deg: Option<[f64; 6]>,
-    /// Flange as the controller reported it, instead of `joints_deg`.
+    /// Pose of the flange as the controller reported it, instead of `joints_deg`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_from_flange: Option<ObservedPose>,
     /// Angle of the table, degrees, -3600 to 3600. Default 0.
@@ -178,13 +180,13 @@ impl BoardDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct SigmaDocument {
-    /// Turn of the flange, degrees, 0.00001 to 5.
+    /// Rotation of the flange, degrees, 0.00001 to 5.
     pub robot_deg: f64,
-    /// Place of the flange, mm, 0.0001 to 50.
+    /// Position of the flange, mm, 0.0001 to 50.
     pub robot_mm: f64,
-    /// Turn of the board in the cloud, degrees, 0.00001 to 5.
+    /// Rotation of the board in the cloud, degrees, 0.00001 to 5.
     pub board_deg: f64,
-    /// Place of the board in the cloud, mm, 0.0001 to 50.
+    /// Position of the board in the cloud, mm, 0.0001 to 50.
     pub board_mm: f64,
 }
 
@@ -210,8 +212,8 @@ impl From<Sigma> for SigmaDocument {
     }
 }
 
-/// Camera whose pixels the observations give, in the model of Brown and Bouguet (OpenCV's with five coefficients). Unknown fields are
-/// refused.
+/// Camera in whose images the board was observed, in the model of Brown and Bouguet (OpenCV's with five coefficients). Unknown
+/// fields are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct CameraDocument {
@@ -223,18 +225,19 @@ pub struct CameraDocument {
     pub fx: f64,
     /// Focal length along v, pixels, 1 to 1e6.
     pub fy: f64,
-    /// Principal point, u, pixels, counted as `px` of the observations.
+    /// Principal point along u, pixels, counted in the same way as `px` of the observations.
     pub cx: f64,
-    /// Principal point, v, pixels, counted as `px` of the observations.
+    /// Principal point along v, pixels, counted in the same way as `px` of the observations.
     pub cy: f64,
-    /// Bouguet's α, -0.1 to 0.1. Default 0.
+    /// Skew coefficient α of Bouguet's model, -0.1 to 0.1. Default 0.
     #[serde(default)]
     pub skew: f64,
     /// k1, k2, p1, p2, k3, each -10 to 10. Default 0.
     #[serde(default)]
     #[schema(min_items = 5, max_items = 5)]
     pub distortion: [f64; 5],
-    /// Standard deviation of a pixel of the board, with what the camera's own calibration leaves, 0.001 to 10. Default 0.1.
+    /// Standard deviation of an observed point of the board, pixels, including the error left by the camera's own calibration,
+    /// 0.001 to 10. Default 0.1.
     #[serde(default = "pixel_sigma_px")]
     pub sigma_px: f64,
 }
@@ -269,7 +272,7 @@ impl CameraDocument {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ObservationDocument {
-    /// Name, unique.
+    /// Unique name.
     pub id: String,
     /// Joints 1 to 6, degrees, -3600 to 3600 each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -278,10 +281,11 @@ pub struct ObservationDocument {
     /// Angle of the table, degrees, -3600 to 3600. Default 0.
     #[serde(default)]
     pub table_angle_deg: f64,
-    /// Flange as the controller reported it, without a tool: beside `joints_deg` a second witness, else the pose itself.
+    /// Pose of the flange as the controller reported it, without a tool: a cross-check if given with `joints_deg`, otherwise the
+    /// pose that is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_from_flange: Option<ObservedPose>,
-    /// Board in the cloud.
+    /// Pose of the board in the cloud.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cloud_from_board: Option<ObservedPose>,
     /// Points of the board that were found in the cloud, three or more.
@@ -307,11 +311,11 @@ pub struct PixelPairDocument {
     pub px: [f64; 2],
 }
 
-/// A point of the board and where it is in the cloud. Unknown fields are refused.
+/// A point of the board and its position in the cloud. Unknown fields are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct PointPairDocument {
-    /// On the board, mm.
+    /// Position on the board, mm.
     #[schema(min_items = 3, max_items = 3)]
     pub board_mm: [f64; 3],
     /// Position in the cloud, mm.
@@ -465,7 +469,7 @@ impl CalibrationData {
         }
         let has_pixels = self.observations.iter().any(|each| !each.pixels.is_empty());
         findings.require(self.camera.is_some() || !has_pixels, "/camera", || {
-            "is not given; observations with pixels need the camera that they are of".into()
+            "is not given; observations with pixels need the camera in whose image they are".into()
         });
         if let Some(temperature) = self.temperature_c {
             findings.range("/temperature_c", temperature, -50.0, 100.0, "°C");
@@ -554,7 +558,8 @@ impl ObservationDocument {
         let Some(found) = found else {
             findings.push(
                 pointer,
-                "tell no pose of the board in front of the camera; give four points or more on a plane, not all on a line, or six in space",
+                "give no pose of the board in front of the camera; give four points or more on a plane, not all on a line, or \
+                 six in space",
             );
             return None;
         };
@@ -562,7 +567,7 @@ impl ObservationDocument {
         findings.require(is_near, pointer, || {
             format!(
                 "are off by {:.2} px rms from the best pose of the board, with a sigma_px of {}; is the board's size, the order of its \
-                 points, or the camera another?",
+                 points, or the camera wrong?",
                 found.rms_px, camera.sigma_px
             )
         });

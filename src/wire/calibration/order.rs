@@ -76,11 +76,11 @@ pub struct CalibrationRequest {
     /// Unknowns. Default `joint`.
     #[serde(default = "default_solve")]
     pub solve: Solve,
-    /// Number of observations at the end that are kept out and predicted, 0 to 1000. Default 0.
+    /// Number of observations at the end of the list that are held out and predicted, 0 to 1000. Default 0.
     #[serde(default)]
     #[schema(maximum = 1000)]
     pub hold_out: u16,
-    /// Poses of arm, table and board that belong together.
+    /// Observations: poses of arm, table and board that belong together.
     pub data: CalibrationData,
 }
 
@@ -127,8 +127,8 @@ pub struct CalibrationJob {
     pub point_at_best_focus_sd_mm: Option<f64>,
     /// Remarks on the observations.
     pub findings: Vec<FindingDocument>,
-    /// Doubts about poses that were found far from those of the cell (`/cell/flange_from_scanner`, `/cell/base_from_table`): it may be
-    /// another cell, or have another base than the controller.
+    /// Warnings about poses that were found far from those of the cell (`/cell/flange_from_scanner`, `/cell/base_from_table`):
+    /// the observations may be of another cell, or its base may differ from the controller's.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Reason for a failure.
@@ -267,8 +267,9 @@ fn far(pointer: &str, found: &PoseSpec, given: &PoseSpec) -> Option<FieldWarning
     (shift_mm > MAX_SHIFT_MM || turn_deg > MAX_TURN_DEG).then(|| FieldWarning {
         code: WarningCode::DoubtfulValue,
         pointer: pointer.to_owned(),
-        detail: format!("is {shift_mm:.0} mm and {turn_deg:.1}° from where it was calibrated"),
-        remedy: "see that the observations are of this cell, and in its base; nothing is to be done if the cell's pose was a rough one"
+        detail: format!("is {shift_mm:.0} mm and {turn_deg:.1}° from the calibrated pose"),
+        remedy: "check that the observations are of this cell and in its base; nothing needs to be done if the cell's pose was \
+                 only rough"
             .to_owned(),
     })
 }

@@ -241,7 +241,7 @@ fn judge(
         let more = if placed.residuals_mm.len() > LISTED { ", …" } else { "" };
         let limit = match sigma_mm {
             Some(sigma_mm) => format!("{max_mm:.4} mm, by sigma_mm = {sigma_mm}"),
-            None => format!("{max_mm} mm, or more by a sigma_mm that is given"),
+            None => format!("{max_mm} mm, or more with a larger sigma_mm"),
         };
         let advice = if stray.is_some() { "" } else { "; are points swapped, or in another frame?" };
         let detail = format!(

@@ -101,7 +101,7 @@ pub(super) fn of_rows(rows: &[[f64; 3]; 3], pointer: &str, findings: &mut Findin
         return None;
     }
     if matrix.determinant() < 0.0 {
-        findings.push(pointer, "is mirrored (determinant −1): a left-handed frame; turn one axis round");
+        findings.push(pointer, "is mirrored (determinant −1): a left-handed frame; reverse one axis");
         return None;
     }
     nearest_rotation(&matrix)
@@ -123,7 +123,7 @@ pub(super) fn of_matrix(values: &[f64], unit_mm: f64, pointer: &str, findings: &
     let rotation = of_rows(&rows, pointer, findings)?;
     let translation = Vector3::new(at(0, 3), at(1, 3), at(2, 3)) * unit_mm;
     if translation.amax() > REACH_MM {
-        findings.push(pointer, format!("lies {:.0} mm away; allowed are {REACH_MM} mm: another unit?", translation.norm()));
+        findings.push(pointer, format!("lies {:.0} mm away; allowed are {REACH_MM} mm: is the unit wrong?", translation.norm()));
         return None;
     }
     Some(Isometry3::from_parts(Translation3::from(translation), rotation))

@@ -38,25 +38,25 @@ pub struct CalibrationDocument {
     pub kind: Solve,
     /// Name of the cell.
     pub cell: String,
-    /// Place of the scanner.
+    /// Mounting of the scanner.
     pub setup: HandEyeSetup,
     /// SHA-256 of the observations.
     pub data_sha256: String,
-    /// Time of the observations, else of the calibration.
+    /// Time of the observations; that of the calibration if it is not known.
     pub taken_at: UtcTime,
     /// Temperature, °C; `null` if not known.
     pub temperature_c: Option<f64>,
-    /// Pose of the scanner on the flange; of the scanner in the base with the setup `eye_to_hand`.
+    /// Pose of the scanner on the flange; with the setup `eye_to_hand`, pose of the scanner in the base.
     pub flange_from_scanner: PoseSpec,
-    /// Frame of the clouds.
+    /// Frame of the clouds: its pose in the scanner frame, or its name.
     pub scanner_from_cloud: CloudFrameSpec,
-    /// Pose that was solved for: X of the chain.
+    /// Pose of the clouds' frame on the flange: the unknown X that was solved for.
     pub flange_from_cloud: PoseSpec,
-    /// The table; `null` where the board stood still.
+    /// Pose of the table in the base; `null` if the board stood still.
     pub base_from_table: Option<PoseSpec>,
-    /// The board on the plate; with the kind `hand_eye` in the base, and on the flange with the setup `eye_to_hand`.
+    /// Pose of the board on the plate; for the kind `hand_eye` in the base, and with the setup `eye_to_hand` on the flange.
     pub plate_from_board: PoseSpec,
-    /// Sense of the table's turn: 1, or -1 where it turns against its reported angle.
+    /// Sense of rotation of the table: 1, or -1 if it turns against its reported angle.
     pub table_sense: f64,
     /// Covariances.
     pub covariance: CovarianceDocument,
@@ -64,56 +64,58 @@ pub struct CalibrationDocument {
     pub sigma: SigmaDocument,
     /// True if the deviations of the arm were estimated from the residuals; `arm_sigma_source` tells more.
     pub sigma_estimated: bool,
-    /// Source of the standard deviations of the arm; left out by versions that did not tell it.
+    /// Source of the standard deviations of the arm; absent in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub arm_sigma_source: Option<SigmaSource>,
-    /// Source of the standard deviations of the board; left out by versions that did not tell it.
+    /// Source of the standard deviations of the board; absent in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_sigma_source: Option<SigmaSource>,
-    /// Scale of the lengths to the board against those of the arm's motions; left out where the scanner was not solved for, and
-    /// for fewer than 6 observations.
+    /// Scale of the distances to the board relative to the arm's motions; absent if the scanner was not solved for, and for fewer
+    /// than 6 observations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_scale: Option<BoardScaleDocument>,
-    /// Factor on the covariances that the points of boards tell: above 1 where residuals ask for more. Default 1.
+    /// Factor that was applied to the covariances given by board points: above 1 if the residuals are larger than these predict.
+    /// Default 1.
     #[serde(default = "one")]
     pub points_factor: f64,
-    /// Every observation.
+    /// Residual of every observation.
     pub residuals: Vec<ResidualDocument>,
-    /// Residuals of those used.
+    /// Residuals of the observations used.
     pub summary: ResidualSummary,
     /// Prediction of each used observation from the others.
     pub leave_one_out: LeaveOneOutDocument,
-    /// Observations held out; `null` without any.
+    /// Errors of the held-out observations; `null` if none were held out.
     pub held_out: Option<ResidualSpread>,
     /// Observability: how well the motions determine the result.
     pub observability: ObservabilityDocument,
-    /// Displacement of the board beside a turn about the axis, as harmonics of the table's angle; empty for fewer than 15
+    /// Displacement of the board beyond pure rotation about the axis, as harmonics of the table's angle; empty for fewer than 15
     /// observations.
     pub table_runout: Vec<HarmonicDocument>,
-    /// Runout of the table that is more than noise, as the table's specification has it; the residuals are those beside it.
+    /// Runout of the table above noise, in the form that a turntable's specification takes; residuals are those that remain
+    /// without it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub turntable_runout: Vec<RunoutSpec>,
-    /// Face of the plate, into which the table's origin was put; left out where it was not scanned.
+    /// Face of the plate, on which the table's origin was placed; absent if it was not scanned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plate_face: Option<PlateFaceDocument>,
     /// Standard deviation of a scanned point at the depth of best focus, root of the sum over three axes, mm.
     pub point_at_best_focus_sd_mm: f64,
-    /// Remarks.
+    /// Findings, each with a sentence for people.
     pub findings: Vec<FindingDocument>,
 }
 
-/// Scale of the lengths to the board. Unknown fields are refused.
+/// Scale of the distances to the board. Unknown fields are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct BoardScaleDocument {
-    /// Lengths to the board, as they were given, over those that the arm's motions tell: above 1 where the board is smaller than
-    /// its size was given.
+    /// Ratio of the distances to the board, as given, to those that the arm's motions imply: above 1 if the board is smaller than
+    /// stated.
     pub ratio: f64,
     /// Standard deviation of the ratio.
     pub sd: f64,
-    /// Distance by which that ratio puts the scanner off along its view, mm.
+    /// Error that this ratio causes in the scanner's position along its viewing direction, mm.
     pub shift_mm: f64,
-    /// Standard deviation that a board of unknown size leaves the scanner along its view, mm.
+    /// Standard deviation of the scanner's position along its viewing direction if the size of the board is unknown, mm.
     pub shift_sd_mm: f64,
 }
 
@@ -131,9 +133,9 @@ pub struct CovarianceDocument {
     pub order: String,
     /// Covariance of X.
     pub hand_eye: Vec<Vec<f64>>,
-    /// Covariance of the table: turns about x and y, shifts along x and y.
+    /// Covariance of the table: rotations about x and y, translations along x and y.
     pub table: Vec<Vec<f64>>,
-    /// Covariance of all unknowns together; zero for what was held.
+    /// Joint covariance of all unknowns; zero for those that were held fixed.
     pub joint: Vec<Vec<f64>>,
 }
 
@@ -143,24 +145,24 @@ pub struct CovarianceDocument {
 pub struct ResidualDocument {
     /// Name of the observation.
     pub id: String,
-    /// Turn, degrees.
+    /// Rotation, degrees.
     pub rotation_deg: f64,
-    /// Shift, mm.
+    /// Translation, mm.
     pub translation_mm: f64,
-    /// Shift along the axes of the board, mm.
+    /// Translation along the axes of the board, mm.
     pub shift_mm: [f64; 3],
-    /// Whitened square; 6 is its mean.
+    /// Squared residual, whitened by its covariance; 6 is its expected value.
     pub whitened: f64,
     /// Angle of the table, degrees.
     pub table_angle_deg: f64,
-    /// It was used.
+    /// True if the observation was used.
     pub used: bool,
-    /// It was held out.
+    /// True if the observation was held out.
     pub held_out: bool,
     /// Reason for which it was dropped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dropped_because: Option<FindingCode>,
-    /// Shift by which the others predict it wrongly, mm; absent if it was not used.
+    /// Error of the translation that the other observations predict for it, mm; absent if it was not used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_translation_mm: Option<f64>,
 }
@@ -169,17 +171,17 @@ pub struct ResidualDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ResidualSpread {
-    /// Root mean square of the turns, degrees.
+    /// Root mean square of the rotations, degrees.
     pub rms_rotation_deg: f64,
-    /// Root mean square of the shifts, mm.
+    /// Root mean square of the translations, mm.
     pub rms_translation_mm: f64,
-    /// Largest turn, degrees.
+    /// Largest rotation, degrees.
     pub max_rotation_deg: f64,
-    /// Largest shift, mm.
+    /// Largest translation, mm.
     pub max_translation_mm: f64,
-    /// Median of the turns, degrees.
+    /// Median of the rotations, degrees.
     pub median_rotation_deg: f64,
-    /// Median of the shifts, mm.
+    /// Median of the translations, mm.
     pub median_translation_mm: f64,
 }
 
@@ -196,7 +198,7 @@ impl From<Spread> for ResidualSpread {
     }
 }
 
-/// Residuals together, with their test.
+/// All residuals together, with a χ² test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ResidualSummary {
@@ -206,7 +208,7 @@ pub struct ResidualSummary {
     pub dropped: usize,
     /// Spread of the residuals.
     pub spread: ResidualSpread,
-    /// Mean of the whitened squares for a degree of freedom: 1 where the standard deviations are right.
+    /// Mean whitened square per degree of freedom: 1 if the standard deviations are right.
     pub variance_factor: f64,
     /// Probability of residuals as large or larger.
     pub chi2_p: f64,
@@ -216,11 +218,11 @@ pub struct ResidualSummary {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct LeaveOneOutDocument {
-    /// Spread of the prediction's errors.
+    /// Spread of the prediction errors.
     pub spread: ResidualSpread,
-    /// Largest turn of X when one observation is left out, degrees.
+    /// Largest rotation of X when one observation is left out, degrees.
     pub max_hand_eye_rotation_deg: f64,
-    /// Largest shift of X when one observation is left out, mm.
+    /// Largest translation of X when one observation is left out, mm.
     pub max_hand_eye_translation_mm: f64,
 }
 
@@ -228,27 +230,27 @@ pub struct LeaveOneOutDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ObservabilityDocument {
-    /// Spread of the relative turns about three axes, degrees, ascending; the middle one decides.
+    /// Spread of the relative rotations about three axes, degrees, ascending; the middle value is the decisive one.
     pub spread_deg: [f64; 3],
-    /// Direction that is known least.
+    /// Least well determined direction.
     pub weakest: Option<WeakestDocument>,
-    /// Largest standard deviation of a turn, degrees.
+    /// Largest standard deviation of a rotation, degrees.
     pub rotation_sd_deg: f64,
-    /// Largest standard deviation of a shift, mm.
+    /// Largest standard deviation of a translation, mm.
     pub translation_sd_mm: f64,
 }
 
-/// Direction that is known least.
+/// Least well determined direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct WeakestDocument {
-    /// `turn` about the axis or `shift` along it.
+    /// Rotation about the axis (`turn`) or translation along it (`shift`).
     pub freedom: Freedom,
-    /// Unit vector, in the cloud.
+    /// Axis: a unit vector in the frame of the clouds.
     pub axis: [f64; 3],
-    /// Standard deviation, degrees for a turn; else `null`.
+    /// Standard deviation of a rotation, degrees; else `null`.
     pub sd_deg: Option<f64>,
-    /// Standard deviation, mm for a shift; else `null`.
+    /// Standard deviation of a translation, mm; else `null`.
     pub sd_mm: Option<f64>,
 }
 
@@ -256,7 +258,7 @@ pub struct WeakestDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct HarmonicDocument {
-    /// Periods a turn; 1 is wobble.
+    /// Periods per revolution; 1 is wobble.
     pub order: usize,
     /// Amplitude across the axis, mm.
     pub radial_mm: f64,
@@ -290,13 +292,13 @@ impl From<LocatedFace> for PlateFaceDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct FindingDocument {
-    /// Code.
+    /// Code, for programs.
     pub code: FindingCode,
-    /// Weight.
+    /// Severity.
     pub severity: Severity,
-    /// Observations that it is about.
+    /// Names of the observations concerned.
     pub observations: Vec<String>,
-    /// Sentence.
+    /// Sentence for people.
     pub detail: String,
 }
 

@@ -108,18 +108,18 @@ const MISTAKES: [(&str, &str, Change); 25] = [
     ("too_few", "2 observations; at least 3", |d| d["observations"].as_array_mut().expect("a list").truncate(2)),
     ("unit_mismatch", "× smaller than the others", |d| scale(&mut d["observations"][4]["cloud_from_board"], 1e-3)),
     ("unit_mismatch", "× smaller than the scanner's distance", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1e-3))),
-    ("unit_mismatch", "inches for millimetres", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1.0 / 25.4))),
+    ("unit_mismatch", "inches rather than millimetres", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1.0 / 25.4))),
     ("wrong_robot_model", "differ by up to", |d| each(d, |_, o| scale(&mut o["base_from_flange"], 1e-3))),
     ("tool_active", "a constant 0.0, 0.0, 182.3 mm", |d| {
         each(d, |_, o| moved(&mut o["base_from_flange"], |pose| pose * shifted([0.0, 0.0, 182.3])));
     }),
-    ("wrong_robot_model", "not by a constant", |d| {
+    ("wrong_robot_model", "which is not constant", |d| {
         each(d, |i, o| moved(&mut o["base_from_flange"], |pose| shifted([15.0 * i as f64, 0.0, 0.0]) * pose));
     }),
-    ("joint_order", "joints in another order or sense", |d| {
+    ("joint_order", "joints in another order or direction", |d| {
         each(d, |_, o| o["joints_deg"].as_array_mut().expect("six").reverse());
     }),
-    ("joint_order", "joints in another order or sense", |d| {
+    ("joint_order", "joints in another order or direction", |d| {
         each(d, |_, o| o["joints_deg"][2] = json!(-o["joints_deg"][2].as_f64().expect("a number")));
     }),
     ("angle_unit", "degrees and radians exchanged", |d| {
@@ -128,7 +128,7 @@ const MISTAKES: [(&str, &str, Change); 25] = [
             joints.for_each(|v| *v = json!(v.as_f64().expect("a number").to_radians()));
         });
     }),
-    ("out_of_step", "one observation apart", |d| {
+    ("out_of_step", "if shifted by one observation", |d| {
         let poses: Vec<Value> =
             d["observations"].as_array().expect("a list").iter().map(|o| o["base_from_flange"].clone()).collect();
         each(d, |index, o| o["base_from_flange"] = poses[(index + 1).min(poses.len() - 1)].clone());
@@ -145,7 +145,7 @@ const MISTAKES: [(&str, &str, Change); 25] = [
             moved(&mut o["cloud_from_board"], |pose| Isometry3::from_parts(pose.translation, pose.rotation.inverse()))
         });
     }),
-    ("duplicate_pose", "are the same within", |d| {
+    ("duplicate_pose", "are the same to within", |d| {
         d["observations"][7] = d["observations"][2].clone();
         d["observations"][7]["id"] = json!("twin");
     }),
@@ -161,7 +161,7 @@ const MISTAKES: [(&str, &str, Change); 25] = [
             }
         });
     }),
-    ("flipped", "fits turned by 180°", |d| {
+    ("flipped", "fits if turned by 180°", |d| {
         d["board"] = json!({"kind": "chessboard", "columns": 9, "rows": 7, "square_mm": 10.0});
         let turn = Isometry3::from_parts(
             Translation3::new(80.0, 60.0, 0.0),
@@ -331,7 +331,7 @@ fn damaged_files_of_other_programs_are_refused_by_place() {
     }
     let pose = opencv(&flange);
     let zivid: [(String, &str); 6] = [
-        ("%YAML:1.0\n---\nPoseState: 3\n".into(), "holds no matrix"),
+        ("%YAML:1.0\n---\nPoseState: 3\n".into(), "contains no 4 × 4 matrix"),
         (pose.replace("data: [ 1,", "data: [ 2,"), "is not a rotation"),
         (pose.replace("data: [ 1,", "data: [ .nan,"), "has 15 numbers"),
         (pose.replace(", 0, 0, 0, 1 ]", ", 0, 0, 0 ]"), "has 15 numbers"),
@@ -369,7 +369,10 @@ fn every_finding_has_a_sentence() {
         said.push(with);
     }
     let of = |code: FindingCode| said[FindingCode::ALL.iter().position(|known| *known == code).expect("known")].clone();
-    assert_eq!(of(FindingCode::Stale), "taken at 31.0 °C, calibration at 22.4 °C: 8.6 K, over 5 K: calibrate again");
+    assert_eq!(
+        of(FindingCode::Stale),
+        "taken at 31.0 °C, but calibrated at 22.4 °C: the difference of 8.6 K exceeds 5 K; calibrate again"
+    );
     assert!(of(FindingCode::ArmModel).contains("joint 2"));
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
 }
@@ -390,7 +393,7 @@ fn a_weak_motion_is_told_by_standard_deviations() {
     let vector = Some(Vector3::new(-0.001, 0.6, 0.8));
     let figures = Figures { length_mm: Some(2.1), other_turn_rad: Some(0.1_f64.to_radians()), vector, ..Figures::default() };
     let told = sentence(&CalibrationFinding::new(FindingCode::WeakMotion, Severity::Warning).with(figures));
-    let known = "the shift along (0.00 0.60 0.80) has a standard deviation of 2.10 mm, turns one of 0.100°;";
+    let known = "the translation along (0.00 0.60 0.80) has a standard deviation of 2.10 mm, rotations one of 0.100°;";
     assert!(told.contains(known), "{told}");
 }
 
@@ -441,11 +444,11 @@ fn pixels_of_a_camera_are_observations_of_the_board() {
     };
     let cases: [(&str, &str, Change); 7] = [
         ("/cloud_frame", "`left` or `right`", |d| drop(d.as_object_mut().expect("fields").remove("cloud_frame"))),
-        ("/camera", "need the camera that they are of", |d| drop(d.as_object_mut().expect("fields").remove("camera"))),
+        ("/camera", "need the camera in whose image they are", |d| drop(d.as_object_mut().expect("fields").remove("camera"))),
         ("/camera/fx", "is 0; allowed is 1", |d| d["camera"]["fx"] = json!(0.0)),
         ("/camera/sigma_px", "allowed is 0.001 to 10", |d| d["camera"]["sigma_px"] = json!(0.0)),
         ("/observations/3", "in one form", |d| d["observations"][3]["spheres"] = json!([{"name": "a", "centre_mm": [0, 0, 0]}])),
-        ("/observations/3/pixels", "tell no pose", |d| {
+        ("/observations/3/pixels", "give no pose", |d| {
             d["observations"][3]["pixels"].as_array_mut().expect("a list").truncate(3)
         }),
         ("/observations/5/pixels", "the order of its points", |d| {

@@ -28,7 +28,7 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
         | FindingCode::HeldOutDisagrees => of_poses(finding.code, &about, figures),
         FindingCode::TooFew => {
             let count = figures.count.unwrap_or(0);
-            format!("{count} observations; at least 3 are needed, better 12, with turns of the arm about two axes")
+            format!("{count} observations; at least 3 are needed, preferably 12, with rotations of the arm about two axes")
         }
         FindingCode::UnitMismatch => {
             let ratio = figures.ratio.unwrap_or(f64::NAN);
@@ -39,19 +39,19 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
                 inches if inches < 60.0 => "inches",
                 _ => "metres",
             };
-            format!("translations of {about} are {size} {than}: {unit} for millimetres?")
+            format!("translations of {about} are {size} {than}: are they in {unit} rather than millimetres?")
         }
         FindingCode::SigmaTooSmall => format!(
-            "the observations scatter {:.1} × more than the sigmas given: leave sigma out to have it estimated",
+            "the observations scatter {:.1} × more than the given sigma: leave sigma out to have it estimated",
             figures.ratio.unwrap_or(f64::NAN)
         ),
         FindingCode::ArmModel => format!(
-            "residuals grow with joint {} (r = {:.1}): the arm's own calibration, not the hand-eye",
+            "residuals grow with joint {} (r = {:.1}): the cause is the arm's own calibration, not the hand-eye",
             figures.joint.unwrap_or(0),
             figures.ratio.unwrap_or(f64::NAN)
         ),
         FindingCode::NoPlateFace => format!(
-            "the {} points of the plate lie in no plane across its axis: scan the bare plate, from more than one place",
+            "the {} points of the plate lie in no plane perpendicular to its axis: scan the bare plate, from more than one place",
             figures.count.unwrap_or(0)
         ),
         FindingCode::Stale => of_age(figures),
@@ -67,20 +67,23 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
     let axis = figures.vector.map_or_else(String::new, |axis| format!(" {}", near_axis(axis.into())));
     let known = match (figures.length_mm, figures.other_turn_rad) {
         (Some(mm), Some(rad)) => {
-            format!("the shift along{axis} has a standard deviation of {mm:.2} mm, turns one of {:.3}°", rad.to_degrees())
+            format!(
+                "the translation along{axis} has a standard deviation of {mm:.2} mm, rotations one of {:.3}°",
+                rad.to_degrees()
+            )
         }
-        _ if axis.is_empty() => "the scanner's pose stays open".to_owned(),
-        _ => format!("all turns are about{axis}: the shift along it stays open"),
+        _ if axis.is_empty() => "the scanner's pose is not determined".to_owned(),
+        _ => format!("all rotations are about{axis}: the translation along it is not determined"),
     };
     // Wide enough turns leave the residuals for a reason.
     let is_wide = spread >= 20.0;
     let advice = match (code, is_wide) {
         (FindingCode::WeakMotion, _) => "more tilt or more poses would help",
-        (_, true) => "take more poses, and see why they disagree",
+        (_, true) => "take more poses, and find out why they disagree",
         (_, false) => "tilt the arm by 20° or more",
     };
     let only = if is_wide { "" } else { "only " };
-    format!("turns spread {only}{spread:.1}° across their main axis: {known}; {advice}")
+    format!("rotations spread {only}{spread:.1}° across their main axis: {known}; {advice}")
 }
 
 /// Axis by name where it is within 15° of one, else its direction.
@@ -102,10 +105,12 @@ fn of_arm(code: FindingCode, figures: &Figures) -> String {
                  controller; export the flange, or set the tool to zero"
             )
         }
-        FindingCode::JointOrder => format!("{differ} as given, and agree with the joints in another order or sense"),
-        FindingCode::AngleUnit => format!("{differ} as given, and agree with degrees and radians exchanged"),
-        FindingCode::OutOfStep => format!("{differ} as given, and agree one observation apart: the records are out of step"),
-        _ => format!("{differ}, and not by a constant: the cell's robot is not this arm"),
+        FindingCode::JointOrder => format!("{differ} as given, but agree with the joints in another order or direction"),
+        FindingCode::AngleUnit => format!("{differ} as given, but agree with degrees and radians exchanged"),
+        FindingCode::OutOfStep => {
+            format!("{differ} as given, but agree if shifted by one observation: the records are out of step")
+        }
+        _ => format!("{differ}, which is not constant: the cell's robot is not this arm"),
     }
 }
 
@@ -123,13 +128,13 @@ fn of_reading(code: FindingCode, figures: &Figures) -> String {
         FindingCode::Inverted => "with cloud_from_board inverted: board_from_cloud was given".to_owned(),
         FindingCode::OtherSetup => figures.vector.map_or_else(
             || {
-                "with the arm's poses inverted: the scanner stands in the cell (eye_to_hand) where eye_in_hand is given, the reverse, or \
-                 flange_from_base was given"
+                "with the arm's poses inverted: eye_in_hand was given for a scanner that stands in the cell (eye_to_hand) or the \
+                 reverse, or flange_from_base was given"
                     .to_owned()
             },
             stands,
         ),
-        _ => "with a rotation transposed: columns were written as rows".to_owned(),
+        _ => "with a rotation transposed: its columns were written as rows".to_owned(),
     };
     format!("the boards disagree by {given:.1} mm as given, and by {other:.2} mm {reading}")
 }
@@ -141,8 +146,9 @@ fn of_board(figures: &Figures) -> String {
         |likely_mm| format!("squares or spacings given as {:.3} mm are probably {likely_mm:.3} mm", likely_mm * ratio),
     );
     format!(
-        "lengths to the board are {:+.2} % off those of the arm's motions, which puts the scanner {mm:.2} mm off along its view: {size}, \
-         or lengths of the scanner or of the arm are off; measure the board, and find its poses anew with its true size",
+        "distances to the board are {:+.2} % off those of the arm's motions, which puts the scanner {mm:.2} mm off along its \
+         viewing direction: {size}, or the scale of the scanner or of the arm is off; measure the board, and find its poses \
+         again with its true size",
         100.0 * (ratio - 1.0)
     )
 }
@@ -151,12 +157,15 @@ fn of_board(figures: &Figures) -> String {
 fn of_table(code: FindingCode, figures: &Figures) -> String {
     let (asked, found) = (figures.turn_rad.unwrap_or(0.0).to_degrees(), figures.other_turn_rad.unwrap_or(0.0).to_degrees());
     match code {
-        FindingCode::TableSign => format!("the board turned {found:.2}° for {asked:+.2}°: invert the table's axis"),
+        FindingCode::TableSign => {
+            format!("the board turned by {found:.2}° when the table reported {asked:+.2}°: invert the table's axis")
+        }
         FindingCode::TableScale => {
             format!("the table turns {:.5} of the angle that it reports: check its gear ratio", figures.ratio.unwrap_or(f64::NAN))
         }
         _ => format!(
-            "the table turned by {asked:.1}° in all; its axis needs 10°, better a full turn; a board that stands beside it gives the scanner alone (solve = hand_eye)"
+            "the table turned by {asked:.1}° in all; its axis needs 10°, preferably a full turn; a board that stands beside the \
+             table gives only the scanner (solve = hand_eye)"
         ),
     }
 }
@@ -166,11 +175,12 @@ fn of_poses(code: FindingCode, about: &str, figures: &Figures) -> String {
     let (mm, deg) = (figures.length_mm.unwrap_or(0.0), figures.turn_rad.unwrap_or(0.0).to_degrees());
     match code {
         FindingCode::Moved => format!(
-            "{about} agree with each other and not with the others ({mm:.1} mm, {deg:.2}°): the board or the scanner moved in between"
+            "{about} agree with each other but not with the others ({mm:.1} mm, {deg:.2}°): the board or the scanner moved in \
+             between"
         ),
-        FindingCode::Swapped => format!("{about}: each fits the board of the other: exchanged"),
-        FindingCode::Flipped => format!("{about} fits turned by 180°: a board without orientation"),
-        FindingCode::DuplicatePose => format!("{about} are the same within {mm} mm: the first is left out"),
+        FindingCode::Swapped => format!("{about}: each fits the board of the other, so that they are probably exchanged"),
+        FindingCode::Flipped => format!("{about} fits if turned by 180°: the board has no orientation"),
+        FindingCode::DuplicatePose => format!("{about} are the same to within {mm} mm: the first is left out"),
         FindingCode::HeldOutDisagrees => {
             format!("{about} was held out, and is {mm:.2} mm and {deg:.3}° off: the calibration does not hold there")
         }
@@ -181,7 +191,10 @@ fn of_poses(code: FindingCode, about: &str, figures: &Figures) -> String {
 fn of_age(figures: &Figures) -> String {
     match (figures.temperatures_c, figures.ratio) {
         (Some([now, then]), _) => {
-            format!("taken at {now:.1} °C, calibration at {then:.1} °C: {:.1} K, over 5 K: calibrate again", (now - then).abs())
+            format!(
+                "taken at {now:.1} °C, but calibrated at {then:.1} °C: the difference of {:.1} K exceeds 5 K; calibrate again",
+                (now - then).abs()
+            )
         }
         (None, Some(hours)) => format!("the calibration is {hours:.0} hours old: check it again"),
         (None, None) => "the calibration is stale: check it again".to_owned(),

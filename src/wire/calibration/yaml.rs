@@ -71,7 +71,7 @@ pub fn from_zivid(files: &[(String, [String; 2])], setup: HandEyeSetup) -> Resul
             let at = format!("/{side}{name}");
             let value = tree(text, &at, &mut findings)?;
             let Some(numbers) = matrix(&value, 0) else {
-                findings.push(&at, "holds no matrix of 4 × 4: rows, cols and data of OpenCV, or Data of Zivid's Matrix4x4");
+                findings.push(&at, "contains no 4 × 4 matrix: rows, cols and data of OpenCV, or Data of Zivid's Matrix4x4");
                 return None;
             };
             of_matrix(&numbers, 1.0, &at, &mut findings)

@@ -11,28 +11,29 @@ use crate::inspection::registration::{KeptPose, PartNotFound, RegistrationOption
 /// Registered poses of the scans, and how well they are known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AlignmentDocument {
-    /// Method.
+    /// Alignment method.
     pub method: Alignment,
-    /// Takes the part's coordinates by the stated poses to those of the mesh: where the part lies other than planned.
+    /// Transform from part coordinates, as the stated poses give them, to mesh coordinates: how far the part is from its planned
+    /// pose.
     pub mesh_from_stated: PoseSpec,
-    /// Pose of the part on the table as its scans show it, for `POST /runs/{id}/located` and for a plan of its own; `null` without a
-    /// cell, where the alignment was not found, and with several setups.
+    /// Pose of the part on the table as its scans show it, for `POST /runs/{id}/located` and for a new plan; `null` without a
+    /// cell, with several setups, and if the alignment was not found.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
-    /// Angle by which the part is turned, degrees.
+    /// Angle by which the part is rotated from its planned pose, degrees.
     pub part_turned_deg: f64,
-    /// Distance by which the middle of the part is off, mm.
+    /// Distance of the part's centre from its planned position, mm.
     pub part_shifted_mm: f64,
-    /// Largest standard deviation of the pose about or along an axis, degrees and mm.
+    /// Standard deviations of the part's pose, each the largest over all axes.
     pub part_sd: RigidSdDocument,
-    /// Standard deviation of a point's distance from the part, robust, mm.
+    /// Robust standard deviation of the points' distances from the part, mm.
     pub noise_mm: f64,
-    /// Reason for which the alignment counts as not found, so that no place of the part is known; `null` where it was found.
+    /// Reason for which the alignment counts as not found, so that the pose of the part is unknown; `null` if it was found.
     #[serde(default)]
     pub not_found: Option<PartNotFound>,
-    /// Share of all points that lies on the part.
+    /// Share of all points that lie on the part.
     pub inlier_share: f64,
-    /// Views.
+    /// Registered pose of each scan.
     pub views: Vec<ViewAlignmentDocument>,
 }
 
@@ -50,17 +51,17 @@ pub struct RigidSdDocument {
 pub struct ViewAlignmentDocument {
     /// Viewpoint of the plan.
     pub viewpoint: u32,
-    /// Points that were matched.
+    /// Number of points matched.
     pub points: usize,
-    /// Share of them that lies on the part.
+    /// Share of these points that lie on the part.
     pub inlier_share: f64,
-    /// Root mean square of their distances, mm.
+    /// Root mean square of their distances from the part, mm.
     pub rms_mm: f64,
-    /// Angle by which the view is off its stated pose, beyond the part's, degrees.
+    /// Angle by which the view is rotated from its stated pose, beyond the part's own rotation, degrees.
     pub turned_deg: f64,
-    /// Distance by which it is off, mm.
+    /// Distance by which the view is off its stated pose, beyond the part's own shift, mm.
     pub shifted_mm: f64,
-    /// Reason for which the view keeps its stated pose; `null` where it does not.
+    /// Reason for which the view keeps its stated pose; `null` if it was corrected.
     pub kept_pose: Option<KeptPose>,
 }
 

@@ -12,7 +12,7 @@ const SPOTS_SHOWN: usize = 5;
 /// Schema name of the listing of losses.
 const LOSSES_SCHEMA: &str = "vantage.losses/1";
 
-/// Coverage that the scans measured, beside the planned one. Shares are of the asked area unless they say otherwise.
+/// Coverage that the scans measured, compared with the planned one. Shares are of the asked area unless they say otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeasuredCoverageDocument {
     /// Area asked for.
@@ -21,7 +21,7 @@ pub struct MeasuredCoverageDocument {
     pub planned_of_asked: f64,
     /// Share that the scans measure.
     pub measured_of_asked: f64,
-    /// Share that the scans of all rounds so far measure: that of this one, and of those that its plan goes on from.
+    /// Share that the scans of all rounds so far measure: this round, and those that its plan continues.
     pub measured_in_all_of_asked: f64,
     /// Share of the coverable area that the scans measure; `null` where that area is not known.
     pub measured_of_coverable: Option<f64>,
@@ -37,7 +37,7 @@ pub struct MeasuredCoverageDocument {
     pub lost_near_limit_of_asked: f64,
     /// Share that was measured and not planned, and lies so near to a limit of incidence that it may fall on either side.
     pub gained_near_limit_of_asked: f64,
-    /// True for merged clouds, of which coverage is known to about a point, and not by view.
+    /// True for merged clouds, whose coverage is known to within about one percentage point, and not by view.
     pub approximate: bool,
     /// Areas by view of the plan.
     pub by_view: Vec<ViewCoverageDocument>,
@@ -50,7 +50,7 @@ pub struct ViewCoverageDocument {
     pub viewpoint: u32,
     /// Number of its scans.
     pub scans: usize,
-    /// Area that it was to measure.
+    /// Area that the view was planned to measure.
     pub planned_area_mm2: f64,
     /// Area that its scans measure.
     pub measured_area_mm2: f64,
@@ -71,7 +71,7 @@ pub struct LossDocument {
     pub of_asked: f64,
     /// Number of connected spots.
     pub spots: usize,
-    /// Largest spots, largest first; the listing of the losses has all.
+    /// Largest spots, largest first; `losses.json` has all of them.
     pub largest: Vec<LostSpotDocument>,
 }
 
@@ -100,7 +100,7 @@ pub struct LossListing {
     pub plan_sha256: String,
     /// Area asked for.
     pub asked_area_mm2: f64,
-    /// Planned and not measured area.
+    /// Area that was planned but not measured.
     pub lost_area_mm2: f64,
     /// Losses by cause.
     pub losses: Vec<LossDocument>,
@@ -201,25 +201,23 @@ pub fn loss_sentence(cause: LossCause) -> &'static str {
         LossCause::ViewMissing => "there is no scan of the view: scan it, or upload its file",
         LossCause::OutsideFile => "the file ends before it: export the whole field of view",
         LossCause::Pose => {
-            "the view was taken from where this surface cannot be measured: check the calibration and how the part lies"
+            "this surface cannot be measured from where the view was taken: check the calibration and the pose of the part"
         }
-        LossCause::UnmodelledOccluder => {
-            "something that the model does not have stands in the way: add it to the cell, or take it away"
-        }
-        LossCause::PartDeviates => "the surface is there, farther from the model than the tolerance: see the deviation",
-        LossCause::Grazing => "seen at a flatter angle than this scanner returns: plan with the identified limit, or add a view",
+        LossCause::UnmodelledOccluder => "an object that is not in the model is in the way: add it to the cell, or remove it",
+        LossCause::PartDeviates => "the surface is farther from the model than the tolerance: see the deviation",
+        LossCause::Grazing => "seen more obliquely than this scanner can measure: plan with the identified limit, or add a view",
         LossCause::Specular => {
-            "the projector's light is mirrored into a camera: add a view off the mirror direction, or spray the part"
+            "the projector's light reflects into a camera: add a view off the mirror direction, or spray the part"
         }
-        LossCause::Edge => "beside an edge, where scanners lack points: nothing helps but a view along the edge",
-        LossCause::Concave => "in a concave corner, where light is reflected to and fro",
+        LossCause::Edge => "near an edge, where scanners lose points: only a view along the edge helps",
+        LossCause::Concave => "in a concave corner, where light is reflected back and forth",
         LossCause::Dark => "too little light returns: scan brighter, or spray the part",
         LossCause::Saturated => "too much light returns: scan darker, or spray the part",
-        LossCause::DepthBlur => "nearer or farther than this scanner returns: plan with the identified depth, or add a view",
+        LossCause::DepthBlur => "nearer or farther than this scanner can measure: plan with the identified depth, or add a view",
         LossCause::Sparse => "too few points lie around it: add a view that faces it",
-        LossCause::Noisy => "points are there, and scatter more than is asked for: add a view at the best focus",
-        LossCause::Filtered => "its points were taken out as the scan was cleaned",
-        LossCause::Unexplained => "none of the known causes holds",
+        LossCause::Noisy => "its points scatter more than is required: add a view at best focus",
+        LossCause::Filtered => "its points were removed when the scan was cleaned",
+        LossCause::Unexplained => "none of the known causes applies",
     }
 }
 

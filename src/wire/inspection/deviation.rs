@@ -16,16 +16,18 @@ use crate::wire::words::percent_below;
 pub struct DeviationDocument {
     /// Alignment at which the surface is compared.
     pub alignment: Alignment,
-    /// Takes the part's coordinates by the scans' poses to those of the mesh, beyond the registration.
+    /// Transform from part coordinates, as the registered scans give them, to mesh coordinates: the alignment beyond the
+    /// registration.
     pub mesh_from_placed: PoseSpec,
-    /// Freedoms that the measured surface fixes, of 6.
+    /// Degrees of freedom that the measured surface constrains, of 6.
     pub fixed_freedoms: usize,
-    /// Points that were compared; those of a merged cloud count once for each view that shows them.
+    /// Number of points compared; those of a merged cloud count once for each view that shows them.
     pub compared_points: u64,
-    /// Points near the surface that were left out as steep: what they show is turned by more than 30° against it. They count likewise.
+    /// Number of points near the surface that were left out because what they show is tilted by more than 30° from the model.
+    /// They are counted as `compared_points` are.
     #[serde(default)]
     pub turned_points: u64,
-    /// Shares of the whole part that figures leave out.
+    /// Shares of the whole part that the figures leave out.
     #[serde(default)]
     pub excluded: ExcludedSharesDocument,
     /// Statistics of the whole part; `null` where nothing was measured.
@@ -39,7 +41,7 @@ pub struct DeviationDocument {
     pub regions: Vec<RegionDeviationDocument>,
     /// Spots that deviate most, largest deviation first.
     pub worst: Vec<DeviationSpotDocument>,
-    /// Points off the surface, in heaps: material that is missing or extra, or a body that the model does not have.
+    /// Clusters of points off the surface: missing or extra material, or a body that the model does not have.
     pub off_surface: Vec<OffSurfaceDocument>,
 }
 
@@ -48,46 +50,46 @@ pub struct DeviationDocument {
 pub struct StatisticsDocument {
     /// Area measured.
     pub area_mm2: f64,
-    /// Mean.
+    /// Mean deviation.
     pub mean_mm: f64,
-    /// Root mean square.
+    /// Root mean square deviation.
     pub rms_mm: f64,
     /// 1st percentile.
     pub p1_mm: f64,
     /// 5th percentile.
     pub p5_mm: f64,
-    /// Median.
+    /// Median deviation.
     pub p50_mm: f64,
     /// 95th percentile.
     pub p95_mm: f64,
     /// 99th percentile.
     pub p99_mm: f64,
-    /// Deviation that is farthest from zero.
+    /// Deviation farthest from zero, with its sign.
     pub max_mm: f64,
     /// Share of the measured area within the tolerance zone; `null` without a tolerance.
     pub in_tolerance: Option<f64>,
 }
 
-/// Shares that figures leave out; what lies beyond the search distance keeps a region from passing.
+/// Shares that the figures leave out. Surface beyond the search distance keeps a region from passing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ExcludedSharesDocument {
-    /// Share of the points near the surface that were left out as steep: what they show is turned by more than 30° against it.
+    /// Share of the points near the surface that were left out because what they show is tilted by more than 30° from the model.
     pub turned_of_points: f64,
-    /// Share of the area that has such points alone: nothing of it is compared.
+    /// Share of the area that has only such points, so that none of it is compared.
     pub turned_of_area: f64,
-    /// Share of the area before or behind which most points are farther than is searched. Material may be missing or extra there, or the
-    /// points are those of another body: a larger `compare.search_mm` lets it be judged.
+    /// Share of the area where most points lie beyond the search distance, in front of the surface or behind it. Material may be
+    /// missing or extra there, or the points are those of another body: a larger `compare.search_mm` lets it be judged.
     pub off_of_area: f64,
 }
 
 /// Area by deviation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HistogramDocument {
-    /// Deviation at which the first class begins.
+    /// Deviation at which the first bin begins.
     pub begin_mm: f64,
-    /// Width of a class.
+    /// Width of a bin.
     pub width_mm: f64,
-    /// Area of each class; the first and the last hold what lies beyond.
+    /// Area of each bin; the first and the last include everything beyond.
     pub area_mm2: Vec<f64>,
 }
 
@@ -103,23 +105,23 @@ pub struct ExtentDocument {
 /// Deviation of a region of interest or a feature.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RegionDeviationDocument {
-    /// Name.
+    /// Name of the region or feature.
     pub name: String,
     /// Width of the tolerance zone; `null` without one.
     pub tolerance_mm: Option<f64>,
     /// Share of its asked area that is measured.
     pub measured: f64,
-    /// Shares of it that statistics leave out.
+    /// Shares of the region that its statistics leave out.
     #[serde(default)]
     pub excluded: ExcludedSharesDocument,
-    /// Verdict of the profile (ISO 1101) by ISO 14253-1; `null` without a tolerance.
+    /// Verdict on the profile (ISO 1101) according to ISO 14253-1; `null` without a tolerance.
     pub verdict: Option<Conformity>,
     /// Median of the expanded uncertainty, k = 2; `null` where nothing is measured.
     pub expanded_uncertainty_mm: Option<f64>,
-    /// Median of the part of it that poses and the alignment leave open; `null` where nothing is measured.
+    /// Median of the share of that uncertainty that is due to the poses and the alignment; `null` where nothing is measured.
     #[serde(default)]
     pub pose_uncertainty_mm: Option<f64>,
-    /// True if that part alone keeps the region from passing.
+    /// True if the uncertainty of poses and alignment alone keeps the region from passing.
     #[serde(default)]
     pub is_open_by_poses: bool,
     /// Statistics; `null` where nothing is measured.
@@ -131,13 +133,13 @@ pub struct RegionDeviationDocument {
 pub struct DeviationSpotDocument {
     /// Missing or extra material.
     pub kind: MaterialKind,
-    /// Middle of the spot, part frame.
+    /// Centre of the spot, part frame.
     pub centre_mm: [f64; 3],
     /// Area of the spot.
     pub area_mm2: f64,
     /// Mean deviation.
     pub mean_mm: f64,
-    /// Deviation that is farthest from zero.
+    /// Deviation farthest from zero, with its sign.
     pub max_mm: f64,
 }
 
@@ -146,7 +148,7 @@ pub struct DeviationSpotDocument {
 pub struct OffSurfaceDocument {
     /// Missing or extra material.
     pub kind: MaterialKind,
-    /// Middle of the points, part frame.
+    /// Centre of the points, part frame.
     pub centre_mm: [f64; 3],
     /// Number of points.
     pub points: usize,
@@ -246,8 +248,8 @@ impl DeviationDocument {
 pub fn open_poses_sentence(region: &RegionDeviationDocument) -> Option<String> {
     let open_mm = region.pose_uncertainty_mm.filter(|_| region.is_open_by_poses)?;
     Some(format!(
-        "U is mostly what poses leave open (± {open_mm:.3} mm): calibrate the cell or state align.prior_mm; else a step, hole or rib that \
-         views of both sides see has to tie them."
+        "U is mostly due to the poses of the views (± {open_mm:.3} mm): calibrate the cell, or state how well its poses are \
+         known (align.prior_mm); otherwise a step, hole or rib that views from both sides see has to tie them together."
     ))
 }
 
@@ -259,9 +261,9 @@ pub fn excluded_sentence(deviation: &DeviationDocument) -> String {
     let of_points = turned as f64 / ((compared + turned) as f64).max(1.0);
     let what_to_do = if off_of_area > 0.0 { OFF_REMEDY } else { "" };
     format!(
-        "{compared} points are compared; {turned}, {}, are left out as steep: what they show is turned by more than {MAX_TURN_DEG:.0}° \
-         against the model. {} of the area has such points alone, and {} has points beyond the search distance, by missing or extra \
-         material or another body.{what_to_do}",
+        "{compared} points are compared; {turned}, {}, are left out as steep: the surface that they show is tilted by more than \
+         {MAX_TURN_DEG:.0}° from the model. {} of the area has only such points, and {} has points beyond the search distance, \
+         because of missing or extra material or another body.{what_to_do}",
         percent(of_points),
         percent(turned_of_area),
         percent(off_of_area)
@@ -269,7 +271,7 @@ pub fn excluded_sentence(deviation: &DeviationDocument) -> String {
 }
 
 /// Sentence for area beyond the search distance: how it is judged.
-const OFF_REMEDY: &str = " That keeps a region from passing: raise compare.search_mm so that it is judged.";
+const OFF_REMEDY: &str = " Such area keeps a region from passing: raise compare.search_mm so that it is judged.";
 
 fn percent(share: f64) -> String {
     format!("{} %", percent_below(share, 1.0, 2))

@@ -22,7 +22,8 @@ use crate::wire::words::{fixed, percent_below};
 /// Schema name in the document.
 pub const INSPECTION_SCHEMA: &str = "vantage.inspection/1";
 
-/// Result of an inspection: where the scans lie, what they measured beside the plan, why the rest is missing, how the surface deviates.
+/// Result of an inspection: the poses of the scans, what they measured compared with the plan, why the rest is missing, and how
+/// the surface deviates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct InspectionDocument {
     /// Schema name, `vantage.inspection/1`.
@@ -33,26 +34,26 @@ pub struct InspectionDocument {
     pub verdict: String,
     /// Parameters.
     pub params: InspectionParams,
-    /// Scans that were taken in.
+    /// Scans that were read.
     pub scans: Vec<TakenScanDocument>,
     /// Findings about files and views.
     pub findings: Vec<IngestFindingDocument>,
     /// Registered poses of the scans.
     pub alignment: AlignmentDocument,
-    /// Measured coverage, beside the planned one.
+    /// Measured coverage, compared with the planned one.
     pub coverage: MeasuredCoverageDocument,
     /// Planned area that is not measured, by cause, largest first.
     pub losses: Vec<LossDocument>,
     /// Deviation of the surface.
     pub deviation: DeviationDocument,
-    /// Changes of the scanner's specification or of parameters that the scans suggest; nothing is applied by itself.
+    /// Changes to the scanner's specification or to parameters that the scans suggest; none is applied automatically.
     pub offers: Vec<OfferedChangeDocument>,
 }
 
 /// Scans and findings of the files of an inspection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InspectedFiles {
-    /// Scans that were taken in.
+    /// Scans that were read.
     pub scans: Vec<TakenScanDocument>,
     /// Findings about files and views.
     pub findings: Vec<IngestFindingDocument>,
@@ -140,11 +141,11 @@ fn percent(share: f64) -> String {
 fn verdict_sentence(document: &InspectionDocument) -> String {
     let coverage = &document.coverage;
     let mut text = match document.alignment.why_not_found() {
-        Some(PartNotFound::FewInliers) => "The scans do not fit the part: the figures say nothing of it. ".to_owned(),
+        Some(PartNotFound::FewInliers) => "The scans do not fit the part: the figures say nothing about it. ".to_owned(),
         Some(PartNotFound::FewPoints) | None => String::new(),
     };
     text += &format!(
-        "The scans measure {} of the asked area; {} were planned.",
+        "The scans measure {} of the asked area; {} was planned.",
         percent(coverage.measured_of_asked),
         percent(coverage.planned_of_asked)
     );
@@ -159,13 +160,16 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         text += if document.losses.len() > named.len() { ", and smaller losses." } else { "." };
     }
     if coverage.gained_of_asked > 0.0 {
-        text += &format!(" {} that were not planned are measured as well.", percent(coverage.gained_of_asked));
+        text += &format!(" Measured but not planned: {}.", percent(coverage.gained_of_asked));
     }
     if coverage.measured_in_all_of_asked > coverage.measured_of_asked + 1e-9 {
-        text += &format!(" With the scans of earlier rounds it is {}.", percent(coverage.measured_in_all_of_asked));
+        text += &format!(
+            " Including the scans of earlier rounds, {} of the asked area is measured.",
+            percent(coverage.measured_in_all_of_asked)
+        );
     }
     if coverage.approximate {
-        text += " The cloud is merged of several views: these figures are known to about one point.";
+        text += " The cloud merges several views: these figures are known to about one percentage point.";
     }
     if let Some(figures) = document.statistics_of_found() {
         text += &format!(" {}", deviation_sentence(figures));
@@ -176,7 +180,7 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
 /// Sentence on how the surface deviates.
 fn deviation_sentence(figures: &StatisticsDocument) -> String {
     let [mean, rms, p1, p99] = [figures.mean_mm, figures.rms_mm, figures.p1_mm, figures.p99_mm].map(|mm| fixed(mm, 3));
-    format!("The surface deviates by {mean} mm in the mean and {rms} mm rms; 98 % of it lies between {p1} and {p99} mm.")
+    format!("The surface deviates by {mean} mm on average and {rms} mm rms; 98 % of it lies between {p1} and {p99} mm.")
 }
 
 #[cfg(test)]
@@ -233,7 +237,7 @@ mod tests {
     #[test]
     fn no_deviation_has_no_sign() {
         let document = statistics();
-        let told = "The surface deviates by 0.000 mm in the mean and 0.012 mm rms; 98 % of it lies between -0.031 and 0.030 mm.";
+        let told = "The surface deviates by 0.000 mm on average and 0.012 mm rms; 98 % of it lies between -0.031 and 0.030 mm.";
         assert_eq!(deviation_sentence(&document), told);
         assert!([document.p50_mm, document.in_tolerance.expect("a tolerance")].iter().all(|value| value.is_sign_positive()));
     }
@@ -245,7 +249,7 @@ mod tests {
         assert!(verdict_sentence(&found).contains("The surface deviates by"), "{}", verdict_sentence(&found));
         for lost in [document(3000, 0.373, Some("few_inliers")), document(120, 1.0, Some("few_points"))] {
             let told = verdict_sentence(&lost);
-            assert!(told.ends_with("90.00 % were planned."), "{told}");
+            assert!(told.ends_with("90.00 % was planned."), "{told}");
         }
     }
 

@@ -5,24 +5,24 @@ use utoipa::ToSchema;
 
 use crate::inspection::ingest::{FrameAttempt, IngestCode, IngestFinding, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan};
 
-/// A scan as it was taken in.
+/// A scan as it was read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TakenScanDocument {
     /// Viewpoint of the plan.
     pub viewpoint: u32,
-    /// Its file, and for E57 the name of the scan in it.
+    /// Name of its file; for E57 also that of the scan in it.
     pub file: String,
     /// Unit that its coordinates were taken to be in.
     pub unit: String,
-    /// Frame that they were taken to be in.
+    /// Frame that its coordinates were taken to be in.
     pub frame: ScanFrame,
-    /// Points in the file.
+    /// Number of points in the file.
     pub points: usize,
-    /// Share of the points that lies where the view looks.
+    /// Share of the points that lie in the view's field.
     pub in_frusta: f64,
-    /// Share of the points that lies there and near the part.
+    /// Share of the points that lie in the view's field and near the part.
     pub on_part: f64,
-    /// Columns and rows of the grid; `null` of a cloud that is not organised.
+    /// Columns and rows of the grid; `null` for a cloud that is not organised.
     pub grid: Option<[usize; 2]>,
     /// Points that were removed, by reason.
     pub removed: Vec<RemovedDocument>,
@@ -33,7 +33,7 @@ pub struct TakenScanDocument {
 pub struct RemovedDocument {
     /// Reason.
     pub reason: RemovedBecause,
-    /// Their number.
+    /// Number of these points.
     pub points: usize,
 }
 
@@ -42,9 +42,10 @@ pub struct RemovedDocument {
 pub struct IngestFindingDocument {
     /// Kind of finding.
     pub code: IngestCode,
-    /// Its file; `null` for a view without a file.
+    /// File that it is about; `null` for a view without a file.
     pub file: Option<String>,
-    /// Viewpoint of the plan; of `view_unknown` and `merged` the number that the file has, which is none of them.
+    /// Viewpoint of the plan; for `view_unknown` and `merged`, the number that the file gives, which is not a viewpoint of the
+    /// plan.
     pub viewpoint: Option<u32>,
     /// Sentence for people.
     pub detail: String,
@@ -100,13 +101,15 @@ fn unknown_view_sentence(finding: &IngestFinding, file: &str) -> String {
     let known = ranges(&finding.viewpoints);
     let own = match finding.viewpoint {
         Some(number) => {
-            format!("{file} is of no viewpoint of the plan: its number is {number}, and those of the plan are {known}")
+            format!("{file} belongs to no viewpoint of the plan: its number is {number}, but those of the plan are {known}")
         }
         None => format!("{file} names no viewpoint of the plan, whose numbers are {known}"),
     };
     let as_merged = match &finding.tried[..] {
         [] => String::new(),
-        attempts => format!("; as a cloud of all views it does not lie on the part either, points near it: {}", tried(attempts)),
+        attempts => {
+            format!("; as a cloud of all views it does not lie on the part either; points near the part: {}", tried(attempts))
+        }
     };
     format!("{own}; name its view, or put its number into the name of the file{as_merged}")
 }
@@ -135,44 +138,44 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
             let number = finding.viewpoint.map_or_else(String::new, |number| {
                 let known = ranges(&finding.viewpoints);
                 format!(
-                    ". Its number, {number}, is no viewpoint of the plan, {known}: if it shows one view alone, name that view"
+                    ". Its number, {number}, is not a viewpoint of the plan ({known}): if it shows only one view, name that view"
                 )
             });
             format!(
-                "{file} holds several views: coverage is known to about one point, and losses by view are not; the uncertainty of \
-                 deviations holds how well it was merged only as far as align.prior_mm and align.prior_deg state it; export single \
-                 shots{number}"
+                "{file} holds several views: coverage is known to about one percentage point, and losses by view are not known; \
+                 the uncertainty of deviations includes the error of merging only as far as align.prior_mm and align.prior_deg \
+                 state it; export single shots{number}"
             )
         }
         // Near the part, and refused nevertheless.
         IngestCode::NoPart if finding.tried.iter().any(|attempt| attempt.on_part >= MIN_SHARE) => {
             format!(
-                "{file} is near the part, but no view sees enough of it to hold its place; is it a scan of this part, in its unit? \
+                "{file} is near the part, but no view sees enough of it to fix its pose; is it a scan of this part, in its unit? \
                  Points near the part: {shares}"
             )
         }
         IngestCode::NoPart => format!("{file} does not lie on the part in any unit and frame; points near the part: {shares}"),
         IngestCode::PartElsewhere => {
-            "the part lies elsewhere than planned; it was searched for, and all is compared where it was found".to_owned()
+            "the part is not where it was planned; it was searched for, and is compared in the pose found".to_owned()
         }
         IngestCode::AmbiguousPose => {
             format!(
-                "several poses of the part explain the scans about equally well, so that its place is not known, and {file} is \
+                "several poses of the part explain the scans about equally well, so that its pose is not known, and {file} is \
                  left out; add scans from other sides, or put the part where it was planned"
             )
         }
         IngestCode::SymmetricPart => {
             format!(
-                "the part of {file} lies elsewhere than planned, and looks the same in several poses; put it where it was planned"
+                "the part in {file} is not where it was planned, and looks the same in several poses; put it where it was planned"
             )
         }
         IngestCode::FilledHoles => {
             let longest = finding.longest_mm.unwrap_or_default();
-            format!("triangles of {file} up to {longest:.0} mm long close holes; they are not measured and were left out")
+            format!("triangles of {file} up to {longest:.0} mm long fill holes; they were not measured and are left out")
         }
         IngestCode::ViewMissing => format!("there is no scan of viewpoint {view}"),
         IngestCode::ViewUnknown => unknown_view_sentence(finding, file),
-        IngestCode::ViewDouble => format!("{file} is a second scan of viewpoint {view}; the first one is taken"),
+        IngestCode::ViewDouble => format!("{file} is a second scan of viewpoint {view}; the first one is used"),
     }
 }
 
@@ -199,11 +202,11 @@ mod tests {
         for (finding, wanted) in [
             (
                 &unknown,
-                "view_99.ply is of no viewpoint of the plan: its number is 99, and those of the plan are 0 to 3, 5, 7 to 8;",
+                "view_99.ply belongs to no viewpoint of the plan: its number is 99, but those of the plan are 0 to 3, 5, 7 to 8;",
             ),
-            (&missed, "as a cloud of all views it does not lie on the part either, points near it: 25 % as mm"),
+            (&missed, "as a cloud of all views it does not lie on the part either; points near the part: 25 % as mm"),
             (&finding(IngestCode::ViewUnknown, None), "view_99.ply names no viewpoint of the plan, whose numbers are 0 to 3, 5,"),
-            (&finding(IngestCode::Merged, Some(99)), "Its number, 99, is no viewpoint of the plan, 0 to 3, 5, 7 to 8: if it"),
+            (&finding(IngestCode::Merged, Some(99)), "Its number, 99, is not a viewpoint of the plan (0 to 3, 5, 7 to 8): if it"),
         ] {
             let told = ingest_sentence(finding);
             assert!(told.contains(wanted), "{told}");

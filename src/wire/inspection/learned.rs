@@ -11,44 +11,44 @@ use crate::inspection::identification::{
 /// Schema name of the findings.
 const LEARNED_SCHEMA: &str = "vantage.learned/1";
 
-/// A figure with its interval of 95 % confidence.
+/// An estimate with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EstimateDocument {
-    /// The figure.
+    /// Estimated value.
     pub value: f64,
     /// Ends of the interval.
     #[schema(min_items = 2, max_items = 2)]
     pub interval: [f64; 2],
-    /// Pairs of view and sample, or triples of points, that it is from.
+    /// Number of pairs of view and sample, or triples of points, that it is based on.
     pub count: u64,
 }
 
-/// Rate of return between two places.
+/// Rate of return in one interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RateBinDocument {
     /// Lower and upper end: degrees, or mm of depth.
     #[schema(min_items = 2, max_items = 2)]
     pub range: [f64; 2],
-    /// Pairs that a scanner without weakness would return.
+    /// Pairs of view and sample that an ideal scanner would measure.
     pub expected: u64,
-    /// Pairs that returned.
+    /// Pairs of view and sample that were measured.
     pub returned: u64,
 }
 
-/// A change that is offered; nothing is applied by itself.
+/// A suggested change; none is applied automatically.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OfferedChangeDocument {
-    /// The field.
+    /// Field to change.
     pub field: OfferedField,
     /// Key of the planning parameter; `null` where only the scanner's specification has the field.
     pub parameter: Option<String>,
-    /// Pointers of the field in the scanner's specification.
+    /// JSON pointers of the field in the scanner's specification.
     pub in_scanner: Vec<String>,
     /// Value in force; `null` where there is none.
     pub from: Option<f64>,
-    /// Value offered.
+    /// Suggested value.
     pub to: f64,
-    /// Figure that was identified.
+    /// Value identified from the scans.
     pub identified: EstimateDocument,
     /// Sentence for people.
     pub detail: String,
@@ -61,17 +61,18 @@ pub struct LearnedDocument {
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,
-    /// Standard deviation of a point across a surface at best focus, mm; `null` from too few points.
+    /// Standard deviation of a point along the surface normal at best focus, mm; `null` if there are too few points.
     pub noise_best_mm: Option<EstimateDocument>,
-    /// Relative increase of the noise at the ends of the working depth; `null` from too few points.
+    /// Relative increase of the noise at the ends of the working depth; `null` if there are too few points.
     pub noise_depth_gain: Option<EstimateDocument>,
-    /// Worst incidence up to which three quarters return, degrees; `null` where no limit shows.
+    /// Worst incidence over the three devices up to which three quarters of the points return, degrees; `null` where no limit
+    /// shows.
     pub incidence_deg: Option<EstimateDocument>,
-    /// Limit of each device by itself, where the others are far from theirs.
+    /// Incidence limit of each device by itself, found where the other devices are far from theirs.
     pub incidence_by_device: Vec<DeviceLimitDocument>,
-    /// Angle around the mirror direction within which glare takes half of the points, degrees; `null` where none shows.
+    /// Angle around the mirror direction within which glare takes half of the points, degrees; `null` where no glare shows.
     pub lobe_deg: Option<EstimateDocument>,
-    /// Nearest and farthest depth at which three quarters return, mm; `null` where no limit shows.
+    /// Nearest and farthest depth at which three quarters of the points return, mm; `null` where no limit shows.
     #[schema(min_items = 2, max_items = 2)]
     pub depth_mm: [Option<EstimateDocument>; 2],
     /// Rate of return by worst incidence, degrees.
@@ -80,14 +81,14 @@ pub struct LearnedDocument {
     pub by_mirror: Vec<RateBinDocument>,
     /// Rate of return by depth, mm.
     pub by_depth: Vec<RateBinDocument>,
-    /// Changes that are offered.
+    /// Suggested changes.
     pub offers: Vec<OfferedChangeDocument>,
-    /// Reasons for which the scans teach little or nothing of the scanner's limits.
+    /// Reasons for which the scans reveal little or nothing about the scanner's limits.
     #[serde(default)]
     pub withheld: Vec<WithheldDocument>,
 }
 
-/// Reason for which scans teach little or nothing of the scanner's limits.
+/// Reason for which scans reveal little or nothing about the scanner's limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WithheldDocument {
     /// The reason.
@@ -106,14 +107,14 @@ impl WithheldDocument {
 fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2]) -> String {
     let sentence = match reason {
         Withheld::MergedCloud => {
-            "the scanner's limits are not judged: in a merged cloud no point's view is known; give one file for each view"
+            "the scanner's limits are not judged: in a merged cloud the view of a point is unknown; give one file for each view"
         }
         Withheld::CoarseCloud => {
             "the scanner's limits are judged on little of the surface: the points lie too far apart, or came without the \
              camera's grid; give the scans at full resolution, with the grid"
         }
         Withheld::FilteredPoints => {
-            "the scanner's limits are judged on little of the surface: most points were removed beside plate and \
+            "the scanner's limits are judged on little of the surface: most points were removed near plate and \
              fixture, at edges or as specks"
         }
         Withheld::MisplacedViews => {
@@ -178,19 +179,23 @@ pub fn offer_sentence(change: &OfferedChange) -> String {
             "the cameras return fewer points from {to}° on, three quarters at {value:.0}°: plan with limits.camera_deg={to}"
         ),
         OfferedField::ProjectorLimit => format!(
-            "fewer points return from {to}° to the projector on, three quarters at {value:.0}°: plan with \
+            "fewer points return from a projector angle of {to}° on, three quarters at {value:.0}°: plan with \
              limits.projector_deg={to}"
         ),
         OfferedField::Lobe => format!("glare takes points within {value:.1}° of the mirror direction: plan with a lobe of {to}°"),
         OfferedField::NoiseBest => format!("points scatter by {value:.4} mm at best focus: plan with regions.noise.best_mm={to}"),
         OfferedField::NoiseDepthGain => {
-            format!("the noise grows by {value:.2} to the ends of the depth: plan with regions.noise.depth_gain={to}")
+            format!(
+                "the noise at the ends of the depth is {:.2} times that at best focus: plan with regions.noise.depth_gain={to}",
+                1.0 + value
+            )
         }
         OfferedField::DepthNear => format!(
-            "fewer points return nearer than {to} mm, three quarters at {value:.0} mm: set depth_mm.near of the scanner to {to}"
+            "fewer points return from nearer than {to} mm, three quarters at {value:.0} mm: set depth_mm.near of the scanner to \
+             {to}"
         ),
         OfferedField::DepthFar => format!(
-            "fewer points return beyond {to} mm, three quarters at {value:.0} mm: set depth_mm.far of the scanner to {to}"
+            "fewer points return from beyond {to} mm, three quarters at {value:.0} mm: set depth_mm.far of the scanner to {to}"
         ),
     }
 }

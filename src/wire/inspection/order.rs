@@ -14,7 +14,7 @@ pub struct InspectionRequest {
     /// Scans that are compared with the plan. Default: all of the job.
     #[schema(max_items = 10000)]
     pub scans: Option<Vec<ScanId>>,
-    /// Run in which they were taken, whose measured poses then count. Default: the poses of the plan.
+    /// Run in which the scans were taken; its measured poses are then used. Default: the poses of the plan.
     pub run_id: Option<RunId>,
     /// Parameters of the comparison.
     pub params: InspectionParams,
@@ -29,7 +29,7 @@ pub struct InspectionSummary {
     pub measured_of_asked: f64,
     /// Share of the asked area that the scans of all rounds so far measure.
     pub measured_in_all_of_asked: f64,
-    /// Share of the asked area that was planned, lost, and has no cause.
+    /// Share of the asked area that was planned but not measured, for no known cause.
     pub unexplained_of_asked: f64,
     /// Root mean square of the deviation, mm; `null` where nothing was measured, or the part was not found.
     pub deviation_rms_mm: Option<f64>,
@@ -49,7 +49,7 @@ pub struct InspectionJob {
     pub state: JobState,
     /// Scans that are compared with the plan.
     pub scans: Vec<ScanId>,
-    /// Run in which they were taken.
+    /// Run in which the scans were taken.
     pub run_id: Option<RunId>,
     /// Parameters of the comparison.
     pub params: InspectionParams,

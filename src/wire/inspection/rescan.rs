@@ -64,14 +64,14 @@ pub struct RescanState {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct RescanRequest {
-    /// Rules on when further views are worth it.
+    /// Stopping rules of the rescan.
     pub params: RescanParams,
 }
 
 fn other_samples(found: usize, own: usize) -> String {
     format!(
-        "is of {found} samples, this part has {own}: it is of another part or of another release; compare the first round's scans with their \
-         plan again"
+        "is of {found} samples, but this part has {own}: it is from another part or another release; compare the first round's \
+         scans with their plan again"
     )
 }
 
@@ -234,9 +234,10 @@ mod tests {
         assert_eq!(state(None, 130).check_samples(131), Ok(()), "an old one tells no more than its words");
         let told = |state: RescanState, own| state.check_samples(own).expect_err("refused").to_string();
         assert!(
-            told(state(Some(130), 130), 131).starts_with("/samples: is of 130 samples, this part has 131: it is of another part")
+            told(state(Some(130), 130), 131)
+                .starts_with("/samples: is of 130 samples, but this part has 131: it is from another part")
         );
-        assert!(told(state(None, 130), 300).starts_with("/measured: is of 192 samples, this part has 300"));
+        assert!(told(state(None, 130), 300).starts_with("/measured: is of 192 samples, but this part has 300"));
         let before = serde_json::to_value(state(Some(130), 130)).map(|mut value| {
             value.as_object_mut().map(|fields| fields.remove("samples"));
             value

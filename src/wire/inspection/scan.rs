@@ -13,13 +13,14 @@ pub struct Scan {
     pub id: ScanId,
     /// Job whose plan was scanned.
     pub job_id: JobId,
-    /// Viewpoint of the plan from which it was taken; `null` for a file of several views, or to read the number from the name.
+    /// Viewpoint of the plan from which it was taken; `null` for a file of several views, or to take the number from the file's
+    /// name.
     pub view: Option<u32>,
     /// Name of the file.
     pub name: Option<String>,
-    /// Unit of the coordinates; `null` to find it out.
+    /// Unit of the coordinates; `null` to detect it.
     pub unit: Option<String>,
-    /// Frame of the coordinates; `null` to find it out.
+    /// Frame of the coordinates; `null` to detect it.
     pub frame: Option<ScanFrame>,
     /// SHA-256 of the file.
     pub sha256: String,

@@ -15,20 +15,20 @@ use crate::wire::words::{counted, fixed, lie_phrase, percent_below, percents_apa
 /// Parameters of an advice that are whole numbers.
 const WHOLE_SETTINGS: [&str; 2] = ["setups", "selection.max_views"];
 
-/// Turn of the part from one way of lying to another.
+/// Turn of the part from one resting pose to another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct TurnDocument {
     /// Kind of turn.
     #[schema(value_type = TurnKind)]
     pub kind: String,
-    /// Side of the part that comes down, or is the nearest to what does, as the part lies before: right is +x of the table, back +y, left −x,
-    /// front −y. `null` for the kinds `none` and `upside_down`.
+    /// Side of the part that comes to face down, or the one nearest to it, as the part lies before the turn: right is +x of the
+    /// table, back +y, left −x, front −y. `null` for the kinds `none` and `upside_down`.
     #[schema(value_type = Option<crate::planning::plan::PartSide>)]
     pub side: Option<String>,
     /// Angle between what is down before and afterwards, 0 to 180.
     pub angle_deg: f64,
-    /// The turn in words, such as `turn it upside down`. A turn about the vertical is not told; the pose has it.
+    /// The turn in words, such as `turn it upside down`. A rotation about the vertical is not described; the pose includes it.
     pub text: String,
 }
 
@@ -44,7 +44,7 @@ impl From<&Turn> for TurnDocument {
     }
 }
 
-/// Setup of a plan that is advised.
+/// Setup of an advised plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct AdvisedSetupDocument {
@@ -52,7 +52,7 @@ pub struct AdvisedSetupDocument {
     pub table_from_part: PoseSpec,
     /// Turn into that pose from the first setup of the plan that the advice is on.
     pub turn: TurnDocument,
-    /// Lie of the part after that turn in words, such as `upside down`.
+    /// Pose of the part after that turn in words, such as `upside down`.
     pub lies: String,
 }
 
@@ -66,8 +66,8 @@ impl From<&AdvisedSetup> for AdvisedSetupDocument {
     }
 }
 
-/// Parameters with which the plan would measure more, tried on the model: views were chosen for them that the cell can take, and
-/// those of a further setup ordered.
+/// Parameters with which the plan would measure more, tried in simulation: views that the cell can reach were chosen for them,
+/// and those of a further setup were put in order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct AdviceDocument {
@@ -85,24 +85,24 @@ pub struct AdviceDocument {
     /// Turn into that pose from the first setup.
     #[serde(default)]
     pub turn: Option<TurnDocument>,
-    /// All setups of the advised plan, for `turn_over` where it leaves some of those of this plan and lies in others.
+    /// All setups of the advised plan; given for `turn_over` if it replaces setups of this plan.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setups: Vec<AdvisedSetupDocument>,
-    /// Number of views that were added in the trial, less those of setups that are left, and not below 0: an estimate of what a plan with
-    /// the parameters adds.
+    /// Estimated number of views that a plan with these parameters adds: those added in the trial, minus the views of setups that
+    /// it gives up; never below 0.
     pub added_views: usize,
-    /// Number of views of the plan with them: an estimate, too.
+    /// Estimated number of views of a plan with these parameters.
     pub views: usize,
-    /// Asked area that is measured in the trial, as far as the target asks for it, on the samples that views are chosen on: an
-    /// estimate, since a plan with the parameters chooses its views anew.
+    /// Asked area measured in the trial, as far as the target requires it, on the samples that views are chosen on. It is an
+    /// estimate, since a plan made with these parameters chooses its views anew.
     pub measured_area_mm2: f64,
     /// That area as a share of the asked area; `coverage.of_asked` is the share of this plan.
     pub of_asked: f64,
-    /// That area as a share of the area that is visible then: what the part stands on in one setup can be seen in the other.
+    /// That area as a share of the area that would then be visible: what the part stands on in one setup can be seen in another.
     pub of_visible: f64,
-    /// Estimated cycle time with the views that were added, s, often 10 to 20 % below that of a plan with the parameters, which chooses
-    /// its views anew: turning the part over is not counted, moves to more views of one setup are taken as straight, and each added view
-    /// as captured once. `null` without a cell.
+    /// Estimated cycle time with the added views, s; `null` without a cell. It is often 10 to 20 % below that of a plan made with
+    /// these parameters, which chooses its views anew: turning the part over is not counted, moves to further views of a setup
+    /// are taken as straight, and each added view is captured once.
     pub cycle_secs: Option<f64>,
     /// Names of the regions and features that miss their target now and would meet it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -5,8 +5,8 @@ use utoipa::ToSchema;
 
 use crate::planning::plan::{Coverage, RiskReason, share};
 
-/// Asked area that at least one chosen view measures in the simulation and that a real scan may lack. Figures are those of the
-/// samples that the views were chosen on.
+/// Asked area that at least one chosen view measures in the simulation but that may be missing from a real scan. Figures are
+/// those of the samples that the views were chosen on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct AtRiskDocument {

@@ -38,16 +38,17 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Measured share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
-    /// Measured area that a real scan may lack; it is not a figure of the headline. `null` in plans from before it was introduced.
+    /// Measured area that may be missing from a real scan; the headline does not show it. `null` in plans from before it was
+    /// introduced.
     #[serde(default)]
     pub at_risk: Option<AtRiskDocument>,
-    /// True in the plan of further views after a scan: what that left open is all that is asked for.
+    /// True in a plan of further views after a scan, in which only the area that the scan left open is asked for.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub of_open: bool,
     /// Area that is expected to be too dark or saturated; present where `params.materials` or `params.scan.brightness` asks for it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureLossDocument>,
-    /// Coverage of each region of interest and each feature, in this order, as in `params.regions`.
+    /// Coverage of each region of interest, then of each feature, in the order of `params.regions`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
     /// Coverage on an independent set of samples: the figure to quote. The other figures are slightly optimistic, because views
@@ -146,7 +147,8 @@ pub struct DrawnDocument {
     pub nominal: f64,
     /// Lowest share.
     pub worst: f64,
-    /// 5th percentile of the shares, linear between draws; of fewer than 20 draws a value between the two lowest, and no percentile.
+    /// 5th percentile of the shares, linear between draws; with fewer than 20 draws it is a value between the two lowest rather
+    /// than a percentile.
     pub p5: f64,
     /// Mean of the shares.
     pub mean: f64,

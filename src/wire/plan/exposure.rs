@@ -26,7 +26,7 @@ impl From<&ViewExposure> for ViewExposureDocument {
     }
 }
 
-/// Asked area that some view sees and that is expected to be too dark or saturated in all that do.
+/// Asked area that some view sees, but that is expected to be too dark or saturated in every view that sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ExposureLossDocument {
@@ -34,9 +34,10 @@ pub struct ExposureLossDocument {
     pub dark_area_mm2: f64,
     /// Area that is saturated in some view.
     pub saturated_area_mm2: f64,
-    /// Both as a share of the asked area.
+    /// Dark and saturated area together, as a share of the asked area.
     pub of_asked: f64,
-    /// Part of both that counts as measured above, since a level by itself would do, and its views are captured at others.
+    /// Part of the dark and saturated area that nevertheless counts as measured: some level would suit it, but its views are
+    /// captured at others.
     pub of_measured_area_mm2: f64,
     /// True if the scanner's specification has no `exposure`, so that its levels were assumed.
     pub levels_assumed: bool,

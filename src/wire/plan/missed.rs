@@ -79,9 +79,9 @@ pub struct RemedyDocument {
 pub struct RemedyViewDocument {
     /// Number of the candidate that the view was made from.
     pub candidate: u32,
-    /// Rotation about the viewing axis against that candidate.
+    /// Rotation about the viewing axis relative to that candidate.
     pub roll_deg: f64,
-    /// Angle between the viewing axes of the two.
+    /// Angle between the viewing axes of the view and that candidate.
     pub tilt_deg: f64,
     /// Depth of the spot's centre along the viewing axis.
     pub standoff_mm: f64,

@@ -17,7 +17,7 @@ pub struct MotionDocument {
     pub cycle_secs: f64,
     /// Time of all moves, s.
     pub moving_secs: f64,
-    /// Part of that time in which the table turns, s.
+    /// Part of `moving_secs` in which the table turns, s.
     #[serde(default)]
     pub turning_secs: f64,
     /// Time spent waiting for everything to stand still, s.
@@ -30,12 +30,12 @@ pub struct MotionDocument {
     /// roll, s.
     #[serde(default)]
     pub ordered_secs: f64,
-    /// Lower bound on `ordered_secs`, over all orders and all choices among the stations considered, s: moves count as they were found,
-    /// straight where none was looked for. It bounds that first tour alone; the order as it is carried out is proven optimal where
-    /// `moving_secs` equals `moving_secs_lower`, within 0.005 s or 0.01 %. 0 if it was not computed.
+    /// Lower bound on `ordered_secs`, over all orders and all choices among the stations considered, s: each move counts as it
+    /// was found, or as straight if no path was searched for. It bounds only that first tour; the order that is executed is
+    /// proven optimal if `moving_secs` equals `moving_secs_lower` to within 0.005 s or 0.01 %. 0 if it was not computed.
     #[serde(default)]
     pub ordered_secs_lower: f64,
-    /// Lower bound on `moving_secs`, for the same stations in any order, if every move were straight, s.
+    /// Lower bound on `moving_secs`: the same stations in the best order, if every move were straight, s.
     pub moving_secs_lower: f64,
 }
 
@@ -60,7 +60,7 @@ impl MotionDocument {
     }
 }
 
-/// Two bodies whose collision keeps the cell from candidates.
+/// Two bodies whose collision keeps the cell from reaching candidates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ObstructionDocument {

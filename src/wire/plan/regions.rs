@@ -53,7 +53,7 @@ pub struct RegionCoverageDocument {
     /// plans from before it was introduced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub independent_samples: Option<usize>,
-    /// Measured share of the asked area on these samples: the figure to trust.
+    /// Measured share of the asked area on these independent samples: the figure to trust.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub independent_of_asked: Option<f64>,
     /// Standard error of `independent_of_asked`.

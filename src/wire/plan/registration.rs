@@ -14,10 +14,10 @@ use crate::wire::words::freedom;
 pub struct StabilityDocument {
     /// Area that both measure.
     pub shared_area_mm2: f64,
-    /// True if the shared surface fixes all six freedoms.
+    /// True if the shared surface constrains all six degrees of freedom.
     pub fixed: bool,
-    /// Resistance to the weakest motion: the mean square by which the shared surface moves along its normals when it makes that
-    /// motion by 1, turns measured at the radius of the part. Fixed is 0.01 and more.
+    /// Resistance to the weakest motion: the mean square displacement of the shared surface along its normals per unit of that
+    /// motion, with rotations measured at the radius of the part. At 0.01 or more, all degrees of freedom count as constrained.
     pub resistance: f64,
     /// The weakest motion in words, with its axis in the part frame.
     pub weakest: String,
@@ -37,8 +37,7 @@ pub struct SetupLinkDocument {
     pub stability: StabilityDocument,
 }
 
-/// The two views of a setup that would be registered to each other worst. Views of one setup share the table's frame, so this is
-/// information.
+/// The weakest link between two views of a setup. Views of one setup share the table's frame, so this is for information only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ViewLinkDocument {

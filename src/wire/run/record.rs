@@ -48,7 +48,7 @@ pub struct RunStepRecord {
     pub commanded: ConfigurationDocument,
     /// Joints and table angle where it ended, as measured.
     pub measured: ConfigurationDocument,
-    /// Largest distance of an axis from its command, degrees.
+    /// Largest deviation of an axis from its command, degrees.
     pub axis_deviation_deg: f64,
     /// Angle between the optical axis as measured and as commanded, degrees.
     pub optical_axis_deviation_deg: f64,
@@ -72,7 +72,7 @@ pub struct RunStepRecord {
 pub struct RunCoverage {
     /// Share of the asked area that the plan says the setup measures.
     pub planned_of_asked: f64,
-    /// Share of it that the scans measure from the measured poses.
+    /// Share of the asked area that the scans measure from the measured poses.
     pub measured_of_asked: f64,
 }
 

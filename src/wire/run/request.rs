@@ -23,7 +23,7 @@ pub struct RunRequest {
     #[serde(default)]
     #[schema(maximum = 3)]
     pub setup: usize,
-    /// Mode: things that it moves. Default `simulate`.
+    /// Mode: what the run moves. Default `simulate`.
     #[serde(default = "default_mode")]
     pub mode: RunMode,
     /// Share of the program's speed at which it moves, 0.01 to 1. Default 1; the first live run is capped by the cell file.
@@ -41,11 +41,11 @@ pub struct RunRequest {
     #[serde(default)]
     #[schema(maximum = 1_000_000)]
     pub from_step: usize,
-    /// True to take the first capture once more, before its step, and to wait for where the part lies (`POST /runs/{id}/located`).
-    /// Default false.
+    /// True to begin with a locating scan: an additional capture at the first viewpoint, after which the run waits to be told
+    /// where the part lies (`POST /runs/{id}/located`). Default false.
     #[serde(default)]
     pub locate: bool,
-    /// Temperature in the cell, °C, -50 to 100: a calibration that holds at another one alone is refused.
+    /// Temperature in the cell, °C, -50 to 100. A calibration that is valid only at other temperatures is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = -50, maximum = 100)]
     pub temperature_c: Option<f64>,
@@ -98,7 +98,7 @@ impl RunRequest {
     }
 }
 
-/// Release of motion by the operator, at the cell. Unknown fields are refused.
+/// Release of motion by the operator at the cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ArmRequest {
@@ -125,7 +125,7 @@ impl ArmRequest {
     }
 }
 
-/// A speed for a run that is under way; it holds from the next segment on. Unknown fields are refused.
+/// Speed of a run that is under way; it takes effect with the next segment. Unknown fields are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct OverrideRequest {

@@ -33,7 +33,7 @@ impl ConfigurationDocument {
     }
 }
 
-/// Measured state of a run at a moment; `live` among its events. Samples are not stored: the latest can be replayed.
+/// Measured state of a run at one moment; the event `live`. Samples are not stored: the latest can be replayed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RunSample {
     /// Id of the run.
@@ -42,7 +42,7 @@ pub struct RunSample {
     pub sequence: u64,
     /// State of the run.
     pub state: ReportedState,
-    /// Time since the session began, s; of a real clock in every mode.
+    /// Time since the session began, s, by a real clock in every mode.
     pub elapsed_secs: f64,
     /// Step that it is at, from 0.
     pub step: usize,
@@ -50,6 +50,6 @@ pub struct RunSample {
     pub measured: ConfigurationDocument,
     /// Measured pose of the scanner in the base frame.
     pub base_from_scanner: PoseSpec,
-    /// Largest distance of an axis from where it was sent last, degrees.
+    /// Largest deviation of an axis from where it was last sent, degrees.
     pub deviation_deg: f64,
 }

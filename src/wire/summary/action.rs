@@ -13,25 +13,25 @@ use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
 use crate::wire::words::{counted, fixed, percents_apart};
 
-/// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
-/// spots. Of a plan that pose errors cost no less than that would gain: the choice of views that stand them, and of one whose home is
-/// blocked: another home, whose effects are not estimated.
+/// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of a group of
+/// missed spots. If pose errors cost the plan at least as much, it is to choose views that tolerate them; if the home of the cell
+/// is blocked, it is another home. The effects of these two are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
-    /// Action in one sentence, with the options that set its parameters and the effect that was tried.
+    /// Action in one sentence, with the options that set its parameters and its estimated effect.
     pub text: String,
-    /// Parameters to set, by their dotted names; empty if no parameter of this plan asks for it.
+    /// Parameters to set, by their dotted names; empty if no parameter of this plan does it.
     pub set: BTreeMap<String, Value>,
-    /// Options of the command line that set them; `null` if there are none.
+    /// Command-line options that set these parameters; `null` if there are none.
     pub command: Option<String>,
     /// Measured share of the asked area now, on the samples that views are chosen on.
     pub from_of_asked: f64,
     /// Share that it is estimated to give, on the same samples: a plan with the parameters chooses its views anew. Where no effect
     /// is estimated, the share now.
     pub to_of_asked: f64,
-    /// Number of views that it adds: of advice on the whole plan an estimate, of a fix of missed spots an upper bound;
-    /// 0 where no effect is estimated.
+    /// Number of views that it adds: an estimate for advice on the whole plan, an upper bound for a fix of missed spots, and 0 if
+    /// no effect is estimated.
     pub added_views: usize,
     /// Estimated change of the cycle time, s; turning the part over is not counted. `null` without a cell, or if it is not known.
     pub added_cycle_secs: Option<f64>,

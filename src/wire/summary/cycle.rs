@@ -20,7 +20,7 @@ const ALIKE_SECS: f64 = 0.05;
 pub struct CycleParts {
     /// Time of all moves, s.
     pub moving_secs: f64,
-    /// Part of that time in which the table turns, s.
+    /// Part of `moving_secs` in which the table turns, s.
     pub turning_secs: f64,
     /// Time spent waiting for everything to stand still, s.
     pub settling_secs: f64,
@@ -34,13 +34,13 @@ pub struct CycleParts {
 pub struct ProgramCycle {
     /// Dialect of the robot's controller.
     pub dialect: Dialect,
-    /// Predicted cycle time of the program in it, s: what the program's header says.
+    /// Predicted cycle time of the program in that dialect, s, as stated in its header.
     pub cycle_secs: f64,
-    /// Parameters with which the plan's own motion is that of the program; empty if it is already.
+    /// Parameters with which the plan's own motion matches that of the program; empty if it already does.
     pub set: BTreeMap<String, Value>,
-    /// Options of the command line that set them; `null` if there are none.
+    /// Command-line options that set these parameters; `null` if there are none.
     pub command: Option<String>,
-    /// Work that the integrator has to do before the program's first run, in a clause; `null` if its file runs as it is.
+    /// Work that the integrator must do before the first run of the program, in a clause; `null` if its file runs as it is.
     #[serde(default)]
     pub before_first_run: Option<String>,
 }

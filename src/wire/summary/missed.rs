@@ -41,8 +41,8 @@ pub struct MissedGroup {
     pub area_mm2: f64,
     /// That area as a share of the asked area.
     pub of_asked: f64,
-    /// Kind of the fix: `none` if none was found, `null` if none was searched for, since larger spots come first, or if the spots are
-    /// missed since the home of the cell is blocked, whose remedy comes before any other.
+    /// Kind of the fix: `none` if none was found; `null` if none was searched for, because larger spots come first, or because
+    /// the home of the cell is blocked, which has to be fixed before anything else.
     pub fix: Option<RemedyKind>,
     /// True if the fix was simulated and measures at least 90 % of each of the spots.
     pub fix_known: bool,
@@ -50,9 +50,9 @@ pub struct MissedGroup {
     pub fix_text: String,
     /// Part of the missed area that the fix measures.
     pub recovers_mm2: f64,
-    /// Number of views that the fix adds at most: one or more for each spot, where one often does for several.
+    /// Upper bound on the number of views that the fix adds: one or more for each spot, although one view often does for several.
     pub added_views: usize,
-    /// Parameters that ask for the fix, by their dotted names; empty if no parameter of this plan does.
+    /// Parameters that apply the fix, by their dotted names; empty if no parameter of this plan does.
     pub set: BTreeMap<String, Value>,
     /// Group in one sentence, with the options that set the parameters.
     pub text: String,

@@ -70,5 +70,5 @@ fn a_part_that_was_put_elsewhere_is_found_and_compared() {
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let ended = run(&[&["compare", &other_plan, &scans, "--after", &inspection, "--out", &out][..], &of_finer].concat());
     assert_eq!(ended.code, Some(2), "{}", ended.err);
-    assert!(ended.err.contains("is of another part"), "{}", ended.err);
+    assert!(ended.err.contains("is from another part"), "{}", ended.err);
 }

@@ -95,7 +95,7 @@ fn every_command_has_a_manual_page() {
 #[test]
 fn parameters_and_presets_are_listed() {
     let all = run(&["params"]).out;
-    assert!(all.contains("motion.clearance_mm = 5.0    (1 to 200 mm)\n    Smallest distance between moving"), "{all}");
+    assert!(all.contains("motion.clearance_mm = 5.0    (1 to 200 mm)\n    Minimum distance that moving"), "{all}");
     let group = run(&["params", "selection"]).out;
     assert!(group.starts_with("selection.solver = ") && !group.contains("motion."), "{group}");
     let unknown = run(&["params", "selection.targit"]);
