@@ -59,7 +59,7 @@ export function CalibrationList() {
 }
 
 function NewCalibration() {
-  const { value: names } = useLoaded(namesOf, []);
+  const { value: names, error } = useLoaded(namesOf, []);
   const file = useSignal<File | null>(null);
   const [cell, setCell] = useState("");
   const [solve, setSolve] = useState("joint");
@@ -76,7 +76,7 @@ function NewCalibration() {
       return hrefOf(["calibrations", made.id]);
     });
   };
-  if (!names) return null;
+  if (!names) return error ? <p class="problem" role="alert">{error}</p> : null;
   return (
     <details class="group">
       <summary>{words.create}</summary>
@@ -112,11 +112,11 @@ export function CalibrationView({ id }: { id: string }) {
         {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/report`} target="_blank" rel="noopener">{text.job.report}</a>}
         {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/result`} download={`calibration-${id}.json`}>{words.download}</a>}
       </div>
-      {isOpen(job) && <p class="soft" role="status">{text.states[job.state]} …</p>}
-      {job.problem && <p class="problem">{[job.problem.title, job.problem.detail, ...job.problem.errors.map(({ pointer, detail }) => `${pointer}: ${detail}`)].filter(Boolean).join("\n")}</p>}
+      {isOpen(job) && <p class="soft" role="status">{text.states[job.state]}…</p>}
+      {job.problem && <p class="problem" role="alert">{[job.problem.title, job.problem.detail, ...job.problem.errors.map(({ pointer, detail }) => `${pointer}: ${detail}`)].filter(Boolean).join("\n")}</p>}
       <UnitNote of={[job.problem?.detail, ...(job.problem?.errors ?? []).map(({ detail }) => detail)]} />
       <Verdict job={job} />
-      {result && <Result job={job} result={result} />}
+      {result ? <Result job={job} result={result} /> : isDone && <Pending />}
     </section>
   );
 }
@@ -182,7 +182,7 @@ function Adopt({ job }: { job: CalibrationJob }) {
       {replaced !== null && (
         <Dialog title={words.adopt} onClose={() => setReplaced(null)}>
           <p>{words.replaceSure(name)}</p>
-          <p class="actions"><Button kind="danger" onClick={() => save(replaced)}>{words.replace}</Button><Button onClick={() => setReplaced(null)}>{text.close}</Button></p>
+          <p class="actions"><Button kind="danger" onClick={() => save(replaced)}>{words.replace}</Button><Button onClick={() => setReplaced(null)}>{text.jobs.cancel}</Button></p>
         </Dialog>
       )}
     </div>

@@ -211,7 +211,7 @@ function Steps({ timeline, at, onStep }: { timeline: Timeline; at: number; onSte
     if (holder && item) holder.scrollTop = item.offsetTop - holder.offsetTop - holder.clientHeight / 2;
   }, [at]);
   return (
-    <ol class="steps" ref={list}>
+    <ol class="steps" ref={list} aria-label={words.steps}>
       {timeline.spans.map((span) => (
         <li key={span.step} class={span.step === at ? "now" : ""}>
           <button type="button" class="row" aria-current={span.step === at ? "step" : undefined} onClick={() => onStep(span.step)}>

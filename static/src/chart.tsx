@@ -86,8 +86,8 @@ export function Chart(props: Props) {
 }
 
 /** Plot in words, for readers who do not see it. */
-function summary({ title, lines, percent }: Props): string {
-  const show = (value: number): string => (percent ? `${(100 * value).toFixed(1)} %` : value.toPrecision(4));
+function summary({ title, lines, percent, yLabel }: Props): string {
+  const show = (value: number): string => (percent ? `${(100 * value).toFixed(1)} %` : `${value.toPrecision(4)} ${yLabel}`);
   const ends = lines.filter((line) => !line.isFaint).map((line) => {
     const values = line.values.filter((value): value is number => value !== null);
     return values.length ? `${line.label}: ${show(values[0]!)} to ${show(values.at(-1)!)}` : line.label;

@@ -13,7 +13,7 @@ import { apiDocument, changesOf } from "./schema";
 import { area, goTo, hrefOf, percent, points, when } from "./settings";
 import { PartMesh, Stage, STANDARD_VIEWS } from "./stage";
 import { text } from "./text";
-import { Button, Select, Swatch, useLoaded } from "./widgets";
+import { Button, Pending, Select, Swatch, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.compare;
@@ -33,6 +33,7 @@ function PartView({ drawn, paint, label, name, onStage, children }: {
   children?: ComponentChildren;
 }) {
   const [stage, setStage] = useState<Stage | null>(null);
+  const [problem, setProblem] = useState("");
   const box = useRef<Box3 | null>(null);
   useEffect(() => {
     if (!stage) return;
@@ -42,9 +43,9 @@ function PartView({ drawn, paint, label, name, onStage, children }: {
       stage.scene.add(part.mesh);
       box.current = part.box;
       stage.look(part.box, STANDARD_VIEWS.iso!);
-    });
+    }, (error: Error) => setProblem(error.message));
   }, [stage]);
-  return <View3d label={label} name={name} box={() => box.current} onStage={(made) => { setStage(made); onStage(made); }}>{children}</View3d>;
+  return <View3d label={label} name={name} box={() => box.current} onStage={(made) => { setStage(made); onStage(made); }}>{problem && <p class="problem" role="alert">{problem}</p>}{children}</View3d>;
 }
 
 /** Which of two plans measure a face, by its bytes; a face is not asked for where neither asks for it. */
@@ -114,7 +115,7 @@ function SettingsTable({ sides }: { sides: [Side, Side] }) {
   const show = (value: unknown): string => (value === undefined ? text.create.default : JSON.stringify(value).slice(0, 120));
   if (names.length === 0) return <p class="soft">{words.same}</p>;
   return (
-    <table><tbody>{names.map((name) => <tr key={name}><th scope="row"><code>{name}</code></th><td><code>{show(one[name])}</code></td><td><code>{show(two[name])}</code></td></tr>)}</tbody></table>
+    <table><thead><tr><td /><th scope="col">{words.first}</th><th scope="col">{words.second}</th></tr></thead><tbody>{names.map((name) => <tr key={name}><th scope="row"><code>{name}</code></th><td><code>{show(one[name])}</code></td><td><code>{show(two[name])}</code></td></tr>)}</tbody></table>
   );
 }
 
@@ -194,6 +195,7 @@ export function Compare({ first: one, second: two }: { first: string; second: st
         {listed.value?.token && <Button onClick={listMore}>{text.jobs.older}</Button>}
       </div>
       {error && <p class="problem" role="alert">{error}</p>}
+      {!value && !error && (first && second ? <Pending /> : <p class="empty">{words.pickTwo}</p>)}
       {value && <Pair key={value.map(({ job }) => job.id).join()} sides={value} />}
     </section>
   );

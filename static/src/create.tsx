@@ -50,11 +50,13 @@ async function boundsOf(choice: Choice): Promise<Bounds> {
 
 function verdictOf(size: number[], { field, plate }: Bounds): { fits: boolean; words: string } {
   const longest = Math.max(...size);
-  const [small, middle] = [...size].sort((a, b) => a - b) as [number, number, number];
+  const [, middle] = [...size].sort((a, b) => a - b) as [number, number, number];
+  // Not known yet, or not to be read.
+  if (!field && !plate) return { fits: true, words: text.none };
   if (field && longest < SMALLEST_OF_FIELD * Math.max(...field)) return { fits: false, words: text.create.tiny };
   // On its largest face, the part's foot print is its two longest edges.
   const foot = Math.hypot(longest, middle);
-  const isTooLarge = plate ? foot > plate.plate_diameter_mm : field ? longest > 150 * Math.max(...field) : small > 1e5;
+  const isTooLarge = plate ? foot > plate.plate_diameter_mm : longest > 150 * Math.max(...field!);
   return isTooLarge ? { fits: false, words: text.create.fitsNot } : { fits: true, words: text.create.fits };
 }
 
@@ -207,16 +209,17 @@ function Lying({ shape, down }: { shape: Preview; down: [number, number, number]
 
 /** The ways in which the part can stand, a picture each. */
 function StableList({ shape, at, onPlace }: { shape: Preview; at: Placement | null; onPlace: (place: Placement) => void }) {
-  const { value } = useLoaded(() => stablePoses(shape.positions), [shape]);
+  const { value, error } = useLoaded(() => stablePoses(shape.positions), [shape]);
   const words = text.create;
   const isChosen = (down: [number, number, number]): boolean => {
     const { roll, pitch } = turned(down);
     return at !== null && Math.abs(at.roll - roll) < 0.01 && Math.abs(at.pitch - pitch) < 0.01;
   };
+  if (error) return <p class="problem" role="alert">{error}</p>;
   if (!value) return <Pending />;
   if (value.length === 0) return <p class="soft">{words.noStable}</p>;
   return (
-    <ul class="poses" aria-label={words.stable}>
+    <ul class="poses scroll" aria-label={words.stable}>
       {value.map(({ down, share }, i) => (
         <li key={down.join()}><button type="button" aria-pressed={isChosen(down)} onClick={() => onPlace({ ...AS_IN_FILE, ...turned(down) })}>
           <Lying shape={shape} down={down} /><span>{words.pose(i + 1, percent(share, 0))}</span></button></li>
@@ -243,7 +246,8 @@ function PlacementForm({ at, isStated, onPlace, shape, note }: {
       {note && <p class="warning">{note}</p>}
       <label class="check"><input type="checkbox" checked={at === null} onChange={(event) => onPlace(event.currentTarget.checked ? null : AS_IN_FILE)} />{words.placeAuto}</label>
       <h3>{words.stable}</h3>
-      {isOpen && <StableList shape={shape} at={at} onPlace={onPlace} />}
+      {/* The poses come late: their room is there before them, so that nothing below moves under the pointer. */}
+      <div class="stable">{isOpen && <StableList shape={shape} at={at} onPlace={onPlace} />}</div>
       <h3>{words.placeHand}</h3>
       <p class="soft">{words.placingHint}</p>
       <p class="actions" role="group" aria-label={words.sides}>
@@ -333,7 +337,7 @@ function Files({ entries, unit, bounds, onFiles, onUpload, onDrop }: {
             {entry.mesh && <span class="good"> ✓ {percent(1, 0)}</span>}
             {!entry.mesh && unit && entry.share === 0 && <Button onClick={() => onUpload(entry)}>{text.create.upload}</Button>}
             {" "}<Button onClick={() => onDrop(entry)} aria-label={text.create.drop1(entry.file.name)}>×</Button>
-            {entry.problem && <p class="problem">{entry.problem}</p>}
+            {entry.problem && <p class="problem" role="alert">{entry.problem}</p>}
           </li>
         ))}
       </ul>
@@ -383,8 +387,8 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
   const [base, setBase] = useState<Base | null>(null);
   const offered = offeredBy(set);
   const [bounds, setBounds] = useState<Bounds>({ field: null, plate: null });
-  const { value: api } = useLoaded(apiDocument, []);
-  const { value: names } = useLoaded(namesOf, []);
+  const { value: api, error: noApi } = useLoaded(apiDocument, []);
+  const { value: names, error: noNames } = useLoaded(namesOf, []);
 
   const replace = (entry: Entry, change: Partial<Entry>): void => {
     entries.value = entries.value.map((other) => (other.file === entry.file ? { ...other, ...change } : other));
@@ -516,6 +520,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
           </>
         )}
         {meshShown && <Health mesh={meshShown} />}
+        {(noApi || noNames) && <p class="problem" role="alert">{noApi || noNames}</p>}
         {names && choice.value.cell && <HardwareForm choice={choice} names={names} />}
         {shape && (base || unit.value) && <PlacementForm at={at} isStated={place.value === null && at !== null} onPlace={setPlace} shape={shape}
           note={entries.value.length > 1 ? text.create.placeMany(first!.file.name) : ""} />}
@@ -529,7 +534,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
         )}
         <p class="actions sticky">
           <Button kind="primary" disabled={!canStart} onClick={() => whileSending(() => goToMade(start))}>{entries.value.length > 1 ? text.create.startAll(entries.value.length) : text.create.start}</Button>
-          {fault && <span class="soft">{fault}</span>}
+          {fault && <span class="soft" role="status">{fault}</span>}
         </p>
       </div>
       {shape && <div class="look"><Look shape={shape} scale={scale} bounds={bounds} place={at ?? AS_IN_FILE} /></div>}

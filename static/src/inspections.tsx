@@ -99,7 +99,7 @@ export function InspectionView({ id }: { id: string }) {
   return (
     <section class="runs inspection" aria-labelledby="inspection-title" data-state={job.state}>
       <Head job={job} planned={planned} onChange={reload} />
-      {result && <Result job={job} planned={planned} result={result} />}
+      {result ? <Result job={job} planned={planned} result={result} /> : isDone && <Pending />}
     </section>
   );
 }
@@ -213,7 +213,7 @@ const MAX_VIEWS = 1000;
 /** Asks for a plan of what is missing, and shows what was asked for before. */
 function Rescan({ job, isFitting }: { job: InspectionJob; isFitting: boolean }) {
   const [views, setViews] = useState(4);
-  const { value, reload } = useLoaded(() => askPages<Job>(`/jobs?label=${encodeURIComponent(`${RESCAN_OF}=${job.id}`)}`), [job.id]);
+  const { value, error, reload } = useLoaded(() => askPages<Job>(`/jobs?label=${encodeURIComponent(`${RESCAN_OF}=${job.id}`)}`), [job.id]);
   useEffect(() => value?.items.forEach((item) => { if (!jobSignal(item.id)) keepJob(item); }), [value]);
   const start = async (): Promise<void> => {
     const made = await post<Job>(`/inspections/${job.id}/rescans`, { params: { max_views: views } });
@@ -223,7 +223,7 @@ function Rescan({ job, isFitting }: { job: InspectionJob; isFitting: boolean }) 
   const made = (value?.items ?? []).map((item) => jobSignal(item.id)?.value ?? item);
   return (
     <div class="next rescan">
-      <span>{isFitting ? words.rescanHint : words.noRescan}
+      <span>{isFitting ? words.rescanHint : words.noRescan}{error && <span class="problem"> {error}</span>}
         {made.map((item) => (
           <span key={item.id} class="made"><br /><a href={hrefOf(["jobs", item.id])}>{words.rescanJob(when(item.created_at))}</a> <StateMark job={item} />
             {item.summary && <span class="soft"> {item.summary.views_text}</span>}
@@ -486,8 +486,8 @@ function Before({ job, planned, result }: { job: InspectionJob; planned: Job; re
     return { rounds, results, maps: await Promise.all(rounds.map(faceMapOf)) };
   }, [job.id]);
   const isLater = result.coverage.measured_in_all_of_asked > result.coverage.measured_of_asked + 1e-9;
-  if (error) return <p class="soft">{words.beforeGone}</p>;
-  if (!value) return isLater && !planned.labels[RESCAN_OF] ? <p class="soft">{words.beforeUnknown}</p> : null;
+  if (error) return <p class="soft">{words.beforeGone} {error}</p>;
+  if (!value) return planned.labels[RESCAN_OF] ? <Pending /> : isLater ? <p class="soft">{words.beforeUnknown}</p> : null;
   const [one, two] = value.results.slice(-2) as [Inspection, Inspection];
   const causes = [...new Set([...one.losses, ...two.losses].map(({ cause }) => cause))];
   const lost = (of: Inspection, cause: string): number => of.losses.find((loss) => loss.cause === cause)?.of_asked ?? 0;

@@ -133,7 +133,7 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
     <div class="jobview">
       <Head job={job} tab={tab} />
       <div role="tabpanel" aria-label={text.job.tabs[tab as "plan"]} class="panel">
-        {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty">{job.state === "succeeded" ? text.loading : job.state === "cancelled" ? text.job.wasCancelled : text.job.pending(text.states[job.state] ?? job.state)}</p>}
+        {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty" role="status">{job.state === "succeeded" ? text.loading : job.state === "cancelled" ? text.job.wasCancelled : text.job.pending(text.states[job.state] ?? job.state)}</p>}
         {job.state === "failed" && tab !== "results" && <Lazy key={`failure${id}`} load={async () => (await import("./failure")).Failure} props={{ job }} />}
         {isReady && tab === "plan" && <Lazy key={`plan${id}`} load={async () => (await import("./plan")).PlanView} props={props} />}
         {isReady && tab === "cell" && <Lazy key={`cell${id}`} load={async () => (await import("./cell")).CellView} props={props} />}

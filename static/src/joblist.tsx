@@ -7,7 +7,7 @@ import {
 } from "./jobs";
 import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, Dialog, goToMade, guarded, message, Select } from "./widgets";
+import { Button, ConfirmButton, Dialog, goToMade, guarded, message, Pending, Select } from "./widgets";
 import { dropped } from "./dropped";
 
 /** Label under which a job of further views names the inspection that it follows. */
@@ -172,7 +172,7 @@ export function LabelsDialog({ job, onClose }: { job: Job; onClose: () => void }
       <label><span>{text.jobs.labelsHint}</span>
         <textarea rows={5} value={lines.value} onInput={(event) => { lines.value = event.currentTarget.value; }} />
       </label>
-      <p class="actions"><Button kind="primary" onClick={save}>{text.jobs.save}</Button><Button onClick={onClose}>{text.close}</Button></p>
+      <p class="actions"><Button kind="primary" onClick={save}>{text.jobs.save}</Button><Button onClick={onClose}>{text.jobs.cancel}</Button></p>
     </Dialog>
   );
 }
@@ -308,6 +308,7 @@ export function JobList() {
         <a class="button primary" href={hrefOf(["new"])}>{text.nav.create}</a>
       </div>
       <Chosen ids={chosen.value.filter((id) => shown.includes(id))} onDone={() => { chosen.value = chosen.peek().filter(jobSignal); }} />
+      {!reached && ids.length === 0 && <Pending />}
       {reached && ids.length === 0 && <p id="empty" class="empty">{text.jobs.empty}</p>}
       {ids.length > 0 && shown.length === 0 && !isPart && <p class="empty">{text.jobs.noneFit}</p>}
       {isPart && <p class={shown.length ? "soft" : "empty"} role="status">{text.jobs.searched(ids.filter((id) => id >= reached.last).length)}</p>}
@@ -316,7 +317,7 @@ export function JobList() {
           <Row key={id} id={id} fits={fits} chosen={chosen.value.includes(id)} onChoose={choose} />
         ))}
       </ul>
-      <p class="soft" role="status">{text.jobs.listed(shown.length, ids.length)}</p>
+      <p class="soft" role="status">{reached && text.jobs.listed(shown.length, ids.length)}</p>
       {findMore.value && <Button onClick={findMore.value}>{text.jobs.olderFound}</Button>}
       {reached?.token && <button id="more" type="button" onClick={() => void guarded(listMore)}>{text.jobs.older}</button>}
     </section>

@@ -16,7 +16,7 @@ import { lyingBox, OPEN, painter, PlanScene, sectionAt, type Colouring, type Sec
 import { matrixOf } from "./poses";
 import { Stage, type PointerPick } from "./stage";
 import { text } from "./text";
-import { Button, known, Pending, Select, Slider, Tabs, useLoaded } from "./widgets";
+import { Button, known, message, Pending, Select, Slider, Tabs, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 import type { Hit, Judgement, Scores } from "./worker";
 
@@ -68,7 +68,7 @@ function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
     const views = all.filter((view) => view.isUsed);
     state.computing.value = 0;
     const made = await tracer.score({ optics: model.optics, views: views.map((view) => view.pose), plates: views.map((view) => plateOf(model, view)) },
-      (share) => { state.computing.value = share; });
+      (share) => { state.computing.value = share; }).catch((error: Error) => { [message.value, state.computing.value] = [error.message, null]; return null; });
     if (!made) return;
     batch(() => {
       state.computing.value = null;

@@ -210,7 +210,8 @@ export function MissesPanel({ state, onSpot }: { state: Plan3d; onSpot: (spot: S
   const fixes = (job.summary?.missed ?? []).filter((group) => Object.keys(group.set).length > 0);
   const spots = useMemo(() => missed.missed.flatMap(({ reason, listing }) => listing.map((spot) => ({ reason, spot })))
     .sort((a, b) => b.spot.area_mm2 - a.spot.area_mm2).slice(0, MAX_SPOTS), [missed]);
-  if (spots.length === 0) return <p class="good">{words.noMisses}</p>;
+  const all = missed.missed.reduce((sum, { listing }) => sum + listing.length, 0);
+  if (all === 0) return <p class="good">{words.noMisses}</p>;
   return (
     <div>
       {fixes.length > 0 && <h3>{words.fixes}</h3>}
@@ -220,7 +221,7 @@ export function MissesPanel({ state, onSpot }: { state: Plan3d; onSpot: (spot: S
             {" "}{group.fix_text} ({area(group.recovers_mm2)}) <Remedy job={job} label={text.job.apply} set={group.set} /></li>
         ))}
       </ul>
-      <h3>{words.misses}</h3>
+      <h3>{words.misses}{all > spots.length && ` (${spots.length} ${text.runs.of} ${all})`}</h3>
       <UnitNote of={spots.map(({ spot }) => spot.remedy?.text)} />
       <ul class="spots">
         {spots.map(({ reason, spot }, i) => (
@@ -269,7 +270,7 @@ export function RegionsPanel({ state }: { state: Plan3d }) {
       <p class="soft">{words.regionHint}</p>
       <Select label={words.regionKind} value={state.tool.value} onChange={(tool) => { clear(); state.tool.value = tool as RegionTool; }} options={Object.entries(words.kinds)} />
       {state.tool.value === "faces" ? <Slider label={words.sharp} min={1} max={90} value={state.sharp.value} show={`${state.sharp.value}°`} onInput={(value) => { state.sharp.value = value; }} />
-        : <Slider label={words.radius} min={0.5} max={40} step={0.5} value={state.radius.value} show={length(state.radius.value)} onInput={(value) => { state.radius.value = value; }} />}
+        : <Slider label={state.tool.value === "box" ? words.margin : words.radius} min={0.5} max={40} step={0.5} value={state.radius.value} show={length(state.radius.value)} onInput={(value) => { state.radius.value = value; }} />}
       {state.tool.value === "box" && state.box.value && <BoxFields state={state} box={state.box.value} />}
       <p><strong id="marked-area">{words.drawn(area(markedArea))}</strong> <Button onClick={clear}>{words.clear}</Button></p>
       <RegionUse draft={draft} />
@@ -286,7 +287,7 @@ function RegionUse({ draft }: { draft: Signal<RegionDraft> }) {
       <Select label={words.regionUse} value={draft.value.use} onChange={(use) => set({ use: use as RegionDraft["use"] })} options={Object.entries(words.uses)} />
       {draft.value.use === "interest" && (
         <>
-          <label><span>{words.regionName}</span><input type="text" value={draft.value.name} onInput={(event) => set({ name: event.currentTarget.value })} /></label>
+          <label><span>{words.regionName}</span><input type="text" placeholder={text.create.optional} value={draft.value.name} onInput={(event) => set({ name: event.currentTarget.value })} /></label>
           <Slider label={words.target} min={0} max={1} step={0.01} value={draft.value.target} show={percent(draft.value.target, 0)} onInput={(target) => set({ target })} />
         </>
       )}

@@ -69,9 +69,8 @@ export function ReachPanel({ stage, load }: { stage: Stage | null; load: () => P
         tableFromPart: { translation_mm: [-half, -half, 0], quaternion_xyzw: [0, 0, 0, 1] },
         meshes: Object.fromEntries(Object.entries(meshes).map(([id, mesh]) => [id, mesh.positions])) }, edge, setShare);
       setMap(found);
-      setShare(null);
       if (stage) { stage.scene.add(dome(found, model, edge)); stage.invalidate(); }
-    });
+    }).finally(() => setShare(null));
   };
   const of = (fate: number): number => map?.fates.filter((other) => other === fate).length ?? 0;
   return (

@@ -13,7 +13,7 @@ function nameOf(file: string): string {
 }
 
 export function Results({ job }: { job: Job }) {
-  const { value: api } = useLoaded(apiDocument, []);
+  const { value: api, error } = useLoaded(apiDocument, []);
   const changes = api && job.params ? Object.entries(changesOf(api, job.params)) : [];
   const path = (file: string): string => `${apiPath}/jobs/${job.id}/files/${file}`;
   return (
@@ -38,7 +38,7 @@ export function Results({ job }: { job: Job }) {
           ))}</tbody>
         </table>
         <h2>{text.results.settings}</h2>
-        {changes.length === 0 ? <p class="soft">{text.results.allDefault}</p> : (
+        {!api ? <p class="soft" role="status">{error || text.loading}</p> : changes.length === 0 ? <p class="soft">{text.results.allDefault}</p> : (
           <table><tbody>{changes.map(([name, value]) => <tr key={name}><th scope="row"><code>{name}</code></th><td><code>{JSON.stringify(value)}</code></td></tr>)}</tbody></table>
         )}
         {Boolean(job.regions?.length) && <><h2>{text.results.regions}</h2><div class="scroll" tabIndex={0} role="group" aria-label={text.results.regions}><RegionTable regions={job.regions!} /></div></>}

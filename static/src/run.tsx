@@ -33,6 +33,7 @@ export function RunList(_: object) {
       <h1 id="runs-title">{words.title}</h1>
       <p class="safety">{words.safety}</p>
       {error && <p class="problem" role="alert">{error}</p>}
+      {!value && !error && <Pending />}
       {value && value.items.length === 0 && <p class="empty">{words.empty}</p>}
       {value && value.items.length > 0 && (
         <table>
@@ -216,7 +217,7 @@ function targetOf(program: Program, step: number): number[] {
 }
 
 function LeaseBox({ run }: { run: Run }) {
-  const { value, reload } = useLoaded(() => ask<{ items: { cell: string; holder: string }[] }>("/leases"), [lease.value]);
+  const { value, error, reload } = useLoaded(() => ask<{ items: { cell: string; holder: string }[] }>("/leases"), [lease.value]);
   const [name, cell] = [useSignal(""), useSignal("")];
   const held = value?.items.find((item) => item.cell === run.cell);
   const isMine = lease.value?.cell === run.cell;
@@ -224,7 +225,7 @@ function LeaseBox({ run }: { run: Run }) {
   return (
     <fieldset>
       <legend>{words.lease}</legend>
-      <p id="lease-state">{isMine ? words.mine : held ? words.held(held.holder) : words.free}. <span class="soft">{words.noLease}</span></p>
+      <p id="lease-state" role="status">{isMine ? words.mine : held ? words.held(held.holder) : value ? words.free : error || text.loading} · <span class="soft">{words.noLease}</span></p>
       <label><span>{words.operator}</span><input type="text" name="operator" maxLength={128} value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
       {isToArm && <label><span>{words.armCell}</span><input type="text" name="cell" maxLength={128} autocomplete="off" value={cell.value} onInput={(event) => { cell.value = event.currentTarget.value; }} /></label>}
       <p class="actions">

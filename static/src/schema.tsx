@@ -13,7 +13,11 @@ export interface Schema {
 export interface Api { components: { schemas: Record<string, Schema> } }
 
 let asked: Promise<Api> | null = null;
-export const apiDocument = (): Promise<Api> => (asked ??= ask<Api>("/openapi.json"));
+export const apiDocument = (): Promise<Api> => (asked ??= ask<Api>("/openapi.json").catch((error: unknown) => {
+  // Asked again by the next reader of it.
+  asked = null;
+  throw error;
+}));
 
 /** Follows references; a choice between something and null is that something. */
 export function resolved(api: Api, schema: Schema): Schema {
@@ -40,7 +44,8 @@ interface FieldProps { api: Api; schema: Schema; name: string; value: unknown; o
 
 /** Range, default and unit, which descriptions end with. */
 function hint(schema: Schema, fallback: unknown): string {
-  const range = schema.minimum !== undefined && schema.maximum !== undefined ? `${schema.minimum} to ${schema.maximum}` : "";
+  const { minimum: from, maximum: to } = schema;
+  const range = from !== undefined && to !== undefined ? `${from} to ${to}` : from !== undefined ? `≥ ${from}` : to !== undefined ? `≤ ${to}` : "";
   const standard = fallback === undefined || fallback === null ? "" : `${text.create.default} ${JSON.stringify(fallback)}`;
   return [range, standard].filter(Boolean).join(" · ");
 }
@@ -78,8 +83,8 @@ function JsonField({ value, onChange, label, rows = 2 }: { value: unknown; onCha
   };
   return (
     <>
-      <textarea ref={field} aria-label={label} rows={rows} spellcheck={false} value={draft} onInput={(event) => take(event.currentTarget.value)} />
-      {problem && <span class="problem">{problem}</span>}
+      <textarea ref={field} aria-label={label} aria-invalid={problem !== ""} rows={rows} spellcheck={false} value={draft} onInput={(event) => take(event.currentTarget.value)} />
+      {problem && <span class="problem" role="alert">{problem}</span>}
     </>
   );
 }
@@ -105,9 +110,9 @@ function Numbers({ value, onChange, label, count }: { value: unknown; onChange: 
   );
 }
 
-function Checks({ choices, value, onChange }: { choices: string[]; value: string[]; onChange: (value: unknown) => void }) {
+function Checks({ choices, value, onChange, label }: { choices: string[]; value: string[]; onChange: (value: unknown) => void; label: string }) {
   return (
-    <span class="checks">
+    <span class="checks" role="group" aria-label={label}>
       {choices.map((choice) => (
         <label key={choice}><input type="checkbox" checked={value.includes(choice)} onChange={(event) => onChange(
           event.currentTarget.checked ? [...value, choice] : value.filter((other) => other !== choice))} />{choice}</label>
@@ -140,7 +145,7 @@ function Control(props: FieldProps) {
   }
   const items = schema.items && resolved(api, schema.items);
   if (type === "array" && items?.enum) {
-    return <Checks choices={items.enum.map(String)} value={(value ?? fallback ?? []) as string[]} onChange={onChange} />;
+    return <Checks choices={items.enum.map(String)} value={(value ?? fallback ?? []) as string[]} onChange={onChange} label={name} />;
   }
   const isFixed = schema.minItems !== undefined && schema.minItems === schema.maxItems && schema.minItems <= 7;
   if (type === "array" && isFixed && ["number", "integer"].includes(typeOf(items ?? {}))) {

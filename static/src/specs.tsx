@@ -60,14 +60,14 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
   const { value: loaded, error } = useLoaded(() => askVersion<Record<string, unknown>>(path), [path]);
   /** Tag of the version that this page stored last. */
   const [stored, setStored] = useState("");
-  const { value: api } = useLoaded(apiDocument, []);
+  const { value: api, error: noApi } = useLoaded(apiDocument, []);
   const draft = useSignal<Record<string, unknown> | null>(null);
   const [tab, setTab] = useState("form");
   const [saveAs, setSaveAs] = useState(item.name);
   const [said, setSaid] = useState("");
   const spec = draft.value ?? loaded?.value ?? null;
   const report = useCheck(spec);
-  if (error || !spec || !api) return <Pending error={error} />;
+  if (error || !spec || !api) return <Pending error={error || noApi} />;
   const etag = stored || loaded!.etag;
   const save = async (): Promise<void> => {
     const isSame = saveAs === item.name;

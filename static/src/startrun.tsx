@@ -38,7 +38,7 @@ export function StartRun({ job, setups, kind, setup = 0, timeFactor = DEMO_CLOCK
           {number(words.timeFactor, "time_factor", 1, 100)}
           {number(words.fromStep, "from_step", 0, 1e6)}
           <label class="check"><input type="checkbox" name="single_step" checked={given.value.single_step} onChange={(event) => set({ single_step: event.currentTarget.checked })} />{words.singleStep}</label>
-          <p class="actions"><Button kind="primary" onClick={start}>{text.job.run}</Button><Button onClick={() => { isOpen.value = false; }}>{text.close}</Button></p>
+          <p class="actions"><Button kind="primary" onClick={start}>{text.job.run}</Button><Button onClick={() => { isOpen.value = false; }}>{text.jobs.cancel}</Button></p>
         </Dialog>
       )}
     </>

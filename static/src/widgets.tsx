@@ -58,7 +58,7 @@ export function ConfirmButton({ label, sure, onConfirm, ...rest }: {
       {isOpen && (
         <Dialog title={label} onClose={close}>
           <p>{sure}</p>
-          <p class="actions"><Button kind="danger" onClick={() => onConfirm().then(close)}>{label}</Button><Button onClick={close}>{text.close}</Button></p>
+          <p class="actions"><Button kind="danger" onClick={() => onConfirm().then(close)}>{label}</Button><Button onClick={close}>{text.jobs.cancel}</Button></p>
         </Dialog>
       )}
     </>

@@ -725,9 +725,12 @@ async function batch() {
   await page.locator("select[name=unit]").selectOption("mm");
   await page.locator(".drop .problem").waitFor();
   await page.locator('.create input[placeholder^="key=value"]').fill("walk=batch");
+  // The buttons below the poses in which it stands are where they were before these appear.
+  const below = () => page.evaluate(() => [".placing .actions", ".placing > summary"].map((one) => document.querySelector(one).getBoundingClientRect().top).reduce((one, two) => Math.round(one - two)));
   await page.locator(".placing > summary").click();
-  // The poses in which it stands move the buttons below them as they appear.
+  const before = await below();
   await page.locator(".placing .poses li").first().waitFor();
+  assert.equal(await below(), before, "what is about to be clicked stays where it is");
   await page.locator(".placing .actions button", { hasText: "−Z up" }).click();
   await page.locator(".placing > summary", { hasText: "By hand" }).waitFor();
   await page.locator(".sticky button").click();
@@ -831,7 +834,7 @@ async function arm() {
   await tabTo("input[name=operator]");
   await page.keyboard.type("Ada");
   await press("Take the lease");
-  await page.locator("#lease-state", { hasText: "held by this page" }).waitFor();
+  await page.locator("#lease-state", { hasText: "Held by this page" }).waitFor();
   assert.ok(await speed.isEnabled());
   const button = page.getByRole("button", { name: "Arm", exact: true });
   assert.ok(await button.isDisabled(), "nothing is armed before the cell is named");
@@ -841,7 +844,7 @@ async function arm() {
   const [sent] = await Promise.all([page.waitForRequest(at("/arm\\?token=\\d+")), button.click()]);
   assert.deepEqual(sent.postDataJSON(), { cell: "as the operator writes it", operator: "Ada" });
   await press("Give it back");
-  await page.locator("#lease-state", { hasText: "nobody holds it" }).waitFor();
+  await page.locator("#lease-state", { hasText: "Nobody holds it" }).waitFor();
   await page.unrouteAll();
 }
 
@@ -911,7 +914,7 @@ async function failed({ mesh }) {
   const fix = page.locator(".faults a");
   await fix.waitFor();
   const shown = await page.locator(".failure").innerText();
-  for (const part of [job.problem.title, pointer, detail, "What to do next"]) assert.ok(shown.includes(part), part);
+  for (const part of [job.problem.title, pointer, detail, "Next steps"]) assert.ok(shown.includes(part), part);
   await check("failed");
   await tabTo(".faults a");
   await page.keyboard.press("Enter");

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-GLLIB77I.js";import"./chunk-WLVDOSYS.js";import"./chunk-B4ZPOX6I.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-3JXJJYJS.js";export{a as drawThumbnail,b as drawTurned};
