@@ -46,10 +46,30 @@ pub struct StudyArgs {
 #[derive(Debug, clap::Subcommand)]
 enum StudyCommand {
     /// Vary the weights of coverage (a) and quality (b): a = 1, 0.75, 0.5, 0.25, 0 with b = 1 - a.
+    #[command(
+        after_help = "Files written to --out: weights.csv, weights-coverage.svg, weights-grades.svg, and weights.html with all of them.
+
+Example:
+  vantage study weights part.stl --unit mm --at 10 --out study \\
+      --set candidates.even_directions=100"
+    )]
     Weights(SeriesArgs),
     /// Vary the incidence limits: cameras from 85° to 45°, projector 7.5° less.
+    #[command(
+        after_help = "Files written to --out: limits.csv, limits-coverage.svg, limits-grades.svg, and limits.html with all of them.
+
+Example:
+  vantage study limits part.stl --unit mm --scanner transcan-c-nominal \\
+      --out limits"
+    )]
     Limits(SeriesArgs),
     /// Compare the strategies that generate candidate viewpoints: each alone, then the configured mix.
+    #[command(after_help = "Files written to --out: candidates.csv, candidates-coverage.svg, candidates-grades.svg, and \
+candidates.html with all of them.
+
+Example:
+  vantage study candidates part.stl --unit mm --out candidates \\
+      --set selection.objective=coverage")]
     Candidates(SeriesArgs),
     /// Compare layouts of robot, table and scanner by the share of the viewing hemisphere that each reaches.
     Reach(reach::ReachArgs),
@@ -57,14 +77,6 @@ enum StudyCommand {
 
 /// Inputs of a study of views.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Files written to --out, named after the study: STUDY.csv, STUDY-coverage.svg, STUDY-grades.svg, and STUDY.html with \
-all of them.
-
-Example:
-  vantage study weights part.stl --unit mm --at 10 --out study \\
-      --set candidates.even_directions=100"
-)]
 struct SeriesArgs {
     /// Part to study: an STL, OBJ or PLY file.
     mesh: PathBuf,
