@@ -455,7 +455,8 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
             .collect();
         let weighting = Weighting::new(HandEyeSetup::EyeInHand, sigma);
         let limits = CheckLimits::default();
-        let check = Check { sightings: &sightings, calibrated: nominal, covariance: &covariance, weighting, limits };
+        let (calibrated, covariance, sigma_freedom) = (nominal, &covariance, None);
+        let check = Check { sightings: &sightings, calibrated, covariance, weighting, sigma_freedom, limits };
         let checked = check.check().expect("four poses");
         for planned in &plan.poses {
             let turned = |hand_eye: &Isometry3<f64>, table: &Isometry3<f64>| {

@@ -13,7 +13,7 @@ const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 180.0;
 /// Largest standard deviations that a calibration may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncertaintyLimits {
-    /// Max deviation of a shift along any axis; beyond it the motion was degenerate.
+    /// Max deviation of a shift in any direction; beyond it the motion was degenerate.
     pub max_mm: f64,
     /// Max deviation of a turn about any axis.
     pub max_rad: f64,
@@ -58,9 +58,9 @@ pub struct Observability {
     pub main_axis: Vector3<f64>,
     /// Direction that is known least; none if the observations leave an unknown open altogether.
     pub weakest: Option<Weakest>,
-    /// Largest standard deviation of a turn about an axis, rad; infinite if open.
+    /// Largest standard deviation of a turn about any axis, rad; infinite if open.
     pub turn_sd_rad: f64,
-    /// Largest standard deviation of a shift along an axis, mm.
+    /// Largest standard deviation of a shift in any direction, mm.
     pub shift_sd_mm: f64,
 }
 
@@ -70,8 +70,12 @@ impl Observability {
     #[must_use]
     pub fn new(frames: &[Isometry3<f64>], covariance: Option<&Matrix6<f64>>, lever_mm: f64) -> Self {
         let (spread_rad, main_axis) = spread(frames);
+        // Along any direction, not only along the axes of the frame, whose choice says nothing about the observations.
         let worst = |first: usize| {
-            covariance.map_or(f64::INFINITY, |all| (first..first + 3).map(|axis| all[(axis, axis)].sqrt()).fold(0.0, f64::max))
+            covariance.map_or(f64::INFINITY, |all| {
+                let block: Matrix3<f64> = all.fixed_view::<3, 3>(first, first).into_owned();
+                block.symmetric_eigenvalues().max().max(0.0).sqrt()
+            })
         };
         Self {
             spread_rad,
@@ -139,4 +143,29 @@ pub fn point_sd_mm(covariance: &Matrix6<f64>, in_cloud_mm: &Vector3<f64>) -> f64
     rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&-in_cloud_mm.cross_matrix());
     rows.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
     (rows * covariance * rows.transpose()).trace().max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A freedom across the axes of the cloud was told by its part along one of them: 0.4 mm of 0.69 mm, within the limit.
+    #[test]
+    fn the_largest_deviation_is_that_of_the_worst_direction_whatever_the_frame() {
+        let turned = |axis: Vector3<f64>| Isometry3::rotation(axis * 0.3);
+        let frames = [Isometry3::identity(), turned(Vector3::x()), turned(Vector3::y())];
+        let open = Vector3::new(1.0, 1.0, 1.0) * 0.4;
+        let mut covariance = Matrix6::<f64>::identity() * 1e-10;
+        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(open * open.transpose() + Matrix3::<f64>::identity() * 1e-10));
+        let turn = Vector3::new(0.0, 1.0, -1.0) * 0.04_f64.to_radians();
+        let across = Observability::new(&frames, Some(&covariance), 480.0);
+        assert!((across.shift_sd_mm - open.norm()).abs() < 1e-6, "{across:?}");
+        assert!(across.is_degenerate(&UncertaintyLimits::default()));
+        covariance = Matrix6::<f64>::identity() * 1e-10;
+        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(turn * turn.transpose() + Matrix3::<f64>::identity() * 1e-14));
+        let across = Observability::new(&frames, Some(&covariance), 480.0);
+        assert!((across.turn_sd_rad - turn.norm()).abs() < 1e-7, "{across:?}");
+        assert!(across.is_degenerate(&UncertaintyLimits::default()), "0.057° of 0.05°");
+        assert!(Observability::new(&frames, None, 480.0).shift_sd_mm.is_infinite());
+    }
 }

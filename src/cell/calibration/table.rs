@@ -8,7 +8,7 @@ use super::chi_squared::exceedance;
 use super::data::{ChainEstimate, Sighting};
 use super::refine::{BOARD_COLUMN, COLUMNS, Increment, Refined, TABLE_COLUMN, moved};
 use super::se3::adjoint;
-use crate::cell::runout::{RunoutHarmonic, error_motion};
+use crate::cell::runout::{RunoutHarmonic, RunoutSpec, error_motion};
 
 /// Harmonics that are told.
 const ORDERS: usize = 2;
@@ -159,6 +159,12 @@ pub fn merged(one: &[RunoutHarmonic], other: &[RunoutHarmonic]) -> Vec<RunoutHar
         }
     }
     all
+}
+
+/// Harmonics of a runout as specifications and calibrations write them.
+#[must_use]
+pub fn harmonics_of(specs: &[RunoutSpec]) -> Vec<RunoutHarmonic> {
+    specs.iter().map(RunoutSpec::build).collect()
 }
 
 /// Observation as it would be without runout: B E Rz P = R X C is B Rz P = (B E⁻¹ B⁻¹ R) X C.

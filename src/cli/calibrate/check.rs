@@ -5,16 +5,20 @@ use std::path::PathBuf;
 use serde_json::Value;
 
 use super::{ReadArgs, digest_of, observations, refused};
-use crate::cell::CellSpec;
 use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
-use crate::cell::calibration::data::Sighting;
+use crate::cell::calibration::data::{HandEyeSetup, Sighting};
 use crate::cell::calibration::findings::Severity;
-use crate::cell::calibration::table::without_runout;
+use crate::cell::calibration::table::{harmonics_of, without_runout};
+use crate::cell::{Cell, CellSpec, CloudFrameSpec};
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::{CliError, output};
-use crate::wire::calibration::{CalibrationCheckDocument, CalibrationDocument};
+use crate::wire::calibration::{CalibrationCheckDocument, CalibrationData, CalibrationDocument};
 use crate::wire::json_file_bytes;
+
+/// Distance and angle up to which two poses of the clouds' frame are the same: beyond rounding, and far below what a check finds.
+const SAME_MM: f64 = 1e-3;
+const SAME_RAD: f64 = 1e-5;
 
 /// Check before use that a calibration still holds; the verdict is ok, compensate or recalibrate.
 #[derive(Clone, Debug, clap::Args)]
@@ -78,6 +82,8 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
     }
     let (data, digest) = observations(&args.data, &args.read)?;
     let shown = args.data.display().to_string();
+    seen_alike(&data, &cell, calibration.setup, &calibration.scanner_from_cloud)
+        .map_err(|detail| CliError::BadInput(format!("{shown}: {detail}")))?;
     let read = data.read(&cell, calibration.kind).map_err(|errors| files::findings(&shown, &errors))?;
     if read.findings.iter().any(|finding| finding.severity == Severity::Error) {
         return Err(refused(&args.data, &read.findings));
@@ -89,11 +95,13 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         )));
     }
     let (calibrated, covariance, weighting) = calibration.estimate();
-    let runout = &cell.turntable.runout;
-    let beside = |each: &Sighting| without_runout(&calibrated.table, runout, calibrated.scale, each);
+    // The calibration's own: the cell may be the one from before it, or have another by now.
+    let runout = harmonics_of(&calibration.turntable_runout);
+    let beside = |each: &Sighting| without_runout(&calibrated.table, &runout, calibrated.scale, each);
     let sightings: Vec<Sighting> = read.sightings.iter().map(beside).collect();
     let limits = CheckLimits { false_alarm: args.false_alarm, ..CheckLimits::default() };
-    let check = Check { sightings: &sightings, calibrated, covariance: &covariance, weighting, limits };
+    let sigma_freedom = calibration.sigma_freedom();
+    let check = Check { sightings: &sightings, calibrated, covariance: &covariance, weighting, sigma_freedom, limits };
     let unfit = || CliError::BadInput(format!("{}: has no covariance to check with", args.calibration.display()));
     let checked = check.check().ok_or_else(unfit)?;
     let scanner_from_cloud = calibration.scanner_from_cloud.scanner_from_cloud(&cell.scanner.devices);
@@ -123,6 +131,30 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
     verdict(&document, &shown)
 }
 
+/// Requires observations that were made as those of the calibration: another mounting, or another frame of the clouds, would be
+/// taken for a scanner that drifted.
+fn seen_alike(data: &CalibrationData, cell: &Cell, setup: HandEyeSetup, frame: &CloudFrameSpec) -> Result<(), String> {
+    if data.setup != setup {
+        return Err(format!(
+            "/setup: is {}; the calibration was made with {}: give the same, with --setup for files that do not state it",
+            data.setup.as_str(),
+            setup.as_str()
+        ));
+    }
+    let devices = &cell.scanner.devices;
+    let (here, then) = (data.cloud_frame(cell).scanner_from_cloud(devices), frame.scanner_from_cloud(devices));
+    let apart = here.isometry().inv_mul(then.isometry());
+    let (shift_mm, turn_rad) = (apart.translation.vector.norm(), apart.rotation.angle());
+    if shift_mm > SAME_MM || turn_rad > SAME_RAD {
+        return Err(format!(
+            "/cloud_frame: is {shift_mm:.3} mm and {:.3}° from that of the calibration; give the same frame in the data or in the \
+             scanner's specification",
+            turn_rad.to_degrees()
+        ));
+    }
+    Ok(())
+}
+
 /// Success of the command: any verdict but ok is an exit code of its own.
 fn verdict(document: &CalibrationCheckDocument, shown: &str) -> Result<(), CliError> {
     match document.verdict {
@@ -149,10 +181,12 @@ fn calibration(path: &std::path::Path) -> Result<CalibrationDocument, CliError> 
     Ok(document)
 }
 
-/// Writes the cell with the compensated pose; one of another calibration is refused.
+/// Writes the cell with the compensated pose; one of another calibration is refused. With another verdict nothing is written, and
+/// the verdict decides how the command ends.
 fn write_compensated(path: &std::path::Path, mut spec: CellSpec, document: &CalibrationCheckDocument) -> Result<(), CliError> {
     let Some(compensation) = &document.compensation else {
-        return Err(CliError::BadInput(format!("--write-cell: the verdict is {}; nothing to write", document.verdict.as_str())));
+        output::note(format_args!("{} is not written: the verdict is {}", path.display(), document.verdict.as_str()));
+        return Ok(());
     };
     let provenance = spec.calibrated.take().filter(|known| known.calibration_id == document.calibration_id);
     let provenance = provenance
@@ -173,4 +207,60 @@ fn text(document: &CalibrationCheckDocument) -> String {
         document.drift_translation_mm,
         document.drift_rotation_deg
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::cell::{CloudFrame, Presets, SpecLibrary};
+
+    fn spec() -> CellSpec {
+        Presets.cell("e05-transcan").expect("a preset")
+    }
+
+    /// They were told to be a scanner that had drifted by hundreds of millimetres.
+    #[test]
+    fn observations_of_another_mounting_or_frame_are_refused() {
+        let cell = spec().build(&Presets).expect("valid");
+        let data = |setup: &str, frame: &str| -> CalibrationData {
+            serde_json::from_value(json!({
+                "schema": "vantage.calibration_data/1", "setup": setup, "cloud_frame": frame, "observations": []
+            }))
+            .expect("the shape")
+        };
+        let found = |setup: &str, frame: &str| {
+            let calibrated = CloudFrameSpec::Named(CloudFrame::Left);
+            seen_alike(&data(setup, frame), &cell, HandEyeSetup::EyeInHand, &calibrated)
+        };
+        assert_eq!(found("eye_in_hand", "left"), Ok(()));
+        let refused = found("eye_to_hand", "left").expect_err("another mounting");
+        assert!(refused.starts_with("/setup: is eye_to_hand; the calibration was made with eye_in_hand"), "{refused}");
+        let refused = found("eye_in_hand", "scanner").expect_err("another frame");
+        assert!(refused.starts_with("/cloud_frame: is ") && refused.contains(" mm and "), "{refused}");
+    }
+
+    /// The command ended with exit code 2, bad input, whatever the verdict was, and told no result.
+    #[test]
+    fn a_cell_that_needs_no_compensation_is_not_written_and_that_is_no_error() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("today.toml");
+        let of = |verdict: &str| -> CalibrationCheckDocument {
+            serde_json::from_value(json!({
+                "schema": "vantage.calibration_check/1", "id": "", "calibration_id": "cd", "cell": "e05-transcan",
+                "data_sha256": "ef", "taken_at": "2026-11-20T09:00:00Z", "temperature_c": null, "verdict": verdict,
+                "statistic": 4.0, "threshold": 16.8, "false_alarm": 0.01, "p": 0.7, "residual_p": 0.5,
+                "drift_rotation_deg": 0.0, "drift_translation_mm": 0.0, "compensation": null, "findings": []
+            }))
+            .expect("the shape")
+        };
+        for (name, is_sound) in [("ok", true), ("recalibrate", false)] {
+            let document = of(name);
+            write_compensated(&path, spec(), &document).expect("nothing to write");
+            let code = verdict(&document, "check.json").map_or_else(|error| error.exit_code(), |()| 0);
+            assert_eq!(code, if is_sound { 0 } else { 3 }, "{name}");
+        }
+        assert!(!path.exists());
+    }
 }

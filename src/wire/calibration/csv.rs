@@ -61,6 +61,9 @@ pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec
     for name in names.iter().filter(|name| !COLUMNS.contains(name)) {
         findings.push("", format!("unknown column {name:?}{}; known are {}", did_you_mean(name, COLUMNS), COLUMNS.join(", ")));
     }
+    for (column, name) in names.iter().enumerate().filter(|(column, name)| names[..*column].contains(name)) {
+        findings.push("", format!("column {} is {name:?} a second time; give each column once", column + 1));
+    }
     findings.into_result()?;
     let mut findings = Findings::default();
     let mut observations = Vec::new();
@@ -107,6 +110,14 @@ impl Row<'_> {
         all.try_into().ok()
     }
 
+    /// Requires the place of a pose whose rotation is given: without it the pose would be left out silently.
+    fn require_place(&self, of: &str, first: &str, has_place: bool, findings: &mut Findings) {
+        let is_partial = self.cell(first).is_some();
+        findings.require(has_place || is_partial, format!("/{}/{first}", self.row), || {
+            format!("is empty, but the row has the rotation of the {of}; give {of}_x, {of}_y and {of}_z too, or neither")
+        });
+    }
+
     fn observation(&self, options: &CsvOptions, findings: &mut Findings) -> Option<ObservationDocument> {
         let joints_deg = self.numbers(["j1_deg", "j2_deg", "j3_deg", "j4_deg", "j5_deg", "j6_deg"], findings);
         let table_angle_deg = self.number("table_angle_deg", findings).unwrap_or(0.0);
@@ -114,6 +125,7 @@ impl Row<'_> {
         let first = self.numbers(["flange_r1", "flange_r2", "flange_r3"], findings);
         let fourth = self.number("flange_r4", findings);
         let rotation: Vec<f64> = first.into_iter().flatten().chain(fourth).collect();
+        self.require_place("flange", "flange_x", place.is_some() || rotation.is_empty(), findings);
         let base_from_flange = place.and_then(|place| {
             let pose = options.robot_pose.pose(place.map(|length| length * options.unit_mm), &rotation);
             findings.require(pose.is_some(), format!("/{}/flange_r1", self.row), || {
@@ -124,6 +136,7 @@ impl Row<'_> {
         });
         let place = self.numbers(["board_x", "board_y", "board_z"], findings);
         let quaternion = self.numbers(["board_qx", "board_qy", "board_qz", "board_qw"], findings);
+        self.require_place("board", "board_x", place.is_some() || quaternion.is_none(), findings);
         let translation_mm = place?.map(|length| length * options.unit_mm);
         let cloud_from_board = ObservedPose { translation_mm, quaternion_xyzw: quaternion, ..ObservedPose::default() };
         let id = self.cell("id").map_or_else(|| format!("p{:02}", self.row + 1), str::to_owned);

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
-use crate::cell::calibration::data::{HandEyeSetup, Solve};
+use crate::cell::calibration::data::{HandEyeSetup, SigmaSource, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use crate::cell::calibration::lens::LensParameters;
 use crate::cell::calibration::se3::{exp, twist};
@@ -508,8 +508,9 @@ fn a_compensation_goes_into_force_with_its_bounds() {
     let mut sightings = data.read(&nominal, Solve::Joint).expect("observations").sightings;
     sightings.truncate(4);
     sightings.iter_mut().for_each(|each| each.seen = knock.inverse() * each.seen);
-    let limits = CheckLimits::default();
-    let check = Check { sightings: &sightings, calibrated: estimate, covariance: &covariance, weighting, limits };
+    let (limits, sigma_freedom) = (CheckLimits::default(), calibration.sigma_freedom());
+    assert_eq!(sigma_freedom, None, "the deviations were given");
+    let check = Check { sightings: &sightings, calibrated: estimate, covariance: &covariance, weighting, sigma_freedom, limits };
     let checked = check.check().expect("four poses");
     let times = ["cd", "2026-11-23T06:00:00Z"];
     let frame = calibration.scanner_from_cloud.scanner_from_cloud(&nominal.scanner.devices);
@@ -529,4 +530,43 @@ fn a_compensation_goes_into_force_with_its_bounds() {
     // Written into a cell whose hand-eye is another.
     let moved = Cell { flange_from_scanner: calibrated.flange_from_scanner, ..cell };
     assert!(matches!(moved.calibration_objections(&UseConditions::default())[..], [CalibrationObjection::OtherPose]));
+}
+
+/// A check took deviations that a calibration had estimated for known ones.
+#[test]
+fn a_calibration_tells_how_well_it_knows_its_deviations() {
+    let cell = cell();
+    let data: CalibrationData = serde_json::from_value(valid(&cell)).expect("the shape");
+    let from = ["cd", "2026-11-20T09:00:00Z"];
+    let found = CalibrationDocument::solved(&data, &cell, (Solve::Joint, 0), from).expect("a calibration");
+    let left = (6 * found.summary.used - 16) as f64;
+    let of = |source: Option<SigmaSource>| {
+        let document = CalibrationDocument { arm_sigma_source: source, sigma_estimated: true, ..found.clone() };
+        document.sigma_freedom()
+    };
+    assert_eq!(of(Some(SigmaSource::Estimated)), Some(left / 3.0));
+    assert_eq!(of(None), Some(left / 3.0), "of a document of an earlier version");
+    assert_eq!(of(Some(SigmaSource::Enlarged)), Some(left));
+    assert_eq!(of(Some(SigmaSource::Given)), None);
+}
+
+/// A row whose board had no place was left out without a word, a flange without one as well, and a second column was not read.
+#[test]
+fn a_row_of_a_table_that_gives_half_a_pose_is_told() {
+    let options = CsvOptions { robot_pose: RobotPoseKind::Quaternion, unit_mm: 1.0, setup: HandEyeSetup::EyeInHand };
+    let joints = "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg";
+    let board = "board_x,board_y,board_z,board_qx,board_qy,board_qz,board_qw";
+    let flange = "flange_x,flange_y,flange_z,flange_r1,flange_r2,flange_r3,flange_r4";
+    let told = |row: &str| {
+        let text = format!("{joints},{flange},{board}\n0,0,0,0,0,0,{row}\n");
+        from_csv(&text, &options).map(|data| data.observations.len())
+    };
+    assert_eq!(told("1,2,3,0,0,0,1,4,5,6,0,0,0,1"), Ok(1));
+    assert_eq!(told(",,,,,,,4,5,6,0,0,0,1"), Ok(1), "joints alone");
+    for (row, pointer) in [("1,2,3,0,0,0,1,,,,0,0,0,1", "/0/board_x"), (",,,0,0,0,1,4,5,6,0,0,0,1", "/0/flange_x")] {
+        let errors = told(row).expect_err(row);
+        assert!(errors.len() == 1 && errors[0].pointer == pointer && errors[0].detail.starts_with("is empty"), "{errors:?}");
+    }
+    let errors = from_csv("id,board_x,board_x\na,1,2\n", &options).expect_err("a column comes twice");
+    assert!(errors.len() == 1 && errors[0].detail.starts_with("column 3 is \"board_x\" a second time"), "{errors:?}");
 }

@@ -77,3 +77,13 @@ fn lifting_the_table_changes_nothing_that_was_observed() {
     let none = super::super::tests::task(sightings, Solve::HandEye, None);
     assert!(none.face.is_empty());
 }
+
+#[test]
+fn a_runout_comes_back_from_how_a_calibration_writes_it() {
+    let planted = RunoutHarmonic { order: 2, cos: [1e-4, 0.0, 0.06, 0.0, 0.05], sin: [0.0, -2e-4, 0.0, -0.06, 0.01] };
+    let back = harmonics_of(&[RunoutSpec::from(&planted)]);
+    let off = |of: fn(&RunoutHarmonic) -> &[f64; 5]| {
+        of(&back[0]).iter().zip(of(&planted)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    assert!(back.len() == 1 && back[0].order == 2 && off(|each| &each.cos) < 1e-15 && off(|each| &each.sin) < 1e-15, "{back:?}");
+}
