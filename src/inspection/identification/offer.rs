@@ -1,7 +1,7 @@
 //! Changes that identified figures ask for in the scanner's specification and in the parameters of the next plan. Data alone: the
 //! sentences are those of the interfaces, and nothing is applied by itself.
 
-use super::{Identified, Learned, LimitEstimate, Withheld};
+use super::{Identified, Learned, LimitEstimate, NoiseEstimate, Withheld};
 use crate::cell::{DeviceName, Scanner, closed_list};
 use crate::planning::params::{Knob, NoiseParams};
 
@@ -14,6 +14,16 @@ const MAX_HALF_WIDTH_DEG: f64 = 10.0;
 /// Max half width of the interval of an offered end of the depth, as a share of the scanner's depth range: at 10 % the range that is
 /// left is known to within a tenth. There is no source; it is our choice.
 const MAX_HALF_WIDTH_OF_DEPTH: f64 = 0.1;
+/// Change of the noise that is worth an offer, as a share of the noise that is planned with: of 1 + g at the ends of the depth. There is no
+/// source; it is our choice.
+const MIN_CHANGE_OF_NOISE: f64 = 0.1;
+/// Max half width of the interval of an offered gain g, as a share of 1 + g: of a part near the best focus, the noise at the ends of the
+/// depth is only extrapolated. There is no source; it is our choice.
+const MAX_HALF_WIDTH_OF_GAIN: f64 = 0.25;
+/// Largest gain that the noise of a scanner is believed to have: ten times the noise at the ends of its depth, and it would not be stated
+/// to work there. A larger one fits points that are not scattered by noise alone, such as those beside a missing feature, and the noise at
+/// best focus that comes with it is as wrong. There is no source; it is our choice.
+const MAX_GAIN: f64 = 9.0;
 /// Angles that incidence and lobe can have, degrees. An interval that reaches beyond them does not rule out that there is no limit.
 const PHYSICAL_DEG: [f64; 2] = [0.0, 90.0];
 
@@ -103,6 +113,25 @@ fn in_range_of(field: OfferedField, value: f64) -> f64 {
     range.map_or(value, |[min, max]| value.clamp(min, max))
 }
 
+/// Changes of the noise in force that identified noise asks for: none where it is no noise that a scanner has.
+fn noise_offers(known: &NoiseEstimate, noise: &NoiseParams) -> Vec<OfferedChange> {
+    let gain = &known.depth_gain;
+    if gain.value > MAX_GAIN {
+        return Vec::new();
+    }
+    let count = known.triples as u64;
+    // A change counts as a share of the offset and the value in force: the noise at the ends of the depth is 1 + g.
+    let change = |field: OfferedField, offset: f64, from: f64, identified: Identified| {
+        let [low, high] = identified.interval;
+        let to = in_range_of(field, (identified.value * 1e5).round() / 1e5);
+        let is_worth_it = (to - from).abs() > MIN_CHANGE_OF_NOISE * (offset + from) && !(low..=high).contains(&from);
+        is_worth_it.then_some(OfferedChange { field, from: Some(from), to, identified, count })
+    };
+    let is_gain_known = 0.5 * (gain.interval[1] - gain.interval[0]) <= MAX_HALF_WIDTH_OF_GAIN * (1.0 + gain.value);
+    let of_gain = change(OfferedField::NoiseDepthGain, 1.0, noise.depth_gain, *gain).filter(|_| is_gain_known);
+    change(OfferedField::NoiseBest, 0.0, noise.best_mm, known.best_mm).into_iter().chain(of_gain).collect()
+}
+
 /// Holds what was learned against the specification and the noise in force.
 #[must_use]
 pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offer {
@@ -133,17 +162,7 @@ pub fn offers(learned: &Learned, scanner: &Scanner, noise: &NoiseParams) -> Offe
         let to = lobe.plan_with.ceil();
         changes.push(OfferedChange { field: OfferedField::Lobe, from: None, to, identified: lobe.limit, count: lobe.pairs });
     }
-    if let Some(known) = learned.noise {
-        let mut noise_of = |field: OfferedField, from: f64, identified: Identified| {
-            let [low, high] = identified.interval;
-            let to = in_range_of(field, (identified.value * 1e5).round() / 1e5);
-            if !(low..=high).contains(&from) && to.to_bits() != from.to_bits() {
-                changes.push(OfferedChange { field, from: Some(from), to, identified, count: known.triples as u64 });
-            }
-        };
-        noise_of(OfferedField::NoiseBest, noise.best_mm, known.best_mm);
-        noise_of(OfferedField::NoiseDepthGain, noise.depth_gain, known.depth_gain);
-    }
+    changes.extend(learned.noise.iter().flat_map(|known| noise_offers(known, noise)));
     let range_mm = [scanner.near_mm, scanner.far_mm];
     let max_half_width_mm = MAX_HALF_WIDTH_OF_DEPTH * (scanner.far_mm - scanner.near_mm);
     let known_depth = |limit: Option<LimitEstimate>| limit.filter(|limit| is_known(limit, range_mm, max_half_width_mm));

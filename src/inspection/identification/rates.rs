@@ -9,7 +9,8 @@
 //! - **Depth**: rate by depth, never falling up to the best focus and never rising from there; each limit where it passes 0.75.
 //!
 //! Intervals are by the jackknife over views (Efron 1982, *The Jackknife, the Bootstrap and Other Resampling Plans*), since the pairs
-//! of one view share pose, material and light; at least half a bin to either side. Cost: O(pairs), and O(views · bins).
+//! of one view share pose, material and light; at least half a bin to either side. A figure that only one view shows is as open as its
+//! axis is long, since nothing tells that view's light or material from the scanner. Cost: O(pairs), and O(views · bins).
 
 use super::Identified;
 use super::isotonic::{CountedRate, crossing, falling, rising};
@@ -186,23 +187,22 @@ impl Binned {
         (outside.map(|bin| bin.pairs).sum::<f64>() >= MIN_PAIRS_BEYOND).then_some(estimate)
     }
 
-    /// The figure of all pairs with its interval by the jackknife.
+    /// The figure of all pairs with its interval by the jackknife: the whole axis where the views but one do not show it.
     fn estimate(&self, figure: impl Fn(&[CountedRate]) -> Option<f64>) -> Option<Identified> {
         let value = figure(&self.all)?;
-        let left_out: Vec<f64> = self
-            .by_view
-            .iter()
-            .filter(|bins| bins.iter().any(|bin| bin.pairs > 0.0))
-            .map(|bins| {
-                let mut others = self.all.clone();
-                others.iter_mut().zip(bins).for_each(|(bin, of_view)| bin.remove(of_view));
-                figure(&others).unwrap_or(value)
-            })
-            .collect();
+        let without = |bins: &Vec<CountedRate>| {
+            let mut others = self.all.clone();
+            others.iter_mut().zip(bins).for_each(|(bin, of_view)| bin.remove(of_view));
+            figure(&others)
+        };
+        let told = self.by_view.iter().filter(|bins| bins.iter().any(|bin| bin.pairs > 0.0));
+        let Some(left_out) = told.map(without).collect::<Option<Vec<f64>>>() else {
+            return Some(Identified { value, interval: [self.start, self.start + self.width * self.all.len() as f64] });
+        };
         let count = left_out.len() as f64;
         let mean = left_out.iter().sum::<f64>() / count;
         let squares: f64 = left_out.iter().map(|without| (without - mean).powi(2)).sum();
-        let deviation = if count > 1.0 { ((count - 1.0) / count * squares).sqrt() } else { 0.0 };
+        let deviation = ((count - 1.0) / count * squares).sqrt();
         let reach = (SIGMAS_OF_INTERVAL * deviation).max(0.5 * self.width);
         Some(Identified { value, interval: [value - reach, value + reach] })
     }

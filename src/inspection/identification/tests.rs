@@ -212,3 +212,53 @@ fn a_limit_that_is_known_poorly_is_not_offered() {
     assert_eq!(with([9.0, 14.0]), [CameraLimit, DepthFar], "about zero there may be no cone");
     assert!(with([11.0, 17.0]).is_empty() && with([76.5, 76.5]).is_empty());
 }
+
+/// That nothing is left of it without that view counted as no change, and it was offered as if it were known to half a degree.
+#[test]
+fn a_limit_that_one_view_shows_alone_is_not_offered() {
+    let sound = Truth { ramp_deg: [89.0, 90.0], lobe_deg: 0.0, far_mm: 1e3, dark: 0.0 };
+    let weak = Truth { lobe_deg: 0.0, ..THESIS };
+    let with = |weak_views: usize| {
+        let mut all = Returns::default();
+        // No other view looks along the surface.
+        let is_upright = |pair: &Return| pair.worst_incidence().1 <= 60.0_f64.to_radians();
+        let others = returns_of(&sound, 9, 6);
+        (0..others.views()).for_each(|view| all.push_view(others.of_view(view).filter(is_upright)));
+        let few = returns_of(&weak, weak_views, 7);
+        (0..few.views()).for_each(|view| all.push_view(few.of_view(view)));
+        let known = returns(&all, &scanner()).expect("enough");
+        let limit = known.incidence.expect("a limit").limit;
+        let offer = offers(&Learned { noise: None, returns: Some(known) }, &scanner(), &NoiseParams::default());
+        (limit, offer.changes.iter().map(|change| change.field).collect::<Vec<_>>())
+    };
+    let (of_one, offered) = with(1);
+    assert!((of_one.value - 68.75).abs() < 3.0, "{of_one:?}");
+    assert_eq!(of_one.interval, [0.0, 90.0], "that view alone shows it");
+    assert!(offered.is_empty(), "{offered:?}");
+    let (of_two, offered) = with(2);
+    assert!(of_two.interval[1] - of_two.interval[0] < 20.0, "{of_two:?}");
+    assert_eq!(offered, [OfferedField::CameraLimit]);
+}
+
+/// Gains of 11 to 23 were offered where a feature is missing, changes of 2 %, and gains with an interval from 0 to 0.97.
+#[test]
+fn noise_is_offered_where_it_is_plausible_known_and_worth_it() {
+    let in_force = NoiseParams::default();
+    let of = |best_share: f64, gain: f64, half_width: f64| {
+        let about = |value: f64, half: f64| Identified { value, interval: [value - half, value + half] };
+        let best_mm = best_share * in_force.best_mm;
+        let noise = NoiseEstimate {
+            best_mm: about(best_mm, 0.01 * best_mm),
+            depth_gain: about(gain, half_width),
+            triples: 5_000,
+            outliers: 0,
+        };
+        let offer = offers(&Learned { noise: Some(noise), returns: None }, &scanner(), &in_force);
+        offer.changes.iter().map(|change| change.field).collect::<Vec<_>>()
+    };
+    use OfferedField::{NoiseBest, NoiseDepthGain};
+    assert_eq!(of(1.5, 3.0, 0.5), [NoiseBest, NoiseDepthGain]);
+    assert_eq!(of(1.5, 3.0, 1.1), [NoiseBest], "its interval is wider than half of the noise at the ends");
+    assert!(of(0.98, 0.85, 0.1).is_empty(), "too little to plan anew for");
+    assert!(of(1.5, 11.0, 1.0).is_empty(), "no noise of a scanner");
+}

@@ -298,6 +298,13 @@ fn robust_sd_mm(mut distances_mm: Vec<f64>) -> f64 {
     (1.4826 * *median).max(MIN_NOISE_MM)
 }
 
+/// Covariance of a part of which no point fixes a freedom: 5 mm for each, of a turn at half the part's diameter.
+fn open_part(nearest: &NearestFace<'_>) -> Matrix6<f64> {
+    let arm_mm = (0.5 * nearest.mesh().aabb().extent_mm().norm()).max(f64::MIN_POSITIVE);
+    let (turn, shift) = ((STATED_TURN_REACH_MM / arm_mm).powi(2), STATED_TURN_REACH_MM.powi(2));
+    Matrix6::from_diagonal(&Vector6::new(turn, turn, turn, shift, shift, shift))
+}
+
 /// Sums of the views that see one cell, each with the index of its view.
 type SeenCell = Vec<(usize, CellSum)>;
 
@@ -482,8 +489,10 @@ impl State {
         }
         let all: usize = judged.iter().map(|view| view.points).sum();
         let inliers: usize = judged.iter().map(|view| view.pairs.len()).sum();
+        // Where no observation holds the part, nothing is known of its place.
+        let unknown = || if options.moves_part { open_part(nearest) } else { Matrix6::zeros() };
         let [part_covariance, part_stated] =
-            covariances.map_or_else(|| [Matrix6::zeros(); 2], |found| [found.part, found.part_stated]);
+            covariances.map_or_else(|| [Matrix6::zeros(), unknown()], |found| [found.part, found.part_stated]);
         let open = Arc::new(self.open_poses((views, &last), &kept, part_covariance, weighing));
         ScanRegistration {
             mesh_from_stated: Pose::claim(self.part),

@@ -101,6 +101,27 @@ fn a_view_far_off_or_of_few_points_keeps_its_pose_and_says_so() {
     assert!(corner_mm(&mesh, &(fitted * poses[2].isometry().inverse()), &Isometry3::identity()) < 0.1);
 }
 
+/// It was stated to be known exactly.
+#[test]
+fn a_part_that_no_view_holds_is_stated_to_be_open_in_every_freedom() {
+    let mesh = base(20_000).expect("a base");
+    let shots = Shots::of(&mesh, 16);
+    let mut scans = shots.scans(&shots.poses(2), 0.0, |_| Isometry3::identity());
+    for scan in &mut scans {
+        let there = scan.scanner_cloud.points_mm.iter_mut().filter(|point| !point[0].is_nan());
+        there.skip(300).for_each(|point| *point = [f32::NAN; 3]);
+    }
+    let of = |moves_part: bool| {
+        let options = RegistrationOptions { moves_part, ..RegistrationOptions::default() };
+        register(&scans, &NearestFace::new(&mesh), &[], &options)
+    };
+    let (found, fixed) = (of(true), of(false));
+    assert_eq!(found.not_found(), Some(PartNotFound::FewPoints), "{:?}", found.found);
+    let (turns_deg, shifts_mm) = (found.sd.fixed_rows::<3>(0).map(f64::to_degrees), found.sd.fixed_rows::<3>(3));
+    assert!(turns_deg.min() > 1.0 && shifts_mm.min() >= 5.0, "{}", found.sd);
+    assert!(fixed.sd.amax() < 1e-9, "it was not to be moved: {}", fixed.sd);
+}
+
 /// Views of swapped files were taken for a part that lies elsewhere, where one of them fitted by chance.
 #[test]
 fn a_part_on_which_less_than_half_of_the_points_lie_is_not_found() {
