@@ -2,12 +2,14 @@
 //! ask for next.
 
 use crate::cli::CliError;
-use crate::report::text::{pose_error_sizes, reached_percent};
+use crate::report::text::reached_percent;
 use crate::service::plan_job::Artifact;
 use crate::wire::parse;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
-use crate::wire::words::{area_mm2, at_risk_sentence, counted, first_lie, percent_below, region_verdict, stability_sentence};
+use crate::wire::words::{
+    area_mm2, at_risk_sentence, counted, first_lie, percent_below, pose_error_sizes, region_verdict, stability_sentence,
+};
 
 /// Lines on a plan, by its files.
 ///

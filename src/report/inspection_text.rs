@@ -71,8 +71,9 @@ fn region_words(region: &RegionDeviationDocument) -> String {
             .map(|share| percent_below(share, 1.0, 2));
     let uncertainty = region.expanded_uncertainty_mm.map_or_else(String::new, |mm| format!(", U {mm:.3} mm (k = 2)"));
     let open = open_poses_sentence(region).map_or_else(String::new, |sentence| format!(". {sentence}"));
+    // Quoted, so that no name breaks a line.
     format!(
-        "\nRegion {name}: {verdict}, {measured} % measured{uncertainty}; left out: {points} % of the points as steep, \
+        "\nRegion {name:?}: {verdict}, {measured} % measured{uncertainty}; left out: {points} % of the points as steep, \
          of the area {steep} % steep and {off} % off the surface{open}"
     )
 }
@@ -118,7 +119,7 @@ mod tests {
     #[test]
     fn a_region_tells_what_its_verdict_leaves_out() {
         let region = RegionDeviationDocument {
-            name: "bore".into(),
+            name: "bo\nre".into(),
             tolerance_mm: Some(0.1),
             measured: 0.9,
             excluded: ExcludedSharesDocument { turned_of_points: 0.25, turned_of_area: 0.05, off_of_area: 0.03 },
@@ -128,7 +129,7 @@ mod tests {
             is_open_by_poses: false,
             statistics: None,
         };
-        let wanted = "Region bore: fail, 90.00 % measured, U 0.250 mm (k = 2); left out: 25.00 % of the points as steep, of the area 5.00 % steep and \
+        let wanted = "\nRegion \"bo\\nre\": fail, 90.00 % measured, U 0.250 mm (k = 2); left out: 25.00 % of the points as steep, of the area 5.00 % steep and \
                       3.00 % off";
         let told = region_words(&region);
         assert!(told.contains(wanted) && told.ends_with("off the surface"), "{told}");

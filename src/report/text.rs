@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cell::Separation;
 use crate::geometry::Pose;
-use crate::planning::params::{Objective, PlanParams, PoseErrorParams, SelectionGoal, Solver};
+use crate::planning::params::{Objective, PlanParams, SelectionGoal, Solver};
 use crate::planning::plan::{Cause, Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
@@ -17,8 +17,8 @@ use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
     NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, first_lie, fix_sentence, fixed,
-    fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below, region_verdict, risk_meaning,
-    treated_spots,
+    fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below, pose_error_sizes, region_verdict,
+    risk_meaning, treated_spots,
 };
 
 /// Meaning of the asked surface in a plan of further views.
@@ -204,7 +204,7 @@ fn write_regions(out: &mut String, coverage: &Coverage) -> fmt::Result {
     }
     for region in &coverage.regions {
         let verdict = region_verdict(&RegionCoverageDocument::from(region));
-        let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", fixed(mm, 3)));
+        let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", tolerance_text(mm)));
         // Quoted, so that no name breaks a line.
         writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
         if is_of_open && region.samples == 0 {
@@ -439,14 +439,12 @@ pub(crate) fn reached_percent(of_asked: f64, target: Option<f64>) -> String {
     percent_below(of_asked, missed_target.unwrap_or(1.0), 2)
 }
 
-/// Turn in degrees and shift in mm of a pose error with three significant digits: the error of a calibrated cell is small and not
-/// round.
-pub(crate) fn pose_error_sizes(error: &PoseErrorParams) -> [String; 2] {
-    [error.angle_deg, error.translation_mm].map(|value| {
-        let decimals = if value > 0.0 { (2.0 - value.log10().floor()).clamp(0.0, 12.0) } else { 0.0 };
-        let text = fixed(value, decimals as usize);
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-    })
+/// Tolerance in mm with three decimals, or with up to six where it has more: a limit is told as it is given.
+pub(crate) fn tolerance_text(tolerance_mm: f64) -> String {
+    let micrometres = 1e3 * tolerance_mm;
+    // Six decimals hold three digits of the finest tolerance.
+    let is_finer = (micrometres - micrometres.round()).abs() > 1e-6;
+    if is_finer { fixed(tolerance_mm, 6).trim_end_matches('0').to_owned() } else { fixed(tolerance_mm, 3) }
 }
 
 /// Views with their verb.
@@ -457,6 +455,7 @@ fn measuring(views: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::params::PoseErrorParams;
     use crate::planning::plan::RegionCoverage;
     use crate::planning::plan::{Drawn, IndependentRegion, RegionKind, Robust};
 
@@ -618,6 +617,13 @@ mod tests {
                 "  hand-eye     nominal 97.00 %, mean 95.00 %, worst of 1 draw 95.00 %",
             ]
         );
+    }
+
+    /// 0.0014 mm were told as 0.001 mm, and half a thousandth of an inch as 0.013 mm.
+    #[test]
+    fn a_tolerance_is_not_rounded_to_another_one() {
+        assert_eq!([0.001, 0.2, 0.1 + 0.2, 100.0].map(tolerance_text), ["0.001", "0.200", "0.300", "100.000"]);
+        assert_eq!([0.0014, 0.0005 * 25.4, 0.0625, 1.0 / 3.0].map(tolerance_text), ["0.0014", "0.0127", "0.0625", "0.333333"]);
     }
 
     #[test]

@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
-use super::words::{HOME_REMEDY, area_mm2, counted, fixed, independent_share, percent_below, rounded_up_mm};
+use super::words::{HOME_REMEDY, area_mm2, counted, fixed, independent_share, percent_below, pose_error_sizes, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, Contact, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
-use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
+use crate::planning::params::{MotionParams, NoiseParams, PlanParams, SelectionGoal};
 use crate::planning::plan::Robust;
 use crate::planning::{UpAxis, tips_over};
 
@@ -353,28 +353,31 @@ pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -
 #[must_use]
 pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Option<FieldWarning> {
     let costliest = Some(robust.costliest()).filter(|costliest| costliest.loss() > Robust::MAX_LOSS)?;
-    let error = robust.pose_error;
+    let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
+    // A plan for the best coverage has no target.
+    let more = match params.selection.goal {
+        SelectionGoal::BestCoverage => "raise selection.max_views",
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => "raise selection.target",
+    };
     let (state, remedy) = if params.robust.select {
-        ("true, and yet", "raise selection.target, so that more of the surface is measured twice")
+        ("true, and yet", format!("{more}, so that more of the surface is measured twice"))
     } else {
-        ("false, and", "choose views that tolerate it (robust.select = true), or raise selection.target")
+        ("false, and", format!("choose views that tolerate it (robust.select = true), or {more}"))
     };
     Some(FieldWarning {
         code: WarningCode::FragileUnderPoseError,
         pointer: format!("{at}/robust/select"),
         detail: format!(
-            "is {state} an error of {} by {}° and {} mm costs {:.2} percentage points of coverage in the worst of {}: {} % of the \
+            "is {state} an error of {} by {angle_deg}° and {shift_mm} mm costs {:.2} percentage points of coverage in the worst of {}: {} % of the \
              asked area instead of {} %; a plan that tolerates it loses no more than {:.1} points",
             costliest.kind,
-            error.angle_deg,
-            error.translation_mm,
             100.0 * costliest.loss(),
             counted(costliest.draws, "draw"),
             percent_below(costliest.of_asked.worst, 1.0, 2),
             percent_below(costliest.of_asked.nominal, 1.0, 2),
             100.0 * Robust::MAX_LOSS,
         ),
-        remedy: remedy.to_owned(),
+        remedy,
     })
 }
 

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::context::NoPlan;
-use crate::planning::params::{PlanParams, RealismParams};
+use crate::planning::params::{PlanParams, PoseErrorParams, RealismParams};
 use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
@@ -369,6 +369,16 @@ pub fn advice_sentence(advice: &Advice) -> String {
     text.to_owned()
 }
 
+/// Turn in degrees and shift in mm of a pose error with three significant digits: the error of a calibrated cell is small and not
+/// round.
+pub(crate) fn pose_error_sizes(error: &PoseErrorParams) -> [String; 2] {
+    [error.angle_deg, error.translation_mm].map(|value| {
+        let decimals = if value > 0.0 { (2.0 - value.log10().floor()).clamp(0.0, 12.0) } else { 0.0 };
+        let text = fixed(value, decimals as usize);
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    })
+}
+
 /// A share as a percentage, without the sign. A share below `limit`, a target or the whole, is not rounded up to it, and one above 0
 /// is not rounded to that: it has as many more decimals as show two digits.
 #[must_use]
@@ -466,7 +476,7 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
     if let Some(share) = partial_share(remedy.of_spot, remedy.area_mm2) {
         return format!("{share}: {text}");
     }
-    let _ = write!(text, ": measures {} mm², {} % of it", area_mm2(remedy.area_mm2), fixed(100.0 * remedy.of_spot, 0));
+    let _ = write!(text, ": measures {} mm², {} % of it", area_mm2(remedy.area_mm2), percent_below(remedy.of_spot, 1.0, 0));
     text
 }
 

@@ -12,7 +12,7 @@ use crate::planning::verdict::Rejection;
 use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
 use crate::wire::words::{
-    HeadlineShare, advice_sentence, changed_params, headline as headline_shares, risk_meaning, turn_phrase,
+    HeadlineShare, advice_sentence, changed_params, counted, headline as headline_shares, risk_meaning, turn_phrase,
 };
 
 /// Max spots listed for each cause.
@@ -228,9 +228,19 @@ pub(super) fn obstructions(obstructions: &[Obstruction]) -> String {
          <div class=\"card scroll\"><table>\n<thead><tr><th>Bodies</th><th class=\"n\">Without a station</th>\
          <th class=\"n\">Without a path</th><th class=\"n\">Distance</th><th class=\"n\">Position, base frame</th>\
          <th>What would help</th></tr></thead>\n<tbody>\n{}</tbody>\
-         </table></div>\n",
-        rows.concat()
+         </table></div>\n{}",
+        rows.concat(),
+        unlisted_pairs(obstructions.len() - rows.len())
     )
+}
+
+/// Sentence on the pairs that the table has no row for; empty if it has all.
+fn unlisted_pairs(pairs: usize) -> String {
+    if pairs == 0 {
+        return String::new();
+    }
+    let are = if pairs == 1 { "is" } else { "are" };
+    format!("<p class=\"soft\" style=\"margin-top:8px\">{} {are} not listed.</p>\n", counted(pairs, "more pair"))
 }
 
 fn obstruction_row(obstruction: &Obstruction) -> String {
@@ -279,6 +289,8 @@ pub(super) fn parameters(params: &PlanParams) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::{Contact, Presets, SpecLibrary};
+    use crate::planning::plan::Advice;
 
     /// `best_grade` was told as the face's grade, and read as the best grade on it.
     #[test]
@@ -287,6 +299,25 @@ mod tests {
             FILES_OF_MISSED.contains("the grade of most of its measured area (<code>best_grade</code>:"),
             "{FILES_OF_MISSED}"
         );
+    }
+
+    /// The table had 10 of 59 pairs and said nothing of the others.
+    #[test]
+    fn a_table_of_blocking_pairs_says_how_many_it_leaves_out() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let pair = |number: usize| Obstruction {
+            bodies: Contact { a: "forearm".into(), b: format!("guard {number}").into() },
+            without_station: 1,
+            without_path: 0,
+            configuration: cell.home_rad,
+            separation: None,
+            advice: Advice::MoveFoot,
+        };
+        let told = |pairs: usize| obstructions(&(0..pairs).map(pair).collect::<Vec<_>>());
+        assert!(told(59).ends_with(">49 more pairs are not listed.</p>\n"), "{}", told(59));
+        assert!(told(11).ends_with(">1 more pair is not listed.</p>\n"), "{}", told(11));
+        assert!(told(10).matches("<tr>").count() == 11 && !told(10).contains("not listed"), "{}", told(10));
+        assert_eq!(told(0), "");
     }
 
     #[test]

@@ -30,6 +30,8 @@ const HEIGHT: f64 = 260.0;
 const LEFT: f64 = 60.0;
 const TOP: f64 = 44.0;
 const BOTTOM: f64 = 40.0;
+/// Max spots that deviate, and max clusters of points off the surface, that have a row.
+const LISTED: usize = 10;
 
 /// An inspection and the part that it is of.
 #[derive(Clone, Copy)]
@@ -214,7 +216,7 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
         row(&[name.to_owned(), format!("{} mm", number(extent.nominal_mm, 3)), measured])
     });
     let extents: String = extents.collect();
-    let worst = found.worst.iter().take(10).map(|spot| {
+    let worst = found.worst.iter().take(LISTED).map(|spot| {
         row(&[
             spot.kind.as_str().to_owned(),
             number(spot.max_mm, 3),
@@ -227,7 +229,7 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let worst = if worst.is_empty() {
         no_spot(found.excluded.off_of_area)
     } else {
-        table(&["Material", "Largest, mm", "Mean, mm", "Area", "At, mm"], &worst)
+        table(&["Material", "Largest, mm", "Mean, mm", "Area", "At, mm"], &worst) + &listed_of(found.worst.len())
     };
     let heaps = off_surface(report);
     let body = excluded
@@ -256,7 +258,8 @@ fn no_spot(off_of_area: f64) -> String {
 
 /// Points off the surface.
 fn off_surface(report: &InspectionReport<'_>) -> String {
-    let heaps = report.document.deviation.off_surface.iter().take(10).map(|heap| {
+    let off_surface = &report.document.deviation.off_surface;
+    let heaps = off_surface.iter().take(LISTED).map(|heap| {
         let (points, mean) = (number(heap.points as f64, 0), number(heap.mean_mm, 2));
         row(&[heap.kind.as_str().to_owned(), points, mean, triple(heap.centre_mm, 1)])
     });
@@ -264,7 +267,16 @@ fn off_surface(report: &InspectionReport<'_>) -> String {
     if heaps.is_empty() {
         return heaps;
     }
-    format!("<h3>Points off the surface</h3>\n{}", table(&["Material", "Points", "Mean distance, mm", "At, mm"], &heaps))
+    let heaps = table(&["Material", "Points", "Mean distance, mm", "At, mm"], &heaps);
+    format!("<h3>Points off the surface</h3>\n{heaps}{}", listed_of(off_surface.len()))
+}
+
+/// Sentence below a table that has not all rows of the result; empty where it has.
+fn listed_of(all: usize) -> String {
+    if all <= LISTED {
+        return String::new();
+    }
+    format!("<p class=\"soft\">The {LISTED} largest of {all} in <code>inspection.json</code>.</p>\n")
 }
 
 /// Side of the label of the axis' mark `part`, of 0 to 4, so that none is cut off.
@@ -641,6 +653,12 @@ mod tests {
         };
         let row = scan_row(&scan);
         assert!(row.contains("<td>50\u{202f}800</td>") && row.contains("<td>1\u{202f}200 mixed pixel</td>"), "{row}");
+    }
+
+    #[test]
+    fn a_table_of_the_largest_says_of_how_many() {
+        assert_eq!((listed_of(0), listed_of(10)), (String::new(), String::new()));
+        assert_eq!(listed_of(11), "<p class=\"soft\">The 10 largest of 11 in <code>inspection.json</code>.</p>\n");
     }
 
     #[test]

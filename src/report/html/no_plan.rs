@@ -10,7 +10,7 @@ use super::album::Album;
 use super::appendix;
 use super::bodies::{Assembly, Placing};
 use super::lay::{self, Lay};
-use super::markup::{area, escape, grouped, number, percent, prose};
+use super::markup::{area, escape, grouped, nonzero, number, percent, prose};
 use super::pictures::{self, SIZE_PX};
 use super::verdict::{Figure, Standing, VerdictText};
 use super::views::{swatch, three_sides};
@@ -371,8 +371,8 @@ fn in_the_way(
 /// Distance or depth of the two at the viewpoint that is shown.
 fn distance(obstruction: &Obstruction) -> String {
     obstruction.separation.as_ref().map_or_else(String::new, |found| match found.distance_mm {
-        depth if depth < 0.0 => format!("Here they overlap by {} mm.", number(-depth, 1)),
-        apart => format!("Here they are {} mm apart, closer than the clearance.", number(apart, 1)),
+        depth if depth < 0.0 => format!("Here they overlap by {} mm.", nonzero(-depth, 1)),
+        apart => format!("Here they are {} mm apart, closer than the clearance.", nonzero(apart, 1)),
     })
 }
 

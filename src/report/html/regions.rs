@@ -6,7 +6,7 @@ use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
 use crate::rendering::{Ink, MissGroup};
-use crate::report::text::reached_percent;
+use crate::report::text::{reached_percent, tolerance_text};
 use crate::wire::plan::RegionCoverageDocument;
 use crate::wire::words::{NOTHING_IN_REGION, independent_share, noise_remark};
 
@@ -60,7 +60,7 @@ fn row(region: &RegionCoverage, is_of_open: bool) -> String {
         RegionKind::Interest => "Region of interest",
         RegionKind::Feature => "Feature",
     };
-    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", number(mm, 3)));
+    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", tolerance_text(mm)));
     let is_nothing_open = is_of_open && region.samples == 0;
     let verdict = match region.is_met() {
         _ if is_nothing_open => "Met",

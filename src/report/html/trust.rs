@@ -7,10 +7,10 @@ use super::sections::digest;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Bound, Drawn, Robust};
 use crate::planning::sequence::Sequence;
-use crate::report::text::{holds_grades, pose_error_sizes};
+use crate::report::text::holds_grades;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
-use crate::wire::words::{at_risk_sentence, counted, order_claim};
+use crate::wire::words::{at_risk_sentence, counted, order_claim, pose_error_sizes};
 
 /// The section.
 pub(super) fn section(input: &ReportInput<'_>) -> String {

@@ -153,7 +153,7 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
             name: if summary.views == 1 { "view" } else { "views" },
             detail: match summary.views_chosen - summary.views {
                 0 => format!("lower bound {}", number(f64::from(plan.bound.views_lower), 0)),
-                left_out => format!("{left_out} more were chosen and have no path"),
+                left_out => without_path(left_out),
             },
         },
     ];
@@ -168,6 +168,12 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
         detail: summary.program_cycle.as_ref().filter(|program| program.differs()).map_or_else(String::new, as_program),
     }));
     figures
+}
+
+/// Chosen views that are not executed.
+fn without_path(views: usize) -> String {
+    let (were, have) = if views == 1 { ("was", "has") } else { ("were", "have") };
+    format!("{views} more {were} chosen and {have} no path")
 }
 
 /// Options of the command line on a line of their own, to be copied.
@@ -229,6 +235,12 @@ mod tests {
             !segment(0.1, Ink::Unmeasured, "missed").contains("<b>")
                 && segment(0.1, Ink::Measured(Grade::A), "A").contains("<b>A</b>")
         );
+    }
+
+    #[test]
+    fn one_view_without_a_path_is_no_views() {
+        assert_eq!(without_path(1), "1 more was chosen and has no path");
+        assert_eq!(without_path(2), "2 more were chosen and have no path");
     }
 
     #[test]

@@ -41,7 +41,7 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         }
         Cause::Enclosed => "No straight line leads out of the part from this surface, so no scanner can see it from outside.".into(),
         Cause::FacesTable => {
-            "The surface can be seen only from below the turntable. Turn the part over, and plan two setups (setups = 2).".into()
+            "The surface can be seen only from below the turntable. Turn the part over in one more setup (raise setups).".into()
         }
         Cause::Facing => "The surface is turned away from a camera or from the projector.".into(),
         Cause::Depth => format!(

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::svg::Svg;
 use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, best};
 use crate::report::html::markup::number;
+use crate::wire::words::percent_below;
 
 const CELL: [f64; 2] = [92.0, 34.0];
 const LEFT: f64 = 86.0;
@@ -96,7 +97,7 @@ fn field(svg: &mut Svg, layout: &Layout, at: [f64; 2]) {
             let shade = ((share * SHADES.len() as f64) as usize).min(SHADES.len() - 1);
             svg.bar(SHADES[shade], at, size);
             let class = if shade >= FIRST_DARK_SHADE { "middle light" } else { "middle dark" };
-            svg.text(middle[0], middle[1], class, &format!("{} %", number(100.0 * share, 0)));
+            svg.text(middle[0], middle[1], class, &format!("{} %", percent_below(share, 1.0, 0)));
         }
     }
 }
@@ -131,5 +132,26 @@ fn words(input: &ReachInput<'_>, layout: &Layout) -> String {
             reached.directions,
             ELEVATIONS * AZIMUTHS
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::studies::reach::Reached;
+
+    /// A layout that reaches one direction of 456 was told as one that reaches none, and all but one as all.
+    #[test]
+    fn a_field_of_the_map_is_rounded_neither_to_nothing_nor_to_all() {
+        let told = |directions: usize| {
+            let reached = Some(Reached { elevations: ELEVATIONS, directions });
+            let mut svg = Svg::new(100.0, 100.0, "", "");
+            field(&mut svg, &Layout { mounting: 0, foot_mm: 1300.0, table_mm: 500.0, reached }, [0.0; 2]);
+            svg.finish()
+        };
+        let all = ELEVATIONS * AZIMUTHS;
+        for (directions, percent) in [(0, ">0 %<"), (1, ">0.22 %<"), (all / 2, ">50 %<"), (all - 1, ">99 %<"), (all, ">100 %<")] {
+            assert!(told(directions).contains(percent), "{directions}: {}", told(directions));
+        }
     }
 }

@@ -162,10 +162,9 @@ impl AdviceDocument {
         let [now, then] = percents_apart([now_of_asked, self.of_asked]);
         // A plan with the parameters chooses its views anew: no digit behind the point would hold.
         let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle about {} s", fixed(secs, 0)));
-        let regions = match self.regions_met.len() {
-            0 => String::new(),
-            _ => format!("; meets the target of {}", self.regions_met.join(", ")),
-        };
+        // Quoted, so that no name breaks a line.
+        let names: Vec<String> = self.regions_met.iter().map(|name| format!("{name:?}")).collect();
+        let regions = if names.is_empty() { String::new() } else { format!("; meets the target of {}", names.join(", ")) };
         format!(
             "{action} ({}): estimated {then} % of asked, now {now} %, and {} % of what is visible then, with {} views{cycle}{regions}",
             self.settings(),
@@ -313,12 +312,12 @@ mod tests {
     #[test]
     fn advice_for_more_views_names_the_target_and_the_regions_that_meet_theirs() {
         let mut more = advice(AdviceKind::MoreViews, vec![ParamChange::Target(0.992), ParamChange::MaxViews(10)]);
-        (more.added_views, more.cycle_secs, more.regions_met) = (1, None, vec!["bore".to_owned(), "rim".to_owned()]);
+        (more.added_views, more.cycle_secs, more.regions_met) = (1, None, vec!["bore".to_owned(), "rim\nof it".to_owned()]);
         let told = document(&more);
         assert_eq!(
             told.text,
             "choose 1 more view (selection.target = 0.992, selection.max_views = 10): estimated 97.1 % of asked, now 80.0 %, and \
-             99.1 % of what is visible then, with 10 views; meets the target of bore, rim"
+             99.1 % of what is visible then, with 10 views; meets the target of \"bore\", \"rim\\nof it\""
         );
         assert_eq!(told.options(), "--set selection.target=0.992 --set selection.max_views=10");
     }

@@ -11,7 +11,7 @@ use super::verdict::{PlanVerdict, fragile_loss};
 use crate::planning::params::RobustParams;
 use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
-use crate::wire::words::{counted, fixed, percents_apart};
+use crate::wire::words::{counted, fixed, percents_apart, pose_error_sizes};
 
 /// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of a group of
 /// missed spots. If pose errors cost the plan at least as much, it is to choose views that tolerate them; if the home of the cell
@@ -105,11 +105,10 @@ fn robust(plan: &Plan) -> Option<SummaryAction> {
     let is_default = RobustParams::default().pose_error == Some(error);
     let or_own =
         if is_default { "; or set the cell's own error in place of the default: --set robust.pose_error=…" } else { "" };
+    let [angle_deg, shift_mm] = pose_error_sizes(&error);
     let text = format!(
-        "choose views that tolerate pose errors of {}° and {} mm (costliest: {}, {} percentage points): {}; effect not \
-         estimated{or_own}",
-        error.angle_deg,
-        error.translation_mm,
+        "choose views that tolerate pose errors of {angle_deg}° and {shift_mm} mm (costliest: {}, {} percentage points): {}; \
+         effect not estimated{or_own}",
         costliest.kind,
         fixed(100.0 * costliest.loss(), 2),
         options(&set)
@@ -124,10 +123,9 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added => format!("+{}", counted(added, "view")),
     });
     let what = laying.unwrap_or_else(|| format!("choose {}", counted(advice.added_views, "more view")));
-    let regions = match advice.regions_met.len() {
-        0 => String::new(),
-        _ => format!("; meets the target of {}", advice.regions_met.join(", ")),
-    };
+    // Quoted, so that no name breaks a line.
+    let names: Vec<String> = advice.regions_met.iter().map(|name| format!("{name:?}")).collect();
+    let regions = if names.is_empty() { String::new() } else { format!("; meets the target of {}", names.join(", ")) };
     let mut action = SummaryAction {
         text: String::new(),
         command: Some(options(&advice.set)),

@@ -12,7 +12,9 @@ use crate::planning::params::{SelectionGoal, TargetOf};
 use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyKind, RemedyView, StopReason, share};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
-use crate::wire::words::{area_mm2, cause_phrase, counted, fixed, none_found, partial_percent, rounded_down_deg, turn_phrase};
+use crate::wire::words::{
+    area_mm2, cause_phrase, counted, none_found, partial_percent, percent_below, rounded_down_deg, turn_phrase,
+};
 
 /// Largest number of setups of a plan: the range of `setups`.
 const MAX_SETUPS: u32 = 4;
@@ -218,7 +220,8 @@ impl MissedGroup {
     #[must_use]
     pub fn recovers(&self) -> String {
         let of_group = share(self.recovers_mm2, self.area_mm2);
-        let whole_percent = || format!("{} %", fixed(100.0 * of_group, 0));
+        // What is left of a group is not rounded away.
+        let whole_percent = || format!("{} %", percent_below(of_group, 1.0, 0));
         let percent = if self.fix_known { whole_percent() } else { partial_percent(of_group).unwrap_or_else(whole_percent) };
         format!("{} mm² ({percent})", area_mm2(self.recovers_mm2))
     }

@@ -622,6 +622,18 @@ fn a_share_that_does_not_work_is_not_rounded_to_one_that_does() {
     assert!(group_of(&plan).text.ends_with("; recovers 8.99 mm² (89 %)"), "{}", group_of(&plan).text);
 }
 
+/// 99.7 % of two spots was told as 100 %.
+#[test]
+fn what_a_fix_leaves_of_its_spots_is_not_rounded_away() {
+    let mut plan = plan(3, 0, 700.0);
+    let told = |of_spot: f64, plan: &mut Plan| {
+        plan.missed = vec![missed(Cause::ShadowLeft, vec![Some(remedy(RemedyKind::Roll, of_spot, &[4]))])];
+        group_of(plan).recovers()
+    };
+    assert_eq!(told(0.997, &mut plan), "9.97 mm² (99 %)");
+    assert_eq!((told(0.956, &mut plan), told(1.0, &mut plan)), ("9.56 mm² (96 %)".to_owned(), "10.0 mm² (100 %)".to_owned()));
+}
+
 fn advice() -> PlanAdvice {
     PlanAdvice {
         kind: AdviceKind::TurnOver,
@@ -648,7 +660,7 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     assert_eq!(
         action.text,
         "turn it upside down and scan again: --set setups=2 --set registration=markers; estimated effect: 70.1 → 97.9 % of asked, +2 \
-         views; meets the target of bore"
+         views; meets the target of \"bore\""
     );
     assert_eq!(action.command.as_deref(), Some("--set setups=2 --set registration=markers"));
     assert_eq!(serde_json::to_value(&action.set).expect("JSON"), json!({"setups": 2, "registration": "markers"}));
@@ -656,6 +668,18 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     // Spots that the same turn would show are asked for with the same parameters.
     assert_eq!(summary.missed[0].set, action.set);
     assert!(summary.lines().contains(&format!("Next: {}", action.text)));
+}
+
+/// It added lines of its own to the command line's summary and to `report.txt`.
+#[test]
+fn the_name_of_a_region_breaks_no_line_of_the_best_action() {
+    let mut plan = plan(3, 0, 701.0);
+    let regions_met = vec!["rim\nReady to scan".to_owned(), "\u{1b}[2Jseat".to_owned()];
+    plan.advice = vec![PlanAdvice { regions_met, ..advice() }];
+    let summary = Summary::of(&plan);
+    let action = summary.action.as_ref().expect("advice");
+    assert!(action.text.ends_with("; meets the target of \"rim\\nReady to scan\", \"\\u{1b}[2Jseat\""), "{}", action.text);
+    assert!(!summary.lines().iter().any(|line| line.contains(char::is_control)), "{:?}", summary.lines());
 }
 
 /// The spots that a pose of the advised setups shows are fixed by the same parameters.
@@ -699,6 +723,20 @@ fn a_fragile_plan_is_told_which_error_costs_most_and_to_give_that_of_the_cell_wh
              --set robust.pose_error=…"
         )
     );
+}
+
+/// "1.0123456789012344° and 1.2649110640673518 mm" stood in the verdict, and "1.01° and 1.26 mm" on another line.
+#[test]
+fn pose_errors_are_told_with_three_digits_in_verdict_and_action() {
+    let mut plan = plan(3, 0, 792.0);
+    let [views, part, hand_eye] = [0.5; 3].map(|worst| Drawn::new(0.792, vec![worst]));
+    let pose_error = PoseErrorParams { angle_deg: 1.012_345_678, translation_mm: 1.264_911_064 };
+    plan.coverage.robust = Some(Robust { pose_error, views, part, hand_eye });
+    let summary = Summary::of(&plan);
+    let action = summary.action.expect("an action").text;
+    for told in [&summary.verdict_text, &action] {
+        assert!(told.contains("pose errors of 1.01° and 1.26 mm "), "{told}");
+    }
 }
 
 #[test]

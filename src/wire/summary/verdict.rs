@@ -6,7 +6,7 @@ use crate::cell::closed_list;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
 use crate::planning::plan::{MissedCause, Plan, RegionCoverage, Robust, StopReason, share};
 use crate::wire::plan::options;
-use crate::wire::words::{cause_phrase, counted, fixed, fixed_nonzero, percent_below};
+use crate::wire::words::{cause_phrase, counted, fixed, fixed_nonzero, percent_below, pose_error_sizes};
 
 closed_list! {
     /// Verdict on a plan: the first of these that holds.
@@ -238,10 +238,9 @@ fn fragile_clause(plan: &Plan) -> String {
 /// Loss under pose errors in a clause.
 fn fragile(plan: &Plan) -> String {
     plan.coverage.robust.as_ref().map_or_else(String::new, |robust| {
+        let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
         format!(
-            "pose errors of {}° and {} mm cost {} percentage points of the asked area in the worst draw",
-            robust.pose_error.angle_deg,
-            robust.pose_error.translation_mm,
+            "pose errors of {angle_deg}° and {shift_mm} mm cost {} percentage points of the asked area in the worst draw",
             fixed(100.0 * robust.worst_loss(), 2)
         )
     })
