@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::serve::run_to_completion;
 use super::{CliError, failed, output};
-use crate::service::{BackupReport, backup, restore};
+use crate::service::{BackupError, BackupReport, backup, restore};
 use crate::wire::words::counted;
 
 /// Back up the data of a server, which may be running.
@@ -53,8 +53,9 @@ pub struct RestoreArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
+    check_names([("--data", args.data.as_path()), ("--to", args.to.as_path())])?;
     run_to_completion(async {
-        let report = backup(&args.data, &args.to).await.map_err(|error| failed("the backup", &error))?;
+        let report = backup(&args.data, &args.to).await.map_err(|error| refused("the backup", &error))?;
         let words = format!("{} backed up to {}: {}\n", args.data.display(), args.to.display(), summary(&report));
         output::result(&Copied::new(&args.data, &args.to, &report), words)
     })
@@ -65,8 +66,10 @@ pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
 /// # Errors
 /// [`CliError`].
 pub fn run_restore(args: &RestoreArgs) -> Result<(), CliError> {
+    check_names([("--from", args.from.as_path()), ("--data", args.data.as_path())])?;
     run_to_completion(async {
-        let report = restore(&args.from, &args.data, args.keep_damaged).await.map_err(|error| failed("the restore", &error))?;
+        let restored = restore(&args.from, &args.data, args.keep_damaged).await;
+        let report = restored.map_err(|error| refused("the restore", &error))?;
         let (data, from) = (args.data.display(), args.from.display());
         let left_out: String = report.damaged.iter().map(|file| format!("left out, missing or damaged: {file}\n")).collect();
         let summary = summary(&report);
@@ -74,6 +77,28 @@ pub fn run_restore(args: &RestoreArgs) -> Result<(), CliError> {
             format!("{data} restored from {from}: {summary}\n{left_out}Start the server with: vantage serve --data {data}\n");
         output::result(&Copied::new(&args.from, &args.data, &report), words)
     })
+}
+
+/// Refuses folders whose names are not UTF-8: SQLite takes no other names; with their bytes replaced they would be other folders.
+fn check_names(folders: [(&str, &Path); 2]) -> Result<(), CliError> {
+    match folders.into_iter().find(|(_, folder)| folder.to_str().is_none()) {
+        Some((option, folder)) => Err(CliError::BadInput(format!("{option} {}: is not UTF-8", folder.display()))),
+        None => Ok(()),
+    }
+}
+
+/// Error of a copy: folders that cannot be the ones meant are bad input.
+fn refused(what: &str, error: &BackupError) -> CliError {
+    use BackupError::{NoStore, NotEmpty, OntoItself, OtherStore};
+    match error {
+        NoStore(_) | OntoItself(_) | NotEmpty(_) | OtherStore(_) => CliError::BadInput(format!("{what}: {error}")),
+        BackupError::Incomplete(_)
+        | BackupError::Damaged(_)
+        | BackupError::Busy
+        | BackupError::Open(_)
+        | BackupError::Database(_)
+        | BackupError::File { .. } => failed(what, error),
+    }
 }
 
 /// Counts as `--json` prints them.
@@ -110,6 +135,39 @@ fn summary(report: &BackupReport) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// They ended with 1, the code of a system error.
+    #[test]
+    fn folders_that_cannot_be_the_ones_meant_are_bad_input() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [data, to] = ["data", "to"].map(|name| folder.path().join(name));
+        let backed_up = run_backup(&BackupArgs { data: data.clone(), to: to.clone() });
+        let restored = run_restore(&RestoreArgs { from: to.clone(), data, keep_damaged: false });
+        for error in [backed_up.expect_err("no store"), restored.expect_err("no backup")] {
+            assert!(error.exit_code() == 2 && error.to_string().ends_with("it has no vantage.db"), "{error}");
+        }
+        for (error, code) in [
+            (BackupError::NotEmpty(to.clone()), 2),
+            (BackupError::OtherStore(to.clone()), 2),
+            (BackupError::OntoItself(to), 2),
+            (BackupError::Busy, 1),
+            (BackupError::Damaged(Vec::new()), 1),
+        ] {
+            assert_eq!(refused("the backup", &error).exit_code(), code, "{error}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn folders_whose_names_are_not_utf_8_are_refused() {
+        use std::os::unix::ffi::OsStrExt as _;
+        let named = |name: &'static [u8]| PathBuf::from(std::ffi::OsStr::from_bytes(name));
+        let backed_up = run_backup(&BackupArgs { data: named(b"data"), to: named(b"to-\xff") });
+        let restored = run_restore(&RestoreArgs { from: named(b"from-\xff"), data: named(b"data"), keep_damaged: false });
+        for (refused, told) in [(backed_up, "--to to-\u{fffd}: is not UTF-8"), (restored, "--from from-\u{fffd}: is not UTF-8")] {
+            assert_eq!(refused, Err(CliError::BadInput(told.to_owned())));
+        }
+    }
 
     #[test]
     fn one_file_is_no_files() {

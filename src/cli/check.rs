@@ -118,6 +118,7 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
         let sound = value.and_then(|value| input.check(path, value));
         checked.push(CheckedFile::new(&path.display().to_string(), sound, args.strict)?);
     }
+    checked.extend(input.doubted_part());
     let lines: String = checked.iter().filter_map(CheckedFile::line).collect();
     let wrong: Vec<FileFinding> = checked.iter().flat_map(|file| &file.errors).cloned().collect();
     output::result(&CheckedFiles { ok: wrong.is_empty(), files: &checked }, lines)?;
@@ -155,6 +156,8 @@ struct CheckInput<'a> {
     reference: Reference,
     part: Option<MeshFile>,
     fixture: Option<MeshFile>,
+    /// Warnings on the size of the part.
+    of_size: Vec<FieldWarning>,
 }
 
 impl<'a> CheckInput<'a> {
@@ -173,8 +176,19 @@ impl<'a> CheckInput<'a> {
         };
         let scanner = args.scanner.as_deref().map(|name| load_scanner(None, Some(name))).transpose()?;
         let (reference, part, fixture) = args.reference.read()?;
-        args.reference.warn_of_size(cell.as_ref(), &reference);
-        Ok(Self { args, cell, controllers, scanner, reference, part, fixture })
+        let of_size = args.reference.warnings_of_size(cell.as_ref(), &reference);
+        if let Some(part) = part.as_ref().filter(|_| !args.strict) {
+            warn(&part.path.display().to_string(), &of_size);
+        }
+        Ok(Self { args, cell, controllers, scanner, reference, part, fixture, of_size })
+    }
+
+    /// The file of a part whose size is doubted, with `--strict`, where that is an error.
+    fn doubted_part(&self) -> Option<CheckedFile> {
+        let part = self.part.as_ref().filter(|_| self.args.strict && !self.of_size.is_empty())?;
+        let file = part.path.display().to_string();
+        let errors = self.of_size.iter().map(|warning| error_of(&file, warning)).collect();
+        Some(CheckedFile::wrong(&file, errors))
     }
 
     /// Everything that is given beside the files.
@@ -367,7 +381,24 @@ impl CheckedFile {
     /// # Errors
     /// What concerns no file.
     fn new(file: &str, sound: Result<Sound, CliError>, strict: bool) -> Result<Self, CliError> {
-        let wrong = |errors| Self {
+        match sound {
+            Ok(Sound { description, measured_of_asked, warnings, verified, unverified, .. }) => {
+                let errors: Vec<_> = warnings.iter().filter(|_| strict).map(|warning| error_of(file, warning)).collect();
+                let (file, description, ok) = (file.to_owned(), Some(description), errors.is_empty());
+                Ok(Self { file, ok, description, measured_of_asked, warnings, verified, unverified, errors })
+            }
+            Err(CliError::Findings(errors)) => Ok(Self::wrong(file, errors)),
+            // The text names the file.
+            Err(CliError::BadInput(text)) => {
+                let detail = text.strip_prefix(&format!("{file}: ")).unwrap_or(&text).to_owned();
+                Ok(Self::wrong(file, vec![FileFinding { file: file.to_owned(), pointer: String::new(), detail }]))
+            }
+            Err(other) => Err(other),
+        }
+    }
+
+    fn wrong(file: &str, errors: Vec<FileFinding>) -> Self {
+        Self {
             file: file.to_owned(),
             ok: false,
             description: None,
@@ -376,20 +407,6 @@ impl CheckedFile {
             verified: Vec::new(),
             unverified: Vec::new(),
             errors,
-        };
-        match sound {
-            Ok(Sound { description, measured_of_asked, warnings, verified, unverified, .. }) => {
-                let errors: Vec<_> = warnings.iter().filter(|_| strict).map(|warning| error_of(file, warning)).collect();
-                let (file, description, ok) = (file.to_owned(), Some(description), errors.is_empty());
-                Ok(Self { file, ok, description, measured_of_asked, warnings, verified, unverified, errors })
-            }
-            Err(CliError::Findings(errors)) => Ok(wrong(errors)),
-            // The text names the file.
-            Err(CliError::BadInput(text)) => {
-                let detail = text.strip_prefix(&format!("{file}: ")).unwrap_or(&text).to_owned();
-                Ok(wrong(vec![FileFinding { file: file.to_owned(), pointer: String::new(), detail }]))
-            }
-            Err(other) => Err(other),
         }
     }
 
@@ -444,12 +461,10 @@ fn with_its_controllers(name: &str) -> Result<(Cell, Option<ControllersSpec>), C
 }
 
 impl ReferenceArgs {
-    /// Warns of a part whose size tells of a wrong unit.
-    fn warn_of_size(&self, cell: Option<&Cell>, reference: &Reference) {
-        if let (Some(cell), Some(part), Some(unit), Some(mesh)) = (cell, &reference.part, self.unit, &self.mesh) {
-            let limits = SizeLimits::new(&cell.scanner, Some(cell));
-            warn(&mesh.display().to_string(), &PartSize::new(&part.aabb(), unit).warnings(None, &limits, "--unit"));
-        }
+    /// Warnings on a part whose size tells of a wrong unit.
+    fn warnings_of_size(&self, cell: Option<&Cell>, reference: &Reference) -> Vec<FieldWarning> {
+        let (Some(cell), Some(part), Some(unit)) = (cell, &reference.part, self.unit) else { return Vec::new() };
+        PartSize::new(&part.aabb(), unit).warnings(None, &SizeLimits::new(&cell.scanner, Some(cell)), "--unit")
     }
 
     /// Reads the files, and holds them against each other. Beside the part of a plan with a fixture there is that fixture, the

@@ -174,12 +174,18 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
     refuse_mesh(path)?;
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
     let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
+    let text = without_byte_order_mark(&text);
     let read = if text.trim_start().starts_with('{') {
-        serde_json::from_str(&text).map_err(|error| json_fault(&text, &error))
+        serde_json::from_str(text).map_err(|error| json_fault(text, &error))
     } else {
-        toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
+        toml::from_str(text).map_err(|error| toml_fault(text, &error))
     };
     read.map(|Distinct(value)| value).map_err(refuse)
+}
+
+/// The text without the byte order mark that some editors begin UTF-8 with: JSON knows none, and a value would keep it.
+pub(super) fn without_byte_order_mark(text: &str) -> &str {
+    text.strip_prefix('\u{feff}').unwrap_or(text)
 }
 
 /// Reads a document as [`value`] does; the paths in a specification, which count from the folder of its file, then lead from the working

@@ -8,12 +8,13 @@ use std::path::{Path, PathBuf};
 use super::plan::load_scanner;
 use super::{CliError, check, files, inspect_scanner, output};
 use crate::cell::{Presets, SpecKind, SpecLibrary as _, did_you_mean, preset_text};
+use crate::check::kind_of;
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
-use crate::wire::MeshHealthReport;
 use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{area_mm2, by_thousands, fixed, fixed_nonzero};
+use crate::wire::{DocumentKind, MeshHealthReport};
 
 /// Show the size and defects of a mesh, or the field of view and measurement volume of a scanner.
 #[derive(Clone, Debug, clap::Args)]
@@ -118,12 +119,19 @@ fn json(
     Ok(serde_json::to_string_pretty(&document)? + "\n")
 }
 
-/// Report of a text that is not a mesh. It is read as a scanner's specification, whose reader says what is missing.
+/// Report of a text that is not a mesh. It is read as a scanner's specification, whose reader says what is missing; JSON, which may be
+/// a mesh in glTF, only if it has a field that only scanners have.
 fn scanner_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
     let text = fs::read_to_string(&args.file).ok()?;
-    let is_text = detect_format(text.as_bytes()) == Err(MeshError::UnknownFormat);
-    let render = || inspect_scanner::render(&text, args.json);
-    is_text.then(|| render().map_err(|error| CliError::BadInput(format!("{}: {error}", args.file.display()))))
+    let rendered = if detect_format(text.as_bytes()) == Err(MeshError::UnknownFormat) {
+        inspect_scanner::render(&text, args.json)
+    } else {
+        let is_json = files::without_byte_order_mark(&text).trim_start().starts_with('{');
+        let document = if is_json { files::value(&args.file).ok() } else { None };
+        let scanner = document.filter(|document| kind_of(document) == Some(DocumentKind::Scanner))?;
+        inspect_scanner::render_document(&scanner, args.json)
+    };
+    Some(rendered.map_err(|error| CliError::BadInput(format!("{}: {error}", args.file.display()))))
 }
 
 /// Report of a scanner preset; `None` if there is none of the name.

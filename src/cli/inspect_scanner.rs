@@ -1,4 +1,4 @@
-//! `vantage inspect SCANNER.toml`: a scanner's fields of view and measurement volume, compared with the boxes stated in its
+//! `vantage inspect SCANNER`: a scanner's fields of view and measurement volume, compared with the boxes stated in its
 //! specification.
 
 use std::fmt::Write as _;
@@ -17,12 +17,23 @@ use crate::wire::{DocumentKind, from_value};
 /// # Errors
 /// [`CliError::BadInput`] if `text` is not the TOML of a scanner, or with every field that is out of range.
 pub fn render(text: &str, json: bool) -> Result<String, CliError> {
-    let neither = |error: String| CliError::BadInput(format!("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): {error}"));
-    let value: Value = toml::from_str(text).map_err(|error| neither(error.to_string()))?;
+    let value: Value = toml::from_str(text).map_err(|error| neither(&error.to_string()))?;
+    render_document(&value, json)
+}
+
+fn neither(error: &str) -> CliError {
+    CliError::BadInput(format!("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): {error}"))
+}
+
+/// Describes the scanner that `document` specifies, as text or as JSON.
+///
+/// # Errors
+/// [`CliError::BadInput`] if it is not a scanner, or with every field that is out of range.
+pub(super) fn render_document(document: &Value, json: bool) -> Result<String, CliError> {
     let lines = |errors: Vec<FieldError>| errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
-    let spec: ScannerSpec = from_value(&value).map_err(|errors| match kind_of(&value) {
+    let spec: ScannerSpec = from_value(document).map_err(|errors| match kind_of(document) {
         Some(DocumentKind::Scanner) => CliError::BadInput(lines(errors)),
-        _ => neither(lines(errors)),
+        _ => neither(&lines(errors)),
     })?;
     let scanner = spec.build().map_err(|errors| CliError::BadInput(lines(errors)))?;
     let facts = ScannerFacts::new(&scanner);

@@ -225,10 +225,10 @@ fn params(plan: Option<&PlanDocument>, sets: &[String]) -> Result<DialectParams,
     set_params(serde_json::json!({ "dialects": dialects }), sets).map(|params| params.dialects)
 }
 
-/// Writes into a folder, if `path` exists as one or has no extension; else to a file, which holds one program of one file. Returns
-/// the paths written.
+/// Writes into a folder, if `path` exists as one, or has no extension and does not exist; else to a file, which holds one program of one
+/// file. Returns the paths written.
 fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<Vec<PathBuf>, CliError> {
-    let is_folder = path.is_dir() || (path.extension().is_none() && !path.is_file());
+    let is_folder = path.is_dir() || (path.extension().is_none() && !path.exists());
     if !is_folder {
         return write_alone(path, files, origin);
     }
@@ -240,12 +240,16 @@ fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<Ve
 }
 
 /// Writes the only file of the only program under the name that was asked for, over an earlier program if there is one. In a
-/// folder with results it is recorded among them.
+/// folder with results it is recorded among them. What is there and is no file, such as a pipe, is neither read nor replaced.
 fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<Vec<PathBuf>, CliError> {
     let [file] = <[DialectFile; 1]>::try_from(files).map_err(|files| {
         let names: Vec<_> = files.iter().map(|file| file.name.as_str()).collect();
         CliError::BadInput(format!("--out {}: is a single file; name a folder for {}", path.display(), names.join(", ")))
     })?;
+    if path.exists() && !path.is_file() {
+        files::write(path, file.text.as_bytes())?;
+        return Ok(vec![path.to_owned()]);
+    }
     let folder = folder_of(path);
     if [RECORD_FILE, PLAN_FILE].iter().any(|name| folder.join(name).is_file()) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -27,12 +27,13 @@ fn of_file(key: &str, path: &Path) -> Result<Value, String> {
     }
     let refuse = |error: String| format!("{}: {error}", path.display());
     let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
+    let text = files::without_byte_order_mark(&text);
     match extension.as_deref() {
         Some("json") => {
-            let read = serde_json::from_str(&text).map_err(|error| refuse(files::json_fault(&text, &error)));
+            let read = serde_json::from_str(text).map_err(|error| refuse(files::json_fault(text, &error)));
             read.map(|Distinct(value)| value)
         }
-        _ => json_or_text(text.strip_suffix('\n').map_or(&*text, |line| line.strip_suffix('\r').unwrap_or(line))).map_err(refuse),
+        _ => json_or_text(text.strip_suffix('\n').map_or(text, |line| line.strip_suffix('\r').unwrap_or(line))).map_err(refuse),
     }
 }
 

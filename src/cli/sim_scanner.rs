@@ -1,6 +1,6 @@
 //! `vantage sim scanner`: scans of a plan's views, as a real scanner would export them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
@@ -81,5 +81,23 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     folder.replace(&taken, &FileOrigin { plan_sha256: Some(scanned.plan_sha256.clone()), made_from: None })?;
     let written: Vec<&str> = taken.iter().map(|file| file.name.as_ref()).collect();
     let words = format!("{} in {}\n", counted(written.len() - 1, "scan"), folder.path().display());
-    output::result(&serde_json::json!({ "out": folder.path(), "files": written }), words)
+    output::result(&document(folder.path(), &written), words)
+}
+
+/// The folder and its files, as `--json` prints them. A path that is not UTF-8 is no value of JSON, but its text for people is.
+fn document(out: &Path, files: &[&str]) -> serde_json::Value {
+    serde_json::json!({ "out": out.display().to_string(), "files": files })
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// The command ended with a panic once the scans were written, without --json too.
+    #[test]
+    fn a_folder_whose_name_is_not_utf_8_is_told() {
+        use std::os::unix::ffi::OsStrExt as _;
+        let out = Path::new(std::ffi::OsStr::from_bytes(b"scans-\xff"));
+        assert_eq!(document(out, &["view_000.ply"]), serde_json::json!({ "out": "scans-\u{fffd}", "files": ["view_000.ply"] }));
+    }
 }

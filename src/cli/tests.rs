@@ -25,6 +25,22 @@ fn a_scanner_is_inspected_by_the_name_of_its_preset() {
     assert!(report(&args("transcan-d")).is_err_and(|error| error.to_string().contains("transcan-d")));
 }
 
+/// A scanner in JSON, as `vantage presets NAME --json` writes it, was told as a mesh in glTF.
+#[test]
+fn a_scanner_is_inspected_in_json_as_in_toml() {
+    let spec = Presets.scanner("transcan-c").expect("a preset");
+    let text = serde_json::to_string_pretty(&spec).expect("JSON");
+    for text in [text.clone(), format!("\u{feff}{text}")] {
+        let told = inspect(text.as_bytes(), None, false).expect("a scanner");
+        assert!(told.starts_with("scanner transcan-c\nrig     baseline 209.94 mm"), "{told}");
+    }
+    let lacking = inspect(b"{\"depth_mm\": {\"near\": 1.0}}", None, false).expect_err("lacks fields").to_string();
+    assert!(lacking.contains("/projector") && !lacking.contains("glTF"), "{lacking}");
+    // A mesh in glTF has materials, as parameters have.
+    let mesh = inspect(b"{\"asset\": {}, \"materials\": []}", None, false).expect_err("no scanner").to_string();
+    assert!(mesh.contains("JSON (perhaps glTF)"), "{mesh}");
+}
+
 /// A misspelled preset was told as a missing file alone.
 #[test]
 fn a_name_that_is_neither_a_file_nor_a_scanner_preset_is_told_the_presets() {
@@ -356,6 +372,21 @@ fn a_dash_is_no_file_and_no_standard_input() {
         let told = refused.expect_err("standard input").to_string();
         assert_eq!(told, "-: standard input is not read; write it to a file and give that file's name");
     }
+}
+
+/// JSON with the mark was taken for TOML, and refused at its second column.
+#[test]
+fn a_file_may_begin_with_a_byte_order_mark() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, text) in [("params.json", "\u{feff}{\"seed\": 3}\n"), ("params.toml", "\u{feff}seed = 3\n")] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("a file");
+        assert_eq!(files::value(&path), Ok(serde_json::json!({ "seed": 3 })), "{name}");
+    }
+    let path = folder.path().join("broken.json");
+    std::fs::write(&path, "\u{feff}{\"seed\": x}").expect("a file");
+    let told = files::value(&path).expect_err("no JSON").to_string();
+    assert!(told.contains("`x` is not a JSON value") && told.contains("line 1, column 10"), "{told}");
 }
 
 #[test]

@@ -61,9 +61,12 @@ pub(super) fn content_range(bytes: &Range<u64>, length: u64) -> HeaderValue {
 
 /// The 416 response, with the file's length.
 pub(super) fn beyond_end(length: u64) -> Response {
-    let mut response =
-        ApiError::at(Code::RangeNotSatisfiable, "Range", format!("begins at or after the end; the length is {length} bytes"))
-            .into_response();
+    let mut response = ApiError::header(
+        Code::RangeNotSatisfiable,
+        "Range",
+        &format!("begins at or after the end; the length is {length} bytes"),
+    )
+    .into_response();
     response.headers_mut().insert(CONTENT_RANGE, header(&format!("bytes */{length}")));
     response
 }

@@ -84,7 +84,7 @@ pub(super) async fn run_event_stream(
     run: RunId,
     headers: &HeaderMap,
 ) -> Result<Response, ApiError> {
-    let refused = |_| ApiError::at(Code::BadRequest, "Last-Event-ID", "is not the id of an event of a run");
+    let refused = |_| ApiError::header(Code::BadRequest, "Last-Event-ID", "is not the id of an event of a run");
     let last = headers.get("last-event-id").map(|value| value.to_str().unwrap_or_default().parse::<RunCursor>());
     let last = last.transpose().map_err(refused)?;
     let permit = state.quotas.acquire(Resource::EventStreams, client, &state.options)?;
@@ -124,6 +124,6 @@ fn sse_run_events(events: RunStream, permit: Permit) -> impl Stream<Item = Resul
 fn last_event_id(headers: &HeaderMap) -> Result<Option<i64>, ApiError> {
     let Some(value) = headers.get("last-event-id") else { return Ok(None) };
     let id = value.to_str().ok().and_then(|text| text.parse::<i64>().ok()).filter(|id| *id >= 0);
-    let refused = || ApiError::at(Code::BadRequest, "Last-Event-ID", "is not the id of an event");
+    let refused = || ApiError::header(Code::BadRequest, "Last-Event-ID", "is not the id of an event");
     id.map(Some).ok_or_else(refused)
 }

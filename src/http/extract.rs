@@ -241,16 +241,17 @@ impl FromRequestParts<ApiState> for Precondition {
     async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, ApiError> {
         let header = |name: &HeaderName| match parts.headers.get_all(name).iter().collect::<Vec<_>>()[..] {
             [] => Ok(None),
-            [value] => {
-                value.to_str().map(Some).map_err(|_| ApiError::at(Code::BadRequest, name.as_str(), "is not visible ASCII text"))
-            }
-            _ => Err(ApiError::at(Code::BadRequest, name.as_str(), "is given more than once")),
+            [value] => value
+                .to_str()
+                .map(Some)
+                .map_err(|_| ApiError::header(Code::BadRequest, name.as_str(), "is not visible ASCII text")),
+            _ => Err(ApiError::header(Code::BadRequest, name.as_str(), "is given more than once")),
         };
         match (header(&IF_MATCH)?, header(&IF_NONE_MATCH)?) {
             (None, None) => Ok(Self::None),
             (Some(tags), None) => Ok(Self::Match(if tags.trim() == "*" { Vec::new() } else { split_tags(tags) })),
             (of, Some(tags)) if tags.trim() == "*" => Ok(of.map_or(Self::Absent, |_| Self::Never)),
-            (_, Some(_)) => Err(ApiError::at(Code::BadRequest, "If-None-Match", "must be * here")),
+            (_, Some(_)) => Err(ApiError::header(Code::BadRequest, "If-None-Match", "must be * here")),
         }
     }
 }
@@ -283,7 +284,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
     const NAME: &str = "idempotency-key";
     let mut values = headers.get_all(NAME).iter();
     let Some(value) = values.next() else { return Ok(None) };
-    let refuse = |detail: &str| ApiError::at(Code::BadIdempotencyKey, "Idempotency-Key", detail);
+    let refuse = |detail: &str| ApiError::header(Code::BadIdempotencyKey, "Idempotency-Key", detail);
     if values.next().is_some() {
         return Err(refuse("is given more than once"));
     }

@@ -50,7 +50,7 @@ pub(super) fn is_answered(authority: &str, options: &ServerOptions) -> bool {
 
 /// The authority that the request is for, in lower case. `None` for HTTP/1.0 without `Host`.
 fn authority(version: Version, uri: &Uri, headers: &HeaderMap) -> Result<Option<String>, ApiError> {
-    let refuse = |detail: &str| ApiError::at(Code::BadRequest, "Host", detail);
+    let refuse = |said: &str| ApiError::header(Code::BadRequest, "Host", said);
     let mut hosts = headers.get_all(HOST).iter();
     let header = match (hosts.next(), hosts.next()) {
         (Some(host), None) => Some(host.to_str().map_err(|_| refuse("is not text"))?.to_ascii_lowercase()),

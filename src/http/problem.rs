@@ -180,6 +180,12 @@ impl ApiError {
         Self { errors: vec![field], ..Self::new(Code::BadQuery, format!("The query parameter {name:?} {said}.")) }
     }
 
+    /// A header at fault: a sentence, of which `said` is what follows the header's name.
+    pub(super) fn header(code: Code, name: &str, said: &str) -> Self {
+        let field = ProblemField { pointer: name.to_owned(), detail: said.to_owned() };
+        Self { errors: vec![field], ..Self::new(code, format!("The header {name} {said}.")) }
+    }
+
     /// Adds the fields at fault.
     pub(super) fn with_errors(mut self, errors: Vec<ProblemField>) -> Self {
         self.errors = errors;

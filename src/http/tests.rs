@@ -3,11 +3,16 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use axum::body::to_bytes;
 use axum::http::header::{ACCEPT, ACCEPT_ENCODING, ETAG, IF_NONE_MATCH, VARY};
 use axum::http::{HeaderMap, StatusCode};
+use axum::response::IntoResponse;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
+use super::download::beyond_end;
 use super::negotiate::{Representation, choose};
+use super::prefix::Prefix;
+use super::problem::{ApiError, Code, finish};
 use super::socket::TimeoutStream;
 use super::static_response::StaticResponse;
 use crate::planning::plan::Cause;
@@ -47,6 +52,22 @@ fn the_representation_follows_accept() {
         ("text/csv;q=nan", None),
     ] {
         assert_eq!(chosen(accept, None), name, "{accept:?}");
+    }
+}
+
+/// The detail of the problem was `is not the id of an event`, of nothing in particular.
+#[tokio::test]
+async fn a_header_at_fault_is_named_in_the_detail() {
+    let of_event = ApiError::header(Code::BadRequest, "Last-Event-ID", "is not the id of an event").into_response();
+    for (response, name, said) in [
+        (beyond_end(5), "Range", "begins at or after the end; the length is 5 bytes"),
+        (of_event, "Last-Event-ID", "is not the id of an event"),
+    ] {
+        let response = finish(response, &Prefix::default(), "/path", "id");
+        let body = to_bytes(response.into_body(), 10_000).await.expect("a body");
+        let problem: serde_json::Value = serde_json::from_slice(&body).expect("JSON");
+        assert_eq!(problem["detail"], format!("The header {name} {said}."));
+        assert_eq!(problem["errors"], serde_json::json!([{ "pointer": name, "detail": said }]));
     }
 }
 

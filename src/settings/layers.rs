@@ -94,7 +94,8 @@ impl Layers {
 
     /// Name of the layer that a key comes from.
     fn origin(&self, key: &str) -> &str {
-        let value = key.split('.').try_fold(&self.config.cache, entry);
+        // A name in quotes may hold a dot of its own.
+        let value = key.splitn(2, '.').try_fold(&self.config.cache, entry);
         // A table has no origin, and one that is no section may have no values either: such tables stand in files alone.
         let is_section = !key.contains('.') && Settings::has_section(key);
         let is_table = value.is_some_and(|value| matches!(value.kind, ValueKind::Table(_)));
@@ -167,12 +168,28 @@ fn of_file(file: &Path) -> Result<Tables, SettingsError> {
     let name = file.display().to_string();
     let refused = |reason: String| SettingsError(vec![format!("--config {name}: {reason}")]);
     let text = std::fs::read_to_string(file).map_err(|error| refused(error.to_string()))?;
-    Tables::parse(Some(&name), &text).map_err(|error| {
+    let tables = Tables::parse(Some(&name), &text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
         let (line, start) = (before.matches('\n').count() + 1, before.rfind('\n').map_or(0, |at| at + 1));
         let column = before[start..].chars().count() + 1;
         refused(format!("line {line}, column {column}: {}", error.message()))
-    })
+    })?;
+    let quoted = quoted_keys(&tables, &name);
+    if quoted.is_empty() { Ok(tables) } else { Err(SettingsError(quoted)) }
+}
+
+/// Faults of the keys in quotes that `config` would take for paths: in TOML, `"server.insecure"` is one name and no section, and
+/// `"server[0]"` would replace the section, in some runs with what is set in it.
+fn quoted_keys(tables: &Tables, name: &str) -> Vec<String> {
+    let keys: BTreeSet<&String> = tables.0.keys().filter(|key| key.contains(['.', '['])).collect();
+    let fault = |key: &String| {
+        let instead = match key.split_once('.').filter(|(section, _)| Settings::has_section(section)) {
+            Some((section, setting)) => format!("write {setting} without quotes below [{section}]"),
+            None => "remove it; `vantage serve --print-defaults` lists all settings".to_owned(),
+        };
+        format!("{key:?} ({name}): is a single name because of its quotes, and not a setting; {instead}")
+    };
+    keys.into_iter().map(fault).collect()
 }
 
 /// String of an environment variable or a flag.

@@ -238,6 +238,31 @@ fn a_file_that_is_no_toml_is_told_by_its_place_without_its_keys() {
     assert!(error.to_string().starts_with("--config ") && error.to_string().contains("directory"), "{error}");
 }
 
+/// `"server.insecure"` would open the server to other machines, or not, as the tables of the file are merged.
+#[test]
+fn a_key_in_quotes_is_refused_where_it_looks_like_a_setting() {
+    for (file, key, instead) in [
+        ("\"server.insecure\" = true\n", "\"server.insecure\"", "write insecure without quotes below [server]"),
+        ("\"server.insecure\" = true\n[server]\ninsecure = false\n", "\"server.insecure\"", "below [server]"),
+        ("[\"execution.live\"]\n", "\"execution.live\"", "write live without quotes below [execution]"),
+        ("\"server[0]\" = 1\n", "\"server[0]\"", "vantage serve --print-defaults"),
+        ("\"colour.red\" = 1\n", "\"colour.red\"", "vantage serve --print-defaults"),
+    ] {
+        let text = refusal(Some(file), &[], &Flags::new());
+        assert!(text.starts_with(&format!("{key} (")) && text.contains("vantage.toml") && text.contains(instead), "{text}");
+    }
+    let two = refusal(Some("\"server.hosts\" = []\n\"server.api_key\" = \"0012345678901234\"\n"), &[], &Flags::new());
+    let keys: Vec<_> = two.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(keys == ["\"server.api_key\"", "\"server.hosts\""] && !two.contains("0012345"), "{two}");
+    // Without quotes, and with quotes around one name, it is the setting.
+    for file in ["server.max_waits = 7\n", "\"server\".\"max_waits\" = 7\n", "[\"server\"]\n\"max_waits\" = 7\n"] {
+        assert_eq!(load(Some(file), &[], &Flags::new()).expect("a setting").server.max_waits, 7, "{file}");
+    }
+    // Its layer is the file, though the name begins like that of a setting.
+    let text = refusal(Some("[server]\n\"insecure.x\" = true\n"), &[], &Flags::new());
+    assert!(text.starts_with("server.insecure.x (") && text.contains("vantage.toml): unknown field"), "{text}");
+}
+
 #[test]
 fn a_format_of_the_log_that_is_none_is_answered_with_those_that_are() {
     let text = refusal(None, &[("VANTAGE_TELEMETRY__FORMAT", "yaml")], &Flags::new());

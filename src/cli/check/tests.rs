@@ -399,3 +399,24 @@ fn a_program_is_checked_with_a_part_only_beside_its_plan() {
     let found = check(&[&in_cell[..], &["--mesh", &part, "--unit", "mm"]].concat()).expect_err("refused");
     assert!(found.contains("program.json: is to be checked with the part, but without its plan"), "{found}");
 }
+
+/// It remained a warning, and the exit code was 0.
+#[test]
+fn a_part_in_a_doubtful_unit_is_an_error_with_strict() {
+    let folder = Folder::new();
+    let program = serde_json::json!({
+        "schema": "vantage.program/1", "plan_sha256": "00".repeat(32), "robot": "hans-e05", "turntable": "minas-a6-500",
+        "home_deg": [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0], "cycle_secs": 0.0, "steps": [],
+    });
+    let program = folder.file("program.json", &program.to_string()).display().to_string();
+    let part = folder.0.path().join("tiny.stl");
+    std::fs::write(&part, write_stl(&box_mesh([0.0; 3], [0.3, 0.2, 0.1]))).expect("writes");
+    let part = part.display().to_string();
+    let checked = [program.as_str(), "--cell", "e05-transcan", "--mesh", &part, "--unit", "mm"];
+    let doubt = format!("{part}: --unit: is 0.30 × 0.20 × 0.10 mm as read in mm");
+    // Both lack the plan that says where the part lies.
+    let found = check(&checked).expect_err("refused");
+    assert!(found.contains("program.json: is to be checked") && !found.contains(&doubt), "{found}");
+    let strict = check(&[&checked[..], &["--strict"]].concat()).expect_err("refused");
+    assert!(strict.contains("program.json: is to be checked") && strict.contains(&doubt), "{strict}");
+}

@@ -3,10 +3,12 @@ use std::path::Path;
 use clap::Parser;
 use serde_json::{Value, json};
 
-use super::{ProgramArgs, run};
+use super::{ProgramArgs, run, write};
 use crate::cell::{Named, Presets, SpecLibrary};
+use crate::cli::out::FileOrigin;
 use crate::cli::planned_block::bytes_of_two_views;
 use crate::geometry::mesh_io::write_stl;
+use crate::program::dialects::DialectFile;
 use crate::service::plan_job::plan_sha256;
 use crate::testing::box_mesh;
 use crate::wire::output_record::RECORD_FILE;
@@ -49,6 +51,21 @@ fn written_in(cell: &str, from: &Path, args: &[&str]) -> Result<Vec<String>, Str
 
 fn written(folder: &Path, args: &[&str]) -> Result<Vec<String>, String> {
     written_in("e05-transcan", folder, args)
+}
+
+/// A pipe was read first, without end, and then replaced by a file.
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_not_replaced_by_a_program() {
+    let folder = tempfile::tempdir().expect("folder");
+    for name in ["socket.csv", "socket"] {
+        let path = folder.path().join(name);
+        let _listener = std::os::unix::net::UnixListener::bind(&path).expect("a socket");
+        let file = DialectFile { name: "vantage.csv".to_owned(), text: "step\n".to_owned() };
+        // A socket cannot be opened by its name.
+        let refused = write(&path, vec![file], &FileOrigin::default()).expect_err("cannot be written");
+        assert!(refused.exit_code() == 1 && path.exists() && !path.is_file(), "{name}: {refused}");
+    }
 }
 
 #[test]

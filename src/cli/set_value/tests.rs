@@ -27,6 +27,9 @@ fn a_file_is_read_by_its_kind() {
     assert_eq!(of("a", "list.json", "[1,\n 2]\n"), Ok(json!([1, 2])));
     assert_eq!(of("a", "number", "0.5\n"), Ok(json!(0.5)));
     assert_eq!(of("a", "name.txt", "bracket 7\r\n"), Ok(json!("bracket 7")));
+    // Some editors begin a file with a byte order mark.
+    assert_eq!(of("a", "marked.json", "\u{feff}[1, 2]\n"), Ok(json!([1, 2])));
+    assert_eq!(of("a", "marked.txt", "\u{feff}bracket 7\n"), Ok(json!("bracket 7")));
     for (name, text) in [("broken.json", "[1,"), ("broken.toml", "a = \n")] {
         let reason = of("a", name, text).expect_err("broken");
         assert!(reason.contains(name) && reason.contains("line 1"), "{reason}");

@@ -58,7 +58,7 @@ fn check_length(headers: &HeaderMap, limit: u64) -> Result<(), ApiError> {
 /// The SHA-256 in `Content-Digest`, lower-case hexadecimal. Digests of other algorithms are ignored.
 fn announced_sha256(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
     let Some(value) = headers.get(CONTENT_DIGEST) else { return Ok(None) };
-    let refuse = || ApiError::at(Code::BadDigest, "Content-Digest", "must be sha-256=:BASE64: (RFC 9530)");
+    let refuse = || ApiError::header(Code::BadDigest, "Content-Digest", "must be sha-256=:BASE64: (RFC 9530)");
     let value = value.to_str().map_err(|_| refuse())?;
     let entry = value.split(',').find_map(|entry| entry.trim().strip_prefix("sha-256=")).ok_or_else(refuse)?;
     let encoded = entry.strip_prefix(':').and_then(|entry| entry.strip_suffix(':')).ok_or_else(refuse)?;
