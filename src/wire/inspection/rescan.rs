@@ -108,13 +108,14 @@ impl RescanState {
     #[must_use]
     pub fn new(inspection: &Inspection, plan: &PlanDocument, plan_sha256: &str, before: Option<&Self>) -> Self {
         let mut measured = inspection.coverage.measured.clone();
-        // What was measured by an alignment that was not found is not taken over.
-        let known = before.filter(|before| !before.is_not_found).and_then(|before| samples(&before.measured, "").ok());
-        if let Some(known) = known.filter(|known| known.words().len() == measured.words().len()) {
-            measured.insert_all(&known);
+        let mut hopeless = hopeless(&inspection.losses, inspection.surface.sample_mm.len());
+        // What was told by an alignment that was not found is not taken over.
+        let known = before.filter(|before| !before.is_not_found);
+        if let Some(known) = known {
+            known.add_to(&mut measured, &mut hopeless);
         }
         let returns = inspection.learned.as_ref().and_then(|learned| learned.returns.as_ref());
-        let model = returns.map_or_else(ReturnModel::default, |returns| returns.model.clone());
+        let model = returns.map(|returns| returns.model.clone()).or_else(|| known.map(Self::model)).unwrap_or_default();
         let first = |of: fn(&Self) -> &str, own: &str| before.map_or_else(|| own.to_owned(), |before| of(before).to_owned());
         let params = &plan.params;
         let coverage = &plan.coverage;
@@ -132,12 +133,22 @@ impl RescanState {
             is_not_found: !inspection.registration.fits(),
             samples: Some(inspection.surface.sample_mm.len()),
             measured: bits(&measured),
-            hopeless: bits(&hopeless(&inspection.losses, inspection.surface.sample_mm.len())),
+            hopeless: bits(&hopeless),
             easy_rate: model.easy_rate,
             by_incidence: RateCurveDocument::from(&model.incidence),
             by_mirror: RateCurveDocument::from(&model.mirror),
             by_depth: RateCurveDocument::from(&model.depth),
         }
+    }
+
+    /// Adds what earlier rounds measured, and what no view mends by them: the losses of a round are of what that round planned.
+    /// States of another number of samples add nothing.
+    fn add_to(&self, measured: &mut SampleSet, hopeless: &mut SampleSet) {
+        for (set, known) in [(&mut *measured, &self.measured), (&mut *hopeless, &self.hopeless)] {
+            let known = samples(known, "").ok().filter(|known| known.words().len() == set.words().len());
+            known.into_iter().for_each(|known| set.insert_all(&known));
+        }
+        hopeless.remove_all(measured);
     }
 
     /// Refuses a state of scans that do not fit the part.
@@ -196,6 +207,7 @@ impl RescanState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::ids::SampleId;
 
     fn state(samples: Option<usize>, measured: usize) -> RescanState {
         let none = RateCurveDocument::default();
@@ -226,6 +238,22 @@ mod tests {
         let lost: RescanState = serde_json::from_str(&lost).expect("a state");
         let told = lost.check_found().expect_err("refused").to_string();
         assert!(told.contains("alignment not found") && told.contains("compare scans of this part first"), "{told}");
+    }
+
+    #[test]
+    fn what_no_view_mends_stays_so_from_round_to_round_until_it_is_measured() {
+        let set = |samples: &[u32]| {
+            let mut set = SampleSet::none_of(130);
+            samples.iter().for_each(|sample| set.insert(SampleId(*sample)));
+            set
+        };
+        let before = RescanState { measured: bits(&set(&[1])), hopeless: bits(&set(&[7, 8])), ..state(Some(130), 130) };
+        let (mut measured, mut hopeless) = (set(&[2, 8]), set(&[9]));
+        before.add_to(&mut measured, &mut hopeless);
+        assert_eq!((measured, hopeless), (set(&[1, 2, 8]), set(&[7, 9])));
+        let (mut measured, mut hopeless) = (SampleSet::none_of(64), SampleSet::none_of(64));
+        before.add_to(&mut measured, &mut hopeless);
+        assert_eq!((measured, hopeless), (SampleSet::none_of(64), SampleSet::none_of(64)), "samples of another part");
     }
 
     #[test]
