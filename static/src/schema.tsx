@@ -42,6 +42,9 @@ const typeOf = (schema: Schema): string => [schema.type].flat().filter((type) =>
 
 interface FieldProps { api: Api; schema: Schema; name: string; value: unknown; onChange: (value: unknown) => void; fallback?: unknown }
 
+/** A description of the API as plain text: without backticks and line breaks. */
+const prose = (words = ""): string => words.replaceAll("`", "").replaceAll("\n", " ");
+
 /** Range, default and unit, which descriptions end with. */
 function hint(schema: Schema, fallback: unknown): string {
   const { minimum: from, maximum: to } = schema;
@@ -191,7 +194,7 @@ function Items({ api, schema, name, value, onChange }: FieldProps) {
   return (
     <fieldset>
       <legend>{name}</legend>
-      {schema.description && <p class="soft">{schema.description.replaceAll("\n", " ")}</p>}
+      {schema.description && <p class="soft">{prose(schema.description)}</p>}
       {items.map((item, i) => (
         <div key={i}>
           <Field api={api} schema={schema.items!} name={`${name} ${i + 1}`} value={item} onChange={(given) => set(i, given ?? {})} />
@@ -227,7 +230,7 @@ export function Field(props: FieldProps & { isChanged?: boolean; onReset?: () =>
     <div class={`field ${props.isChanged ? "changed" : ""}`}>
       <span class="name">{props.name}</span>
       <Control {...props} fallback={fallback} />
-      <span class="help">{schema.description?.replaceAll("\n", " ")} <em>{hint(schema, fallback)}</em>
+      <span class="help">{prose(schema.description)} <em>{hint(schema, fallback)}</em>
         {props.isChanged && props.onReset && <button type="button" class="link" onClick={props.onReset}>{text.create.reset}</button>}
       </span>
     </div>
@@ -273,7 +276,7 @@ function PoseField({ api, schema, name, value, onChange, isChanged, onReset }: F
   return (
     <fieldset class="pose" data-pose={name}>
       <legend>{name}</legend>
-      <p class="help soft">{whole.description?.replaceAll("\n", " ")} {isChanged && onReset && <button type="button" class="link" onClick={onReset}>{text.create.reset}</button>}</p>
+      <p class="help soft">{prose(whole.description)} {isChanged && onReset && <button type="button" class="link" onClick={onReset}>{text.create.reset}</button>}</p>
       {!pose && <button type="button" onClick={() => onChange({ translation_mm: [0, 0, 0], quaternion_xyzw: ROTATIONS.quaternion_xyzw })}>{text.create.state(name)}</button>}
       {pose && (
         <>
@@ -364,7 +367,7 @@ export function ParamForm({ api, value, onChange, at = null }: {
         const changed = Object.keys((value[group] ?? {}) as object).length;
         return fields.length > 0 && (
           <details key={`${group}${words !== ""}`} open={words !== "" || changed > 0 || at?.split(".")[0] === group}>
-            <summary>{group} <span class="soft">{inner.description?.split("\n")[0]}{changed > 0 && ` · ${text.create.changed(changed)}`}</span></summary>
+            <summary>{group} <span class="soft">{prose(inner.description?.split("\n")[0])}{changed > 0 && ` · ${text.create.changed(changed)}`}</span></summary>
             {fields}
           </details>
         );
