@@ -159,6 +159,11 @@ impl Relocate for Locating {
         }
         let fixture = self.fixture.as_deref();
         let scene = CollisionScene::new(&self.cell, &self.part, fixture, table_from_part, self.clearance_mm);
+        // No check of a move tests part and fixture against what stands below the plate, on which they may lie.
+        if let Some(contact) = scene.placement_contact() {
+            let finding = format!("as it lies, {contact} meet");
+            return Err(Misplaced::Unsound { finding, mm: off.mm, deg: off.deg, how: off.how });
+        }
         let stations = self.stations(program, &scene, table_from_part).map_err(|view| {
             let Off { mm, deg, how } = self.off(table_from_part);
             Misplaced::Unreachable { view, mm, deg, how }

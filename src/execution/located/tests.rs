@@ -5,12 +5,14 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tokio::time::sleep;
 
 use super::{LocateBounds, Locating, Misplaced, Relocate};
+use crate::cell::{Body, Cell, Shape};
 use crate::execution::record::StepKind;
 use crate::execution::session::{PauseCause, RunJob, RunOptions, RunReason, RunState, StopCause, simulate, simulate_with};
 use crate::execution::tests::rehearsal::{Planned, hashes, job, planned, twins, until};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::params::PlanParams;
 use crate::program::{Step, interlock, scan_poses};
+use crate::testing::box_mesh;
 
 fn locating() -> Locating {
     let planned = planned();
@@ -66,6 +68,20 @@ fn a_part_too_far_off_is_said_how_to_put_right() {
     let words = refusal(off(0.0, 0.0, 6.0));
     assert!(words.contains("6.0°") && words.contains("turn it 6.0° clockwise"), "{words}");
     assert!(matches!(locating().relocate(&planned().program, &off(f64::NAN, 0.0, 0.0)), Err(Misplaced::TooFar { .. })));
+}
+
+/// The part hangs down over the plate's rim, and a quarter turn away a wall of the table stands 5 mm beside its path.
+#[test]
+fn a_part_that_lies_where_it_runs_into_the_table_as_that_turns_is_refused() {
+    let owner_from_body = Isometry3::translation(0.0, -265.0, -40.0);
+    let wall = Body { name: "wall".into(), owner_from_body, shape: Shape::Box { size_mm: [40.0; 3] } };
+    let cell = Arc::new(Cell { table_bodies: vec![wall], ..Cell::clone(&planned().cell) });
+    let part = Arc::new(box_mesh([200.0, -10.0, -50.0], [240.0, 10.0, 50.0]));
+    let locating = Locating { cell, part, coverage: None, ..locating() };
+    let relocated = |located| locating.relocate(&planned().program, &located).map(|_| ());
+    assert_eq!(relocated(off(0.0, 0.0, 0.0)), Ok(()));
+    let words = relocated(off(8.0, 0.0, 0.0)).expect_err("into the wall").to_string();
+    assert!(words.contains("wall and part meet") && words.contains("move it 8.0 mm towards −x"), "{words}");
 }
 
 #[tokio::test]
