@@ -162,15 +162,19 @@ impl AdviceDocument {
         let [now, then] = percents_apart([now_of_asked, self.of_asked]);
         // A plan with the parameters chooses its views anew: no digit behind the point would hold.
         let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle about {} s", fixed(secs, 0)));
-        // Quoted, so that no name breaks a line.
-        let names: Vec<String> = self.regions_met.iter().map(|name| format!("{name:?}")).collect();
-        let regions = if names.is_empty() { String::new() } else { format!("; meets the target of {}", names.join(", ")) };
+        let regions = self.regions_clause();
         format!(
             "{action} ({}): estimated {then} % of asked, now {now} %, and {} % of what is visible then, with {} views{cycle}{regions}",
             self.settings(),
             percent_below(self.of_visible, 1.0, 1),
             self.views,
         )
+    }
+
+    /// The regions that meet their target then, as a clause; their names are quoted, so that none breaks a line.
+    pub(in crate::wire) fn regions_clause(&self) -> String {
+        let names: Vec<String> = self.regions_met.iter().map(|name| format!("{name:?}")).collect();
+        if names.is_empty() { String::new() } else { format!("; meets the target of {}", names.join(", ")) }
     }
 
     /// The parameters to set as text; lists are left to the document.

@@ -123,9 +123,7 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added => format!("+{}", counted(added, "view")),
     });
     let what = laying.unwrap_or_else(|| format!("choose {}", counted(advice.added_views, "more view")));
-    // Quoted, so that no name breaks a line.
-    let names: Vec<String> = advice.regions_met.iter().map(|name| format!("{name:?}")).collect();
-    let regions = if names.is_empty() { String::new() } else { format!("; meets the target of {}", names.join(", ")) };
+    let regions = advice.regions_clause();
     let mut action = SummaryAction {
         text: String::new(),
         command: Some(options(&advice.set)),
