@@ -1,5 +1,7 @@
 //! The test of one sample in one view: by the cell of the left camera's image in which the sample lies at the registered pose.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::gridded::GriddedCloud;
@@ -40,6 +42,8 @@ pub(in crate::inspection) struct ViewLookup<'a> {
     pub(in crate::inspection) view: View<'a>,
     pub(in crate::inspection) scanner_from_part: Isometry3<f64>,
     input: &'a ComparedViews<'a>,
+    /// Cosine of the largest incidence at which a cell tells what it shows.
+    min_cos: f64,
 }
 
 /// A sample in the scanner's frame.
@@ -57,11 +61,13 @@ impl<'a> ViewLookup<'a> {
         scanned: &ScannedView<'a>,
     ) -> Self {
         let pose = &scanned.registered.part_from_scanner;
+        let max_rad = input.scanner.devices.left.incidence_max_rad + input.compare.band_deg.to_radians();
         Self {
             cloud: GriddedCloud::new(input.scanner, &scanned.scan.scanner_cloud),
             view: optics.at(pose),
             scanner_from_part: pose.isometry().inverse(),
             input,
+            min_cos: max_rad.min(FRAC_PI_2).cos().max(0.0),
         }
     }
 
@@ -69,11 +75,14 @@ impl<'a> ViewLookup<'a> {
         self.input.compare
     }
 
-    /// A sample as this view sees it; `None` where it faces away.
+    /// A sample as this view sees it; `None` where it faces away, or is seen at more than the left camera's limit of incidence and
+    /// [`CompareParams::band_deg`]: at 89.5° one row of cells holds 6 mm of a surface, and the points there may as well lie on its rim or
+    /// on what stands behind it.
     pub(in crate::inspection) fn sample(&self, sample: SampleId) -> Option<SeenSample> {
         let surface = self.input.surface;
         let (point_mm, normal) = (&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
-        if normal.dot(&(self.view.centres_mm().left - point_mm)) <= 0.0 {
+        let to_camera = self.view.centres_mm().left - point_mm;
+        if normal.dot(&to_camera) <= self.min_cos * to_camera.norm() {
             return None;
         }
         let precision = self.view.precision_at(point_mm, normal);
