@@ -19,7 +19,8 @@ use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
 
 /// Size of the relaxation that every solver gets.
-const QUICK: RelaxationSize = RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 128 }) };
+const QUICK: RelaxationSize =
+    RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 56, free_rows: 128 }) };
 
 /// Bound on the number of views, or on the area, of any choice from the same candidates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -8,7 +8,8 @@
 //! Several goals enter as one: their units are added with whole weights, the relaxation's multipliers of the goals.
 //!
 //! A quick bound prices the rows first: on a small share of the samples the relaxation tells which rows the optimum can take, and
-//! only those with the largest sums enter the relaxation that counts; rows that would violate it are added, and it is solved again.
+//! only those of the smallest reduced costs enter the relaxation that counts; rows that would violate it are added, and it is solved
+//! again (sifting: Bixby, Gregory, Lustig, Marsten, Shanno 1992, Operations Research 40).
 //! Where the bound of the prices already is the number of views at hand, nothing better is left to find, nor is there where it is
 //! the value of that relaxation, rounded up.
 
@@ -35,6 +36,10 @@ const GAP_OF_SHARE: f64 = 4e-3;
 /// weights of goals are rounded and a share stands for the rest.
 const RELIED_ON: f64 = 1.0 - 1e-6;
 const RELIED_ON_OF_MANY: f64 = 0.98;
+/// Rows that are kept for each of many views.
+const ROWS_A_VIEW: f64 = 1.5;
+/// Reduced cost, in views, up to which rows are as good as those taken.
+const FREE_COST: f64 = 0.01;
 /// Share of a row up to which it covers nothing worth counting.
 const MIN_TAKEN: f64 = 1e-4;
 /// Samples that a thread weighs at once.
@@ -57,8 +62,10 @@ pub(super) struct RelaxationSize {
 pub(super) struct Prices {
     /// Work of a step, as of [`RelaxationSize::step`].
     pub(super) step: f64,
-    /// Rows that are kept: those with the largest sums of multipliers.
+    /// Rows that are kept, those of the smallest reduced costs; more for many views ([`ROWS_A_VIEW`]).
     pub(super) rows: usize,
+    /// Rows that are kept at most where more of them cost next to nothing ([`FREE_COST`]).
+    pub(super) free_rows: usize,
 }
 
 /// Multipliers of the samples, in whole units.
@@ -100,18 +107,20 @@ impl Multipliers {
         let mut best: Option<Self> = None;
         if let Some(prices) = size.prices.as_ref().filter(|prices| prices.rows < rows.len()) {
             let reduced = Reduced::share(problem, goals, rows, (prices.step, ctx.simd_level()));
-            let priced = reduced.solved(problem, goals, aim, size, ctx)?;
+            let (priced, reduced_cost) = reduced.solved(problem, goals, aim, size, ctx)?;
             enough_views = views.min(priced.relaxed_views());
             if is_enough(&priced, enough_views) {
                 return Ok(priced);
             }
-            rows = priced.largest(problem.all_rows(), prices.rows);
+            let views = if let BoundTarget::MostArea(views) = aim { views } else { views };
+            let free = reduced_cost.iter().filter(|cost| **cost < FREE_COST).count().min(prices.free_rows);
+            rows = reduced.cheapest(&reduced_cost, prices.rows.max(free).max((ROWS_A_VIEW * views as f64) as usize));
             best = Some(priced);
         }
         let mut reduced = Reduced::new(problem, goals, rows, (size, ctx.simd_level()));
         let mut round = 1;
         loop {
-            let found = reduced.solved(problem, goals, aim, size, ctx)?;
+            let (found, _) = reduced.solved(problem, goals, aim, size, ctx)?;
             let larger = found.larger(&reduced.classes, &reduced.rows, size.rows / 4);
             let takes_all = size.prices.is_none() && reduced.is_share;
             let is_last = larger.is_empty() || round == MAX_ROUNDS || takes_all || is_enough(&found, enough_views);
@@ -262,7 +271,17 @@ impl Reduced {
         self
     }
 
-    /// Multipliers of the relaxation's solution.
+    /// Lists the `count` rows of the relaxation that have the smallest reduced costs, ascending by number.
+    fn cheapest(&self, reduced_cost: &[f64], count: usize) -> Vec<RowIndex> {
+        let mut rows: Vec<(f64, RowIndex)> = reduced_cost.iter().copied().zip(self.classes.rows.iter().copied()).collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        rows.truncate(count);
+        let mut rows: Vec<RowIndex> = rows.into_iter().map(|(_, row)| row).collect();
+        rows.sort_unstable();
+        rows
+    }
+
+    /// Multipliers of the relaxation's solution, and the reduced costs of its rows.
     fn solved(
         &self,
         problem: &CoverProblem<'_>,
@@ -270,13 +289,14 @@ impl Reduced {
         aim: BoundTarget,
         size: &RelaxationSize,
         ctx: &Context<'_>,
-    ) -> Result<Multipliers, Cancelled> {
+    ) -> Result<(Multipliers, Vec<f64>), Cancelled> {
         let relied_on = if self.is_share || goals.len() > 1 { RELIED_ON_OF_MANY } else { RELIED_ON };
         let gap = if self.is_share { GAP_OF_SHARE } else { GAP };
         let precision = Precision { gap, whole: size.prices.is_some().then_some(relied_on) };
         let form = form(&self.classes, goals, aim);
         let solution = solve(&self.classes.of_row, self.classes.len(), &form, precision, ctx)?;
-        Ok(Multipliers::new(problem, goals, &self.classes, &form, &solution, (self.is_share, ctx.simd_level())))
+        let multipliers = Multipliers::new(problem, goals, &self.classes, &form, &solution, (self.is_share, ctx.simd_level()));
+        Ok((multipliers, solution.reduced_cost))
     }
 }
 

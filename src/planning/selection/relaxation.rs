@@ -46,6 +46,8 @@ pub(super) struct Solution {
     pub(super) class: Vec<f64>,
     /// μ: multiplier of each limit; 1 for `MostArea`, whose weights are taken as they are.
     pub(super) limit: Vec<f64>,
+    /// Reduced cost of each row, in views: slack of its dual constraint.
+    pub(super) reduced_cost: Vec<f64>,
     /// Mean complementarity product.
     pub(super) tau: f64,
     /// Value of the relaxation at the point, primal: for the fewest views, Σ x.
@@ -72,13 +74,14 @@ pub(super) fn solve(
             break;
         }
     }
-    let limit = match form {
-        Form::FewestViews(_) => point.mu.clone(),
-        Form::MostArea(..) => vec![1.0],
+    let (limit, of_view) = match form {
+        Form::FewestViews(_) => (point.mu.clone(), 1.0),
+        Form::MostArea(..) => (vec![1.0], point.mu[0]),
     };
+    let reduced_cost = point.zx.iter().map(|cost| cost / of_view).collect();
     let tau = point.complementarity() / point.pairs() as f64;
     let value = point.scale(&model);
-    Ok(Solution { taken: point.x, class: point.u, limit, tau, value })
+    Ok(Solution { taken: point.x, class: point.u, limit, reduced_cost, tau, value })
 }
 
 /// Linear program: min q·Σx + pᵀs, with A x + s − t = 1 and for each limit β·Σx + wᵀs + r = R.
