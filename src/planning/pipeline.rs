@@ -197,21 +197,16 @@ fn choose<'a>(
     ctx: &Context<'_>,
 ) -> Result<ChosenOnEvery<'a>, PlanError> {
     if !(looks_closer && adjust::looks_closer(problem)) {
-        let selected = problem.select(excluded, None, ctx)?;
-        let settled = settle(problem, (sampled, setups), (selected, None), excluded, ctx)?;
-        let better = adjust::better_graded_choice(problem, setups, &settled.0.candidates, excluded, ctx)?;
-        let Some(first) = better else { return Ok(settled) };
-        let selected = problem.select(excluded, Some(&first), ctx)?;
-        return settle(problem, (sampled, setups), (selected, Some(&first)), excluded, ctx);
+        return settle(problem, (sampled, setups), (None, true), excluded, ctx);
     }
     let at_first = problem.strata.is_some().then(|| problem.clone());
-    let (selected, first) = adjust::select_beside_first_choice(problem, (sampled, setups), excluded, ctx)?;
-    let chosen = settle(problem, (sampled, setups), (selected, Some(&first)), excluded, ctx)?;
+    let first = problem.look_beside_first_choice(sampled, setups, excluded, ctx)?;
+    let views_at_first = first.rows.len();
+    let chosen = settle(problem, (sampled, setups), (Some(first), false), excluded, ctx)?;
     // Views that join several setups come on top.
-    let takes_more = setups.len() == 1 && chosen.0.candidates.len() > first.rows.len();
+    let takes_more = setups.len() == 1 && chosen.0.candidates.len() > views_at_first;
     let Some(mut once) = at_first.filter(|_| takes_more) else { return Ok(chosen) };
-    let selected = once.select(excluded, None, ctx)?;
-    let at_once = settle(&mut once, (sampled, setups), (selected, None), excluded, ctx)?;
+    let at_once = settle(&mut once, (sampled, setups), (None, false), excluded, ctx)?;
     if at_once.0.candidates.len() >= chosen.0.candidates.len() {
         return Ok(chosen);
     }
@@ -219,23 +214,30 @@ fn choose<'a>(
     Ok(at_once)
 }
 
-/// Slides and joins selected views, and selects anew while every sample and those that views are chosen on disagree.
+/// Selects views, joins and slides them, and selects anew while every sample and those that views are chosen on disagree: beside
+/// `first`, or, where `regrades` is true, beside greedy's views as soon as these have better grades once they are slid.
 fn settle<'a>(
     problem: &mut ViewPlanningProblem<'a>,
     (sampled, setups): (&'a SampledPart, &[Setup<'_>]),
-    (selected, first): (ChosenViews, Option<&FirstChoice>),
+    (mut first, regrades): (Option<FirstChoice>, bool),
     excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
 ) -> Result<ChosenOnEvery<'a>, PlanError> {
-    let (mut selected, mut every) = (Some(selected), None);
+    let mut every = None;
     loop {
         let known = problem.known();
-        let mut chosen = selected.take().map_or_else(|| problem.select(excluded, first, ctx), Ok)?;
+        let mut chosen = problem.select(excluded, first.as_ref(), ctx)?;
         if chosen.candidates.is_empty() {
             return Ok((chosen, every));
         }
         chosen = adjust::join_setups(problem, chosen, excluded, ctx)?;
         chosen = adjust::slide_views(problem, setups, chosen, excluded, ctx)?;
+        if regrades && first.is_none() {
+            first = adjust::better_graded_choice(problem, setups, &chosen.candidates, excluded, ctx)?;
+            if first.is_some() {
+                continue;
+            }
+        }
         let is_settled = chosen.selection.stopped_because != StopReason::Target || problem.tolerates_errors();
         if is_settled || problem.strata.is_none() {
             return Ok((chosen, every));

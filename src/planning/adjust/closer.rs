@@ -7,28 +7,8 @@
 //!
 //! Cost: a choice without its search for the best score, and eight views evaluated for each that it takes.
 
-use std::collections::BTreeSet;
-
-use crate::planning::context::{Context, PlanError};
-use crate::planning::ids::CandidateIndex;
 use crate::planning::params::{SelectionGoal, Solver, Standoff};
-use crate::planning::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
-use crate::planning::selection::FirstChoice;
-use crate::planning::setups::Setup;
-
-/// Views chosen among the candidates and those beside a first choice, which then are candidates too; with them the first choice.
-///
-/// # Errors
-/// [`PlanError::Cancelled`].
-pub(in crate::planning) fn select_beside_first_choice(
-    problem: &mut ViewPlanningProblem<'_>,
-    (sampled, setups): (&SampledPart, &[Setup<'_>]),
-    excluded: &BTreeSet<CandidateIndex>,
-    ctx: &Context<'_>,
-) -> Result<(ChosenViews, FirstChoice), PlanError> {
-    let first = problem.look_beside_first_choice(sampled, setups, excluded, ctx)?;
-    Ok((problem.select(excluded, Some(&first), ctx)?, first))
-}
+use crate::planning::problem::ViewPlanningProblem;
 
 /// Returns true if views are chosen again among those beside a first choice.
 pub(in crate::planning) fn looks_closer(problem: &ViewPlanningProblem<'_>) -> bool {

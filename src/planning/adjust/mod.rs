@@ -12,7 +12,7 @@ mod slides;
 
 use super::problem::ViewPlanningProblem;
 
-pub(super) use closer::{looks_closer, select_beside_first_choice};
+pub(super) use closer::looks_closer;
 pub(super) use exchange::exchange_views;
 pub(super) use floors::better_graded_choice;
 pub(super) use joins::join_setups;
