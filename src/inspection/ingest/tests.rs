@@ -372,6 +372,21 @@ fn the_zone_of_the_plate_cut_and_the_lack_of_a_grid_are_carried_with_a_scan() {
     assert!(cell.ingest(vec![bare]).scans[0].removed.is_projected);
 }
 
+/// Registration asks the neighbours in the grid of each point which way the surface around it looks.
+#[test]
+fn points_of_a_cloud_without_a_grid_get_neighbours_in_one() {
+    let cell = Cell::new();
+    let mut bare = cell.file(1, LengthUnit::Millimetre, ScanFrame::Scanner, "2.ply");
+    bare.cloud.grid = None;
+    let taken = cell.ingest(vec![bare]);
+    let cloud = &taken.scans[0].scan.scanner_cloud;
+    let grid = cloud.grid.expect("a grid");
+    let is_there = |number: usize| cloud.points_mm.get(number).is_some_and(|point| !point[0].is_nan());
+    let has_element = |number: usize| is_there(number + 1) && is_there(number + grid.columns);
+    let found = cloud.finite().filter(|(number, _)| has_element(*number)).count();
+    assert!(found as f64 > 0.5 * cloud.finite().count() as f64, "{found} of {}", cloud.finite().count());
+}
+
 #[test]
 fn plate_depth_islands_and_filled_holes_are_cut_and_counted() {
     let cell = Cell::new();

@@ -175,7 +175,8 @@ impl From<Scored> for PartPose {
     }
 }
 
-/// Points of scans and the part that they are of.
+/// Points of scans and the part that they are of. Points weigh as in the registration, by the surface around them: those on a bare wall
+/// would turn a round part by the walls of a boss that is missing.
 pub(super) struct Search<'a> {
     views: Vec<ViewPoints>,
     pub(super) nearest: &'a NearestFace<'a>,
@@ -187,12 +188,12 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     pub(super) fn new<S: Borrow<ViewScan>>(scans: &[S], nearest: &'a NearestFace<'a>, options: &'a LocateOptions) -> Self {
         let of_view = (COMPARED_POINTS / scans.len().max(1)).max(50);
-        let views = scans.iter().map(|scan| ViewPoints::of(scan.borrow(), of_view)).collect();
+        let views = scans.iter().map(|scan| ViewPoints::with_elements(scan.borrow(), of_view)).collect();
         Self { views, nearest, around: nearest.mesh().aabb(), options }
     }
 
     /// Refines a pose with radii that shrink from a twelfth of the diameter to half of what counts as an inlier.
-    fn refined(&self, start: &Isometry3<f64>) -> Scored {
+    pub(super) fn refined(&self, start: &Isometry3<f64>) -> Scored {
         self.refined_from(start, self.around.extent_mm().norm() / 12.0, STEPS)
     }
 

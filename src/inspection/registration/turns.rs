@@ -56,6 +56,8 @@ const NEAR_DIAMETERS: f64 = 0.022;
 const RIVALS: usize = 8;
 /// Further turns that are asked at most which of a rival's points lie on surface without a feature: a twelfth of a turn apart, or nearer.
 const FURTHER_TURNS: usize = 12;
+/// Larger part of a length that is cut by the golden section: (√5 − 1) / 2.
+const GOLDEN_SECTION: f64 = 0.618_034;
 /// Least turn between two of them, and from the pose that is turned, rad.
 const APART_RAD: f64 = 0.1;
 const AWAY_RAD: f64 = 0.05;
@@ -118,20 +120,42 @@ pub(super) fn turned_back<S: Borrow<ViewScan>>(
     let diameter_mm = search.around.extent_mm().norm();
     let moved_mm = |pose: &Isometry3<f64>| search.apart_mm(pose, &Isometry3::identity());
     let closest_mm = moved_mm(taken).min(reach_mm);
-    let backs =
-        axes(search.nearest.mesh(), diameter_mm).into_iter().map(|axis| axis.turn(-axis.turn_of(&taken.rotation)) * taken);
-    let mut backs: Vec<(f64, Isometry3<f64>)> =
-        backs.map(|pose| (moved_mm(&pose), pose)).filter(|(moved_mm, _)| *moved_mm < closest_mm).collect();
+    let backs = axes(search.nearest.mesh(), diameter_mm)
+        .into_iter()
+        .map(|axis| (axis, axis.turn(-axis.turn_of(&taken.rotation)) * taken))
+        .map(|(axis, pose)| (moved_mm(&pose), axis, pose));
+    let mut backs: Vec<(f64, Axis, Isometry3<f64>)> = backs.filter(|(moved_mm, ..)| *moved_mm < closest_mm).collect();
     if backs.is_empty() {
         return None;
     }
     backs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let points = ComparedPoints::of_part(scans, diameter_mm);
     let limit_mm = OFF_SDS * points.sd_mm(taken, search.nearest);
-    let own = points.costs(taken, search.nearest, limit_mm);
-    let explains_as_well =
-        |pose: &Isometry3<f64>| !is_told_apart(&felt(points.costs(pose, search.nearest, limit_mm), &own), &own, DOUBT);
-    backs.into_iter().map(|(_, pose)| pose).find(explains_as_well)
+    let costs_of = |pose: &Isometry3<f64>| points.costs(pose, search.nearest, limit_mm);
+    let own = costs_of(taken);
+    let explains_as_well = |(_, axis, pose): &(f64, Axis, Isometry3<f64>)| {
+        let costs = felt(costs_of(pose), &own);
+        // A turn that takes a feature to where nobody looked explains bare surface better: only points on a feature tell it.
+        !is_told_apart(&costs, &own, DOUBT)
+            || around(axis, taken, costs_of)
+                .is_some_and(|further| !is_told_apart(&costs, &on_feature(&costs, &own, &further), DOUBT))
+    };
+    backs.into_iter().find(explains_as_well).map(|(_, _, pose)| pose)
+}
+
+/// Costs of turns of a pose all around an axis, those that explain most cells; `None` where less than half of the turns do: the part is
+/// not round about it.
+fn around(axis: &Axis, taken: &Isometry3<f64>, costs_of: impl Fn(&Isometry3<f64>) -> Vec<f64>) -> Option<Vec<Vec<f64>>> {
+    // By the golden section, so that a prism looks the same in few of them.
+    let angle_rad = |number: usize| (GOLDEN_SECTION * number as f64).fract() * std::f64::consts::TAU;
+    let costs = (1..=FURTHER_TURNS).map(|number| costs_of(&(axis.turn(angle_rad(number)) * taken)));
+    let further: Vec<Vec<f64>> = costs.filter(|costs| explains_most(costs)).collect();
+    (2 * further.len() >= FURTHER_TURNS).then_some(further)
+}
+
+/// Returns true if a pose with these costs explains most cells.
+fn explains_most(costs: &[f64]) -> bool {
+    costs.iter().sum::<f64>() <= (1.0 - NEAR_SHARE) * costs.len() as f64
 }
 
 /// Costs of a pose where they differ from those of another one by more than a little, elsewhere those.
@@ -259,8 +283,7 @@ fn further_costs(
     for turn in near.iter().step_by(near.len().div_ceil(FURTHER_TURNS).max(1)) {
         let pose = refined(&(turn.axis.turn(turn.angle_rad) * stated), search).pose;
         let costs = points.costs(&pose, search.nearest, limit_mm);
-        let explains_most = costs.iter().sum::<f64>() <= (1.0 - NEAR_SHARE) * costs.len() as f64;
-        if explains_most && search.differ(&pose, stated) && search.differ(&pose, rival) && !is_like(&pose) {
+        if explains_most(&costs) && search.differ(&pose, stated) && search.differ(&pose, rival) && !is_like(&pose) {
             further.push(costs);
         }
     }
@@ -564,7 +587,7 @@ impl ComparedPoints {
 
 #[cfg(test)]
 mod tests {
-    use super::super::locate::LocateOptions;
+    use super::super::locate::{LocateOptions, PartPlace, PartPose, place};
     use super::super::{RegistrationOptions, register};
     use super::*;
     use crate::cell::calibration::se3::log;
@@ -667,16 +690,27 @@ mod tests {
         let nearest = NearestFace::new(&mesh);
         // A facet, so that all points but those on the boss lie on the part before and after.
         let turn = Axis { through_mm: Point3::origin(), along: Vector3::z() }.turn(3.75_f64.to_radians());
-        let taken_back = |boss_mm: f64| {
+        // Points around the boss to one side of its middle are hidden: +1 or -1 along y, 0 for none.
+        let taken_back = |boss_mm: f64, hidden_side: f64| {
             let mut scans = scans_of(&shaft(boss_mm), false);
             for scan in &mut scans {
-                scan.part_from_scanner = Pose::claim(turn.inverse() * scan.part_from_scanner.isometry());
+                let part_from_scanner = scan.part_from_scanner;
+                let is_hidden = |point: &[f32; 3]| {
+                    let at = part_from_scanner.point(&Point3::from(point.map(f64::from)));
+                    at.x > 20.0 && at.y * hidden_side > 0.0
+                };
+                let hidden = scan.scanner_cloud.points_mm.iter_mut().filter(|point| is_hidden(point));
+                hidden.for_each(|point| *point = [f32::NAN; 3]);
+                scan.part_from_scanner = Pose::claim(turn.inverse() * part_from_scanner.isometry());
             }
             turned_back(&scans, &Search::new(&scans, &nearest, &options), &turn, 5.0)
         };
-        let found = taken_back(0.0).expect("nothing tells the turn");
-        assert!(found.rotation.angle() < 0.01 && found.translation.vector.norm() < 0.1, "{found}");
-        assert_eq!(taken_back(6.0), None, "the boss does");
+        // Where one side is hidden, the turn takes the boss there, and uncovers bare wall on the other: it was taken for told.
+        for hidden_side in [0.0, 1.0, -1.0] {
+            let found = taken_back(0.0, hidden_side).expect("nothing tells the turn");
+            assert!(found.rotation.angle() < 0.01 && found.translation.vector.norm() < 0.1, "{found}");
+        }
+        assert_eq!(taken_back(6.0, 0.0), None, "the boss does");
     }
 
     /// Facets of a round wall were taken to hold it.
@@ -713,6 +747,45 @@ mod tests {
             assert!(error.fixed_rows::<3>(3).norm() < 0.15, "{error}");
             assert!(found.sd[2].to_degrees() > 2.0 && found.sd[0].to_degrees() < 0.5, "{}", found.sd);
         }
+    }
+
+    /// Four scans of a shaft without its boss, with a point every so many pixels.
+    fn bare_scans(step_px: u32) -> Vec<ViewScan> {
+        let bare = shaft(0.0);
+        let shots = Shots::of(&bare, step_px);
+        shots.scans(&shots.poses(4), 0.01, |_| Isometry3::identity())
+    }
+
+    /// Points on the bare wall pulled at the walls of the boss, and turned the part by 11° to 15°.
+    #[test]
+    fn a_search_does_not_turn_a_part_by_the_boss_that_it_lacks() {
+        let (mesh, options) = (shaft(6.0), LocateOptions::default());
+        let nearest = NearestFace::new(&mesh);
+        for step_px in [16, 24, 32] {
+            let found = Search::new(&bare_scans(step_px), &nearest, &options).refined(&Isometry3::identity()).pose;
+            assert!(found.rotation.angle().to_degrees() < 0.5 && found.translation.vector.norm() < 0.1, "{step_px} px: {found}");
+        }
+    }
+
+    /// It was searched for, and compared in a wrong turn without a warning.
+    #[test]
+    fn a_round_part_that_lies_as_stated_without_its_boss_is_said_to_do_so() {
+        let (mesh, options) = (shaft(6.0), LocateOptions::default());
+        assert_eq!(place(&bare_scans(32), &NearestFace::new(&mesh), &options), PartPlace::AsStated);
+    }
+
+    /// Its turn was found in doubt, and all scans were dropped.
+    #[test]
+    fn a_round_part_without_its_boss_beside_its_place_is_moved_and_not_turned() {
+        let (mesh, options, off) = (shaft(6.0), LocateOptions::default(), motion_of(1, 1.0, 3.0));
+        let mut scans = bare_scans(24);
+        for scan in &mut scans {
+            scan.part_from_scanner = Pose::claim(off * scan.part_from_scanner.isometry());
+        }
+        let found = place(&scans, &NearestFace::new(&mesh), &options);
+        let PartPlace::Elsewhere(PartPose { mesh_from_stated, .. }) = found else { panic!("{found:?}") };
+        let left = mesh_from_stated.isometry() * off;
+        assert!(left.rotation.angle().to_degrees() < 0.5 && left.translation.vector.norm() < 0.1, "{left}");
     }
 
     /// A square plate with a square hole, whose middle is moved along x.
