@@ -5,7 +5,9 @@
 //! more pose of the part among some of the candidates that a plan in that setup chooses from (`turn_over.rs`). Where a plan in one more
 //! setup would lie in other poses by itself, and measure more there, views are chosen for those, and those of the poses that it leaves
 //! are given up. A plan with the advised parameters has these candidates and more, and ends at its target, so what it measures is not
-//! below the target's share of what those measure.
+//! below the target's share of what those measure. That holds as long as no limit of views ends it before: it chooses all its views anew,
+//! and by its own score. So a limit of as many views as were tried is advised only where views that are chosen like that measure as much;
+//! else the largest that there is.
 //!
 //! Another setup is tried on some of the samples, and what is told of the views that were chosen for it is what they measure of all
 //! of them.
@@ -93,7 +95,7 @@ impl Basis {
         };
         // Views that have no path are not mended by asking for more of them.
         if no_path.is_empty() {
-            basis.more_views = more_views::choose(&basis, problem, ordered, excluded, ctx)?;
+            basis.more_views = more_views::choose(&basis, problem, (chosen.candidates.len(), ordered), excluded, ctx)?;
         }
         Ok(Some(basis))
     }

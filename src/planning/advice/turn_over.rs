@@ -13,7 +13,7 @@ use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates;
 use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::SampleId;
-use crate::planning::params::{Hemisphere, Registration, SelectionParams, TargetOf};
+use crate::planning::params::{Hemisphere, Registration, SelectionGoal, SelectionParams, TargetOf};
 use crate::planning::plan::{
     AdviceKind, AdvisedSetup, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, Turn, Verdict,
 };
@@ -39,6 +39,9 @@ const MAX_TRIALS: usize = 3;
 const MIN_REACHED: f64 = 0.95;
 /// Share of the asked area by which trials of equal value differ at most: our choice, as much as a setup is worth.
 const SAME_OF_ASKED: f64 = 0.002;
+/// Part of a limit of views that those of a trial, and others that register its setups, take up at most where the limit stays: a plan
+/// chooses all its views anew, by its own score, and may need more. No source.
+const MAX_OF_LIMIT: f64 = 0.5;
 /// Block cubes of a part for which it is tried: beyond them, comparing poses takes a large part of a plan's time.
 const MAX_BLOCKS: f64 = 32.0;
 /// Samples on which views are chosen for it: a share of the area is then known to half a point.
@@ -426,15 +429,35 @@ fn changes(scope: &AdviceScope<'_>, choice: &SetupChoice, views: usize) -> Vec<P
     if choice.registration != params.registration {
         changes.push(ParamChange::Registration(choice.registration));
     }
-    changes.extend(raised_limit(params.selection.max_views, views, choice.registration).map(ParamChange::MaxViews));
+    changes.extend(ample_limit(&params.selection, views, choice.registration).map(ParamChange::MaxViews));
     changes
+}
+
+/// Limit of views for a plan in other setups, of which so many views were tried: the largest that there is, since the trial had none. The
+/// plan ends at its target, and with the limit that was tried it may end before, as it chooses all its views anew. With the best coverage
+/// as goal it takes every view that it may, and the limit is that of [`raised_limit`]. `None` where there is none, or the one that there
+/// is suffices.
+fn ample_limit(params: &SelectionParams, views: usize, registration: Registration) -> Option<u32> {
+    match params.goal {
+        SelectionGoal::BestCoverage => raised_limit(params.max_views, views, registration),
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => {
+            let needed = f64::from(needed_views(views, registration));
+            let limit = params.max_views.filter(|limit| *limit < MAX_VIEWS && needed > MAX_OF_LIMIT * f64::from(*limit));
+            limit.map(|_| MAX_VIEWS)
+        }
+    }
+}
+
+/// Views that are told, and those that may be needed to register the setups.
+fn needed_views(views: usize, registration: Registration) -> u32 {
+    let joining = if registration == Registration::Surface { MAX_JOINING } else { 0 };
+    ((views + joining) as u32).min(MAX_VIEWS)
 }
 
 /// Limit of views for a plan that takes so many; `None` where there is none, or the one that there is suffices. A plan that takes as many
 /// views as it may has none left to register its setups by surface, without which there is no plan at all: there is room for those.
 pub(super) fn raised_limit(limit: Option<u32>, views: usize, registration: Registration) -> Option<u32> {
-    let joining = if registration == Registration::Surface { MAX_JOINING } else { 0 };
-    let needed = ((views + joining) as u32).min(MAX_VIEWS);
+    let needed = needed_views(views, registration);
     limit.filter(|limit| *limit < needed).map(|_| needed)
 }
 
@@ -456,6 +479,22 @@ mod tests {
         assert_eq!([1, 4, 15, 16].map(|limit| raised(limit, Registration::Surface)), [Some(16), Some(16), Some(16), None]);
         assert_eq!([1, 3, 4].map(|limit| raised(limit, Registration::Markers)), [Some(4), Some(4), None]);
         assert_eq!(raised_limit(None, 4, Registration::Surface), None);
+    }
+
+    /// The views of a trial were chosen for area and without a limit; a plan that chose by score ended at a limit of as many before.
+    #[test]
+    fn a_plan_in_one_more_setup_is_not_held_to_as_many_views_as_were_tried() {
+        let ample = |goal: SelectionGoal, limit: Option<u32>| {
+            let params = SelectionParams { goal, max_views: limit, ..SelectionParams::default() };
+            ample_limit(&params, 9, Registration::Markers)
+        };
+        let limits = [None, Some(4), Some(9), Some(17), Some(18), Some(MAX_VIEWS)];
+        for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime] {
+            let told = limits.map(|limit| ample(goal, limit));
+            assert_eq!(told, [None, Some(MAX_VIEWS), Some(MAX_VIEWS), Some(MAX_VIEWS), None, None], "{goal:?}");
+        }
+        let best = limits.map(|limit| ample(SelectionGoal::BestCoverage, limit));
+        assert_eq!(best, [None, Some(9), None, None, None, None], "it would take a thousand views");
     }
 
     /// 995 views with a limit of 990 led to a limit of 1007, which no plan takes.
