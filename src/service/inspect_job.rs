@@ -199,10 +199,11 @@ pub struct Inspected {
 }
 
 impl InspectJob {
-    /// Samples that the round before measured, of so many.
-    fn measured_before(&self, samples: usize) -> Result<Option<SampleSet>, InspectError> {
+    /// Samples that the round before measured, of so many of a plan.
+    fn measured_before(&self, plan: &PlanDocument, samples: usize) -> Result<Option<SampleSet>, InspectError> {
         let Some(before) = &self.before else { return Ok(None) };
-        let measured = before.check_samples(samples).and_then(|()| before.measured());
+        let checked = before.check_samples(samples).and_then(|()| before.check_sampling(&plan.params));
+        let measured = checked.and_then(|()| before.measured());
         measured.map(Some).map_err(|error| InspectError::Refused(vec![error]))
     }
 
@@ -282,7 +283,7 @@ impl InspectJob {
             params: &self.params,
         };
         let inspection = inspect(&input, &|share| progress(0.2 + 0.7 * share), ctx)?;
-        let before = self.measured_before(inspection.surface.sample_mm.len())?;
+        let before = self.measured_before(&plan, inspection.surface.sample_mm.len())?;
         let plan_sha256 = plan_sha256(&self.plan);
         let state = RescanState::new(&inspection, &plan, &plan_sha256, self.before.as_ref());
         let taken = InspectedFiles::new(&taken);

@@ -8,8 +8,8 @@
 //! between full cells, n · z / (f · cos i). Counting by footprint has no scale to choose: counting points in a ball around the
 //! sample is off by −0.8 to +4.1 points of coverage, with its radius alone.
 //!
-//! What the left camera sees at [`CompareParams::band_deg`] more than its limit of incidence does not count: there whole faces lie in
-//! one row of cells, whose points may be those of other surfaces.
+//! Samples that the left camera sees at [`CompareParams::band_deg`] more than its limit of incidence do not count: there whole faces
+//! lie in one row of cells, whose points may be those of other surfaces.
 //!
 //! **Merged clouds** have no views: there a ball decides after all ([`merged`]), and the result says that it is approximate.
 //!

@@ -8,8 +8,9 @@ use crate::planning::params::{Knob, NoiseParams};
 /// Change of a limit that is worth an offer: degrees, and mm of depth.
 const MIN_CHANGE_DEG: f64 = 1.0;
 const MIN_CHANGE_MM: f64 = 5.0;
-/// Max half width of the interval of an offered limit of incidence or lobe, degrees. A plan with a limit that is too strict by 10° needs
-/// many more views: a limit that is known no better is no ground for one. There is no source; it is our choice.
+/// Max half width of the intervals of an offered limit of incidence or lobe, and of the value to plan with, degrees. A plan with a limit
+/// that is too strict by 10° needs many more views: a limit that is known no better is no ground for one. There is no source; it is our
+/// choice.
 const MAX_HALF_WIDTH_DEG: f64 = 10.0;
 /// Max half width of the interval of an offered end of the depth, as a share of the scanner's depth range: at 10 % the range that is
 /// left is known to within a tenth. There is no source; it is our choice.
@@ -100,10 +101,10 @@ pub struct Offer {
     pub kept_views: [usize; 2],
 }
 
-/// Returns true if the interval of a limit is narrow enough and lies within the physical range.
+/// Returns true if the interval of a limit and that of the value to plan with are narrow enough and lie within the physical range.
 fn is_known(limit: &LimitEstimate, [min, max]: [f64; 2], max_half_width: f64) -> bool {
-    let [low, high] = limit.limit.interval;
-    low >= min && high <= max && high - low <= 2.0 * max_half_width
+    let is_narrow = |[low, high]: [f64; 2]| low >= min && high <= max && high - low <= 2.0 * max_half_width;
+    is_narrow(limit.limit.interval) && is_narrow(limit.plan_interval)
 }
 
 /// The value of the parameter's range that is nearest to a value of the noise.

@@ -213,6 +213,49 @@ fn a_limit_that_is_known_poorly_is_not_offered() {
     assert!(with([11.0, 17.0]).is_empty() && with([76.5, 76.5]).is_empty());
 }
 
+/// The place of the limit was judged, and the start of the fall offered, whatever its own interval.
+#[test]
+fn a_limit_whose_value_to_plan_with_is_known_poorly_is_not_offered() {
+    let truth = Truth { far_mm: 540.0, ..THESIS };
+    let known = returns(&returns_of(&truth, 20, 5), &scanner()).expect("enough");
+    let with = |half_widths: [f64; 2]| {
+        let mut known = known.clone();
+        let [angle, depth] = half_widths;
+        let set = |limit: &mut LimitEstimate, half: f64| limit.plan_interval = [limit.plan_with - half, limit.plan_with + half];
+        let by_device = known.by_device.iter_mut().map(|(_, limit)| limit);
+        by_device.chain([&mut known.incidence]).flatten().for_each(|limit| set(limit, angle));
+        known.depth.iter_mut().flatten().for_each(|limit| set(limit, depth));
+        let offer = offers(&Learned { noise: None, returns: Some(known) }, &scanner(), &NoiseParams::default());
+        offer.changes.iter().map(|change| change.field).collect::<Vec<_>>()
+    };
+    use OfferedField::{CameraLimit, DepthFar, Lobe};
+    assert_eq!(with([9.0, 14.0]), [CameraLimit, Lobe, DepthFar]);
+    assert_eq!(with([11.0, 14.0]), [Lobe, DepthFar]);
+    assert_eq!(with([9.0, 17.0]), [CameraLimit, Lobe]);
+}
+
+/// Quantiles of Student's distribution at 97.5 % (Abramowitz and Stegun, table 26.10).
+#[test]
+fn the_quantile_is_student_s() {
+    let table = [(1, 12.706), (2, 4.303), (9, 2.262), (10, 2.228), (15, 2.131), (30, 2.042), (120, 1.980)];
+    for (freedoms, quantile) in table {
+        let found = super::rates::student_quantile(freedoms);
+        assert!((found - quantile).abs() < 0.004, "{freedoms}: {found}");
+    }
+}
+
+/// The normal quantile offered the limit of two views as known to 1.1 degrees.
+#[test]
+fn a_limit_of_two_views_is_known_by_student_s_interval() {
+    let weak = Truth { lobe_deg: 0.0, ..THESIS };
+    let known = returns(&returns_of(&weak, 2, 7), &scanner()).expect("enough");
+    let limit = known.incidence.expect("a limit");
+    let half_deg = 0.5 * (limit.limit.interval[1] - limit.limit.interval[0]);
+    assert!((limit.limit.value - 69.2).abs() < 0.5 && (6.5..8.0).contains(&half_deg), "{limit:?}");
+    let offer = offers(&Learned { noise: None, returns: Some(known) }, &scanner(), &NoiseParams::default());
+    assert!(offer.changes.is_empty(), "{offer:?}");
+}
+
 /// That nothing is left of it without that view counted as no change, and it was offered as if it were known to half a degree.
 #[test]
 fn a_limit_that_one_view_shows_alone_is_not_offered() {

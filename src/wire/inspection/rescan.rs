@@ -176,6 +176,32 @@ impl RescanState {
         })
     }
 
+    /// Refuses a state whose samples were drawn otherwise than those of a plan with these parameters: as many of them may lie elsewhere.
+    ///
+    /// # Errors
+    /// The finding.
+    pub fn check_sampling(&self, own: &PlanParams) -> Result<(), FieldError> {
+        let known = &self.plan_params;
+        let refuse = |field: &str, found: String, own: String| FieldError {
+            pointer: format!("/plan_params/{field}"),
+            detail: format!(
+                "is {found} in the inspection of the previous round, but {own} in the plan that these scans are of: the two have other \
+                 samples, which do not add up; name the inspection from which this plan was made by a rescan"
+            ),
+        };
+        if known.seed != own.seed {
+            return Err(refuse("seed", known.seed.to_string(), own.seed.to_string()));
+        }
+        let sizes = [
+            ("part/samples_per_mm2", known.part.samples_per_mm2, own.part.samples_per_mm2),
+            ("part/patch_edge_mm", known.part.patch_edge_mm, own.part.patch_edge_mm),
+        ];
+        // A size that is not given follows from the part, and tells nothing here.
+        let given = sizes.into_iter().filter_map(|(field, known, own)| Some((field, known?, own?)));
+        let other = given.into_iter().find(|(_, known, own)| known.to_bits() != own.to_bits());
+        other.map_or(Ok(()), |(field, known, own)| Err(refuse(field, known.to_string(), own.to_string())))
+    }
+
     /// Samples that scans have measured.
     ///
     /// # Errors
@@ -254,6 +280,26 @@ mod tests {
         let (mut measured, mut hopeless) = (SampleSet::none_of(64), SampleSet::none_of(64));
         before.add_to(&mut measured, &mut hopeless);
         assert_eq!((measured, hopeless), (SampleSet::none_of(64), SampleSet::none_of(64)), "samples of another part");
+    }
+
+    /// Samples of another seed, though as many, lie elsewhere, and what was measured of those was taken for measured.
+    #[test]
+    fn a_state_whose_samples_were_drawn_otherwise_is_refused() {
+        let state = state(Some(130), 130);
+        let mut params = PlanParams::default();
+        assert_eq!(state.check_sampling(&params), Ok(()));
+        params.seed = 3;
+        let told = state.check_sampling(&params).expect_err("refused").to_string();
+        assert!(told.starts_with("/plan_params/seed: is 0 in the inspection of the previous round, but 3 in the plan"), "{told}");
+        params.seed = 0;
+        params.part.samples_per_mm2 = Some(0.5);
+        assert_eq!(state.check_sampling(&params), Ok(()), "of a state that does not give it nothing is told");
+        let mut given = state;
+        given.plan_params.part.samples_per_mm2 = Some(0.25);
+        let told = given.check_sampling(&params).expect_err("refused").to_string();
+        assert!(told.starts_with("/plan_params/part/samples_per_mm2: is 0.25 in"), "{told}");
+        given.plan_params.part.samples_per_mm2 = Some(0.5);
+        assert_eq!(given.check_sampling(&params), Ok(()));
     }
 
     #[test]
