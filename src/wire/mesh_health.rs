@@ -22,8 +22,12 @@ pub struct MeshHealthReport {
     pub bbox_mm: BoxMm,
     /// Area of the kept triangles.
     pub area_mm2: f64,
-    /// Enclosed volume; `null` unless every body is closed and consistently wound.
+    /// Enclosed volume, the sum over bodies; `null` unless every body is closed and consistently wound. One body may touch itself along
+    /// edges.
     pub volume_mm3: Option<f64>,
+    /// True if bodies run into each other, so that the volume counts what they have in common more than once.
+    #[serde(default)]
+    pub volume_counts_overlaps: bool,
     /// True if every edge belongs to exactly two triangles.
     pub watertight: bool,
     /// Number of connected bodies.
@@ -104,6 +108,7 @@ impl MeshHealthReport {
             bbox_mm: BoxMm { min: health.aabb.min.into(), max: health.aabb.max.into() },
             area_mm2: health.area_mm2,
             volume_mm3: health.volume_mm3,
+            volume_counts_overlaps: health.volume_counts_overlaps,
             watertight: health.watertight,
             bodies: health.bodies,
             degenerate_triangles: health.degenerate_triangles,

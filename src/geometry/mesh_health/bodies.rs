@@ -42,8 +42,10 @@ pub(super) struct Turned {
     pub(super) bodies: usize,
     /// Negative bodies left alone for want of budget.
     pub(super) unresolved: usize,
-    /// Volume enclosed, where every body is closed.
-    pub(super) volume_mm3: Option<f64>,
+    /// Sum of the volumes of the closed bodies.
+    pub(super) closed_mm3: f64,
+    /// Bodies that are not closed.
+    pub(super) not_closed: usize,
 }
 
 impl Bodies {
@@ -104,11 +106,12 @@ impl Bodies {
                 mesh.faces[*face as usize].swap(1, 2);
             }
         }
-        let volume = || solids.iter().map(|solid| if solid.inverted { -solid.volume_mm3 } else { solid.volume_mm3 }).sum();
+        let volumes = solids.iter().map(|solid| if solid.inverted { -solid.volume_mm3 } else { solid.volume_mm3 });
         Ok(Turned {
             bodies: solids.iter().filter(|solid| solid.inverted).count(),
             unresolved,
-            volume_mm3: (solids.len() == self.count()).then(volume),
+            closed_mm3: volumes.sum(),
+            not_closed: self.count() - solids.len(),
         })
     }
 

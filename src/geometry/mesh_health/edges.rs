@@ -22,6 +22,8 @@ pub(super) struct EdgeCounts {
     pub(super) non_manifold: usize,
     /// Edges whose two triangles run along them in the same direction.
     pub(super) inconsistent: usize,
+    /// Edges along which more triangles run in one direction than in the other.
+    pub(super) unbalanced: usize,
 }
 
 impl EdgeCounts {
@@ -31,13 +33,14 @@ impl EdgeCounts {
     }
 
     fn with(self, edge: &Edge<'_>) -> Self {
-        let Self { boundary, non_manifold, inconsistent } = self;
+        let Self { boundary, non_manifold, inconsistent, unbalanced } = self;
+        let ascending = edge.sides().filter(|side| side.is_ascending()).count();
+        let is_unbalanced = 2 * ascending != edge.sides.len();
+        let counted = Self { unbalanced: unbalanced + usize::from(is_unbalanced), ..self };
         match edge.sides {
-            [_] => Self { boundary: boundary + 1, ..self },
-            [a, b] => {
-                Self { inconsistent: inconsistent + usize::from(Side(*a).is_ascending() == Side(*b).is_ascending()), ..self }
-            }
-            _ => Self { non_manifold: non_manifold + 1, ..self },
+            [_] => Self { boundary: boundary + 1, ..counted },
+            [_, _] => Self { inconsistent: inconsistent + usize::from(is_unbalanced), ..counted },
+            _ => Self { non_manifold: non_manifold + 1, ..counted },
         }
     }
 
@@ -46,6 +49,7 @@ impl EdgeCounts {
             boundary: self.boundary + other.boundary,
             non_manifold: self.non_manifold + other.non_manifold,
             inconsistent: self.inconsistent + other.inconsistent,
+            unbalanced: self.unbalanced + other.unbalanced,
         }
     }
 }

@@ -81,8 +81,11 @@ pub struct MeshHealth {
     pub aabb: Aabb,
     /// Area of the kept triangles.
     pub area_mm2: f64,
-    /// Enclosed volume; only where every body is closed and consistently wound.
+    /// Enclosed volume, a sum over bodies; only where every body is closed and consistently wound. One body may touch itself
+    /// along edges, if as many triangles run along each in one direction as in the other and none is there twice.
     pub volume_mm3: Option<f64>,
+    /// True if the volume counts space that bodies have in common more than once, because they run into each other.
+    pub volume_counts_overlaps: bool,
     /// Every edge belongs to exactly two triangles.
     pub watertight: bool,
     /// Connected bodies with any area.
@@ -149,7 +152,8 @@ pub(super) fn clean(mut mesh: Mesh, poll: &Poll<'_>) -> Result<(Mesh, MeshHealth
     drop(bodies);
     mesh.drop_unused_vertices(poll)?;
     let health = report(&mesh, triangles_in_file, with_area, &counts, &turned, poll)?;
-    Ok((mesh, MeshHealth { overlapping_pairs, ..health }))
+    let volume_counts_overlaps = overlapping_pairs > 0 && health.volume_mm3.is_some();
+    Ok((mesh, MeshHealth { overlapping_pairs, volume_counts_overlaps, ..health }))
 }
 
 fn report(
@@ -160,17 +164,27 @@ fn report(
     turned: &Turned,
     poll: &Poll<'_>,
 ) -> Result<MeshHealth, Interrupted> {
+    let duplicate_triangles = duplicates(mesh, poll)?;
+    let volume_mm3 = if turned.not_closed == 0 {
+        Some(turned.closed_mm3)
+    } else if turned.not_closed == 1 && edges.unbalanced == 0 && duplicate_triangles == 0 {
+        // Of several bodies one may be inside out and cancel another; a shell that is there twice would count twice.
+        balanced_volume_mm3(mesh, turned.closed_mm3, poll)?
+    } else {
+        None
+    };
     Ok(MeshHealth {
         triangles_in_file,
         triangles: mesh.faces.len(),
         vertices: mesh.vertices_mm.len(),
         aabb: mesh.aabb_of_vertices(poll)?,
         area_mm2: area_mm2(mesh, poll)?,
-        volume_mm3: turned.volume_mm3,
+        volume_mm3,
+        volume_counts_overlaps: false,
         watertight: edges.boundary == 0 && edges.non_manifold == 0,
         bodies,
         degenerate_triangles: triangles_in_file - mesh.faces.len(),
-        duplicate_triangles: duplicates(mesh, poll)?,
+        duplicate_triangles,
         boundary_edges: edges.boundary,
         non_manifold_edges: edges.non_manifold,
         inconsistent_edges: edges.inconsistent,
@@ -190,6 +204,23 @@ fn has_three_vertices([a, b, c]: [u32; 3]) -> bool {
 fn area_mm2(mesh: &Mesh, poll: &Poll<'_>) -> Result<f64, Interrupted> {
     let of_piece = |faces: &Range<usize>| faces.clone().map(|face| mesh.face_area_mm2(face)).sum::<f64>();
     Ok(side_by_side::map(&side_by_side::ranges(mesh.faces.len()), of_piece, poll)?.into_iter().sum())
+}
+
+/// Volume by the divergence theorem: where each edge is run along as often in one direction as in the other, the signed
+/// tetrahedra between the triangles and a point add up to the same about any point. `None` if what is not of the closed
+/// bodies is inside out.
+fn balanced_volume_mm3(mesh: &Mesh, closed_mm3: f64, poll: &Poll<'_>) -> Result<Option<f64>, Interrupted> {
+    let around = mesh.aabb_of_vertices(poll)?;
+    let origin = around.centre();
+    let sixfold_mm3 = |face: usize| {
+        let [a, b, c] = mesh.corners(face).map(|corner| corner - origin);
+        a.dot(&b.cross(&c))
+    };
+    let of_piece = |faces: &Range<usize>| faces.clone().map(sixfold_mm3).sum::<f64>();
+    let pieces = side_by_side::map(&side_by_side::ranges(mesh.faces.len()), of_piece, poll)?;
+    let volume_mm3 = pieces.into_iter().sum::<f64>() / 6.0;
+    let rounding_mm3 = 1e-12 * around.extent_mm().norm().powi(3);
+    Ok((volume_mm3 - closed_mm3 > rounding_mm3).then_some(volume_mm3))
 }
 
 /// Number of triangles with the same three vertices as another before them.

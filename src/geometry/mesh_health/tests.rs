@@ -196,3 +196,83 @@ fn bodies_that_run_into_each_other_are_told_and_those_that_touch_are_not() {
         assert_eq!(health.warnings().iter().any(|warning| warning.code() == "bodies_overlap"), pairs > 0, "{name}");
     }
 }
+
+/// The surface of unit cubes at whole places, outward, with one vertex a corner.
+fn voxels(places: &[[i32; 3]]) -> Mesh {
+    let mut mesh = join([]);
+    for place in places {
+        let unit = moved(cube(1.0, at(0.0), false), place.map(f64::from));
+        for pair in 0..6 {
+            let [a, b, c] = unit.corners(2 * pair);
+            let normal = (b - a).cross(&(c - a));
+            let beyond: Vec<i32> = (0..3).map(|axis| place[axis] + normal[axis].round() as i32).collect();
+            if places.iter().any(|other| other[..] == beyond[..]) {
+                continue;
+            }
+            for face in &unit.faces[2 * pair..2 * pair + 2] {
+                let corners = face.map(|vertex| unit.vertices_mm[vertex as usize]);
+                let welded = corners.map(|corner| {
+                    let known = mesh.vertices_mm.iter().position(|other| (other - corner).norm() < 1e-9);
+                    known.unwrap_or_else(|| {
+                        mesh.vertices_mm.push(corner);
+                        mesh.vertices_mm.len() - 1
+                    }) as u32
+                });
+                mesh.source_face.push(mesh.faces.len() as u32);
+                mesh.faces.push(welded);
+            }
+        }
+    }
+    mesh
+}
+
+#[test]
+fn cubes_that_share_an_edge_are_two_closed_bodies() {
+    let health = assess(&voxels(&[[0, 0, 0], [1, 1, 0]]));
+    assert_eq!((health.bodies, health.non_manifold_edges, health.watertight), (2, 1, false));
+    assert!((health.volume_mm3.expect("closed") - 2.0).abs() < 1e-9);
+}
+
+/// Its volume was once said to be unknown.
+#[test]
+fn a_body_that_touches_itself_along_an_edge_has_a_volume() {
+    let mesh = voxels(&[[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0]]);
+    let health = assess(&mesh);
+    assert_eq!((health.bodies, health.non_manifold_edges), (1, 1));
+    assert!((health.volume_mm3.expect("balanced") - 5.0).abs() < 1e-9);
+
+    let mut inside_out = mesh.clone();
+    inside_out.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    assert_eq!(assess(&inside_out).volume_mm3, None, "nothing tells its inside");
+
+    let mut twice = mesh.clone();
+    twice.faces.extend_from_within(..);
+    twice.source_face.extend_from_within(..);
+    assert_eq!(assess(&twice).volume_mm3, None, "a shell that is there twice encloses no more");
+
+    let mut open = mesh;
+    open.faces.pop();
+    open.source_face.pop();
+    assert_eq!(assess(&open).volume_mm3, None);
+}
+
+/// The common volume of two bodies once counted twice, and nothing said so.
+#[test]
+fn a_volume_that_counts_overlaps_is_told() {
+    let overlapping = join([cube(10.0, at(0.0), false), cube(10.0, at(5.0), false)]);
+    let health = assess(&overlapping);
+    assert!(health.volume_counts_overlaps && health.volume_mm3.map(f64::round) == Some(2000.0));
+    let told = |health: &MeshHealth| {
+        health.warnings().iter().any(|warning| warning.to_string().contains("the volume is a sum over bodies"))
+    };
+    assert!(told(&health));
+
+    let mut open = moved(cube(10.0, at(0.0), false), [50.0, 0.0, 0.0]);
+    open.faces.pop();
+    open.source_face.pop();
+    let health = assess(&join([overlapping, open]));
+    assert_eq!((health.overlapping_pairs, health.volume_counts_overlaps, health.volume_mm3), (1, false, None));
+    assert!(!told(&health), "no volume is stated");
+    let apart = assess(&join([cube(10.0, at(0.0), false), cube(10.0, at(20.0), false)]));
+    assert!(!apart.volume_counts_overlaps);
+}

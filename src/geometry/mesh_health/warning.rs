@@ -34,6 +34,8 @@ pub enum MeshWarning {
     Overlap {
         /// Number of pairs that were found.
         pairs: usize,
+        /// True if a volume is stated, which counts what they have in common more than once.
+        is_in_volume: bool,
     },
     /// Polygons whose triangles lie upon each other.
     Uncut {
@@ -76,7 +78,7 @@ impl MeshHealth {
             some(self.flipped_bodies, |bodies| W::Flipped { bodies }),
             some(self.boundary_edges, |edges| W::Open { edges }),
             some(self.non_manifold_edges, |edges| W::NonManifold { edges }),
-            some(self.overlapping_pairs, |pairs| W::Overlap { pairs }),
+            some(self.overlapping_pairs, |pairs| W::Overlap { pairs, is_in_volume: self.volume_counts_overlaps }),
             some(self.duplicate_triangles, |triangles| W::Duplicate { triangles }),
             some(self.degenerate_triangles, |triangles| W::Degenerate { triangles }),
         ]
@@ -141,7 +143,13 @@ impl fmt::Display for MeshWarning {
             Self::Open { edges } => write!(f, "the surface is open along {edges} edges"),
             Self::NonManifold { edges } => write!(f, "{edges} edges belong to more than two triangles"),
             Self::Inconsistent { edges } => write!(f, "the winding of neighbours disagrees at {edges} edges"),
-            Self::Overlap { pairs } => write!(f, "at least {pairs} pairs of closed bodies run into each other"),
+            Self::Overlap { pairs, is_in_volume } => {
+                write!(f, "at least {pairs} pairs of closed bodies run into each other")?;
+                if *is_in_volume {
+                    write!(f, "; the volume is a sum over bodies and counts what they have in common more than once")?;
+                }
+                Ok(())
+            }
             Self::Uncut { polygons } => {
                 write!(f, "{polygons} polygons cross or fold over themselves, or are too large to be cut into triangles")
             }
