@@ -1,5 +1,6 @@
-//! A plan, and with its surroundings what it states of them: collisions at its stations, and with the part the coverage. Both are
-//! derived anew, with the definitions that the planner has: a station is free where [`CollisionScene::check`] finds nothing.
+//! A plan, and with its surroundings what it states of them: collisions at its stations, and with the part its placement and the
+//! coverage. All are derived anew, with the definitions that the planner has: a station is free where [`CollisionScene::check`]
+//! finds nothing, a placement where [`CollisionScene::placement_contact`] does.
 
 use serde_json::Value;
 
@@ -71,6 +72,9 @@ fn check_in(
             sound.verify("cell and scanner: names, optics, poses and calibration of the given cell");
             sound.verify("stations: limits of the axes, and the scanner at its viewpoint");
             sound.verify(format!("stations: clearance from everything, {with_part}"));
+            if reference.part.is_some() {
+                sound.verify("placement: the part meets nothing as it lies, nor what stands below the plate as the table turns");
+            }
             sound.leave("posture, singularity margin and clearance of stations", "not derived anew");
             sound.leave("moves between stations", "check the program of the plan");
         }
@@ -136,7 +140,8 @@ fn check_part_facts(planned: &PartDocument, part: &Mesh) -> Result<(), Vec<Field
     findings.into_result()
 }
 
-/// Requires at every station the clearance that the plan keeps, with the part where it is given.
+/// Requires of every setup a placement in which the part meets nothing, where it is given, and at every station the clearance
+/// that the plan keeps.
 fn check_collisions(
     document: &PlanDocument,
     cell: &Cell,
@@ -146,7 +151,15 @@ fn check_collisions(
     let mut findings = Findings::default();
     let clearance_mm = document.params.motion.clearance_mm;
     for setup in 0..setup_count(document) {
+        ctx.check().map_err(|cancelled| whole(PlanError::from(cancelled).to_string()))?;
         let scene = reference.scene_with(cell, clearance_mm, table_from_part(document, setup).as_ref());
+        // No check of a station tests part and fixture against what stands below the plate, on which they may lie.
+        if let Some(contact) = reference.part.as_ref().and_then(|_| scene.placement_contact()) {
+            let owner = if document.setups.is_empty() { "/cell".to_owned() } else { format!("/setups/{setup}") };
+            let detail =
+                format!("lets {contact} meet, as it lies or as the table turns; move the part, or what it meets, and plan again");
+            findings.push(format!("{owner}/table_from_part"), detail);
+        }
         for (index, view) in views_in(document, setup) {
             let Some(station) = &view.station else { continue };
             ctx.check().map_err(|cancelled| whole(PlanError::from(cancelled).to_string()))?;
@@ -176,4 +189,71 @@ fn too_close(cell: &Cell, scene: &CollisionScene, contact: &Contact, here: &Conf
         "collides: {contact} {found}; allowed is {clearance_mm} mm apart and more (params.motion.clearance_mm){runout}; plan \
          again in this cell"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::cell::{Body, PoseSpec, Presets, Shape, SpecLibrary};
+    use crate::geometry::{Part, Pose, Table};
+    use crate::planning::context::Silent;
+    use crate::planning::params::PlanParams;
+    use crate::planning::{PlanInput, plan};
+    use crate::testing::box_mesh;
+    use crate::wire::echo::Echo;
+    use crate::wire::plan::CellDocument;
+
+    /// Parameters of a plan of two views, quickly made.
+    fn quick() -> PlanParams {
+        let mut params = PlanParams::default();
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.05), Some(20.0));
+        (params.candidates.even_directions, params.selection.max_views, params.limits.camera_deg) =
+            (Some(24), Some(2), Some(50.0));
+        (params.missed.remedies, params.missed.advice, params.robust.pose_error) = (0, false, None);
+        params
+    }
+
+    /// A plan of views without stations, its part lying on the plate of `cell` as the frames have it.
+    fn document(part: &Mesh, cell: &Cell, ctx: &Context<'_>) -> PlanDocument {
+        let input = PlanInput { mesh: part, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: None, roadmaps: None };
+        let outcome = plan(&input, &quick(), ctx).expect("a plan");
+        let placed = CellDocument {
+            name: cell.name.clone(),
+            base_from_table: PoseSpec::from(&cell.base_from_table),
+            table_from_part: PoseSpec::from(&Pose::<Table, Part>::identity()),
+            flange_from_scanner: PoseSpec::from(&cell.flange_from_scanner),
+            robot: cell.robot.name.clone(),
+            turntable: cell.turntable.name.clone(),
+            calibrated: None,
+        };
+        PlanDocument::new(&outcome, &cell.scanner, Some(placed), Echo::default())
+    }
+
+    /// The part hangs down over the rim of the plate, and a wall of the table stands a quarter turn away from it.
+    #[test]
+    fn a_part_that_runs_into_what_stands_below_the_plate_as_the_table_turns_is_refused() {
+        let never = AtomicBool::new(false);
+        let ctx = Context::new(&never, &Silent);
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it is valid");
+        let part = box_mesh([200.0, -10.0, -50.0], [240.0, 10.0, 50.0]);
+        let planned = document(&part, &cell, &ctx);
+        let wall = Body {
+            name: "wall".into(),
+            owner_from_body: Isometry3::translation(0.0, -220.0, -40.0),
+            shape: Shape::Box { size_mm: [40.0; 3] },
+        };
+        let walled = Cell { table_bodies: vec![wall], ..cell.clone() };
+        let with_part = Reference { part: Some(part), ..Reference::default() };
+        let found = |cell: &Cell, reference: &Reference| {
+            let errors = check_collisions(&planned, cell, reference, &ctx).err().unwrap_or_default();
+            errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+        };
+        assert_eq!((found(&cell, &with_part), found(&walled, &Reference::default())), (String::new(), String::new()));
+        let told = found(&walled, &with_part);
+        assert!(told.starts_with("/cell/table_from_part: lets wall and part meet") && told.lines().count() == 1, "{told}");
+    }
 }

@@ -16,8 +16,9 @@ use crate::cell::{Cell, CollisionScene, Configuration};
 use crate::geometry::{Mesh, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed};
 use crate::planning::PlanInput;
 use crate::planning::certificate::recheck::{self, TakenView};
-use crate::planning::context::{Context, Silent};
+use crate::planning::context::{Cancelled, Context, Silent};
 use crate::planning::params::{MotionParams, PlanParams, TableMotion};
+use crate::planning::plan::ViewId;
 use crate::planning::sequence::join;
 use crate::planning::stations;
 use crate::program::{Expected, Finding, Move, Program, Step, check, interlock, scan_configurations, scan_poses};
@@ -112,15 +113,38 @@ pub enum Misplaced {
         /// Words for how to put it right.
         how: String,
     },
+    /// Nobody waits for the program any longer.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+impl From<Cancelled> for Misplaced {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
 }
 
 /// Derives the program for a part from the pose that it was found in.
 pub trait Relocate: Send + Sync {
-    /// The program for the part at `table_from_part`. Takes as long as the linter and an evaluation of coverage.
+    /// The program for the part at `table_from_part`. Takes as long as the linter and an evaluation of coverage, and some seconds
+    /// for each station or way that is searched for.
     ///
     /// # Errors
     /// [`Misplaced`].
-    fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced>;
+    fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced> {
+        self.relocate_unless(program, table_from_part, &AtomicBool::new(false))
+    }
+
+    /// The program for the part at `table_from_part`, as of [`Relocate::relocate`]; ends soon after `cancelled` is true.
+    ///
+    /// # Errors
+    /// [`Misplaced`].
+    fn relocate_unless(
+        &self,
+        program: &Program,
+        table_from_part: &Pose<Table, Part>,
+        cancelled: &AtomicBool,
+    ) -> Result<Relocated, Misplaced>;
 }
 
 /// All that a part is located with.
@@ -142,6 +166,9 @@ pub struct Locating {
     pub coverage: Option<(PlanParams, String)>,
 }
 
+/// Configuration of a scan as planned, and the pose of the scanner there.
+type PlannedScan = (Configuration, Pose<Part, ScannerFrame>);
+
 /// Distance of the part from where it was planned.
 struct Off {
     mm: f64,
@@ -150,31 +177,31 @@ struct Off {
 }
 
 impl Relocate for Locating {
-    fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced> {
+    fn relocate_unless(
+        &self,
+        program: &Program,
+        table_from_part: &Pose<Table, Part>,
+        cancelled: &AtomicBool,
+    ) -> Result<Relocated, Misplaced> {
+        let ctx = Context::new(cancelled, &Silent);
         let off = self.off(table_from_part);
         let LocateBounds { max_deg, max_mm } = self.bounds;
         // A pose that is no number is not within.
         if !(off.mm <= max_mm && off.deg <= max_deg) {
             return Err(Misplaced::TooFar { mm: off.mm, deg: off.deg, max_mm, max_deg, how: off.how });
         }
+        ctx.check()?;
         let fixture = self.fixture.as_deref();
         let scene = CollisionScene::new(&self.cell, &self.part, fixture, table_from_part, self.clearance_mm);
+        ctx.check()?;
         // No check of a move tests part and fixture against what stands below the plate, on which they may lie.
         if let Some(contact) = scene.placement_contact() {
             let finding = format!("as it lies, {contact} meet");
             return Err(Misplaced::Unsound { finding, mm: off.mm, deg: off.deg, how: off.how });
         }
-        let stations = self.stations(program, &scene, table_from_part).map_err(|view| {
-            let Off { mm, deg, how } = self.off(table_from_part);
-            Misplaced::Unreachable { view, mm, deg, how }
-        })?;
-        let program = self.sound(program, &stations, &scene, table_from_part).map_err(|finding| Misplaced::Unsound {
-            finding,
-            mm: off.mm,
-            deg: off.deg,
-            how: off.how.clone(),
-        })?;
-        let coverage = self.coverage_of(&program, table_from_part, off)?;
+        let stations = self.stations(program, &scene, table_from_part, &ctx)?;
+        let program = self.sound(program, &stations, &scene, table_from_part, &ctx)?;
+        let coverage = self.coverage_of(&program, table_from_part, off, &ctx)?;
         Ok(Relocated { program, scene, coverage })
     }
 }
@@ -206,13 +233,17 @@ impl Locating {
         Off { mm: moved.norm(), deg: turned.angle().to_degrees(), how }
     }
 
-    /// Station of each scan, free where one is, or the view that has none.
+    /// Station of each scan, free where one is.
+    ///
+    /// # Errors
+    /// [`Misplaced::Unreachable`], of the first view that has none; [`Misplaced::Cancelled`].
     fn stations(
         &self,
         program: &Program,
         scene: &CollisionScene,
         located: &Pose<Table, Part>,
-    ) -> Result<Vec<Configuration>, u32> {
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Configuration>, Misplaced> {
         let poses = scan_poses(program, &self.cell, &self.planned.table_from_part);
         let views = program.steps.iter().filter_map(|step| match step {
             Step::Scan { view, .. } => Some(*view),
@@ -221,7 +252,12 @@ impl Locating {
         let axes = self.cell.axes();
         let turn_rad = yaw(located, &self.planned.table_from_part);
         let scans = scan_configurations(program).into_iter().zip(poses).zip(views);
-        let station = |((planned, part_from_scanner), view): ((Configuration, Pose<Part, ScannerFrame>), _)| {
+        let unreachable = |view: ViewId| {
+            let Off { mm, deg, how } = self.off(located);
+            Misplaced::Unreachable { view: view.0, mm, deg, how }
+        };
+        let station = |((planned, part_from_scanner), view): (PlannedScan, ViewId)| -> Result<_, Misplaced> {
+            ctx.check()?;
             let plate_from_scanner = plate_from_placed(located) * part_from_scanner;
             let derived_rad = planned.table_rad - turn_rad;
             let beside = TABLE_OFFSETS_DEG.map(|offset_deg| derived_rad + offset_deg.to_radians());
@@ -229,15 +265,15 @@ impl Locating {
             let mut near = angles.flat_map(|table_rad| self.stations_at(&planned, table_rad, &plate_from_scanner)).peekable();
             let first = near.peek().copied();
             let is_free = |station: &Configuration| scene.check(station).is_none();
-            let anywhere = || {
-                let never = AtomicBool::new(false);
-                let found = stations::solve(&[part_from_scanner], &self.cell, scene, located, &Context::new(&never, &Silent));
-                let free = found.ok()?.pop()?.ok()?.into_iter().map(|station| station.configuration());
-                free.min_by(|a, b| axes.move_secs(&planned, a, 1.0).total_cmp(&axes.move_secs(&planned, b, 1.0)))
-            };
-            near.find(is_free).or_else(anywhere).or(first).ok_or(view)
+            if let Some(station) = near.find(is_free) {
+                return Ok(station);
+            }
+            let found = stations::solve(&[part_from_scanner], &self.cell, scene, located, ctx)?.pop();
+            let free = found.and_then(Result::ok).into_iter().flatten().map(|station| station.configuration());
+            let anywhere = free.min_by(|a, b| axes.move_secs(&planned, a, 1.0).total_cmp(&axes.move_secs(&planned, b, 1.0)));
+            anywhere.or(first).ok_or_else(|| unreachable(view))
         };
-        scans.map(station).collect::<Result<_, _>>().map_err(|view: crate::planning::plan::ViewId| view.0)
+        scans.map(station).collect()
     }
 
     /// Stations at a table angle that stand as the planned one does, nearest first.
@@ -268,20 +304,25 @@ impl Locating {
         stations
     }
 
-    /// The first of the programs over these stations that the linter finds nothing in, or the finding in the first.
+    /// The first of the programs over these stations that the linter finds nothing in.
+    ///
+    /// # Errors
+    /// [`Misplaced::Unsound`], with the finding in the first of them; [`Misplaced::Cancelled`].
     fn sound(
         &self,
         program: &Program,
         stations: &[Configuration],
         scene: &CollisionScene,
         located: &Pose<Table, Part>,
-    ) -> Result<Program, String> {
+        ctx: &Context<'_>,
+    ) -> Result<Program, Misplaced> {
         let expected = Expected { table_from_part: *located, ..self.planned.clone() };
         let is_interlocked = expected.table_alone || moves_alone(program);
-        let search = Search::new(&self.cell, scene, is_interlocked);
+        let search = Search::new(&self.cell, scene, is_interlocked, ctx);
         let mut first = None;
         for points in [Points::Moved, Points::Kept, Points::PlannedStations, Points::Searched] {
-            let derived = over(program, stations, points, &search);
+            let derived = over(program, stations, points, &search)?;
+            ctx.check()?;
             let derived = if is_interlocked { interlock(&derived, &self.cell, scene) } else { Ok(derived) };
             let found = match derived {
                 Err(together) => together.to_string(),
@@ -292,10 +333,17 @@ impl Locating {
             };
             first.get_or_insert(found);
         }
-        Err(first.unwrap_or_default())
+        let Off { mm, deg, how } = self.off(located);
+        Err(Misplaced::Unsound { finding: first.unwrap_or_default(), mm, deg, how })
     }
 
-    fn coverage_of(&self, program: &Program, located: &Pose<Table, Part>, off: Off) -> Result<Option<[f64; 2]>, Misplaced> {
+    fn coverage_of(
+        &self,
+        program: &Program,
+        located: &Pose<Table, Part>,
+        off: Off,
+        ctx: &Context<'_>,
+    ) -> Result<Option<[f64; 2]>, Misplaced> {
         let Some((params, part_sha256)) = &self.coverage else { return Ok(None) };
         let input = PlanInput {
             mesh: &self.part,
@@ -305,12 +353,11 @@ impl Locating {
             cell: Some(&self.cell),
             roadmaps: None,
         };
-        let flag = AtomicBool::new(false);
-        let ctx = Context::new(&flag, &Silent);
         let stations = scan_configurations(program);
         let Off { mm, deg, how } = off;
-        let share = |table_from_part: &Pose<Table, Part>, views: &[TakenView]| {
-            let measured = recheck::measured_in_cell(&input, params, table_from_part, views, &ctx);
+        let share = |table_from_part: &Pose<Table, Part>, views: &[TakenView]| -> Result<f64, Misplaced> {
+            let measured = recheck::measured_in_cell(&input, params, table_from_part, views, ctx);
+            ctx.check()?;
             let measured = measured.map_err(|error| Misplaced::Unsound { finding: error.to_string(), mm, deg, how: how.clone() });
             measured.map(|measured| measured.measured_mm2 / measured.asked_mm2)
         };
@@ -346,26 +393,31 @@ struct Search<'a> {
     cell: &'a Cell,
     scene: &'a CollisionScene,
     motion: MotionParams,
+    ctx: &'a Context<'a>,
 }
 
 impl<'a> Search<'a> {
-    fn new(cell: &'a Cell, scene: &'a CollisionScene, is_interlocked: bool) -> Self {
+    fn new(cell: &'a Cell, scene: &'a CollisionScene, is_interlocked: bool, ctx: &'a Context<'a>) -> Self {
         let table = if is_interlocked { TableMotion::Alone } else { TableMotion::WithArm };
-        Self { cell, scene, motion: MotionParams { table, ..MotionParams::default() } }
+        Self { cell, scene, motion: MotionParams { table, ..MotionParams::default() }, ctx }
     }
 
     /// These points, or others where the way through them is not free; these too where no other way is found, for the linter to
     /// say what is in the way.
-    fn free(&self, from: &Configuration, via_rad: Vec<Configuration>, to: &Configuration) -> Vec<Configuration> {
+    fn free(
+        &self,
+        from: &Configuration,
+        via_rad: Vec<Configuration>,
+        to: &Configuration,
+    ) -> Result<Vec<Configuration>, Cancelled> {
         let points: Vec<_> = std::iter::once(*from).chain(via_rad.iter().copied()).chain([*to]).collect();
-        let never = AtomicBool::new(false);
-        let found = join(self.cell, self.scene, &self.motion, &points, &Context::new(&never, &Silent));
-        found.ok().flatten().unwrap_or(via_rad)
+        let found = join(self.cell, self.scene, &self.motion, &points, self.ctx)?;
+        Ok(found.unwrap_or(via_rad))
     }
 }
 
 /// The program with other stations for its scans.
-fn over(program: &Program, stations: &[Configuration], points: Points, search: &Search<'_>) -> Program {
+fn over(program: &Program, stations: &[Configuration], points: Points, search: &Search<'_>) -> Result<Program, Cancelled> {
     let (axes, mut scans) = (search.cell.axes(), 0);
     let (mut planned_here, mut here) = (program.home_rad, program.home_rad);
     let mut steps = Vec::with_capacity(program.steps.len());
@@ -382,14 +434,14 @@ fn over(program: &Program, stations: &[Configuration], points: Points, search: &
         };
         let mut via_rad = between(step, [&planned_here, &here, &target_rad], points);
         if points == Points::Searched {
-            via_rad = search.free(&here, via_rad, &target_rad);
+            via_rad = search.free(&here, via_rad, &target_rad)?;
         }
         let mut derived = Move { via_rad, target_rad, ..step.clone() };
         derived.duration_secs = derived.derived_secs(&here, &axes);
         (planned_here, here) = (step.target_rad, target_rad);
         steps.push(Step::Move(derived));
     }
-    Program { cycle_secs: steps.iter().map(Step::secs).sum(), steps, ..program.clone() }
+    Ok(Program { cycle_secs: steps.iter().map(Step::secs).sum(), steps, ..program.clone() })
 }
 
 fn scans_next(steps: &[Step]) -> bool {

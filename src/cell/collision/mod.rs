@@ -28,7 +28,7 @@ use parry3d::math::Pose as ParryPose;
 use self::pairs::{BodyPair, TABLE_AXIS, body_pairs};
 use self::scene_body::{ParentLink, SceneBody, assemble, attach};
 pub use self::separation::{Farthest, Separation};
-use self::solid::{near, parry_pose};
+use self::solid::{Solid, near, parry_pose};
 use super::axis::{Axes, Axis, Configuration};
 use super::halton::{PRIMES, halton};
 use super::kinematics::Kinematics;
@@ -424,17 +424,22 @@ impl CollisionScene {
     }
 
     /// A capsule around the arm's first axis is as far from what stands still at any configuration: the column above its
-    /// pedestal. It must not touch, whatever clearance is asked for.
+    /// pedestal. It must not touch, whatever clearance is asked for. Where surfaces inside decide, they have to be round about
+    /// the axis too: others come nearer as it turns.
     fn relax_rotation_symmetric_links(&mut self) {
         let mut quarter = [0.0; 6];
         quarter[0] = std::f64::consts::FRAC_PI_2;
         let frames = [[0.0; 6], quarter].map(|joints| self.kinematics.link_frames(&joints)[1]);
+        let is_on_axis = |ends: [Point3<f64>; 2]| {
+            let [a, b] = frames.map(|frame| ends.map(|end| frame * end));
+            a.iter().zip(&b).all(|(a, b)| (a - b).norm() < ON_AXIS_MM)
+        };
         let on_axis = |body: &SceneBody| {
             let ends = body.solid.ends_mm().filter(|_| body.parent == ParentLink::Link(1));
-            ends.is_some_and(|ends| {
-                let [a, b] = frames.map(|frame| ends.map(|end| frame * body.parent_from_body * end));
-                a.iter().zip(&b).all(|(a, b)| (a - b).norm() < ON_AXIS_MM)
-            })
+            let link_from_body = parry_pose(&body.parent_from_body);
+            let is_round = |(solid, pose): (&Solid, ParryPose)| solid.axis_ends_mm(&pose).is_some_and(is_on_axis);
+            ends.is_some_and(|ends| is_on_axis(ends.map(|end| body.parent_from_body * end)))
+                && (!body.is_envelope() || body.placed(&link_from_body).all(is_round))
         };
         let (bodies, min_mm) = (&self.bodies, self.clearance_mm.min(MIN_CLEARANCE_MM));
         let keeps_apart = |a: usize, b: usize| bodies[a].parent.is_still() && on_axis(&bodies[b]);

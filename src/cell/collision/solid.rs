@@ -117,6 +117,18 @@ impl Solid {
         Some([core.a, core.b].map(|end| Point3::new(end.x, end.y, end.z).cast()))
     }
 
+    /// The ends of the axis about which a capsule or a cylinder is round, the solid being at `pose`; none of other shapes.
+    pub(super) fn axis_ends_mm(&self, pose: &Pose) -> Option<[Point3<f64>; 2]> {
+        let ends = match self {
+            Self::Segment { core, .. } => [core.a, core.b].map(|end| *pose * end),
+            Self::Cylinder { core, body_from_core } => {
+                [-core.half_height, core.half_height].map(|along| *pose * *body_from_core * Vector::new(0.0, along, 0.0))
+            }
+            Self::Box(_) | Self::Mesh(_) => return None,
+        };
+        Some(ends.map(|end| Point3::new(end.x, end.y, end.z).cast()))
+    }
+
     /// Farthest point from the parent's origin, or from its z axis.
     pub(super) fn motion_bound_mm(&self, parent_from_body: &Isometry3<f64>, from_axis: bool) -> f64 {
         let pose = parry_pose(parent_from_body);
@@ -213,7 +225,19 @@ fn cores_near<A: SupportMap + ?Sized, B: SupportMap + ?Sized>(first: &A, second:
     let direction = towards.try_normalize().unwrap_or(Vector::X);
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(CsoPoint::from_shapes(pose, first, second, direction));
-    !matches!(closest_points(pose, first, second, limit, false, &mut simplex), GJKResult::NoIntersection(_))
+    let found = closest_points(pose, first, second, limit, false, &mut simplex);
+    let gap_along = |axis: Vector| -axis.dot(CsoPoint::from_shapes(pose, first, second, axis).point);
+    !is_apart(&found, gap_along, limit)
+}
+
+/// Returns true if the search has found an axis along which the cores are farther apart than `limit`. After 100 steps without an
+/// answer parry tells the x axis, as if it had found that: along this axis the gap is evaluated again, and where it is not wider
+/// than `limit` the cores count as near.
+pub(super) fn is_apart(found: &GJKResult, gap_along: impl Fn(Vector) -> f32, limit: f32) -> bool {
+    match found {
+        GJKResult::NoIntersection(axis) => *axis != Vector::X || gap_along(*axis) > limit,
+        GJKResult::Intersection | GJKResult::ClosestPoints(..) | GJKResult::Proximity(_) => false,
+    }
 }
 
 /// Shift of a ray across its axis, mm: through an edge it would cross both triangles beside it, as in the middle of a box, whose sides

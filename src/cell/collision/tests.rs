@@ -1,9 +1,11 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Rotation3, UnitQuaternion, Vector3};
+use parry3d::math::Vector;
+use parry3d::query::gjk::GJKResult;
 use proptest::prelude::*;
 
-use super::solid::{Solid, near, parry_pose};
+use super::solid::{Solid, is_apart, near, parry_pose};
 use super::{CollisionScene, Contact, MetOnTable, PRIMES, halton};
 use crate::cell::body::{Body, LinkBody, Shape};
 use crate::cell::{Axes, Cell, Configuration, LinkCapsule, Presets, RunoutHarmonic, SpecLibrary};
@@ -400,6 +402,55 @@ fn a_capsule_without_a_surface_decides_beside_one_of_its_link_that_has_some() {
         let cell = Cell { obstacles: vec![ball_beside_upper_arm(&cell, off_axis_mm)], ..cell.clone() };
         let contact = CollisionScene::without_part(&cell, 5.0).check(&cell.home_rad).map(|contact| contact.to_string());
         assert_eq!(contact.as_deref(), met, "{off_axis_mm}");
+    }
+}
+
+/// The column of the first link is round about its axis, a box in it is not: beside a ball, the box had to keep 1 mm alone.
+#[test]
+fn a_surface_that_is_not_round_about_the_first_axis_keeps_the_whole_clearance() {
+    let cell = cell();
+    let contact = |shape: &Shape, owner_from_body: Isometry3<f64>, off_axis_mm: f64, turn_rad: f64| {
+        let place = cell.robot.link_frames(&cell.home_rad.joints_rad)[1] * Point3::new(off_axis_mm, 0.0, -100.0);
+        let ball = Body {
+            name: "ball".into(),
+            owner_from_body: at(place.x, place.y, place.z),
+            shape: Shape::Capsule { radius_mm: 5.0, length_mm: 0.01 },
+        };
+        let body = Body { name: "surface".into(), owner_from_body, shape: shape.clone() };
+        let link_surfaces = vec![LinkBody { link: 1, body }];
+        let with_ball = Cell { obstacles: vec![ball], link_surfaces, ..cell.clone() };
+        let mut here = cell.home_rad;
+        here.joints_rad[0] += turn_rad;
+        CollisionScene::without_part(&with_ball, 5.0).check(&here).map(|contact| contact.to_string())
+    };
+    let (met, half_turn) = (Some("shoulder column and ball".to_owned()), std::f64::consts::PI);
+    let edged = Shape::Mesh(Arc::new(box_mesh([-10.0, -10.0, -120.0], [40.0, 10.0, -80.0])));
+    let found = [0.0, half_turn].map(|turn_rad| contact(&edged, Isometry3::identity(), 48.0, turn_rad));
+    assert_eq!(found, [met.clone(), None]);
+    // As far from the ball at every angle: it must not touch, no more.
+    let round = Shape::Cylinder { radius_mm: 40.0, height_mm: 40.0 };
+    let found = [48.0, 45.5].map(|off_axis_mm| contact(&round, at(0.0, 0.0, -100.0), off_axis_mm, 0.0));
+    assert_eq!(found, [None, met.clone()]);
+    // Beside the axis it is not round about that.
+    assert_eq!(contact(&round, at(2.0, 0.0, -100.0), 50.0, 0.0), met);
+}
+
+/// Parry tells the x axis where it gives up after 100 steps, and that counted as apart.
+#[test]
+fn cores_count_as_near_where_the_search_gives_up() {
+    // An axis along which the cores are found to be 10 mm apart, or 1 mm, or deep in each other.
+    for (gap_mm, is_told) in [(10.0, true), (1.0, false), (-50.0, false)] {
+        assert_eq!(is_apart(&GJKResult::NoIntersection(Vector::X), |_| gap_mm, 5.0), is_told, "{gap_mm}");
+        assert!(is_apart(&GJKResult::NoIntersection(Vector::Y), |_| gap_mm, 5.0), "the search itself has found that");
+    }
+    for found in [GJKResult::Intersection, GJKResult::Proximity(Vector::X)] {
+        assert!(!is_apart(&found, |_| 10.0, 5.0));
+    }
+    // What lies apart along the x axis is still told as apart.
+    let block = cuboid([100.0; 3]);
+    for x_mm in [130.0, -130.0] {
+        let beside_mm = measured((&block, at(0.0, 0.0, 0.0)), (&block, at(x_mm, 0.0, 0.0)));
+        assert!((beside_mm - 30.0).abs() < 0.05, "{beside_mm}");
     }
 }
 

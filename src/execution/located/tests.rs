@@ -1,17 +1,18 @@
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tokio::time::sleep;
 
-use super::{LocateBounds, Locating, Misplaced, Relocate};
+use super::{LocateBounds, Locating, Misplaced, Relocate, Relocated};
 use crate::cell::{Body, Cell, Shape};
 use crate::execution::record::StepKind;
 use crate::execution::session::{PauseCause, RunJob, RunOptions, RunReason, RunState, StopCause, simulate, simulate_with};
 use crate::execution::tests::rehearsal::{Planned, hashes, job, planned, twins, until};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::params::PlanParams;
-use crate::program::{Step, interlock, scan_poses};
+use crate::program::{Program, Step, interlock, scan_poses};
 use crate::testing::box_mesh;
 
 fn locating() -> Locating {
@@ -82,6 +83,60 @@ fn a_part_that_lies_where_it_runs_into_the_table_as_that_turns_is_refused() {
     assert_eq!(relocated(off(0.0, 0.0, 0.0)), Ok(()));
     let words = relocated(off(8.0, 0.0, 0.0)).expect_err("into the wall").to_string();
     assert!(words.contains("wall and part meet") && words.contains("move it 8.0 mm towards −x"), "{words}");
+}
+
+#[test]
+fn a_search_that_is_cancelled_ends_without_a_program() {
+    let relocated = |cancelled: bool| {
+        let flag = AtomicBool::new(cancelled);
+        let locating = Locating { coverage: None, ..locating() };
+        locating.relocate_unless(&planned().program, &off(8.0, 0.0, 3.0), &flag).map(|_| ())
+    };
+    assert_eq!([relocated(false), relocated(true)], [Ok(()), Err(Misplaced::Cancelled)]);
+}
+
+/// A search that ends when it is cancelled and not before, and tells that it began and ended.
+#[derive(Default)]
+struct Endless {
+    began: AtomicBool,
+    ended: AtomicBool,
+}
+
+impl Relocate for Endless {
+    fn relocate_unless(&self, _: &Program, _: &Pose<Table, Part>, cancelled: &AtomicBool) -> Result<Relocated, Misplaced> {
+        self.began.store(true, Ordering::Relaxed);
+        while !cancelled.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.ended.store(true, Ordering::Relaxed);
+        Err(Misplaced::Cancelled)
+    }
+}
+
+/// The search went on for as long as it took, on a thread of its own.
+#[tokio::test]
+async fn a_run_that_is_stopped_cancels_the_search_for_its_program() {
+    let search = Arc::new(Endless::default());
+    let relocate = Arc::clone(&search);
+    let handle = simulate(job(), RunOptions { time_factor: 20.0, relocate: Some(relocate), ..RunOptions::default() });
+    until(&handle, RunState::Paused).await;
+    handle.located(None, off(8.0, 0.0, 3.0)).await.expect("waits");
+    let soon = |flag: fn(&Endless) -> &AtomicBool| {
+        let search = Arc::clone(&search);
+        async move {
+            for _ in 0..2000 {
+                if flag(&search).load(Ordering::Relaxed) {
+                    return true;
+                }
+                sleep(Duration::from_millis(1)).await;
+            }
+            false
+        }
+    };
+    assert!(soon(|search| &search.began).await);
+    handle.stop(StopCause::Client);
+    assert_eq!(handle.ended().await.status.state, RunState::Stopped);
+    assert!(soon(|search| &search.ended).await);
 }
 
 #[tokio::test]

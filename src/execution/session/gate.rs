@@ -1,6 +1,7 @@
 //! Conditions of motion: those of the devices, which hold all the time; those of a run, before it is armed; those of a target,
 //! before it goes out, from where the devices were measured. Pure functions.
 
+use std::f64::consts::PI;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,8 +15,9 @@ use crate::cell::{CalibrationObjection, Cell, CollisionScene, Configuration, Con
 use crate::execution::device::Target;
 use crate::program::{Expected, Finding, Program, check};
 
-/// Points of a segment at which the workspace is asked.
-const WORKSPACE_SAMPLES: u32 = 20;
+/// Largest distance beyond the workspace that goes unseen between two points at which it is asked, mm: our choice, far below what
+/// the tolerances of position let pass.
+const WORKSPACE_MARGIN_MM: f64 = 0.1;
 /// Numbers that went through degrees or a quotient differ by less, as a share.
 const ROUNDING: f64 = 1e-9;
 const SECS_PER_HOUR: f64 = 3600.0;
@@ -333,15 +335,50 @@ pub(super) fn to_target(
         .or_else(|| job.scene.check_segment(measured, &to).map(Objection::Collision))
 }
 
+/// Objection to a segment on which the origin of flange or scanner leaves the workspace by [`WORKSPACE_MARGIN_MM`] or more.
 fn outside_workspace(job: &RunJob, from: &Configuration, to: &Configuration, safeguards: &Safeguards) -> Option<Objection> {
     let workspace = safeguards.workspace?;
     let is_outside = |at: &[f64; 3]| (0..3).any(|k| at[k] < workspace.min_mm[k] || at[k] > workspace.max_mm[k]);
-    let points = (0..=WORKSPACE_SAMPLES).flat_map(|sample| {
-        let joints_rad = from.toward(to, f64::from(sample) / f64::from(WORKSPACE_SAMPLES)).joints_rad;
-        let flange = job.cell.robot.base_from_flange(&joints_rad).origin_mm();
-        [flange, job.cell.base_from_scanner(&joints_rad).origin_mm()].map(<[f64; 3]>::from)
+    let pieces = workspace_pieces(&job.cell, from, to);
+    let mut points = (0..=pieces).flat_map(|piece| {
+        let share = f64::from(piece) / f64::from(pieces);
+        watched_mm(&job.cell, &from.toward(to, share))
     });
-    points.into_iter().find(is_outside).map(|at_mm| Objection::OutsideWorkspace { at_mm })
+    points.find(is_outside).map(|at_mm| Objection::OutsideWorkspace { at_mm })
+}
+
+/// Origins of flange and scanner, base frame.
+fn watched_mm(cell: &Cell, here: &Configuration) -> [[f64; 3]; 2] {
+    let base_from_flange = cell.robot.base_from_flange(&here.joints_rad);
+    [base_from_flange.origin_mm(), (base_from_flange * cell.flange_from_scanner).origin_mm()].map(<[f64; 3]>::from)
+}
+
+/// Number of equal pieces of a segment between whose ends the watched points stay within [`WORKSPACE_MARGIN_MM`] of a box that
+/// holds them at the ends.
+///
+/// A box holds the chords between points in it, and a curve x(s) is at most h²/8 · max |x″| off the chord of a piece of length h.
+/// With joints that turn by Δ_j, about axes from which the point is at most R_j away, R_1 ≥ R_2 ≥ …, |x″| ≤ Σ_j Σ_k |Δ_j| |Δ_k|
+/// R_max(j, k) ≤ Σ|Δ_j| · Σ|Δ_j| R_j: x″ is made of the centripetal parts and of the turns of later axes by the joints before.
+fn workspace_pieces(cell: &Cell, from: &Configuration, to: &Configuration) -> u32 {
+    let mut turns_rad: [f64; 6] = std::array::from_fn(|joint| (to.joints_rad[joint] - from.joints_rad[joint]).abs());
+    // Where joint 3 is counted from the ground, its axis turns by what both joints tell; elsewhere by less than that.
+    turns_rad[2] += turns_rad[1];
+    let moved_mm: f64 = turns_rad.iter().zip(reach_mm(cell)).map(|(turn, reach)| turn * reach).sum();
+    let off_chord_mm = 0.125 * turns_rad.iter().sum::<f64>() * moved_mm;
+    (off_chord_mm / WORKSPACE_MARGIN_MM).sqrt().ceil().max(1.0) as u32
+}
+
+/// Upper bound on the distance of the watched points from the axis of each joint, at any joints, mm. The origins of neighbouring
+/// frames keep their distance, save that a flange beside axis 6 goes round it in a circle, whose diameter half a turn shows.
+fn reach_mm(cell: &Cell) -> [f64; 6] {
+    let origins_mm = |joint_6_rad: f64| {
+        let joints_rad = [0.0, 0.0, 0.0, 0.0, 0.0, joint_6_rad];
+        cell.robot.link_frames(&joints_rad).map(|frame| frame.translation.vector)
+    };
+    let [straight, turned] = [0.0, PI].map(origins_mm);
+    let beyond_wrist_mm = cell.flange_from_scanner.origin_mm().coords.norm() + (turned[6] - straight[6]).norm();
+    let between_mm = |from: usize| (straight[from + 1] - straight[from]).norm();
+    std::array::from_fn(|joint| beyond_wrist_mm + (joint + 1..6).map(between_mm).sum::<f64>())
 }
 
 /// Axis that differs most, from 1, and by how much.

@@ -3,6 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::Poll;
 use std::time::Duration;
 
@@ -23,6 +24,16 @@ use crate::execution::device::{DeviceError, Trigger, WITHDRAWAL};
 use crate::execution::record::{DeviceStop, PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
 use crate::geometry::{Part, Pose, Table};
 use crate::program::Step;
+
+/// Flag of a work that is cancelled once nobody waits for it any longer.
+#[derive(Default)]
+struct CancelledOnDrop(Arc<AtomicBool>);
+
+impl Drop for CancelledOnDrop {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
 
 /// A run.
 pub(super) struct Runner<M, T> {
@@ -255,7 +266,9 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         self.watcher.control.leaves_pause = true;
         let Some(relocate) = self.options.relocate.clone() else { return Ok(()) };
         let program = Arc::clone(&self.job.program);
-        let work = tokio::task::spawn_blocking(move || relocate.relocate(&program, &table_from_part));
+        let search = CancelledOnDrop::default();
+        let cancelled = Arc::clone(&search.0);
+        let work = tokio::task::spawn_blocking(move || relocate.relocate_unless(&program, &table_from_part, &cancelled));
         let relocated = self.watcher.during(work).await?.map_err(|error| internal(&error))?;
         let relocated = relocated.map_err(|misplaced| Halt::stop(StopCause::Misplaced(misplaced.to_string())))?;
         self.job.program = Arc::new(relocated.program);

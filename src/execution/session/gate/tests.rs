@@ -3,7 +3,10 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::{Objection, Safeguards, Workspace, to_run, to_start, to_target, unfit};
+use super::{
+    Objection, Safeguards, WORKSPACE_MARGIN_MM, Workspace, outside_workspace, to_run, to_start, to_target, unfit, watched_mm,
+    workspace_pieces,
+};
 use crate::cell::{
     CalibrationObjection, CalibrationProvenance, Cell, CompensationProvenance, Configuration, PoseSpec, UseConditions,
 };
@@ -86,6 +89,55 @@ fn a_target_is_refused_for_each_thing_that_is_wrong_with_it() {
     let workspace = Some(Workspace { min_mm: [-2000.0; 3], max_mm: [2000.0, 2000.0, 200.0] });
     let low = Safeguards { workspace, ..safeguards };
     assert!(matches!(to_target(&job, &home, &good, &low), Some(Objection::OutsideWorkspace { .. })));
+}
+
+/// The tightest box around flange and scanner at the ends of `pieces` equal pieces of a segment.
+fn box_around(cell: &Cell, from: &Configuration, to: &Configuration, pieces: u32) -> Workspace {
+    let empty = Workspace { min_mm: [f64::INFINITY; 3], max_mm: [f64::NEG_INFINITY; 3] };
+    let shares = (0..=pieces).map(|piece| f64::from(piece) / f64::from(pieces));
+    shares.flat_map(|share| watched_mm(cell, &from.toward(to, share))).fold(empty, |all, at| Workspace {
+        min_mm: std::array::from_fn(|k| all.min_mm[k].min(at[k])),
+        max_mm: std::array::from_fn(|k| all.max_mm[k].max(at[k])),
+    })
+}
+
+/// Farthest distance of a box beyond another one.
+fn beyond_mm(all: &Workspace, within: &Workspace) -> f64 {
+    (0..3).map(|k| (within.min_mm[k] - all.min_mm[k]).max(all.max_mm[k] - within.max_mm[k])).fold(0.0, f64::max)
+}
+
+/// At 21 points of a turn by 340° millimetres beyond the box went unseen.
+#[test]
+fn a_way_that_leaves_the_workspace_between_few_samples_is_refused() {
+    let (job, home) = (job(), planned().program.home_rad);
+    let [from, to] = [-170.0_f64, 170.0].map(|turned_deg| Configuration {
+        joints_rad: [turned_deg, -30.0, 80.0, 0.0, 60.0, 0.0].map(f64::to_radians),
+        table_rad: turned_deg.to_radians(),
+    });
+    let objection = |workspace: Workspace| {
+        outside_workspace(&job, &from, &to, &Safeguards { workspace: Some(workspace), ..Safeguards::default() })
+    };
+    let (coarse, fine) = (box_around(&job.cell, &from, &to, 20), box_around(&job.cell, &from, &to, 20_000));
+    assert!(beyond_mm(&fine, &coarse) > 5.0 * WORKSPACE_MARGIN_MM, "{}", beyond_mm(&fine, &coarse));
+    assert!(matches!(objection(coarse), Some(Objection::OutsideWorkspace { .. })));
+    let loose = Workspace { min_mm: fine.min_mm.map(|low| low - 0.01), max_mm: fine.max_mm.map(|high| high + 0.01) };
+    assert_eq!(objection(loose), None);
+    // A table that turns alone moves neither.
+    assert_eq!(workspace_pieces(&job.cell, &home, &Configuration { table_rad: home.table_rad + 3.0, ..home }), 1);
+}
+
+#[test]
+fn between_the_points_at_which_the_workspace_is_asked_less_than_the_margin_goes_unseen() {
+    let (cell, home) = (&planned().cell, planned().program.home_rad);
+    for (seed, deg) in [(1_u32, 3.0), (2, 40.0), (3, 90.0), (4, 200.0), (5, 340.0)] {
+        // Each axis another share of the angle, either way.
+        let share = |axis: u32| f64::from((7 * seed + 5 * axis) % 11) / 5.0 - 1.0;
+        let to = home.along(&[0, 1, 2, 3, 4, 5, 6].map(|axis| share(axis) * f64::to_radians(deg)), 1.0);
+        let pieces = workspace_pieces(cell, &home, &to);
+        assert!((2..3000).contains(&pieces), "{pieces} pieces at {deg}°");
+        let (asked, fine) = (box_around(cell, &home, &to, pieces), box_around(cell, &home, &to, 8 * pieces));
+        assert!(beyond_mm(&fine, &asked) < WORKSPACE_MARGIN_MM, "{} mm at {deg}°", beyond_mm(&fine, &asked));
+    }
 }
 
 #[test]
