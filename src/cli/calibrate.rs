@@ -18,7 +18,8 @@ use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::calibration::findings::CalibrationFinding;
 use crate::cell::{CellSpec, FieldError};
 use crate::wire::calibration::{
-    CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_easy_handeye, from_pose_samples, from_zivid, sentence,
+    CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_easy_handeye, from_pose_samples, from_zivid, rows_without_board,
+    sentence,
 };
 use crate::wire::words::fixed;
 use crate::wire::{Distinct, hex, json_error, json_file_bytes};
@@ -149,7 +150,13 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
         let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
         let unit_mm = read.unit.mm();
         let options = CsvOptions { robot_pose: read.robot_pose, unit_mm, setup: read.setup };
-        return Ok((from_csv(&text, &options).map_err(below)?, digest));
+        let data = from_csv(&text, &options).map_err(below)?;
+        let left_out = rows_without_board(&text, &data);
+        if left_out > 0 {
+            let detail = format!("rows without a board, left out: {left_out}; {} are read", data.observations.len());
+            output::warning(&shown, "", &detail, "give board_x, board_y and board_z, or delete these rows");
+        }
+        return Ok((data, digest));
     }
     if path.extension().is_some_and(|extension| ["yaml", "yml", "samples"].iter().any(|known| extension == *known)) {
         let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;

@@ -7,7 +7,7 @@ use super::{Move, Program, ProgramCalibration, Step};
 use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{Axes, CalibrationObjection, Cell, CollisionScene, Configuration, Contact, UseConditions};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
-use crate::planning::params::PlanParams;
+use crate::planning::params::{Corners, PlanParams};
 use crate::planning::plan::ViewId;
 
 /// Shares of the speed that went through a file are off by this at most.
@@ -176,6 +176,17 @@ pub enum Fault {
         /// Value of the plan.
         planned: f64,
     },
+    /// Points passed farther off than planned.
+    #[error(
+        "passed_within_deg is {found_deg}; the plan's motion.corners and motion.path_tolerance_deg allow {planned_deg} at most, where 0 \
+         is a stop at each point"
+    )]
+    PassedWide {
+        /// Value in the program, degrees.
+        found_deg: f64,
+        /// Value of the plan, degrees; 0 where it stops.
+        planned_deg: f64,
+    },
     /// A capture before everything stands still.
     #[error(
         "viewpoint {view} is scanned {found} s after the move; the plan has settle_secs {planned}, which is the least allowed"
@@ -334,6 +345,19 @@ impl Orders<'_> {
         self.findings.push(Finding { step: Some(step), fault });
     }
 
+    /// Checks how far off its points a move passes. A closer pass, and a stop, are as good.
+    fn passed(&mut self, index: usize, passed_within_rad: Option<f64>) {
+        let Some(found_rad) = passed_within_rad else { return };
+        let motion = &self.params.motion;
+        let planned_deg = if motion.corners == Corners::Round { motion.path_tolerance_deg } else { 0.0 };
+        let is_allowed = planned_deg > 0.0 && found_rad <= planned_deg.to_radians() + ROUNDING_RAD;
+        if !is_allowed {
+            // As documents give it, without what radians and back leave.
+            let found_deg = (found_rad.to_degrees() * 1e9).round() / 1e9;
+            self.find(index, Fault::PassedWide { found_deg, planned_deg });
+        }
+    }
+
     fn step(&mut self, index: usize, step: &Step) {
         match step {
             Step::Move(step) => {
@@ -343,6 +367,7 @@ impl Orders<'_> {
                 if !is_allowed {
                     self.find(index, Fault::TooFast { found, planned });
                 }
+                self.passed(index, step.passed_within_rad);
             }
             Step::Settle { secs } => self.still_secs = self.still_secs.map(|still_secs| still_secs + secs),
             Step::Scan { view, brightness, capture_secs } => {

@@ -310,6 +310,26 @@ fn a_part_whose_pose_is_none_is_on_no_viewpoint() {
     assert!(super::off_coverage(f64::NAN, 0.9).is_some() && super::off_coverage(0.9, 0.9).is_none());
 }
 
+/// A pass of points that the plan does not order was not held against it.
+#[test]
+fn points_passed_farther_off_than_the_plan_allows_are_found() {
+    let job = job();
+    let levels: BTreeMap<_, _> = job.expected.views.iter().map(|(view, _)| (*view, vec![5])).collect();
+    let mut params = PlanParams::default();
+    let mut program = job.program.clone();
+    first_move(&mut program).passed_within_rad = Some(0.1_f64.to_radians());
+    let found = |program: &Program, params: &PlanParams| program.check_orders(params, &levels);
+    let stops = found(&program, &params);
+    assert!(matches!(stops[..], [ref one] if matches!(one.fault, Fault::PassedWide { .. })), "{stops:?}");
+    params.motion.corners = crate::planning::params::Corners::Round;
+    params.motion.path_tolerance_deg = 0.1;
+    assert_eq!(found(&program, &params), []);
+    assert_eq!(found(&job.program, &params), [], "a stop is as good");
+    first_move(&mut program).passed_within_rad = Some(0.2_f64.to_radians());
+    let wide = found(&program, &params);
+    assert!(matches!(wide[..], [ref one] if one.step == Some(0)), "{wide:?}");
+}
+
 /// Settling, time and brightness of captures and the speed were not held against the plan.
 #[test]
 fn what_the_plan_orders_besides_poses_is_found_where_it_is_not_kept() {

@@ -99,9 +99,10 @@ impl Check<'_> {
         let residual_p = self.exceedance(with.cost, 6 * self.sightings.len().saturating_sub(1));
         let drift = log(&(self.calibrated.hand_eye.inverse() * with.estimate.hand_eye));
         let is_small = rotation_of(&drift).norm() <= self.limits.max_rad && translation_of(&drift).norm() <= self.limits.max_mm;
-        let verdict = if statistic <= threshold {
+        // A search that has not ended leaves too large a cost, which would hide a drift.
+        let verdict = if with.is_converged && statistic <= threshold {
             CheckVerdict::Ok
-        } else if is_small && residual_p >= self.limits.min_residual_p {
+        } else if with.is_converged && is_small && residual_p >= self.limits.min_residual_p {
             CheckVerdict::Compensate
         } else {
             CheckVerdict::Recalibrate

@@ -61,6 +61,8 @@ closed_list! {
         NoPlateFace = "no_plate_face",
         /// The observations held out do not agree with the calibration.
         HeldOutDisagrees = "held_out_disagrees",
+        /// The refinement ended at its limit of iterations, before the unknowns settled.
+        NotConverged = "not_converged",
     }
 }
 
@@ -92,7 +94,7 @@ pub struct CalibrationFinding {
 /// Figures of a finding; their meaning goes with the code.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Number of observations.
+    /// Number of observations, points or iterations.
     pub count: Option<usize>,
     /// Ratio.
     pub ratio: Option<f64>,

@@ -7,6 +7,7 @@
 use nalgebra::{Isometry3, Matrix6, SMatrix, SVector, Vector3};
 
 use super::data::{ChainEstimate, Sighting, Sigma, Weighting};
+use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::se3::{Twist, adjoint, exp, log, right_jacobian_inverse};
 
 /// Columns of the unknowns: hand-eye 6, table 4 (turns about x and y, shifts along x and y: the rest is gauge), board 6, scale.
@@ -29,6 +30,9 @@ type Rows = SMatrix<f64, 6, COLUMNS>;
 const MAX_ITERATIONS: usize = 60;
 /// Square of the last step, in standard deviations; convergence is quadratic, so what is left after it is less.
 const CONVERGED: f64 = 1e-14;
+/// Square of the step, in standard deviations, that a refinement which ended at its limit may have left before it: a thousandth of a
+/// deviation changes no figure that is told, and lies far above what rounding leaves. Chosen, with no source.
+const SETTLED: f64 = 1e-6;
 /// Rounds in which the weights are computed anew at the refined unknowns.
 const WEIGHT_ROUNDS: usize = 3;
 /// Rounds in which the deviations are estimated anew.
@@ -98,6 +102,16 @@ pub struct Refined {
     pub cost: f64,
     /// Whitened squares of each observation.
     pub chi2: Vec<f64>,
+    /// True if the last minimisation ended where the cost is least, false if it ended at the limit of iterations before.
+    pub is_converged: bool,
+}
+
+/// End of a minimisation.
+pub(super) struct Minimum {
+    /// Unknowns.
+    pub(super) at: ChainEstimate,
+    /// True if no further step would change the unknowns, set beside their deviations.
+    pub(super) is_converged: bool,
 }
 
 /// A residual with its weight and derivative, at the unknowns of the time.
@@ -173,7 +187,7 @@ pub struct Adjustment<'a> {
 
 impl Adjustment<'_> {
     /// Inverse covariances of the residuals at these unknowns.
-    fn weights(&self, at: &ChainEstimate, weighting: &Weighting) -> Option<Vec<Matrix6<f64>>> {
+    pub(super) fn weights(&self, at: &ChainEstimate, weighting: &Weighting) -> Option<Vec<Matrix6<f64>>> {
         self.sightings.iter().map(|each| Some(weighting.covariance(at, each).cholesky()?.inverse())).collect()
     }
 
@@ -214,10 +228,11 @@ impl Adjustment<'_> {
         }
     }
 
-    /// Unknowns at which the cost is least, with these weights.
-    fn minimise(&self, start: &ChainEstimate, weights: &[Matrix6<f64>]) -> Option<ChainEstimate> {
+    /// Unknowns at which the cost is least, with these weights, as far as so many iterations lead.
+    pub(super) fn minimise(&self, start: &ChainEstimate, weights: &[Matrix6<f64>], iterations: usize) -> Option<Minimum> {
+        let mut has_ended = false;
         let (mut at, mut cost, mut damping) = (*start, self.cost(start, weights), 1e-6_f64);
-        for _ in 0..MAX_ITERATIONS {
+        for _ in 0..iterations {
             let (normal, gradient) = self.normal(&at, weights);
             let mut damped = normal;
             (0..COLUMNS).for_each(|column| damped[(column, column)] *= 1.0 + damping);
@@ -235,10 +250,19 @@ impl Adjustment<'_> {
                 damping = (damping * 10.0).min(1e12);
             }
             if is_converged {
+                has_ended = true;
                 break;
             }
         }
-        Some(at)
+        // A step that heavy damping made short tells nothing.
+        let is_converged = (has_ended && damping <= 1.0) || self.is_settled(&at, weights);
+        Some(Minimum { at, is_converged })
+    }
+
+    /// Tells if the undamped step from here is short beside the deviations of the unknowns.
+    fn is_settled(&self, at: &ChainEstimate, weights: &[Matrix6<f64>]) -> bool {
+        let (normal, gradient) = self.normal(at, weights);
+        scaled_inverse(&normal).is_some_and(|inverse| gradient.dot(&(inverse * gradient)) <= SETTLED)
     }
 
     /// Refines from `start` with given deviations; the weights are computed anew at the refined unknowns.
@@ -251,23 +275,24 @@ impl Adjustment<'_> {
 
     /// Refines with the weights computed so many times.
     pub(super) fn refine_in_rounds(&self, start: &ChainEstimate, weighting: &Weighting, rounds: usize) -> Option<Refined> {
-        let mut at = *start;
+        let mut end = Minimum { at: *start, is_converged: false };
         for _ in 0..rounds {
-            let weights = self.weights(&at, weighting)?;
-            at = self.minimise(&at, &weights)?;
+            let weights = self.weights(&end.at, weighting)?;
+            end = self.minimise(&end.at, &weights, MAX_ITERATIONS)?;
         }
-        self.refined(at, weighting)
+        self.refined(&end, weighting)
     }
 
     /// Unknowns with covariance and residuals, where they are.
-    fn refined(&self, at: ChainEstimate, weighting: &Weighting) -> Option<Refined> {
+    fn refined(&self, end: &Minimum, weighting: &Weighting) -> Option<Refined> {
+        let Minimum { at, is_converged } = *end;
         let weights = self.weights(&at, weighting)?;
         let (normal, _) = self.normal(&at, &weights);
         let mut covariance = scaled_inverse(&normal)?;
         (0..COLUMNS).filter(|column| !self.free.is_free(*column)).for_each(|column| covariance[(column, column)] = 0.0);
         let chi2 = self.sightings.iter().zip(&weights).map(|(each, weight)| square(&at.residual(each), weight)).collect();
         let cost = self.cost(&at, &weights);
-        Some(Refined { estimate: at, covariance, free: self.free, weighting: *weighting, cost, chi2 })
+        Some(Refined { estimate: at, covariance, free: self.free, weighting: *weighting, cost, chi2, is_converged })
     }
 
     /// Refines and estimates the deviations together: the proportions of `weighting` are where it begins.
@@ -309,6 +334,13 @@ impl Adjustment<'_> {
 }
 
 impl Refined {
+    /// Warning of a refinement that ended at the limit of iterations.
+    #[must_use]
+    pub fn not_converged(&self) -> Option<CalibrationFinding> {
+        let figures = Figures { count: Some(MAX_ITERATIONS), ..Figures::default() };
+        (!self.is_converged).then(|| CalibrationFinding::new(FindingCode::NotConverged, Severity::Warning).with(figures))
+    }
+
     /// Numbers of observation equations beyond those that the unknowns take.
     #[must_use]
     pub fn freedom(&self) -> usize {

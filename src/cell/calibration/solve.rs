@@ -441,6 +441,7 @@ impl Task {
             let figures = Figures { ratio: Some(screened.sigma_scale), ..Figures::default() };
             findings.push(CalibrationFinding::new(FindingCode::SigmaTooSmall, Severity::Warning).with(figures));
         }
+        findings.extend(screened.refined.not_converged());
         self.judge_table(screened, findings);
         let bound = quantile(HELD_OUT_FALSE_ALARM, 6);
         for index in (0..roles.len()).filter(|index| roles[*index] == Role::HeldOut && whitened[*index] > bound) {

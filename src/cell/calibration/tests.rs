@@ -789,3 +789,22 @@ fn the_height_of_the_plate_is_found() {
     println!("plate height: median {:.4} mm off, normalised square {squares:.2}", quantile_of(errors.clone(), 0.5));
     assert!(quantile_of(errors, 0.95) < 0.3 && (0.6..=1.5).contains(&squares), "{squares}");
 }
+
+/// A minimisation that is cut short says so, and the finding is a warning; one that may end says that it did.
+#[test]
+fn a_refinement_that_ends_at_its_limit_of_iterations_says_so() {
+    let (truth, weighting, mut noise) = (truth(), in_hand(levels()[1]), Noise(5));
+    let mut sightings = exact(&truth, 12, 40.0, true, &mut noise);
+    disturb(&mut sightings, &levels()[1], &mut noise);
+    let off = twist(&Vector3::new(0.3, -0.2, 0.1), &Vector3::zeros());
+    let start = ChainEstimate { hand_eye: truth.hand_eye * exp(&off), ..truth };
+    let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
+    let weights = problem.weights(&start, &weighting).expect("weights");
+    let ended = |iterations| problem.minimise(&start, &weights, iterations).expect("a place").is_converged;
+    assert!(!ended(1) && ended(60), "one iteration does not do");
+    let refined = problem.refine(&start, &weighting).expect("refines");
+    assert!(refined.not_converged().is_none());
+    let cut = super::refine::Refined { is_converged: false, ..refined };
+    let finding = cut.not_converged().expect("a finding");
+    assert_eq!((finding.code, finding.severity), (FindingCode::NotConverged, super::findings::Severity::Warning));
+}

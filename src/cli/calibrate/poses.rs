@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::cell::calibration::data::Sigma;
 use crate::cell::calibration::poses::{PlannedBoard, PlannedPose, PosePlan, PosePlanner, board_on_plate};
+use crate::cell::calibration::refine::Square;
 use crate::cell::{Cell, CloudFrame, CloudFrameSpec, CollisionScene, PoseSpec};
 use crate::check::field_errors;
 use crate::cli::check::cell;
@@ -202,11 +203,22 @@ fn document(plan: &PosePlan, planner: &PosePlanner<'_>, cell: &Cell, hold_out: u
         rotation_sd_deg: sd([0, 1, 2]).to_degrees(),
         translation_sd_mm: sd([3, 4, 5]),
         axis_sd_mm: plan.covariance[(8, 8)].sqrt().max(plan.covariance[(9, 9)].sqrt()),
+        worst_rotation_sd_deg: Some(worst_sd(&plan.covariance, 0).to_degrees()),
+        worst_translation_sd_mm: Some(worst_sd(&plan.covariance, 3)),
     }
 }
 
+/// Standard deviation of the three unknowns from `first` on in the direction in which it is largest: root of the largest eigenvalue.
+fn worst_sd(covariance: &Square, first: usize) -> f64 {
+    covariance.fixed_view::<3, 3>(first, first).into_owned().symmetric_eigenvalues().max().max(0.0).sqrt()
+}
+
 fn text(document: &CalibrationPosesDocument) -> String {
-    format!(
+    let worst = document.worst_translation_sd_mm.zip(document.worst_rotation_sd_deg);
+    let worst = worst.map_or_else(String::new, |(shift_mm, turn_deg)| {
+        format!("In the worst direction: scanner {shift_mm:.3} mm and {turn_deg:.4}°\n")
+    });
+    let told = format!(
         "{} poses of {} candidates, {} of them to hold out; expected standard deviation with a calibrated arm: scanner {:.3} mm \
 and {:.4}°, table axis {:.3} mm\n",
         document.poses.len(),
@@ -215,12 +227,13 @@ and {:.4}°, table axis {:.3} mm\n",
         document.translation_sd_mm,
         document.rotation_sd_deg,
         document.axis_sd_mm
-    )
+    );
+    told + &worst
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{BoardSize, CalibrationPosesDocument, params, text};
+    use super::{BoardSize, CalibrationPosesDocument, Square, params, text, worst_sd};
     use crate::cell::PoseSpec;
     use crate::wire::calibration::CALIBRATION_POSES_SCHEMA;
 
@@ -236,9 +249,22 @@ mod tests {
             rotation_sd_deg: 0.001_2,
             translation_sd_mm: 0.034,
             axis_sd_mm: 0.021,
+            worst_rotation_sd_deg: None,
+            worst_translation_sd_mm: None,
         };
         let told = text(&document);
         assert!(told.ends_with("scanner 0.034 mm and 0.0012°, table axis 0.021 mm\n"), "{told}");
+        let (worst_rotation_sd_deg, worst_translation_sd_mm) = (Some(0.001_5), Some(0.041));
+        let told = text(&CalibrationPosesDocument { worst_rotation_sd_deg, worst_translation_sd_mm, ..document });
+        assert!(told.ends_with("table axis 0.021 mm\nIn the worst direction: scanner 0.041 mm and 0.0015°\n"), "{told}");
+    }
+
+    #[test]
+    fn the_worst_direction_may_lie_between_the_axes() {
+        let mut covariance = Square::identity();
+        (covariance[(3, 4)], covariance[(4, 3)]) = (0.5, 0.5);
+        assert!((worst_sd(&covariance, 3) - 1.5_f64.sqrt()).abs() < 1e-12, "{covariance}");
+        assert!((worst_sd(&covariance, 0) - 1.0).abs() < 1e-12, "{covariance}");
     }
 
     #[test]

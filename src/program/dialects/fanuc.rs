@@ -2,6 +2,7 @@
 //! and acceleration are whole percents. The table is the first axis of motion group 2, which the program takes along. Angles
 //! are the controller's own, which counts joint 3 from the ground. The program's joint 3 is counted so where the robot's model has
 //! `joint_3_from_ground`; where it is counted from the upper arm, as `dialects.fanuc_joint_3_from` tells, joint 2 is taken from it.
+//! Every position is in joints, so that the program selects no user frame and no tool frame: those of the controller change nothing.
 //! Remarks have 32 characters, comments 16, positions three decimals.
 
 use super::header::paragraphs;
@@ -100,8 +101,9 @@ CONTROL_CODE\t= 00000000 00000000;
 fn body(job: &Job<'_>, name: &str) -> Result<Vec<String>, DialectError> {
     let home = "Bring arm and table home by hand first: the first move goes there, slowly, on a way that was not checked.";
     let coupled = "Joints are the controller's own, J3 coupled to J2 where it is so.";
+    let frames = "No UFRAME or UTOOL is selected: all positions are in joints.";
     let table = "axis 1 of motion group 2; it moves with the arm.";
-    let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled]);
+    let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled, frames]);
     let mut lines: Vec<String> = head.iter().flat_map(|paragraph| remark(paragraph)).collect();
     lines.push(format!("  $WAITTMOUT={}", (100.0 * job.params.timeout_secs).ceil() as u32));
     let mut homing_percent = HOMING_PERCENT;

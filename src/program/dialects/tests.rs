@@ -368,6 +368,15 @@ fn every_preset_names_its_language() {
 }
 
 #[test]
+fn a_fanuc_program_says_that_it_selects_no_frame() {
+    let cell = cell();
+    let text = rendered(&program(&cell), &cell, Dialect::Fanuc, &params()).expect("renders").remove(0);
+    let remarks = text.lines().filter_map(|line| Some(line.split_once('!')?.1.trim_end_matches(" ;").trim()));
+    let head = remarks.collect::<Vec<_>>().join(" ");
+    assert!(head.contains("No UFRAME or UTOOL is selected: all positions are in joints."), "{text}");
+}
+
+#[test]
 fn every_file_names_its_plan() {
     let cell = cell();
     let program = program(&cell);

@@ -53,8 +53,7 @@ pub struct CsvOptions {
 /// Every column that is unknown and every cell that is not a number, by row and column.
 pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec<FieldError>> {
     let mut findings = Findings::default();
-    let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
-    let mut lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let mut lines = filled_lines(text);
     let header = lines.next().unwrap_or_default();
     let separator = [';', '\t'].into_iter().find(|separator| header.contains(*separator)).unwrap_or(',');
     let names: Vec<&str> = header.split(separator).map(str::trim).collect();
@@ -78,6 +77,18 @@ pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec
     findings.require(observations.len() <= MAX_ROWS, "", || format!("has more than {MAX_ROWS} rows"));
     findings.into_result()?;
     Ok(of_observations(observations, options.setup))
+}
+
+/// Number of rows of a table that [`from_csv`] left out of `data`, since no board was found there: its pose is empty.
+#[must_use]
+pub fn rows_without_board(text: &str, data: &CalibrationData) -> usize {
+    filled_lines(text).skip(1).count().saturating_sub(data.observations.len())
+}
+
+/// Header and rows, without empty lines and comments.
+fn filled_lines(text: &str) -> impl Iterator<Item = &str> {
+    let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
+    lines.filter(|line| !line.is_empty() && !line.starts_with('#'))
 }
 
 struct Row<'a> {

@@ -20,7 +20,7 @@ mod yaml;
 pub use brightness::{BRIGHTNESS_SCHEMA, BrightnessData, BrightnessDocument, LevelCaptureDocument};
 pub use check::{CALIBRATION_CHECK_SCHEMA, CalibrationCheckDocument, CompensationDocument};
 pub use conditions::use_conditions;
-pub use csv::{CsvOptions, from_csv};
+pub use csv::{CsvOptions, from_csv, rows_without_board};
 pub use data::{
     BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, CameraDocument, ObservationDocument, PixelPairDocument,
     PlateScanDocument, PointPairDocument, SigmaDocument, SphereDocument,

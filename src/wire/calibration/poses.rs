@@ -24,12 +24,18 @@ pub struct CalibrationPosesDocument {
     pub hold_out: usize,
     /// Candidates that the arm can take without a collision, with the board in view.
     pub candidates: usize,
-    /// Predicted standard deviation of a turn of the scanner's pose, degrees.
+    /// Predicted standard deviation of a turn of the scanner's pose, the largest of the three axes, degrees.
     pub rotation_sd_deg: f64,
-    /// Predicted standard deviation of a shift of the scanner's pose, mm.
+    /// Predicted standard deviation of a shift of the scanner's pose, the largest of the three axes, mm.
     pub translation_sd_mm: f64,
     /// Predicted standard deviation of the axis, mm.
     pub axis_sd_mm: f64,
+    /// Predicted standard deviation of a turn of the scanner's pose about the axis about which it is largest, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worst_rotation_sd_deg: Option<f64>,
+    /// Predicted standard deviation of a shift of the scanner's pose in the direction in which it is largest, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worst_translation_sd_mm: Option<f64>,
 }
 
 /// One planned pose. Unknown fields are refused.

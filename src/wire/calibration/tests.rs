@@ -550,6 +550,20 @@ fn a_calibration_tells_how_well_it_knows_its_deviations() {
     assert_eq!(of(Some(SigmaSource::Given)), None);
 }
 
+/// Rows in which no board was found were left out without a word.
+#[test]
+fn rows_of_a_table_without_a_board_are_counted() {
+    let options = CsvOptions { robot_pose: RobotPoseKind::Quaternion, unit_mm: 1.0, setup: HandEyeSetup::EyeInHand };
+    let header = "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,board_x,board_y,board_z,board_qx,board_qy,board_qz,board_qw";
+    let (seen, unseen) = ("0,0,0,0,0,0,4,5,6,0,0,0,1", "0,0,0,0,0,0,,,,,,,");
+    let counted = |rows: &[&str]| {
+        let text = format!("# taken by hand\n{header}\n\n{}\n", rows.join("\n"));
+        from_csv(&text, &options).map(|data| (data.observations.len(), rows_without_board(&text, &data)))
+    };
+    assert_eq!(counted(&[seen, unseen, seen, unseen]), Ok((2, 2)));
+    assert_eq!(counted(&[seen]), Ok((1, 0)));
+}
+
 /// A row whose board had no place was left out without a word, a flange without one as well, and a second column was not read.
 #[test]
 fn a_row_of_a_table_that_gives_half_a_pose_is_told() {

@@ -55,6 +55,11 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
             figures.count.unwrap_or(0)
         ),
         FindingCode::Stale => of_age(figures),
+        FindingCode::NotConverged => format!(
+            "the refinement did not converge in {} iterations, and its figures are not to be relied on: add observations with other \
+             rotations of the arm, and check the nominal cell",
+            figures.count.unwrap_or(0)
+        ),
         FindingCode::NoConsensus => format!(
             "only {} observations agree with each other: check robot model, board and order of the observations",
             figures.count.unwrap_or(0)
