@@ -42,7 +42,12 @@ pub(super) async fn event_stream(
     }
     let mut first = vec![Event::default().retry(RETRY)];
     if events.has_gap() {
-        first.push(Event::default().event("reset").data("{}"));
+        let reset = Event::default().event("reset").data("{}");
+        // Of an ended job nothing follows: whoever comes back with this id is told not to.
+        first.push(match events.only_gap() {
+            Some(id) => reset.id(id.to_string()),
+            None => reset,
+        });
     }
     let stream = stream::iter(first).map(Ok::<_, Infallible>).chain(sse_events(events, permit));
     let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));

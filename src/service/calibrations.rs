@@ -94,14 +94,17 @@ impl Calibrations {
 type Computed = Result<CalibrationDocument, CalibrationError>;
 
 impl App {
-    /// Accepts a calibration. Its cell is resolved and its observations are read first.
+    /// Accepts a calibration. Its cell is resolved and its observations are read first. If the idempotency key was used for the same
+    /// request before, returns the earlier answer.
     ///
     /// # Errors
-    /// [`Error::Invalid`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`], [`Error::StorageFull`],
-    /// [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`],
+    /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn submit_calibration(&self, request: CalibrationRequest, submission: Submission) -> Result<CalibrationJob, Error> {
-        self.check_open()?;
-        self.check_space(0)?;
+        let idempotency = submission.idempotency(&format!("POST /api/v1/calibrations {}", serde_json::to_string(&request)?));
+        if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
+            return Ok(answer);
+        }
         let resolve = move |library: &Library| resolved(request, library).map_err(Error::Invalid);
         let (request, cell) = self.with_library(submission.limit, resolve).await?;
         let data = serde_json::to_vec(&request.data)?;
@@ -126,9 +129,12 @@ impl App {
         let input = CalibrationInput { cell, data: request.data };
         let app = self.clone();
         self.run_to_completion(async move {
-            let job = app.0.store.insert_calibration(&job, &input, MAX_QUEUED).await?;
-            app.spawn(app.clone().carry_out_calibration(job.id));
-            Ok(job)
+            let accepted = app.0.store.insert_calibration(&job, &input, idempotency.as_ref(), MAX_QUEUED).await?;
+            // Else another request with the same key came first.
+            if accepted.id == job.id {
+                app.spawn(app.clone().carry_out_calibration(job.id));
+            }
+            Ok(accepted)
         })
         .await
     }
@@ -345,10 +351,12 @@ impl App {
             let BuiltCell { cell, .. } = &*cell;
             CalibrationDocument::solved_watched(&input.data, cell, how, [&digest, &at], &*watch)
         };
-        let computed = self.0.runner.compute(cancel, compute).await;
+        let (computed, is_interrupted) = self.computed_until_stop(cancel, compute).await;
         if matches!(computed, Ok(Err(CalibrationError::Cancelled))) {
-            let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
-            return self.advance_calibration(id, &[CalibrationState::Running], cancel, None).await.map(drop);
+            // What the stop of the service interrupts is computed by the next process; this attempt does not count.
+            let state = if is_interrupted { CalibrationState::Queued } else { CalibrationState::Cancelled };
+            let end = move |job: &mut CalibrationJob| job.state = state;
+            return self.advance_calibration(id, &[CalibrationState::Running], end, None).await.map(drop);
         }
         let ended = ended(computed);
         let result = ended.as_ref().ok().cloned();
@@ -364,6 +372,24 @@ impl App {
             }
         };
         self.advance_calibration(id, &[CalibrationState::Running], end, result).await.map(drop)
+    }
+
+    /// Computes, and raises the flag `cancel` once the service stops; true if nobody had raised it before.
+    async fn computed_until_stop(
+        &self,
+        cancel: Arc<AtomicBool>,
+        compute: impl FnOnce(&Context<'_>) -> Computed + Send + 'static,
+    ) -> (Result<Computed, String>, bool) {
+        let computed = self.0.runner.compute(Arc::clone(&cancel), compute);
+        tokio::pin!(computed);
+        tokio::select! {
+            biased;
+            () = self.0.stopping.cancelled() => {
+                let is_interrupted = !cancel.swap(true, Ordering::Relaxed);
+                ((&mut computed).await, is_interrupted)
+            }
+            computed = &mut computed => (computed, false),
+        }
     }
 }
 

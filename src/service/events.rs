@@ -24,6 +24,8 @@ pub struct EventStream {
     behind: bool,
     ended: bool,
     missed: bool,
+    /// Number of the newest event when the stream of an ended job began, of which nothing but a gap is left to tell.
+    only_gap: Option<i64>,
 }
 
 impl App {
@@ -38,20 +40,25 @@ impl App {
             Some(job) => self.0.store.job_state(job).await?.is_ended(),
             None => false,
         };
-        let missed = match after {
-            // A number that was never given is of another database, one before a restore: its reader begins anew.
-            Some(after) => after > self.0.store.newest_event().await? || self.0.store.is_pruned_after(after).await?,
+        let newest = self.0.store.newest_event().await?;
+        let is_pruned = match after {
+            Some(after) => self.0.store.is_pruned_after(after).await?,
             None => false,
         };
+        // A number that was never given is of another database, one before a restore: its reader begins anew.
+        let missed = is_pruned || after.is_some_and(|after| after > newest);
         let last = match (after, job) {
-            (Some(after), _) => after.min(self.0.store.newest_event().await?),
+            (Some(after), _) => after.min(newest),
             (None, Some(_)) => 0,
-            (None, None) => self.0.store.newest_event().await?,
+            (None, None) => newest,
         };
+        let past = VecDeque::new();
         let mut stream =
-            EventStream { app: self.clone(), job, last, live, past: VecDeque::new(), behind: true, ended: false, missed };
+            EventStream { app: self.clone(), job, last, live, past, behind: true, ended: false, missed, only_gap: None };
         stream.catch_up().await?;
         stream.ended = has_ended && stream.past.is_empty() && !stream.behind;
+        // Its reader may have missed the job's end: it is told to read the job anew, once.
+        stream.only_gap = (stream.ended && is_pruned).then_some(newest);
         Ok(stream)
     }
 }
@@ -63,10 +70,17 @@ impl EventStream {
         self.missed
     }
 
-    /// True if no event will follow: the job has ended and all of its events were read.
+    /// Number of an event to resume after, with which nothing is missed any more; only where the job has ended and nothing but the gap
+    /// is left to tell.
+    #[must_use]
+    pub fn only_gap(&self) -> Option<i64> {
+        self.only_gap
+    }
+
+    /// True if nothing is left to tell: the job has ended, and all of its events were read.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.ended
+        self.ended && self.only_gap.is_none()
     }
 
     /// Waits for the next event; `None` after a job's last one and when the service stops.

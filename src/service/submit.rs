@@ -37,7 +37,7 @@ pub struct Submission {
 impl Submission {
     /// The key with the fingerprint of the request, in canonical form with method and path. Senders with keys of their own do not meet
     /// each other's.
-    fn idempotency(&self, canonical: &str) -> Option<IdempotencyKey> {
+    pub(super) fn idempotency(&self, canonical: &str) -> Option<IdempotencyKey> {
         let key = self.idempotency_key.as_ref()?;
         // A key is visible ASCII: no line end is part of it.
         let own = self.submitted_by.as_ref().map_or_else(|| key.clone(), |sender| format!("{sender}\n{key}"));
@@ -202,7 +202,10 @@ impl App {
     }
 
     /// Earlier answer to a request with this key, if any; otherwise checks that the service takes another.
-    async fn answered_before<T: DeserializeOwned>(&self, idempotency: Option<&IdempotencyKey>) -> Result<Option<T>, Error> {
+    pub(super) async fn answered_before<T: DeserializeOwned>(
+        &self,
+        idempotency: Option<&IdempotencyKey>,
+    ) -> Result<Option<T>, Error> {
         let answer = match idempotency {
             Some(key) => self.0.store.replay(key).await?,
             None => None,

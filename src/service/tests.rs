@@ -93,11 +93,16 @@ pub(super) async fn service_with(files: Vec<Artifact>) -> (App, tempfile::TempDi
 
 /// A job without a cell, accepted as a request is, as it ended.
 pub(super) async fn ended_job(app: &App) -> crate::wire::Job {
+    ended_job_in(app, "none").await
+}
+
+/// A job in a cell, accepted as a request is, as it ended.
+pub(super) async fn ended_job_in(app: &App, cell: &str) -> crate::wire::Job {
     let mut upload = app.receive(0).await.expect("room");
     upload.write(TRIANGLE.into()).await.expect("written");
     let about = MeshUpload { unit: LengthUnit::Millimetre, name: None };
     let mesh = app.add_mesh(upload.finish(None).await.expect("a file"), about).await.expect("a mesh").id;
-    let request = JobRequest { cell: Named::Name("none".to_owned()), ..JobRequest::new(mesh) };
+    let request = JobRequest { cell: Named::Name(cell.to_owned()), ..JobRequest::new(mesh) };
     let id = app.submit(request, Submission::default()).await.expect("accepted").id;
     app.job_when_ended(id, Duration::from_secs(60)).await.expect("it")
 }

@@ -38,6 +38,9 @@ fn calibration_id(text: &str) -> Result<CalibrationId, ApiError> {
     path = "/calibrations",
     tag = "calibrations",
     operation_id = "create_calibration",
+    params(("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+        description = "Within 24 hours, the same key with the same request gives the same response and starts no second calibration. \
+                       Surrounding white space is ignored (RFC 9110, section 5.5).")),
     request_body = CalibrationRequest,
     responses(
         (status = 202, description = "The calibration was accepted.", body = CalibrationJob,

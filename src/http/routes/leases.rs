@@ -9,6 +9,7 @@ use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
+use crate::service::Submission;
 use crate::wire::LeaseId;
 use crate::wire::run::{LeaseDocument, LeaseList, LeaseRequest};
 
@@ -29,18 +30,25 @@ fn lease_id(text: &str) -> Result<LeaseId, ApiError> {
     path = "/leases",
     tag = "runs",
     operation_id = "take_lease",
+    params(
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+            description = "While the lease holds, the same key with the same request gives the same lease, with the time that it has \
+                           left, so that a request without a response can be repeated; once it has ended, a new one. \
+                           Surrounding white space is ignored (RFC 9110, section 5.5)."),
+    ),
     request_body = LeaseRequest,
     responses((status = 201, description = "The lease.", body = LeaseDocument,
         headers(("Location" = String, description = "Path of the lease."))))
 )]
 pub(in crate::http) async fn take(
     State(state): State<ApiState>,
+    submission: Submission,
     prefix: Prefix,
     params: Params,
     Json(request): Json<LeaseRequest>,
 ) -> Result<(StatusCode, [(HeaderName, String); 1], Json<LeaseDocument>), ApiError> {
     params.deny_unknown()?;
-    let lease = state.app.take_lease(request).await?;
+    let lease = state.app.submit_lease(request, submission).await?;
     let location = prefix.at(&format!("/api/v1/leases/{}", lease.id));
     Ok((StatusCode::CREATED, [(LOCATION, location)], Json(lease)))
 }

@@ -59,7 +59,12 @@ pub(super) fn accepted(run: Run, prefix: &Prefix) -> Accepted {
     path = "/runs",
     tag = "runs",
     operation_id = "create_run",
-    params(("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`.")),
+    params(
+        ("token" = Option<u64>, Query, minimum = 0, maximum = 9_007_199_254_740_991_i64, description = "Fencing token of the cell's lease; needed in the mode `live`."),
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+            description = "Within 24 hours, the same key with the same request gives the same response and starts no second run. \
+                           Surrounding white space is ignored (RFC 9110, section 5.5)."),
+    ),
     request_body = RunRequest,
     responses(
         (status = 202, description = "The run was accepted.", body = Run,
@@ -76,7 +81,7 @@ pub(in crate::http) async fn create(
 ) -> Result<Accepted, ApiError> {
     let token = token(&mut params)?;
     params.deny_unknown()?;
-    Ok(accepted(state.app.start_run(request, token, submission.submitted_by).await?, &prefix))
+    Ok(accepted(state.app.submit_run(request, token, submission).await?, &prefix))
 }
 
 /// List runs

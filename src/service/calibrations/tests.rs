@@ -34,6 +34,39 @@ async fn a_cancellation_and_a_deletion_have_the_room_that_is_kept_for_them() {
     app.delete_calibration(id).await.expect("deleted");
 }
 
+/// The server waited for its end.
+#[tokio::test]
+async fn a_calibration_that_the_stop_of_the_service_interrupts_waits_for_the_next_process() {
+    let (app, _folder) = service().await;
+    let _turn = app.0.calibrations.turn.lock().await;
+    let id = submitted(&app).await;
+    app.0.stopping.cancel();
+    // By hand: its task waits for its turn no longer.
+    app.compute_calibration(id).await.expect("interrupted");
+    let job = app.calibration(id).await.expect("it");
+    assert_eq!((job.state, job.problem, job.ended_at), (CalibrationState::Queued, None, None));
+}
+
+/// A second calibration was computed.
+#[tokio::test]
+async fn a_key_starts_one_calibration_however_often_it_comes() {
+    let (app, _folder) = service().await;
+    let _turn = app.0.calibrations.turn.lock().await;
+    let submit = async |hold_out: u16| {
+        let request: CalibrationRequest = serde_json::from_value(example::calibration()).expect("a request");
+        let submission = Submission { idempotency_key: Some("key".to_owned()), ..Submission::default() };
+        app.submit_calibration(CalibrationRequest { hold_out, ..request }, submission).await
+    };
+    let (first, second) = tokio::join!(submit(0), submit(0));
+    let first = first.expect("accepted");
+    assert_eq!(second.expect("the same"), first);
+    assert_eq!(submit(0).await.expect("the same"), first);
+    let refused = submit(1).await;
+    assert!(matches!(refused, Err(Error::IdempotencyMismatch)), "{refused:?}");
+    let all = app.calibrations(&CalibrationSelection::default(), 10, None).await.expect("a list");
+    assert_eq!(all.items, [first]);
+}
+
 #[tokio::test]
 async fn observations_that_are_held_out_leave_enough_to_calibrate_from() {
     let (app, _folder) = service().await;

@@ -1,5 +1,7 @@
 //! Ends that come while a stream is begun.
 
+use std::time::Duration;
+
 use crate::service::tests::{job, service};
 use crate::wire::EventKind;
 
@@ -15,4 +17,23 @@ async fn an_end_after_the_store_was_read_is_told() {
     assert_eq!(told.kind, EventKind::Cancelled);
     let after = app.events(Some(id), Some(told.id)).await.expect("a stream");
     assert!(stream.is_over() && after.is_over());
+}
+
+/// The answer was that everything had been seen, and the browser never learned of the end.
+#[tokio::test]
+async fn a_job_whose_end_was_pruned_is_told_to_be_read_anew_once() {
+    let (app, _folder) = service().await;
+    let id = job(&app).await;
+    let first = app.0.store.events_after(Some(id), 0, 1).await.expect("events").through;
+    app.cancel(id).await.expect("cancelled");
+    // Times have milliseconds: the end has to lie in the past.
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    app.0.store.prune_events(0).await.expect("pruned");
+    let mut stream = app.events(Some(id), Some(first)).await.expect("a stream");
+    assert!(stream.has_gap() && !stream.is_over());
+    let newest = app.0.store.newest_event().await.expect("a number");
+    assert_eq!(stream.only_gap(), Some(newest));
+    assert!(stream.next().await.expect("read").is_none(), "nothing follows");
+    let again = app.events(Some(id), Some(newest)).await.expect("a stream");
+    assert!(again.is_over() && !again.has_gap());
 }

@@ -100,7 +100,7 @@ async fn a_dry_run_is_none_in_which_scans_were_taken() {
     let program = no_steps();
     for (mode, is_refused) in [(RunMode::Simulate, false), (RunMode::DryRun, true), (RunMode::Live, false)] {
         let run = Run::new(&RunRequest { mode, ..RunRequest::new(job_id) }, Some(job_id), "cell", &program, "");
-        let (run, _) = app.0.store.insert_run(&run, 8).await.expect("stored");
+        let (run, _) = app.0.store.insert_run(&run, None, 8).await.expect("stored");
         let checked = app.check_run(job_id, run.id).await;
         let is_told = |errors: &[FieldError]| errors[0].pointer == "/run_id" && errors[0].detail.contains("dry run");
         assert_eq!(matches!(&checked, Err(Error::Invalid(errors)) if is_told(errors)), is_refused, "{mode:?}: {checked:?}");
@@ -144,7 +144,7 @@ async fn a_run_that_was_deleted_is_told_at_its_field_with_when_by_whom_and_what_
     let ran = async || {
         let run = Run::new(&RunRequest::new(job_id), Some(job_id), "cell", &no_steps(), "");
         let run = Run { state: ReportedState::Done, ..run };
-        app.0.store.insert_run(&run, 8).await.expect("stored").0.id
+        app.0.store.insert_run(&run, None, 8).await.expect("stored").0.id
     };
     let told = async |run: RunId| {
         let refused = app.check_run(job_id, run).await.expect_err("it is gone");

@@ -26,7 +26,7 @@ async fn service_with(change: impl FnOnce(&mut Options)) -> (App, tempfile::Temp
 /// A run in a cell, in this state, whose audit log has so many bytes.
 async fn run(app: &App, cell: &str, state: ReportedState, log_bytes: usize) -> RunId {
     let run = Run { state, ..Run::new(&RunRequest::new(JobId::generate()), None, cell, &no_steps(), "") };
-    app.0.store.insert_run(&run, 8).await.expect("stored");
+    app.0.store.insert_run(&run, None, 8).await.expect("stored");
     write_log(&app.0.options.execution.audit_dir, run.id, log_bytes);
     run.id
 }

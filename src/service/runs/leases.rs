@@ -10,6 +10,8 @@ use crate::cell::{FieldError, NotFound, SpecKind, SpecLibrary as _, did_you_mean
 use crate::execution::session::{Fence, Lease, LeaseError, Leases};
 use crate::service::app::App;
 use crate::service::error::Error;
+use crate::service::store::IdempotencyKey;
+use crate::service::submit::Submission;
 use crate::wire::LeaseId;
 use crate::wire::run::{HeldLease, LeaseDocument, LeaseList, LeaseRequest};
 
@@ -55,22 +57,59 @@ impl App {
     /// Takes the lease of a cell. It is acknowledged once its token is on the disk.
     ///
     /// # Errors
-    /// [`Error::Invalid`], [`Error::LeaseHeld`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// Those of [`App::submit_lease`].
     pub async fn take_lease(&self, request: LeaseRequest) -> Result<LeaseDocument, Error> {
+        self.submit_lease(request, Submission::default()).await
+    }
+
+    /// Takes the lease of a cell. It is acknowledged once its token is on the disk. If the idempotency key was used for the same request
+    /// before, returns the lease that was given for it, with the time that it has left, unless it has ended.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::LeaseHeld`], [`Error::Draining`], [`Error::StorageBusy`],
+    /// [`Error::Internal`].
+    pub async fn submit_lease(&self, request: LeaseRequest, submission: Submission) -> Result<LeaseDocument, Error> {
         request.check().map_err(Error::Invalid)?;
+        let idempotency = submission.idempotency(&format!("POST /api/v1/leases {}", serde_json::to_string(&request)?));
         self.check_open()?;
         self.check_cell_exists(&request.cell).await?;
+        let app = self.clone();
+        // To its end though the caller goes away: what is acquired is noted, or given back.
+        self.run_to_completion(async move {
+            let _turn = app.0.runs.accepting.lock().await;
+            match app.lease_given_for(idempotency.as_ref()).await? {
+                Some(given) => Ok(given),
+                None => app.give_lease(&request, idempotency.as_ref()).await,
+            }
+        })
+        .await
+    }
+
+    /// Gives the lease of a cell that is free.
+    async fn give_lease(&self, request: &LeaseRequest, idempotency: Option<&IdempotencyKey>) -> Result<LeaseDocument, Error> {
         let (held, options) = (&self.0.runs.leases, &self.0.options.execution);
         let lease = held
             .leases
             .acquire(&request.cell, &request.holder, options.lease_ttl)
             .map_err(|error| Error::LeaseHeld(error.to_string()))?;
-        if let Err(error) = self.0.store.note_fence(lease.token.0).await {
+        let given = self.shown(held.name(&lease), &lease);
+        if let Err(error) = self.0.store.note_fence(lease.token.0, idempotency.map(|key| (key, &given))).await {
             // Nobody has its id: it would keep everybody from the cell until it ran out.
             let _ = held.leases.release(&lease.cell, lease.token);
             return Err(error);
         }
-        Ok(self.shown(held.name(&lease), &lease))
+        Ok(self.shown(given.id, &lease))
+    }
+
+    /// Lease that was given for this key, as it stands now; none once it has ended.
+    async fn lease_given_for(&self, idempotency: Option<&IdempotencyKey>) -> Result<Option<LeaseDocument>, Error> {
+        let Some(key) = idempotency else { return Ok(None) };
+        let Some(given) = self.0.store.replay::<LeaseDocument>(key).await? else { return Ok(None) };
+        let held = &self.0.runs.leases;
+        // Names of leases that have ended are forgotten, all of them by a restart.
+        let Ok((cell, token)) = held.get(given.id) else { return Ok(None) };
+        let lease = held.leases.current(&cell).filter(|lease| lease.token == token);
+        Ok(lease.map(|lease| self.shown(given.id, &lease)))
     }
 
     /// Refuses the name of a cell that is neither the operator's nor stored nor a preset: its lease would protect nothing.
@@ -154,6 +193,7 @@ fn millis(time: std::time::Duration) -> u64 {
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
+    use std::time::Duration;
 
     use serde_json::json;
 
@@ -171,6 +211,32 @@ mod tests {
         let refused = take().await;
         assert!(matches!(refused, Err(Error::StorageFull)), "{refused:?}");
         take().await.expect("nobody holds it");
+    }
+
+    /// A client whose connection broke before the answer had no token, and nobody could have the cell.
+    #[tokio::test]
+    async fn a_request_for_a_lease_that_comes_again_with_its_key_gets_the_same_lease_until_that_has_ended() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut options = options(folder.path());
+        // None ends by itself while the test is slow.
+        options.execution.lease_ttl = Duration::from_secs(30);
+        let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
+        let app = App::open_with(options, planner, None).await.expect("a service");
+        let take = async |key: &str, holder: &str| {
+            let submission = Submission { idempotency_key: Some(key.to_owned()), ..Submission::default() };
+            let request = LeaseRequest { cell: "e05-transcan".to_owned(), holder: holder.to_owned() };
+            app.submit_lease(request, submission).await
+        };
+        let (first, second) = tokio::join!(take("k1", "a"), take("k1", "a"));
+        let (first, second) = (first.expect("a lease"), second.expect("the same"));
+        assert_eq!((second.id, second.token), (first.id, first.token));
+        let refused = take("k1", "b").await;
+        assert!(matches!(refused, Err(Error::IdempotencyMismatch)), "{refused:?}");
+        let refused = take("k2", "a").await;
+        assert!(matches!(refused, Err(Error::LeaseHeld(_))), "{refused:?}");
+        app.give_lease_back(first.id).expect("held");
+        let next = take("k1", "a").await.expect("the cell is free");
+        assert!(next.token > first.token && next.id != first.id, "{next:?}");
     }
 
     #[tokio::test]

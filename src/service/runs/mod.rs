@@ -39,6 +39,8 @@ const FEED_LENGTH: usize = 1024;
 pub(super) struct Runs {
     carrier: Carrier,
     leases: HeldLeases,
+    /// Held while a run or a lease is accepted, so that a repetition of its request that comes at the same time finds its answer.
+    accepting: tokio::sync::Mutex<()>,
     open: Mutex<HashMap<RunId, Arc<OpenRun>>>,
     feed: broadcast::Sender<Arc<RunEventDocument>>,
 }
@@ -53,13 +55,15 @@ pub(super) struct OpenRun {
     session: watch::Sender<Option<RunHandle>>,
     /// Operator who armed it.
     armed_by: Mutex<Option<String>>,
+    /// Cancelled once all of it is stored, what is evaluated after its end too.
+    left: CancellationToken,
 }
 
 impl Runs {
     /// No runs yet; fencing tokens are above `last_token`.
     pub(super) fn new(last_token: u64) -> io::Result<Self> {
         let (leases, feed) = (HeldLeases::after(last_token), broadcast::Sender::new(FEED_LENGTH));
-        Ok(Self { carrier: Carrier::new()?, leases, open: Mutex::default(), feed })
+        Ok(Self { carrier: Carrier::new()?, leases, accepting: tokio::sync::Mutex::default(), open: Mutex::default(), feed })
     }
 
     /// Adds a run, unless another one holds the controllers of its cell.
@@ -75,13 +79,17 @@ impl Runs {
             stop: CancellationToken::new(),
             session: watch::Sender::new(None),
             armed_by: Mutex::default(),
+            left: CancellationToken::new(),
         });
         open.insert(id, Arc::clone(&run));
         Ok(run)
     }
 
     fn leave(&self, id: RunId) {
-        self.open().remove(&id);
+        let run = self.open().remove(&id);
+        if let Some(run) = run {
+            run.left.cancel();
+        }
     }
 
     fn get(&self, id: RunId) -> Option<Arc<OpenRun>> {

@@ -14,6 +14,7 @@ use super::supervise::Supervisor;
 use crate::service::app::App;
 use crate::service::error::{Error, InternalError};
 use crate::service::store::{Page, blocking};
+use crate::service::submit::Submission;
 use crate::wire::RunId;
 use crate::wire::run::{
     RUN_RECORD_SCHEMA, ReportedState, Run, RunAudit, RunMode, RunPage, RunRecordDocument, RunRequest, RunSelection,
@@ -27,23 +28,43 @@ impl App {
     /// Accepts a run and begins it.
     ///
     /// # Errors
-    /// [`Error::Invalid`], [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoProgram`], [`Error::LiveDisabled`],
-    /// [`Error::NoControllers`], [`Error::OtherCell`], [`Error::CellInUse`], [`Error::LeaseRequired`], [`Error::TokenRefused`],
-    /// [`Error::TooManyRuns`], [`Error::StorageLow`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// Those of [`App::submit_run`].
     pub async fn start_run(&self, request: RunRequest, token: Option<u64>, submitted_by: Option<String>) -> Result<Run, Error> {
-        self.check_open()?;
-        // Its record and its audit log need room; without it, it would stop on its way.
-        self.check_space(0)?;
+        self.submit_run(request, token, Submission { submitted_by, ..Submission::default() }).await
+    }
+
+    /// Accepts a run and begins it. If the idempotency key was used for the same request before, returns the earlier answer and begins
+    /// nothing.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoProgram`],
+    /// [`Error::LiveDisabled`], [`Error::NoControllers`], [`Error::OtherCell`], [`Error::CellInUse`], [`Error::LeaseRequired`],
+    /// [`Error::TokenRefused`], [`Error::TooManyRuns`], [`Error::StorageLow`], [`Error::Draining`], [`Error::StorageBusy`],
+    /// [`Error::Internal`].
+    pub async fn submit_run(&self, request: RunRequest, token: Option<u64>, submission: Submission) -> Result<Run, Error> {
+        // The token is the right to ask, no part of what is asked for: a repetition may come under a newer lease.
+        let idempotency = submission.idempotency(&format!("POST /api/v1/runs {}", serde_json::to_string(&request)?));
+        // Refused on a disk that is nearly full: its record and its audit log need room; without it, it would stop on its way.
+        if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
+            return Ok(answer);
+        }
+        let submitted_by = submission.submitted_by;
         let order = self.run_order(request, token).await?;
         let (request, job) = (&order.request, Some(order.request.job_id));
         let run = Run::new(request, job, &order.cell.name, &order.program, &order.program_sha256);
         let run = Run { submitted_by, ..run };
         let app = self.clone();
         self.run_to_completion(async move {
+            let _turn = app.0.runs.accepting.lock().await;
+            // A request with the same key may have come first: its run, not a cell in use.
+            if let Some(answer) = app.answered_before(idempotency.as_ref()).await? {
+                return Ok(answer);
+            }
             let open = app.0.runs.enter(run.id, &run.cell, run.mode)?;
             // From here on the entry is given back by the supervisor, whatever comes.
             let mut supervisor = Supervisor { app: app.clone(), run, open, stored_steps: 0 };
-            let (run, event) = app.0.store.insert_run(&supervisor.run, app.0.options.execution.max_runs).await?;
+            let max_runs = app.0.options.execution.max_runs;
+            let (run, event) = app.0.store.insert_run(&supervisor.run, idempotency.as_ref(), max_runs).await?;
             supervisor.run = run.clone();
             app.0.runs.publish(event);
             app.spawn(supervisor.carry_out(order));
@@ -69,12 +90,22 @@ impl App {
         self.0.store.runs(selection, &Page::new(page_size, page_token, &filters)?).await
     }
 
-    /// Waits until a run has ended, at most for `wait`; returns it as it is then.
+    /// Waits until a run has ended and its coverage is stored, at most for `wait`; returns it as it is then.
     ///
     /// # Errors
     /// [`Error::RunNotFound`], [`Error::Internal`].
     pub async fn run_when_ended(&self, id: RunId, wait: Duration) -> Result<Run, Error> {
-        self.run_when(id, wait, |run| run.state.is_ended()).await
+        let until = Instant::now() + wait;
+        // Looked up before the run is read: without it, all of the run was stored by then.
+        let open = self.0.runs.get(id);
+        let run = self.run_when(id, wait, |run| run.state.is_ended()).await?;
+        let Some(open) = open.filter(|_| run.state.is_ended()) else { return Ok(run) };
+        tokio::select! {
+            () = self.0.stopping.cancelled() => {}
+            // In time or not, it is read as it is.
+            _ = timeout_at(until, open.left.cancelled()) => {}
+        }
+        self.run(id).await
     }
 
     /// Waits until a run can be armed, or has ended, at most for `wait`; returns it as it is then.

@@ -19,7 +19,8 @@ use crate::planning::context::Context;
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::service::metrics;
-use crate::wire::run::{ReportedReason, ReportedState, Run, RunCoverage, RunEventKind, RunMode, RunStepRecord};
+use crate::wire::RunId;
+use crate::wire::run::{ReportedReason, ReportedState, Run, RunCoverage, RunEventDocument, RunEventKind, RunMode, RunStepRecord};
 
 /// A run's task; what it holds is given back when it is dropped, however the task ends.
 pub(super) struct Supervisor {
@@ -214,9 +215,9 @@ impl Supervisor {
         }
     }
 
-    /// Stores the record and how the run ended.
+    /// Stores the record and how the run ended, then its coverage.
     async fn end(&mut self, order: &Arc<RunOrder>, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) {
-        self.run.coverage = self.coverage(checked, record).await;
+        let coverage = coverage_at(self.app.clone(), self.run.id, Arc::clone(checked), Arc::clone(record));
         self.run.conclude(record);
         self.run.armed_by = self.open.armed_by();
         if has_completed_program(&self.run) {
@@ -224,32 +225,34 @@ impl Supervisor {
             warn(&self.run, "noting that the program was completed", noted);
         }
         record.jitter.iter().for_each(count_jitter);
-        self.store(RunEventKind::State, record.steps.get(self.stored_steps..).unwrap_or_default()).await;
+        self.store_end(record.steps.get(self.stored_steps..).unwrap_or_default(), coverage).await;
         self.count();
     }
 
-    /// Coverage at the measured poses, for a run that is done.
-    async fn coverage(&self, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) -> Option<RunCoverage> {
-        let (state, _) = words_of(&record.status);
-        if state != ReportedState::Done || record.scans().next().is_none() {
-            return None;
+    /// Stores the end of the run, and only then what `coverage` evaluates: a crash meanwhile leaves the run as it ended. Those who follow
+    /// it are told last, so that they find its coverage.
+    async fn store_end(&mut self, steps: &[StepRecord], coverage: impl Future<Output = Option<RunCoverage>>) {
+        let Some(ended) = self.stored(RunEventKind::State, steps).await else { return };
+        if let Some(coverage) = coverage.await {
+            let (store, id) = (&self.app.0.store, self.run.id);
+            let add = || store.add_run_coverage(id, coverage);
+            let added = self.app.retried("storing the coverage of a run", || false, add).await;
+            warn(&self.run, "storing the coverage at the measured poses", added);
+            self.run.coverage = Some(coverage);
         }
-        let (checked, record) = (Arc::clone(checked), Arc::clone(record));
-        let flag = FlagOf::new(self.app.stopping());
-        let compute = move |ctx: &Context<'_>| checked.coverage(&record, ctx);
-        let computed = self.app.0.runner.compute(Arc::clone(&flag.0), compute).await;
-        match computed.and_then(|coverage| coverage) {
-            Ok(coverage) => coverage,
-            Err(error) => {
-                tracing::warn!(run = %self.run.id, error, "the coverage at the measured poses cannot be evaluated");
-                None
-            }
+        self.app.0.runs.publish(ended);
+    }
+
+    /// Stores the run as it stands, and tells those who follow it.
+    async fn store(&mut self, kind: RunEventKind, steps: &[StepRecord]) {
+        if let Some(event) = self.stored(kind, steps).await {
+            self.app.0.runs.publish(event);
         }
     }
 
-    /// Stores the run as it stands, and tells those who follow it. While the store is temporarily unavailable, its end is tried again;
+    /// Stores the run as it stands; returns the event to publish. While the store is temporarily unavailable, its end is tried again;
     /// a change before that is not, since a stop must not wait for it, and the next change stores as much.
-    async fn store(&mut self, kind: RunEventKind, steps: &[StepRecord]) {
+    async fn stored(&mut self, kind: RunEventKind, steps: &[StepRecord]) -> Option<Arc<RunEventDocument>> {
         let rows: Vec<RunStepRecord> = steps.iter().map(RunStepRecord::from).collect();
         let (store, rows, first) = (&self.app.0.store, &rows, self.stored_steps);
         let update = || {
@@ -265,10 +268,13 @@ impl Supervisor {
             Ok((run, Some(event))) => {
                 self.run = run;
                 self.stored_steps += rows.len();
-                self.app.0.runs.publish(event);
+                Some(event)
             }
-            Ok((_, None)) => {}
-            Err(error) => warn(&self.run, "storing the run", Err(error)),
+            Ok((_, None)) => None,
+            Err(error) => {
+                warn(&self.run, "storing the run", Err(error));
+                None
+            }
         }
     }
 
@@ -284,6 +290,24 @@ impl Supervisor {
             for (stage, ms) in stages.into_iter().filter_map(|(stage, ms)| Some((stage, ms?))) {
                 metrics::record(|metrics| metrics.run_stop_seconds.with_label_values(&[stage]).observe(ms / 1000.0));
             }
+        }
+    }
+}
+
+/// Coverage at the measured poses, for a run that is done.
+async fn coverage_at(app: App, run: RunId, checked: Arc<CheckedOrder>, record: Arc<RunRecord>) -> Option<RunCoverage> {
+    let (state, _) = words_of(&record.status);
+    if state != ReportedState::Done || record.scans().next().is_none() {
+        return None;
+    }
+    let flag = FlagOf::new(app.stopping());
+    let compute = move |ctx: &Context<'_>| checked.coverage(&record, ctx);
+    let computed = app.0.runner.compute(Arc::clone(&flag.0), compute).await;
+    match computed.and_then(|coverage| coverage) {
+        Ok(coverage) => coverage,
+        Err(error) => {
+            tracing::warn!(%run, error, "the coverage at the measured poses cannot be evaluated");
+            None
         }
     }
 }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::idempotency::IdempotencyKey;
 use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
@@ -24,14 +25,22 @@ pub(crate) struct CalibrationInput {
 }
 
 impl Store {
-    /// Inserts a calibration, unless so many wait; `created_at` becomes the store's time.
+    /// Inserts a calibration and its idempotency key, unless so many wait; `created_at` becomes the store's time. Or returns the
+    /// earlier answer to the same request, which has another id.
     pub(crate) async fn insert_calibration(
         &self,
         job: &CalibrationJob,
         input: &CalibrationInput,
+        idempotency: Option<&IdempotencyKey>,
         max_queued: u64,
     ) -> Result<CalibrationJob, Error> {
         let mut tx = self.writer.begin().await?;
+        if let Some(key) = idempotency
+            && let Some(answer) = key.replay(&mut tx, &self.clock).await?
+        {
+            tx.commit().await?;
+            return Ok(answer);
+        }
         let queued: i64 =
             sqlx::query_scalar("SELECT count(*) FROM calibration WHERE state = 'queued'").fetch_one(&mut *tx).await?;
         let queued = queued.unsigned_abs();
@@ -49,6 +58,9 @@ impl Store {
             .bind(&job.created_at)
             .execute(&mut *tx)
             .await?;
+        if let Some(key) = idempotency {
+            key.record(&mut tx, &job).await?;
+        }
         tx.commit().await?;
         Ok(job)
     }

@@ -7,13 +7,15 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::idempotency::IdempotencyKey;
 use super::jobs::{check_hold, check_idle};
 use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
 use crate::service::error::{Error, InternalError, MissingRun, RunDeletion};
 use crate::wire::run::{
-    ReportedReason, ReportedState, Run, RunAudit, RunEventDocument, RunEventKind, RunPage, RunSelection, RunStepRecord,
+    LeaseDocument, ReportedReason, ReportedState, Run, RunAudit, RunCoverage, RunEventDocument, RunEventKind, RunPage,
+    RunSelection, RunStepRecord,
 };
 use crate::wire::{JobId, RunId, UtcTime};
 
@@ -40,8 +42,13 @@ pub(crate) struct RunEventBatch {
 }
 
 impl Store {
-    /// Inserts a run with its first event, unless so many have not ended; `created_at` becomes the store's time.
-    pub(crate) async fn insert_run(&self, run: &Run, max_open: usize) -> Result<(Run, Arc<RunEventDocument>), Error> {
+    /// Inserts a run with its first event and its idempotency key, unless so many have not ended; `created_at` becomes the store's time.
+    pub(crate) async fn insert_run(
+        &self,
+        run: &Run,
+        idempotency: Option<&IdempotencyKey>,
+        max_open: usize,
+    ) -> Result<(Run, Arc<RunEventDocument>), Error> {
         let mut tx = self.writer.begin().await?;
         let open: i64 = sqlx::query_scalar(concat!("SELECT count(*) FROM run WHERE ", not_ended!())).fetch_one(&mut *tx).await?;
         if open.unsigned_abs() >= max_open as u64 {
@@ -60,6 +67,9 @@ impl Store {
             .execute(&mut *tx)
             .await?;
         let event = append(&mut tx, &run, RunEventKind::State).await?;
+        if let Some(key) = idempotency {
+            key.record(&mut tx, &run).await?;
+        }
         tx.commit().await?;
         Ok((run, event))
     }
@@ -86,6 +96,17 @@ impl Store {
         let event = append(&mut tx, run, kind).await?;
         tx.commit().await?;
         Ok(Some(event))
+    }
+
+    /// Adds to an ended run its coverage at the measured poses, which is evaluated after its end; to none that was deleted meanwhile.
+    pub(crate) async fn add_run_coverage(&self, id: RunId, coverage: RunCoverage) -> Result<(), Error> {
+        let mut tx = self.writer.begin().await?;
+        let row = sqlx::query("SELECT body FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(&mut *tx).await?;
+        if let Some(row) = row {
+            let run = Run { coverage: Some(coverage), ..read(&row)? };
+            write(&mut tx, &run).await?;
+        }
+        tx.commit().await
     }
 
     /// Notes that a program was completed live in a cell.
@@ -231,11 +252,14 @@ impl Store {
         Ok(last.unsigned_abs())
     }
 
-    /// Notes a fencing token, so that none below it is given after a restart.
-    pub(crate) async fn note_fence(&self, token: u64) -> Result<(), Error> {
+    /// Notes a fencing token, so that none below it is given after a restart, and the lease with it under its idempotency key.
+    pub(crate) async fn note_fence(&self, token: u64, given: Option<(&IdempotencyKey, &LeaseDocument)>) -> Result<(), Error> {
         let mut tx = self.writer.begin().await?;
         let token = i64::try_from(token).unwrap_or(i64::MAX);
         sqlx::query("UPDATE run_fence SET last = max(last, ?1)").bind(token).execute(&mut *tx).await?;
+        if let Some((key, lease)) = given {
+            key.record(&mut tx, lease).await?;
+        }
         tx.commit().await
     }
 

@@ -13,17 +13,21 @@ use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, simulate}
 use crate::geometry::Pose;
 use crate::program::{Program, Step};
 use crate::service::Options;
-use crate::service::planner::JobInput;
-use crate::service::tests::{no_steps, options, service};
+use crate::service::plan_job::PLAN_FILE;
+use crate::service::planner::{Artifact, JobInput};
+use crate::service::submit::Submission;
+use crate::service::tests::{ended_job_in, no_steps, options, service, service_with};
 use crate::testing::box_mesh;
-use crate::wire::run::{RunAudit, RunRequest};
-use crate::wire::{JobId, RunId};
+use crate::wire::JobId;
+use crate::wire::echo::Echo;
+use crate::wire::program::ProgramDocument;
+use crate::wire::run::{RunAudit, RunRequest, RunSelection};
 
 async fn supervisor(app: &App) -> Supervisor {
     let program = no_steps();
     let run = Run::new(&RunRequest::new(JobId::generate()), None, "cell", &program, "");
     let open = app.0.runs.enter(run.id, &run.cell, run.mode).expect("free");
-    let (run, _) = app.0.store.insert_run(&run, 1).await.expect("stored");
+    let (run, _) = app.0.store.insert_run(&run, None, 1).await.expect("stored");
     Supervisor { app: app.clone(), run, open, stored_steps: 0 }
 }
 
@@ -53,6 +57,30 @@ async fn a_change_before_the_end_is_not_tried_again() {
     assert_eq!(app.run(supervisor.run.id).await.expect("it").state, ReportedState::Preparing);
     supervisor.store(RunEventKind::State, &[]).await;
     assert_eq!(app.run(supervisor.run.id).await.expect("it").state, ReportedState::Ready);
+}
+
+/// A crash while the coverage was evaluated made a finished run look interrupted.
+#[tokio::test]
+async fn a_run_is_stored_as_done_before_its_coverage_is_evaluated() {
+    let (app, _folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    let id = supervisor.run.id;
+    (supervisor.run.state, supervisor.run.reason) = (ReportedState::Done, ReportedReason::AllSteps);
+    let coverage = RunCoverage { planned_of_asked: 0.75, measured_of_asked: 0.5 };
+    let (of_evaluation, waiting) = (app.clone(), app.clone());
+    let waiting = tokio::spawn(async move { waiting.run_when_ended(id, Duration::from_secs(60)).await });
+    let evaluated = async move {
+        let run = of_evaluation.run(id).await.expect("it");
+        assert_eq!((run.state, run.coverage), (ReportedState::Done, None));
+        // As the next process does: nothing is open any more.
+        assert_eq!(of_evaluation.0.store.stop_open_runs("", &std::collections::BTreeMap::new()).await.expect("none"), 0);
+        Some(coverage)
+    };
+    supervisor.store_end(&[], evaluated).await;
+    assert_eq!(app.run(id).await.expect("it").coverage, Some(coverage));
+    drop(supervisor);
+    let told = waiting.await.expect("no panic").expect("it");
+    assert_eq!((told.state, told.coverage), (ReportedState::Done, Some(coverage)), "whoever waits for its end finds it");
 }
 
 #[tokio::test]
@@ -99,7 +127,7 @@ async fn a_log_that_is_gone_is_not_taken_for_an_empty_one() {
     let simulated = supervisor(&app).await.run.clone();
     assert!(app.run_audit(simulated.id).await.expect("read").is_some());
     let read = Run { id: RunId::generate(), mode: RunMode::DryRun, ..simulated };
-    app.0.store.insert_run(&read, 2).await.expect("stored");
+    app.0.store.insert_run(&read, None, 2).await.expect("stored");
     assert!(app.run_audit(read.id).await.expect("read").is_none());
     let place = folder.path().join("audit").join(read.id.to_string());
     AuditLog::open(&place, AuditLimits::default()).expect("a log").close().expect("kept");
@@ -118,13 +146,33 @@ async fn no_run_begins_on_a_disk_that_is_nearly_full() {
     assert!(matches!(refused, Err(Error::StorageLow { .. })), "{refused:?}");
 }
 
+/// A second run began.
+#[tokio::test]
+async fn a_key_starts_one_run_however_often_it_comes() {
+    let program = Program { plan_sha256: "0".repeat(64), ..no_steps() };
+    let program = Artifact { name: "program.json".into(), bytes: ProgramDocument::new(&program, Echo::default()).to_bytes() };
+    let (app, _folder) = service_with(vec![Artifact { name: PLAN_FILE.into(), bytes: b"{}".to_vec() }, program]).await;
+    let request = RunRequest::new(ended_job_in(&app, "e05-transcan").await.id);
+    let start = async |single_step: bool| {
+        let submission = Submission { idempotency_key: Some("key".to_owned()), ..Submission::default() };
+        app.submit_run(RunRequest { single_step, ..request.clone() }, None, submission).await
+    };
+    let (first, second) = tokio::join!(start(false), start(false));
+    let first = first.expect("accepted");
+    assert_eq!(second.expect("the same"), first);
+    assert_eq!(start(false).await.expect("the same"), first);
+    let refused = start(true).await;
+    assert!(matches!(refused, Err(Error::IdempotencyMismatch)), "{refused:?}");
+    assert_eq!(app.runs(&RunSelection::default(), 10, None).await.expect("a list").items.len(), 1);
+}
+
 /// Its log was on the disk, and the run did not say so.
 #[tokio::test]
 async fn a_run_that_was_cut_off_is_linked_with_the_end_of_its_log() {
     let (app, folder) = service().await;
     let simulated = supervisor(&app).await.run.clone();
     let cut_off = Run { id: RunId::generate(), mode: RunMode::DryRun, state: ReportedState::Running, ..simulated.clone() };
-    app.0.store.insert_run(&cut_off, 2).await.expect("stored");
+    app.0.store.insert_run(&cut_off, None, 2).await.expect("stored");
     let place = folder.path().join("audit").join(cut_off.id.to_string());
     let log = AuditLog::open(&place, AuditLimits::default()).expect("a log");
     log.mark("running");

@@ -257,11 +257,11 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
 #[tokio::test]
 async fn a_fencing_token_that_was_given_after_the_backup_is_not_given_again() {
     let opened = open().await;
-    opened.store.note_fence(7).await.expect("noted");
+    opened.store.note_fence(7, None).await.expect("noted");
     let to = tempfile::tempdir().expect("a folder");
     let (backup_dir, restored) = (to.path().join("backup"), to.path().join("restored"));
     backup(opened.folder.path(), &backup_dir).await.expect("a backup");
-    opened.store.note_fence(9).await.expect("noted");
+    opened.store.note_fence(9, None).await.expect("noted");
     restore(&backup_dir, &restored, false).await.expect("restored");
     let last = Store::open(&restored).await.expect("a store").last_fence().await.expect("read");
     assert!(last > 9, "{last}");
