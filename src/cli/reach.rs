@@ -27,7 +27,8 @@ const MAX_DISTANCE_MM: f64 = 5000.0;
   vantage study reach --cell e05-transcan --foot 350,400,450 \\
       --table=-250,-200,-150 --mountings
 
-Files written to --out: reach.csv and reach.svg.")]
+Files written to --out: reach.csv and reach.svg. In the table, directions counts those of a grid of equal angles; hemisphere_share, which \
+                the map shows, weights each by its solid angle.")]
 pub struct ReachArgs {
     /// Cell: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
@@ -92,7 +93,9 @@ pub fn run(args: &ReachArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     output::result(&document(&results, folder), words)
 }
 
-/// Table of the layouts, as `--json` prints it; `elevations` and `directions` are null where the cell does not fit.
+/// Table of the layouts, as `--json` prints it; `elevations`, `directions` and `hemisphere_share` are null where the cell does
+/// not fit. `directions` counts those of a grid of equal angles; `hemisphere_share` is the share of solid angle that they stand
+/// for.
 fn document(results: &ReachInput<'_>, folder: &Path) -> Value {
     let layout = |layout: &Layout| {
         json!({
@@ -101,6 +104,7 @@ fn document(results: &ReachInput<'_>, folder: &Path) -> Value {
             "table_mm": layout.table_mm,
             "elevations": layout.reached.map(|reached| reached.elevations),
             "directions": layout.reached.map(|reached| reached.directions),
+            "hemisphere_share": layout.reached.map(|reached| reached.hemisphere_share),
         })
     };
     let layouts: Vec<Value> = results.found.iter().map(layout).collect();

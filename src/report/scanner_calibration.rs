@@ -4,7 +4,7 @@
 use super::html::markup::{escape, number};
 use super::html::page::document;
 use super::study::svg::Svg;
-use crate::cell::calibration::lens::{Adjusted, BoardObservations};
+use crate::cell::calibration::lens::{Adjusted, BoardObservations, PixelResidual};
 use crate::cell::{DeviceName, PerDevice};
 use crate::wire::scanner_calibration::{DeviceFigures, ScannerCalibration, ViewFigures};
 use crate::wire::words::counted;
@@ -29,7 +29,10 @@ struct Arrow {
 /// Residuals that pictures are drawn of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationPictures {
+    /// Residuals that are drawn: where there are too many, every n-th, and all that were left out.
     arrows: PerDevice<Vec<Arrow>>,
+    /// Number of all residuals, drawn or not.
+    points: PerDevice<usize>,
     size_px: PerDevice<Option<[u32; 2]>>,
 }
 
@@ -37,8 +40,13 @@ impl CalibrationPictures {
     /// Collects the residuals of each device.
     #[must_use]
     pub fn new(observations: &BoardObservations, adjusted: &Adjusted) -> Self {
+        Self::of_residuals(&adjusted.residuals, observations.size_px)
+    }
+
+    fn of_residuals(residuals: &[PixelResidual], size_px: PerDevice<Option<[u32; 2]>>) -> Self {
+        let all = |device: DeviceName| residuals.iter().filter(move |residual| residual.device == device);
         let of = |device: DeviceName| -> Vec<Arrow> {
-            let own: Vec<_> = adjusted.residuals.iter().filter(|residual| residual.device == device).collect();
+            let own: Vec<_> = all(device).collect();
             let every = own.len().div_ceil(MAX_VECTORS).max(1);
             let kept = own.iter().enumerate().filter(|(index, residual)| index % every == 0 || !residual.is_used);
             kept.map(|(_, residual)| Arrow {
@@ -49,7 +57,17 @@ impl CalibrationPictures {
             .collect()
         };
         let arrows = PerDevice { left: of(DeviceName::Left), right: of(DeviceName::Right), projector: of(DeviceName::Projector) };
-        Self { arrows, size_px: observations.size_px }
+        let count = |device: DeviceName| all(device).count();
+        let points =
+            PerDevice { left: count(DeviceName::Left), right: count(DeviceName::Right), projector: count(DeviceName::Projector) };
+        Self { arrows, points, size_px }
+    }
+
+    /// Number of the points of a device, and how many of them are drawn where not all are.
+    fn counted_points(&self, device: DeviceName) -> String {
+        let (all, drawn) = (self.points[device], self.arrows[device].len());
+        let thinned = if drawn < all { format!(", {drawn} of them drawn") } else { String::new() };
+        counted(all, "point") + &thinned
     }
 }
 
@@ -199,7 +217,7 @@ fn vectors_svg(device: DeviceName, pictures: &CalibrationPictures) -> String {
     lengths.sort_by(f64::total_cmp);
     let large = lengths.get(lengths.len() * 99 / 100).copied().unwrap_or(1.0).max(1e-9);
     let title = format!("{}: reprojection errors, {} × enlarged", device.as_str(), number(VECTOR / large / scale, 0));
-    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {}", counted(arrows.len(), "point")));
+    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {}", pictures.counted_points(device)));
     frame(&mut svg, size_px, scale);
     for arrow in arrows {
         let from = at(arrow.pixel, scale);
@@ -232,7 +250,7 @@ fn coverage_svg(device: DeviceName, pictures: &CalibrationPictures) -> String {
     let size_px = pictures.size_px[device].unwrap_or([1, 1]);
     let (scale, height) = fit(size_px);
     let title = format!("{}: points of the board in the image", device.as_str());
-    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {}", counted(arrows.len(), "point")));
+    let mut svg = Svg::new(WIDTH, height, &title, &format!("{title}; {}", pictures.counted_points(device)));
     frame(&mut svg, size_px, scale);
     for arrow in arrows {
         let [x, y] = at(arrow.pixel, scale);
@@ -314,15 +332,39 @@ mod tests {
     fn residuals_left_out_are_drawn_as_the_legend_says() {
         let arrow = |is_used: bool| Arrow { pixel: [10.0, 20.0], off_px: [0.1, 0.0], is_used };
         let drawn = |arrows: Vec<Arrow>| {
+            let points = PerDevice { left: arrows.len(), right: 0, projector: 0 };
             let arrows = PerDevice { left: arrows, right: Vec::new(), projector: Vec::new() };
             let size_px = PerDevice { left: Some([100, 80]), right: None, projector: None };
-            vectors_svg(DeviceName::Left, &CalibrationPictures { arrows, size_px })
+            vectors_svg(DeviceName::Left, &CalibrationPictures { arrows, points, size_px })
         };
         assert!(drawn(vec![arrow(false)]).contains("left out: dashed in the second colour"));
         assert!(drawn(vec![arrow(false)]).contains("; 1 point\"") && drawn(vec![arrow(true); 2]).contains("; 2 points\""));
         let (used, left_out) = ("stroke=\"#0072b2\" stroke-dasharray=\"\"", "stroke=\"#d55e00\" stroke-dasharray=\"7 4\"");
         assert!(drawn(vec![arrow(true)]).contains(used) && !drawn(vec![arrow(true)]).contains(left_out));
         assert!(drawn(vec![arrow(false)]).contains(left_out), "{}", drawn(vec![arrow(false)]));
+    }
+
+    /// Labels told the points drawn as if they were all.
+    #[test]
+    fn a_label_tells_all_points_and_how_many_of_them_are_drawn() {
+        let residual = |point: u32| PixelResidual {
+            view: 0,
+            device: DeviceName::Left,
+            point,
+            pixel: nalgebra::Vector2::new(10.0, 20.0),
+            off_px: nalgebra::Vector2::new(0.1, 0.0),
+            // One that is left out is drawn although its turn has not come.
+            is_used: point != 1,
+        };
+        let size_px = PerDevice { left: Some([100, 80]), right: None, projector: None };
+        let of = |count: u32| CalibrationPictures::of_residuals(&(0..count).map(residual).collect::<Vec<_>>(), size_px);
+        for (count, said) in [(3000, "; 3000 points\""), (6000, "; 6000 points, 3001 of them drawn\"")] {
+            let pictures = of(count);
+            for svg in [vectors_svg(DeviceName::Left, &pictures), coverage_svg(DeviceName::Left, &pictures)] {
+                let label = svg.lines().find(|line| line.contains("aria-label")).expect("a label");
+                assert!(label.contains(said), "{label}");
+            }
+        }
     }
 
     #[test]

@@ -79,7 +79,7 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[Fiel
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
     write_obstructions(out, &plan.obstructions)?;
     write_advice(out, plan, warnings)?;
-    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2, warnings)
+    write_missed(out, plan, warnings)
 }
 
 /// Writes the summary in the sentences that every output has.
@@ -367,7 +367,8 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
     }
 }
 
-fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64, warnings: &[FieldWarning]) -> fmt::Result {
+fn write_missed(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt::Result {
+    let (missed, asked_area_mm2) = (&plan.missed, plan.coverage.asked_area_mm2);
     writeln!(out, "\nmissed")?;
     if missed.is_empty() {
         writeln!(out, "  nothing")?;
@@ -380,7 +381,7 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64, w
             None => writeln!(out)?,
         }
     }
-    write_spots(out, missed, warnings)
+    write_spots(out, missed, plan.params.selection.goal, warnings)
 }
 
 /// Fix of area that is missed for want of a path where the home of the cell is blocked, in plain text: the home, whatever else was
@@ -391,7 +392,7 @@ pub(super) fn home_remedy(cause: Cause, warnings: &[FieldWarning]) -> Option<Str
 }
 
 /// The largest spots of all with what would cure them.
-fn write_spots(out: &mut String, missed: &[MissedCause], warnings: &[FieldWarning]) -> fmt::Result {
+fn write_spots(out: &mut String, missed: &[MissedCause], goal: SelectionGoal, warnings: &[FieldWarning]) -> fmt::Result {
     let treated = treated_spots(missed);
     if !treated.is_empty() {
         writeln!(out, "\nlargest missed spots, with the fixes that were tried")?;
@@ -401,7 +402,7 @@ fn write_spots(out: &mut String, missed: &[MissedCause], warnings: &[FieldWarnin
         let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
         writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
         let home = home_remedy(cause, warnings);
-        writeln!(out, "       {}", home.unwrap_or_else(|| fix_sentence(remedy)))?;
+        writeln!(out, "       {}", home.unwrap_or_else(|| fix_sentence(remedy, goal)))?;
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::context::NoPlan;
-use crate::planning::params::{PlanParams, PoseErrorParams, RealismParams};
+use crate::planning::params::{PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
 use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
@@ -435,15 +435,35 @@ pub(crate) fn none_found(tried: usize) -> String {
     }
 }
 
-/// A remedy in a sentence for reports; that of a plan's document is [`remedy_sentence`].
+/// A remedy in a sentence for reports on a plan with this goal; that of a plan's document is [`remedy_sentence`].
 #[must_use]
-pub fn fix_sentence(remedy: &Remedy) -> String {
-    if remedy.views.is_empty() { none_found(remedy.tried) } else { remedy_sentence(remedy) }
+pub fn fix_sentence(remedy: &Remedy, goal: SelectionGoal) -> String {
+    if remedy.views.is_empty() { none_found(remedy.tried) } else { sentence_with(remedy, rules_to_change(goal)) }
 }
 
-/// A remedy in a sentence. Where it does not work, the share that it measures comes first.
+/// Rules that end the choice of views, as they are to be changed for more views. A plan for the best coverage heeds no target.
+fn rules_to_change(goal: SelectionGoal) -> &'static str {
+    match goal {
+        SelectionGoal::BestCoverage => "raise selection.max_views, or lower selection.min_growth,",
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => {
+            "raise selection.target or selection.max_views, or lower selection.min_growth,"
+        }
+    }
+}
+
+/// A remedy in a sentence that holds for every goal of the selection. Where it does not work, the share that it measures comes
+/// first.
 #[must_use]
 pub fn remedy_sentence(remedy: &Remedy) -> String {
+    sentence_with(
+        remedy,
+        "raise selection.target (no effect with selection.goal = best_coverage) or selection.max_views, or lower \
+         selection.min_growth,",
+    )
+}
+
+/// A remedy in a sentence; `rules` says how the rules that end the choice are to be changed.
+fn sentence_with(remedy: &Remedy, rules: &str) -> String {
     let Some(first) = remedy.views.first() else {
         return match remedy.tried {
             1 => none_found(1),
@@ -452,9 +472,7 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
     };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
-        RemedyKind::View => format!(
-            "raise selection.target or selection.max_views, or lower selection.min_growth, so that candidate {candidate} is chosen too"
-        ),
+        RemedyKind::View => format!("{rules} so that candidate {candidate} is chosen too"),
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
         RemedyKind::Standoff => {

@@ -1,6 +1,9 @@
 //! Layouts of robot, table and scanner: how much of the viewing hemisphere each reaches, limits and
 //! collisions included.
 //!
+//! The grid is one of equal angles, whose directions lie closer together the nearer they are to straight above; the share of the
+//! hemisphere therefore weights each direction by the solid angle of its cell of the grid.
+//!
 //! A cube stands in the middle of the plate; the scanner looks at its centre from half its edge + F, baseline level, from
 //! [`ELEVATIONS`] angles between straight above and level and [`AZIMUTHS`] azimuths. The table stands still in this count: a
 //! turning one brings every azimuth round, so one azimuth is enough for an elevation, and the directions say how much choice
@@ -55,11 +58,15 @@ pub struct Mounting {
 }
 
 /// Views that are reached without collision.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Reached {
     /// Elevations with at least one azimuth, of [`ELEVATIONS`]: what a turning table sees.
     pub elevations: usize,
-    /// Directions, of [`ELEVATIONS`] · [`AZIMUTHS`]: what is seen while the table stands still.
+    /// Share of the hemisphere's solid angle that is seen while the table stands still, 0 to 1: the solid angles of the grid
+    /// cells around the directions reached, over that of the hemisphere.
+    pub hemisphere_share: f64,
+    /// Number of directions, of [`ELEVATIONS`] · [`AZIMUTHS`], that are seen while the table stands still. It counts points of a
+    /// grid of equal angles, dense near straight above, and is no measure of the hemisphere; that is `hemisphere_share`.
     pub directions: usize,
 }
 
@@ -117,7 +124,7 @@ pub fn reach(cell: &Cell, layouts: &Layouts, ctx: &Context<'_>) -> Result<Vec<La
     })
 }
 
-/// The layout that reaches most elevations, then most directions; the first of equals.
+/// The layout that reaches most elevations, then the largest share of the hemisphere; the first of equals.
 #[must_use]
 pub fn best(layouts: &[Layout]) -> Option<&Layout> {
     let reaching = layouts.iter().filter(|layout| layout.reached.is_some());
@@ -182,7 +189,21 @@ fn reached(cell: &Cell, layouts: &Layouts, ctx: &Context<'_>) -> Result<Option<R
     let stations = solve_some(&views, cell, &scene, &table_from_part, 1, &ctx.silent())?;
     let rings: Vec<usize> = stations.chunks(AZIMUTHS).map(|ring| ring.iter().filter(|found| found.is_ok()).count()).collect();
     let elevations = rings.iter().filter(|directions| **directions > 0).count();
-    Ok(Some(Reached { elevations, directions: rings.iter().sum() }))
+    Ok(Some(Reached { elevations, hemisphere_share: hemisphere_share(&rings), directions: rings.iter().sum() }))
+}
+
+/// Share of the hemisphere's solid angle for the number of directions reached at each elevation, from straight above down.
+fn hemisphere_share(rings: &[usize]) -> f64 {
+    let step_rad = FRAC_PI_2 / (ELEVATIONS - 1) as f64;
+    // Solid angle of a band between two polar angles, as a share of the hemisphere's 2π: the difference of their cosines.
+    let band = |ring: usize| {
+        let polar_rad = step_rad * ring as f64;
+        (polar_rad - 0.5 * step_rad).max(0.0).cos() - (polar_rad + 0.5 * step_rad).min(FRAC_PI_2).cos()
+    };
+    let reached: f64 = rings.iter().enumerate().map(|(ring, directions)| band(ring) * *directions as f64).sum();
+    // Summed in the same order, so that all directions are the whole exactly.
+    let all: f64 = (0..rings.len()).map(|ring| band(ring) * AZIMUTHS as f64).sum();
+    reached / all
 }
 
 /// Looks at the cube's centre, baseline level.
@@ -234,6 +255,42 @@ mod tests {
                 cell.base_from_table.inverse().direction(&(other.base_from_table.origin_mm() - cell.base_from_table.origin_mm()));
             assert!((moved_mm - Vector3::new(-30.0, -40.0, 100.0)).norm() < 1e-9, "{moved_mm}");
         }
+    }
+
+    /// The ten upper of 19 elevations were told as 53 % of the hemisphere.
+    #[test]
+    fn the_share_of_the_hemisphere_is_one_of_solid_angle() {
+        let share = |first: usize, end: usize| {
+            let reached = |ring: usize| if (first..end).contains(&ring) { AZIMUTHS } else { 0 };
+            hemisphere_share(&(0..ELEVATIONS).map(reached).collect::<Vec<usize>>())
+        };
+        let cap = |half_deg: f64| 1.0 - half_deg.to_radians().cos();
+        for (first, end, wanted) in [
+            (0, 0, 0.0),
+            (0, 1, cap(2.5)),
+            (0, 10, cap(47.5)),
+            (ELEVATIONS - 1, ELEVATIONS, 1.0 - cap(87.5)),
+            (0, ELEVATIONS, 1.0),
+        ] {
+            let found = share(first, end);
+            assert!((found - wanted).abs() < 1e-12, "{first} to {end}: {found}, not {wanted}");
+        }
+        let half_of_each = [AZIMUTHS / 2; ELEVATIONS];
+        assert!((hemisphere_share(&half_of_each) - 0.5).abs() < 1e-12);
+        assert!(share(0, ELEVATIONS) >= 1.0, "all is not rounded down");
+    }
+
+    /// More points of the grid are no more of the hemisphere where they crowd near straight above.
+    #[test]
+    fn of_layouts_with_as_many_elevations_the_best_sees_most_of_the_hemisphere() {
+        let layout = |hemisphere_share: f64, directions: usize| Layout {
+            mounting: 0,
+            foot_mm: 400.0,
+            table_mm: -200.0,
+            reached: Some(Reached { elevations: ELEVATIONS, hemisphere_share, directions }),
+        };
+        let layouts = [layout(0.4, 300), layout(0.5, 200), layout(0.5, 200)];
+        assert!(best(&layouts).is_some_and(|best| std::ptr::eq(best, &raw const layouts[1])));
     }
 
     #[test]

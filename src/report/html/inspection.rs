@@ -20,8 +20,8 @@ use crate::rendering::{Ink, MissGroup, SampledModel};
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     AlignmentDocument, EstimateDocument, InspectionDocument, LearnedDocument, LossDocument, MeasuredCoverageDocument,
-    RateBinDocument, RegionDeviationDocument, StatisticsDocument, TakenScanDocument, colour_limit_mm, deviation_step,
-    excluded_sentence, remedy_words,
+    RateBinDocument, RegionDeviationDocument, StatisticsDocument, TakenScanDocument, ViewCoverageDocument, colour_limit_mm,
+    deviation_step, excluded_sentence, remedy_words,
 };
 
 /// Plot: width, height and margins, px.
@@ -73,7 +73,7 @@ pub fn inspection_html(report: &InspectionReport<'_>, ctx: &Context<'_>) -> Resu
         rounds(report, &mut album),
         regions(report),
         learned(report),
-        views(report),
+        views(&report.document.coverage.by_view),
         files(report),
         "</main>\n".to_owned(),
     ];
@@ -488,19 +488,26 @@ fn rates(name: &str, unit: &str, bins: &[RateBinDocument]) -> String {
     svg.finish()
 }
 
-fn views(report: &InspectionReport<'_>) -> String {
-    let of_view = |view: &crate::wire::inspection::ViewCoverageDocument| {
-        let share = if view.planned_area_mm2 > 0.0 { view.planned_and_measured_area_mm2 / view.planned_area_mm2 } else { 0.0 };
+fn views(views: &[ViewCoverageDocument]) -> String {
+    let is_planned = |view: &ViewCoverageDocument| view.planned_area_mm2 > 0.0;
+    let of_view = |view: &ViewCoverageDocument| {
+        // A share of nothing is none: 0 % would say that the view failed.
+        let share = is_planned(view).then(|| view.planned_and_measured_area_mm2 / view.planned_area_mm2);
         row(&[
             view.viewpoint.to_string(),
             view.scans.to_string(),
             area(view.planned_area_mm2),
             area(view.measured_area_mm2),
-            percent(share),
+            share.map_or_else(|| "–".to_owned(), percent),
         ])
     };
-    let rows: String = report.document.coverage.by_view.iter().map(of_view).collect();
-    section("Views", &table(&["View", "Scans", "Planned", "Measured", "Of planned"], &rows))
+    let rows: String = views.iter().map(of_view).collect();
+    let legend = if views.iter().all(is_planned) {
+        ""
+    } else {
+        "<p class=\"soft\">–: the plan expects no asked area from this view, so there is no share to state.</p>\n"
+    };
+    section("Views", &(table(&["View", "Scans", "Planned", "Measured", "Of planned"], &rows) + legend))
 }
 
 fn files(report: &InspectionReport<'_>) -> String {
@@ -584,6 +591,24 @@ mod tests {
             assert!(head.contains(said), "{said:?} is not in {head}");
         }
         assert!(!head.contains("Date of the run") && !head.contains("<dt>Date</dt>"), "{head}");
+    }
+
+    /// It was told as 0.00 % of what was planned, like a view that failed.
+    #[test]
+    fn a_view_for_which_nothing_was_planned_has_no_share_and_the_legend_says_why() {
+        let view = |viewpoint: u32, planned_area_mm2: f64| ViewCoverageDocument {
+            viewpoint,
+            scans: 1,
+            planned_area_mm2,
+            measured_area_mm2: 5.0,
+            planned_and_measured_area_mm2: 0.0,
+        };
+        let told = views(&[view(1, 20.0), view(2, 0.0)]).replace('\u{a0}', " ");
+        assert!(told.contains("<td>5.00 mm²</td><td>0.00 %</td></tr>"), "one that failed has a share: {told}");
+        for said in ["<td>5.00 mm²</td><td>–</td></tr>", "–: the plan expects no asked area"] {
+            assert!(told.contains(said), "{said:?} is not in {told}");
+        }
+        assert!(!views(&[view(1, 20.0)]).contains('–'), "a legend without its sign");
     }
 
     #[test]

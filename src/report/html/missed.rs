@@ -213,8 +213,7 @@ fn limits(remedy: &Remedy) -> (String, String, bool) {
 
 /// List of the numbered spots.
 fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
-    let asked_mm2 = input.outcome.plan.coverage.asked_area_mm2;
-    let rows: String = spots.iter().map(|spot| row(spot, asked_mm2, input.warnings)).collect();
+    let rows: String = spots.iter().map(|spot| row(spot, &input.outcome.plan, input.warnings)).collect();
     format!(
         "<h3>The largest spots</h3>\n<p>Each spot is listed under what stopped the view that came closest to measuring it. The \
          fix is the cheapest of those simulated that measures at least 90 % of the spot; if none does, the cheapest that \
@@ -224,10 +223,11 @@ fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     )
 }
 
-fn row(spot: &NumberedSpot<'_>, asked_mm2: f64, warnings: &[FieldWarning]) -> String {
+fn row(spot: &NumberedSpot<'_>, plan: &Plan, warnings: &[FieldWarning]) -> String {
     let extent_mm = &spot.spot.extent_mm;
     let home = home_remedy(spot.cause, warnings).map(|remedy| escape(&words::capitalised(&remedy)));
-    let found = || spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), words::remedy);
+    let told = |remedy: &Remedy| words::remedy(remedy, plan.params.selection.goal);
+    let found = || spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), told);
     let size = [extent_mm.x, extent_mm.y, extent_mm.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
     format!(
         "<tr><td class=\"n\"><b>{}</b></td><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}<br/>{size}</td>\
@@ -236,7 +236,7 @@ fn row(spot: &NumberedSpot<'_>, asked_mm2: f64, warnings: &[FieldWarning]) -> St
         swatch(Ink::Missed(MissGroup::of(spot.cause))),
         words::cause_name(spot.cause),
         area(spot.spot.area_mm2),
-        percent(share(spot.spot.area_mm2, asked_mm2)),
+        percent(share(spot.spot.area_mm2, plan.coverage.asked_area_mm2)),
         triple(spot.spot.centre_mm.into(), 1),
         home.unwrap_or_else(found)
     )

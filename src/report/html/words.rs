@@ -2,7 +2,7 @@
 
 use super::markup::{escape, number};
 use crate::cell::{OpticalDevice, Scanner};
-use crate::planning::params::{LimitParams, PlanParams};
+use crate::planning::params::{LimitParams, PlanParams, SelectionGoal};
 use crate::planning::plan::{Cause, Remedy, RemedyKind, RiskReason};
 use crate::planning::verdict::Rejection;
 use crate::wire::words::{cause_phrase, fix_sentence, partial_percent, rejection_phrase};
@@ -89,11 +89,13 @@ fn limit(limits: &LimitParams, device: &OpticalDevice) -> String {
     format!("more than {}° from the surface’s normal", number(deg, 1))
 }
 
-/// Describes the remedy for a spot: its kind in a word or two, then the plan's own sentence, which begins with the share that
-/// it measures where it does not work.
-pub(super) fn remedy(remedy: &Remedy) -> String {
+/// Describes the remedy for a spot: its kind in a word or two, then its sentence, which begins with the share that
+/// it measures where it does not work. `goal` is that of the plan's selection.
+pub(super) fn remedy(remedy: &Remedy, goal: SelectionGoal) -> String {
     let kind = match remedy.kind {
-        RemedyKind::View if remedy.views.len() > 1 => return told(&format!("{} more views", remedy.views.len()), remedy),
+        RemedyKind::View if remedy.views.len() > 1 => {
+            return told(&format!("{} more views", remedy.views.len()), remedy, goal);
+        }
         RemedyKind::View => "One more view",
         RemedyKind::Roll => "Another roll",
         RemedyKind::Tilt => "Another tilt",
@@ -102,15 +104,15 @@ pub(super) fn remedy(remedy: &Remedy) -> String {
         RemedyKind::Limit => "A larger limit",
         RemedyKind::None => "None found",
     };
-    told(kind, remedy)
+    told(kind, remedy, goal)
 }
 
-fn told(kind: &str, remedy: &Remedy) -> String {
+fn told(kind: &str, remedy: &Remedy, goal: SelectionGoal) -> String {
     let kind = match partial_percent(remedy.of_spot).filter(|_| remedy.kind != RemedyKind::None) {
         Some(percent) => format!("{percent} of it: {}", kind.to_lowercase()),
         None => kind.to_owned(),
     };
-    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy)))
+    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy, goal)))
 }
 
 #[cfg(test)]
@@ -129,14 +131,19 @@ mod tests {
             part_from_scanner: Pose::identity(),
             area_mm2: 10.0,
         };
-        let fix = |views: usize| {
+        let of_goal = |views: usize, goal: SelectionGoal| {
             let views = vec![view.clone(); views];
             let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
             let (kind, area_mm2, of_spot, tried) = (RemedyKind::View, 9.5, 0.95, 30);
-            remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried })
+            remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried }, goal)
         };
+        let fix = |views: usize| of_goal(views, SelectionGoal::FewestViews);
         assert!(fix(1).starts_with("<b>One more view</b>"), "{}", fix(1));
         assert!(fix(3).starts_with("<b>3 more views</b>") && fix(3).contains("with 2 more views"), "{}", fix(3));
+        for views in [1, 3] {
+            let best = of_goal(views, SelectionGoal::BestCoverage);
+            assert!(best.contains("selection.max_views") && !best.contains("selection.target"), "the goal heeds none: {best}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::svg::Svg;
 use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, best};
 use crate::report::html::markup::number;
-use crate::wire::words::percent_below;
+use crate::wire::words::{fixed, percent_below};
 
 const CELL: [f64; 2] = [92.0, 34.0];
 const LEFT: f64 = 86.0;
@@ -27,13 +27,15 @@ pub struct ReachInput<'a> {
 }
 
 fn share(layout: &Layout) -> Option<f64> {
-    layout.reached.map(|reached| reached.directions as f64 / (ELEVATIONS * AZIMUTHS) as f64)
+    layout.reached.map(|reached| reached.hemisphere_share)
 }
 
-/// The table, one row per layout.
+/// The table, one row per layout. `directions` counts those of the grid; `hemisphere_share` is the share of solid angle that they
+/// stand for.
 #[must_use]
 pub fn csv(input: &ReachInput<'_>) -> String {
-    let mut text = String::from("mounting,foot_mm,table_mm,fits,elevations,elevations_of,directions,directions_of\n");
+    let mut text =
+        String::from("mounting,foot_mm,table_mm,fits,elevations,elevations_of,directions,directions_of,hemisphere_share\n");
     for layout in input.found {
         let label = &input.layouts.mountings[layout.mounting].label;
         let reached = layout.reached;
@@ -43,24 +45,25 @@ pub fn csv(input: &ReachInput<'_>) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "\"{label}\",{},{},{},{},{ELEVATIONS},{},{}",
+            "\"{label}\",{},{},{},{},{ELEVATIONS},{},{},{}",
             layout.foot_mm,
             layout.table_mm,
             reached.is_some(),
             count(|reached| reached.elevations),
             count(|reached| reached.directions),
-            ELEVATIONS * AZIMUTHS
+            ELEVATIONS * AZIMUTHS,
+            share(layout).map_or_else(String::new, |share| fixed(share, 6))
         );
     }
     text
 }
 
-/// The heat map for each mounting: share of the directions reached, by foot and height of the table.
+/// The heat map for each mounting: share of the hemisphere's solid angle reached, by foot and height of the table.
 #[must_use]
 pub fn svg(input: &ReachInput<'_>) -> String {
     let Layouts { foot_mm, table_mm, mountings, .. } = input.layouts;
     let block = TOP + CELL[1] * table_mm.len() as f64 + BELOW;
-    let title = format!("{}: share of the viewing hemisphere reached", input.cell_name);
+    let title = format!("{}: share of the viewing hemisphere reached (solid angle)", input.cell_name);
     let spoken = best_words(input);
     let width = (LEFT + CELL[0] * foot_mm.len() as f64 + 40.0).max(520.0);
     let mut svg = Svg::new(width, 40.0 + block * mountings.len() as f64, &title, &format!("{title}. {spoken}"));
@@ -127,8 +130,9 @@ fn words(input: &ReachInput<'_>, layout: &Layout) -> String {
     match layout.reached {
         None => format!("{place}: does not fit"),
         Some(reached) => format!(
-            "{place}: {} of {ELEVATIONS} elevations, {} of {} directions",
+            "{place}: {} of {ELEVATIONS} elevations, {} % of the hemisphere ({} of {} directions)",
             reached.elevations,
+            percent_below(reached.hemisphere_share, 1.0, 0),
             reached.directions,
             ELEVATIONS * AZIMUTHS
         ),
@@ -138,20 +142,49 @@ fn words(input: &ReachInput<'_>, layout: &Layout) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::studies::reach::Reached;
+    use crate::geometry::Pose;
+    use crate::planning::studies::reach::{Mounting, Reached};
 
-    /// A layout that reaches one direction of 456 was told as one that reaches none, and all but one as all.
+    fn layout(hemisphere_share: f64, directions: usize) -> Layout {
+        let reached = Some(Reached { elevations: ELEVATIONS, hemisphere_share, directions });
+        Layout { mounting: 0, foot_mm: 1300.0, table_mm: 500.0, reached }
+    }
+
+    /// A layout that reaches little of the hemisphere was told as one that reaches none, and all but little as all.
     #[test]
     fn a_field_of_the_map_is_rounded_neither_to_nothing_nor_to_all() {
-        let told = |directions: usize| {
-            let reached = Some(Reached { elevations: ELEVATIONS, directions });
+        let told = |share: f64| {
             let mut svg = Svg::new(100.0, 100.0, "", "");
-            field(&mut svg, &Layout { mounting: 0, foot_mm: 1300.0, table_mm: 500.0, reached }, [0.0; 2]);
+            field(&mut svg, &layout(share, 1), [0.0; 2]);
             svg.finish()
         };
-        let all = ELEVATIONS * AZIMUTHS;
-        for (directions, percent) in [(0, ">0 %<"), (1, ">0.22 %<"), (all / 2, ">50 %<"), (all - 1, ">99 %<"), (all, ">100 %<")] {
-            assert!(told(directions).contains(percent), "{directions}: {}", told(directions));
+        for (share, percent) in [(0.0, ">0 %<"), (0.0022, ">0.22 %<"), (0.5, ">50 %<"), (0.998, ">99 %<"), (1.0, ">100 %<")] {
+            assert!(told(share).contains(percent), "{share}: {}", told(share));
         }
+    }
+
+    /// Half of the directions of the grid may be a third of the hemisphere.
+    #[test]
+    fn table_and_sentence_tell_the_share_of_solid_angle_beside_the_count_of_directions() {
+        let mounting = Mounting { label: "as it is".into(), flange_from_scanner: Pose::identity() };
+        let layouts = Layouts {
+            part_mm: 120.0,
+            foot_mm: vec![1300.0],
+            table_mm: vec![500.0],
+            mountings: vec![mounting],
+            clearance_mm: 5.0,
+        };
+        let found = [layout(0.324, 240)];
+        let input = ReachInput { layouts: &layouts, found: &found, cell_name: "cell" };
+        let rows: Vec<String> = csv(&input).lines().map(str::to_owned).collect();
+        assert_eq!(
+            rows,
+            [
+                "mounting,foot_mm,table_mm,fits,elevations,elevations_of,directions,directions_of,hemisphere_share",
+                "\"as it is\",1300,500,true,19,19,240,456,0.324000"
+            ]
+        );
+        let said = text(&input, None);
+        assert!(said.contains("19 of 19 elevations, 32 % of the hemisphere (240 of 456 directions)"), "{said}");
     }
 }

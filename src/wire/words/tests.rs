@@ -7,7 +7,7 @@ use crate::cell::PoseSpec;
 use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
-use crate::planning::params::{PlanParams, Region};
+use crate::planning::params::{PlanParams, Region, SelectionGoal};
 use crate::planning::plan::{
     CandidateCounts, Cause, IndependentRegion, PartSide, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, Turn,
     TurnKind,
@@ -218,8 +218,9 @@ fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
     let mut none = tilt(0.0);
     (none.kind, none.views) = (RemedyKind::None, Vec::new());
     assert_eq!(remedy_sentence(&none), "no fix found (no 8 of the 30 views tried see half of it)");
-    assert_eq!(fix_sentence(&none), "no fix found (30 views tried; up to 8 of them together see less than half of it)");
-    assert_eq!(fix_sentence(&tilt(0.9)), remedy_sentence(&tilt(0.9)));
+    let fewest = SelectionGoal::FewestViews;
+    assert_eq!(fix_sentence(&none, fewest), "no fix found (30 views tried; up to 8 of them together see less than half of it)");
+    assert_eq!(fix_sentence(&tilt(0.9), fewest), remedy_sentence(&tilt(0.9)));
 }
 
 /// Each of the three rules may have ended the choice.
@@ -229,6 +230,20 @@ fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
     for rule in ["raise selection.target", "selection.max_views", "lower selection.min_growth", "candidate 7"] {
         assert!(more.contains(rule), "{rule:?} is not in {more}");
     }
+}
+
+/// Raising the target was advised where the goal ignores it.
+#[test]
+fn a_target_is_not_advised_where_the_goal_is_the_best_coverage() {
+    let view = Remedy { kind: RemedyKind::View, ..tilt(1.0) };
+    let best = fix_sentence(&view, SelectionGoal::BestCoverage);
+    let head = "raise selection.max_views, or lower selection.min_growth, so that candidate 7 is chosen too: measures";
+    assert!(best.starts_with(head) && !best.contains("selection.target"), "{best}");
+    for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime] {
+        assert!(fix_sentence(&view, goal).starts_with("raise selection.target or selection.max_views, or lower"), "{goal:?}");
+    }
+    let of_any = remedy_sentence(&view);
+    assert!(of_any.contains("selection.target (no effect with selection.goal = best_coverage)"), "{of_any}");
 }
 
 #[test]
