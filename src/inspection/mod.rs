@@ -17,6 +17,7 @@ pub mod rescan;
 #[cfg(test)]
 mod shots;
 pub mod simulated_scanner;
+mod student;
 
 pub use params::{AlignParams, InspectionParams};
 pub use pipeline::{DeviationFigures, InspectedView, Inspection, InspectionInput, inspect};

@@ -4,6 +4,7 @@ use super::correlation::NoiseCorrelation;
 use super::footprint::{MeasuredFootprint, PointSum};
 use super::{DeviationOptions, PoseError, SampleDeviation};
 use crate::cell::calibration::se3::Twist;
+use crate::inspection::student;
 
 /// Points off the surface, or of a turned one, from which on they are more than stray ones.
 pub(super) const MIN_OTHER_POINTS: u32 = 3;
@@ -190,10 +191,7 @@ pub(super) fn median(mut numbers: Vec<f64>) -> Option<f64> {
     (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Student's 97.5 % quantile for ten freedoms and more, and at least 2: its expansion about the normal quantile z, z + (z³ + z)/4ν +
-/// (5z⁵ + 16z³ + 3z)/96ν² (M. Abramowitz, I. A. Stegun, *Handbook of Mathematical Functions*, 1964, 26.7.5), within 0.003 there.
+/// Student's 97.5 % quantile, at least 2.
 pub(super) fn student_factor(freedoms: f64) -> f64 {
-    const Z: f64 = 1.959_964;
-    let second = (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / (96.0 * freedoms * freedoms);
-    (Z + (Z.powi(3) + Z) / (4.0 * freedoms) + second).max(2.0)
+    student::quantile(freedoms).max(2.0)
 }

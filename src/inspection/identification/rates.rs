@@ -16,9 +16,9 @@
 use super::Identified;
 use super::isotonic::{CountedRate, crossing, falling, rising};
 use super::model::ReturnModel;
-use super::noise::SIGMAS_OF_INTERVAL;
 use crate::cell::{DeviceName, Scanner};
 use crate::inspection::coverage::{IdentifiedLimits, Return, Returns};
+use crate::inspection::student;
 
 /// Rate, of the easy one, at which a limit is reached.
 const LIMIT_RATE: f64 = 0.75;
@@ -206,7 +206,7 @@ impl Binned {
         let mean = left_out.iter().sum::<f64>() / count;
         let squares: f64 = left_out.iter().map(|without| (without - mean).powi(2)).sum();
         let deviation = ((count - 1.0) / count * squares).sqrt();
-        let reach = (student_quantile(left_out.len().saturating_sub(1)) * deviation).max(0.5 * self.width);
+        let reach = (student::quantile(left_out.len().saturating_sub(1) as f64) * deviation).max(0.5 * self.width);
         Some(Identified { value, interval: [value - reach, value + reach] })
     }
 
@@ -346,20 +346,6 @@ fn limit_of(
     let limit = binned.told_by(limit, is_outside)?;
     let plan = binned.estimate(|bins| at(bins, limit_rate).map(|limit| at(bins, PLAN_RATE).unwrap_or(limit)))?;
     Some(LimitEstimate { limit, plan_with: plan.value, plan_interval: plan.interval, pairs: pairs as u64 })
-}
-
-/// 97.5 % quantile of Student's distribution: of few freedoms by its table, of ten and more by its expansion about the normal quantile z,
-/// z + (z³ + z)/4ν + (5z⁵ + 16z³ + 3z)/96ν², within 0.004 (M. Abramowitz, I. A. Stegun, *Handbook of Mathematical Functions*, 1964, table
-/// 26.10 and 26.7.5).
-pub(super) fn student_quantile(freedoms: usize) -> f64 {
-    const OF_FEW: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
-    let freedoms = freedoms.max(1);
-    if let Some(quantile) = OF_FEW.get(freedoms - 1) {
-        return *quantile;
-    }
-    let (z, freedoms) = (SIGMAS_OF_INTERVAL, freedoms as f64);
-    let [cube, fifth] = [3, 5].map(|power| z.powi(power));
-    z + (cube + z) / (4.0 * freedoms) + (5.0 * fifth + 16.0 * cube + 3.0 * z) / (96.0 * freedoms * freedoms)
 }
 
 /// Place at which a rising regression passes a rate; `None` where it begins above it.

@@ -239,7 +239,7 @@ fn a_limit_whose_value_to_plan_with_is_known_poorly_is_not_offered() {
 fn the_quantile_is_student_s() {
     let table = [(1, 12.706), (2, 4.303), (9, 2.262), (10, 2.228), (15, 2.131), (30, 2.042), (120, 1.980)];
     for (freedoms, quantile) in table {
-        let found = super::rates::student_quantile(freedoms);
+        let found = crate::inspection::student::quantile(f64::from(freedoms));
         assert!((found - quantile).abs() < 0.004, "{freedoms}: {found}");
     }
 }
