@@ -203,14 +203,14 @@ impl<'a> LogicalLines<'a> {
 
     fn next(&mut self) -> Option<(Position, &[u8])> {
         let first = self.lines.next()?;
-        let Some(mut stem) = first.text.strip_suffix(b"\\") else { return Some((first.at(), first.text)) };
+        let Some(mut stem) = continued(first.text) else { return Some((first.at(), first.text)) };
         self.joined.clear();
         loop {
             self.joined.extend_from_slice(stem);
             self.joined.push(b' ');
             let more = self.lines.next().map_or(&[][..], |line| line.text);
-            match more.strip_suffix(b"\\") {
-                Some(continued) => stem = continued,
+            match continued(more) {
+                Some(next) => stem = next,
                 None => {
                     self.joined.extend_from_slice(more);
                     return Some((first.at(), &self.joined));
@@ -218,6 +218,12 @@ impl<'a> LogicalLines<'a> {
             }
         }
     }
+}
+
+/// Line without the `\` at its end that continues it; `None` where there is none. A comment, such as a path of a folder, ends with its
+/// line.
+fn continued(line: &[u8]) -> Option<&[u8]> {
+    line.strip_suffix(b"\\").filter(|stem| !stem.contains(&b'#'))
 }
 
 /// Words of a line before its comment.

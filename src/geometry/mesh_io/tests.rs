@@ -318,6 +318,16 @@ fn obj_oddities() {
     assert_eq!((read.health.triangles, read.health.duplicate_triangles, read.health.vertices), (4, 2, 4));
 }
 
+/// The line behind such a comment was once lost: the vertices after it had the wrong numbers, and nothing said so.
+#[test]
+fn a_comment_in_obj_that_ends_in_a_backslash_ends_with_its_line() {
+    let corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 5 5 5\n";
+    let faces = "f 1 3 \\\n2 # of C:\\base\\\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+    let read = read_mm(format!("# C:\\models\\\n{corners}{faces}").as_bytes()).expect("legal");
+    assert_eq!((read.health.triangles, read.health.watertight), (4, true));
+    assert_eq!(read.health.aabb.max, nalgebra::Point3::new(1.0, 1.0, 1.0));
+}
+
 #[test]
 fn stl_float_noise_does_not_tear_the_surface() {
     let mut mesh = read_mm(&cubes()[0]).expect("the cube").mesh;

@@ -4,7 +4,7 @@ use super::*;
 use crate::cell::{CloudFrame, CloudFrameSpec};
 use crate::geometry::cloud_io::{CloudLimits, read, write_pcd};
 use crate::geometry::demo_parts::{base, figurine};
-use crate::geometry::{Mesh, Part, Plate, Pose};
+use crate::geometry::{CloudGrid, Mesh, Part, Plate, Pose};
 use crate::inspection::shots::Shots;
 use crate::testing::box_mesh;
 
@@ -424,4 +424,68 @@ fn plate_depth_islands_and_filled_holes_are_cut_and_counted() {
     let longest = holes::drop_filled(&mut mesh, &mut removed).expect("a long triangle");
     assert!(longest > 50.0 && removed.by_reason.get(&RemovedBecause::FilledHole) == Some(&1) && mesh.points[100][0].is_nan());
     assert_eq!(mesh.points.iter().filter(|point| point[0].is_nan()).count(), 1);
+}
+
+/// An organised cloud of 40 × 40 points, 1 mm apart at 500 mm, whose depths are those of rays through columns and rows.
+fn coarse_cloud(depth_mm: impl Fn(usize, usize, &Vector3<f64>) -> f64) -> (PointCloud, CloudGrid) {
+    let grid = CloudGrid { columns: 40, rows: 40 };
+    let point = |cell: usize| {
+        let (column, row) = (cell % grid.columns, cell / grid.columns);
+        let ray = Vector3::new(0.002 * (column as f64 - 19.5), 0.002 * (row as f64 - 19.5), 1.0);
+        let point = ray * depth_mm(column, row, &ray);
+        [point.x as f32, point.y as f32, point.z as f32]
+    };
+    (PointCloud { points_mm: (0..grid.columns * grid.rows).map(point).collect(), grid: Some(grid) }, grid)
+}
+
+fn flagged(flags: &[bool]) -> Vec<usize> {
+    (0..flags.len()).filter(|cell| flags[*cell]).collect()
+}
+
+/// Depths between those of both neighbours were taken for mixed ones, and each such point for an island.
+#[test]
+fn a_steep_wall_that_is_sampled_coarsely_keeps_all_its_points() {
+    let options = CleanOptions::default();
+    for (incidence_deg, turn_deg) in [(80.0_f64, 0.0_f64), (82.0, 20.0), (82.0, 90.0), (83.5, 0.0), (83.5, 180.0)] {
+        let ((sin, cos), (down, right)) = (incidence_deg.to_radians().sin_cos(), turn_deg.to_radians().sin_cos());
+        let normal = Vector3::new(sin * right, sin * down, -cos);
+        // Between a near surface and a far one, both across the line of sight.
+        let (cloud, grid) = coarse_cloud(|_, _, ray| {
+            let depth_mm = -500.0 * cos / normal.dot(ray);
+            if depth_mm < 0.0 { 550.0 } else { depth_mm.clamp(450.0, 550.0) }
+        });
+        assert_eq!(flagged(&clean::mixed_pixels(&cloud, grid, &options)), [0_usize; 0], "{incidence_deg}°, {turn_deg}°");
+    }
+    // Without other surface, and with no two neighbours within a step.
+    let (cloud, grid) = coarse_cloud(|_, _, ray| 500.0 / (1.0 - 8.0 * ray.x - 8.0 * ray.y));
+    assert_eq!(flagged(&clean::islands(&cloud, grid, &options)), [0_usize; 0]);
+}
+
+#[test]
+fn points_between_the_surfaces_of_a_step_are_mixed_be_they_one_or_two_wide_or_along_a_slanted_edge() {
+    let (near_mm, far_mm, options) = (480.0_f64, 504.0_f64, CleanOptions::default());
+    // Columns of the edge at a row, and pixels over which depths are mixed.
+    for (slant, width) in [(0.0_f64, 1.0_f64), (0.0, 2.0), (0.2, 1.0), (1.0, 1.0)] {
+        let share = |column: usize, row: usize| {
+            let edge = if slant > 0.0 { 3.45 + slant * row as f64 } else { 15.0 };
+            let (place, first) = (column as f64, edge.floor());
+            if slant > 0.0 {
+                // The part of the pixel that is beyond the edge.
+                return (place + 1.0 - edge).clamp(0.0, 1.0);
+            }
+            ((place - first + 1.0) / (width + 1.0)).clamp(0.0, 1.0)
+        };
+        let (cloud, grid) = coarse_cloud(|column, row, _| near_mm + (far_mm - near_mm) * share(column, row));
+        let found = clean::mixed_pixels(&cloud, grid, &options);
+        let inner = |cell: &usize| (1..39).contains(&(cell % 40)) && (1..39).contains(&(cell / 40));
+        let is_between = |cell: &usize| {
+            let depth_mm = f64::from(cloud.points_mm[*cell][2]);
+            depth_mm - near_mm > options.step_mm && far_mm - depth_mm > options.step_mm
+        };
+        let wanted: Vec<usize> = (0..cloud.points_mm.len()).filter(|cell| inner(cell) && is_between(cell)).collect();
+        assert!(wanted.len() >= 20, "{slant}, {width}: {}", wanted.len());
+        assert!(wanted.iter().all(|cell| found[*cell]), "{slant}, {width}: {:?}", flagged(&found));
+        let pure = (0..cloud.points_mm.len()).filter(inner).filter(|cell| [0.0, 1.0].contains(&share(cell % 40, cell / 40)));
+        assert_eq!(pure.filter(|cell| found[*cell]).count(), 0, "{slant}, {width}");
+    }
 }
