@@ -22,16 +22,20 @@ pub struct MeshHealthReport {
     pub bbox_mm: BoxMm,
     /// Area of the kept triangles.
     pub area_mm2: f64,
-    /// Enclosed volume, the sum over bodies; `null` unless every body is closed and consistently wound. One body may touch itself along
-    /// edges.
+    /// Enclosed volume, the sum over bodies; `null` unless every body is closed and consistently wound. Bodies may touch each other and
+    /// themselves along edges, if as many triangles run along each edge in one direction as in the other.
     pub volume_mm3: Option<f64>,
-    /// True if bodies run into each other, so that the volume counts what they have in common more than once.
+    /// True if bodies run into each other or one lies in another, so that the volume counts what they have in common more than once.
     #[serde(default)]
     pub volume_counts_overlaps: bool,
     /// True if every edge belongs to exactly two triangles.
     pub watertight: bool,
     /// Number of connected bodies.
     pub bodies: usize,
+    /// Number of closed bodies found to lie wholly inside others with normals that point outwards: inner parts, or cavities with the
+    /// wrong orientation. There may be more in meshes of many bodies.
+    #[serde(default)]
+    pub nested_bodies: usize,
     /// Number of triangles dropped because they have no area.
     pub degenerate_triangles: usize,
     /// Number of kept triangles that repeat another one.
@@ -111,6 +115,7 @@ impl MeshHealthReport {
             volume_counts_overlaps: health.volume_counts_overlaps,
             watertight: health.watertight,
             bodies: health.bodies,
+            nested_bodies: health.nested_bodies,
             degenerate_triangles: health.degenerate_triangles,
             duplicate_triangles: health.duplicate_triangles,
             boundary_edges: health.boundary_edges,

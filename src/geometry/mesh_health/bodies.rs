@@ -1,5 +1,9 @@
 //! Connected bodies, and which closed ones are inside out.
 //!
+//! Pieces are connected by edges of exactly two triangles. Where shells touch along a loop of edges that four or more triangles share,
+//! the loop cuts them into open pieces; these are joined by the wedges of material around such edges (`wedges`), if that leaves no edge
+//! open.
+//!
 //! A closed body has a signed volume. One that lies in no other body, or in an even number of them, is solid and must be
 //! positive; one in an odd number is the wall of a cavity, whose normals rightly point into it, so negative. A negative
 //! body at even depth is therefore turned. A positive one at odd depth may be a part inside another part and is left
@@ -12,6 +16,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Point3, Vector3};
 
 use super::edges::{Edges, Side};
+use super::wedges::wedges;
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::side_by_side::{self, PIECE};
 use crate::geometry::{Aabb, Mesh};
@@ -29,6 +34,8 @@ const FLAT_SHARE: f64 = 1e-12;
 pub(super) struct Bodies {
     of_face: Vec<u32>,
     closed: Vec<bool>,
+    /// True if open pieces were joined to closed bodies at edges of more than two triangles.
+    are_joined: bool,
     /// Bodies that are closed, ascending.
     solid: Vec<u32>,
     /// Faces of those, ordered by body, and where each of them begins.
@@ -46,15 +53,76 @@ pub(super) struct Turned {
     pub(super) closed_mm3: f64,
     /// Bodies that are not closed.
     pub(super) not_closed: usize,
+    /// True if bodies were turned where open pieces were joined to closed bodies.
+    pub(super) among_joined: bool,
 }
 
 impl Bodies {
-    pub(super) fn of(faces: usize, edges: &Edges, poll: &Poll<'_>) -> Result<Self, Interrupted> {
-        let (of_face, count) = connect(faces, edges, poll)?;
+    pub(super) fn of(mesh: &Mesh, edges: &Edges, poll: &Poll<'_>) -> Result<Self, Interrupted> {
+        let (of_face, count) = connect(mesh.faces.len(), edges, poll)?;
         let closed = closed_bodies(count, &of_face, edges, poll)?;
-        let mut bodies = Self { of_face, closed, solid: Vec::new(), faces: Vec::new(), begin: Vec::new() };
+        let mut bodies = Self { of_face, closed, are_joined: false, solid: Vec::new(), faces: Vec::new(), begin: Vec::new() };
+        if edges.counts.non_manifold > 0 && bodies.closed.contains(&false) {
+            bodies.join_pieces(mesh, edges, poll)?;
+        }
         bodies.list_solids(poll)?;
         Ok(bodies)
+    }
+
+    /// Joins open pieces that bound the same wedges of material, where all edges of what they make up are bounded so.
+    fn join_pieces(&mut self, mesh: &Mesh, edges: &Edges, poll: &Poll<'_>) -> Result<(), Interrupted> {
+        let count = self.closed.len();
+        let mut parent: Vec<u32> = (0..count as u32).collect();
+        let mut has_open_edge = vec![false; count];
+        let mut open_sides: Vec<Side> = Vec::new();
+        for edge in edges.iter() {
+            poll.spend(10)?;
+            if edge.pair().is_some_and(|[a, b]| a.is_ascending() != b.is_ascending()) {
+                continue;
+            }
+            open_sides.clear();
+            open_sides.extend(edge.sides().filter(|side| !self.closed[self.of_face(side.face())]));
+            poll.spend(200 * open_sides.len())?;
+            match wedges(mesh, edge.vertices(), &open_sides) {
+                Some(pairs) => {
+                    for pair in pairs {
+                        let [a, b] = pair.map(|face| root(&mut parent, self.of_face(face)));
+                        parent[a.max(b) as usize] = a.min(b);
+                    }
+                }
+                None => open_sides.iter().for_each(|side| has_open_edge[self.of_face(side.face())] = true),
+            }
+        }
+        for piece in 0..count {
+            poll.spend(10)?;
+            let first = root(&mut parent, piece) as usize;
+            has_open_edge[first] |= has_open_edge[piece];
+        }
+        self.number_joined(&mut parent, &has_open_edge, poll)
+    }
+
+    /// Makes one closed body of the pieces of each root that has no open edge.
+    fn number_joined(&mut self, parent: &mut [u32], has_open_edge: &[bool], poll: &Poll<'_>) -> Result<(), Interrupted> {
+        let (mut number, mut closed) = (vec![0; parent.len()], Vec::new());
+        for piece in 0..parent.len() {
+            poll.spend(10)?;
+            let first = root(parent, piece) as usize;
+            let is_closed = !has_open_edge[first];
+            self.are_joined |= is_closed && !self.closed[piece];
+            if is_closed && first != piece {
+                // A root is the lowest piece of its own and has a number by now.
+                number[piece] = number[first];
+            } else {
+                number[piece] = closed.len() as u32;
+                closed.push(is_closed);
+            }
+        }
+        for body in &mut self.of_face {
+            poll.spend(2)?;
+            *body = number[*body as usize];
+        }
+        self.closed = closed;
+        Ok(())
     }
 
     /// Brings the faces of each closed body together; of the others nobody asks for them.
@@ -107,11 +175,13 @@ impl Bodies {
             }
         }
         let volumes = solids.iter().map(|solid| if solid.inverted { -solid.volume_mm3 } else { solid.volume_mm3 });
+        let bodies = solids.iter().filter(|solid| solid.inverted).count();
         Ok(Turned {
-            bodies: solids.iter().filter(|solid| solid.inverted).count(),
+            bodies,
             unresolved,
             closed_mm3: volumes.sum(),
             not_closed: self.count() - solids.len(),
+            among_joined: bodies > 0 && self.are_joined,
         })
     }
 
@@ -317,7 +387,8 @@ impl Nesting<'_> {
     }
 }
 
-fn encloses(outer: &Aabb, inner: &Aabb) -> bool {
+/// Returns true if a box holds another one that is not the same.
+pub(super) fn encloses(outer: &Aabb, inner: &Aabb) -> bool {
     (0..3).all(|axis| outer.min[axis] <= inner.min[axis] && inner.max[axis] <= outer.max[axis]) && outer != inner
 }
 

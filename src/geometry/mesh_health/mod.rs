@@ -4,15 +4,19 @@
 //! *Degenerate*: a repeated vertex, or an area below 1e-12 of the squared diagonal of the bounding box.
 //! *Topology* (watertight, bodies, edges) is that of the welded triangles with three different vertices, thin ones
 //! included: a triangle without area closes its edges, and dropping it makes no hole in the surface.
-//! *Body*: triangles connected by edges that exactly two triangles share.
+//! *Body*: triangles connected by edges that exactly two triangles share. Where closed shells touch along edges, more triangles share
+//! these; each shell is a body of its own, told apart by the wedges of material around the edges (`wedges`).
+//! *Volume*: known where every body is closed, that is, where its triangles run along each of its edges as often in one direction as in
+//! the other, so that the signed tetrahedra between them and any point add up to the same.
 //! Cost: O(n) in the triangles, side by side on the threads of the caller's pool save for the joining of bodies, and at most 40
-//! bytes each beside the mesh; nesting is only looked at when a closed body has
-//! negative volume, and overlap where boxes of two closed bodies do, each up to a budget.
+//! bytes each beside the mesh; nesting and overlap are looked at where boxes of two closed bodies lie within or upon each other, each up
+//! to a budget.
 
 mod bodies;
 mod edges;
 mod overlaps;
 mod warning;
+mod wedges;
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,7 +27,7 @@ use super::sorted_lists::SortedLists;
 use super::{Aabb, Mesh};
 use bodies::{Bodies, Turned};
 use edges::{EdgeCounts, Edges};
-use overlaps::overlapping_pairs;
+use overlaps::{nested_bodies, overlapping_pairs};
 
 pub use warning::MeshWarning;
 
@@ -37,7 +41,7 @@ const MIN_AREA_SHARE: f64 = 1e-12;
 /// [`Interrupted`].
 pub fn outward_faces(mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<bool>, Interrupted> {
     let edges = Edges::of(mesh, poll)?;
-    let bodies = Bodies::of(mesh.faces.len(), &edges, poll)?;
+    let bodies = Bodies::of(mesh, &edges, poll)?;
     drop(edges);
     bodies.outward_faces(mesh, poll)
 }
@@ -81,10 +85,11 @@ pub struct MeshHealth {
     pub aabb: Aabb,
     /// Area of the kept triangles.
     pub area_mm2: f64,
-    /// Enclosed volume, a sum over bodies; only where every body is closed and consistently wound. One body may touch itself
-    /// along edges, if as many triangles run along each in one direction as in the other and none is there twice.
+    /// Enclosed volume, a sum over bodies; only where every body is closed and consistently wound. Bodies may touch each other and
+    /// themselves along edges, if as many triangles run along each in one direction as in the other.
     pub volume_mm3: Option<f64>,
-    /// True if the volume counts space that bodies have in common more than once, because they run into each other.
+    /// True if the volume counts space that bodies have in common more than once, because they run into each other or one lies in
+    /// another.
     pub volume_counts_overlaps: bool,
     /// Every edge belongs to exactly two triangles.
     pub watertight: bool,
@@ -106,6 +111,9 @@ pub struct MeshHealth {
     pub unresolved_bodies: usize,
     /// Pairs of closed bodies that were found to run into each other.
     pub overlapping_pairs: usize,
+    /// Closed bodies that were found to lie wholly in the material of others while their surface faces outward: inner parts, or cavities
+    /// with the wrong orientation.
+    pub nested_bodies: usize,
     /// Polygons of the file that were left as fans, since they cross or fold over themselves or are too large to be cut otherwise.
     pub uncut_polygons: usize,
 }
@@ -135,10 +143,12 @@ pub(super) fn clean(mut mesh: Mesh, poll: &Poll<'_>) -> Result<(Mesh, MeshHealth
     let triangles_in_file = mesh.faces.len();
     mesh.keep_faces(|mesh, face| has_three_vertices(mesh.faces[face]), poll)?;
     let edges = Edges::of(&mesh, poll)?;
-    let (bodies, counts) = (Bodies::of(mesh.faces.len(), &edges, poll)?, edges.counts);
+    let (bodies, counts) = (Bodies::of(&mesh, &edges, poll)?, edges.counts);
     drop(edges);
     let turned = bodies.turn_inverted(&mut mesh, poll)?;
-    let overlapping_pairs = overlapping_pairs(&mesh, &bodies, poll)?;
+    let overlapping = overlapping_pairs(&mesh, &bodies, poll)?;
+    // Nesting that is too deep to tell what is inside out is too deep to tell this.
+    let nested_bodies = if turned.unresolved == 0 { nested_bodies(&mesh, &bodies, &overlapping, poll)? } else { 0 };
 
     let used = mesh.aabb_of_faces(poll)?;
     let min_area_mm2 = MIN_AREA_SHARE * used.extent_mm().norm_squared();
@@ -152,8 +162,9 @@ pub(super) fn clean(mut mesh: Mesh, poll: &Poll<'_>) -> Result<(Mesh, MeshHealth
     drop(bodies);
     mesh.drop_unused_vertices(poll)?;
     let health = report(&mesh, triangles_in_file, with_area, &counts, &turned, poll)?;
-    let volume_counts_overlaps = overlapping_pairs > 0 && health.volume_mm3.is_some();
-    Ok((mesh, MeshHealth { overlapping_pairs, volume_counts_overlaps, ..health }))
+    let overlapping_pairs = overlapping.len();
+    let volume_counts_overlaps = overlapping_pairs + nested_bodies > 0 && health.volume_mm3.is_some();
+    Ok((mesh, MeshHealth { overlapping_pairs, nested_bodies, volume_counts_overlaps, ..health }))
 }
 
 fn report(
@@ -166,7 +177,9 @@ fn report(
 ) -> Result<MeshHealth, Interrupted> {
     let duplicate_triangles = duplicates(mesh, poll)?;
     let volume_mm3 = if turned.not_closed == 0 {
-        Some(turned.closed_mm3)
+        // A shell that was there twice, once inside out, would count twice.
+        let counts_twice = turned.among_joined && duplicate_triangles > 0;
+        (!counts_twice).then_some(turned.closed_mm3)
     } else if turned.not_closed == 1 && edges.unbalanced == 0 && duplicate_triangles == 0 {
         // Of several bodies one may be inside out and cancel another; a shell that is there twice would count twice.
         balanced_volume_mm3(mesh, turned.closed_mm3, poll)?
@@ -192,6 +205,7 @@ fn report(
         unresolved_bodies: turned.unresolved,
         // Who has the bodies and the file's polygons tells these.
         overlapping_pairs: 0,
+        nested_bodies: 0,
         uncut_polygons: 0,
     })
 }

@@ -2,21 +2,30 @@
 //!
 //! Two solid bodies overlap where an edge of one goes through a triangle of the other and a point of that edge just behind the triangle lies
 //! inside: the winding number of the other body about it is ±1, and no triangle of it is nearer than rounding lets seem so. Bodies that
-//! merely touch have no such point. Found are most pairs rather than all: none that is too shallow, none of which one lies wholly within the
-//! other, as a part in a cavity does, and those alone that the budget suffices for.
+//! merely touch have no such point. Found are most pairs rather than all: none that is too shallow, and those alone that the budget
+//! suffices for.
+//!
+//! A solid body that overlaps no other may lie wholly within one: then so do all of its vertices, of which a few are tried. What lies in a
+//! cavity is not in the material around it: the walls of cavities that it lies in count against the solid bodies that it lies in.
 
 use nalgebra::Point3;
 use parry3d::bounding_volume::Aabb as Box3;
 use parry3d::math::Vector as Vec3;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy};
 
-use super::bodies::{Bodies, ClosedBody, winding_number};
+use super::bodies::{Bodies, ClosedBody, encloses, winding_number};
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::side_by_side::PIECE;
 use crate::geometry::{Aabb, Mesh, nearest_of_triangle};
 
 /// Work on all pairs, in units of [`Poll`]; about a third of a second.
 const OVERLAP_BUDGET: usize = 300_000_000;
+/// Work on all bodies that may lie within others, in units of [`Poll`]; about a second.
+const NESTING_BUDGET: usize = 1_000_000_000;
+/// Vertices of a body that must all lie within another one. Our choice.
+const VERTICES_TRIED: usize = 4;
+/// Share of a full turn of the winding number that rounding leaves of none.
+const MIN_TURN: f64 = 0.01;
 /// Triangles of which a tree is grown at most: a few ten milliseconds.
 const MAX_TREE_FACES: usize = 100_000;
 /// Points that are held against a body for one pair; where bodies touch, none of them may lie inside.
@@ -28,23 +37,47 @@ const POINT_DEPTH: f64 = 4.0;
 /// Distance by which an edge may pass beside a triangle, as a share of its size, so that none slips through between two of them.
 const ROUNDING: f64 = 1e-9;
 
-/// Counts pairs of closed bodies that overlap, as far as the budget goes.
-pub(super) fn overlapping_pairs(mesh: &Mesh, bodies: &Bodies, poll: &Poll<'_>) -> Result<usize, Interrupted> {
+/// Finds pairs of closed bodies that overlap, as far as the budget goes; ascending, each by the places of its two among the closed ones.
+pub(super) fn overlapping_pairs(mesh: &Mesh, bodies: &Bodies, poll: &Poll<'_>) -> Result<Vec<[usize; 2]>, Interrupted> {
     if bodies.closed() < 2 {
-        return Ok(0);
+        return Ok(Vec::new());
     }
     let mut solids = bodies.solids(mesh, poll)?;
     solids.retain(|solid| solid.volume_mm3 > 0.0);
     solids.sort_by(|a, b| a.aabb.min.x.total_cmp(&b.aabb.min.x));
-    let around = mesh.aabb_of_vertices(poll)?;
-    let largest_mm = around.min.coords.amax().max(around.max.coords.amax());
-    let (centre_mm, min_depth_mm) = (around.centre(), MIN_DEPTH * (around.extent_mm().norm() + largest_mm));
-    let mut search = Search { mesh, bodies, centre_mm, min_depth_mm, budget: OVERLAP_BUDGET, poll };
-    let mut pairs = 0;
-    match search.count(&solids, &mut pairs) {
-        Ok(()) | Err(End::Budget) => Ok(pairs),
+    let mut search = Search::new(mesh, bodies, OVERLAP_BUDGET, poll)?;
+    let mut pairs = Vec::new();
+    match search.find(&solids, &mut pairs) {
+        Ok(()) | Err(End::Budget) => {
+            pairs.sort_unstable();
+            Ok(pairs)
+        }
         Err(End::Interrupted(interrupted)) => Err(interrupted),
     }
+}
+
+/// Counts closed bodies of positive volume that lie wholly in the material of others, as far as the budget goes. Those of `overlapping`
+/// pairs, as [`overlapping_pairs`] finds them, do not lie in each other.
+pub(super) fn nested_bodies(
+    mesh: &Mesh,
+    bodies: &Bodies,
+    overlapping: &[[usize; 2]],
+    poll: &Poll<'_>,
+) -> Result<usize, Interrupted> {
+    if bodies.closed() < 2 {
+        return Ok(0);
+    }
+    let solids = bodies.solids(mesh, poll)?;
+    let mut search = Search::new(mesh, bodies, NESTING_BUDGET, poll)?;
+    let mut nested = 0;
+    for inner in solids.iter().filter(|solid| solid.volume_mm3 > 0.0) {
+        match search.is_nested(inner, &solids, overlapping) {
+            Ok(is_nested) => nested += usize::from(is_nested),
+            Err(End::Budget) => break,
+            Err(End::Interrupted(interrupted)) => return Err(interrupted),
+        }
+    }
+    Ok(nested)
 }
 
 /// Reason for which the search ends early.
@@ -69,20 +102,29 @@ struct Search<'a> {
     poll: &'a Poll<'a>,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(mesh: &'a Mesh, bodies: &'a Bodies, budget: usize, poll: &'a Poll<'a>) -> Result<Self, Interrupted> {
+        let around = mesh.aabb_of_vertices(poll)?;
+        let largest_mm = around.min.coords.amax().max(around.max.coords.amax());
+        let (centre_mm, min_depth_mm) = (around.centre(), MIN_DEPTH * (around.extent_mm().norm() + largest_mm));
+        Ok(Self { mesh, bodies, centre_mm, min_depth_mm, budget, poll })
+    }
+
     fn spend(&mut self, units: usize) -> Result<(), End> {
         self.poll.spend(units)?;
         self.budget = self.budget.checked_sub(units).ok_or(End::Budget)?;
         Ok(())
     }
 
-    /// Counts the pairs of solids, which are ordered by their lower ends along x.
-    fn count(&mut self, solids: &[ClosedBody], pairs: &mut usize) -> Result<(), End> {
+    /// Finds the pairs of solids, which are ordered by their lower ends along x.
+    fn find(&mut self, solids: &[ClosedBody], pairs: &mut Vec<[usize; 2]>) -> Result<(), End> {
         for (place, one) in solids.iter().enumerate() {
             for other in solids[place + 1..].iter().take_while(|other| other.aabb.min.x < one.aabb.max.x) {
                 self.spend(10)?;
-                if let Some(common) = common(&one.aabb, &other.aabb) {
-                    *pairs += usize::from(self.overlap([one, other], &common)?);
+                if let Some(common) = common(&one.aabb, &other.aabb)
+                    && self.overlap([one, other], &common)?
+                {
+                    pairs.push([one.index.min(other.index), one.index.max(other.index)]);
                 }
             }
         }
@@ -188,6 +230,46 @@ impl Search<'_> {
         }
         let turns = winding_number(mesh, bodies.faces(body), point, self.poll)?;
         Ok((turns.abs() - 1.0).abs() < 0.1)
+    }
+
+    /// Returns true if a body lies in more solid bodies than walls of cavities.
+    fn is_nested(&mut self, inner: &ClosedBody, solids: &[ClosedBody], overlapping: &[[usize; 2]]) -> Result<bool, End> {
+        self.spend(10 * solids.len())?;
+        let faces = self.bodies.faces(inner.index);
+        let vertex = |nth: usize| self.mesh.corners(faces[nth * faces.len() / VERTICES_TRIED] as usize)[0];
+        let vertices: [Point3<f64>; VERTICES_TRIED] = std::array::from_fn(vertex);
+        let (mut solid, mut walls) = (0, 0);
+        for outer in solids.iter().filter(|outer| encloses(&outer.aabb, &inner.aabb)) {
+            let pair = [inner.index.min(outer.index), inner.index.max(outer.index)];
+            if outer.volume_mm3 < 0.0 {
+                walls += usize::from(self.may_hold(outer.index, &vertices)?);
+            } else if overlapping.binary_search(&pair).is_err() {
+                solid += usize::from(self.holds(outer.index, &vertices)?);
+            }
+        }
+        Ok(solid > walls)
+    }
+
+    /// Returns true if all points lie inside a body, farther from its surface than the least depth.
+    fn holds(&mut self, body: usize, points: &[Point3<f64>]) -> Result<bool, End> {
+        for point in points {
+            if !self.is_inside(point, body)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Returns true unless all points lie outside of a body and not on it.
+    fn may_hold(&mut self, body: usize, points: &[Point3<f64>]) -> Result<bool, End> {
+        let faces = self.bodies.faces(body);
+        for point in points {
+            self.spend(100 * faces.len())?;
+            if winding_number(self.mesh, faces, point, self.poll)?.abs() > MIN_TURN {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 }
 

@@ -243,7 +243,8 @@ fn a_body_that_touches_itself_along_an_edge_has_a_volume() {
 
     let mut inside_out = mesh.clone();
     inside_out.faces.iter_mut().for_each(|face| face.swap(1, 2));
-    assert_eq!(assess(&inside_out).volume_mm3, None, "nothing tells its inside");
+    let turned = assess(&inside_out);
+    assert_eq!((turned.bodies, turned.flipped_bodies, turned.volume_mm3.map(f64::round)), (1, 1, Some(5.0)));
 
     let mut twice = mesh.clone();
     twice.faces.extend_from_within(..);
@@ -254,6 +255,92 @@ fn a_body_that_touches_itself_along_an_edge_has_a_volume() {
     open.faces.pop();
     open.source_face.pop();
     assert_eq!(assess(&open).volume_mm3, None);
+}
+
+/// Adds a part to a mesh; equal corners get one vertex.
+fn weld(mut mesh: Mesh, part: &Mesh) -> Mesh {
+    for face in &part.faces {
+        let welded = face.map(|vertex| {
+            let corner = part.vertices_mm[vertex as usize];
+            let known = mesh.vertices_mm.iter().position(|other| (other - corner).norm() < 1e-9);
+            known.unwrap_or_else(|| {
+                mesh.vertices_mm.push(corner);
+                mesh.vertices_mm.len() - 1
+            }) as u32
+        });
+        mesh.source_face.push(mesh.faces.len() as u32);
+        mesh.faces.push(welded);
+    }
+    mesh
+}
+
+/// Three by three unit cubes in each layer of so many, without the middle one of the uppermost layer.
+fn pitted(layers: i32) -> Vec<[i32; 3]> {
+    let places = (0..layers).flat_map(|z| (0..9).map(move |i| [i % 3, i / 3, z]));
+    places.filter(|place| *place != [1, 1, layers - 1]).collect()
+}
+
+/// Their volume was once said to be unknown: the loop cuts the shells into pieces, which are open.
+#[test]
+fn shells_that_touch_along_a_loop_of_edges_are_bodies_with_a_volume() {
+    // A plug over a hole through a plate, whose surface the loop does not cut, and one over a pit, whose surface it does.
+    for (layers, cubes) in [(1, 8.0), (2, 17.0)] {
+        let mesh = voxels(&[pitted(layers), vec![[1, 1, layers]]].concat());
+        let health = assess(&mesh);
+        assert_eq!((health.bodies, health.non_manifold_edges, health.overlapping_pairs, health.nested_bodies), (2, 4, 0, 0));
+        assert!((health.volume_mm3.expect("two shells") - cubes - 1.0).abs() < 1e-9, "{layers} layers");
+        assert!(outward_faces(&mesh, &Poll::never()).expect("not interrupted").iter().all(|outward| *outward));
+
+        let mut inside_out = mesh.clone();
+        inside_out.faces.iter_mut().for_each(|face| face.swap(1, 2));
+        let health = assess(&inside_out);
+        assert!((health.volume_mm3.expect("two shells") - cubes - 1.0).abs() < 1e-9, "{layers} layers, inside out");
+        assert!(health.flipped_bodies > 0);
+
+        let mut open = mesh;
+        open.faces.swap_remove(0);
+        open.source_face.pop();
+        assert_eq!(assess(&open).volume_mm3, None, "{layers} layers, open");
+    }
+}
+
+#[test]
+fn shells_that_touch_with_faces_that_both_have_are_bodies_with_a_volume() {
+    let places: Vec<[i32; 3]> = (0..9).map(|i| [i % 3, i / 3, 0]).collect();
+    let on_plate = weld(voxels(&places), &voxels(&[[1, 1, 1]]));
+    let health = assess(&on_plate);
+    assert_eq!((health.bodies, health.non_manifold_edges, health.duplicate_triangles), (2, 5, 2));
+    assert!((health.volume_mm3.expect("two shells") - 10.0).abs() < 1e-9);
+
+    let one = cube(1.0, at(0.0), false);
+    let twice = weld(weld(join([]), &one), &one);
+    assert_eq!(assess(&twice).volume_mm3, None, "nothing tells the copies apart");
+    let both_ways = weld(weld(join([]), &one), &cube(1.0, at(0.0), true));
+    assert_eq!(assess(&both_ways).volume_mm3, None, "it would count twice");
+}
+
+/// A body inside another one is in no view, and nothing said so.
+#[test]
+fn bodies_wholly_inside_others_are_told_and_parts_in_cavities_are_not() {
+    let ten = || cube(10.0, at(0.0), false);
+    for (name, parts, nested) in [
+        ("a part inside a part", vec![ten(), cube(2.0, at(3.0), false)], 1),
+        ("two parts inside a part", vec![cube(2.0, at(1.0), false), ten(), cube(2.0, at(6.0), false)], 2),
+        ("a part inside a part inside a part", vec![ten(), cube(6.0, at(2.0), false), cube(2.0, at(4.0), false)], 2),
+        ("a cavity", vec![ten(), cube(2.0, at(3.0), true)], 0),
+        ("a part in a cavity", vec![ten(), cube(6.0, at(2.0), true), cube(2.0, at(4.0), false)], 0),
+        ("side by side", vec![ten(), cube(2.0, at(20.0), false)], 0),
+        ("in the corner of an L", vec![ell(10.0), moved(cube(5.0, at(0.0), false), [10.0, 10.0, 2.0])], 0),
+        ("in the wall of an L", vec![ell(10.0), moved(cube(4.0, at(0.0), false), [3.0, 20.0, 2.0])], 1),
+        ("through a wall", vec![ten(), cube(10.0, at(5.0), false)], 0),
+        ("through the walls of an L", vec![ell(10.0), moved(cube(8.0, at(0.0), false), [5.0, 5.0, 1.0])], 0),
+    ] {
+        let health = clean(join(parts)).1;
+        assert_eq!(health.nested_bodies, nested, "{name}");
+        let warnings = health.warnings();
+        assert_eq!(warnings.iter().any(|warning| warning.code() == "bodies_nested"), nested > 0, "{name}");
+        assert_eq!(health.volume_counts_overlaps, nested + health.overlapping_pairs > 0, "{name}");
+    }
 }
 
 /// The common volume of two bodies once counted twice, and nothing said so.

@@ -37,6 +37,13 @@ pub enum MeshWarning {
         /// True if a volume is stated, which counts what they have in common more than once.
         is_in_volume: bool,
     },
+    /// Closed bodies within the material of others.
+    Nested {
+        /// Number that was found.
+        bodies: usize,
+        /// True if a volume is stated, which counts them and what is around them.
+        is_in_volume: bool,
+    },
     /// Polygons whose triangles lie upon each other.
     Uncut {
         /// Number of such polygons.
@@ -79,6 +86,7 @@ impl MeshHealth {
             some(self.boundary_edges, |edges| W::Open { edges }),
             some(self.non_manifold_edges, |edges| W::NonManifold { edges }),
             some(self.overlapping_pairs, |pairs| W::Overlap { pairs, is_in_volume: self.volume_counts_overlaps }),
+            some(self.nested_bodies, |bodies| W::Nested { bodies, is_in_volume: self.volume_counts_overlaps }),
             some(self.duplicate_triangles, |triangles| W::Duplicate { triangles }),
             some(self.degenerate_triangles, |triangles| W::Degenerate { triangles }),
         ]
@@ -102,6 +110,7 @@ impl MeshWarning {
             Self::NonManifold { .. } => "non_manifold_edges",
             Self::Inconsistent { .. } => "inconsistent_winding",
             Self::Overlap { .. } => "bodies_overlap",
+            Self::Nested { .. } => "bodies_nested",
             Self::Uncut { .. } => "polygons_not_cut",
             Self::Degenerate { .. } => "degenerate_triangles_dropped",
             Self::Duplicate { .. } => "duplicate_triangles",
@@ -125,6 +134,9 @@ impl MeshWarning {
             Self::Overlap { .. } => {
                 "no view shows surface inside another body, but it counts as surface to scan; unite the bodies in the CAD system"
             }
+            Self::Nested { .. } => {
+                "no view shows them, but they count as surface to scan: remove inner parts, and turn the normals of cavities inwards"
+            }
             Self::Uncut { .. } => "the surface is false there; export the mesh as triangles",
             Self::Degenerate { .. } => "nothing to do; they have no area to scan",
             Self::Duplicate { .. } => "their area counts twice; remove the copies for exact coverage figures",
@@ -147,6 +159,13 @@ impl fmt::Display for MeshWarning {
                 write!(f, "at least {pairs} pairs of closed bodies run into each other")?;
                 if *is_in_volume {
                     write!(f, "; the volume is a sum over bodies and counts what they have in common more than once")?;
+                }
+                Ok(())
+            }
+            Self::Nested { bodies, is_in_volume } => {
+                write!(f, "at least {bodies} closed bodies lie wholly inside others, with normals that point outwards")?;
+                if *is_in_volume {
+                    write!(f, "; the volume is a sum over bodies and counts these twice")?;
                 }
                 Ok(())
             }
