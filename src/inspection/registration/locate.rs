@@ -6,10 +6,11 @@ use std::borrow::Borrow;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
+use super::compared::{looks_same, outline_mm};
 use super::matching::match_view;
 use super::points::ViewPoints;
 use super::ppf::{Oriented, oriented, poses, thinned};
-use super::turns::{TurnVerdict, looks_same, outline_mm, turned, turned_back};
+use super::turns::{TurnVerdict, turned, turned_back};
 use super::{MAX_POINTS, State};
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;

@@ -25,6 +25,8 @@
 //! Cost: some 20 rounds of a nearest-face query a point, 50 000 points at most or 500 a view, and one dense factorisation of six rows a
 //! view a round.
 
+mod axes;
+mod compared;
 mod equations;
 pub mod locate;
 mod matching;
