@@ -20,6 +20,8 @@ const WITHOUT_CELL: &str =
     " (structure and ranges checked; given a cell, stations and collisions too, and given the part, coverage)";
 /// Statements on coverage that are not derived anew where others are.
 const OTHER_COVERAGE: &str = "coverage of regions, by grade, by setup and on independent samples";
+/// Tolerance of a sum of decimals, mm.
+const ROUNDING_MM: f64 = 1e-9;
 /// Relative tolerance of what is told of a part, which went through a file.
 const SAME: f64 = 1e-6;
 
@@ -179,7 +181,7 @@ fn too_close(cell: &Cell, scene: &CollisionScene, contact: &Contact, here: &Conf
     let kept_mm = clearance_mm + runout_mm;
     let nearest = scene.nearest_on(contact, &[*here; 2], kept_mm);
     let found = match nearest.map(|(_, separation)| separation.distance_mm) {
-        Some(mm) if mm > 0.0 => format!("are {:.2} mm apart", mm.min(kept_mm)),
+        Some(mm) if mm > 0.0 => apart(mm, kept_mm),
         Some(mm) if mm < 0.0 => format!("are {:.2} mm deep in each other", -mm),
         Some(_) => "meet".to_owned(),
         None => "are too close".to_owned(),
@@ -189,6 +191,16 @@ fn too_close(cell: &Cell, scene: &CollisionScene, contact: &Contact, here: &Conf
         "collides: {contact} {found}; allowed is {clearance_mm} mm apart and more (params.motion.clearance_mm){runout}; plan \
          again in this cell"
     )
+}
+
+/// Distance of two bodies that were found closer than `kept_mm`, in words: two decimals that would not be less tell that it is less.
+fn apart(distance_mm: f64, kept_mm: f64) -> String {
+    let told_mm = (distance_mm * 100.0).round() / 100.0;
+    if told_mm < kept_mm - ROUNDING_MM {
+        format!("are {told_mm:.2} mm apart")
+    } else {
+        format!("are less than {kept_mm:.2} mm apart")
+    }
 }
 
 #[cfg(test)]
@@ -231,6 +243,17 @@ mod tests {
             calibrated: None,
         };
         PlanDocument::new(&outcome, &cell.scanner, Some(placed), Echo::default())
+    }
+
+    /// The figure is another query's than the decision, and was told as the distance that is allowed.
+    #[test]
+    fn bodies_that_are_too_close_are_never_told_as_far_apart_as_is_allowed() {
+        let told = [4.984, 4.996, 5.0, 5.0004].map(|distance_mm| apart(distance_mm, 5.0));
+        assert_eq!(
+            told,
+            ["are 4.98 mm apart", "are less than 5.00 mm apart", "are less than 5.00 mm apart", "are less than 5.00 mm apart"]
+        );
+        assert_eq!([apart(5.018, 5.0 + 0.02), apart(5.014, 5.0 + 0.02)], ["are less than 5.02 mm apart", "are 5.01 mm apart"]);
     }
 
     /// The part hangs down over the rim of the plate, and a wall of the table stands a quarter turn away from it.

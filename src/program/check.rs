@@ -131,6 +131,15 @@ pub enum Fault {
         /// 0 leads to the first via point, or to the target.
         segment: usize,
     },
+    /// Part, fixture or calibration board meets what stands around it, wherever the arm is.
+    #[error(
+        "{contact} meet wherever the arm is, as what is on the table lies (table_from_part of a plan, the board's size and height of \
+         calibration poses) or as the table turns; move it, or what it meets, and plan again"
+    )]
+    Placement {
+        /// The bodies.
+        contact: Contact,
+    },
     /// Two bodies too close on the way: on a segment, or on the curve that passes the point at its end.
     #[error("collides on segment {segment}: {contact}")]
     Collision {
@@ -439,6 +448,10 @@ impl Linter<'_> {
         }
         if !is_same(&program.home_rad, &self.cell.home_rad) {
             self.find(None, Fault::OtherHome);
+        }
+        // No check of a move tests part and fixture against what stands below the plate, on which they may lie.
+        if let Some(contact) = self.scene.placement_contact() {
+            self.find(None, Fault::Placement { contact });
         }
     }
 

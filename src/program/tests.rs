@@ -93,6 +93,23 @@ fn a_compiled_program_is_sound_and_does_what_each_view_needs() {
 }
 
 #[test]
+fn a_program_is_refused_where_the_part_stands_in_the_housing_of_the_table() {
+    let mut job = job();
+    let sunk = box_mesh([-50.0, -50.0, -60.0], [50.0, 50.0, 100.0]);
+    job.scene = CollisionScene::new(&job.cell, &sunk, None, &job.expected.table_from_part, 5.0);
+    let faults = job.faults(&job.program);
+    let [Fault::Placement { contact }] = &faults[..] else { panic!("{faults:?}") };
+    assert_eq!(contact.to_string(), "turntable housing and part");
+    let told = faults[0].to_string();
+    // The same words for the board of calibration poses, which have no plan with a table_from_part.
+    let wanted = "turntable housing and part meet wherever the arm is, as what is on the table lies (table_from_part of a plan, the \
+                  board's size and height of calibration poses) or as the table turns; move it, or what it meets, and plan again";
+    assert_eq!(told, wanted);
+    job.scene = CollisionScene::without_part(&job.cell, 5.0);
+    assert_eq!(job.faults(&job.program), [], "without the part it is not known where it lies");
+}
+
+#[test]
 fn a_view_with_two_levels_is_captured_twice_at_one_pose() {
     let job = job();
     let Step::Scan { view, .. } = job.program.steps[2] else { panic!("third step scans") };

@@ -454,6 +454,9 @@ impl CollisionScene {
     /// since they hold them.
     #[must_use]
     pub fn placement_contact(&self) -> Option<Contact> {
+        if !self.bodies.iter().any(SceneBody::is_attached) {
+            return None;
+        }
         let mut lifted = self.clone();
         for body in lifted.bodies.iter_mut().filter(|body| body.is_attached()) {
             body.parent_from_body = Isometry3::translation(0.0, 0.0, LYING_MM) * body.parent_from_body;

@@ -14,6 +14,8 @@ use crate::cell::layout::Cell;
 
 /// Distances between surfaces are found this exactly.
 const PRECISION_MM: f64 = 0.05;
+/// Share of a distance that queries in single precision find it to.
+const QUERY_SHARE: f64 = 1e-3;
 /// Places looked at along a segment.
 const PROBES: u32 = 60;
 /// Configurations from which the largest distance of a pair is known.
@@ -81,7 +83,7 @@ impl CollisionScene {
     }
 
     /// The configuration on a straight segment in joint space at which two bodies are nearest to each other, or deepest in each
-    /// other, of a few dozen places looked at, and how near.
+    /// other, of a few dozen places looked at, and how near: where a check finds them too close, less than they have to keep.
     #[must_use]
     pub fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2], within_mm: f64) -> Option<(Configuration, Separation)> {
         let pair = self.pairs.iter().find(|pair| self.contact_of(pair) == *bodies)?;
@@ -89,7 +91,12 @@ impl CollisionScene {
         let probes = if ends[0] == ends[1] { 0 } else { PROBES };
         let places = (0..=probes).map(|probe| segment.at(f64::from(probe) / f64::from(PROBES)));
         let separations = places.filter_map(|place| Some((place, self.separation(pair, &self.place(&place), within_mm)?)));
-        separations.min_by(|a, b| a.1.distance_mm.total_cmp(&b.1.distance_mm))
+        let (place, mut separation) = separations.min_by(|a, b| a.1.distance_mm.total_cmp(&b.1.distance_mm))?;
+        // The check is another query, as exact as this: near the clearance the two may differ.
+        if separation.distance_mm >= pair.clearance_mm && self.is_near(pair, &self.place(&place), &[0.0; 7]) {
+            separation.distance_mm = (1.0 - QUERY_SHARE) * pair.clearance_mm;
+        }
+        Some((place, separation))
     }
 
     fn separation(&self, pair: &BodyPair, placement: &Placement, within_mm: f64) -> Option<Separation> {

@@ -391,6 +391,39 @@ fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
     }
 }
 
+/// Check and distance are two queries in single precision: of bodies at the limit, one told them too close and the other as far
+/// apart as they have to be.
+#[test]
+fn bodies_that_are_found_too_close_are_never_told_as_far_apart_as_they_have_to_be() {
+    let cell = cell();
+    let cell = Cell { obstacles: vec![ball_beside_upper_arm(&cell, 60.0)], ..cell };
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let bodies = Contact { a: "upper arm".into(), b: "ball".into() };
+    let pair = scene.pairs.iter().find(|pair| scene.contact_of(pair) == bodies).expect("the two are tested");
+    let swung = |turn_rad: f64| {
+        let mut configuration = cell.home_rad;
+        configuration.joints_rad[1] += turn_rad;
+        configuration
+    };
+    let is_near = |turn_rad: f64| scene.is_near(pair, &scene.place(&swung(turn_rad)), &[0.0; 7]);
+    let mut away = [-0.6, 0.6].into_iter().filter(|turn_rad| !is_near(*turn_rad));
+    let (mut near, mut far) = (0.0, away.next().expect("the arm swings away from the ball"));
+    for _ in 0..40 {
+        let middle: f64 = 0.5 * (near + far);
+        if is_near(middle) { near = middle } else { far = middle }
+    }
+    let mut looked_at = 0;
+    for step in 0..400 {
+        let turn_rad = near - f64::from(step) * 1e-7 * far.signum();
+        if is_near(turn_rad) {
+            let (_, separation) = scene.nearest_on(&bodies, &[swung(turn_rad); 2], 100.0).expect("near");
+            assert!(separation.distance_mm < pair.clearance_mm, "{separation:?} at {turn_rad}");
+            looked_at += 1;
+        }
+    }
+    assert!(looked_at > 200, "{looked_at}");
+}
+
 #[test]
 fn a_capsule_without_a_surface_decides_beside_one_of_its_link_that_has_some() {
     let mut cell = cell();

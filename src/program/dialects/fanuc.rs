@@ -2,7 +2,9 @@
 //! and acceleration are whole percents. The table is the first axis of motion group 2, which the program takes along. Angles
 //! are the controller's own, which counts joint 3 from the ground. The program's joint 3 is counted so where the robot's model has
 //! `joint_3_from_ground`; where it is counted from the upper arm, as `dialects.fanuc_joint_3_from` tells, joint 2 is taken from it.
-//! Every position is in joints, so that the program selects no user frame and no tool frame: those of the controller change nothing.
+//! Every position is in joints, so that no frame changes the motion, but declares user frame 0 and tool frame 1: a controller
+//! that compares their numbers refuses a position in other frames than those selected, one in joints too (INTP-253, on a
+//! simulated controller). The program selects none, since that would outlast it; the operator does.
 //! Remarks have 32 characters, comments 16, positions three decimals.
 
 use super::header::paragraphs;
@@ -32,7 +34,10 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: true,
     has_whole_percents: true,
     tells_brightness: false,
-    before_first_run: Some("bring arm and table home by hand; the program's first move goes there on a way that was not checked"),
+    before_first_run: Some(
+        "select user frame 0 and tool frame 1 in both motion groups, and bring arm and table home by hand; the program's \
+         first move goes there on a way that was not checked",
+    ),
     render,
 };
 
@@ -101,7 +106,8 @@ CONTROL_CODE\t= 00000000 00000000;
 fn body(job: &Job<'_>, name: &str) -> Result<Vec<String>, DialectError> {
     let home = "Bring arm and table home by hand first: the first move goes there, slowly, on a way that was not checked.";
     let coupled = "Joints are the controller's own, J3 coupled to J2 where it is so.";
-    let frames = "No UFRAME or UTOOL is selected: all positions are in joints.";
+    let frames = "Positions are in joints, of UFRAME 0 and UTOOL 1: select these in both groups first. None is selected \
+                  here, and a controller may refuse others (INTP-253).";
     let table = "axis 1 of motion group 2; it moves with the arm.";
     let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled, frames]);
     let mut lines: Vec<String> = head.iter().flat_map(|paragraph| remark(paragraph)).collect();

@@ -368,12 +368,16 @@ fn every_preset_names_its_language() {
 }
 
 #[test]
-fn a_fanuc_program_says_that_it_selects_no_frame() {
+fn a_fanuc_program_says_which_frames_its_positions_declare_and_that_it_selects_none() {
     let cell = cell();
     let text = rendered(&program(&cell), &cell, Dialect::Fanuc, &params()).expect("renders").remove(0);
     let remarks = text.lines().filter_map(|line| Some(line.split_once('!')?.1.trim_end_matches(" ;").trim()));
     let head = remarks.collect::<Vec<_>>().join(" ");
-    assert!(head.contains("No UFRAME or UTOOL is selected: all positions are in joints."), "{text}");
+    let frames = "Positions are in joints, of UFRAME 0 and UTOOL 1: select these in both groups first. None is selected here";
+    assert!(head.contains(frames), "{text}");
+    assert!(!text.contains("UFRAME_NUM") && !text.contains("UTOOL_NUM"), "{text}");
+    let work = Dialect::Fanuc.before_first_run().expect("work");
+    assert!(work.starts_with("select user frame 0 and tool frame 1 in both motion groups"), "{work}");
 }
 
 #[test]

@@ -4,16 +4,19 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::{
-    Objection, Safeguards, WORKSPACE_MARGIN_MM, Workspace, outside_workspace, to_run, to_start, to_target, unfit, watched_mm,
-    workspace_pieces,
+    Objection, RunJob, Safeguards, WORKSPACE_MARGIN_MM, Workspace, outside_workspace, to_run, to_start, to_target, unfit,
+    watched_mm, workspace_pieces,
 };
 use crate::cell::{
-    CalibrationObjection, CalibrationProvenance, Cell, CompensationProvenance, Configuration, PoseSpec, UseConditions,
+    CalibrationObjection, CalibrationProvenance, Cell, CollisionScene, CompensationProvenance, Configuration, PoseSpec,
+    UseConditions,
 };
 use crate::execution::device::{ArmState, Condition, FaultCode, TableState};
 use crate::execution::profile::segment;
 use crate::execution::session::{DeviceRole, MachineState, RunState, StopCause};
-use crate::execution::tests::rehearsal::{job, planned};
+use crate::execution::tests::rehearsal::{hashes, job, planned};
+use crate::program::Fault;
+use crate::testing::box_mesh;
 
 const MAX_AGE: Duration = Duration::from_millis(100);
 
@@ -57,6 +60,16 @@ async fn each_condition_of_each_device_forbids_motion() {
     assert_eq!(unfit(&off, RunState::Ready, Instant::now(), MAX_AGE), None);
     let held = state(Condition { paused: true, ..Condition::READY }, Condition::READY);
     assert_eq!(unfit(&held, RunState::Paused, Instant::now(), MAX_AGE), None);
+}
+
+#[test]
+fn a_run_is_refused_where_the_part_stands_in_the_housing_of_the_table() {
+    let (cell, expected) = (&planned().cell, &planned().expected);
+    let sunk = box_mesh([-50.0, -50.0, -60.0], [50.0, 50.0, 100.0]);
+    let scene = CollisionScene::new(cell, &sunk, None, &expected.table_from_part, 5.0);
+    let job = RunJob::new(planned().program.clone(), cell.clone(), &scene, Some(expected), [hashes(), hashes()]);
+    let Err(findings) = job else { panic!("taken for sound") };
+    assert!(matches!(findings[..], [ref one] if matches!(one.fault, Fault::Placement { .. })), "{findings:?}");
 }
 
 #[test]
