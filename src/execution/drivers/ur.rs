@@ -210,6 +210,8 @@ impl UniversalRobots {
             })?
             .map_err(refused)?;
         stream.set_nodelay(true).map_err(refused)?;
+        // A move that the network holds up would arrive after the program was given up, and be carried out.
+        stream.set_zero_linger().map_err(refused)?;
         script.close().await;
         Ok(self.wiring.connection(Box::new(stream)))
     }
@@ -324,7 +326,7 @@ fn condition(state: &RtdeState) -> Condition {
     let moving = state.speeds_rad_s.iter().any(|speed| speed.abs() > REST_RAD_S);
     Condition {
         powered: state.is_powered(),
-        brakes_open: state.is_powered(),
+        brakes_open: state.are_brakes_open(),
         moving,
         in_position: !moving,
         emergency_stop: state.is_emergency_stopped(),
@@ -341,6 +343,9 @@ fn hindrance(state: &RtdeState) -> Option<&'static str> {
     }
     if state.is_emergency_stopped() || state.is_guard_stopped() || state.fault_bit().is_some() {
         return Some("its safety system has stopped it; clear that at the controller");
+    }
+    if !state.are_brakes_open() {
+        return Some("its brakes are closed; release them at the controller");
     }
     if state.is_paused() {
         return Some("its program is paused at the controller; let it go on or stop it there");

@@ -90,8 +90,8 @@ pub struct StateAnswers {
 
 /// A machine that can be read.
 pub trait Watch: Send {
-    /// Connects to both.
-    fn connect(&mut self) -> impl Future<Output = Result<Identities, MachineError>> + Send;
+    /// Connects to both, each within that time.
+    fn connect(&mut self, within: Duration) -> impl Future<Output = Result<Identities, MachineError>> + Send;
 
     /// Reads fresh states of both, each within that time and for itself.
     fn states(&mut self, within: Duration) -> impl Future<Output = StateAnswers> + Send;
@@ -107,14 +107,14 @@ pub trait Watch: Send {
 
 /// A machine that can be moved.
 pub trait Drive: Watch {
-    /// Takes the right to move both; the first to have it is kept alive until the other does.
-    fn arm(&mut self, watchdog: Duration) -> impl Future<Output = Result<(), MachineError>> + Send;
+    /// Takes the right to move both, each within that time; the first to have it is kept alive until the other does.
+    fn arm(&mut self, watchdog: Duration, within: Duration) -> impl Future<Output = Result<(), MachineError>> + Send;
 
-    /// Starts those that the target moves; the first to have accepted it is kept alive until the other has.
-    fn start(&mut self, target: &Target<7>) -> impl Future<Output = Result<(), MachineError>> + Send;
+    /// Starts those that the target moves, each within that time; the first to accept it is kept alive until the other has.
+    fn start(&mut self, target: &Target<7>, within: Duration) -> impl Future<Output = Result<(), MachineError>> + Send;
 
-    /// Feeds the watchdogs.
-    fn keep_alive(&mut self) -> impl Future<Output = Result<(), MachineError>> + Send;
+    /// Feeds the watchdogs, each within that time.
+    fn keep_alive(&mut self, within: Duration) -> impl Future<Output = Result<(), MachineError>> + Send;
 
     /// Reads fresh states of both as [`Watch::states`] does, and feeds the watchdogs of those that answer; the first to have answered is
     /// kept alive until the other has.
@@ -147,8 +147,8 @@ pub struct Pair<A, T> {
 pub struct Joined<D>(pub D);
 
 impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for Pair<A, T> {
-    async fn connect(&mut self) -> Result<Identities, MachineError> {
-        let (arm, table) = tokio::join!(self.arm.connect(), self.table.connect());
+    async fn connect(&mut self, within: Duration) -> Result<Identities, MachineError> {
+        let (arm, table) = tokio::join!(in_time(within, self.arm.connect()), in_time(within, self.table.connect()));
         both(arm, table).map(|(arm, table)| Identities { arm, table })
     }
 
@@ -159,41 +159,41 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for Pair<A, T> {
 }
 
 impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
-    async fn arm(&mut self, watchdog: Duration) -> Result<(), MachineError> {
-        let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+    async fn arm(&mut self, watchdog: Duration, within: Duration) -> Result<(), MachineError> {
+        let (arm_is_done, table_is_done, deadline) = (Notify::new(), Notify::new(), Instant::now() + within);
         let arm = async {
-            let armed = self.arm.arm(watchdog).await;
-            await_partner(&mut self.arm, &arm_is_done, &table_is_done).await;
+            let armed = in_time(within, self.arm.arm(watchdog)).await;
+            let _ = timeout_at(deadline, await_partner(&mut self.arm, &arm_is_done, &table_is_done)).await;
             armed
         };
         let table = async {
-            let armed = self.table.arm(watchdog).await;
-            await_partner(&mut self.table, &table_is_done, &arm_is_done).await;
+            let armed = in_time(within, self.table.arm(watchdog)).await;
+            let _ = timeout_at(deadline, await_partner(&mut self.table, &table_is_done, &arm_is_done)).await;
             armed
         };
         let (arm, table) = tokio::join!(arm, table);
         both(arm, table).map(|_| ())
     }
 
-    async fn start(&mut self, target: &Target<7>) -> Result<(), MachineError> {
+    async fn start(&mut self, target: &Target<7>, within: Duration) -> Result<(), MachineError> {
         let (arm, table) = halves(target);
-        let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+        let (arm_is_done, table_is_done, deadline) = (Notify::new(), Notify::new(), Instant::now() + within);
         let start_arm = async {
-            let started = if is_motion(&arm) { self.arm.start(&arm).await } else { Ok(()) };
-            await_partner(&mut self.arm, &arm_is_done, &table_is_done).await;
+            let started = if is_motion(&arm) { in_time(within, self.arm.start(&arm)).await } else { Ok(()) };
+            let _ = timeout_at(deadline, await_partner(&mut self.arm, &arm_is_done, &table_is_done)).await;
             started
         };
         let start_table = async {
-            let started = if is_motion(&table) { self.table.start(&table).await } else { Ok(()) };
-            await_partner(&mut self.table, &table_is_done, &arm_is_done).await;
+            let started = if is_motion(&table) { in_time(within, self.table.start(&table)).await } else { Ok(()) };
+            let _ = timeout_at(deadline, await_partner(&mut self.table, &table_is_done, &arm_is_done)).await;
             started
         };
         let (arm, table) = tokio::join!(start_arm, start_table);
         both(arm, table).map(|_| ())
     }
 
-    async fn keep_alive(&mut self) -> Result<(), MachineError> {
-        let (arm, table) = tokio::join!(self.arm.keep_alive(), self.table.keep_alive());
+    async fn keep_alive(&mut self, within: Duration) -> Result<(), MachineError> {
+        let (arm, table) = tokio::join!(in_time(within, self.arm.keep_alive()), in_time(within, self.table.keep_alive()));
         both(arm, table).map(|_| ())
     }
 
@@ -234,8 +234,8 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
 }
 
 impl<D: MotionDevice<7>> Watch for Joined<D> {
-    async fn connect(&mut self) -> Result<Identities, MachineError> {
-        let identity = self.0.connect().await.map_err(of_arm)?;
+    async fn connect(&mut self, within: Duration) -> Result<Identities, MachineError> {
+        let identity = in_time(within, self.0.connect()).await.map_err(of_arm)?;
         Ok(Identities { arm: identity.clone(), table: identity })
     }
 
@@ -246,16 +246,16 @@ impl<D: MotionDevice<7>> Watch for Joined<D> {
 }
 
 impl<D: MotionDevice<7>> Drive for Joined<D> {
-    async fn arm(&mut self, watchdog: Duration) -> Result<(), MachineError> {
-        self.0.arm(watchdog).await.map_err(of_arm)
+    async fn arm(&mut self, watchdog: Duration, within: Duration) -> Result<(), MachineError> {
+        in_time(within, self.0.arm(watchdog)).await.map_err(of_arm)
     }
 
-    async fn start(&mut self, target: &Target<7>) -> Result<(), MachineError> {
-        self.0.start(target).await.map_err(of_arm)
+    async fn start(&mut self, target: &Target<7>, within: Duration) -> Result<(), MachineError> {
+        in_time(within, self.0.start(target)).await.map_err(of_arm)
     }
 
-    async fn keep_alive(&mut self) -> Result<(), MachineError> {
-        self.0.keep_alive().await.map_err(of_arm)
+    async fn keep_alive(&mut self, within: Duration) -> Result<(), MachineError> {
+        in_time(within, self.0.keep_alive()).await.map_err(of_arm)
     }
 
     async fn states_fed(&mut self, within: Duration) -> StateAnswers {
@@ -311,8 +311,8 @@ impl<D> ObservedJoined<D> {
 }
 
 impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for ObservedPair<A, T> {
-    async fn connect(&mut self) -> Result<Identities, MachineError> {
-        let (arm, table) = tokio::join!(self.arm.connect(), self.table.connect());
+    async fn connect(&mut self, within: Duration) -> Result<Identities, MachineError> {
+        let (arm, table) = tokio::join!(in_time(within, self.arm.connect()), in_time(within, self.table.connect()));
         both(arm, table).map(|(arm, table)| Identities { arm, table })
     }
 
@@ -323,8 +323,8 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for ObservedPair<A, T> {
 }
 
 impl<D: MotionDevice<7>> Watch for ObservedJoined<D> {
-    async fn connect(&mut self) -> Result<Identities, MachineError> {
-        let identity = self.0.connect().await.map_err(of_arm)?;
+    async fn connect(&mut self, within: Duration) -> Result<Identities, MachineError> {
+        let identity = in_time(within, self.0.connect()).await.map_err(of_arm)?;
         Ok(Identities { arm: identity.clone(), table: identity })
     }
 

@@ -13,7 +13,7 @@ use super::cause::{DeviceRole, PauseCause, StopCause};
 use super::gate::{self, Objection, RunJob};
 use super::handle::{Control, Halt, StopRequest};
 use super::live::Live;
-use super::machine::{Drive, Identities, MachineError, Watch};
+use super::machine::{Drive, Identities, Watch};
 use super::state::RunEvent;
 use super::steps::Done;
 use super::watcher::{Watcher, of_machine};
@@ -160,8 +160,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let (watchdog, within) = (self.options.safeguards.watchdog, self.options.safeguards.arm_timeout);
         let heartbeat = self.options.safeguards.heartbeat_timeout;
         let Watcher { machine, control, .. } = &mut self.watcher;
-        let armed = control.guard_motion(heartbeat, timeout(within, machine.arm(watchdog))).await?;
-        armed.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))
+        let armed = control.guard_motion(heartbeat, machine.arm(watchdog, within)).await?;
+        armed.map_err(|error| of_machine(error, Duration::ZERO))
     }
 
     /// Waits for a client to go on; stops where it takes too long.
@@ -364,16 +364,12 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
 pub(super) async fn connect<M: Watch>(watcher: &mut Watcher<M>, within: Duration) -> Result<Identities, Halt> {
     let Watcher { machine, control, .. } = watcher;
-    let connected = control.guard(timeout(within, machine.connect())).await?;
-    connected.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))
+    let connected = control.guard(machine.connect(within)).await?;
+    connected.map_err(|error| of_machine(error, Duration::ZERO))
 }
 
 pub(super) fn refuse(objections: Vec<Objection>) -> Result<(), Halt> {
     if objections.is_empty() { Ok(()) } else { Err(Halt::stop(StopCause::Objections(objections))) }
-}
-
-pub(super) fn silent(waited: Duration) -> MachineError {
-    MachineError { device: DeviceRole::Arm, error: DeviceError::Silent { waited } }
 }
 
 pub(super) fn internal(error: &tokio::task::JoinError) -> Halt {

@@ -5,8 +5,9 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::{
-    Authority, CommandError, DeviceRole, Drive, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair,
-    PauseCause, RunHandle, RunOptions, RunReason, RunState, Safeguards, StopCause, dry_run, live, simulate, simulate_with,
+    Authority, CommandError, DeviceRole, Drive, Fence, Hashes, Lease, LeaseError, Leases, MachineError, Mode, Objection,
+    ObservedPair, Pair, PauseCause, RunHandle, RunOptions, RunReason, RunState, Safeguards, StopCause, Watch, dry_run, live,
+    simulate, simulate_with,
 };
 use crate::cell::{AbbEgmSpec, Configuration};
 use crate::execution::audit::tests::log_on_full_disk;
@@ -262,7 +263,7 @@ async fn a_device_is_fed_while_its_partner_takes_its_time_to_stop_and_to_be_read
     const LATE: Duration = Duration::from_millis(400);
     let watchdog = Safeguards::default().watchdog;
     let (mut machine, _, access) = twins();
-    Drive::arm(&mut machine, watchdog).await.expect("armed");
+    Drive::arm(&mut machine, watchdog, STOP_ATTEMPT).await.expect("armed");
     access.arm.plant(Some(Planted::Late(LATE)));
     let enough = LATE.as_millis() as u64 / (watchdog.as_millis() as u64 / 4);
     let fed_before = access.table.asked().keep_alives;
@@ -277,9 +278,31 @@ async fn a_device_is_fed_while_its_partner_takes_its_time_to_stop_and_to_be_read
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_request_that_is_not_answered_names_the_device_that_is_silent() {
+    const WITHIN: Duration = Duration::from_millis(100);
+    let watchdog = Safeguards::default().watchdog;
+    let numbers = [0.1; 7];
+    let target = Target {
+        sequence: 1,
+        positions_rad: numbers,
+        max_speed_rad_s: numbers,
+        max_acceleration_rad_s2: numbers,
+        duration: Duration::from_secs(1),
+    };
+    let (mut machine, _, access) = twins();
+    access.table.plant(Some(Planted::Silent));
+    let silent: Result<(), MachineError> =
+        Err(MachineError { device: DeviceRole::Table, error: DeviceError::Silent { waited: WITHIN } });
+    assert_eq!(Watch::connect(&mut machine, WITHIN).await.map(|_| ()), silent);
+    assert_eq!(Drive::arm(&mut machine, watchdog, WITHIN).await, silent);
+    assert_eq!(Drive::start(&mut machine, &target, WITHIN).await, silent);
+    assert_eq!(Drive::keep_alive(&mut machine, WITHIN).await, silent);
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_device_that_is_slow_to_feed_does_not_lengthen_a_stop() {
     let (mut machine, _, access) = twins();
-    Drive::arm(&mut machine, Safeguards::default().watchdog).await.expect("armed");
+    Drive::arm(&mut machine, Safeguards::default().watchdog, STOP_ATTEMPT).await.expect("armed");
     access.arm.plant(Some(Planted::Late(Duration::from_millis(300))));
     access.table.plant(Some(Planted::Silent));
     let asked = Instant::now();

@@ -192,9 +192,8 @@ impl<M: Drive> Watcher<M> {
         }
         self.fed = Instant::now();
         let within = self.safeguards.state_max_age;
-        let fed = self.control.guard(tokio::time::timeout(within, self.machine.keep_alive())).await?;
-        let silent = |_| Err(MachineError { device: DeviceRole::Arm, error: DeviceError::Silent { waited: within } });
-        fed.unwrap_or_else(silent).map_err(|error| of_machine(error, within))
+        let fed = self.control.guard(self.machine.keep_alive(within)).await?;
+        fed.map_err(|error| of_machine(error, within))
     }
 }
 

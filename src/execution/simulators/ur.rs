@@ -14,7 +14,7 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::execution::device::Target;
 use crate::execution::drivers::set_points::SetPoints;
 use crate::execution::protocol::ur::UrCommand;
-use crate::execution::protocol::ur::rtde::{RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
+use crate::execution::protocol::ur::rtde::{MODE_RUNNING, RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
 
 /// Version that it says it has.
 const VERSION: [u32; 4] = [5, 11, 0, 108];
@@ -49,6 +49,8 @@ pub struct UrCell {
     pub is_link_dead: bool,
     /// Bits of the safety system.
     pub safety_bits: u32,
+    /// Mode of the robot: 5 with power and closed brakes, 7 when they are released.
+    pub mode: i32,
     /// Times that the program stopped because no command came.
     pub starved: u32,
     /// Largest step of a joint between set points, radians.
@@ -159,7 +161,7 @@ fn variable(name: &str, state: &RtdeState) -> (&'static str, Vec<u8>) {
         "runtime_state" => word(state.runtime),
         "robot_status_bits" => word(state.robot_bits),
         "safety_status_bits" => word(state.safety_bits),
-        "robot_mode" => ("INT32", 7_i32.to_be_bytes().to_vec()),
+        "robot_mode" => ("INT32", state.mode.to_be_bytes().to_vec()),
         "safety_mode" | "safety_status" => ("INT32", 1_i32.to_be_bytes().to_vec()),
         _ => ("NOT_FOUND", Vec::new()),
     }
@@ -257,6 +259,7 @@ impl UrCell {
             is_paused: false,
             is_link_dead: false,
             safety_bits: NORMAL_BIT,
+            mode: MODE_RUNNING,
             starved: 0,
             max_step_rad: 0.0,
         }
@@ -313,6 +316,7 @@ impl UrCell {
             },
             robot_bits: POWER_BIT | program,
             safety_bits: self.safety_bits,
+            mode: self.mode,
         };
         recipe.iter().flat_map(|name| variable(name, &state).1).collect()
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, UdpSocket};
+use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::time::advance;
 
 use super::*;
@@ -287,6 +287,36 @@ async fn a_stop_does_not_wait_for_a_program_that_is_still_to_connect() {
     timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("acknowledged");
     let start = arm.state().await.expect("a state").positions_rad;
     assert!(matches!(arm.start(&target(1, start, Duration::from_secs(1))).await, Err(DeviceError::NotReady { .. })));
+}
+
+/// A move that waits for the network would be carried out after its program was given up: the connection is reset.
+#[tokio::test]
+async fn what_the_network_has_not_taken_is_not_sent_to_a_program_that_is_given_up() {
+    let controller = UrController::bind("127.0.0.1:0", "127.0.0.1:0", [0.0; 6]).await.expect("ports");
+    let (rtde, _) = controller.addresses().expect("addresses");
+    tokio::spawn(controller.serve());
+    let script = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let script_address = script.local_addr().expect("an address").to_string();
+    let program = tokio::spawn(async move {
+        let (mut stream, _) = script.accept().await.expect("a client");
+        let mut text = Vec::new();
+        while !text.ends_with(b"\nend\n") {
+            assert!(stream.read_buf(&mut text).await.expect("read") > 0, "the whole program");
+        }
+        let text = String::from_utf8(text).expect("text");
+        let (_, rest) = text.split_once("socket_open(\"127.0.0.1\", ").expect("an address");
+        let port: u16 = rest.split(',').next().expect("a port").parse().expect("a number");
+        let mut reverse = TcpStream::connect(("127.0.0.1", port)).await.expect("connected back");
+        let mut commands = Vec::new();
+        reverse.read_to_end(&mut commands).await.map_err(|error| error.kind())
+    });
+    let spec = ur_spec(rtde.to_string(), script_address, UrMotion::Servoj);
+    let mut arm = UniversalRobots::arm(&spec, Wiring::over_tcp("arm", Arc::new(())));
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    drop(arm);
+    let ended = timeout(Duration::from_secs(5), program).await.expect("it ends").expect("no panic");
+    assert_eq!(ended, Err(std::io::ErrorKind::ConnectionReset));
 }
 
 /// Greets a client of RTDE, and has so many states for it at once, behind some bytes; in each the joints stand a milliradian further.
@@ -575,6 +605,19 @@ async fn a_safety_stop_of_the_arm_disarms_it() {
     assert!(state.condition.emergency_stop);
     assert!(arm.start(&target(1, state.positions_rad, Duration::from_secs(1))).await.is_err());
     assert!(matches!(arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })));
+}
+
+#[tokio::test]
+async fn an_arm_with_power_and_closed_brakes_is_told_as_such_and_not_armed() {
+    const IDLE: i32 = 5;
+    let (mut arm, cell) = ur(UrMotion::Servoj).await;
+    arm.connect().await.expect("connected");
+    cell.lock().expect("a cell").mode = IDLE;
+    sleep(Duration::from_millis(100)).await;
+    let condition = arm.state().await.expect("a state").condition;
+    assert!(condition.powered && !condition.brakes_open, "{condition:?}");
+    let refused = arm.arm(WATCHDOG).await.expect_err("its brakes are closed").to_string();
+    assert!(refused.contains("its brakes are closed"), "{refused}");
 }
 
 #[tokio::test]

@@ -9,16 +9,19 @@ pub const VERSION: u16 = 2;
 /// Bytes before a body.
 const HEADER_BYTES: usize = 3;
 /// Variables that are asked for, with their types, in the order of [`RtdeState`].
-pub const OUTPUTS: [(&str, &str); 6] = [
+pub const OUTPUTS: [(&str, &str); 7] = [
     ("timestamp", "DOUBLE"),
     ("actual_q", "VECTOR6D"),
     ("actual_qd", "VECTOR6D"),
     ("runtime_state", "UINT32"),
     ("robot_status_bits", "UINT32"),
     ("safety_status_bits", "UINT32"),
+    ("robot_mode", "INT32"),
 ];
 /// Bytes of [`RtdeState`] in a frame, without the number of the recipe.
-const STATE_BYTES: usize = 8 + 48 + 48 + 3 * 4;
+const STATE_BYTES: usize = 8 + 48 + 48 + 4 * 4;
+/// `ROBOT_MODE_RUNNING`: the brakes are released. In the modes below it the arm is off, or on behind closed brakes.
+pub const MODE_RUNNING: i32 = 7;
 
 /// A frame: its type and its body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,6 +137,8 @@ pub struct RtdeState {
     /// Bits: normal, reduced, protective stop, recovery, safeguard stop, system, robot or any emergency stop, violation, fault,
     /// stopped due to safety.
     pub safety_bits: u32,
+    /// Mode of the robot; [`MODE_RUNNING`] is the one in which it can be moved.
+    pub mode: i32,
 }
 
 impl RtdeRequest {
@@ -239,6 +244,7 @@ impl RtdeState {
             runtime: body.word()?,
             robot_bits: body.word()?,
             safety_bits: body.word()?,
+            mode: body.take().map(i32::from_be_bytes)?,
         };
         let is_finite = state.joints_rad.iter().chain(&state.speeds_rad_s).all(|value| value.is_finite());
         if is_finite { Ok(state) } else { Err(malformed("joints that are no numbers")) }
@@ -248,7 +254,7 @@ impl RtdeState {
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let doubles = [self.timestamp_secs].into_iter().chain(self.joints_rad).chain(self.speeds_rad_s);
-        let words = [self.runtime, self.robot_bits, self.safety_bits];
+        let words = [self.runtime, self.robot_bits, self.safety_bits, self.mode.cast_unsigned()];
         doubles.flat_map(f64::to_be_bytes).chain(words.into_iter().flat_map(u32::to_be_bytes)).collect()
     }
 
@@ -256,6 +262,12 @@ impl RtdeState {
     #[must_use]
     pub fn is_powered(&self) -> bool {
         self.robot_bits & 1 != 0
+    }
+
+    /// The brakes are released: an arm that is switched on alone has power and stands behind closed brakes.
+    #[must_use]
+    pub fn are_brakes_open(&self) -> bool {
+        self.mode == MODE_RUNNING
     }
 
     /// A program runs.

@@ -28,6 +28,7 @@ fn state() -> RtdeState {
         runtime: 2,
         robot_bits: 0b11,
         safety_bits: 0b1,
+        mode: 7,
     }
 }
 
@@ -55,7 +56,7 @@ fn replies_of_the_guide_are_read() {
     assert_eq!(reply(&outputs.encode()), Ok(outputs));
     assert_eq!(reply(b"\0\x0dM\x03Hi!\x04RTDE\x02"), Ok(RtdeReply::Text("Hi!".to_owned())));
     let data = RtdeReply::Data { recipe: 1, values: state().encode() };
-    assert_eq!(data.encode().len(), 3 + 1 + 8 + 48 + 48 + 12);
+    assert_eq!(data.encode().len(), 3 + 1 + 8 + 48 + 48 + 16);
     assert_eq!(RtdeState::decode(&state().encode()), Ok(state()));
     assert!(RtdeState::decode(&state().encode()[1..]).is_err());
     assert!(RtdeState::decode(&RtdeState { joints_rad: [f64::NAN; 6], ..state() }.encode()).is_err());
@@ -74,6 +75,8 @@ fn bits_tell_the_condition() {
     let safety = |bit: u32| RtdeState { safety_bits: 1 << bit, ..state() };
     assert!([5, 6, 7].into_iter().all(|bit| safety(bit).is_emergency_stopped()) && !safety(4).is_emergency_stopped());
     assert!(safety(4).is_guard_stopped() && safety(2).fault_bit() == Some(2) && safety(0).fault_bit().is_none());
+    // Power alone, and brakes that one joint is moved against by hand: neither is an arm that can be led.
+    assert!([5, 6].into_iter().all(|mode| !RtdeState { mode, ..state() }.are_brakes_open()) && state().are_brakes_open());
     assert!(state().is_powered() && state().is_program_running() && !state().is_hand_guided() && !state().is_paused());
 }
 
