@@ -8,17 +8,17 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cell::Separation;
 use crate::geometry::Pose;
-use crate::planning::params::{Objective, PlanParams, SelectionGoal, Solver};
-use crate::planning::plan::{Cause, Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
+use crate::planning::params::{Corners, Objective, PlanParams, SelectionGoal, Solver};
+use crate::planning::plan::{Bound, Cause, Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument};
 use crate::wire::summary::Summary;
 use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, first_lie, fix_sentence, fixed,
-    fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below, pose_error_sizes, region_verdict,
-    risk_meaning, treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, bounded_moves, changed_params, counted, first_lie,
+    fix_sentence, fixed, fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below,
+    pose_error_sizes, region_verdict, risk_meaning, treated_spots,
 };
 
 /// Meaning of the asked surface in a plan of further views.
@@ -74,9 +74,9 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[Fiel
     write_setups(out, plan)?;
     write_links(out, plan)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
-    write_bound(out, plan)?;
+    write_bound(out, &plan.bound, &plan.params)?;
     write_views(out, plan)?;
-    plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
+    plan.sequences().try_for_each(|sequence| write_sequence(out, sequence, plan.params.motion.corners))?;
     write_obstructions(out, &plan.obstructions)?;
     write_advice(out, plan, warnings)?;
     write_missed(out, plan, warnings)
@@ -292,9 +292,12 @@ pub(super) fn holds_grades(params: &PlanParams) -> bool {
     is_asked && selection.objective == Objective::Score && params.score.b > 0.0 && selection.goal != SelectionGoal::BestCoverage
 }
 
-fn write_bound(out: &mut String, plan: &Plan) -> fmt::Result {
-    let (bound, grades) = (&plan.bound, if holds_grades(&plan.params) { " at these grades" } else { "" });
-    writeln!(out, "bound: at least {} needed{grades}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+/// Writes the bounds; that of the number of views is left out where none was computed, as of further views.
+fn write_bound(out: &mut String, bound: &Bound, params: &PlanParams) -> fmt::Result {
+    if bound.views_lower > 0 {
+        let grades = if holds_grades(params) { " at these grades" } else { "" };
+        writeln!(out, "bound: at least {} needed{grades}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+    }
     if let (Some(upper), Some(gap)) = (bound.of_asked_upper, bound.gap_of_asked) {
         writeln!(out, "bound: up to {} % of asked, gap {} percentage points", percent(upper), percent(gap))?;
     }
@@ -319,7 +322,7 @@ fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
     Ok(())
 }
 
-fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
+fn write_sequence(out: &mut String, sequence: &Sequence, corners: Corners) -> fmt::Result {
     if sequence.visits.is_empty() {
         return writeln!(out, "\nsequence: none, because no view is executed");
     }
@@ -331,11 +334,11 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     writeln!(out, "  the table turns for {} s of this", fixed(sequence.turning_secs(), 1))?;
     let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.lower_bound_secs].map(|secs| fixed(secs, 1));
     let [moving, ordered, lower_bound] = secs;
-    let straight = fixed(sequence.moving_lower_secs, 1);
+    let (lower, moves) = (fixed(sequence.moving_lower_secs, 1), bounded_moves(corners));
     writeln!(out, "  {moving} s of motion in total, after stations were shifted in table angle and roll")?;
     let claim = order_claim(sequence.motion_secs(), sequence.moving_lower_secs);
     let claim = claim.map_or_else(String::new, |claim| format!(": {claim}"));
-    writeln!(out, "  lower bound {straight} s for these stations in any order, with straight moves{claim}")?;
+    writeln!(out, "  lower bound {lower} s for these stations in any order, {moves}{claim}")?;
     writeln!(out, "  before that shift: {ordered} s; lower bound {lower_bound} s over the stations and moves considered")
 }
 
@@ -572,7 +575,7 @@ mod tests {
         let return_home = Leg { via_rad: Vec::new(), target, duration_secs: 0.0, passed_within_rad: None, turning_secs: 0.0 };
         let none = Sequence { visits: Vec::new(), return_home, ordered_secs: 0.0, lower_bound_secs: 0.0, moving_lower_secs: 0.0 };
         let mut out = String::new();
-        write_sequence(&mut out, &none).expect("a String takes all");
+        write_sequence(&mut out, &none, Corners::Stop).expect("a String takes all");
         assert_eq!(out, "\nsequence: none, because no view is executed\n");
     }
 
@@ -633,6 +636,19 @@ mod tests {
         assert_eq!(sizes(1.0, 100.0), ["1", "100"]);
         assert_eq!(sizes(0.004_691_357_8, 0.063_245_553_2), ["0.00469", "0.0632"]);
         assert_eq!(sizes(0.0, 12.345), ["0", "12.3"]);
+    }
+
+    /// "at least 0 views needed, gap 4" was told of further views, whose bound is not computed.
+    #[test]
+    fn a_bound_of_views_that_was_not_computed_is_not_told() {
+        let told = |bound: Bound| {
+            let mut out = String::new();
+            write_bound(&mut out, &bound, &PlanParams::default()).expect("a String takes all");
+            out
+        };
+        assert_eq!(told(Bound { gap: 4, ..Bound::default() }), "");
+        let computed = told(Bound { views_lower: 3, gap: 1, ..Bound::default() });
+        assert!(computed.starts_with("bound: at least 3 views needed") && computed.ends_with(", gap 1\n"), "{computed}");
     }
 
     #[test]

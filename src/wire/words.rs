@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::context::NoPlan;
-use crate::planning::params::{PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
+use crate::planning::params::{Corners, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
 use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
@@ -404,6 +404,14 @@ pub(crate) fn order_claim(moving_secs: f64, lower_secs: f64) -> Option<String> {
         let percent = fixed((1000.0 * gap - SUM_SLACK).ceil() / 10.0, 1);
         format!("moving time within {percent} % of its lower bound")
     })
+}
+
+/// Moves that the lower bound over all orders of a tour's stations assumes.
+pub(crate) fn bounded_moves(corners: Corners) -> &'static str {
+    match corners {
+        Corners::Stop => "with straight moves",
+        Corners::Round => "with each move as long as its slowest axis takes",
+    }
 }
 
 /// Two shares as percentages, without the sign: with one decimal, and with as many more, at most six, as tell them apart.

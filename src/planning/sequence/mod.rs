@@ -26,6 +26,7 @@ mod station_graph;
 mod tour;
 
 use self::lazy_edge_costs::LazyEdgeCosts;
+use self::moves::least_secs;
 pub use self::moves::straight_secs;
 use self::refine::Tour;
 pub use self::refine::{InSight, StopPermits};
@@ -72,8 +73,9 @@ pub struct Sequence {
     pub ordered_secs: f64,
     /// Lower bound of `ordered_secs` over all tours of the stations and moves that were considered. Zero until [`bounded`].
     pub lower_bound_secs: f64,
-    /// Lower bound of the time of all moves through these stations in any order, if every move were straight. Zero until
-    /// [`bounded_as_moved`].
+    /// Lower bound of the time of all moves through these stations in any order: of straight moves, or, where corners are
+    /// passed without
+    /// stopping, of moves that each take as long as their slowest axis alone. Zero until [`bounded_as_moved`].
     pub moving_lower_secs: f64,
 }
 
@@ -115,7 +117,8 @@ impl Sequence {
     }
 }
 
-/// Time of moves above its lower bound, as a share of the bound: zero where both are equal within rounding, 0.005 s or 0.01 %; `None`
+/// Time of moves above its lower bound, as a share of the bound: zero where both are equal within rounding, 0.005 s or 0.01 %;
+/// `None`
 /// without a bound.
 #[must_use]
 pub fn bound_gap(moving_secs: f64, lower_secs: f64) -> Option<f64> {
@@ -128,7 +131,8 @@ pub fn bound_gap(moving_secs: f64, lower_secs: f64) -> Option<f64> {
 /// to twelve views the tour is the shortest over the moves this stage knows, beyond that it comes with a bound. Runs on the
 /// caller's rayon pool; the result does not depend on the number of threads.
 ///
-/// `roadmaps` are of cells that were planned for before. With `require_all`, a view without a path ends the search at once with an empty sequence: for callers who rather choose other
+/// `roadmaps` are of cells that were planned for before. With `require_all`, a view without a path ends the search at once with
+/// an empty sequence: for callers who rather choose other
 /// views than leave some out.
 ///
 /// # Errors
@@ -146,7 +150,8 @@ pub fn order(
     order_in_sight(stations, cell, scene, params, &options, ctx)
 }
 
-/// Finds a free path between the first and the last of `points`, and returns the points between them: these where the way along them
+/// Finds a free path between the first and the last of `points`, and returns the points between them: these where the way along
+/// them
 /// is free; `None` where none is found. Takes up to some seconds, on one thread.
 ///
 /// # Errors
@@ -221,7 +226,7 @@ pub fn bounded(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Con
 pub fn bounded_as_moved(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
     let (axes, stops) = (cell.axes(), &ordered.tour.stops);
     let at = |node: usize| stops.get(node).map_or(cell.home_rad, |(_, configuration)| *configuration);
-    let costs = tour::Costs::new(stops.len(), |a, b| straight_secs(&axes, &at(a), &at(b), &params.motion));
+    let costs = tour::Costs::new(stops.len(), |a, b| least_secs(&axes, &at(a), &at(b), &params.motion));
     let groups: Vec<_> = (0..stops.len()).map(|node| node..node + 1).collect();
     // Where tours are exact, the bound is the time of the shortest.
     let known: Vec<usize> = if groups.len() <= tour::EXACT_GROUPS {

@@ -29,6 +29,24 @@ pub fn straight_secs(axes: &Axes, from: &Configuration, to: &Configuration, moti
     }
 }
 
+/// Lower bound of the seconds of any move from rest to rest along points that may be passed without stopping: the time of the
+/// axis that
+/// takes longest on its own. The straight move is none, for all axes share one trapezoid there, whose speed one axis may limit
+/// and whose
+/// acceleration another. Where every point is a stop, the straight move is the quickest.
+pub(super) fn least_secs(axes: &Axes, from: &Configuration, to: &Configuration, motion: &MotionParams) -> f64 {
+    if motion.corners == Corners::Stop {
+        return straight_secs(axes, from, to, motion);
+    }
+    let at_rest = Configuration::from_axes_rad([0.0; 7]);
+    let alone_secs = |(axis, travel_rad): (usize, f64)| {
+        let mut travels_rad = [0.0; 7];
+        travels_rad[axis] = travel_rad;
+        axes.move_secs(&at_rest, &Configuration::from_axes_rad(travels_rad), motion.speed_fraction)
+    };
+    from.travel_rad(to).into_iter().enumerate().map(alone_secs).fold(0.0, f64::max)
+}
+
 /// Configuration with the arm as in `from` and the table as in `to`.
 fn turned(from: &Configuration, to: &Configuration) -> Configuration {
     Configuration { table_rad: to.table_rad, ..*from }

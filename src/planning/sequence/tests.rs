@@ -2,10 +2,11 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
+use super::moves::{least_secs, straight_secs};
 use super::station_graph::connect_through_others;
-use super::{Configuration, Leg, OrderOptions, Ordered, bounded, order, order_in_sight};
+use super::{Configuration, Leg, OrderOptions, Ordered, bounded, bounded_as_moved, order, order_in_sight};
 use crate::cell::time_parameterisation::SmoothPath;
-use crate::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
+use crate::cell::{Axes, Axis, BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
 use crate::planning::params::{Corners, PlanParams, TableMotion};
@@ -216,6 +217,51 @@ fn an_obstacle_in_the_straight_way_is_gone_around() {
     assert!(rounded.sequence.visits[1].1.passed_within_rad.is_some(), "its corners are passed without stopping");
     assert!(rounded.sequence.motion_secs() < ordered.sequence.motion_secs());
     room.assert_sound(&rounded);
+}
+
+/// Axes of which the first limits the speed of a straight move and the second its acceleration.
+fn unlike_axes() -> Axes {
+    let axis = |max_speed_rad_per_s: f64, max_acceleration_rad_per_s2: f64| Axis {
+        min_rad: -3.0,
+        max_rad: 3.0,
+        max_speed_rad_per_s,
+        max_acceleration_rad_per_s2,
+    };
+    let mut axes = [axis(10.0, 10.0); 7];
+    (axes[0], axes[1]) = (axis(1.0, 100.0), axis(100.0, 4.0));
+    Axes(axes)
+}
+
+/// The straight move took 1.25 s and was the bound of a rounded one of 1.15 s.
+#[test]
+fn the_bound_of_rounded_moves_is_below_a_detour_that_is_quicker_than_the_straight_move() {
+    let axes = unlike_axes();
+    let mut motion = PlanParams::default().motion;
+    (motion.corners, motion.speed_fraction) = (Corners::Round, 1.0);
+    let at = |first: f64, second: f64| Configuration::from_axes_rad([first, second, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let way = [at(0.0, 0.0), at(0.25, 0.1), at(0.75, 0.9), at(1.0, 1.0)];
+    let rounded_secs = SmoothPath::through(&way, 0.02).secs(&axes, 1.0);
+    let (straight, least) = (straight_secs(&axes, &way[0], &way[3], &motion), least_secs(&axes, &way[0], &way[3], &motion));
+    assert!((straight - 1.25).abs() < 1e-9 && rounded_secs < 1.2, "{rounded_secs} s of {straight} s");
+    assert!((least - 1.01).abs() < 1e-9 && least <= rounded_secs, "at least {least} s");
+    motion.corners = Corners::Stop;
+    let stopping = least_secs(&axes, &way[0], &way[3], &motion);
+    assert!((stopping - straight).abs() < 1e-12, "with stops the straight move is the quickest: {stopping} s");
+}
+
+#[test]
+fn the_moves_of_a_rounded_tour_are_bounded_by_the_slowest_axis_of_each() {
+    let room = room(1, Vec::new());
+    let (flag, axes) = (AtomicBool::new(false), room.cell.axes());
+    let ctx = Context::new(&flag, &Silent);
+    let mut params = PlanParams::default();
+    params.motion.corners = Corners::Round;
+    let ordered = room.order_with(&params, 1, false).expect("not cancelled");
+    let bounded = bounded_as_moved(ordered, &room.cell, &params, &ctx).expect("not cancelled").sequence;
+    let stop = bounded.visits[0].1.target.configuration();
+    let least = 2.0 * least_secs(&axes, &room.cell.home_rad, &stop, &params.motion);
+    assert!((bounded.moving_lower_secs - least).abs() < 1e-9, "{} s, {least} s", bounded.moving_lower_secs);
+    assert!(bounded.moving_lower_secs <= bounded.motion_secs() + 1e-9);
 }
 
 #[test]

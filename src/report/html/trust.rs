@@ -10,7 +10,7 @@ use crate::planning::sequence::Sequence;
 use crate::report::text::holds_grades;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
-use crate::wire::words::{at_risk_sentence, counted, order_claim, pose_error_sizes};
+use crate::wire::words::{at_risk_sentence, bounded_moves, counted, order_claim, pose_error_sizes};
 
 /// The section.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
@@ -47,7 +47,8 @@ fn independent(input: &ReportInput<'_>) -> String {
 fn bounds(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let bound = &plan.bound;
-    let proved = proved(bound, plan.executed_views() == plan.views.len()) + grades_held(&plan.params);
+    let grades = if bound.views_lower > 0 { grades_held(&plan.params) } else { "" };
+    let proved = proved(bound, plan.executed_views() == plan.views.len()) + grades;
     let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
         format!(
             " On the samples that views are chosen on, no choice of the same number of views measures more than another {} of the \
@@ -69,7 +70,11 @@ fn grades_held(params: &PlanParams) -> &'static str {
 }
 
 /// Says how many views any choice needs for what the chosen ones measure, which is more than the plan does where some have no path.
+/// Further views, of which none is computed, have a bound of 0.
 fn proved(bound: &Bound, have_all_a_path: bool) -> String {
+    if bound.views_lower == 0 {
+        return "No lower bound of the number of views was computed.".to_owned();
+    }
     let views = counted(bound.views_lower as usize, "view");
     match (bound.gap, have_all_a_path) {
         (0, true) => {
@@ -107,10 +112,11 @@ fn order(input: &ReportInput<'_>) -> String {
     let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
     let lower_secs: f64 = plan.sequences().map(|sequence| sequence.moving_lower_secs).sum();
     let claim = order_claim(moving_secs, lower_secs).map_or_else(String::new, |claim| format!(": {claim}"));
+    let moves = bounded_moves(plan.params.motion.corners);
     format!(
         "<p>The order as first found takes {} of motion; the lower bound over the stations and moves considered is {}. Stations \
          were then shifted in table angle and roll, after which the motion takes {}; the lower bound for these stations in any \
-         order, with straight moves, is {}{claim}. Every move was checked for collisions along its whole length.</p>\n",
+         order, {moves}, is {}{claim}. Every move was checked for collisions along its whole length.</p>\n",
         sum(|sequence| sequence.ordered_secs),
         sum(|sequence| sequence.lower_bound_secs),
         duration(moving_secs),
@@ -208,6 +214,15 @@ mod tests {
         assert!(few.contains("<td class=\"n\">6</td>") && few.contains("Worst of the draws"), "{few}");
         let many = table(20);
         assert!(many.contains("5th percentile") && many.matches("<td class=\"n\">–</td>").count() == 2, "{many}");
+    }
+
+    /// The number of further views was told to be proven optimal, or the plan to have so many more than 0.
+    #[test]
+    fn nothing_is_proved_of_a_number_of_views_without_a_bound() {
+        for gap in [0, 4] {
+            let told = proved(&Bound { gap, ..Bound::default() }, true);
+            assert_eq!(told, "No lower bound of the number of views was computed.");
+        }
     }
 
     #[test]

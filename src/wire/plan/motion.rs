@@ -35,7 +35,8 @@ pub struct MotionDocument {
     /// proven optimal if `moving_secs` equals `moving_secs_lower` to within 0.005 s or 0.01 %. 0 if it was not computed.
     #[serde(default)]
     pub ordered_secs_lower: f64,
-    /// Lower bound on `moving_secs`: the same stations in the best order, if every move were straight, s.
+    /// Lower bound on `moving_secs`: the same stations in the best order, if every move were straight or, where corners are rounded, took
+    /// as long as its slowest axis alone, s.
     pub moving_secs_lower: f64,
 }
 
