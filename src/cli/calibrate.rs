@@ -139,7 +139,7 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     }
     let shown = path.display().to_string();
     let refuse = |error: String| CliError::BadInput(format!("{shown}: {error}"));
-    let length = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?.len();
+    let length = std::fs::metadata(path).map_err(|error| files::unreadable(path, &error))?.len();
     if length > MAX_BYTES {
         return Err(refuse(format!("has {length} bytes; allowed are {MAX_BYTES}")));
     }

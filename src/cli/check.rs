@@ -552,7 +552,7 @@ impl MeshFile {
 /// Reads a plan, with the SHA-256 of its file; one that is not sound says nothing of a program.
 fn read_plan(path: &Path) -> Result<(PlanDocument, String), CliError> {
     let shown = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let bytes = std::fs::read(path).map_err(|error| files::unreadable(path, &error))?;
     let document: PlanDocument = files::of_kind(files::value(path)?, ("a plan", Some(DocumentKind::Plan)), &shown)?;
     check_plan(&document, None).map_err(|errors| files::findings(&shown, &errors))?;
     Ok((document, plan_sha256(&bytes)))

@@ -97,6 +97,7 @@ fn to_cli_error(error: InspectError) -> CliError {
 fn sources(args: &CompareArgs) -> Result<Vec<ScanSource>, CliError> {
     let mut paths = Vec::new();
     for path in &args.scans {
+        files::require_existing(path)?;
         if path.is_dir() { paths.extend(of_folder(path)?) } else { paths.push(path.clone()) }
     }
     let source = |path: PathBuf| ScanSource {
@@ -123,4 +124,29 @@ fn of_folder(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
         return Err(CliError::BadInput(format!("{shown}: has no scans (files that end in {})", ENDINGS.join(", "))));
     }
     Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: CompareArgs,
+    }
+
+    /// The results' folder was made and the part read before a scan was missed, in the words of the operating system.
+    #[test]
+    fn a_scan_that_is_not_there_is_told_with_the_one_that_was_meant() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("view_1.ply"), "").expect("a file");
+        let (scan, out) = (folder.path().join("view1.ply").display().to_string(), folder.path().join("inspection"));
+        let words = ["compare", "plan", scan.as_str(), "--mesh", "part.stl", "--out", out.to_str().expect("a path")];
+        let line = Line::try_parse_from(words).unwrap_or_else(|error| panic!("{error}"));
+        let told = run(&line.args, &AtomicBool::new(false)).expect_err("no such scan").to_string();
+        assert!(told.ends_with("view1.ply: there is no such file; did you mean view_1.ply?") && !out.exists(), "{told}");
+    }
 }

@@ -14,7 +14,7 @@
 use std::path::Path;
 
 use super::CliError;
-use super::files::{from_value, json_fault};
+use super::files::{from_value, json_fault, unreadable};
 use crate::planning::params::{FeatureParams, Region};
 use crate::wire::Distinct;
 
@@ -29,7 +29,7 @@ const COLUMNS: [&str; 5] = ["name", "region", "tolerance_mm", "point_spacing_mm"
 /// [`CliError::BadInput`] with the file, the line and the allowed values.
 pub(super) fn read(path: &Path) -> Result<Vec<FeatureParams>, CliError> {
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let text = std::fs::read_to_string(path).map_err(|error| unreadable(path, &error))?;
     parse(&text, &shown)
 }
 

@@ -228,6 +228,14 @@ pub(super) fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
     CliError::BadInput(format!("{}: there is no such file{question}", path.display()))
 }
 
+/// Refuses the name of a file or folder that is not there.
+///
+/// # Errors
+/// Those of [`unreadable`].
+pub(super) fn require_existing(path: &Path) -> Result<(), CliError> {
+    std::fs::metadata(path).map(drop).map_err(|error| unreadable(path, &error))
+}
+
 /// Refuses a mesh where a text is to be read.
 ///
 /// # Errors

@@ -63,6 +63,7 @@ pub struct ProgramArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
+    files::require_existing(&args.from)?;
     let cell = check::cell(&args.cell)?;
     let dialect = dialect(args.dialect, &cell.robot)?;
     let mut reference_args = args.reference.clone();

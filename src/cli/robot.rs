@@ -73,7 +73,7 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     if args.urdf.exists() {
         files::refuse_mesh(&args.urdf)?;
     }
-    let text = fs::read_to_string(&args.urdf).map_err(|error| at(&args.urdf, &error))?;
+    let text = fs::read_to_string(&args.urdf).map_err(|error| files::unreadable(&args.urdf, &error))?;
     let options = UrdfOptions {
         name: args.name.clone(),
         base_link: args.base.clone(),

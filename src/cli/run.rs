@@ -234,7 +234,8 @@ impl PreparedRun {
         let (mut spec, controllers) = files::cell(&args.cell)?;
         if args.mode != RunMode::Simulate && controllers.is_none() {
             let what = "has no [controllers] section for arm and table, which every mode but simulate needs";
-            return Err(CliError::BadInput(format!("{}: {what}", args.cell)));
+            let next = "add one to a cell file (`vantage presets NAME > cell.toml` writes a preset), and give that file";
+            return Err(CliError::BadInput(format!("{}: {what}\n  → {next}", args.cell)));
         }
         spec.inline_devices(&FileLibrary);
         let cell = Arc::new(spec.build(&FileLibrary).map_err(|errors| files::findings(&args.cell, &errors))?);
@@ -367,6 +368,6 @@ fn program_file(from: &Path) -> Result<(PathBuf, Vec<u8>), CliError> {
     if from.is_dir() && !path.is_file() {
         return Err(without_program(from));
     }
-    let bytes = std::fs::read(&path).map_err(|error| CliError::BadInput(format!("{}: {error}", path.display())))?;
+    let bytes = std::fs::read(&path).map_err(|error| files::unreadable(&path, &error))?;
     Ok((path, bytes))
 }

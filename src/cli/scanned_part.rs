@@ -95,7 +95,7 @@ impl ScannedPartArgs {
     pub(super) fn load(&self, cancel: &AtomicBool) -> Result<ScannedPart, CliError> {
         let path = if self.plan.is_dir() { self.plan.join(PLAN_FILE) } else { self.plan.clone() };
         let shown = path.display().to_string();
-        let plan_bytes = std::fs::read(&path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+        let plan_bytes = std::fs::read(&path).map_err(|error| files::unreadable(&path, &error))?;
         let plan: PlanDocument = files::from_value(files::value(&path)?, &shown)?;
         let of_plan = plan.cell.as_ref().map_or("none", |cell| cell.name.as_str());
         let cell = self.cell.as_deref().unwrap_or(of_plan);
@@ -200,6 +200,10 @@ fn known_keys(value: &Value) -> String {
 pub(super) fn read_state(inspection: &Path) -> Result<RescanState, CliError> {
     let file = if inspection.is_dir() { inspection.join(RESCAN_STATE_FILE) } else { inspection.to_owned() };
     let shown = file.display().to_string();
+    if inspection.is_dir() && !file.is_file() {
+        let what = format!("{}: has no {RESCAN_STATE_FILE}", inspection.display());
+        return Err(CliError::BadInput(format!("{what}\n  → name the folder that `vantage compare` wrote")));
+    }
     decode(&files::value(&file)?)
         .map_err(|error| CliError::BadInput(format!("{shown}: {error}\n  → name the folder that `vantage compare` wrote")))
 }
@@ -258,6 +262,14 @@ mod tests {
             let is_told = found.iter().any(|error| error.pointer == "/fixture" && error.detail.contains(told));
             assert_eq!(is_told, !told.is_empty(), "{told:?}: {found:?}");
         }
+    }
+
+    /// The missing file was told, and not which folder is meant.
+    #[test]
+    fn a_folder_without_an_inspection_says_which_one_to_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let told = read_state(folder.path()).map(drop).expect_err("it is empty").to_string();
+        assert!(told.ends_with("has no rescan.json\n  → name the folder that `vantage compare` wrote"), "{told}");
     }
 
     /// The record of a run of the plan `ab`, in a file.

@@ -61,10 +61,10 @@ enum TableProtocol {
 #[derive(Debug, clap::Args)]
 struct CommonSimArgs {
     /// Address and port to listen on; port 0 picks a free one.
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0", value_parser = socket_address)]
     listen: SocketAddr,
     /// Address and port that take fault commands, and `state` to query the device [default: none].
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = socket_address)]
     control: Option<SocketAddr>,
     /// Simulated seconds per second, 0.1 to 100.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
@@ -115,6 +115,10 @@ struct TurntableSimArgs {
     infinite_rotation: bool,
     #[command(flatten)]
     common: CommonSimArgs,
+}
+
+fn socket_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| "give ADDRESS:PORT, an IP address and a port, as in 127.0.0.1:10003".to_owned())
 }
 
 /// Factor of time.

@@ -282,8 +282,8 @@ fn views_text(plan: &Plan) -> String {
     let (views, setups) = (counted(plan.executed_views(), "view"), counted(plan.setups.len(), "setup"));
     let left_out = no_path(plan).map_or_else(String::new, |left_out| format!("; {left_out}"));
     let bound = match plan.params.selection.goal {
-        // It is a bound of the views that were chosen.
-        SelectionGoal::FewestViews | SelectionGoal::MinTime if left_out.is_empty() => {
+        // It is a bound of the views that were chosen; 0 of further views, of which none is computed.
+        SelectionGoal::FewestViews | SelectionGoal::MinTime if left_out.is_empty() && plan.bound.views_lower > 0 => {
             format!("; lower bound {}", plan.bound.views_lower)
         }
         SelectionGoal::FewestViews | SelectionGoal::MinTime | SelectionGoal::BestCoverage => String::new(),

@@ -299,7 +299,7 @@ impl CalibrateScannerArgs {
 fn text_of(path: &Path) -> Result<String, CliError> {
     let name = path.display();
     let refuse = |error: std::io::Error| CliError::BadInput(format!("{name}: {error}"));
-    let size = std::fs::metadata(path).map_err(refuse)?.len();
+    let size = std::fs::metadata(path).map_err(|error| files::unreadable(path, &error))?.len();
     if size > MAX_FILE_BYTES as u64 {
         return Err(CliError::BadInput(format!("{name}: has {size} bytes; allowed are {MAX_FILE_BYTES} (too_large)")));
     }

@@ -58,3 +58,11 @@ fn cells_in_quotes_hold_commas_and_quotes() {
         assert!(error.contains("line 2") && error.contains(said), "{error}");
     }
 }
+
+#[test]
+fn a_file_that_is_not_there_is_told_with_the_one_that_was_meant() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("features.csv"), "").expect("a file");
+    let told = super::read(&folder.path().join("feature.csv")).map(drop).expect_err("no such file").to_string();
+    assert!(told.ends_with("feature.csv: there is no such file; did you mean features.csv?"), "{told}");
+}

@@ -234,6 +234,16 @@ fn a_part_without_the_plan_that_says_where_it_lies_is_refused() {
     assert!(refused.contains("without its plan") && refused.contains("--plan") && !out.exists(), "{refused}");
 }
 
+/// The plan was said to be missing, of a folder that was not there.
+#[test]
+fn a_folder_that_is_not_there_is_told_as_such() {
+    let folder = tempfile::tempdir().expect("folder");
+    let out = folder.path().join("robot").display().to_string();
+    let args = ["--mesh", "part.stl", "--unit", "mm", "--out", out.as_str()];
+    let refused = written(&folder.path().join("nowhere"), &args).expect_err("there is none");
+    assert!(refused.ends_with("nowhere: there is no such file"), "{refused}");
+}
+
 /// The program was checked without the fixture that holds the part, and written.
 #[test]
 fn a_part_without_the_fixture_of_its_plan_is_refused() {

@@ -38,3 +38,15 @@ fn factors_of_time_are_bounded() {
     assert_eq!(["1", "×5", "x0.5"].map(|text| speed(text).ok()), [Some(1.0), Some(5.0), Some(0.5)]);
     assert!(["0", "101", "nan", "fast"].iter().all(|text| speed(text).is_err()));
 }
+
+/// The message was "invalid socket address syntax", which does not say that the port is missing.
+#[test]
+fn an_address_without_its_port_says_what_to_give() {
+    let refused = |option: &str| {
+        let line = Line::try_parse_from(["sim", "turntable", option, "127.0.0.1"]);
+        line.map(drop).expect_err("no port").to_string()
+    };
+    for told in [refused("--listen"), refused("--control")] {
+        assert!(told.contains("give ADDRESS:PORT, an IP address and a port, as in 127.0.0.1:10003"), "{told}");
+    }
+}

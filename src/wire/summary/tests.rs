@@ -313,6 +313,32 @@ fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
     assert_eq!(PlanVerdict::of(&enough), PlanVerdict::PartlyMeasured);
 }
 
+/// "the limit of views is reached" was told of a limit that nobody had set: the rules of a rescan are not those of the plan.
+#[test]
+fn further_views_are_told_with_the_rule_of_the_rescan_that_ended_their_choice() {
+    let text = |stopped_because| {
+        let mut further = Plan { stopped_because, ..plan(4, 0, 400.0) };
+        further.coverage.is_of_open = true;
+        // Of the first plan, and not heeded.
+        further.params.selection.max_views = Some(9);
+        let summary = Summary::of(&further);
+        (summary.verdict, summary.verdict_text)
+    };
+    let reached = "50.00 % of coverable among what earlier scans left open, target 98.50 % together with those scans";
+    let missed = |rule: &str| (PlanVerdict::TargetMissed, format!("Target missed: {reached}: {rule}"));
+    assert_eq!(text(StopReason::MaxViews), missed("the rescan has as many views as its max_views allows, 4"));
+    assert_eq!(text(StopReason::Growth), missed("the next best view is expected to add less than min_gain of the rescan"));
+    let met = (PlanVerdict::PartlyMeasured, format!("Target expected to be met: {reached}"));
+    assert_eq!(text(StopReason::Target), met);
+}
+
+/// "lower bound 0" was told of further views, whose bound is not computed.
+#[test]
+fn a_bound_of_views_that_was_not_computed_is_not_told() {
+    let further = Plan { bound: Bound::default(), ..plan(4, 0, 400.0) };
+    assert_eq!(Summary::of(&further).views_text, "4 views in 1 setup");
+}
+
 /// Views that tolerate errors are chosen on few samples; of all samples a little less may be measured.
 #[test]
 fn a_target_of_views_that_tolerate_errors_is_met_only_where_the_figures_say_so() {

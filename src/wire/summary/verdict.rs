@@ -149,45 +149,62 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
             format!("Not every view is executed: {}; {reached}", no_path(plan).unwrap_or_default())
         }
         PlanVerdict::Fragile => {
-            let found = if has_target(plan) { "Target met" } else { "Best coverage found" };
+            let found = if has_target(plan) { target_met(plan) } else { "Best coverage found" };
             format!("{found}, but fragile: {reached}; {}", fragile(plan))
         }
         PlanVerdict::PartlyMeasured => {
             let causes = largest_causes(plan);
             let causes = if causes.is_empty() { causes } else { format!("; not measured (shares of asked): {causes}") };
-            format!("Target met: {reached}{causes}{}", fragile_clause(plan))
+            format!("{}: {reached}{causes}{}", target_met(plan), fragile_clause(plan))
         }
         PlanVerdict::BestCoverage => {
             let bound = plan.bound.of_asked_upper.map_or_else(String::new, |upper| format!("; upper bound {}", percent(upper)));
             format!("Best coverage found: {reached}{bound}{}", fragile_clause(plan))
         }
-        PlanVerdict::TargetMet => format!("Target met: {reached}"),
+        PlanVerdict::TargetMet => format!("{}: {reached}", target_met(plan)),
     }
 }
 
-/// Share reached and the target that it is held against: "98.52 % of coverable, target 98.50 %".
+/// Claim on a target that is reached; further views are only expected to reach it, together with the scans before.
+fn target_met(plan: &Plan) -> &'static str {
+    if plan.coverage.is_of_open { "Target expected to be met" } else { "Target met" }
+}
+
+/// Share reached and the target that it is held against: "98.52 % of coverable, target 98.50 %". The target of further views is that
+/// of the part, to which earlier scans add.
 fn reached(plan: &Plan) -> String {
     let (coverage, selection) = (&plan.coverage, &plan.params.selection);
     if !has_target(plan) {
         return format!("{} of asked", percent(coverage.of_asked()));
     }
-    let of = match selection.target_of {
-        TargetOf::Coverable => "of coverable",
-        TargetOf::Asked => "of asked",
-        TargetOf::Total => "of the whole surface",
+    let of = match (selection.target_of, coverage.is_of_open) {
+        (TargetOf::Coverable, false) => "of coverable",
+        (TargetOf::Coverable, true) => "of coverable among what earlier scans left open",
+        (TargetOf::Asked, false) => "of asked",
+        (TargetOf::Asked, true) => "of what earlier scans left open",
+        (TargetOf::Total, false) => "of the whole surface",
+        (TargetOf::Total, true) => "of the whole surface beside what earlier scans measured",
     };
+    let together = if coverage.is_of_open { " together with those scans" } else { "" };
     let at_risk = match coverage.at_risk.is_counted {
         false if coverage.at_risk.area_mm2 > 0.0 => " with the area at risk",
         _ => "",
     };
     let (reached, target) = (coverage.of_target(selection.target_of), selection.target);
-    format!("{} % {of}{at_risk}, target {}", percent_below(reached, target, 2), percent(target))
+    format!("{} % {of}{at_risk}, target {}{together}", percent_below(reached, target, 2), percent(target))
 }
 
 /// Rule that ended the choice of views before the target, in a clause.
 fn reason(plan: &Plan) -> String {
     let selection = &plan.params.selection;
     match plan.stopped_because {
+        // Further views are chosen by the rules of the rescan, whatever the parameters of the plan say.
+        StopReason::Growth if plan.coverage.is_of_open => {
+            "the next best view is expected to add less than min_gain of the rescan".to_owned()
+        }
+        StopReason::MaxViews if plan.coverage.is_of_open => {
+            format!("the rescan has as many views as its max_views allows, {}", plan.views.len())
+        }
         StopReason::Growth => {
             format!("the next best view would add less than {} % of asked", shortest(100.0 * selection.min_growth))
         }
