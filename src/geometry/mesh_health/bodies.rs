@@ -34,6 +34,8 @@ const FLAT_SHARE: f64 = 1e-12;
 pub(super) struct Bodies {
     of_face: Vec<u32>,
     closed: Vec<bool>,
+    /// Piece of each face, and the number of pieces, where pieces were looked at to be joined at edges of more than two triangles.
+    pieces: Option<(Vec<u32>, usize)>,
     /// True if open pieces were joined to closed bodies at edges of more than two triangles.
     are_joined: bool,
     /// Bodies that are closed, ascending.
@@ -61,7 +63,8 @@ impl Bodies {
     pub(super) fn of(mesh: &Mesh, edges: &Edges, poll: &Poll<'_>) -> Result<Self, Interrupted> {
         let (of_face, count) = connect(mesh.faces.len(), edges, poll)?;
         let closed = closed_bodies(count, &of_face, edges, poll)?;
-        let mut bodies = Self { of_face, closed, are_joined: false, solid: Vec::new(), faces: Vec::new(), begin: Vec::new() };
+        let mut bodies =
+            Self { of_face, closed, pieces: None, are_joined: false, solid: Vec::new(), faces: Vec::new(), begin: Vec::new() };
         if edges.counts.non_manifold > 0 && bodies.closed.contains(&false) {
             bodies.join_pieces(mesh, edges, poll)?;
         }
@@ -117,6 +120,7 @@ impl Bodies {
                 closed.push(is_closed);
             }
         }
+        self.pieces = Some((self.of_face.clone(), self.closed.len()));
         for body in &mut self.of_face {
             poll.spend(2)?;
             *body = number[*body as usize];
@@ -162,6 +166,15 @@ impl Bodies {
 
     pub(super) fn of_face(&self, face: usize) -> usize {
         self.of_face[face] as usize
+    }
+
+    /// Number of pieces that are connected by edges of exactly two triangles.
+    pub(super) fn pieces(&self) -> usize {
+        self.pieces.as_ref().map_or(self.count(), |(_, count)| *count)
+    }
+
+    pub(super) fn piece_of_face(&self, face: usize) -> usize {
+        self.pieces.as_ref().map_or(self.of_face(face), |(of_face, _)| of_face[face] as usize)
     }
 
     /// Turns what is inside out (see the head of this module).

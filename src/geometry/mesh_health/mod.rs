@@ -4,8 +4,9 @@
 //! *Degenerate*: a repeated vertex, or an area below 1e-12 of the squared diagonal of the bounding box.
 //! *Topology* (watertight, bodies, edges) is that of the welded triangles with three different vertices, thin ones
 //! included: a triangle without area closes its edges, and dropping it makes no hole in the surface.
-//! *Body*: triangles connected by edges that exactly two triangles share. Where closed shells touch along edges, more triangles share
-//! these; each shell is a body of its own, told apart by the wedges of material around the edges (`wedges`).
+//! *Body*: triangles connected by edges that exactly two triangles share; so are bodies counted. Where closed shells touch along a loop of
+//! edges, more triangles share these and each shell counts as several: for volume, orientation and nesting its pieces are one body, joined
+//! by the wedges of material around the edges (`wedges`).
 //! *Volume*: known where every body is closed, that is, where its triangles run along each of its edges as often in one direction as in
 //! the other, so that the signed tetrahedra between them and any point add up to the same.
 //! Cost: O(n) in the triangles, side by side on the threads of the caller's pool save for the joining of bodies, and at most 40
@@ -153,12 +154,12 @@ pub(super) fn clean(mut mesh: Mesh, poll: &Poll<'_>) -> Result<(Mesh, MeshHealth
     let used = mesh.aabb_of_faces(poll)?;
     let min_area_mm2 = MIN_AREA_SHARE * used.extent_mm().norm_squared();
     let kept = mesh.keep_faces(|mesh, face| mesh.face_area_mm2(face) >= min_area_mm2, poll)?;
-    let mut body_has_area = vec![kept.is_none(); bodies.count()];
+    let mut piece_has_area = vec![kept.is_none(); bodies.pieces()];
     for face in kept.iter().flatten().enumerate().filter_map(|(face, kept)| kept.then_some(face)) {
         poll.spend(5)?;
-        body_has_area[bodies.of_face(face)] = true;
+        piece_has_area[bodies.piece_of_face(face)] = true;
     }
-    let with_area = body_has_area.into_iter().filter(|&has| has).count();
+    let with_area = piece_has_area.into_iter().filter(|&has| has).count();
     drop(bodies);
     mesh.drop_unused_vertices(poll)?;
     let health = report(&mesh, triangles_in_file, with_area, &counts, &turned, poll)?;
