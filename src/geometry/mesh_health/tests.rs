@@ -210,14 +210,7 @@ fn voxels(places: &[[i32; 3]]) -> Mesh {
                 continue;
             }
             for face in &unit.faces[2 * pair..2 * pair + 2] {
-                let corners = face.map(|vertex| unit.vertices_mm[vertex as usize]);
-                let welded = corners.map(|corner| {
-                    let known = mesh.vertices_mm.iter().position(|other| (other - corner).norm() < 1e-9);
-                    known.unwrap_or_else(|| {
-                        mesh.vertices_mm.push(corner);
-                        mesh.vertices_mm.len() - 1
-                    }) as u32
-                });
+                let welded = face.map(|vertex| vertex_at(&mut mesh, unit.vertices_mm[vertex as usize]));
                 mesh.source_face.push(mesh.faces.len() as u32);
                 mesh.faces.push(welded);
             }
@@ -257,17 +250,19 @@ fn a_body_that_touches_itself_along_an_edge_has_a_volume() {
     assert_eq!(assess(&open).volume_mm3, None);
 }
 
+/// Vertex of a mesh at a corner, which joins the mesh if none is there.
+fn vertex_at(mesh: &mut Mesh, corner_mm: Point3<f64>) -> u32 {
+    let known = mesh.vertices_mm.iter().position(|other| (other - corner_mm).norm() < 1e-9);
+    known.unwrap_or_else(|| {
+        mesh.vertices_mm.push(corner_mm);
+        mesh.vertices_mm.len() - 1
+    }) as u32
+}
+
 /// Adds a part to a mesh; equal corners get one vertex.
 fn weld(mut mesh: Mesh, part: &Mesh) -> Mesh {
     for face in &part.faces {
-        let welded = face.map(|vertex| {
-            let corner = part.vertices_mm[vertex as usize];
-            let known = mesh.vertices_mm.iter().position(|other| (other - corner).norm() < 1e-9);
-            known.unwrap_or_else(|| {
-                mesh.vertices_mm.push(corner);
-                mesh.vertices_mm.len() - 1
-            }) as u32
-        });
+        let welded = face.map(|vertex| vertex_at(&mut mesh, part.vertices_mm[vertex as usize]));
         mesh.source_face.push(mesh.faces.len() as u32);
         mesh.faces.push(welded);
     }

@@ -73,9 +73,8 @@ pub struct Sequence {
     pub ordered_secs: f64,
     /// Lower bound of `ordered_secs` over all tours of the stations and moves that were considered. Zero until [`bounded`].
     pub lower_bound_secs: f64,
-    /// Lower bound of the time of all moves through these stations in any order: of straight moves, or, where corners are
-    /// passed without
-    /// stopping, of moves that each take as long as their slowest axis alone. Zero until [`bounded_as_moved`].
+    /// Lower bound of the time of all moves through these stations in any order: of straight moves, or, where corners are passed
+    /// without stopping, of moves that each take as long as their slowest axis alone. Zero until [`bounded_as_moved`].
     pub moving_lower_secs: f64,
 }
 
@@ -118,8 +117,7 @@ impl Sequence {
 }
 
 /// Time of moves above its lower bound, as a share of the bound: zero where both are equal within rounding, 0.005 s or 0.01 %;
-/// `None`
-/// without a bound.
+/// `None` without a bound.
 #[must_use]
 pub fn bound_gap(moving_secs: f64, lower_secs: f64) -> Option<f64> {
     let above_secs = moving_secs - lower_secs;
@@ -132,8 +130,7 @@ pub fn bound_gap(moving_secs: f64, lower_secs: f64) -> Option<f64> {
 /// caller's rayon pool; the result does not depend on the number of threads.
 ///
 /// `roadmaps` are of cells that were planned for before. With `require_all`, a view without a path ends the search at once with
-/// an empty sequence: for callers who rather choose other
-/// views than leave some out.
+/// an empty sequence: for callers who rather choose other views than leave some out.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -151,8 +148,7 @@ pub fn order(
 }
 
 /// Finds a free path between the first and the last of `points`, and returns the points between them: these where the way along
-/// them
-/// is free; `None` where none is found. Takes up to some seconds, on one thread.
+/// them is free; `None` where none is found. Takes up to some seconds, on one thread.
 ///
 /// # Errors
 /// [`Cancelled`].

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::ReportInput;
 use super::markup::{duration, escape, number, percent};
 use super::views::{swatch, together};
-use crate::planning::plan::{Grade, Plan, share};
+use crate::planning::plan::{Bound, Grade, Plan, share};
 use crate::rendering::Ink;
 use crate::wire::summary::{MissedGroup, PlanLevel, ProgramCycle, Summary};
 
@@ -152,7 +152,7 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
             value: number(summary.views as f64, 0),
             name: if summary.views == 1 { "view" } else { "views" },
             detail: match summary.views_chosen - summary.views {
-                0 => format!("lower bound {}", number(f64::from(plan.bound.views_lower), 0)),
+                0 => views_detail(&plan.bound),
                 left_out => without_path(left_out),
             },
         },
@@ -168,6 +168,14 @@ fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
         detail: summary.program_cycle.as_ref().filter(|program| program.differs()).map_or_else(String::new, as_program),
     }));
     figures
+}
+
+/// Lower bound of the number of views; of further views none is computed.
+fn views_detail(bound: &Bound) -> String {
+    match bound.views_lower {
+        0 => "beside those of earlier scans".to_owned(),
+        lower => format!("lower bound {}", number(f64::from(lower), 0)),
+    }
 }
 
 /// Chosen views that are not executed.
@@ -224,6 +232,13 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// It said "lower bound 0" of further views.
+    #[test]
+    fn a_bound_that_was_not_computed_is_no_figure() {
+        let told = [0, 9].map(|views_lower| views_detail(&Bound { views_lower, ..Bound::default() }));
+        assert_eq!(told, ["beside those of earlier scans", "lower bound 9"]);
+    }
 
     #[test]
     fn a_part_of_the_bar_has_its_name_where_there_is_room() {
