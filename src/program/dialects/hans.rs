@@ -5,7 +5,7 @@
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
-use super::numbers::{DEGREE, angles, fixed};
+use super::numbers::{DEGREE, angles, at_least, at_most};
 use super::walk::{Action, Stretch, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job};
 
@@ -48,7 +48,7 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
         match action {
             Action::Toward(view) => lines.push(format!("# {}", toward(*view))),
             Action::Go(stretch) => lines.extend(go(stretch, job)),
-            Action::Settle(secs) => lines.push(format!("@wait {}", fixed(*secs, 3))),
+            Action::Settle(secs) => lines.push(format!("@wait {}", at_least(*secs, 3))),
             Action::Scan { view, brightness } => {
                 lines.push(format!("# {}", scanning(*view, *brightness)));
                 lines.push(format!("@scan {} {brightness}", view.0));
@@ -66,7 +66,7 @@ fn go(stretch: &Stretch, job: &Job<'_>) -> Vec<String> {
         return vec![format!("@table {table}")];
     }
     let lead = stretch.lead(&job.axes);
-    let [speed, acceleration] = [lead.rad_per_s, lead.rad_per_s2].map(|value| fixed(value.to_degrees(), 4));
+    let [speed, acceleration] = [lead.rad_per_s, lead.rad_per_s2].map(|value| at_most(value.to_degrees(), 4));
     let motion = format!("TCP,Base,{speed},{acceleration},0,0,1,0,0,0,{}", stretch.point);
     vec![format!("WayPoint,0,0,0,0,0,0,0,{j1},{j2},{j3},{j4},{j5},{j6},{motion},;"), "@motion".to_owned()]
 }
@@ -75,8 +75,8 @@ fn scan(job: &Job<'_>) -> [String; 4] {
     let params = job.params;
     [
         format!("SetBoxDO,{},1,;", params.scan_output),
-        format!("@wait {}", fixed(params.pulse_secs, 3)),
+        format!("@wait {}", at_least(params.pulse_secs, 3)),
         format!("SetBoxDO,{},0,;", params.scan_output),
-        format!("@input {} {}", params.scan_input, fixed(params.timeout_secs, 3)),
+        format!("@input {} {}", params.scan_input, at_least(params.timeout_secs, 3)),
     ]
 }

@@ -1,11 +1,12 @@
 //! KUKA KRL (*KSS 8.x Operating and Programming Instructions for System Integrators*): a `.src` file with the program and a
 //! `.dat` file with its points, both of the same name, at most 24 characters. `PTP` without approximation stops at each
 //! point; speeds and accelerations are whole percents of each axis. The table is an external axis. The first motion is to
-//! home, where the arm already stands: the controller wants its block coincidence there.
+//! home, where the arm already stands: the controller wants its block coincidence there. Two inputs never change: as delivered,
+//! 1025 is TRUE and 1026 is FALSE (*KSS 8.x System Variables*, `$IOSYS_IN_TRUE` and `$IOSYS_IN_FALSE`).
 
 use super::header::{commented, origin, paragraphs};
 use super::names::{NameRule, identifier};
-use super::numbers::{DEGREE, angles, fixed};
+use super::numbers::{DEGREE, angles, at_least};
 use super::walk::{Action, points, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
 use crate::planning::params::DialectParams;
@@ -128,6 +129,10 @@ const RESERVED: &[&str] = &[
 ];
 /// The controller's timer that the wait for the scanner uses.
 const TIMER: u32 = 10;
+/// Input that is always TRUE.
+const INPUT_TRUE: u32 = 1025;
+/// Input that is always FALSE.
+const INPUT_FALSE: u32 = 1026;
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
@@ -150,6 +155,7 @@ pub(super) fn module_name(params: &DialectParams, setup: usize) -> String {
 /// Program and points.
 fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Krl, 1, 4096)?;
+    check_input(job.params.scan_input)?;
     let name = module_name(job.params, job.program.setup);
     let access = ["&ACCESS RVP".to_owned(), "&REL 1".to_owned()];
     let mut src = access.to_vec();
@@ -169,6 +175,16 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     }));
     dat.push("ENDDAT".to_owned());
     Ok(vec![Job::file(&name, "src", &src), Job::file(&name, "dat", &dat)])
+}
+
+/// Refuses an input that never changes, and so tells nothing of the scanner.
+fn check_input(number: u32) -> Result<(), DialectError> {
+    let (level, effect) = match number {
+        INPUT_TRUE => ("TRUE", "every scan would count as done at once"),
+        INPUT_FALSE => ("FALSE", "no scan would ever count as done"),
+        _ => return Ok(()),
+    };
+    Err(DialectError::ConstantInput { number, level, effect })
 }
 
 fn point_name(index: usize) -> String {
@@ -205,7 +221,7 @@ fn body(job: &Job<'_>) -> Result<Vec<String>, DialectError> {
                 speed = Some(percent);
                 lines.push(format!("PTP {}", point_name(stretch.point)));
             }
-            Action::Settle(secs) => lines.push(format!("WAIT SEC {}", fixed(*secs, 3))),
+            Action::Settle(secs) => lines.push(format!("WAIT SEC {}", at_least(*secs, 3))),
             Action::Scan { view, brightness } => {
                 lines.push(format!("; {}", scanning(*view, *brightness)));
                 lines.push("SCAN_VIEW( )".to_owned());
@@ -257,7 +273,7 @@ ENDWHILE
 $TIMER_STOP[{TIMER}]=TRUE
 END
 ",
-        pulse = fixed(params.pulse_secs, 3),
+        pulse = at_least(params.pulse_secs, 3),
         timeout = (params.timeout_secs * 1000.0).ceil() as u32
     )
 }

@@ -160,6 +160,19 @@ pub enum DialectError {
         /// Highest.
         highest: u32,
     },
+    /// An input of KUKA controllers that never changes.
+    #[error(
+        "dialects.scan_input is {number}; input {number} of a KUKA controller is always {level}, so that {effect}: give the number of the \
+         input that the scanner is wired to"
+    )]
+    ConstantInput {
+        /// Number found.
+        number: u32,
+        /// Level of the input, in the language's word.
+        level: &'static str,
+        /// Consequence, in a clause.
+        effect: &'static str,
+    },
     /// The table is another axis than FANUC programs turn.
     #[error(
         "dialects.table_axis is {0}; a fanuc program turns axis 1 of motion group 2 alone: make the table that axis, and set \

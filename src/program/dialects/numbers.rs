@@ -1,6 +1,10 @@
-//! Numbers as text: the same on every machine, with as many decimals as the language's own listings show.
+//! Numbers as text: the same on every machine, with as many decimals as the language's own listings show. Angles are rounded to
+//! the nearest; speeds and accelerations down and times up, so that nothing is quicker than was planned.
 
 use crate::cell::{Axes, Configuration};
+
+/// Share of the last digit by which a product is off: 0.3 s are 300 ms, not 301.
+const ROUNDING: f64 = 1e-6;
 
 /// Formats a number with so many decimals; never `-0`.
 pub(super) fn fixed(value: f64, decimals: usize) -> String {
@@ -9,6 +13,18 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
         Some(positive) if positive.bytes().all(|byte| matches!(byte, b'0' | b'.')) => positive.to_owned(),
         _ => text,
     }
+}
+
+/// Formats a speed or an acceleration with so many decimals, never above it.
+pub(super) fn at_most(value: f64, decimals: usize) -> String {
+    let scale = 10_f64.powi(decimals as i32);
+    fixed((value * scale + ROUNDING).floor() / scale, decimals)
+}
+
+/// Formats a time with so many decimals, never below it.
+pub(super) fn at_least(value: f64, decimals: usize) -> String {
+    let scale = 10_f64.powi(decimals as i32);
+    fixed((value * scale - ROUNDING).ceil() / scale, decimals)
 }
 
 /// The angles rounded to so many decimals of `unit_rad`, and kept within the axes' limits, which rounding could leave by
@@ -37,8 +53,24 @@ pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 #[cfg(test)]
 mod tests {
-    use super::{Configuration, DEGREE, rounded};
+    use super::{Configuration, DEGREE, at_least, at_most, rounded};
     use crate::cell::{Presets, SpecLibrary};
+
+    #[test]
+    fn speeds_are_rounded_down_and_times_up_and_what_is_exact_stays() {
+        for (value, decimals, down, up) in [
+            (0.295_99, 2, "0.29", "0.30"),
+            (0.300_1, 3, "0.300", "0.301"),
+            (0.3, 3, "0.300", "0.300"),
+            (0.1 + 0.2, 3, "0.300", "0.300"),
+            (0.392_5, 5, "0.39250", "0.39250"),
+            (100.0, 0, "100", "100"),
+            (100.4, 0, "100", "101"),
+            (0.0, 3, "0.000", "0.000"),
+        ] {
+            assert_eq!((at_most(value, decimals).as_str(), at_least(value, decimals).as_str()), (down, up), "{value}");
+        }
+    }
 
     #[test]
     fn limits_closer_than_the_decimals_round_without_a_panic() {

@@ -8,9 +8,9 @@
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
-use super::numbers::{DEGREE, angles, fixed};
+use super::numbers::{DEGREE, angles, at_least, fixed};
 use super::walk::{Action, Stretch, points, scanning, toward};
-use super::{DialectFacts, DialectFile, DialectOutput, Job};
+use super::{DialectFacts, DialectFile, DialectOutput, Job, shortest};
 use crate::cell::Configuration;
 
 /// The procedure has the module's name and this, within 32 characters.
@@ -85,6 +85,8 @@ const HOME: &str = "Before anything moves by program: with the arm in the postur
                     controller shows with those of p0.";
 /// An external axis that is not there.
 const ABSENT: &str = "9E9";
+/// Smallest share of the rated acceleration that `AccSet` sets, percent: it takes less for this.
+const MIN_ACCELERATION_PERCENT: f64 = 20.0;
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
@@ -110,7 +112,11 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
     let load = "tool0 carries no load: replace it by the scanner's tool data before the first run.";
     let units = "deg, s.";
     let call = format!("Call {name}{RUN};");
-    let head = paragraphs(job, &format!("{name}.mod"), units, &table, &[&signals, load, HOME, joint_3(job), &call]);
+    let acceleration = raised_acceleration(job);
+    let mut extra = vec![signals.as_str(), load, HOME, joint_3(job)];
+    extra.extend(acceleration.as_deref());
+    extra.push(&call);
+    let head = paragraphs(job, &format!("{name}.mod"), units, &table, &extra);
     let mut lines = vec![format!("MODULE {name}")];
     lines.extend(commented(&head, "  !"));
     for (index, point) in points(job.program, &job.actions).iter().enumerate() {
@@ -131,6 +137,22 @@ fn joint_3(job: &Job<'_>) -> &'static str {
         "Joint 3 is counted from the upper arm: when joint 2 is jogged alone, the forearm has to turn with it. Else (ABB arms \
          with a parallel rod, such as IRB 2400, 4400, 6400) do not run: the robot's model needs joint_3_from_ground = true."
     }
+}
+
+/// Header's words on moves that accelerate harder than was planned; `None` if none does.
+fn raised_acceleration(job: &Job<'_>) -> Option<String> {
+    let shares = job.actions.iter().filter_map(|action| match action {
+        Action::Go(stretch) => Some(100.0 * stretch.speed_fraction),
+        Action::Toward(_) | Action::Settle(_) | Action::Scan { .. } => None,
+    });
+    let least = shares.fold(f64::INFINITY, f64::min);
+    (least < MIN_ACCELERATION_PERCENT - 1e-9).then(|| {
+        format!(
+            "Acceleration: {MIN_ACCELERATION_PERCENT} % of the rated, not the {} % that were planned, since AccSet sets no \
+             less. Each move takes its planned time all the same.",
+            shortest(least)
+        )
+    })
 }
 
 fn joint_target(point: &Configuration, job: &Job<'_>) -> String {
@@ -170,8 +192,8 @@ fn routines(job: &Job<'_>) -> String {
         params.scan_output,
         params.scan_input,
         far.join("\n      OR "),
-        fixed(params.pulse_secs, 3),
-        fixed(params.timeout_secs, 3)
+        at_least(params.pulse_secs, 3),
+        at_least(params.timeout_secs, 3)
     )
 }
 
@@ -191,7 +213,7 @@ fn body(job: &Job<'_>) -> Vec<String> {
                 }
                 lines.push(go(stretch, job));
             }
-            Action::Settle(secs) => lines.push(format!("    WaitTime\\InPos,{};", fixed(*secs, 3))),
+            Action::Settle(secs) => lines.push(format!("    WaitTime\\InPos,{};", at_least(*secs, 3))),
             Action::Scan { view, brightness } => {
                 lines.push(format!("    ! {}", scanning(*view, *brightness)));
                 lines.push("    scan;".to_owned());
@@ -202,9 +224,9 @@ fn body(job: &Job<'_>) -> Vec<String> {
     lines
 }
 
-/// AccSet takes 20 % at least.
+/// Whole percents for `AccSet`, rounded down: never harder than was planned, save below its least.
 fn share_of_acceleration(speed_fraction: f64) -> u32 {
-    (100.0 * speed_fraction).round().clamp(20.0, 100.0) as u32
+    (100.0 * speed_fraction + 1e-9).floor().clamp(MIN_ACCELERATION_PERCENT, 100.0) as u32
 }
 
 fn go(stretch: &Stretch, job: &Job<'_>) -> String {

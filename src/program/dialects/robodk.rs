@@ -5,7 +5,7 @@
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, comment, identifier};
-use super::numbers::{DEGREE, angles, fixed};
+use super::numbers::{DEGREE, angles, at_least, at_most};
 use super::walk::{Action, scanning, toward};
 use super::{DialectFacts, DialectFile, DialectOutput, Job};
 
@@ -35,10 +35,10 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
             Action::Toward(view) => format!("# {}", toward(*view)),
             Action::Go(stretch) => {
                 let lead = stretch.lead(&job.axes);
-                let [speed, acceleration] = [lead.rad_per_s, lead.rad_per_s2].map(|value| fixed(value.to_degrees(), 4));
+                let [speed, acceleration] = [lead.rad_per_s, lead.rad_per_s2].map(|value| at_most(value.to_degrees(), 4));
                 format!("move([{}], {speed}, {acceleration})", angles(&stretch.to_rad, &job.axes, DEGREE, 6).join(", "))
             }
-            Action::Settle(secs) => format!("robot.Pause({})", fixed(1000.0 * secs, 1)),
+            Action::Settle(secs) => format!("robot.Pause({})", at_least(1000.0 * secs, 0)),
             Action::Scan { view, brightness } => format!("# {}\nscan()", scanning(*view, *brightness)),
         });
     }
@@ -78,8 +78,8 @@ def scan():
 ",
         home = angles(&job.program.home_rad, &job.axes, DEGREE, 6).join(", "),
         robot = literal(&job.program.robot),
-        pulse = fixed(1000.0 * params.pulse_secs, 1),
-        timeout = fixed(1000.0 * params.timeout_secs, 1)
+        pulse = at_least(1000.0 * params.pulse_secs, 0),
+        timeout = at_least(1000.0 * params.timeout_secs, 0)
     )
 }
 

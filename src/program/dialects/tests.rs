@@ -52,6 +52,20 @@ fn program(cell: &Cell) -> Program {
     }
 }
 
+/// The tour at a share of the rated speeds and accelerations.
+fn program_at(cell: &Cell, speed_fraction: f64) -> Program {
+    let (mut program, mut here) = (program(cell), cell.home_rad);
+    for step in &mut program.steps {
+        if let Step::Move(step) = step {
+            step.speed_fraction = speed_fraction;
+            step.duration_secs = step.derived_secs(&here, &cell.axes());
+            here = step.target_rad;
+        }
+    }
+    program.cycle_secs = program.steps.iter().map(Step::secs).sum();
+    program
+}
+
 /// Parameters with which every dialect renders the default cell.
 fn params() -> DialectParams {
     DialectParams { fanuc_joint_3_from: Some(JointThreeOrigin::Ground), ..DialectParams::default() }
@@ -173,6 +187,120 @@ fn signals_that_a_controller_lacks_are_refused() {
     assert!(rendered(&program, &cell, Dialect::Krl, &far).is_ok());
     let none = DialectParams { scan_input: 0, ..params() };
     assert_eq!(refused(Dialect::Krl, none), "dialects.scan_input is 0; krl has 1 to 4096");
+}
+
+/// The controller's system inputs (*KSS 8.x System Variables*, `$IOSYS_IN_TRUE` and `$IOSYS_IN_FALSE`): no scanner is wired to them.
+#[test]
+fn inputs_of_a_kuka_controller_that_never_change_are_refused() {
+    let cell = cell();
+    let program = program(&cell);
+    for (number, told) in [
+        (1025, "input 1025 of a KUKA controller is always TRUE, so that every scan would count as done at once"),
+        (1026, "input 1026 of a KUKA controller is always FALSE, so that no scan would ever count as done"),
+    ] {
+        let constant = DialectParams { scan_input: number, ..params() };
+        let refused = rendered(&program, &cell, Dialect::Krl, &constant).expect_err("refused").to_string();
+        assert!(refused.starts_with(&format!("dialects.scan_input is {number}; ")) && refused.contains(told), "{refused}");
+        assert!(refused.ends_with("give the number of the input that the scanner is wired to"), "{refused}");
+        assert!(rendered(&program, &cell, Dialect::Fanuc, &constant).is_ok(), "an input as any other");
+    }
+    for number in [1024, 1027] {
+        let wired = DialectParams { scan_input: number, scan_output: 1025, ..params() };
+        assert!(rendered(&program, &cell, Dialect::Krl, &wired).is_ok(), "{number}");
+    }
+}
+
+/// 29.67 % became 30 % for AccSet, and 0.3001 s a wait of 0.300 s.
+#[test]
+fn no_dialect_accelerates_harder_or_waits_shorter_than_was_planned() {
+    let cell = cell();
+    let mut program = program_at(&cell, 0.2967);
+    for step in &mut program.steps {
+        if let Step::Settle { secs } = step {
+            *secs = 0.300_1;
+        }
+    }
+    program.cycle_secs = program.steps.iter().map(Step::secs).sum();
+    let params = DialectParams { pulse_secs: 0.100_1, timeout_secs: 30.000_1, ..params() };
+    for (dialect, wanted) in [
+        (Dialect::Rapid, ["AccSet 29,100;", "WaitTime\\InPos,0.301;", "WaitTime 0.101;", "MaxTime:=30.001;"]),
+        (Dialect::Krl, ["$ACC_AXIS[I]=29\n", "WAIT SEC 0.301\n", "WAIT SEC 0.101\n", "$TIMER[10]>30001 "]),
+        (Dialect::Fanuc, ["29% FINE ACC29 ;", " .31(sec)", " .11(sec)", "$WAITTMOUT=3001 "]),
+        (Dialect::Urscript, ["  movej(", "  sleep(0.301)", "  sleep(0.101)", "waited >= 30.001:"]),
+        (Dialect::Hans, ["WayPoint,", "@wait 0.301\n", "@wait 0.101\n", "@input 1 30.001\n"]),
+        (Dialect::Robodk, ["move([", "robot.Pause(301)\n", "robot.Pause(101)\n", "waitDI(1, 1, 30001)"]),
+    ] {
+        let text = rendered(&program, &cell, dialect, &params).expect("renders").remove(0);
+        for wanted in wanted {
+            assert!(text.contains(wanted), "{dialect:?} does not say {wanted:?}:\n{text}");
+        }
+    }
+}
+
+/// Speed and acceleration of each move of the arm that a text tells, in its own unit.
+fn told_rates(text: &str, dialect: Dialect) -> Vec<[f64; 2]> {
+    let number = |text: &str| text.trim().parse::<f64>().unwrap_or_else(|_| panic!("{text:?} is no number"));
+    let rates = |line: &str| -> Option<[f64; 2]> {
+        match dialect {
+            Dialect::Urscript => {
+                let (_, rates) = line.strip_prefix("  movej(")?.split_once(", a=")?;
+                let (acceleration, rest) = rates.split_once(", v=")?;
+                Some([number(rest.split(',').next()?), number(acceleration)])
+            }
+            Dialect::Hans => {
+                let (_, rates) = line.strip_prefix("WayPoint,")?.split_once(",TCP,Base,")?;
+                let mut rates = rates.split(',');
+                Some([number(rates.next()?), number(rates.next()?)])
+            }
+            Dialect::Robodk => {
+                let (_, rates) = line.strip_prefix("move([")?.split_once("], ")?;
+                let (speed, acceleration) = rates.trim_end_matches(')').split_once(", ")?;
+                Some([number(speed), number(acceleration)])
+            }
+            Dialect::Rapid | Dialect::Krl | Dialect::Fanuc | Dialect::Csv => None,
+        }
+    };
+    text.lines().filter_map(rates).collect()
+}
+
+/// Rounded to the nearest, every other speed was above the one that was checked.
+#[test]
+fn speeds_and_accelerations_in_decimals_are_rounded_down() {
+    let cell = cell();
+    let program = program_at(&cell, 0.2967);
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let in_turn = crate::program::interlock(&program, &cell, &scene).expect("free");
+    let mut would_rise = 0;
+    for (dialect, unit_rad, decimals) in [(Dialect::Urscript, 1.0, 5), (Dialect::Hans, DEGREE, 4), (Dialect::Robodk, DEGREE, 4)] {
+        let said = if dialect == Dialect::Robodk { &program } else { &in_turn };
+        let leads = actions(said).into_iter().filter_map(|action| match action {
+            Action::Go(stretch) if dialect == Dialect::Robodk || !stretch.moves_table() => Some(stretch.lead(&cell.axes())),
+            Action::Go(_) | Action::Toward(_) | Action::Settle(_) | Action::Scan { .. } => None,
+        });
+        let planned: Vec<[f64; 2]> = leads.map(|lead| [lead.rad_per_s, lead.rad_per_s2].map(|rad| rad / unit_rad)).collect();
+        let told = told_rates(&rendered(&program, &cell, dialect, &params()).expect("renders")[0], dialect);
+        assert_eq!(told.len(), planned.len(), "{dialect:?}");
+        let digit = 10_f64.powi(-decimals);
+        for (told, planned) in told.iter().flatten().zip(planned.iter().flatten()) {
+            assert!(*told <= planned + 1e-5 * digit && *told > planned - digit, "{dialect:?}: {told} for {planned}");
+            would_rise += usize::from((planned / digit).round() * digit > planned + 1e-3 * digit);
+        }
+    }
+    assert!(would_rise > 0, "no speed that rounding to the nearest would raise");
+}
+
+/// `AccSet` sets 20 % of the rated at least (3HAC050917).
+#[test]
+fn a_rapid_program_tells_that_it_accelerates_harder_than_planned_below_accsets_least() {
+    let cell = cell();
+    let text = |speed_fraction: f64| {
+        rendered(&program_at(&cell, speed_fraction), &cell, Dialect::Rapid, &params()).expect("renders").remove(0)
+    };
+    let told = "Acceleration: 20 % of the rated, not the 12.5 % that were planned, since AccSet sets no less.";
+    let words = |text: &str| text.lines().filter_map(|line| line.strip_prefix("  ! ")).collect::<Vec<_>>().join(" ");
+    let slow = text(0.125);
+    assert!(words(&slow).contains(told) && slow.contains("AccSet 20,100;"), "{slow}");
+    assert!(!words(&text(0.2)).contains("Acceleration:"), "20 % is said as it is");
 }
 
 /// A string as it stands is no reference, which the instruction's syntax asks for (3HAC050917, AliasIO).
@@ -513,19 +641,7 @@ fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
 fn a_fractional_percent_is_told_as_the_speed_that_is_set_with_its_cycle() {
     let cell = cell();
     let scene = CollisionScene::without_part(&cell, 5.0);
-    let at = |speed_fraction: f64| {
-        let (mut program, mut here) = (program(&cell), cell.home_rad);
-        for step in &mut program.steps {
-            if let Step::Move(step) = step {
-                step.speed_fraction = speed_fraction;
-                step.duration_secs = step.derived_secs(&here, &cell.axes());
-                here = step.target_rad;
-            }
-        }
-        program.cycle_secs = program.steps.iter().map(Step::secs).sum();
-        program
-    };
-    let (planned, set) = (at(0.029), at(0.02));
+    let (planned, set) = (program_at(&cell, 0.029), program_at(&cell, 0.02));
     let checked = CheckedProgram::new(&planned, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
     for dialect in [Dialect::Krl, Dialect::Fanuc] {
         let told_secs = checked.cycle_secs(dialect).expect("renders");
@@ -542,7 +658,7 @@ fn a_fractional_percent_is_told_as_the_speed_that_is_set_with_its_cycle() {
         let text = said(&whole.render(dialect, &params()).expect("renders").remove(0).text);
         assert!(!text.contains("whole percents"), "{text}");
     }
-    let slowest = at(0.009);
+    let slowest = program_at(&cell, 0.009);
     let checked = CheckedProgram::new(&slowest, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
     assert_eq!(checked.cycle_secs(Dialect::Krl), Err(DialectError::TooSlow(0.009, Dialect::Krl.as_str())));
 }

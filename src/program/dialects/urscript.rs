@@ -5,7 +5,7 @@
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
-use super::numbers::{angles, fixed};
+use super::numbers::{angles, at_least, at_most};
 use super::walk::{Action, Stretch, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job};
 
@@ -46,7 +46,7 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
         lines.push(match action {
             Action::Toward(view) => format!("  # {}", toward(*view)),
             Action::Go(stretch) => go(stretch, job),
-            Action::Settle(secs) => format!("  sleep({})", fixed(*secs, 3)),
+            Action::Settle(secs) => format!("  sleep({})", at_least(*secs, 3)),
             Action::Scan { view, brightness } => format!("  # {}\n  vantage_scan()", scanning(*view, *brightness)),
         });
     }
@@ -57,7 +57,7 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
 fn functions(job: &Job<'_>) -> String {
     let params = job.params;
     let (output, input) = (params.scan_output, params.scan_input);
-    let (pulse, timeout) = (fixed(params.pulse_secs, 3), fixed(params.timeout_secs, 3));
+    let (pulse, timeout) = (at_least(params.pulse_secs, 3), at_least(params.timeout_secs, 3));
     let [j1, j2, j3, j4, j5, j6, _] = angles(&job.program.home_rad, &job.axes, 1.0, 7);
     let [.., table] = angles(&job.program.home_rad, &job.axes, super::numbers::DEGREE, 4);
     // A turn from another angle was not checked: with the arm at home a wide part may hit the scanner on the way.
@@ -115,6 +115,6 @@ fn go(stretch: &Stretch, job: &Job<'_>) -> String {
     }
     let [j1, j2, j3, j4, j5, j6, _] = angles(&stretch.to_rad, &job.axes, 1.0, 7);
     let lead = stretch.lead(&job.axes);
-    let (a, v) = (fixed(lead.rad_per_s2, 5), fixed(lead.rad_per_s, 5));
+    let (a, v) = (at_most(lead.rad_per_s2, 5), at_most(lead.rad_per_s, 5));
     format!("  movej([{j1}, {j2}, {j3}, {j4}, {j5}, {j6}], a={a}, v={v}, t=0, r=0)")
 }

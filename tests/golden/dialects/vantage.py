@@ -33,20 +33,20 @@ def move(angles_deg, speed, acceleration):
 
 def scan():
     robot.setDO(1, 1)
-    robot.Pause(100.0)
+    robot.Pause(100)
     robot.setDO(1, 0)
-    robot.waitDI(1, 1, 30000.0)
+    robot.waitDI(1, 1, 30000)
 
 # to viewpoint 4
 move([0.000000, -30.000000, 60.000000, 0.000000, 30.000000, 0.000000, 30.000000], 11.2500, 22.5000)
 move([5.000000, -30.000000, 60.000000, 0.000000, 30.000000, 0.000000, 30.000000], 22.4885, 179.9085)
 move([10.123457, -33.000000, 64.000000, 5.000000, 24.000000, 7.000000, 45.000000], 11.2500, 22.5000)
-robot.Pause(300.0)
+robot.Pause(300)
 # scan viewpoint 4, brightness 5
 scan()
 # to viewpoint 0
 move([-10.000000, -33.000000, 64.000000, -0.000010, 30.000000, -7.654321, -20.000000], 11.2500, 22.5000)
-robot.Pause(300.0)
+robot.Pause(300)
 # scan viewpoint 0, brightness 5
 scan()
 # home
