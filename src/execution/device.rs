@@ -236,6 +236,17 @@ pub enum DeviceError {
         /// Words of the operating system.
         reason: String,
     },
+    /// This machine does not listen where its cell file wants it to.
+    #[error(
+        "this machine cannot listen at {address} ({reason}); give one of its own addresses in the cell file, with a port that no \
+         other program has"
+    )]
+    Unbound {
+        /// Address of the cell file.
+        address: String,
+        /// Words of the operating system.
+        reason: String,
+    },
     /// The connection ended.
     #[error("the connection to the controller ended ({reason}); see what the controller says, then connect anew")]
     Closed {
@@ -243,7 +254,7 @@ pub enum DeviceError {
         reason: String,
     },
     /// No answer in time.
-    #[error("no answer from the controller within {} ms; check its network and whether another client holds it", waited.as_millis())]
+    #[error("no answer within {} ms; check its network and whether another client holds it", waited.as_millis())]
     Silent {
         /// Time waited.
         waited: Duration,
@@ -254,8 +265,8 @@ pub enum DeviceError {
         /// Description of what was read.
         what: String,
     },
-    /// The controller says no.
-    #[error("the controller refused with code {code} ({text}); read its message, clear it, and arm again")]
+    /// The device says no.
+    #[error("it refused with code {code} ({text}); clear that at the device, then try again")]
     Refused {
         /// Its number.
         code: i64,
@@ -283,7 +294,7 @@ pub enum DeviceError {
         age: Duration,
     },
     /// Somebody else is there.
-    #[error("there is {found}, where the cell file has {expected}; check the address")]
+    #[error("there is {found}, where the cell file has {expected}; check address and model in the cell file")]
     OtherDevice {
         /// Device of the cell file.
         expected: String,
@@ -303,7 +314,7 @@ pub enum DeviceError {
     /// The protocol has no way to do it.
     #[error("this controller cannot {what}")]
     Unsupported {
-        /// Deed, as a verb.
+        /// Deed, as a verb, and what to do instead.
         what: String,
     },
 }
@@ -326,4 +337,32 @@ pub trait WireLog: Send + Sync {
 /// Keeps nothing.
 impl WireLog for () {
     fn record(&self, _device: &'static str, _direction: Direction, _bytes: &[u8]) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Refusals and silence were told in words for controllers, of triggers too.
+    #[test]
+    fn each_error_says_what_to_do_next_whatever_the_device() {
+        let words = || "x".to_owned();
+        let refused = DeviceError::Refused { code: 503, text: "busy".to_owned() };
+        assert_eq!(refused.to_string(), "it refused with code 503 (busy); clear that at the device, then try again");
+        for error in [
+            refused,
+            DeviceError::Unreachable { address: words(), reason: words() },
+            DeviceError::Unbound { address: words(), reason: words() },
+            DeviceError::Closed { reason: words() },
+            DeviceError::Silent { waited: STOP_ATTEMPT },
+            DeviceError::Malformed { what: words() },
+            DeviceError::Fault { code: 1, text: words() },
+            DeviceError::Stale { age: STOP_ATTEMPT },
+            DeviceError::OtherDevice { expected: words(), found: words() },
+            DeviceError::WordOrder { configured: words(), other: words(), found: 1 },
+        ] {
+            let told = error.to_string();
+            assert!(told.split_once("; ").is_some_and(|(_, next)| next.len() > 10), "{told}");
+        }
+    }
 }

@@ -234,7 +234,7 @@ impl<const N: usize> Body<N> {
         self.settle(now);
         if !self.is_armed {
             self.asked.targets_unarmed += 1;
-            return Err(DeviceError::NotReady { reason: "it is not armed".into() });
+            return Err(DeviceError::NotReady { reason: "it is not armed; arm the run first".into() });
         }
         if self.motion.is_some() || self.planted == Some(Planted::Refuses) {
             return Err(DeviceError::Refused { code: 20004, text: "it moves already, or a refusal is planted".into() });

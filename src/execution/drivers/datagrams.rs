@@ -33,8 +33,8 @@ impl Datagrams {
         log: Arc<dyn WireLog>,
         device: &'static str,
     ) -> Result<Self, DeviceError> {
-        let unreachable = |error: io::Error| DeviceError::Unreachable { address: address.to_owned(), reason: error.to_string() };
-        let socket = UdpSocket::bind(address).await.map_err(unreachable)?;
+        let unbound = |error: io::Error| DeviceError::Unbound { address: address.to_owned(), reason: error.to_string() };
+        let socket = UdpSocket::bind(address).await.map_err(unbound)?;
         Ok(Self { socket, host, peer: None, newest: vec![0; MAX_BYTES], next: vec![0; MAX_BYTES], log, device })
     }
 

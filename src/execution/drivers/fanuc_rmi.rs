@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::stream::{Connection, STOP_WAIT, Wiring, not_connected, reconnected, within};
+use super::stream::{Connection, NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected, within};
 use crate::cell::{FanucRmiSpec, JointThreeOrigin};
 use crate::execution::device::{
     Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target,
@@ -162,7 +162,8 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         let joints = RmiJoints::of_program(&target.positions_rad, origin, session.extended_deg);
         session.look_for_failure()?;
         if !is_armed || session.under_way.is_some() {
-            return Err(DeviceError::NotReady { reason: "it is not armed, or still under way".to_owned() });
+            let reason = if is_armed { "it is still under way; wait until it has arrived" } else { NOT_ARMED };
+            return Err(DeviceError::NotReady { reason: reason.to_owned() });
         }
         let sequence = session.next_sequence;
         session.next_sequence = if sequence == MAX_SEQUENCE { 1 } else { sequence + 1 };

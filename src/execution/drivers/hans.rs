@@ -17,7 +17,7 @@ use tokio::time::{Instant, sleep};
 use self::link::TextLink;
 use self::servo::{ServoStream, realtime_state};
 pub use self::signals::HansSignals;
-use super::stream::{STOP_WAIT, Wiring, not_connected, reconnected, within};
+use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected, within};
 use crate::cell::{HansServoSpec, HansSpec, Kinematics};
 use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};
 use crate::execution::protocol::hans::{
@@ -135,7 +135,7 @@ impl HansArm {
         let max = |values: [f64; 6]| values.into_iter().fold(0.0, f64::max).to_degrees();
         let (speed, acceleration) = (max(target.max_speed_rad_s), max(target.max_acceleration_rad_s2));
         if !joints_deg.iter().chain([&speed, &acceleration]).all(|value| value.is_finite()) {
-            return Err(DeviceError::Unsupported { what: "move to what is no number".into() });
+            return Err(DeviceError::Unsupported { what: "move to what is no number; plan again".into() });
         }
         Ok(HansWayPoint {
             pose: [0.0; 6],
@@ -163,11 +163,17 @@ impl HansArm {
         Ok(())
     }
 
-    /// Nothing is pushed from here on.
-    async fn end_servo(&mut self) {
-        if let Some(servo) = self.servo.take() {
-            servo.end().await;
-        }
+    /// Nothing is pushed from here on; returns false where nothing was.
+    async fn end_servo(&mut self) -> bool {
+        let Some(servo) = self.servo.take() else { return false };
+        servo.end().await;
+        true
+    }
+
+    /// Ends the stream, if there is one, by a stop: to the controller a stream that stands is a motion, and without a stop it
+    /// stays in it.
+    async fn leave_servo(&mut self) -> Result<(), DeviceError> {
+        if self.end_servo().await && self.link.is_some() { self.command(HansCommand::GrpStop).await.map(drop) } else { Ok(()) }
     }
 
     async fn position(&mut self) -> Result<ActualPosition, DeviceError> {
@@ -215,7 +221,7 @@ impl MotionDevice<6> for HansArm {
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
-        self.end_servo().await;
+        self.leave_servo().await?;
         self.goal_deg = None;
         if !self.is_checked {
             return Err(reconnected());
@@ -241,7 +247,7 @@ impl MotionDevice<6> for HansArm {
 
     async fn start(&mut self, target: &Target<6>) -> Result<(), DeviceError> {
         if !self.is_armed {
-            return Err(DeviceError::NotReady { reason: "it is not armed".into() });
+            return Err(DeviceError::NotReady { reason: NOT_ARMED.into() });
         }
         let point = self.way_point(target)?;
         // Whether it was accepted stays open where no reply comes: then it counts as accepted.
@@ -281,7 +287,7 @@ impl MotionDevice<6> for HansArm {
 
     async fn release(&mut self) -> Result<(), DeviceError> {
         self.is_armed = false;
-        self.end_servo().await;
+        let left = self.leave_servo().await;
         let disabled = if std::mem::take(&mut self.enabled_here) && self.link.is_some() {
             self.command(HansCommand::GrpPowerOff).await.map(drop)
         } else {
@@ -290,7 +296,7 @@ impl MotionDevice<6> for HansArm {
         if let Some(link) = self.link.take() {
             link.close().await;
         }
-        disabled
+        left.and(disabled)
     }
 
     fn jitter(&self) -> Option<Jitter> {

@@ -42,6 +42,8 @@ pub struct KukaRsiLink<const N: usize> {
     /// Axes that corrections are counted from, degrees.
     base_deg: Option<[f64; N]>,
     ipoc: u64,
+    /// Latest answer, which the same telegram gets again.
+    answered: Option<RsiCorrection>,
     /// Late answers by the latest telegram, where it counts them.
     late: Option<u32>,
     /// Time at which this machine was last seen to run.
@@ -65,7 +67,8 @@ impl<const N: usize> StreamedProtocol<N> for KukaRsi {
         let identity =
             Identity { maker: "KUKA".to_owned(), model: "controller with RSI".to_owned(), serial: None, firmware: None };
         let (awake_at, held_up) = (Instant::now(), Duration::ZERO);
-        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg: None, ipoc: 0, late: None, awake_at, held_up }))
+        let (base_deg, ipoc, answered, late) = (None, 0, None, None);
+        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg, ipoc, answered, late, awake_at, held_up }))
     }
 }
 
@@ -87,6 +90,22 @@ impl<const N: usize> KukaRsiLink<N> {
         let now = Instant::now();
         self.held_up = self.held_up.max(now.duration_since(self.awake_at));
         self.awake_at = now;
+    }
+
+    /// Waits for a telegram that has no answer yet. One that comes again gets its answer again: the set point of a further cycle
+    /// would take the arm twice as far in this one.
+    async fn unanswered(&mut self) -> Result<RsiReport, DeviceError> {
+        loop {
+            self.note_awake();
+            let report = RsiReport::decode(self.datagrams.receive().await?)?;
+            self.note_awake();
+            match &self.answered {
+                Some(answered) if answered.ipoc == report.ipoc => {
+                    self.datagrams.send(answered.encode(&self.names).as_bytes()).await?;
+                }
+                Some(_) | None => return Ok(report),
+            }
+        }
     }
 
     /// Skips a telegram that was overtaken, and refuses one of another start of RSI: its corrections are counted from other axes.
@@ -116,9 +135,7 @@ impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
     }
 
     async fn report(&mut self) -> Result<StreamedReport<N>, DeviceError> {
-        self.note_awake();
-        let report = RsiReport::decode(self.datagrams.receive().await?)?;
-        self.note_awake();
+        let report = self.unanswered().await?;
         let measured_deg = self.axes_deg(&report.axes_deg, report.external_deg.as_ref())?;
         self.follow(report.ipoc)?;
         let base_deg = match self.base_deg {
@@ -140,12 +157,12 @@ impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
     async fn answer(&mut self, step: &StreamStep<N>) -> Result<(), DeviceError> {
         let Some(base_deg) = self.base_deg else { return Ok(()) };
         let correction_deg = |axis: usize| Some(step.set_point_rad.get(axis)?.to_degrees() - base_deg.get(axis)?);
-        let correction = RsiCorrection {
+        let answered = self.answered.insert(RsiCorrection {
             axes_deg: std::array::from_fn(|axis| correction_deg(axis).unwrap_or(0.0)),
             table: correction_deg(6).map(|deg| (self.spec.table_axis, deg)),
             ipoc: self.ipoc,
-        };
-        self.datagrams.send(correction.encode(&self.names).as_bytes()).await
+        });
+        self.datagrams.send(answered.encode(&self.names).as_bytes()).await
     }
 
     async fn close(self) {}

@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep};
 
 use super::modbus_link::ModbusLink;
 use super::serial;
-use super::stream::{STOP_WAIT, Wiring, not_connected, reconnected};
+use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected};
 use super::table_units::TableUnits;
 use crate::cell::{GatewayFraming, MinasA6Spec, WordOrder};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
@@ -30,6 +30,8 @@ const SERVO_WAIT: Duration = Duration::from_secs(2);
 const START_WAIT: Duration = Duration::from_millis(500);
 /// Pause between questions while something is awaited.
 const POLL: Duration = Duration::from_millis(5);
+/// Words for a drive that is busy.
+const BLOCK_RUNS: &str = "a block of the drive runs; wait until it has ended, or stop it at the drive";
 /// Distance within which the drive's "in position" is believed to be of the last target, share of a turn: 0.2°.
 const GOAL_SHARE: f64 = 0.2 / 360.0;
 
@@ -108,7 +110,7 @@ impl MinasA6Table {
 
     async fn value(&mut self, address: u16) -> Result<i32, DeviceError> {
         let values = self.values(address, 1).await?;
-        values.first().copied().ok_or_else(|| DeviceError::Malformed { what: "no value".into() })
+        values.first().copied().ok_or_else(|| DeviceError::Malformed { what: format!("no value in register {address:#06x}") })
     }
 
     async fn set_value(&mut self, address: u16, value: i32) -> Result<(), DeviceError> {
@@ -156,7 +158,7 @@ impl MinasA6Table {
         let encoder = self.value(ABSOLUTE_ENCODER).await?;
         if (encoder == INFINITE_ROTATION) != self.spec.has_infinite_rotation {
             return not_ready(format!(
-                "Pr0.15 is {encoder} and has_infinite_rotation is {}; 4 is infinite rotation",
+                "Pr0.15 is {encoder} and has_infinite_rotation is {}; 4 is infinite rotation: set the one or the other",
                 self.spec.has_infinite_rotation
             ));
         }
@@ -166,7 +168,8 @@ impl MinasA6Table {
         let turns = i64::from(self.value(MULTI_TURN_LIMIT).await?) + 1;
         if turns != self.spec.gear_ratio as i64 {
             return not_ready(format!(
-                "Pr6.88 + 1 is {turns} and gear_ratio is {}; they are the same turns",
+                "Pr6.88 + 1 is {turns} and gear_ratio is {}; both are the motor's turns in one of the table: set the one or the \
+                 other",
                 self.spec.gear_ratio
             ));
         }
@@ -178,7 +181,7 @@ impl MinasA6Table {
         // Asked for, internal and measured: two registers each, from 600Bh on.
         let values = self.values(register::POSITION_DEMAND, 3).await?;
         let &[demand, _, actual] = values.as_slice() else {
-            return Err(DeviceError::Malformed { what: "positions".into() });
+            return Err(DeviceError::Malformed { what: format!("{} positions for three", values.len()) });
         };
         let (mut demand, mut actual) = (demand.into(), actual.into());
         if self.spec.has_infinite_rotation {
@@ -220,7 +223,8 @@ impl MinasA6Table {
         }
         let set = self.value(COMMUNICATION_TIMEOUT).await?;
         if set != wanted {
-            return Err(DeviceError::NotReady { reason: format!("Pr5.40 is {set} ms after {wanted} ms were written") });
+            let reason = format!("Pr5.40 is {set} ms after {wanted} ms were written; see whether another master writes it");
+            return Err(DeviceError::NotReady { reason });
         }
         self.link()?.set_register(register::EXECUTION_RIGHT, ACQUIRE_RIGHT).await
     }
@@ -326,7 +330,7 @@ impl MotionDevice<1> for MinasA6Table {
         }
         self.check_fault().await?;
         if self.is_busy().await? {
-            return Err(DeviceError::NotReady { reason: "a block runs".into() });
+            return Err(DeviceError::NotReady { reason: BLOCK_RUNS.into() });
         }
         self.take_right(watchdog).await?;
         self.clear_coils().await?;
@@ -337,7 +341,7 @@ impl MotionDevice<1> for MinasA6Table {
 
     async fn start(&mut self, target: &Target<1>) -> Result<(), DeviceError> {
         if !self.is_armed {
-            return Err(DeviceError::NotReady { reason: "it is not armed".into() });
+            return Err(DeviceError::NotReady { reason: NOT_ARMED.into() });
         }
         self.start_blocks(target).await
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::modbus_link::ModbusLink;
-use super::stream::{STOP_WAIT, Wiring, not_connected, reconnected};
+use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected};
 use super::table_units::{TableUnits, whole};
 use crate::cell::ModbusPlcSpec;
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
@@ -158,10 +158,13 @@ impl MotionDevice<1> for PlcTable {
 
     async fn start(&mut self, target: &Target<1>) -> Result<(), DeviceError> {
         if !self.is_armed {
-            return Err(DeviceError::NotReady { reason: "it is not armed".into() });
+            return Err(DeviceError::NotReady { reason: NOT_ARMED.into() });
         }
         let goal = self.units.position(target.positions_rad[0])?;
-        let units = i32::try_from(goal).map_err(|_| DeviceError::Unsupported { what: format!("turn to {goal} units") })?;
+        let too_far = || DeviceError::Unsupported {
+            what: format!("turn to {goal} units, more than 32 bits hold; check units_per_turn and home_units in the cell file"),
+        };
+        let units = i32::try_from(goal).map_err(|_| too_far())?;
         self.goal = Some(goal);
         if target.max_speed_rad_s[0] <= 0.0 {
             return Ok(());

@@ -25,6 +25,9 @@ const MAX_PAUSE: Duration = Duration::from_secs(1);
 /// new one.
 pub const STOP_WAIT: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() as u64 * 2 / 5);
 
+/// Words for a device that is to move and has no right to.
+pub const NOT_ARMED: &str = "it is not armed; arm the run first";
+
 /// Bytes both ways, over whatever carries them.
 pub trait ByteStream: AsyncRead + AsyncWrite + Send + Unpin {}
 

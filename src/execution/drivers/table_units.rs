@@ -18,7 +18,7 @@ pub(super) fn whole(speed: f64, unit: &str, max: f64, duration: Duration) -> Res
     let whole = (speed * (1.0 + 1e-9)).floor();
     let refuse = |reason: String| Err(DeviceError::Unsupported { what: format!("turn at {speed:.2} {unit}; {reason}") });
     if !(1.0..=max).contains(&whole) {
-        return refuse(format!("allowed is 1 to {max}"));
+        return refuse(format!("allowed is 1 to {max}: change the speed of the run"));
     }
     let takes = duration.mul_f64(speed / whole);
     if takes > duration + duration / 2 + LATE {
@@ -58,7 +58,7 @@ impl TableUnits {
         let units = (angle_rad * self.per_rad()).round();
         // Half of what 64 bits hold: differences of two positions fit as well.
         if units.is_nan() || units.abs() >= 4e18 {
-            return Err(DeviceError::Unsupported { what: format!("turn to {angle_rad} rad") });
+            return Err(DeviceError::Unsupported { what: format!("turn to {angle_rad} rad; plan again") });
         }
         Ok(self.home + units as i64)
     }

@@ -224,9 +224,10 @@ impl CommandTrigger {
         self.log.record(DEVICE, Direction::Sent, format!("{program} {}", arguments.join(" ")).as_bytes());
         let mut command = Command::new(program);
         command.args(&arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).kill_on_drop(true);
-        let unreachable =
-            |error: std::io::Error| DeviceError::Unreachable { address: program.clone(), reason: error.to_string() };
-        let status = command.status().await.map_err(unreachable)?;
+        let not_started = |error: std::io::Error| DeviceError::NotReady {
+            reason: format!("the program {program} cannot be started ({error}); check its path in the cell file, and its rights"),
+        };
+        let status = command.status().await.map_err(not_started)?;
         self.log.record(DEVICE, Direction::Received, status.to_string().as_bytes());
         if status.success() {
             return Ok(());

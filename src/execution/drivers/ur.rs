@@ -197,10 +197,9 @@ impl UniversalRobots {
     /// Sends the program, and waits until it connects back.
     async fn start_program(&self, watchdog: Duration) -> Result<Connection, DeviceError> {
         let reverse = self.spec.reverse_address;
-        let refused =
-            |error: std::io::Error| DeviceError::Unreachable { address: reverse.to_string(), reason: error.to_string() };
-        let listener = TcpListener::bind(reverse).await.map_err(refused)?;
-        let reverse = listener.local_addr().map_err(refused)?;
+        let unbound = |error: std::io::Error| DeviceError::Unbound { address: reverse.to_string(), reason: error.to_string() };
+        let listener = TcpListener::bind(reverse).await.map_err(unbound)?;
+        let reverse = listener.local_addr().map_err(unbound)?;
         let mut script = self.wiring.connect(&self.spec.script_address, PATIENCE).await?;
         script.send(self.program(reverse, watchdog).as_bytes()).await?;
         let (stream, _) = timeout(PATIENCE, listener.accept())
@@ -208,10 +207,10 @@ impl UniversalRobots {
             .map_err(|_| DeviceError::NotReady {
                 reason: format!("its program did not connect to {reverse}; set the arm to remote control and check the address"),
             })?
-            .map_err(refused)?;
-        stream.set_nodelay(true).map_err(refused)?;
+            .map_err(unbound)?;
+        stream.set_nodelay(true).map_err(unbound)?;
         // A move that the network holds up would arrive after the program was given up, and be carried out.
-        stream.set_zero_linger().map_err(refused)?;
+        stream.set_zero_linger().map_err(unbound)?;
         script.close().await;
         Ok(self.wiring.connection(Box::new(stream)))
     }
@@ -350,5 +349,5 @@ fn hindrance(state: &RtdeState) -> Option<&'static str> {
     if state.is_paused() {
         return Some("its program is paused at the controller; let it go on or stop it there");
     }
-    state.is_hand_guided().then_some("it is guided by hand")
+    state.is_hand_guided().then_some("it is guided by hand; let go of it")
 }

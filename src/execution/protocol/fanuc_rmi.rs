@@ -98,7 +98,7 @@ impl RmiSpeed {
         match (u16::try_from(ms), u16::try_from(tenths)) {
             (Ok(speed), _) if ms <= MAX_SPEED => Ok(Self::Milliseconds(speed)),
             (_, Ok(speed)) if tenths <= MAX_SPEED => Ok(Self::Tenths(speed)),
-            _ => Err(DeviceError::Unsupported { what: format!("make a move of {} s; divide it", ms / 1000) }),
+            _ => Err(DeviceError::Unsupported { what: format!("make a move of {} s; raise the speed of the run", ms / 1000) }),
         }
     }
 

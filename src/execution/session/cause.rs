@@ -198,7 +198,11 @@ impl StopCause {
 const fn is_lost(error: &DeviceError) -> bool {
     matches!(
         error,
-        DeviceError::Unreachable { .. } | DeviceError::Closed { .. } | DeviceError::Silent { .. } | DeviceError::Stale { .. }
+        DeviceError::Unreachable { .. }
+            | DeviceError::Unbound { .. }
+            | DeviceError::Closed { .. }
+            | DeviceError::Silent { .. }
+            | DeviceError::Stale { .. }
     )
 }
 
@@ -206,7 +210,12 @@ impl fmt::Display for StopCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Client => write!(f, "a client asked for it"),
-            Self::HeartbeatLost { after } => write!(f, "no heartbeat of the client for {} ms", after.as_millis()),
+            Self::HeartbeatLost { after } => write!(
+                f,
+                "no heartbeat of the client for {} ms; see whether it still runs, then start a new run from the step that was \
+                 reached",
+                after.as_millis()
+            ),
             Self::LeaseLost(error) => write!(f, "{error}"),
             Self::ServerGone => write!(f, "the server ended; start a new run from the step that was reached"),
             Self::ArmExpired => write!(f, "armed and not told to move; arm a new run when you are ready"),
@@ -226,11 +235,28 @@ impl fmt::Display for StopCause {
             }
             Self::Objections(objections) => write!(f, "{}", Listed(objections)),
             Self::OffPath { axis, off_deg, allowed_deg } => {
-                write!(f, "axis {axis} is {off_deg:.2}° from where it should be; allowed are {allowed_deg:.2}°")
+                let axis = AxisName(*axis);
+                write!(
+                    f,
+                    "{axis} is {off_deg:.2}° from where it should be; allowed are {allowed_deg:.2}°: see what holds or moves it, \
+                     then start a new run from this step"
+                )
             }
-            Self::NotReached { axis, off_deg } => write!(f, "axis {axis} stays {off_deg:.3}° off its target"),
+            Self::NotReached { axis, off_deg } => {
+                let axis = AxisName(*axis);
+                write!(f, "{axis} stays {off_deg:.3}° off its target; see what holds it, then start a new run from this step")
+            }
             Self::Internal(what) => write!(f, "a fault of this program's own: {what}; please report it"),
         }
+    }
+}
+
+/// Axis of the cell, 1 to 6 of the arm, or 7 for the table, in words.
+pub(super) struct AxisName(pub(super) usize);
+
+impl fmt::Display for AxisName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0 == 7 { f.write_str("the table") } else { write!(f, "axis {} of the arm", self.0) }
     }
 }
 
@@ -310,6 +336,42 @@ impl fmt::Display for RunReason {
             Self::AllSteps => write!(f, "every step is done"),
             Self::Read => write!(f, "the devices were read; nothing was moved"),
             Self::Ended(cause) => write!(f, "{cause}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::execution::session::lease::Fence;
+
+    /// The axis of the table was "axis 7", and what to do next was left open.
+    #[test]
+    fn each_end_names_its_device_and_says_what_to_do_next() {
+        let silent = DeviceError::Silent { waited: Duration::from_millis(200) };
+        for (cause, device) in [
+            (StopCause::OffPath { axis: 7, off_deg: 6.0, allowed_deg: 5.0 }, "the table is 6.00° from"),
+            (StopCause::OffPath { axis: 2, off_deg: 6.0, allowed_deg: 5.0 }, "axis 2 of the arm is"),
+            (StopCause::NotReached { axis: 7, off_deg: 0.5 }, "the table stays 0.500° off"),
+            (StopCause::NotReached { axis: 6, off_deg: 0.5 }, "axis 6 of the arm stays"),
+            (StopCause::HeartbeatLost { after: Duration::from_millis(600) }, "the client"),
+            (StopCause::LeaseLost(LeaseError::Expired { cell: "one".to_owned(), token: Fence(1) }), "cell one"),
+            (StopCause::EmergencyStop(DeviceRole::Table), "the table"),
+            (StopCause::GuardOpen(DeviceRole::Arm), "the arm"),
+            (StopCause::HandGuided(DeviceRole::Arm), "the arm"),
+            (StopCause::HeldAtDevice(DeviceRole::Arm), "the arm"),
+            (StopCause::PowerLost(DeviceRole::Table), "the table"),
+            (StopCause::Stale { device: DeviceRole::Table, age: Duration::from_secs(1) }, "the table"),
+            (StopCause::Device { device: DeviceRole::Trigger, error: silent }, "trigger: no answer within 200 ms"),
+            (StopCause::Fault { device: DeviceRole::Arm, code: 5, text: None }, "the arm"),
+            (StopCause::Objections(vec![Objection::Moves(DeviceRole::Table)]), "the table"),
+            (StopCause::Objections(vec![Objection::OutsideLimits { axis: 7, angle_deg: 400.0 }]), "the table would go to"),
+            (StopCause::Objections(vec![Objection::TooFast { axis: 3 }]), "axis 3 of the arm would be quicker"),
+            (StopCause::Objections(vec![Objection::OutsideWorkspace { at_mm: [1.0, 2.0, 3.0] }]), "[1, 2, 3] mm"),
+        ] {
+            let told = cause.to_string();
+            let next = told.split_once("; ").map(|(_, next)| next.trim());
+            assert!(told.contains(device) && next.is_some_and(|next| !next.is_empty()), "{told}");
         }
     }
 }

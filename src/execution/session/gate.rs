@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::cause::{DeviceRole, StopCause};
+use super::cause::{AxisName, DeviceRole, StopCause};
 use super::machine::MachineState;
 use super::state::RunState;
 use crate::cell::{CalibrationObjection, Cell, CollisionScene, Configuration, Contact, UseConditions};
@@ -231,18 +231,29 @@ impl fmt::Display for Objection {
             Self::NoSuchStep { step, steps } => write!(f, "there is no step {step}; the program has {steps}, from 0"),
             Self::Override(value) => write!(f, "the speed override is {value}; allowed is 0.01 to 1"),
             Self::Moves(device) => write!(f, "the {device} moves already; wait until it stands still"),
-            Self::NotFinite => write!(f, "a target has an angle that is no number"),
-            Self::OutsideLimits { axis, angle_deg } => write!(f, "axis {axis} would go to {angle_deg:.3}°, beyond its limits"),
-            Self::TooFast { axis } => write!(f, "axis {axis} would be quicker than it may be"),
+            Self::NotFinite => write!(f, "a target has an angle that is no number; plan again"),
+            Self::OutsideLimits { axis, angle_deg } => {
+                write!(f, "{} would go to {angle_deg:.3}°, beyond its limits; plan again with this cell", AxisName(*axis))
+            }
+            Self::TooFast { axis } => {
+                write!(f, "{} would be quicker than it may be; plan again with this cell", AxisName(*axis))
+            }
             Self::OffStart { axis, off_deg, allowed_deg } => write!(
                 f,
-                "axis {axis} stands {off_deg:.2}° off the program's way; allowed are {allowed_deg:.2}°: bring the cell there by \
-                 hand or by its own controller"
+                "{} stands {off_deg:.2}° off the program's way; allowed are {allowed_deg:.2}°: bring the cell there by \
+                 hand or by its own controller",
+                AxisName(*axis)
             ),
-            Self::OutsideWorkspace { at_mm: [x, y, z] } => {
-                write!(f, "the way leads to [{x:.0}, {y:.0}, {z:.0}] mm, outside the workspace of the cell file")
-            }
-            Self::Collision(contact) => write!(f, "on the way from where the cell stands, {contact} come too close"),
+            Self::OutsideWorkspace { at_mm: [x, y, z] } => write!(
+                f,
+                "the way leads to [{x:.0}, {y:.0}, {z:.0}] mm, outside the workspace of the cell file; enlarge \
+                 controllers.workspace, or plan a program that stays in it"
+            ),
+            Self::Collision(contact) => write!(
+                f,
+                "on the way from where the cell stands, {contact} come too close; bring the cell nearer to the program's way by \
+                 hand"
+            ),
         }
     }
 }

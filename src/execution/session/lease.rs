@@ -38,7 +38,8 @@ pub struct Lease {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LeaseError {
     /// Somebody else has it.
-    #[error("cell {cell} is leased to {holder} for another {} ms; wait, or ask them to give it back", remaining.as_millis())]
+    #[error("cell {cell} is leased to {} for another {} ms, longer if they renew it",
+        if holder.is_empty() { "another client" } else { holder.as_str() }, remaining.as_millis())]
     Held {
         /// Name of the cell.
         cell: String,

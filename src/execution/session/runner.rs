@@ -241,7 +241,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         if !stop::is_complete(&stops) {
             let device =
                 if stops[0].acknowledged.is_some() && stops[0].at_rest.is_some() { DeviceRole::Table } else { DeviceRole::Arm };
-            let reason = "it did not come to rest for a pause".to_owned();
+            let reason = "it did not come to rest for a pause; see what moves it, then start a new run from this step".to_owned();
             return Err(Halt::stop(StopCause::Device { device, error: DeviceError::NotReady { reason } }));
         }
         self.watcher.happen(RunEvent::Paused(cause));

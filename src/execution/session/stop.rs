@@ -32,8 +32,10 @@ pub(super) async fn stop<M: Drive>(machine: &mut M, asked: Instant) -> ([DeviceS
     let mut found = [None, None];
     let is_verified = timeout(REST, verify(machine, &mut stops, &mut found, asked)).await.is_ok();
     for stop in stops.iter_mut().filter(|stop| !is_verified && stop.at_rest.is_none()) {
-        let words = format!("not verified at rest within {} s", REST.as_secs());
-        stop.error = Some(stop.error.take().map_or_else(|| words.clone(), |error| format!("{words}: {error}")));
+        let because = stop.error.take().map_or_else(String::new, |error| format!(" ({error})"));
+        let rest_secs = REST.as_secs();
+        stop.error =
+            Some(format!("not verified at rest within {rest_secs} s{because}; see that it stands before anybody goes near it"));
     }
     (stops, found)
 }

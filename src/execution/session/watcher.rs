@@ -204,6 +204,7 @@ pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: 
         DeviceError::Stale { age } => Some(*age),
         DeviceError::Silent { .. }
         | DeviceError::Unreachable { .. }
+        | DeviceError::Unbound { .. }
         | DeviceError::Closed { .. }
         | DeviceError::Malformed { .. }
         | DeviceError::Refused { .. }

@@ -54,7 +54,10 @@ impl TextLink {
         match reply.await?.outcome {
             HansOutcome::Done(values) => Ok(values),
             HansOutcome::Fail(code) => Err(DeviceError::Refused { code, text: error_text(code).to_owned() }),
-            HansOutcome::Unknown => Err(DeviceError::Unsupported { what: format!("take the command {}", request.name()) }),
+            HansOutcome::Unknown => {
+                let what = format!("take the command {}; see whether its firmware has it", request.name());
+                Err(DeviceError::Unsupported { what })
+            }
         }
     }
 

@@ -1,9 +1,9 @@
 //! Servo streaming (port 8892): joints pushed at the controller's own cycle from a thread with absolute deadlines, the rest
-//! position too while nothing moves. The port has no replies and takes one client; the way to stop is to push no more and say
-//! so on the text port.
+//! position too while nothing moves. The port has no replies and takes one client; the way to stop is to push no more, reset the
+//! connection and say so on the text port.
 
 use std::io::{self, Write as _};
-use std::net::{TcpStream, ToSocketAddrs};
+use std::net::TcpStream;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -40,11 +40,8 @@ struct Course {
 impl ServoStream {
     /// Connects to the servo port and streams the joints where the arm stands.
     pub(super) async fn begin(spec: &HansServoSpec, joints_deg: [f64; 6], wiring: &Wiring) -> Result<Self, DeviceError> {
-        let address = spec.address.clone();
         let unreachable = |reason: String| DeviceError::Unreachable { address: spec.address.clone(), reason };
-        let connected = tokio::task::spawn_blocking(move || connect(&address)).await;
-        let mut stream =
-            connected.map_err(|error| unreachable(error.to_string()))?.map_err(|error| unreachable(error.to_string()))?;
+        let mut stream = connect(&spec.address).await.map_err(|error| unreachable(error.to_string()))?;
         let start = HansRequest::StartServo { argument: spec.start_argument, lookahead_secs: spec.lookahead_secs };
         push(&mut stream, &start, wiring).map_err(|error| unreachable(error.to_string()))?;
         let points = SetPoints::still(joints_deg.map(f64::to_radians));
@@ -72,7 +69,7 @@ impl ServoStream {
             return Err(DeviceError::Closed { reason });
         }
         if course.points.is_moving() {
-            return Err(DeviceError::NotReady { reason: "a target is under way".into() });
+            return Err(DeviceError::NotReady { reason: "a target is under way; wait until it has arrived".into() });
         }
         course.points.go(target);
         Ok(())
@@ -124,10 +121,15 @@ async fn first_state(connection: &mut Connection) -> Result<HansRealtimeState, D
     }
 }
 
-fn connect(address: &str) -> io::Result<TcpStream> {
-    let resolved = address.to_socket_addrs()?.next().ok_or_else(|| io::Error::other("the name has no address"))?;
-    let stream = TcpStream::connect_timeout(&resolved, SERVO_TIMEOUT)?;
+/// Connects. The stream is reset where it is dropped: set points that the network has not taken by then are never sent, or they
+/// would arrive after the stop that went over the text port.
+async fn connect(address: &str) -> io::Result<TcpStream> {
+    let connecting = timeout(SERVO_TIMEOUT, tokio::net::TcpStream::connect(address));
+    let stream = connecting.await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))?;
     stream.set_nodelay(true)?;
+    stream.set_zero_linger()?;
+    let stream = stream.into_std()?;
+    stream.set_nonblocking(false)?;
     stream.set_write_timeout(Some(SERVO_TIMEOUT))?;
     Ok(stream)
 }

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use tokio::io::AsyncReadExt;
+use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
@@ -299,6 +301,38 @@ async fn an_axis_that_was_measured_beside_the_program_is_not_a_jump() {
     let turned_deg = (bench.joints)()[0].to_degrees() - HOME_DEG[0];
     assert!((0.0..8.0).contains(&turned_deg), "{turned_deg}° in 0.15 s");
     bench.arrive().await;
+}
+
+/// The controller was left in its servo motion by a run that ended without a stop, and refused to be armed by the next.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stream_that_is_given_back_leaves_the_controller_ready_for_the_next_run() {
+    let mut bench = bench().await;
+    bench.arm.spec.servo = servo(bench.addresses, 4);
+    for _ in 0..2 {
+        bench.arm.connect().await.expect("a controller");
+        bench.arm.arm(WATCHDOG).await.expect("the controller stands by");
+        // Until its first set points are taken.
+        sleep(Duration::from_millis(100)).await;
+        bench.arm.release().await.expect("released");
+    }
+}
+
+/// Set points that wait for the network would be carried out after the stop on the text port: the connection is reset.
+#[tokio::test]
+async fn set_points_that_the_network_has_not_taken_are_not_sent_once_the_stream_has_ended() {
+    let port = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let (address, state_address) = (port.local_addr().expect("an address").to_string(), String::new());
+    let spec = HansServoSpec { address, state_address, period_ms: 4, start_argument: 8000.0, lookahead_secs: 0.004 };
+    let controller = tokio::spawn(async move {
+        let (mut stream, _) = port.accept().await.expect("a client");
+        let mut taken = Vec::new();
+        stream.read_to_end(&mut taken).await.map_err(|error| error.kind())
+    });
+    let stream = ServoStream::begin(&spec, HOME_DEG, &Wiring::over_tcp("arm", Arc::new(()))).await.expect("a stream");
+    sleep(Duration::from_millis(50)).await;
+    stream.end().await;
+    let ended = timeout(Duration::from_secs(5), controller).await.expect("it ends").expect("no panic");
+    assert_eq!(ended, Err(std::io::ErrorKind::ConnectionReset));
 }
 
 #[tokio::test]

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use tokio::time::{Instant, sleep};
 
-use super::{GOAL_SHARE, MinasA6Table, POLL, START_WAIT};
+use super::{BLOCK_RUNS, GOAL_SHARE, MinasA6Table, POLL, START_WAIT};
 use crate::execution::device::{DeviceError, Target};
 use crate::execution::drivers::table_units::whole;
 use crate::execution::protocol::minas_a6::{
@@ -30,7 +30,7 @@ impl MinasA6Table {
     /// Writes the blocks of a move, starts the first and waits until the drive has it.
     pub(super) async fn start_blocks(&mut self, target: &Target<1>) -> Result<(), DeviceError> {
         if self.is_busy().await? {
-            return Err(DeviceError::NotReady { reason: "a block runs".into() });
+            return Err(DeviceError::NotReady { reason: BLOCK_RUNS.into() });
         }
         let goal = self.units.position(target.positions_rad[0])?;
         let (demand, _) = self.positions().await?;
@@ -46,7 +46,9 @@ impl MinasA6Table {
 
     /// Distances, or the position, that lead to the target.
     fn travels(&self, demand: i64, goal: i64) -> Result<Vec<BlockTravel>, DeviceError> {
-        let too_far = || DeviceError::Unsupported { what: format!("turn by {} units at once", goal - demand) };
+        let too_far = || DeviceError::Unsupported {
+            what: format!("turn by {} units at once; bring the table nearer to the program's angle by hand", goal - demand),
+        };
         if !self.spec.has_infinite_rotation {
             return Ok(vec![BlockTravel::Absolute(i32::try_from(goal).map_err(|_| too_far())?)]);
         }
@@ -69,8 +71,8 @@ impl MinasA6Table {
         let mut ramp_ms = (1e3 * RAMP_R_PER_MIN / motor_r_per_min(target.max_acceleration_rad_s2[0])).ceil();
         let max_r_per_min = f64::from(self.spec.max_motor_r_per_min);
         if !(1.0..=max_r_per_min).contains(&speed) {
-            let what = format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max_r_per_min}");
-            return Err(DeviceError::Unsupported { what });
+            let allowed = format!("allowed is 1 to {max_r_per_min}: change the speed of the run");
+            return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; {allowed}") });
         }
         if ramp_ms > MAX_RAMP_MS || ramp_ms.is_nan() {
             self.check_slowest_ramp()?;
@@ -95,7 +97,10 @@ impl MinasA6Table {
         }
         let [slowest, rated] = [slowest_rad_s2, self.max_acceleration_rad_s2].map(f64::to_degrees);
         let gear = self.spec.gear_ratio;
-        let what = format!("accelerate below {slowest:.1}°/s² at gear ratio {gear}; the table is rated for {rated:.1}°/s²");
+        let what = format!(
+            "accelerate below {slowest:.1}°/s² at gear ratio {gear}; the table is rated for {rated:.1}°/s²: check both in the \
+             cell file"
+        );
         Err(DeviceError::Unsupported { what })
     }
 

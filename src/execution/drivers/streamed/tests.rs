@@ -15,7 +15,7 @@ use crate::execution::drivers::stream::Wiring;
 use crate::execution::drivers::there_and_back::{WATCHDOG, target, there_and_back};
 use crate::execution::drivers::ur::{UniversalRobots, UrArm};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmReport, ExternalAxes};
-use crate::execution::protocol::kuka_rsi::{RsiNames, RsiReport};
+use crate::execution::protocol::kuka_rsi::{RsiCorrection, RsiNames, RsiReport};
 use crate::execution::protocol::ur::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
 use crate::execution::simulators::egm::{EgmController, EgmSession};
 use crate::execution::simulators::kuka_rsi::{RsiController, RsiSession};
@@ -56,6 +56,11 @@ fn kuka<const N: usize>() -> (KukaArm<N>, tokio::task::JoinHandle<RsiSession>) {
     (arm, run)
 }
 
+/// Names that a specification of a KUKA controller has by default.
+fn rsi_names() -> RsiNames {
+    RsiNames { sender_type: "ImFree".to_owned(), axis_tag: "AK".to_owned(), table_tag: "EK".to_owned() }
+}
+
 /// A KUKA controller whose axes stand beside where they are commanded to.
 fn kuka_beside<const N: usize>(
     beside_deg: [f64; 6],
@@ -63,7 +68,7 @@ fn kuka_beside<const N: usize>(
     let address = format!("127.0.0.1:{}", free_port());
     let controller = RsiController {
         client: address.parse().expect("an address"),
-        names: RsiNames { sender_type: "ImFree".to_owned(), axis_tag: "AK".to_owned(), table_tag: "EK".to_owned() },
+        names: rsi_names(),
         cycle: Duration::from_millis(CYCLE_MS.into()),
         timeout_cycles: 40,
         base_deg: ([0.0, -90.0, 90.0, 0.0, 90.0, 0.0], 45.0),
@@ -557,6 +562,38 @@ async fn of_reports_that_queued_the_newest_alone_is_answered_with_the_travel_of_
     assert!(timeout(Duration::ZERO, further).await.is_err(), "nothing is left to answer");
 }
 
+/// A telegram that came twice took the arm twice as far within its cycle.
+#[tokio::test]
+async fn a_telegram_of_rsi_that_comes_again_gets_the_same_set_point_again() {
+    let address = format!("127.0.0.1:{}", free_port());
+    let spec: KukaRsiSpec = serde_json::from_value(serde_json::json!({"address": address})).expect("a specification");
+    let arm: KukaArm<6> = KukaRsi::arm(&spec, Arc::new(()));
+    let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
+    let mut points = SetPoints::still([0.0; 6]);
+    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
+    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
+    let shared = Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) };
+    let cycle = Duration::from_millis(CYCLE_MS.into());
+    let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+    for (ipoc, is_repeated) in [(5_000, false), (5_000, true), (5_000, true), (5_012, false)] {
+        let telegram = RsiReport { ipoc, ..RsiReport::default() }.encode();
+        controller.send_to(telegram.as_bytes(), &address).await.expect("sent");
+        let report = timeout(Duration::from_millis(100), StreamedLink::<6>::report(&mut link)).await;
+        assert_eq!(report.is_err(), is_repeated, "a cycle for each telegram, not for each time that it comes: {report:?}");
+        if let Ok(report) = report {
+            points.advance(cycle);
+            answer_one(&mut link, &shared, report.expect("a report"), cycle).await.expect("answered");
+        }
+        let mut answer = [0; 4096];
+        let received = timeout(Duration::from_secs(5), controller.recv_from(&mut answer)).await.expect("in time");
+        let (length, _) = received.expect("an answer");
+        let correction = RsiCorrection::decode(&answer[..length], &rsi_names()).expect("corrections");
+        let wanted_deg = points.at_rad()[0].to_degrees();
+        assert_eq!(correction.ipoc, ipoc);
+        assert!((correction.axes_deg[0] - wanted_deg).abs() < 1e-5, "{correction:?} for {wanted_deg}°");
+    }
+}
+
 #[tokio::test]
 async fn without_a_sign_of_life_it_stops_and_is_disarmed() {
     let (mut arm, _run) = kuka::<6>();
@@ -628,7 +665,7 @@ async fn a_silent_controller_is_told_as_such() {
     assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })), "not connected");
     let taken = AbbEgmSpec { address: "127.0.0.1:1".to_owned(), controller_host: None, cycle_ms: 4, table_axis: 1 };
     let mut nobody: AbbArm<6> = AbbEgm::arm(&AbbEgmSpec { address: "192.0.2.1:6510".to_owned(), ..taken }, Arc::new(()));
-    assert!(matches!(nobody.connect().await, Err(DeviceError::Unreachable { .. })), "no such address here");
+    assert!(matches!(nobody.connect().await, Err(DeviceError::Unbound { .. })), "no such address here");
     let sent_to = spec.address.clone();
     tokio::spawn(async move {
         let socket = tokio::net::UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
@@ -662,6 +699,18 @@ async fn a_restart_of_rsi_ends_the_session_and_an_overtaken_telegram_does_not() 
     ipoc.send_replace(100);
     sleep(Duration::from_millis(50)).await;
     assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })));
+}
+
+/// The advice was to see whether the controller is on.
+#[tokio::test]
+async fn an_address_that_another_program_has_is_told_as_one_of_this_machine() {
+    let other = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+    let address = other.local_addr().expect("an address").to_string();
+    let spec: KukaRsiSpec = serde_json::from_value(serde_json::json!({"address": address})).expect("a specification");
+    let mut arm: KukaArm<6> = KukaRsi::arm(&spec, Arc::new(()));
+    let told = arm.connect().await.expect_err("taken").to_string();
+    assert!(told.starts_with(&format!("this machine cannot listen at {address} (")), "{told}");
+    assert!(told.ends_with("with a port that no other program has"), "{told}");
 }
 
 #[tokio::test(start_paused = true)]

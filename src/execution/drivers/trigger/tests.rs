@@ -220,7 +220,8 @@ async fn a_program_acknowledges_by_its_end() {
     let (failed, _) = taken(&program("/bin/false", &[]), 3_000).await;
     assert!(matches!(failed, Err(DeviceError::Refused { code: 1, .. })), "{failed:?}");
     let (missing, _) = taken(&program("/nowhere/trigger", &[]), 3_000).await;
-    assert!(matches!(missing, Err(DeviceError::Unreachable { .. })), "{missing:?}");
+    let is_told = |reason: &str| reason.starts_with("the program /nowhere/trigger cannot be started") && reason.contains("path");
+    assert!(matches!(&missing, Err(DeviceError::NotReady { reason }) if is_told(reason)), "{missing:?}");
     let (late, _) = taken(&program("/bin/sleep", &["5"]), 200).await;
     assert!(matches!(late, Err(DeviceError::Silent { .. })), "{late:?}");
 }

@@ -29,6 +29,17 @@ async fn one_holder_at_a_time_with_tokens_that_rise() {
     assert_eq!(leases.current("a"), None);
 }
 
+/// A holder without a name was told as nobody: `is leased to  for`.
+#[tokio::test(start_paused = true)]
+async fn a_holder_is_told_with_the_time_that_is_left() {
+    let leases = Leases::default();
+    for (cell, holder, told) in [("a", "line 3", "line 3"), ("b", "", "another client")] {
+        leases.acquire(cell, holder, TTL).expect("free");
+        let said = leases.acquire(cell, "two", TTL).expect_err("held").to_string();
+        assert_eq!(said, format!("cell {cell} is leased to {told} for another 2000 ms, longer if they renew it"));
+    }
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_lease_has_a_time_within_bounds() {
     let leases = Leases::default();
