@@ -25,8 +25,8 @@ use crate::wire::words::fixed;
 use crate::wire::{Distinct, hex, json_error, json_file_bytes};
 
 /// Files of observations that are read.
-const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV, MoveIt's pairs of poses, samples of \
-                    easy_handeye2 (.yaml, .samples), or a folder of posNN.yaml with boardNN.yaml as Zivid writes them";
+const READ: &str = "observations are JSON or TOML of schema vantage.calibration_data/1, CSV or TSV, MoveIt's pairs of poses, \
+                    samples of easy_handeye2 (.yaml, .samples), or a folder of posNN.yaml with boardNN.yaml as Zivid writes them";
 /// Largest file of observations, bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
@@ -132,7 +132,7 @@ fn folder_of_poses(folder: &Path, read: &ReadArgs) -> Result<(CalibrationData, S
     Ok((data, hex(&hasher.finalize())))
 }
 
-/// Observations of a file, with the SHA-256 of its bytes: CSV by the file's name, pairs of poses by a list, else our own shape.
+/// Observations of a file, with the SHA-256 of its bytes: tables by its name, pairs of poses by a list, else our own shape.
 fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String), CliError> {
     if path.is_dir() {
         return folder_of_poses(path, read);
@@ -146,7 +146,7 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
     let digest = hex(&Sha256::digest(&bytes));
     let below = |errors: Vec<FieldError>| files::findings(&shown, &errors);
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
+    if path.extension().is_some_and(|extension| ["csv", "tsv"].iter().any(|known| extension.eq_ignore_ascii_case(known))) {
         let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
         let unit_mm = read.unit.mm();
         let options = CsvOptions { robot_pose: read.robot_pose, unit_mm, setup: read.setup };
@@ -208,6 +208,7 @@ mod tests {
     use super::*;
     use crate::cell::{BodySpec, Named, PoseSpec, ShapeSpec, SpecKind, SpecLibrary, preset_text};
     use crate::cli::files::FileLibrary;
+    use crate::geometry::LengthUnit;
 
     /// Whole paths were written to it, so that the folder could be used in its own place alone.
     #[test]
@@ -231,5 +232,19 @@ mod tests {
         let shapes: Vec<&ShapeSpec> = moved.obstacles.iter().map(|body| &body.shape).collect();
         assert!(shapes.contains(&&ShapeSpec::Mesh { mesh: path("moved/post.stl") }), "{shapes:?}");
         assert!(moved.flange_from_scanner == spec.flange_from_scanner && moved.scanner == spec.scanner, "the rest is as it was");
+    }
+
+    /// A table of tabs was read as TOML by its name, and refused.
+    #[test]
+    fn a_table_is_read_by_either_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let read =
+            ReadArgs { setup: HandEyeSetup::EyeInHand, robot_pose: RobotPoseKind::Quaternion, unit: LengthUnit::Millimetre };
+        for (name, separator) in [("poses.csv", ","), ("poses.tsv", "\t"), ("poses.TSV", "\t")] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, "id,board_x,board_y,board_z\na,4,5,6\n".replace(',', separator)).expect("a file");
+            let (data, _) = observations(&path, &read).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(data.observations[0].id, "a", "{name}");
+        }
     }
 }

@@ -35,12 +35,13 @@ pub fn calibration_html(calibration: &CalibrationDocument) -> String {
 }
 
 fn header(calibration: &CalibrationDocument) -> String {
-    let used = format!("{} of {}", calibration.summary.used, calibration.residuals.len());
+    let [given, used, held_out, dropped] = calibration.observation_counts();
+    let counts = format!("{given}, of which {used} used, {held_out} held out, {dropped} dropped");
     let facts = [
         ("Cell", calibration.cell.clone()),
         ("Solved for", calibration.kind.as_str().replace('_', " ")),
         ("Taken", calibration.taken_at.to_string()),
-        ("Observations used", used),
+        ("Observations", counts),
         ("Calibration", calibration.id.chars().take(12).collect()),
     ];
     let facts = facts.map(|(name, value)| format!("<div><dt>{name}</dt><dd>{}</dd></div>", escape(&value)));
@@ -62,6 +63,10 @@ fn result(calibration: &CalibrationDocument) -> String {
     let left_out = &calibration.leave_one_out.spread;
     let seen = &calibration.observability;
     let mut rows = place("Scanner on the flange", calibration.flange_from_scanner.translation_mm);
+    if let Some(is_converged) = calibration.converged {
+        let told = if is_converged { "converged" } else { "not converged: not to be used, see the findings" };
+        rows += &row(&["Adjustment".to_owned(), told.to_owned()]);
+    }
     if let Some(table) = &calibration.base_from_table {
         rows += &place("Table in the base", table.translation_mm);
     }

@@ -35,6 +35,10 @@ pub struct ScannerCalibration {
     pub data_sha256: String,
     /// Time of the measurements; `null` if no file gives it.
     pub taken_at: Option<String>,
+    /// True if the adjustment of the observations converged; `null` without observations.
+    pub converged: Option<bool>,
+    /// Iterations of the adjustment; `null` without observations.
+    pub iterations: Option<usize>,
     /// Rig.
     pub rig: RigFigures,
     /// Left camera, right camera and, if it was calibrated, projector.
@@ -212,6 +216,8 @@ impl ScannerCalibration {
             files: source.files.clone(),
             data_sha256: source.data_sha256.clone(),
             taken_at: source.taken_at.clone(),
+            converged: observed.map(|(adjusted, _)| adjusted.is_converged),
+            iterations: observed.map(|(adjusted, _)| adjusted.iterations),
             rig: rig_figures(rig, draft),
             devices: listed.into_iter().filter_map(|(name, device)| Some(device_figures(name, device?, observed))).collect(),
             epipolar_rms_px: quality.and_then(|quality| quality.epipolar_rms_px),
@@ -312,9 +318,20 @@ fn refused_images(quality: &Quality) -> Option<String> {
     })
 }
 
+/// Warning of an adjustment that has not converged, with what to do.
+fn without_convergence(converged: Option<bool>, iterations: Option<usize>) -> Option<String> {
+    converged.filter(|is_converged| !is_converged).map(|_| {
+        format!(
+            "the adjustment did not converge after {} iterations, and neither its figures nor their uncertainties are to be used: \
+             take more views, tilted by 20 to 40° about both axes, or hold lens parameters with --hold",
+            iterations.unwrap_or_default()
+        )
+    })
+}
+
 /// Findings in words, the gravest first.
 fn warnings(document: &ScannerCalibration) -> Vec<String> {
-    let mut out = Vec::new();
+    let mut out: Vec<String> = without_convergence(document.converged, document.iterations).into_iter().collect();
     let leave_out: Vec<&str> = document.views.iter().filter(|view| view.leave_out).map(|view| view.id.as_str()).collect();
     if !leave_out.is_empty() {
         out.push(format!("leave out and calibrate again: views {}", leave_out.join(", ")));
@@ -375,5 +392,19 @@ fn assumption_words(assumption: Assumption) -> &'static str {
         Assumption::Housing => {
             "limits of incidence, mass and housing of an unknown scanner; give --like SCANNER, or edit the file"
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An adjustment that ended at its limits was told like any other.
+    #[test]
+    fn an_adjustment_without_convergence_is_warned_of_with_what_to_do() {
+        let told = without_convergence(Some(false), Some(300)).expect("a warning");
+        assert!(told.contains("did not converge after 300 iterations") && told.ends_with("with --hold"), "{told}");
+        assert_eq!(without_convergence(Some(true), Some(31)), None);
+        assert_eq!(without_convergence(None, None), None, "nothing was adjusted");
     }
 }

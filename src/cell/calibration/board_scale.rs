@@ -12,8 +12,12 @@ use super::data::{Sighting, Weighting};
 use super::refine::{Adjustment, Increment, Refined};
 use super::se3::twist;
 
-/// Rounds: the first step is linear in k, the second is exact to the noise, the third shows its deviation.
-const ROUNDS: usize = 3;
+/// Fewest rounds: the first step is linear in k, the second is exact to the noise, the third shows its deviation.
+const MIN_ROUNDS: usize = 3;
+/// Rounds after which it ends, converged or not.
+const MAX_ROUNDS: usize = 10;
+/// Size of the last step, in standard deviations, up to which k has converged: it adds half a percent to the deviation (√1.01).
+const SETTLED: f64 = 0.1;
 /// Share of the information on k that the other unknowns have to leave: below it k is theirs altogether.
 const MIN_INFORMATION: f64 = 1e-12;
 /// Standard deviations from 1 beyond which the scale is off, where they are known: normal errors exceed them in 1 of 1000
@@ -36,6 +40,10 @@ pub struct BoardScale {
     /// Distance from the scanner, not from the origin of its clouds, to the point of best focus, mm: a ratio that is off moves
     /// the scanner by its share of it.
     pub distance_mm: f64,
+    /// Rounds that it took.
+    pub rounds: usize,
+    /// True if the last round left it where it was, and the other unknowns with it; false if it ended at the limit of rounds.
+    pub is_converged: bool,
     /// Standard deviations from 1 beyond which it is off.
     min_deviations: f64,
 }
@@ -52,8 +60,8 @@ impl BoardScale {
         distance_mm: f64,
     ) -> Option<Self> {
         let (mut at, mut weighting, mut ratio, mut sd) = (refined.estimate, *weighting, 1.0, 0.0);
-        let mut min_deviations = MIN_DEVIATIONS;
-        for _ in 0..ROUNDS {
+        let (mut min_deviations, mut rounds, mut is_converged) = (MIN_DEVIATIONS, 0, false);
+        while rounds < MIN_ROUNDS || (!is_converged && rounds < MAX_ROUNDS) {
             let divided: Vec<Sighting> = used.iter().map(|each| divided(each, ratio)).collect();
             let problem = Adjustment { sightings: &divided, free: refined.free, prior: None };
             let found =
@@ -65,16 +73,18 @@ impl BoardScale {
                 min_deviations = as_rare(found.freedom() as f64 / ESTIMATED);
             }
             (at, weighting) = (found.estimate, found.weighting);
+            is_converged = found.is_converged && step.abs() <= SETTLED * step_sd;
+            rounds += 1;
         }
         let is_told = ratio.is_finite() && ratio > 0.0 && sd.is_finite();
-        is_told.then_some(Self { ratio, sd, distance_mm, min_deviations })
+        is_told.then_some(Self { ratio, sd, distance_mm, rounds, is_converged, min_deviations })
     }
 
-    /// Returns true if the scale is off by more than its uncertainty and by enough to matter.
+    /// Returns true if the scale has converged, and is off by more than its uncertainty and by enough to matter.
     #[must_use]
     pub fn is_off(&self) -> bool {
         let off = (self.ratio - 1.0).abs();
-        off > MIN_OFF && off > self.min_deviations * self.sd
+        self.is_converged && off > MIN_OFF && off > self.min_deviations * self.sd
     }
 
     /// Distance by which the scanner is put off along its view, mm.
@@ -136,7 +146,15 @@ mod tests {
             let found = as_rare(freedom);
             assert!((found - quantile).abs() < within, "{found} for {freedom}");
         }
-        let off = |min_deviations: f64| BoardScale { ratio: 1.004, sd: 0.001, distance_mm: 480.0, min_deviations }.is_off();
-        assert!(off(MIN_DEVIATIONS) && !off(as_rare(6.0)));
+        let scale = BoardScale {
+            ratio: 1.004,
+            sd: 0.001,
+            distance_mm: 480.0,
+            rounds: 3,
+            is_converged: true,
+            min_deviations: MIN_DEVIATIONS,
+        };
+        assert!(scale.is_off() && !BoardScale { min_deviations: as_rare(6.0), ..scale }.is_off());
+        assert!(!BoardScale { is_converged: false, ..scale }.is_off(), "a ratio on its way tells no size");
     }
 }

@@ -63,6 +63,8 @@ closed_list! {
         HeldOutDisagrees = "held_out_disagrees",
         /// The refinement ended at its limit of iterations, before the unknowns settled.
         NotConverged = "not_converged",
+        /// The scale of the lengths to the board ended at its limit of rounds, before it settled.
+        BoardScaleNotConverged = "board_scale_not_converged",
     }
 }
 
@@ -94,8 +96,10 @@ pub struct CalibrationFinding {
 /// Figures of a finding; their meaning goes with the code.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Number of observations, points or iterations.
+    /// Number of observations, points, iterations or rounds.
     pub count: Option<usize>,
+    /// Number of observations that were held out.
+    pub held_out: Option<usize>,
     /// Ratio.
     pub ratio: Option<f64>,
     /// Turn.

@@ -27,7 +27,7 @@ pub type Increment = SVector<f64, COLUMNS>;
 type Rows = SMatrix<f64, 6, COLUMNS>;
 
 /// Iterations after which a refinement ends, converged or not.
-const MAX_ITERATIONS: usize = 60;
+pub const MAX_ITERATIONS: usize = 60;
 /// Square of the last step, in standard deviations; convergence is quadratic, so what is left after it is less.
 const CONVERGED: f64 = 1e-14;
 /// Square of the step, in standard deviations, that a refinement which ended at its limit may have left before it: a thousandth of a

@@ -230,9 +230,10 @@ impl Task {
         let sightings: Vec<_> = kept.iter().map(|index| self.sightings[*index].clone()).collect();
         let joints_rad = kept.iter().filter_map(|index| self.joints_rad.get(*index).copied()).collect();
         let task = Self { sightings, joints_rad, ..self.clone() }.beside_known_runout();
-        let count = task.sightings.len().saturating_sub(task.hold_out);
+        let count = task.fitted().len();
         if count < MIN_OBSERVATIONS {
-            let figures = Figures { count: Some(count), ..Figures::default() };
+            let held_out = Some(task.sightings.len() - count).filter(|held_out| *held_out > 0);
+            let figures = Figures { count: Some(count), held_out, ..Figures::default() };
             findings.push(CalibrationFinding::new(FindingCode::TooFew, Severity::Error).with(figures));
         } else {
             task.check_motion(findings);
@@ -365,7 +366,9 @@ impl Task {
         let observability = Observability::new(&self.frames(), Some(&covariance), lever_mm);
         self.judge(screened, &observability, &residuals, &whitened, &roles, &mut findings);
         let board_scale = self.board_scale(screened, &used);
-        findings.extend(board_scale.and_then(|scale| self.judge_board(&scale)));
+        // Where the refinement itself has not converged, its own warning says enough.
+        let judged = board_scale.filter(|scale| scale.is_converged || refined.is_converged);
+        findings.extend(judged.and_then(|scale| self.judge_board(&scale)));
         refuse(&findings)?;
         Ok(Calibration {
             refined: refined.clone(),
@@ -471,8 +474,12 @@ impl Task {
         BoardScale::of(&screened.refined, used, &weighting, estimate_sigma, self.best_mm)
     }
 
-    /// Warning of a board of another size than was given.
-    fn judge_board(&self, scale: &BoardScale) -> Option<CalibrationFinding> {
+    /// Warning of a board of another size than was given, or of a scale that tells none.
+    pub(super) fn judge_board(&self, scale: &BoardScale) -> Option<CalibrationFinding> {
+        if !scale.is_converged {
+            let figures = Figures { count: Some(scale.rounds), ..Figures::default() };
+            return Some(CalibrationFinding::new(FindingCode::BoardScaleNotConverged, Severity::Warning).with(figures));
+        }
         let figures = Figures {
             ratio: Some(scale.ratio),
             length_mm: Some(scale.shift_mm()),

@@ -637,6 +637,26 @@ fn a_board_of_another_size_than_was_given_is_told_with_its_size() {
     }
 }
 
+/// A scale on its way to the right one was told as the board's.
+#[test]
+fn a_scale_of_the_board_that_has_not_converged_tells_no_size() {
+    let (level, mut noise) = (levels()[0], Noise(41));
+    let at = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let mut sightings = exact(&at, 24, 40.0, false, &mut noise);
+    disturb(&mut sightings, &level, &mut noise);
+    sightings.iter_mut().for_each(|each| each.seen.translation.vector *= 1.002);
+    let task = task(sightings, Solve::HandEye, Some(level));
+    let mut scale = task.calibrate().unwrap_or_else(|findings| panic!("{findings:?}")).board_scale.expect("a scale");
+    assert!(scale.is_converged && scale.rounds < 10, "{scale:?}");
+    let told = |scale: &super::board_scale::BoardScale| {
+        let finding = task.judge_board(scale).expect("a finding");
+        (finding.code, finding.figures.count)
+    };
+    assert_eq!(told(&scale), (FindingCode::BoardScale, None));
+    (scale.is_converged, scale.rounds) = (false, 10);
+    assert_eq!(told(&scale), (FindingCode::BoardScaleNotConverged, Some(10)));
+}
+
 /// The shift was told for 180 mm, the distance from the origin of clouds 300 mm before the scanner to the best focus.
 #[test]
 fn the_shift_by_a_board_of_another_size_is_told_by_the_distance_from_the_scanner() {

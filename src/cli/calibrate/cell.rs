@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{ReadArgs, coordinates, observations, one_of, refused, with_sd};
 use crate::cell::calibration::data::{SigmaSource, Solve};
 use crate::cell::calibration::findings::{FindingCode, Severity};
+use crate::cell::calibration::refine::MAX_ITERATIONS;
 use crate::cell::{Cell, CellSpec};
 use crate::cli::check::warn;
 use crate::cli::files::{self, FileLibrary};
@@ -24,12 +25,12 @@ use crate::wire::words::fixed;
   vantage calibrate cell data.json --cell my-cell.toml --hold-out 2 \\
       --out calibration.json --write-cell calibrated.toml
 
-A CSV file has one row per pose, with these columns: id; j1_deg to j6_deg; table_angle_deg; flange_x, flange_y, flange_z with \
-flange_r1 to flange_r3 or flange_r4 in the controller's convention (--robot-pose); board_x, board_y, board_z with board_qx, \
+A CSV or TSV file has one row per pose, with these columns: id; j1_deg to j6_deg; table_angle_deg; flange_x, flange_y, flange_z \
+with flange_r1 to flange_r3 or flange_r4 in the controller's convention (--robot-pose); board_x, board_y, board_z with board_qx, \
 board_qy, board_qz, board_qw. Either the joints or the flange may be left out.")]
 pub(super) struct CalibrateCellArgs {
-    /// Observations of the board: JSON or TOML of schema vantage.calibration_data/1, CSV, or files of MoveIt, easy_handeye2 or
-    /// Zivid.
+    /// Observations of the board: JSON or TOML of schema vantage.calibration_data/1, CSV or TSV, or files of MoveIt,
+    /// easy_handeye2 or Zivid.
     data: PathBuf,
     /// Cell in which the board was observed: a preset name, or a TOML or JSON file.
     #[arg(long, default_value = "e05-transcan")]
@@ -92,6 +93,9 @@ fn remedy(finding: &FindingDocument) -> &'static str {
     match finding.severity {
         Severity::Error => "the calibration cannot be used",
         Severity::Warning if finding.code == FindingCode::BoardScale => "measure the board",
+        Severity::Warning if finding.code == FindingCode::BoardScaleNotConverged => {
+            "measure the board, and take more observations"
+        }
         Severity::Warning if finding.observations.is_empty() => "take more observations",
         Severity::Warning => "check the observations named, and repeat them",
         Severity::Note => "for your information",
@@ -115,11 +119,15 @@ fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -
 /// Summary for people.
 fn text(document: &CalibrationDocument, cell: &Cell) -> String {
     let spread = &document.summary.spread;
-    let mut text = format!("cell {}: {} of {} observations used\n", cell.name, document.summary.used, document.residuals.len());
+    let [given, used, held_out, dropped] = document.observation_counts();
+    let mut text = format!("cell {}: {given} observations, {used} used, {held_out} held out, {dropped} dropped\n", cell.name);
     let mut line = |label: &str, value: String| {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "  {label:<22} {value}");
     };
+    if let Some(is_converged) = document.converged {
+        line("adjustment", convergence_text(is_converged));
+    }
     line("flange from scanner", format!("{} mm", coordinates(document.flange_from_scanner.translation_mm, 3)));
     if let Some(table) = &document.base_from_table {
         line("base from table", format!("{} mm", coordinates(table.translation_mm, 3)));
@@ -155,10 +163,29 @@ fn text(document: &CalibrationDocument, cell: &Cell) -> String {
     text
 }
 
+/// Convergence of the adjustment, and what to do without it.
+fn convergence_text(is_converged: bool) -> String {
+    if is_converged {
+        return "converged".to_owned();
+    }
+    format!(
+        "not converged after {MAX_ITERATIONS} iterations: do not use the result; add observations with other rotations of the \
+         arm, and check the nominal cell"
+    )
+}
+
 /// Scale of the lengths to the board, and what it leaves open.
 fn board_scale_text(scale: &BoardScaleDocument) -> String {
     let sd = format!("{:.5}, {:.3} mm along the view", scale.sd, scale.shift_sd_mm);
-    with_sd(&format!("{:.5} of the lengths that the arm's motions imply", scale.ratio), &sd)
+    let convergence = match (scale.converged, scale.rounds) {
+        (Some(true), _) => "; converged".to_owned(),
+        (Some(false), Some(rounds)) => {
+            format!("; not converged after {rounds} rounds: it says nothing about the size of the board")
+        }
+        (Some(false), None) => "; not converged: it says nothing about the size of the board".to_owned(),
+        (None, _) => String::new(),
+    };
+    with_sd(&format!("{:.5} of the lengths that the arm's motions imply", scale.ratio), &sd) + &convergence
 }
 
 /// Source of standard deviations, in words.
@@ -187,8 +214,11 @@ fn weakest_text(weakest: &WeakestDocument) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
     use crate::cell::calibration::observability::Freedom;
+    use crate::cell::{Presets, SpecLibrary};
 
     /// ± was told of one standard deviation.
     #[test]
@@ -199,9 +229,48 @@ mod tests {
         assert_eq!(weakest_text(&shift), "shift along (0.00 0.60 0.80) of the cloud (standard deviation 0.012 mm)");
         let turn = WeakestDocument { freedom: Freedom::Turn, sd_deg: Some(0.001_2), sd_mm: None, ..shift };
         assert!(weakest_text(&turn).ends_with("(standard deviation 0.0012°)"), "{}", weakest_text(&turn));
-        let scale = BoardScaleDocument { ratio: 1.002, sd: 0.000_8, shift_mm: 0.96, shift_sd_mm: 0.384 };
+        let scale =
+            BoardScaleDocument { ratio: 1.002, sd: 0.000_8, shift_mm: 0.96, shift_sd_mm: 0.384, converged: None, rounds: None };
         let told = "1.00200 of the lengths that the arm's motions imply (standard deviation 0.00080, 0.384 mm along the view)";
         assert_eq!(board_scale_text(&scale), told);
+        let of = |is_converged: bool| BoardScaleDocument { converged: Some(is_converged), rounds: Some(10), ..scale };
+        assert_eq!(board_scale_text(&of(true)), format!("{told}; converged"));
+        let open = "; not converged after 10 rounds: it says nothing about the size of the board";
+        assert_eq!(board_scale_text(&of(false)), format!("{told}{open}"));
+    }
+
+    /// Ten of twelve were told to be used, whatever had become of the other two, and nothing of an adjustment without an end.
+    #[test]
+    fn observations_are_counted_and_an_adjustment_without_an_end_is_told_with_what_to_do() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let pose = json!({"translation_mm": [0.0, 0.0, 100.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]});
+        let spread = json!({"rms_rotation_deg": 0.0, "rms_translation_mm": 0.0, "max_rotation_deg": 0.0,
+            "max_translation_mm": 0.0, "median_rotation_deg": 0.0, "median_translation_mm": 0.0});
+        let residual = |index: usize| {
+            json!({"id": format!("p{index:02}"), "rotation_deg": 0.0, "translation_mm": 0.0, "shift_mm": [0.0, 0.0, 0.0],
+                "whitened": 6.0, "table_angle_deg": 0.0, "used": index < 10, "held_out": index > 10})
+        };
+        let residuals: Vec<_> = (0..12).map(residual).collect();
+        let mut document = json!({"schema": "vantage.calibration/1", "id": "", "kind": "joint", "cell": "mine",
+            "setup": "eye_in_hand", "data_sha256": "", "taken_at": "2026-11-20T09:00:00Z", "temperature_c": null,
+            "scanner_from_cloud": "scanner", "table_sense": 1.0, "sigma_estimated": false, "converged": false,
+            "residuals": residuals, "held_out": spread, "table_runout": [], "point_at_best_focus_sd_mm": 0.1, "findings": []});
+        for name in ["flange_from_scanner", "flange_from_cloud", "base_from_table", "plate_from_board"] {
+            document[name] = pose.clone();
+        }
+        document["covariance"] = json!({"order": "", "hand_eye": [], "table": [], "joint": []});
+        document["sigma"] = json!({"robot_deg": 0.01, "robot_mm": 0.1, "board_deg": 0.01, "board_mm": 0.05});
+        document["summary"] = json!({"used": 10, "dropped": 1, "spread": spread, "variance_factor": 1.0, "chi2_p": 0.5});
+        document["leave_one_out"] =
+            json!({"spread": spread, "max_hand_eye_rotation_deg": 0.0, "max_hand_eye_translation_mm": 0.0});
+        document["observability"] =
+            json!({"spread_deg": [0.0, 0.0, 0.0], "weakest": null, "rotation_sd_deg": 0.0, "translation_sd_mm": 0.0});
+        let document: CalibrationDocument = serde_json::from_value(document).expect("a document");
+        let told = text(&document, &cell);
+        assert!(told.starts_with("cell e05-transcan: 12 observations, 10 used, 1 held out, 1 dropped\n"), "{told}");
+        assert!(told.contains("not converged after 60 iterations: do not use the result; add observations"), "{told}");
+        let told = text(&CalibrationDocument { converged: Some(true), ..document }, &cell);
+        assert!(told.contains("adjustment             converged\n"), "{told}");
     }
 
     /// Deviations of five observations were told to be estimated, and were those that an estimate begins with.

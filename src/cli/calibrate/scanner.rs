@@ -36,9 +36,9 @@ const HOLDABLE: std::ops::Range<usize> = 4..10;
       --out calibrated.toml --report calibration.html
 
 Calibration results can come from OpenCV (YAML, XML or JSON), Bouguet's toolbox (.m), MATLAB (stereoParams as JSON), Kalibr \
-(camera chain), or a scanner file of Vantage. Observations are JSON of schema vantage.scanner_observations/1, or CSV with the \
-columns view,device,x_mm,y_mm,z_mm,u_px,v_px. Vantage does not detect corners in images. Values that the files do not give stay \
-unknown; no uncertainty is made up.")]
+(camera chain), or a scanner file of Vantage. Observations are JSON of schema vantage.scanner_observations/1, or CSV or TSV \
+with the columns view,device,x_mm,y_mm,z_mm,u_px,v_px. Vantage does not detect corners in images. Values that the files do not \
+give stay unknown; no uncertainty is made up.")]
 pub struct CalibrateScannerArgs {
     /// Calibration results (one file for both cameras, or left, right and projector in this order), or one file of observations.
     #[arg(required = true, value_name = "FILE")]
@@ -363,6 +363,10 @@ fn summary(document: &ScannerCalibration) -> String {
             "          from {boards} board{}, baseline {low:.2} to {high:.2} mm",
             if boards == 1 { "" } else { "s" }
         );
+    }
+    if let Some(is_converged) = document.converged {
+        let (told, iterations) = (if is_converged { "converged in" } else { "not converged after" }, document.iterations);
+        let _ = writeln!(out, "adjusted  {told} {} iterations", iterations.unwrap_or_default());
     }
     let [width, height] = document.field.common_mm;
     let stated = document.field.stated_mm.map_or_else(String::new, |[w, h]| format!(", stated {w:.0} × {h:.0}"));

@@ -50,7 +50,7 @@ const MIN_SPOT_SAMPLES: usize = 3;
 const ELSEWHERE_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 closed_list! {
-    /// Reason for which scans teach little or nothing of the scanner's limits.
+    /// Reason for which scans teach little or nothing of the scanner's limits, or of its noise.
     pub enum Withheld {
         /// The cloud is merged of several views: of none of its points the view is known.
         MergedCloud = "merged_cloud",
@@ -60,6 +60,8 @@ closed_list! {
         FilteredPoints = "filtered_points",
         /// Most of the surface that would tell is in views that kept their stated poses, and may not lie there.
         MisplacedViews = "misplaced_views",
+        /// The points that tell the noise lie at one depth, or nearly so: its increase with depth is not determined.
+        OneDepth = "one_depth",
     }
 }
 

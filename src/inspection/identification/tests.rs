@@ -88,6 +88,27 @@ fn steps_of_depth_are_left_out_and_too_few_triples_tell_nothing() {
     assert_eq!(known.depth_gain.interval, [0.0, 100.0], "one depth tells nothing of g: {known:?}");
 }
 
+/// The interval of the noise at best focus was that of the noise at the one depth, and did not hold it.
+#[test]
+fn triples_at_one_depth_away_from_the_focus_leave_the_noise_at_best_focus_open_by_the_range_of_the_gain() {
+    let (best_mm, gain, share) = (0.0117, 2.5, (70.0_f64 / 85.0).powi(2));
+    let of_depth_mm = best_mm * (1.0 + gain * share);
+    for spread_mm in [0.0, 0.002] {
+        let mut draws = Draws(21);
+        let at_depth = |triple: NoiseTriple| NoiseTriple { depth_mm: 550.0 + draws.within(-spread_mm, spread_mm), ..triple };
+        let triples: Vec<_> = triples_of(of_depth_mm, 0.0, 5_000, 0.0, 9).into_iter().map(at_depth).collect();
+        let known = noise(&triples, &scanner()).expect("enough");
+        assert!(!known.is_gain_determined && known.depth_gain.interval == [0.0, 100.0], "{known:?}");
+        let [low_mm, high_mm] = known.best_mm.interval;
+        assert!((low_mm..high_mm).contains(&best_mm), "{known:?}");
+        // 1.96 / √(2 · 5000) is 2 % at either end, and the estimate itself is as uncertain.
+        let [least_mm, largest_mm] = [of_depth_mm / (1.0 + 100.0 * share), of_depth_mm];
+        assert!((low_mm / least_mm - 0.98).abs() < 0.04 && (high_mm / largest_mm - 1.02).abs() < 0.04, "{known:?}");
+    }
+    let known = noise(&triples_of(0.0117, 1.0, 2_000, 0.0, 3), &scanner()).expect("enough");
+    assert!(known.is_gain_determined, "{known:?}");
+}
+
 /// A scanner that returns less and less between two worst incidences, nothing in a cone, and little at some depths.
 struct Truth {
     ramp_deg: [f64; 2],
@@ -287,21 +308,36 @@ fn a_limit_that_one_view_shows_alone_is_not_offered() {
 #[test]
 fn noise_is_offered_where_it_is_plausible_known_and_worth_it() {
     let in_force = NoiseParams::default();
+    let offered = |noise: NoiseEstimate| {
+        let offer = offers(&Learned { noise: Some(noise), returns: None }, &scanner(), &in_force);
+        offer.changes.iter().map(|change| change.field).collect::<Vec<_>>()
+    };
     let of = |best_share: f64, gain: f64, half_width: f64| {
         let about = |value: f64, half: f64| Identified { value, interval: [value - half, value + half] };
         let best_mm = best_share * in_force.best_mm;
-        let noise = NoiseEstimate {
+        offered(NoiseEstimate {
             best_mm: about(best_mm, 0.01 * best_mm),
             depth_gain: about(gain, half_width),
+            is_gain_determined: true,
             triples: 5_000,
             outliers: 0,
-        };
-        let offer = offers(&Learned { noise: Some(noise), returns: None }, &scanner(), &in_force);
-        offer.changes.iter().map(|change| change.field).collect::<Vec<_>>()
+        })
     };
     use OfferedField::{NoiseBest, NoiseDepthGain};
     assert_eq!(of(1.5, 3.0, 0.5), [NoiseBest, NoiseDepthGain]);
     assert_eq!(of(1.5, 3.0, 1.1), [NoiseBest], "its interval is wider than half of the noise at the ends");
     assert!(of(0.98, 0.85, 0.1).is_empty(), "too little to plan anew for");
     assert!(of(1.5, 11.0, 1.0).is_empty(), "no noise of a scanner");
+    let at_one_depth = |least_share: f64| NoiseEstimate {
+        best_mm: Identified {
+            value: 0.5 * in_force.best_mm,
+            interval: [least_share * in_force.best_mm, 0.51 * in_force.best_mm],
+        },
+        depth_gain: Identified { value: 0.0, interval: [0.0, 100.0] },
+        is_gain_determined: false,
+        triples: 5_000,
+        outliers: 0,
+    };
+    assert_eq!(offered(at_one_depth(0.49)), [NoiseBest], "at the best focus");
+    assert!(offered(at_one_depth(0.007)).is_empty(), "away from it");
 }

@@ -50,13 +50,15 @@ pub struct CsvOptions {
 /// Reads a table; commas, semicolons or tabs separate.
 ///
 /// # Errors
-/// Every column that is unknown and every cell that is not a number, by row and column.
+/// A table of too many rows, every column that is unknown and every cell that is not a number, by row and column.
 pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec<FieldError>> {
     let mut findings = Findings::default();
     let mut lines = filled_lines(text);
     let header = lines.next().unwrap_or_default();
-    let separator = [';', '\t'].into_iter().find(|separator| header.contains(*separator)).unwrap_or(',');
-    let names: Vec<&str> = header.split(separator).map(str::trim).collect();
+    let separator = [';', '\t'].into_iter().find(|separator| header.trim().contains(*separator)).unwrap_or(',');
+    let names = cells(header, separator, 1);
+    let count = lines.clone().count();
+    findings.require(count <= MAX_ROWS, "", || format!("has {count} rows; allowed are {MAX_ROWS}: delete the rows beyond"));
     for name in names.iter().filter(|name| !COLUMNS.contains(name)) {
         findings.push("", format!("unknown column {name:?}{}; known are {}", did_you_mean(name, COLUMNS), COLUMNS.join(", ")));
     }
@@ -66,15 +68,14 @@ pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec
     findings.into_result()?;
     let mut findings = Findings::default();
     let mut observations = Vec::new();
-    for (row, line) in lines.enumerate().take(MAX_ROWS + 1) {
-        let cells: Vec<&str> = line.split(separator).map(str::trim).collect();
+    for (row, line) in lines.enumerate() {
+        let cells = cells(line, separator, names.len());
         let table = Row { names: &names, cells: &cells, row };
         findings.require(cells.len() == names.len(), format!("/{row}"), || {
             format!("has {} cells; the header has {}", cells.len(), names.len())
         });
         observations.extend(table.observation(options, &mut findings));
     }
-    findings.require(observations.len() <= MAX_ROWS, "", || format!("has more than {MAX_ROWS} rows"));
     findings.into_result()?;
     Ok(of_observations(observations, options.setup))
 }
@@ -85,10 +86,19 @@ pub fn rows_without_board(text: &str, data: &CalibrationData) -> usize {
     filled_lines(text).skip(1).count().saturating_sub(data.observations.len())
 }
 
-/// Header and rows, without empty lines and comments.
-fn filled_lines(text: &str) -> impl Iterator<Item = &str> {
-    let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
-    lines.filter(|line| !line.is_empty() && !line.starts_with('#'))
+/// Header and rows, without empty lines and comments. Blanks at the ends of a line stay: a tab there separates an empty cell.
+fn filled_lines(text: &str) -> impl Iterator<Item = &str> + Clone {
+    let is_filled = |line: &&str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    text.trim_start_matches('\u{feff}').lines().filter(is_filled)
+}
+
+/// Cells of a line, without empty ones at its end beyond so many: a spreadsheet writes them for columns that once were filled.
+fn cells(line: &str, separator: char, count: usize) -> Vec<&str> {
+    let mut cells: Vec<&str> = line.split(separator).map(str::trim).collect();
+    while cells.len() > count && cells.last().is_some_and(|cell| cell.is_empty()) {
+        cells.pop();
+    }
+    cells
 }
 
 struct Row<'a> {

@@ -74,6 +74,10 @@ pub struct CalibrationDocument {
     /// Source of the standard deviations of the board; absent in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_sigma_source: Option<SigmaSource>,
+    /// True if the adjustment converged, false if it ended at its limit of iterations before; absent in documents of earlier
+    /// versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub converged: Option<bool>,
     /// Scale of the distances to the board relative to the arm's motions; absent if the scanner was not solved for, and for fewer
     /// than 6 observations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -121,11 +125,25 @@ pub struct BoardScaleDocument {
     pub shift_mm: f64,
     /// Standard deviation of the scanner's position along its viewing direction if the size of the board is unknown, mm.
     pub shift_sd_mm: f64,
+    /// True if the ratio converged; if false, it says nothing about the size of the board. Absent in documents of earlier
+    /// versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub converged: Option<bool>,
+    /// Number of rounds that it took; absent in documents of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rounds: Option<usize>,
 }
 
 impl From<&BoardScale> for BoardScaleDocument {
     fn from(scale: &BoardScale) -> Self {
-        Self { ratio: scale.ratio, sd: scale.sd, shift_mm: scale.shift_mm(), shift_sd_mm: scale.shift_sd_mm() }
+        Self {
+            ratio: scale.ratio,
+            sd: scale.sd,
+            shift_mm: scale.shift_mm(),
+            shift_sd_mm: scale.shift_sd_mm(),
+            converged: Some(scale.is_converged),
+            rounds: Some(scale.rounds),
+        }
     }
 }
 
@@ -365,6 +383,7 @@ impl CalibrationDocument {
             sigma_estimated: found.sigma_sources[0] == SigmaSource::Estimated,
             arm_sigma_source: Some(found.sigma_sources[0]),
             board_sigma_source: Some(found.sigma_sources[1]),
+            converged: Some(found.refined.is_converged),
             board_scale: found.board_scale.as_ref().map(BoardScaleDocument::from),
             points_factor: found.refined.weighting.points_factor,
             residuals: residuals(found),
@@ -384,6 +403,15 @@ impl CalibrationDocument {
             point_at_best_focus_sd_mm: found.point_sd_mm,
             findings: found.findings.iter().map(FindingDocument::from).collect(),
         }
+    }
+
+    /// Numbers of observations: given, used, held out, and dropped, as bad or as given twice.
+    #[must_use]
+    pub fn observation_counts(&self) -> [usize; 4] {
+        // Of two that are the same, one has no residual.
+        let twins = self.findings.iter().filter(|finding| finding.code == FindingCode::DuplicatePose).count();
+        let held_out = self.residuals.iter().filter(|residual| residual.held_out).count();
+        [self.residuals.len() + twins, self.summary.used, held_out, self.summary.dropped + twins]
     }
 
     /// Checks what structure alone does not tell.

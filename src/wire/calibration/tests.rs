@@ -351,6 +351,7 @@ fn damaged_files_of_other_programs_are_refused_by_place() {
 fn every_finding_has_a_sentence() {
     let figures = Figures {
         count: Some(5),
+        held_out: Some(2),
         ratio: Some(1.01),
         turn_rad: Some(0.01),
         other_turn_rad: Some(-0.01),
@@ -374,6 +375,8 @@ fn every_finding_has_a_sentence() {
         "taken at 31.0 °C, but calibrated at 22.4 °C: the difference of 8.6 K exceeds 5 K; calibrate again"
     );
     assert!(of(FindingCode::ArmModel).contains("joint 2"));
+    assert!(of(FindingCode::TooFew).starts_with("5 observations remain of 7, since 2 are held out; at least 3 are needed"));
+    assert!(of(FindingCode::BoardScaleNotConverged).contains("did not converge in 5 rounds"));
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
 }
 
@@ -550,6 +553,31 @@ fn a_calibration_tells_how_well_it_knows_its_deviations() {
     assert_eq!(of(Some(SigmaSource::Given)), None);
 }
 
+/// The observations that were used were told beside all that had a residual: not how many of the others were held out, and
+/// nothing of those that are given twice.
+#[test]
+fn observations_are_counted_as_given_used_held_out_and_dropped() {
+    let cell = cell();
+    let solved = |document: Value, hold_out: usize| {
+        let data: CalibrationData = serde_json::from_value(document).expect("the shape");
+        CalibrationDocument::solved(&data, &cell, (Solve::Joint, hold_out), ["cd", "2026-11-20T09:00:00Z"])
+    };
+    let counts = |document: Value, hold_out: usize| {
+        let found = solved(document, hold_out).expect("a calibration");
+        assert_eq!((found.converged, found.board_scale.and_then(|scale| scale.converged)), (Some(true), Some(true)));
+        found.observation_counts()
+    };
+    assert_eq!(counts(valid(&cell), 0), [14, 14, 0, 0]);
+    assert_eq!(counts(valid(&cell), 2), [14, 12, 2, 0]);
+    let mut twice = valid(&cell);
+    twice["observations"][7] = twice["observations"][2].clone();
+    twice["observations"][7]["id"] = json!("twin");
+    assert_eq!(counts(twice, 2), [14, 11, 2, 1]);
+    let Err(CalibrationError::Findings(findings)) = solved(valid(&cell), 12) else { panic!("too few remain") };
+    let told: Vec<String> = findings.iter().map(sentence).collect();
+    assert!(told.iter().any(|told| told.starts_with("2 observations remain of 14, since 12 are held out")), "{told:?}");
+}
+
 /// Rows in which no board was found were left out without a word.
 #[test]
 fn rows_of_a_table_without_a_board_are_counted() {
@@ -562,6 +590,40 @@ fn rows_of_a_table_without_a_board_are_counted() {
     };
     assert_eq!(counted(&[seen, unseen, seen, unseen]), Ok((2, 2)));
     assert_eq!(counted(&[seen]), Ok((1, 0)));
+}
+
+/// A line was trimmed before it was split, so that tabs at its ends no longer separated the empty cells: the table was refused.
+#[test]
+fn empty_cells_at_the_ends_of_a_row_are_read_with_any_separator() {
+    let options = CsvOptions { robot_pose: RobotPoseKind::Quaternion, unit_mm: 1.0, setup: HandEyeSetup::EyeInHand };
+    let header = "id,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,board_x,board_y,board_z,board_qx,board_qy,board_qz,board_qw";
+    let rows = [header, ",0,0,0,0,0,0,4,5,6,0,0,0,1", "b,0,0,0,0,0,0,,,,,,,"];
+    for separator in [",", ";", "\t"] {
+        for end in ["\n", "\r\n"] {
+            let text = rows.join(end).replace(',', separator);
+            let data = from_csv(&text, &options).unwrap_or_else(|errors| panic!("{separator:?}: {errors:?}"));
+            let ids: Vec<&str> = data.observations.iter().map(|observation| observation.id.as_str()).collect();
+            assert_eq!((ids, rows_without_board(&text, &data)), (vec!["p01"], 1), "{separator:?}");
+            // Columns that once were filled.
+            let wider = rows.map(|row| format!("{row},,").replace(',', separator)).join(end);
+            assert_eq!(from_csv(&wider, &options), Ok(data), "{separator:?}");
+        }
+    }
+    let errors = from_csv(&format!("{header}\nc,0,0,0,0,0,0,4,5,6,0,0,0,1,7\n"), &options).expect_err("a cell too many");
+    assert!(errors.len() == 1 && errors[0].detail == "has 15 cells; the header has 14", "{errors:?}");
+}
+
+/// Rows beyond the limit were counted as rows without a board, where one of those before them was.
+#[test]
+fn a_table_of_too_many_rows_is_refused_by_their_number() {
+    let options = CsvOptions { robot_pose: RobotPoseKind::Quaternion, unit_mm: 1.0, setup: HandEyeSetup::EyeInHand };
+    let read = |unseen: usize, seen: usize| {
+        let rows = ["a,,,\n".repeat(unseen), "b,4,5,6\n".repeat(seen)].concat();
+        from_csv(&format!("id,board_x,board_y,board_z\n{rows}"), &options).map(|data| data.observations.len())
+    };
+    assert_eq!(read(10, 4_990), Ok(4_990));
+    let errors = read(10, 4_991).expect_err("one row too many");
+    assert_eq!(errors[0].detail, "has 5001 rows; allowed are 5000: delete the rows beyond");
 }
 
 /// A row whose board had no place was left out without a word, a flange without one as well, and a second column was not read.

@@ -28,7 +28,12 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
         | FindingCode::HeldOutDisagrees => of_poses(finding.code, &about, figures),
         FindingCode::TooFew => {
             let count = figures.count.unwrap_or(0);
-            format!("{count} observations; at least 3 are needed, preferably 12, with rotations of the arm about two axes")
+            let held_out = figures
+                .held_out
+                .map_or_else(String::new, |held_out| format!(" remain of {}, since {held_out} are held out", count + held_out));
+            format!(
+                "{count} observations{held_out}; at least 3 are needed, preferably 12, with rotations of the arm about two axes"
+            )
         }
         FindingCode::UnitMismatch => {
             let ratio = figures.ratio.unwrap_or(f64::NAN);
@@ -58,6 +63,11 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
         FindingCode::NotConverged => format!(
             "the refinement did not converge in {} iterations, and its figures are not to be relied on: add observations with other \
              rotations of the arm, and check the nominal cell",
+            figures.count.unwrap_or(0)
+        ),
+        FindingCode::BoardScaleNotConverged => format!(
+            "the scale of the distances to the board did not converge in {} rounds, and says nothing about the size of the board: \
+             add observations from other distances and with other rotations of the arm, and measure the board",
             figures.count.unwrap_or(0)
         ),
         FindingCode::NoConsensus => format!(

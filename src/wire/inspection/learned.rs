@@ -63,7 +63,7 @@ pub struct LearnedDocument {
     pub plan_sha256: String,
     /// Standard deviation of a point along the surface normal at best focus, mm; `null` if there are too few points.
     pub noise_best_mm: Option<EstimateDocument>,
-    /// Relative increase of the noise at the ends of the working depth; `null` if there are too few points.
+    /// Relative increase of the noise at the ends of the working depth; `null` if there are too few points, or all at one depth.
     pub noise_depth_gain: Option<EstimateDocument>,
     /// Worst incidence over the three devices up to which three quarters of the points return, degrees; `null` where no limit
     /// shows.
@@ -83,12 +83,12 @@ pub struct LearnedDocument {
     pub by_depth: Vec<RateBinDocument>,
     /// Suggested changes.
     pub offers: Vec<OfferedChangeDocument>,
-    /// Reasons for which the scans reveal little or nothing about the scanner's limits.
+    /// Reasons for which the scans reveal little or nothing about the scanner's limits or noise.
     #[serde(default)]
     pub withheld: Vec<WithheldDocument>,
 }
 
-/// Reason for which scans reveal little or nothing about the scanner's limits.
+/// Reason for which scans reveal little or nothing about the scanner's limits or noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WithheldDocument {
     /// The reason.
@@ -116,6 +116,10 @@ fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2]) -> String {
         Withheld::FilteredPoints => {
             "the scanner's limits are judged on little of the surface: most points were removed near plate and \
              fixture, at edges or as specks"
+        }
+        Withheld::OneDepth => {
+            "the increase of the noise with depth is not determined, and the noise at best focus only within its interval: all \
+             points that tell it lie at about one depth; scan from other distances too"
         }
         Withheld::MisplacedViews => {
             return format!(
@@ -205,6 +209,8 @@ impl LearnedDocument {
     #[must_use]
     pub fn new(learned: Option<&Learned>, offer: &Offer, plan_sha256: &str) -> Self {
         let noise = learned.and_then(|learned| learned.noise.as_ref());
+        let gain = noise.filter(|noise| noise.is_gain_determined);
+        let one_depth = noise.filter(|noise| !noise.is_gain_determined).map(|_| Withheld::OneDepth);
         let returns = learned.and_then(|learned| learned.returns.as_ref());
         let limit =
             |of: fn(&LearnedReturns) -> Option<LimitEstimate>| returns.and_then(of).as_ref().map(EstimateDocument::of_limit);
@@ -217,7 +223,7 @@ impl LearnedDocument {
             schema: LEARNED_SCHEMA.to_owned(),
             plan_sha256: plan_sha256.to_owned(),
             noise_best_mm: noise.map(|noise| EstimateDocument::new(&noise.best_mm, noise.triples as u64)),
-            noise_depth_gain: noise.map(|noise| EstimateDocument::new(&noise.depth_gain, noise.triples as u64)),
+            noise_depth_gain: gain.map(|noise| EstimateDocument::new(&noise.depth_gain, noise.triples as u64)),
             incidence_deg: limit(|returns| returns.incidence),
             incidence_by_device: returns.iter().flat_map(|returns| &returns.by_device).map(of_device).collect(),
             lobe_deg: limit(|returns| returns.lobe),
@@ -226,7 +232,37 @@ impl LearnedDocument {
             by_mirror: rates(|returns| &returns.model.mirror),
             by_depth: rates(|returns| &returns.model.depth),
             offers: offer.changes.iter().map(OfferedChangeDocument::from).collect(),
-            withheld: offer.withheld.iter().map(|reason| WithheldDocument::new(*reason, offer.kept_views)).collect(),
+            withheld: offer
+                .withheld
+                .iter()
+                .copied()
+                .chain(one_depth)
+                .map(|reason| WithheldDocument::new(reason, offer.kept_views))
+                .collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inspection::identification::NoiseEstimate;
+
+    /// A gain with an interval of all that it can be was told as a figure.
+    #[test]
+    fn a_gain_that_one_depth_does_not_determine_is_told_as_such() {
+        let about = |value: f64, interval: [f64; 2]| Identified { value, interval };
+        let (best_mm, triples, outliers) = (about(0.03, [0.0005, 0.031]), 5_000, 0);
+        let of = |depth_gain: Identified, is_gain_determined: bool| {
+            let noise = NoiseEstimate { best_mm, depth_gain, is_gain_determined, triples, outliers };
+            let learned = Learned { noise: Some(noise), returns: None };
+            LearnedDocument::new(Some(&learned), &Offer::default(), "")
+        };
+        let open = of(about(0.0, [0.0, 100.0]), false);
+        assert!(open.noise_depth_gain.is_none() && open.noise_best_mm.is_some(), "{open:?}");
+        assert_eq!(open.withheld.iter().map(|withheld| withheld.reason).collect::<Vec<_>>(), [Withheld::OneDepth]);
+        assert!(open.withheld[0].detail.ends_with("scan from other distances too"), "{open:?}");
+        let known = of(about(1.0, [0.9, 1.1]), true);
+        assert!(known.noise_depth_gain.is_some() && known.withheld.is_empty(), "{known:?}");
     }
 }

@@ -28,6 +28,12 @@ const OUTLIER: f64 = 5.0;
 const ROUNDS: usize = 12;
 /// Steps of a round.
 const STEPS: usize = 25;
+/// Square of the step, in standard deviations, that an estimate which has converged may have left before it: a hundredth of a
+/// deviation changes no figure that is told. Chosen, with no source.
+const SETTLED: f64 = 1e-4;
+/// Root mean square of the pixels' changes by that step, px, up to which an estimate has converged as well, however small the
+/// deviations: those of pixels without noise are rounding. Chosen, with no source.
+const SETTLED_PX: f64 = 1e-6;
 /// Smallest standard deviation that is believed, px: below it lies rounding.
 const MIN_SIGMA_PX: f64 = 1e-9;
 /// Largest standard deviation of a focal length, as a share of it, beyond which the observations leave it open.
@@ -105,6 +111,11 @@ pub struct Adjusted {
     pub residuals: Vec<PixelResidual>,
     /// Images that were refused, by place of the view and device: most of their points do not fit the other views.
     pub refused: Vec<(usize, DeviceName)>,
+    /// True if no further step would change the unknowns, set beside their deviations; false if the estimate ended at its limits
+    /// of rounds and steps before.
+    pub is_converged: bool,
+    /// Steps of the last estimate, over all of its rounds.
+    pub iterations: usize,
 }
 
 /// Estimates lenses and poses from observations.
@@ -287,6 +298,16 @@ struct Solved {
     sigma_px: [f64; 3],
     covariance: Box<nalgebra::SMatrix<f64, SHARED, SHARED>>,
     board_covariance: Vec<Option<nalgebra::Matrix6<f64>>>,
+    is_converged: bool,
+    iterations: usize,
+}
+
+/// End of an estimate of unknowns and standard deviations.
+struct Estimated {
+    state: BundleState,
+    sigma_px: [f64; 3],
+    is_converged: bool,
+    iterations: usize,
 }
 
 fn lengths(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3]], device: usize) -> Vec<f64> {
@@ -323,9 +344,8 @@ struct Fitted<'a> {
     views: Cow<'a, [BoardView]>,
     kept: Vec<usize>,
     refused: Vec<(usize, DeviceName)>,
-    state: BundleState,
     is_used: Vec<[Vec<bool>; 3]>,
-    sigma_px: [f64; 3],
+    estimated: Estimated,
 }
 
 /// Estimates from a start, with outliers left out. Views without an image that fits are taken out one by one, the worst first: it
@@ -336,19 +356,19 @@ fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> 
     let mut refused: Vec<(usize, DeviceName)> = Vec::new();
     loop {
         let mut is_used = all_used(&views);
-        let (found, mut sigma_px) = rounds(&views, state, is_held, &is_used)?;
-        state = found;
-        if drop_outliers(&views, &state, &mut is_used, sigma_px) {
-            let images = refuse_images(&views, &state, &mut is_used);
-            let mut worst = worst_view(&views, &state, &is_used);
+        let mut estimated = rounds(&views, state, is_held, &is_used, [ROUNDS, STEPS])?;
+        if drop_outliers(&views, &estimated, &mut is_used) {
+            let images = refuse_images(&views, &estimated.state, &mut is_used);
+            let mut worst = worst_view(&views, &estimated.state, &is_used);
             if worst.is_none() && !images.is_empty() {
                 // What did not fit beside them may fit without them, and what fitted may not.
                 is_used = all_used(&views);
                 images.iter().for_each(|(place, device)| is_used[*place][*device].fill(false));
-                (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
-                drop_outliers(&views, &state, &mut is_used, sigma_px);
-                worst = worst_view(&views, &state, &is_used);
+                estimated = rounds(&views, estimated.state, is_held, &is_used, [ROUNDS, STEPS])?;
+                drop_outliers(&views, &estimated, &mut is_used);
+                worst = worst_view(&views, &estimated.state, &is_used);
             }
+            state = estimated.state;
             if let Some(worst) = worst {
                 let taken_out = given.len() - views.len();
                 if taken_out == MAX_TAKEN_OUT || (taken_out + 1) * IMAGES_FOR_A_REFUSED > given.len() {
@@ -362,9 +382,9 @@ fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> 
                 continue;
             }
             refused.extend(images.iter().map(|(place, device)| (kept[*place], DeviceName::ALL[*device])));
-            (state, sigma_px) = rounds(&views, state, is_held, &is_used)?;
+            estimated = rounds(&views, state, is_held, &is_used, [ROUNDS, STEPS])?;
         }
-        return Ok(Fitted { views, kept, refused, state, is_used, sigma_px });
+        return Ok(Fitted { views, kept, refused, is_used, estimated });
     }
 }
 
@@ -458,7 +478,8 @@ fn has_corner(points: &[Point3<f64>]) -> bool {
 
 /// Estimates from a start, with the covariance.
 fn solve(given: &[BoardView], state: BundleState, is_held: [bool; SHARED]) -> Result<Solved, LensError> {
-    let Fitted { views, kept, refused, state, is_used, sigma_px } = fit(given, state, is_held)?;
+    let Fitted { views, kept, refused, is_used, estimated } = fit(given, state, is_held)?;
+    let Estimated { state, sigma_px, is_converged, iterations } = estimated;
     let views: &[BoardView] = &views;
     // Unknowns that were fitted made the residuals smaller.
     let used: usize = is_used.iter().flatten().flatten().filter(|used| **used).count();
@@ -478,7 +499,7 @@ fn solve(given: &[BoardView], state: BundleState, is_held: [bool; SHARED]) -> Re
     })?;
     let board_covariance = (0..views.len()).map(|view| normal.board_covariance(view, &covariance)).collect();
     let sigma_px = problem.sigma_px;
-    Ok(Solved { kept, refused, state, is_used, is_held, sigma_px, covariance, board_covariance })
+    Ok(Solved { kept, refused, state, is_used, is_held, sigma_px, covariance, board_covariance, is_converged, iterations })
 }
 
 fn not_converged() -> LensError {
@@ -489,59 +510,88 @@ fn not_converged() -> LensError {
     )
 }
 
-/// Alternates estimates of the unknowns and of the standard deviations.
+/// Alternates estimates of the unknowns and of the standard deviations, for so many rounds of so many steps at most.
 fn rounds(
     views: &[BoardView],
     mut state: BundleState,
     is_held: [bool; SHARED],
     is_used: &[[Vec<bool>; 3]],
-) -> Result<(BundleState, [f64; 3]), LensError> {
+    [max_rounds, max_steps]: [usize; 2],
+) -> Result<Estimated, LensError> {
     let scales =
         |state: &BundleState| -> [f64; 3] { std::array::from_fn(|device| scale(lengths(views, state, is_used, device))) };
     let mut sigma_px = scales(&state);
-    for _ in 0..ROUNDS {
+    let (mut is_converged, mut iterations) = (false, 0);
+    for _ in 0..max_rounds {
         let problem = BundleProblem { views, is_used, is_held, sigma_px };
-        state = descend(&problem, state).ok_or_else(not_converged)?;
+        let descent = descend(&problem, state, max_steps).ok_or_else(not_converged)?;
+        state = descent.state;
+        iterations += descent.steps;
         let next = scales(&state);
         let change = next.iter().zip(&sigma_px).map(|(next, before)| (next / before - 1.0).abs()).fold(0.0, f64::max);
         sigma_px = next;
         if change < 1e-3 {
+            is_converged = descent.is_done;
             break;
         }
     }
-    if sigma_px.iter().all(|sigma| sigma.is_finite()) { Ok((state, sigma_px)) } else { Err(not_converged()) }
+    if !sigma_px.iter().all(|sigma| sigma.is_finite()) {
+        return Err(not_converged());
+    }
+    let is_converged = is_converged || is_settled(&BundleProblem { views, is_used, is_held, sigma_px }, &state);
+    Ok(Estimated { state, sigma_px, is_converged, iterations })
 }
 
-/// Levenberg–Marquardt to the least cost.
-fn descend(problem: &BundleProblem<'_>, mut state: BundleState) -> Option<BundleState> {
+/// Returns true if the undamped step from here is short beside the deviations of the unknowns, or moves the pixels by rounding
+/// alone.
+fn is_settled(problem: &BundleProblem<'_>, state: &BundleState) -> bool {
+    let counts: [usize; 3] =
+        std::array::from_fn(|device| problem.is_used.iter().map(|used| used[device].iter().filter(|used| **used).count()).sum());
+    let used = counts.iter().sum::<usize>().max(1) as f64;
+    let sigma_px =
+        problem.sigma_px.iter().zip(counts).filter(|(_, count)| *count > 0).map(|(sigma, _)| *sigma).fold(0.0, f64::max);
+    let square = problem.normal(state).and_then(|normal| normal.step_square());
+    square.is_some_and(|square| square <= SETTLED || sigma_px * (square / used).sqrt() <= SETTLED_PX)
+}
+
+/// End of a descent.
+struct Descent {
+    state: BundleState,
+    /// True if the last step, which was not damped much, changed the cost by rounding alone.
+    is_done: bool,
+    steps: usize,
+}
+
+/// Levenberg–Marquardt to the least cost, in so many steps at most.
+fn descend(problem: &BundleProblem<'_>, mut state: BundleState, max_steps: usize) -> Option<Descent> {
     let mut damping = 1e-4;
     let mut normal = problem.normal(&state)?;
-    for _ in 0..STEPS {
+    let (mut is_done, mut steps) = (false, 0);
+    while steps < max_steps && damping <= 1e10 {
+        steps += 1;
         let trial = normal.step(damping).map(|step| state.after(&step));
         let cost = trial.as_ref().map_or(f64::INFINITY, |trial| problem.cost(trial));
         match trial.filter(|_| cost <= normal.cost) {
             Some(next) => {
-                let is_done = normal.cost - cost <= 1e-9 * normal.cost;
+                let is_last = normal.cost - cost <= 1e-9 * normal.cost;
                 state = next;
-                if is_done {
+                if is_last {
+                    // A step that heavy damping made short tells nothing.
+                    is_done = damping <= 1.0;
                     break;
                 }
                 normal = problem.normal(&state)?;
                 damping = (damping * 0.1_f64).max(1e-12);
             }
-            None => {
-                damping *= 10.0;
-                if damping > 1e10 {
-                    break;
-                }
-            }
+            None => damping *= 10.0,
         }
     }
-    normal.cost.is_finite().then_some(state)
+    normal.cost.is_finite().then_some(Descent { state, is_done, steps })
 }
 
 /// Leaves out sightings beyond the limit; true if there were any.
-fn drop_outliers(views: &[BoardView], state: &BundleState, is_used: &mut [[Vec<bool>; 3]], sigma_px: [f64; 3]) -> bool {
+fn drop_outliers(views: &[BoardView], estimated: &Estimated, is_used: &mut [[Vec<bool>; 3]]) -> bool {
+    let Estimated { state, sigma_px, .. } = estimated;
     let mut dropped = false;
     for (view, used) in is_used.iter_mut().enumerate() {
         for (device, used) in used.iter_mut().enumerate() {
@@ -609,6 +659,8 @@ impl Solved {
             devices,
             residuals,
             refused,
+            is_converged: self.is_converged,
+            iterations: self.iterations,
         }
     }
 

@@ -288,6 +288,14 @@ impl Normal {
         Some(BundleStep { shared, boards: boards.collect() })
     }
 
+    /// Square of the undamped step in standard deviations, the product of the step and the right-hand side: no unknown moves by
+    /// more of its deviations than the root. `None` if the equations are singular.
+    pub(super) fn step_square(&self) -> Option<f64> {
+        let step = self.step(0.0)?;
+        let of_boards = self.boards.iter().zip(&step.boards).map(|((_, side, _), board)| side.dot(board)).sum::<f64>();
+        Some(self.shared_side.dot(&step.shared) + of_boards)
+    }
+
     /// Covariance of the shared unknowns; `None` if the observations leave some open.
     pub(super) fn covariance(&self) -> Option<Box<SMatrix<f64, SHARED, SHARED>>> {
         // Scaled to a diagonal of 1, so that singular means singular whatever the units.

@@ -327,13 +327,14 @@ fn neighbours(points: &[Point3<f64>]) -> Vec<([u32; 2], f64)> {
 /// Header of the CSV.
 const CSV_HEADER: &str = "view,device,x_mm,y_mm,z_mm,u_px,v_px";
 
-/// Reads the CSV `view,device,x_mm,y_mm,z_mm,u_px,v_px`, a point a line; pixels count from the centre of the first one.
+/// Reads the CSV `view,device,x_mm,y_mm,z_mm,u_px,v_px`, a point a line; pixels count from the centre of the first one. Tabs
+/// separate as commas do.
 ///
 /// # Errors
 /// [`LensError`] with the line.
 pub fn read_csv(text: &str, size_px: PerDevice<Option<[u32; 2]>>) -> Result<BoardObservations, LensError> {
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let header = lines.next().map(|(_, line)| line.replace(' ', "")).unwrap_or_default();
+    let header = lines.next().map(|(_, line)| line.replace(' ', "").replace('\t', ",")).unwrap_or_default();
     if header != CSV_HEADER {
         let detail = format!("begins with {:?}; expected is {CSV_HEADER}", header.chars().take(80).collect::<String>());
         return Err(LensError::new(LensFault::Unreadable, "line 1", detail));
@@ -370,7 +371,7 @@ struct CsvTable {
 
 impl CsvTable {
     fn add(&mut self, at: &str, line: &str) -> Result<(), LensError> {
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let fields: Vec<&str> = line.split([',', '\t']).map(str::trim).collect();
         let [id, device, numbers @ ..] = fields.as_slice() else {
             return Err(LensError::new(LensFault::WrongShape, at, "has less than two columns"));
         };

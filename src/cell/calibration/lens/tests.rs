@@ -125,6 +125,7 @@ fn noise_free_observations_give_the_rig_back() {
     }
     let baseline = adjusted.device_from_left.right.translation.vector.norm();
     assert!((baseline - scanner.baseline_mm()).abs() < 1e-5, "{baseline}");
+    assert!(adjusted.is_converged, "{} steps down to rounding", adjusted.iterations);
 }
 
 #[test]
@@ -136,6 +137,7 @@ fn noise_of_a_tenth_of_a_pixel_leaves_every_parameter_within_three_standard_devi
         let residuals = adjusted.devices[device].expect("residuals");
         assert!((residuals.sigma_px / 0.1 - 1.0).abs() < 0.02, "{}: σ {}", device.as_str(), residuals.sigma_px);
     }
+    assert!(adjusted.is_converged, "{} steps", adjusted.iterations);
     let all = standardised(&adjusted, &scanner);
     for (name, off) in &all {
         println!("{name}: {off:.2} σ");

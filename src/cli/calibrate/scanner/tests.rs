@@ -97,6 +97,8 @@ fn figures_are_told_with_standard_deviations_as_far_as_they_are_known() {
         files: Vec::new(),
         data_sha256: String::new(),
         taken_at: None,
+        converged: None,
+        iterations: None,
         rig: RigFigures {
             baseline_mm: 209.94,
             baseline_sigma_mm: Some(0.012),
@@ -129,6 +131,13 @@ fn figures_are_told_with_standard_deviations_as_far_as_they_are_known() {
         "counts from z = 0.00 mm (standard deviation 0.03 mm) (",
     ] {
         assert!(told.contains(line), "{line:?} is not in\n{told}");
+    }
+    assert!(!told.contains("converged"), "nothing was adjusted: {told}");
+    for (is_converged, line) in
+        [(true, "\nadjusted  converged in 31 iterations\n"), (false, "not converged after 31 iterations\n")]
+    {
+        (document.converged, document.iterations) = (Some(is_converged), Some(31));
+        assert!(summary(&document).contains(line), "{}", summary(&document));
     }
     (document.rig.baseline_sigma_mm, document.rig.axes_angle_sigma_deg) = (None, None);
     assert!(

@@ -84,5 +84,24 @@ fn a_view_that_fits_beside_wrong_images_alone_is_taken_out_with_them() {
     assert_eq!(fitted.kept, (0..12).collect::<Vec<_>>());
     let left = |view: usize| (view, DeviceName::Left);
     assert_eq!(fitted.refused, [left(12), left(0), left(1), left(2)]);
-    assert!((0.05..0.2).contains(&fitted.sigma_px[0]), "{:?}", fitted.sigma_px);
+    let sigma_px = fitted.estimated.sigma_px;
+    assert!((0.05..0.2).contains(&sigma_px[0]), "{sigma_px:?}");
+}
+
+/// An estimate that ended at its limits was told as one that had converged.
+#[test]
+fn an_estimate_that_is_cut_short_says_so() {
+    let (views, state) = rig(6);
+    let off =
+        Isometry3::from_parts(Translation3::new(8.0, -5.0, 20.0), UnitQuaternion::from_scaled_axis(Vector3::new(0.2, -0.1, 0.1)));
+    let left_from_board = state.left_from_board.iter().map(|board| board * off).collect();
+    let start = BundleState { left_from_board, ..state };
+    let is_used = all_used(&views);
+    let ended = |limits: [usize; 2]| {
+        let end = rounds(&views, start.clone(), [true; SHARED], &is_used, limits).unwrap_or_else(|error| panic!("{error}"));
+        (end.is_converged, end.iterations)
+    };
+    assert_eq!(ended([1, 1]), (false, 1));
+    let (is_converged, iterations) = ended([ROUNDS, STEPS]);
+    assert!(is_converged && (3..ROUNDS * STEPS).contains(&iterations), "{iterations}");
 }

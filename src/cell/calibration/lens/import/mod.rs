@@ -105,7 +105,7 @@ pub struct ImportedFile {
 pub fn detect(text: &str) -> Option<CalibrationFormat> {
     let start = text.trim_start_matches('\u{feff}').trim_start();
     let has = |name: &str| text.contains(name);
-    if has("vantage.scanner_observations/") || start.starts_with("view,device,") {
+    if has("vantage.scanner_observations/") || ["view,device,", "view\tdevice\t"].iter().any(|head| start.starts_with(*head)) {
         return Some(CalibrationFormat::Observations);
     }
     if has("CameraParameters1") || has("IntrinsicMatrix") || has("RadialDistortion") {

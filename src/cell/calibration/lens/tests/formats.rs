@@ -351,6 +351,9 @@ fn observations_are_the_same_as_json_and_as_csv() {
     let size = Some([100, 80]);
     let read = read_csv(csv, PerDevice { left: size, right: size, projector: None }).expect("valid");
     assert_eq!((&read.views, &read.size_px), (&json.views, &json.size_px));
+    let tabbed = csv.replace(',', "\t");
+    assert_eq!(detect(&tabbed), Some(CalibrationFormat::Observations));
+    assert_eq!(read_csv(&tabbed, PerDevice { left: size, right: size, projector: None }).expect("valid").views, read.views);
     assert_eq!(read.pitch.len(), 4, "the sides of a square, not its diagonals");
     assert!((json.views[0].seen.left[0].pixel - Vector2::new(1.5, 2.5)).norm() < 1e-12, "pixels count from their outer corner");
     let corner = ScannerObservationsSpec { pixel_origin: PixelOrigin::Corner, ..spec };
