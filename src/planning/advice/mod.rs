@@ -9,6 +9,11 @@
 //! and by its own score. So a limit of as many views as were tried is advised only where views that are chosen like that measure as much;
 //! else the largest that there is.
 //!
+//! With the best coverage as goal a plan has no target, and takes as many views as its limit lets it. The limit stays then, and
+//! as many are chosen anew, among the plan's own views and the candidates of the poses that are new. None is left to register
+//! setups by the surface that they share, so that markers are advised. A plan that its limit ended before its target gets more
+//! views in its own poses too.
+//!
 //! Another setup is tried on some of the samples, and what is told of the views that were chosen for it is what they measure of all
 //! of them.
 //!
@@ -25,15 +30,17 @@ use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::{CandidateIndex, SampleId};
-use super::params::{Objective, OverlapParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
-use super::plan::{Cause, Outcome, PlanAdvice, PlannedView, SetupPlan, Verdict, ViewId};
+use super::params::{MotionParams, Objective, OverlapParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
+use super::plan::{Cause, Outcome, PlanAdvice, PlannedView, Verdict, ViewId};
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::registration::union_of;
 use super::scene::PlanInput;
-use super::selection::{self, CoverProblem};
-use super::sequence::{Leg, Ordered, Sequence};
+use super::selection::{self, CoverProblem, GradeFloor};
+use super::sequence::{Ordered, Sequence, straight_secs};
 use super::setups::Setup;
+use super::stations::Station;
 use super::visibility::{Row, SampleSet};
+use crate::cell::Cell;
 use crate::geometry::{Part, Pose, RayScene, Table};
 use more_views::MoreViews;
 
@@ -120,11 +127,10 @@ impl Basis {
         }
     }
 
-    /// The plan with the views of its setups in some poses alone. No more than what they measure is taken to be coverable there.
-    fn of_poses(outcome: &Outcome, poses: &[Pose<Table, Part>]) -> Self {
-        let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
-        let kept = views.filter(|(view, _)| is_in_poses(view, outcome, poses)).map(|(_, row)| row);
-        let measured = union_of(kept, outcome.verdicts.len());
+    /// The plan with some of its views alone. No more than what they measure is taken to be coverable.
+    fn of_views(outcome: &Outcome, views: &[ViewId]) -> Self {
+        let rows = views.iter().map(|view| &outcome.measured_by_view[view.index()]);
+        let measured = union_of(rows, outcome.verdicts.len());
         Self {
             coverable: measured.clone(),
             measured,
@@ -237,19 +243,44 @@ fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context
     Ok(choices.iter().map(|choice| choice.row.index()).collect())
 }
 
-/// Cycle time of a plan with so many more views, the moves of which take `added_secs`, and without its setups that do not stay; `None`
-/// without a cell.
-fn cycle_secs(outcome: &Outcome, stays: impl Fn(&SetupPlan) -> bool, (added_views, added_secs): (usize, f64)) -> Option<f64> {
+/// Parameters of the choice that a plan's solver begins with. Exchanges begin there, by score where grades have a floor and else
+/// by area, and leave no less measured.
+fn starting_params(params: &SelectionParams, score: &ScoreParams) -> SelectionParams {
+    let mut params = params.clone();
+    let exchanges = matches!(params.solver, Solver::Local | Solver::Certified);
+    if exchanges && GradeFloor::max_loss(&params, score).is_none() {
+        (params.objective, params.view_cost_mm2_per_s) = (Objective::Coverage, 0.0);
+    }
+    params
+}
+
+/// Time of the quickest straight move between stations of two candidates, as a plan counts it for the cost of its views.
+fn quickest_secs(cell: &Cell, motion: &MotionParams, [from, to]: [&[Station]; 2]) -> f64 {
+    let axes = cell.axes();
+    let pairs = from.iter().flat_map(|a| to.iter().map(move |b| (a.configuration(), b.configuration())));
+    pairs.map(|(a, b)| straight_secs(&axes, &a, &b, motion)).fold(f64::INFINITY, f64::min)
+}
+
+/// Cycle time of a plan with so many more views, the moves of which take `added_secs`, and without its views that do not stay;
+/// `None` without a cell.
+fn cycle_secs(outcome: &Outcome, stays: impl Fn(ViewId) -> bool, (added_views, added_secs): (usize, f64)) -> Option<f64> {
     let (plan, scan) = (&outcome.plan, &outcome.plan.params.scan);
     plan.sequences().next()?;
-    let setups = plan.setups.iter().filter(|setup| stays(setup));
-    let sequences: Vec<&Sequence> = setups.filter_map(|setup| setup.sequence.as_ref()).collect();
-    let captures_of = |(view, _): &(ViewId, Leg)| plan.views.get(view.index()).map_or(1, |view| view.levels(scan).len());
-    let visits = || sequences.iter().flat_map(|sequence| &sequence.visits);
+    let staying: Vec<ViewId> = plan.visits().map(|(view, _)| *view).filter(|view| stays(*view)).collect();
+    let captures_of = |view: &ViewId| plan.views.get(view.index()).map_or(1, |view| view.levels(scan).len());
     // A view may be captured at two levels of brightness; a further one is taken to be captured once.
-    let counts = [visits().count(), visits().map(captures_of).sum()].map(|count: usize| (count + added_views) as f64);
-    let moving_secs: f64 = sequences.iter().map(|sequence| sequence.motion_secs()).sum();
+    let captures: usize = staying.iter().map(captures_of).sum();
+    let counts = [staying.len(), captures].map(|count| (count + added_views) as f64);
+    let moving_secs: f64 = plan.sequences().map(|sequence| moving_secs(sequence, &stays)).sum();
     Some(moving_secs + added_secs + counts[0] * scan.settle_secs + counts[1] * scan.capture_secs)
+}
+
+/// Time of the moves through the views of a sequence that stay. One that loses some is taken to lose as large a share of its
+/// moves, of which there is one to each view and one home.
+fn moving_secs(sequence: &Sequence, stays: impl Fn(ViewId) -> bool) -> f64 {
+    let staying = sequence.visits.iter().filter(|(view, _)| stays(*view)).count();
+    let moves = if staying == 0 { 0 } else { staying + 1 };
+    sequence.motion_secs() * moves as f64 / (sequence.visits.len() + 1) as f64
 }
 
 /// Returns true if a plan that limits its views cannot take so many, whatever its limit: the range of the limit ends before.
@@ -265,4 +296,27 @@ fn views_of(outcome: &Outcome) -> usize {
 /// Returns true if a view is taken with the part in one of some poses.
 fn is_in_poses(view: &PlannedView, outcome: &Outcome, poses: &[Pose<Table, Part>]) -> bool {
     outcome.plan.setups.get(view.setup.index()).is_some_and(|setup| poses.contains(&setup.table_from_part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::sequence::Leg;
+
+    #[test]
+    fn a_sequence_that_loses_views_loses_as_large_a_share_of_its_moves() {
+        let leg = |duration_secs: f64| {
+            let target = Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] };
+            Leg { via_rad: Vec::new(), target, duration_secs, passed_within_rad: None, turning_secs: 0.0 }
+        };
+        let sequence = Sequence {
+            visits: [4.0, 2.0, 3.0].into_iter().enumerate().map(|(view, secs)| (ViewId::at(view), leg(secs))).collect(),
+            return_home: leg(3.0),
+            ordered_secs: 12.0,
+            lower_bound_secs: 0.0,
+            moving_lower_secs: 0.0,
+        };
+        let with_first = |kept: usize| moving_secs(&sequence, |view| view.index() < kept);
+        assert_eq!([0, 1, 2, 3].map(with_first), [0.0, 6.0, 9.0, 12.0]);
+    }
 }

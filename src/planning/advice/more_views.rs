@@ -3,15 +3,17 @@
 use std::collections::BTreeSet;
 
 use super::turn_over::raised_limit;
-use super::{Basis, MAX_VIEWS, Wanted, choose as choose_rows, cycle_secs, exceeds_every_limit, views_of};
+use super::{
+    Basis, MAX_VIEWS, Wanted, choose as choose_rows, cycle_secs, exceeds_every_limit, quickest_secs, starting_params, views_of,
+};
 use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex};
-use crate::planning::params::{Objective, Registration, SelectionGoal, SelectionParams, Solver};
+use crate::planning::params::{Registration, SelectionGoal, SelectionParams};
 use crate::planning::plan::{AdviceKind, Outcome, ParamChange, PlanAdvice};
 use crate::planning::problem::ViewPlanningProblem;
 use crate::planning::registration::union_of;
-use crate::planning::selection::{self, GradeFloor};
+use crate::planning::selection;
 use crate::planning::sequence::{Ordered, straight_secs};
 
 /// Share of the asked area that a further view adds at least: our choice.
@@ -85,35 +87,26 @@ pub(super) fn choose(
 }
 
 /// Asked area that a plan with other parameters measures at least, which chooses all its views among the same candidates, and the number
-/// of these: where greedy ends. Exchanges begin there, by score where grades have a floor and else by area, and leave no less measured.
+/// of these: where greedy ends, see [`starting_params`].
 fn measured_anew(
     basis: &Basis,
     problem: &ViewPlanningProblem<'_>,
     choosable: &[CandidateIndex],
-    mut params: SelectionParams,
+    params: &SelectionParams,
     ctx: &Context<'_>,
 ) -> Result<(f64, usize), Cancelled> {
     let score = &problem.params.score;
-    let exchanges = matches!(params.solver, Solver::Local | Solver::Certified);
-    if exchanges && GradeFloor::max_loss(&params, score).is_none() {
-        (params.objective, params.view_cost_mm2_per_s) = (Objective::Coverage, 0.0);
-    }
-    let travel_secs = |from: RowIndex, to: RowIndex| quickest_secs(problem, [choosable[from.index()], choosable[to.index()]]);
+    let params = starting_params(params, score);
+    let travel_secs = |from: RowIndex, to: RowIndex| {
+        let ends = [problem.stations(choosable[from.index()]), problem.stations(choosable[to.index()])];
+        problem.input.cell.map_or(0.0, |cell| quickest_secs(cell, &problem.params.motion, ends))
+    };
     let mut cover = problem.cover_problem(choosable);
     cover.travel_secs = problem.input.cell.is_some().then_some(&travel_secs);
     cover.goals[0].needed_mm2 = params.target * basis.whole_mm2(&basis.coverable, params.target_of);
     let choices = selection::greedily(&cover, &params, score, &ctx.silent())?;
     let rows = choices.iter().map(|choice| problem.row(choosable[choice.row.index()]));
     Ok((basis.area_mm2(&union_of(rows, basis.asked_area_mm2.len())), choices.len()))
-}
-
-/// Time of the quickest straight move between stations of two candidates, as a plan counts it for the cost of its views.
-fn quickest_secs(problem: &ViewPlanningProblem<'_>, ends: [CandidateIndex; 2]) -> f64 {
-    let Some(cell) = problem.input.cell else { return 0.0 };
-    let axes = cell.axes();
-    let [from, to] = ends.map(|candidate| problem.stations(candidate));
-    let pairs = from.iter().flat_map(|a| to.iter().map(move |b| (a.configuration(), b.configuration())));
-    pairs.map(|(a, b)| straight_secs(&axes, &a, &b, &problem.params.motion)).fold(f64::INFINITY, f64::min)
 }
 
 /// Time that the moves take longer with some more views, each put between two where that takes least; moves are straight, so that
@@ -160,7 +153,7 @@ impl MoreViews {
         let target = self.target.unwrap_or(own.target);
         let anew = |limit: u32| {
             let params = SelectionParams { target, max_views: Some(limit.min(MAX_VIEWS)), ..own.clone() };
-            measured_anew(basis, problem, choosable, params, ctx)
+            measured_anew(basis, problem, choosable, &params, ctx)
         };
         let (anew_mm2, _) = anew(limit.max((views + self.added) as u32))?;
         if anew_mm2 >= self.measured_mm2 - SUM_SLACK * basis.asked_mm2() {
@@ -224,7 +217,7 @@ mod tests {
     use super::*;
     use crate::geometry::Mesh;
     use crate::planning::context::Silent;
-    use crate::planning::params::{PlanParams, Strategy, TargetOf};
+    use crate::planning::params::{PlanParams, Solver, Strategy, TargetOf};
     use crate::planning::plan::Plan;
     use crate::planning::{PlanInput, plan};
     use crate::testing::{box_mesh, nominal_scanner};

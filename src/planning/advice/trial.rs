@@ -1,19 +1,21 @@
-//! A trial of setups that a plan does not have: views chosen there on some of the samples, joined to each other and to the setups that
-//! stay by surface that they share, and ordered.
+//! A trial of further views, in setups that a plan does not have and in those of its own that may take more: chosen on some of
+//! the samples, joined to each other and to the setups that stay by surface that they share, and ordered.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use super::turn_over::WantedRegion;
-use super::{Basis, Wanted, choose, within};
+use super::{Basis, Wanted, choose, quickest_secs, starting_params, within};
 use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel};
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::{CandidateIndex, SampleId, ViewId};
+use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, ViewId};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, SetupId, SetupPlan};
 use crate::planning::problem::{EvaluatedCandidates, TriedSetup};
 use crate::planning::registration::{SharedSurface, shared, union_of};
 use crate::planning::scene::PlanningScene;
+use crate::planning::selection::{self, CoverProblem};
 use crate::planning::stations::Station;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::MIN_RESISTANCE;
@@ -38,6 +40,30 @@ pub(super) struct Trial<'a> {
     chosen: Vec<usize>,
     /// Table angle at which each of them is taken once they are ordered; none without a cell.
     table_rad: BTreeMap<usize, f64>,
+}
+
+/// View of a plan that may stay, on the samples of a trial.
+pub(super) struct OwnView<'a> {
+    id: ViewId,
+    row: Row,
+    /// The station that it is taken from; none without a cell.
+    stations: &'a [Station],
+}
+
+impl<'a> OwnView<'a> {
+    /// The view of a plan on some of its samples, which ascend.
+    pub(super) fn on(some: &[(SampleId, f64)], outcome: &'a Outcome, id: ViewId) -> Self {
+        let mut samples = SampleSet::none_of(outcome.verdicts.len());
+        some.iter().for_each(|(sample, _)| samples.insert(*sample));
+        let of_plan = outcome.measured_by_view[id.index()].within(&samples);
+        let measured = Row::new(within(of_plan.measured(), some).into_words());
+        let row = match of_plan.quality() {
+            Some((scale, steps)) => measured.with_quality(steps.to_vec(), scale),
+            None => measured,
+        };
+        let station = outcome.plan.views[id.index()].station.as_ref();
+        Self { id, row, stations: station.map_or(&[][..], std::slice::from_ref) }
+    }
 }
 
 impl<'a> Trial<'a> {
@@ -67,8 +93,9 @@ impl<'a> Trial<'a> {
         trial
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.chosen.is_empty()
+    /// Returns true if a view was chosen in a setup where the part lies in a pose that is meant.
+    pub(super) fn has_views_where(&self, is_meant: impl Fn(&Pose<Table, Part>) -> bool) -> bool {
+        self.chosen.iter().any(|place| is_meant(&self.setups[self.setup_of[*place]].table_from_part))
     }
 
     /// Number of views that were chosen.
@@ -87,7 +114,7 @@ impl<'a> Trial<'a> {
         measured
     }
 
-    /// Chooses views until the target is met, then for each region that misses its own.
+    /// Chooses views beside those of the plan until the target is met, then for each region that misses its own.
     pub(super) fn choose(&mut self, params: &PlanParams, regions: &[WantedRegion], ctx: &Context<'_>) -> Result<(), Cancelled> {
         let basis = self.basis;
         let mut coverable = basis.coverable.clone();
@@ -112,6 +139,35 @@ impl<'a> Trial<'a> {
             self.chosen.extend(more);
         }
         Ok(())
+    }
+
+    /// Chooses as many views as a plan may have for the best coverage of `surface`, that of the setups: anew, among the plan's
+    /// own views and the candidates. Returns those of its own that stay.
+    pub(super) fn choose_anew(
+        &mut self,
+        own: &[OwnView<'_>],
+        surface: &Surface,
+        params: &PlanParams,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<ViewId>, Cancelled> {
+        let (selection, asked_area_mm2) = (starting_params(&params.selection, &params.score), &self.basis.asked_area_mm2);
+        let rows: Vec<&Row> = own.iter().map(|view| &view.row).chain(self.rows.iter().copied()).collect();
+        let stations: Vec<&[Station]> = own.iter().map(|view| view.stations).chain(self.stations.iter().copied()).collect();
+        let cell = self.setups.iter().find_map(|setup| setup.scene).map(PlanningScene::cell);
+        let travel_secs = |from: RowIndex, to: RowIndex| {
+            let ends = [stations[from.index()], stations[to.index()]];
+            cell.map_or(0.0, |cell| quickest_secs(cell, &params.motion, ends))
+        };
+        let weighted = |(sample, area_mm2): (SampleId, &f64)| area_mm2 * surface.requirements.of(sample).weight;
+        let mut cover = CoverProblem::new(rows, asked_area_mm2, self.basis.total_mm2, &selection);
+        cover.weighted_area_mm2 = Cow::Owned(SampleId::number(asked_area_mm2).map(weighted).collect());
+        cover.view_secs = params.scan.settle_secs + params.scan.capture_secs;
+        cover.travel_secs = cell.is_some().then_some(&travel_secs);
+        let choices = selection::greedily(&cover, &selection, &params.score, &ctx.silent())?;
+        let places = choices.iter().map(|choice| choice.row.index());
+        let (staying, new): (Vec<usize>, Vec<usize>) = places.partition(|place| *place < own.len());
+        self.chosen = new.into_iter().map(|place| place - own.len()).collect();
+        Ok(staying.into_iter().map(|place| own[place].id).collect())
     }
 
     /// Adds views to each setup until it shares surface with another one that fixes all freedoms, as [`crate::planning::adjust`] does
@@ -151,11 +207,13 @@ impl<'a> Trial<'a> {
         Ok(())
     }
 
-    /// Samples that the views of each setup measure, those of the setups that stay first.
+    /// Samples that the views of each setup measure, those of the setups that stay as they are first.
     fn measured_by_setup(&self, links: &SetupsLink<'_>) -> Vec<SampleSet> {
         let own = |setup: usize| {
             let chosen: Vec<usize> = self.chosen.iter().copied().filter(|place| self.setup_of[*place] == setup).collect();
-            self.rows_of(&chosen)
+            let mut measured = self.rows_of(&chosen);
+            measured.insert_all(&links.measured_in_tried[setup]);
+            measured
         };
         links.measured.iter().cloned().chain((0..self.setups.len()).map(own)).collect()
     }
@@ -237,29 +295,40 @@ impl<'a> Trial<'a> {
 pub(super) struct SetupsLink<'a> {
     surface: &'a Surface,
     part: SharedSurface<'a>,
-    /// Samples that the views of each setup that stays measure.
+    /// Samples that the views of each setup that stays as it is measure.
     measured: Vec<SampleSet>,
     /// Number of these that are known to be joined: all, where all setups of the plan stay.
     joined: usize,
+    /// Samples that the plan's own views measure in each setup that is tried.
+    measured_in_tried: Vec<SampleSet>,
 }
 
 impl<'a> SetupsLink<'a> {
-    /// Links to the setups of a plan that lie in some of `poses`, by `surface`, which has some of its samples.
+    /// Links to the setups of a plan that lie in some of `poses`, by `surface`, which has some of its samples. Those that are
+    /// among the `tried` ones take further views.
     pub(super) fn to_setups(
         outcome: &Outcome,
         poses: &[Pose<Table, Part>],
+        tried: &[TriedSetup<'_>],
         (surface, some): (&'a Surface, &[(SampleId, f64)]),
     ) -> Self {
         let samples = outcome.surface.sample_mm.len();
-        let measured = |(id, _): (SetupId, &SetupPlan)| {
+        let measured_in = |id: SetupId| {
             let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
             within(&union_of(views.filter(|(view, _)| view.setup == id).map(|(_, row)| row), samples), some)
         };
         let setups = &outcome.plan.setups;
-        let staying = SetupId::number(setups).filter(|(_, setup)| poses.contains(&setup.table_from_part));
-        let measured: Vec<SampleSet> = staying.map(measured).collect();
+        let is_tried = |pose: &Pose<Table, Part>| tried.iter().any(|setup| setup.table_from_part == *pose);
+        let stays = |setup: &SetupPlan| poses.contains(&setup.table_from_part) && !is_tried(&setup.table_from_part);
+        let staying = SetupId::number(setups).filter(|(_, setup)| stays(setup));
+        let measured: Vec<SampleSet> = staying.map(|(id, _)| measured_in(id)).collect();
+        let measured_in_tried = |tried: &TriedSetup<'_>| {
+            let own = SetupId::number(setups).find(|(_, setup)| setup.table_from_part == tried.table_from_part);
+            own.map_or_else(|| SampleSet::none_of(some.len()), |(id, _)| measured_in(id))
+        };
+        let measured_in_tried = tried.iter().map(measured_in_tried).collect();
         let joined = if measured.len() == setups.len() { measured.len() } else { 0 };
-        Self { surface, part: SharedSurface::new(surface), measured, joined }
+        Self { surface, part: SharedSurface::new(surface), measured, joined, measured_in_tried }
     }
 
     /// Resistance of the strongest link of a setup to one before it, each given by the samples that its views measure.

@@ -4,18 +4,19 @@
 //! without a trial ([`FurtherPoses`]). The best of them is tried; others only where that leads to nothing, meets no region that it
 //! should, or falls clearly short of its rank: then what the cell takes decides, and the trial that measures most is told.
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::sync::Arc;
 
-use super::trial::{MAX_JOINING, SetupsLink, Trial};
+use super::trial::{MAX_JOINING, OwnView, SetupsLink, Trial};
 use super::{AdviceScope, Basis, MAX_VIEWS, MIN_RECOVERED, cycle_secs, exceeds_every_limit, is_in_poses, views_of, within};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates;
 use crate::planning::context::{Cancelled, Context, PlanError};
-use crate::planning::ids::SampleId;
-use crate::planning::params::{Hemisphere, Registration, SelectionGoal, SelectionParams, TargetOf};
+use crate::planning::ids::{SampleId, ViewId};
+use crate::planning::params::{Hemisphere, PlanParams, Registration, SelectionGoal, SelectionParams, TargetOf};
 use crate::planning::plan::{
-    AdviceKind, AdvisedSetup, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, Turn, Verdict,
+    AdviceKind, AdvisedSetup, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, StopReason, Turn, Verdict,
 };
 use crate::planning::problem::TriedSetup;
 use crate::planning::setups::{FurtherPose, FurtherPoses, PosesAnew};
@@ -92,7 +93,7 @@ struct Found {
 struct Recovered {
     /// Samples that the views of the setups that stay and those of the further ones measure.
     measured: SampleSet,
-    /// Area that meets the plan's target.
+    /// Area that meets the plan's target; infinite where it has none.
     enough_mm2: f64,
     /// Views that were chosen in the further setups.
     chosen_views: usize,
@@ -119,9 +120,20 @@ pub(super) fn advice(
     let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
     let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), &ctx)?);
     let pool = (sampled.resting_poses(scope.input, &ctx)?, standing.as_slice());
-    let Some(poses) = FurtherPoses::of(scope.input, &sampled.params, pool, &part, &ctx)? else { return Ok(None) };
+    let params = registrable(&sampled.params);
+    let Some(poses) = FurtherPoses::of(scope.input, &params, pool, &part, &ctx)? else { return Ok(None) };
     let start = Start { basis, outcome, scope, part: &part };
     best_of(&start, &choices(&poses, &standing), misses_region, &ctx)
+}
+
+/// Parameters that further poses are found for. All views that there may be are taken for the best coverage, and none is left to
+/// register setups by the surface that they share: there by markers.
+fn registrable(params: &PlanParams) -> Cow<'_, PlanParams> {
+    if params.selection.goal == SelectionGoal::BestCoverage && params.registration == Registration::Surface {
+        Cow::Owned(PlanParams { registration: Registration::Markers, ..params.clone() })
+    } else {
+        Cow::Borrowed(params)
+    }
 }
 
 /// Choices of poses, the one first in which most can be measured from above the plate.
@@ -166,7 +178,8 @@ fn best_of(
     Ok(best.map(|found| found.advice))
 }
 
-/// Area that a plan measures at most where so large a share of the asked area can be measured: it ends at its target.
+/// Area that a plan measures at most where so large a share of the asked area can be measured: it ends at its target, if it has
+/// one.
 fn ceiling_mm2(basis: &Basis, reachable_of_asked: f64, params: &SelectionParams) -> f64 {
     let reachable_mm2 = reachable_of_asked * basis.asked_mm2();
     let whole_mm2 = match params.target_of {
@@ -174,7 +187,10 @@ fn ceiling_mm2(basis: &Basis, reachable_of_asked: f64, params: &SelectionParams)
         TargetOf::Asked => basis.asked_mm2(),
         TargetOf::Total => basis.total_mm2,
     };
-    reachable_mm2.min(params.target * whole_mm2)
+    match params.goal {
+        SelectionGoal::BestCoverage => reachable_mm2,
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => reachable_mm2.min(params.target * whole_mm2),
+    }
 }
 
 /// Returns true if advice is worth more than other advice: it meets more regions, or measures more, or measures as much with fewer views.
@@ -218,15 +234,18 @@ impl Found {
 fn tried(start: &Start<'_, '_>, choice: &SetupChoice, ctx: &Context<'_>) -> Result<Option<PlanAdvice>, PlanError> {
     let Start { basis, outcome, scope, part } = *start;
     let sampled = scope.sampled;
-    let stays = |pose: &Pose<Table, Part>| scope.setups.iter().any(|setup| setup.table_from_part == *pose);
-    let new: Vec<Pose<Table, Part>> = choice.poses.iter().copied().filter(|pose| !stays(pose)).collect();
+    let goal = sampled.params.selection.goal;
+    let is_new = |pose: &Pose<Table, Part>| scope.setups.iter().all(|setup| setup.table_from_part != *pose);
+    // Once its limit is raised, a plan that was ended by it takes more views in its own setups too, and they share more surface.
+    let is_limited = outcome.plan.stopped_because == StopReason::MaxViews && goal != SelectionGoal::BestCoverage;
+    let poses: Vec<Pose<Table, Part>> = choice.poses.iter().copied().filter(|pose| is_limited || is_new(pose)).collect();
     let other = scope.setups.iter().find_map(|setup| setup.scene.as_ref());
     let scene = |pose: &Pose<Table, Part>| sampled.scene(scope.input, *pose, other, ctx);
-    let scenes = new.iter().map(scene).collect::<Result<Vec<_>, PlanError>>()?;
+    let scenes = poses.iter().map(scene).collect::<Result<Vec<_>, PlanError>>()?;
     let some = systematic(&basis.asked_area_mm2, TRIED_SAMPLES);
     let surface = outcome.surface.of_samples(&some);
     // The plate hides nothing from above it.
-    let setups: Vec<TriedSetup<'_>> = new
+    let setups: Vec<TriedSetup<'_>> = poses
         .iter()
         .zip(&scenes)
         .map(|(pose, scene)| TriedSetup { table_from_part: *pose, surface: &surface, occluders: part, scene: scene.as_ref() })
@@ -235,29 +254,39 @@ fn tried(start: &Start<'_, '_>, choice: &SetupChoice, ctx: &Context<'_>) -> Resu
     let evaluated = setups.iter().map(|setup| sampled.evaluate_some(scope.input, setup, max, ctx));
     let candidates = evaluated.collect::<Result<Vec<_>, PlanError>>()?;
     // The views of setups that do not stay are given up.
-    let staying = choice.further.is_none().then(|| Basis::of_poses(outcome, &choice.poses));
-    let staying = staying.as_ref().unwrap_or(basis);
+    let mut views = views_in(outcome, &choice.poses);
+    let mut staying = choice.further.is_none().then(|| Basis::of_views(outcome, &views));
     let regions = wanted_regions(basis, outcome, choice);
-    let regions_of_some: Vec<WantedRegion> = regions.iter().map(|region| region.on(&some)).collect();
-    let on_some = staying.on(&some);
+    let on_some = staying.as_ref().unwrap_or(basis).on(&some);
     let mut trial = Trial::new(&on_some, &setups, &candidates);
-    trial.choose(&sampled.params, &regions_of_some, ctx)?;
+    match goal {
+        SelectionGoal::BestCoverage => {
+            let own: Vec<OwnView<'_>> = views.iter().map(|view| OwnView::on(&some, outcome, *view)).collect();
+            views = trial.choose_anew(&own, &surface, &sampled.params, ctx)?;
+            staying = Some(Basis::of_views(outcome, &views));
+        }
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => {
+            let regions_of_some: Vec<WantedRegion> = regions.iter().map(|region| region.on(&some)).collect();
+            trial.choose(&sampled.params, &regions_of_some, ctx)?;
+        }
+    }
+    let staying = staying.as_ref().unwrap_or(basis);
     let by_surface = choice.registration == Registration::Surface;
-    let links = by_surface.then(|| SetupsLink::to_setups(outcome, &choice.poses, (&surface, &some)));
-    if trial.is_empty() || !trial.join(links.as_ref(), ctx)? {
+    let links = by_surface.then(|| SetupsLink::to_setups(outcome, &choice.poses, &setups, (&surface, &some)));
+    if !trial.has_views_where(is_new) || !trial.join(links.as_ref(), ctx)? {
         return Ok(None);
     }
     let moving_secs = trial.order(ctx)?;
     // Views without a path were dropped.
-    if links.is_some_and(|links| !trial.is_joined(&links)) {
+    if !trial.has_views_where(is_new) || links.is_some_and(|links| !trial.is_joined(&links)) {
         return Ok(None);
     }
     let recovered = Recovered { moving_secs, ..recovered(staying, start, &trial, ctx)? };
-    Ok(into_advice(start, choice, staying, recovered, &regions))
+    Ok(into_advice(start, choice, (staying, &views), recovered, &regions))
 }
 
-/// Evaluates the views of a trial on all samples that the setups which stay leave open; what its other candidates measure of those makes
-/// the target's whole.
+/// Evaluates the views of a trial on all samples that the views which stay leave open; what its other candidates measure of those
+/// makes the target's whole.
 fn recovered(staying: &Basis, start: &Start<'_, '_>, trial: &Trial<'_>, ctx: &Context<'_>) -> Result<Recovered, Cancelled> {
     let Start { outcome, scope, part, .. } = *start;
     let params = &scope.sampled.params;
@@ -268,18 +297,23 @@ fn recovered(staying: &Basis, start: &Start<'_, '_>, trial: &Trial<'_>, ctx: &Co
     let optics = Optics::new(scope.input.scanner, params, &surface.requirements);
     let together = UnitedViews::new(&surface, &optics, part, params, ctx);
     let by_chosen = trial.measured_by_chosen(&together, &surface, ctx)?;
-    let mut coverable = within(&staying.coverable, &open);
-    coverable.insert_all(&by_chosen);
-    trial.add_what_others_measure(&together, &mut coverable, ctx)?;
     let all = |open_ones: &SampleSet, of_plan: &SampleSet| {
         let mut all = of_plan.clone();
         open_ones.iter().for_each(|place| all.insert(open[place.index()].0));
         all
     };
-    let whole_mm2 = staying.whole_mm2(&all(&coverable, &staying.coverable), params.selection.target_of);
+    let enough_mm2 = match params.selection.goal {
+        SelectionGoal::BestCoverage => f64::INFINITY,
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => {
+            let mut coverable = within(&staying.coverable, &open);
+            coverable.insert_all(&by_chosen);
+            trial.add_what_others_measure(&together, &mut coverable, ctx)?;
+            params.selection.target * staying.whole_mm2(&all(&coverable, &staying.coverable), params.selection.target_of)
+        }
+    };
     Ok(Recovered {
         measured: all(&by_chosen, &staying.measured),
-        enough_mm2: params.selection.target * whole_mm2,
+        enough_mm2,
         chosen_views: trial.chosen_views(),
         moving_secs: 0.0,
     })
@@ -328,7 +362,8 @@ fn may_be_met(region: &RegionCoverage) -> bool {
 /// given up, those that meet it.
 fn wanted_regions(basis: &Basis, outcome: &Outcome, choice: &SetupChoice) -> Vec<WantedRegion> {
     let requirements = &outcome.surface.requirements;
-    let may_be_lost = |region: &RegionCoverage| choice.further.is_none() && region.is_met() == Some(true);
+    let gives_up_views = choice.further.is_none() || outcome.plan.params.selection.goal == SelectionGoal::BestCoverage;
+    let may_be_lost = |region: &RegionCoverage| gives_up_views && region.is_met() == Some(true);
     let regions = outcome.plan.coverage.regions.iter().enumerate();
     let wanted = regions.filter(|(_, region)| may_be_met(region) || may_be_lost(region));
     let region = |(number, region): (usize, &RegionCoverage)| {
@@ -365,11 +400,12 @@ impl WantedRegion {
     }
 }
 
-/// The advice that follows from what was recovered; `None` where that is too little, or a region is lost for it.
+/// The advice that follows from what was recovered beside the views that stay; `None` where that is too little, or a region is
+/// lost for it.
 fn into_advice(
     start: &Start<'_, '_>,
     choice: &SetupChoice,
-    staying: &Basis,
+    (staying, staying_views): (&Basis, &[ViewId]),
     recovered: Recovered,
     regions: &[WantedRegion],
 ) -> Option<PlanAdvice> {
@@ -385,8 +421,7 @@ fn into_advice(
         return None;
     }
     let (plan, poses) = (&outcome.plan, &choice.poses);
-    let staying_views = plan.views.iter().filter(|view| view.rejected.is_none() && is_in_poses(view, outcome, poses)).count();
-    let views = staying_views + chosen_views;
+    let views = staying_views.len() + chosen_views;
     if exceeds_every_limit(scope.sampled.params.selection.max_views, views) {
         return None;
     }
@@ -402,9 +437,15 @@ fn into_advice(
         views,
         measured_area_mm2: measured_mm2,
         visible_area_mm2: plan.coverage.visible_area_mm2 + freed_mm2(start, choice),
-        cycle_secs: cycle_secs(outcome, |setup| poses.contains(&setup.table_from_part), (chosen_views, moving_secs)),
+        cycle_secs: cycle_secs(outcome, |view| staying_views.contains(&view), (chosen_views, moving_secs)),
         regions_met,
     })
+}
+
+/// Views of a plan that measure something, with the part in one of some poses.
+fn views_in(outcome: &Outcome, poses: &[Pose<Table, Part>]) -> Vec<ViewId> {
+    let views = ViewId::number(&outcome.plan.views);
+    views.filter(|(_, view)| view.rejected.is_none() && is_in_poses(view, outcome, poses)).map(|(view, _)| view).collect()
 }
 
 /// Asked area on which the part stands in every setup of the plan, and with a choice of poses not in all.
@@ -434,12 +475,11 @@ fn changes(scope: &AdviceScope<'_>, choice: &SetupChoice, views: usize) -> Vec<P
 }
 
 /// Limit of views for a plan in other setups, of which so many views were tried: the largest that there is, since the trial had none. The
-/// plan ends at its target, and with the limit that was tried it may end before, as it chooses all its views anew. With the best coverage
-/// as goal it takes every view that it may, and the limit is that of [`raised_limit`]. `None` where there is none, or the one that there
-/// is suffices.
+/// plan ends at its target, and with the limit that was tried it may end before, as it chooses all its views anew. `None` where
+/// there is none, or the one that there is suffices, as for the best coverage it does: views were tried with it.
 fn ample_limit(params: &SelectionParams, views: usize, registration: Registration) -> Option<u32> {
     match params.goal {
-        SelectionGoal::BestCoverage => raised_limit(params.max_views, views, registration),
+        SelectionGoal::BestCoverage => None,
         SelectionGoal::FewestViews | SelectionGoal::MinTime => {
             let needed = f64::from(needed_views(views, registration));
             let limit = params.max_views.filter(|limit| *limit < MAX_VIEWS && needed > MAX_OF_LIMIT * f64::from(*limit));
@@ -463,8 +503,15 @@ pub(super) fn raised_limit(limit: Option<u32>, views: usize, registration: Regis
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
-    use crate::planning::params::PlanParams;
+    use crate::cell::PoseSpec;
+    use crate::planning::context::Silent;
+    use crate::planning::params::{Solver, Strategy};
+    use crate::planning::plan::Plan;
+    use crate::planning::{PlanInput, plan};
+    use crate::testing::{box_mesh, nominal_scanner};
 
     #[test]
     fn a_part_of_more_blocks_is_tried_with_more_candidates_up_to_a_limit() {
@@ -494,7 +541,7 @@ mod tests {
             assert_eq!(told, [None, Some(MAX_VIEWS), Some(MAX_VIEWS), Some(MAX_VIEWS), None, None], "{goal:?}");
         }
         let best = limits.map(|limit| ample(SelectionGoal::BestCoverage, limit));
-        assert_eq!(best, [None, Some(9), None, None, None, None], "it would take a thousand views");
+        assert_eq!(best, [None; 6], "it would take as many views as it may");
     }
 
     /// 995 views with a limit of 990 led to a limit of 1007, which no plan takes.
@@ -555,6 +602,8 @@ mod tests {
         let selection = SelectionParams { target: 0.985, target_of: TargetOf::Coverable, ..SelectionParams::default() };
         let ceiling = |reachable_of_asked: f64| ceiling_mm2(&basis, reachable_of_asked, &selection);
         assert!((ceiling(0.9) - 886.5).abs() < 1e-9, "{}", ceiling(0.9));
+        let best = SelectionParams { goal: SelectionGoal::BestCoverage, ..selection.clone() };
+        assert!((ceiling_mm2(&basis, 0.9, &best) - 900.0).abs() < 1e-9, "it does not end at a target");
         let of_asked = SelectionParams { target_of: TargetOf::Asked, ..selection.clone() };
         assert!((ceiling_mm2(&basis, 0.9, &of_asked) - 900.0).abs() < 1e-9, "a target of 985 mm² cannot be had");
         let found = |measured_mm2: f64| Found {
@@ -570,5 +619,89 @@ mod tests {
         assert!(leaves_room(800.0, surface, 0.95) && !leaves_room(800.0, surface, 0.8), "788 mm² are not more");
         assert!(!leaves_room(800.0, Registration::Markers, 1.0), "markers are for where surface does not do");
         assert!(found(985.0).leaves_room_for(&choice(surface), ceiling(0.5), &basis, true), "it meets no region");
+    }
+
+    /// A plan of few samples and of few viewpoints above the plate, with so many views.
+    fn few_viewpoints(max_views: u32) -> PlanParams {
+        let mut params = PlanParams::default();
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.2), Some(1000.0));
+        (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(30));
+        params.candidates.hemisphere = Some(Hemisphere::AboveTable);
+        (params.missed.remedies, params.robust.pose_error, params.selection.max_views) = (0, None, Some(max_views));
+        params
+    }
+
+    /// The plan of a box of these edges.
+    fn planned(edges_mm: [f64; 3], params: &PlanParams) -> Plan {
+        let (mesh, scanner, cancel) = (box_mesh([0.0; 3], edges_mm), nominal_scanner(), AtomicBool::new(false));
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan").plan
+    }
+
+    /// The advice on a plan to lay the part otherwise, and the parameters with it taken, without further advice.
+    fn taken<'p>(plan: &'p Plan, params: &PlanParams) -> (&'p PlanAdvice, PlanParams) {
+        let turn_over = plan.advice.iter().find(|advice| advice.kind == AdviceKind::TurnOver);
+        let advice = turn_over.unwrap_or_else(|| panic!("{:?}", plan.advice));
+        let mut params = params.clone();
+        for change in &advice.changes {
+            match change {
+                ParamChange::Setups(setups) => params.setups = *setups,
+                ParamChange::RestingPoses(poses) => params.part.resting_poses = poses.iter().map(PoseSpec::from).collect(),
+                ParamChange::Registration(registration) => params.registration = *registration,
+                ParamChange::Target(target) => params.selection.target = *target,
+                ParamChange::MaxViews(views) => params.selection.max_views = Some(*views),
+            }
+        }
+        params.missed.advice = false;
+        (advice, params)
+    }
+
+    /// The goal being the best coverage by 2 views, 4 views and a limit of 16 were advised, up to the target; with the limit of 2
+    /// its setups could not be registered by surface, and there was no plan.
+    #[test]
+    fn a_plan_for_the_best_coverage_keeps_its_limit_and_measures_as_much_as_is_told() {
+        let edges_mm = [50.0, 40.0, 30.0];
+        for solver in [Solver::Greedy, Solver::Local] {
+            let mut params = few_viewpoints(2);
+            (params.selection.goal, params.selection.solver) = (SelectionGoal::BestCoverage, solver);
+            let before = planned(edges_mm, &params);
+            let (advice, params) = taken(&before, &params);
+            assert_eq!((advice.views, advice.added_views, params.selection.max_views), (2, 0, Some(2)), "{advice:?}");
+            assert_eq!(params.registration, Registration::Markers, "two views leave none to register setups by surface");
+            let after = planned(edges_mm, &params);
+            let (told_mm2, measured_mm2) = (advice.measured_area_mm2, after.coverage.measured.area_mm2);
+            let asked_mm2 = after.coverage.asked_area_mm2;
+            assert!(told_mm2 > before.coverage.measured.area_mm2 + 0.05 * asked_mm2, "{advice:?}");
+            // Views are slid once they are chosen.
+            assert!(measured_mm2 >= told_mm2 - 0.002 * asked_mm2, "{measured_mm2} of {told_mm2} mm²");
+            assert_eq!(after.views.len(), advice.views, "{solver:?}");
+        }
+    }
+
+    /// A view of either side sees half of the box: one more setup was advised with 15 views.
+    #[test]
+    fn no_setup_is_advised_to_a_plan_of_one_view_for_the_best_coverage() {
+        let mut params = few_viewpoints(1);
+        params.selection.goal = SelectionGoal::BestCoverage;
+        let plan = planned([50.0, 40.0, 30.0], &params);
+        assert!(plan.advice.iter().all(|advice| advice.kind == AdviceKind::MoreViews), "{:?}", plan.advice);
+    }
+
+    /// Two views of a large box share too little surface with any in another pose, and no setup was advised: with the limit
+    /// raised more views are taken in the first setup too.
+    #[test]
+    fn a_setup_is_advised_with_more_views_in_that_of_a_plan_which_its_limit_ended() {
+        let edges_mm = [200.0, 150.0, 30.0];
+        let params = few_viewpoints(2);
+        let before = planned(edges_mm, &params);
+        let (advice, params) = taken(&before, &params);
+        assert_eq!((params.setups, params.selection.max_views), (2, Some(MAX_VIEWS)), "{advice:?}");
+        assert_eq!(params.registration, Registration::Surface, "{advice:?}");
+        let after = planned(edges_mm, &params);
+        let share = |mm2: f64| mm2 / after.coverage.asked_area_mm2;
+        // The underside is 37 % of its surface.
+        assert!(share(advice.measured_area_mm2) > 0.9, "{advice:?}");
+        assert!(after.coverage.of_asked() >= share(advice.measured_area_mm2) - 0.01, "{}", after.coverage.of_asked());
+        assert!(after.views.len() <= advice.views + 2, "{} views, {} told", after.views.len(), advice.views);
     }
 }

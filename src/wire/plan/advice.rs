@@ -93,15 +93,15 @@ pub struct AdviceDocument {
     pub added_views: usize,
     /// Estimated number of views of a plan with these parameters.
     pub views: usize,
-    /// Asked area measured in the trial, as far as the target requires it, on the samples that views are chosen on. It is an
-    /// estimate, since a plan made with these parameters chooses its views anew.
+    /// Asked area measured in the trial, as far as the target requires it (all of it with `best_coverage`), on the samples that
+    /// views are chosen on. It is an estimate, since a plan made with these parameters chooses its views anew.
     pub measured_area_mm2: f64,
     /// That area as a share of the asked area; `coverage.of_asked` is the share of this plan.
     pub of_asked: f64,
     /// That area as a share of the area that would then be visible: what the part stands on in one setup can be seen in another.
     pub of_visible: f64,
-    /// Estimated cycle time with the added views, s; `null` without a cell. It is often 10 to 20 % below that of a plan made with
-    /// these parameters, which chooses its views anew: turning the part over is not counted, moves to further views of a setup
+    /// Estimated cycle time with the added views, s; `null` without a cell. It differs by up to 30 % either way from that of a plan
+    /// made with these parameters, which chooses its views anew: turning the part over is not counted, moves to further views of a setup
     /// are taken as straight, and each added view is captured once.
     pub cycle_secs: Option<f64>,
     /// Names of the regions and features that miss their target now and would meet it.
