@@ -137,7 +137,7 @@ fn inspect_says_which_unit_suits_scanner_and_plate() {
         assert!(text.contains(line), "{line:?} is not in\n{text}");
     }
     let warned = report(&args(Some(LengthUnit::Millimetre))).expect("a report");
-    assert!(warned.contains("! the part is 4.76") && warned.contains("inch (120.9 × 72.9 × 37.1 mm)"), "{warned}");
+    assert!(warned.contains("! the part is 4.76") && warned.contains("inches (120.9 × 72.9 × 37.1 mm)"), "{warned}");
     assert!(!report(&args(Some(LengthUnit::Inch))).expect("a report").contains("the part is"));
     let scanner = InspectArgs { cell: None, scanner: Some("nobody".into()), ..args(None) };
     assert_eq!(report(&scanner).expect_err("no such scanner").exit_code(), 2);

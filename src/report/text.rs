@@ -13,16 +13,16 @@ use crate::planning::plan::{Bound, Cause, Coverage, MissedCause, Obstruction, Pl
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument};
-use crate::wire::summary::Summary;
+use crate::wire::summary::{Summary, rescan_ended};
 use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, bounded_moves, changed_params, counted, first_lie,
-    fix_sentence, fixed, fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim, percent_below,
-    pose_error_sizes, region_verdict, risk_meaning, treated_spots,
+    ChoiceRules, NOTHING_IN_REGION, advice_sentence, apart_mm, area_mm2, at_risk_sentence, bounded_moves, changed_params,
+    counted, first_lie, fix_sentence, fixed, fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim,
+    percent_below, pose_error_sizes, region_verdict, risk_meaning, treated_spots,
 };
 
 /// Meaning of the asked surface in a plan of further views.
-const ASKED_OF_OPEN: &str = "asked: what earlier scans left open";
+pub(super) const ASKED_OF_OPEN: &str = "asked: what earlier scans left open";
 /// Words on a region of which earlier scans left nothing open.
 const NOTHING_OPEN: &str = "met: earlier scans left none of it open";
 
@@ -73,7 +73,8 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[Fiel
     write_regions(out, &plan.coverage)?;
     write_setups(out, plan)?;
     write_links(out, plan)?;
-    writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
+    let ended = rescan_ended(plan).unwrap_or_else(|| plan.stopped_because.as_str().to_owned());
+    writeln!(out, "\nstopped because: {ended}")?;
     write_bound(out, &plan.bound, &plan.params)?;
     write_views(out, plan)?;
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence, plan.params.motion.corners))?;
@@ -358,7 +359,7 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
                 point(place_in_base_mm)
             )?,
             Some(Separation { distance_mm, place_in_base_mm, .. }) => {
-                write!(out, "; {} mm apart at {} in the base frame", fixed_nonzero(*distance_mm, 1), point(place_in_base_mm))?
+                write!(out, "; {} mm apart at {} in the base frame", apart_mm(*distance_mm), point(place_in_base_mm))?
             }
             None => {}
         }
@@ -384,7 +385,7 @@ fn write_missed(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt
             None => writeln!(out)?,
         }
     }
-    write_spots(out, missed, plan.params.selection.goal, warnings)
+    write_spots(out, missed, ChoiceRules::of(plan), warnings)
 }
 
 /// Fix of area that is missed for want of a path where the home of the cell is blocked, in plain text: the home, whatever else was
@@ -395,7 +396,7 @@ pub(super) fn home_remedy(cause: Cause, warnings: &[FieldWarning]) -> Option<Str
 }
 
 /// The largest spots of all with what would cure them.
-fn write_spots(out: &mut String, missed: &[MissedCause], goal: SelectionGoal, warnings: &[FieldWarning]) -> fmt::Result {
+fn write_spots(out: &mut String, missed: &[MissedCause], rules: ChoiceRules, warnings: &[FieldWarning]) -> fmt::Result {
     let treated = treated_spots(missed);
     if !treated.is_empty() {
         writeln!(out, "\nlargest missed spots, with the fixes that were tried")?;
@@ -405,7 +406,7 @@ fn write_spots(out: &mut String, missed: &[MissedCause], goal: SelectionGoal, wa
         let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
         writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
         let home = home_remedy(cause, warnings);
-        writeln!(out, "       {}", home.unwrap_or_else(|| fix_sentence(remedy, goal)))?;
+        writeln!(out, "       {}", home.unwrap_or_else(|| fix_sentence(remedy, rules)))?;
     }
     Ok(())
 }
@@ -459,9 +460,28 @@ fn measuring(views: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::{Configuration, Contact};
     use crate::planning::params::PoseErrorParams;
     use crate::planning::plan::RegionCoverage;
-    use crate::planning::plan::{Drawn, IndependentRegion, RegionKind, Robust};
+    use crate::planning::plan::{Advice, Drawn, IndependentRegion, RegionKind, Robust};
+
+    /// 4.96 mm were told as 5.0 mm apart, which is the clearance that they miss.
+    #[test]
+    fn bodies_closer_than_the_clearance_are_not_told_as_far_apart_as_it() {
+        let bodies = Contact { a: "forearm".into(), b: "part".into() };
+        let separation = Separation { bodies: bodies.clone(), distance_mm: 4.96, place_in_base_mm: Point3::origin() };
+        let obstruction = Obstruction {
+            bodies,
+            without_station: 2,
+            without_path: 0,
+            configuration: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+            separation: Some(separation),
+            advice: Advice::ReduceClearance(4.96),
+        };
+        let mut out = String::new();
+        write_obstructions(&mut out, &[obstruction]).expect("a String takes all");
+        assert!(out.contains("without a path; 4.9 mm apart at ") && out.contains("motion.clearance_mm = 4.9\n"), "{out}");
+    }
 
     #[test]
     fn a_region_that_misses_its_target_is_not_told_with_the_share_of_the_target() {

@@ -25,7 +25,7 @@ use crate::report::text::{text_with_warnings, warned};
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::hex;
-use crate::wire::part_size::{PartSize, SizeLimits, size_text};
+use crate::wire::part_size::{PartSize, SizeLimits, size_text, unit_text};
 use crate::wire::plan::{CellDocument, FixtureDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
@@ -252,8 +252,8 @@ impl PlanJob<'_> {
     /// too large. Its user gave the file and its unit. `None` for an error of parameters, as one on a pose that `is_pose_given`.
     #[must_use]
     pub fn error_of_part(&self, error: &FieldError, is_pose_given: bool) -> Option<String> {
-        let (given, unit) = (self.params.part.table_from_part.as_ref(), self.unit);
-        let size = PartSize::new(&self.mesh.aabb(), unit);
+        let (given, unit) = (self.params.part.table_from_part.as_ref(), unit_text(self.unit));
+        let size = PartSize::new(&self.mesh.aabb(), self.unit);
         let limits = SizeLimits::new(self.scanner, self.cell);
         let units =
             || size.other_units(&limits).map_or_else(String::new, |units| format!("; it would fit if the file is in {units}"));
@@ -429,6 +429,7 @@ impl PlanJob<'_> {
     ) -> Summary {
         let Some(dialect) = self.cell.and_then(|cell| cell.robot.dialect) else { return summary };
         match own_cycle(dialect, programs, checked, rendered) {
+            Ok(program_cycle) if self.rescan.is_some() => summary.with_program(program_cycle.map(ProgramCycle::without_options)),
             Ok(program_cycle) => summary.with_program(program_cycle),
             Err(reason) => summary.with_refused_program(dialect, &reason, REFUSED_FILE),
         }

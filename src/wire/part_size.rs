@@ -104,7 +104,8 @@ impl PartSize {
     pub fn other_units(&self, limits: &SizeLimits) -> Option<String> {
         let readings = self.readings(Some(limits)).into_iter();
         let fitting = readings.filter(|reading| reading.unit != self.unit && reading.fits == Some(true));
-        let told: Vec<String> = fitting.map(|reading| format!("{} ({})", reading.unit, size_text(&reading.size_mm))).collect();
+        let told: Vec<String> =
+            fitting.map(|reading| format!("{} ({})", unit_text(reading.unit), size_text(&reading.size_mm))).collect();
         (!told.is_empty()).then(|| told.join(", or "))
     }
 
@@ -113,7 +114,7 @@ impl PartSize {
     #[must_use]
     pub fn warnings(&self, table_from_part: Option<&PoseSpec>, limits: &SizeLimits, at: &str) -> Vec<FieldWarning> {
         let lies_mm = self.lies_mm(table_from_part);
-        let read = format!("is {} as read in {}", size_text(&self.size_mm), self.unit);
+        let read = format!("is {} as read in {}", size_text(&self.size_mm), unit_text(self.unit));
         let [width, height] = limits.field_mm.map(|edge_mm| fixed(edge_mm, 0));
         let small = limits.is_small(&self.size_mm).then(|| {
             let detail = format!(
@@ -139,7 +140,8 @@ impl PartSize {
     pub fn unit_question(&self, table_from_part: Option<&PoseSpec>, limits: &SizeLimits) -> Option<String> {
         let is_doubtful = limits.is_small(&self.size_mm)
             || limits.overhangs(self.lies_mm(table_from_part)) && self.other_units(limits).is_some();
-        is_doubtful.then(|| format!("Check the unit: the part is {} as read in {}", size_text(&self.size_mm), self.unit))
+        let read = || format!("Check the unit: the part is {} as read in {}", size_text(&self.size_mm), unit_text(self.unit));
+        is_doubtful.then(read)
     }
 
     fn warning(&self, code: WarningCode, at: &str, detail: String, limits: &SizeLimits, right: String) -> FieldWarning {
@@ -163,6 +165,15 @@ fn longest(size_mm: &[f64; 3]) -> f64 {
     size_mm.iter().copied().fold(0.0, f64::max)
 }
 
+/// Unit of a file's coordinates within a sentence: "in mm", "in inches".
+#[must_use]
+pub fn unit_text(unit: LengthUnit) -> &'static str {
+    match unit {
+        LengthUnit::Millimetre | LengthUnit::Centimetre | LengthUnit::Metre => unit.as_str(),
+        LengthUnit::Inch => "inches",
+    }
+}
+
 /// A size for people: three significant digits at least, and no more decimals than it takes.
 #[must_use]
 pub fn size_text(size_mm: &[f64; 3]) -> String {
@@ -182,7 +193,7 @@ fn length_text(length_mm: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{PartSize, SizeLimits};
+    use super::{PartSize, SizeLimits, unit_text};
     use crate::cell::{PoseSpec, Presets, SpecLibrary};
     use crate::geometry::LengthUnit;
     use crate::wire::warnings::WarningCode;
@@ -209,7 +220,7 @@ mod tests {
             warning.detail.contains("is 4.76 × 2.87 × 1.46 mm as read in mm") && warning.detail.contains("5 %"),
             "{warning:?}"
         );
-        assert!(warning.remedy.contains("inch (120.9 × 72.9 × 37.1 mm)"), "{warning:?}");
+        assert!(warning.remedy.contains("inches (120.9 × 72.9 × 37.1 mm)"), "{warning:?}");
         let question = "Check the unit: the part is 4.76 × 2.87 × 1.46 mm as read in mm";
         assert_eq!(read_in(LengthUnit::Millimetre, BASE_IN).unit_question(None, &limits).as_deref(), Some(question));
         let right = read_in(LengthUnit::Inch, BASE_IN);
@@ -232,6 +243,20 @@ mod tests {
         // The other way round: metres read as millimetres.
         let tiny = read_in(LengthUnit::Millimetre, [0.121, 0.073, 0.037]).warnings(None, &limits, "");
         assert!(tiny[0].code == WarningCode::PartSmall && tiny[0].remedy.contains("m (121.0"), "{tiny:?}");
+    }
+
+    /// "as read in inch" was told of a part in inches.
+    #[test]
+    fn a_unit_is_told_in_a_sentence_as_people_write_it() {
+        assert_eq!(LengthUnit::ALL.map(unit_text), ["mm", "cm", "m", "inches"]);
+        let huge = read_in(LengthUnit::Inch, [121.0, 73.0, 37.0]);
+        let limits = in_the_default_cell();
+        let read = "3073 × 1854 × 939.8 mm as read in inches";
+        let warnings = huge.warnings(None, &limits, "/mesh_id");
+        assert!(warnings[0].detail.starts_with(&format!("is {read}: it covers")), "{warnings:?}");
+        assert_eq!(huge.unit_question(None, &limits), Some(format!("Check the unit: the part is {read}")));
+        let other = huge.other_units(&limits);
+        assert!(other.as_ref().is_some_and(|units| units.starts_with("mm (121.0") && !units.contains("inch")), "{other:?}");
     }
 
     #[test]

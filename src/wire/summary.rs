@@ -17,6 +17,7 @@ pub use action::SummaryAction;
 pub use cycle::{CycleParts, ProgramCycle};
 pub use missed::MissedGroup;
 pub(crate) use missed::{choice_ended_by, further_setup, stop_rules};
+pub(crate) use verdict::rescan_ended;
 pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
@@ -134,7 +135,7 @@ impl Summary {
             views_chosen: plan.views.len(),
             setups: plan.setups.len(),
             views_text: views_text(plan),
-            coverage_text: coverage.text(),
+            coverage_text: coverage.text(plan.coverage.is_of_open),
             coverage,
             grades: document.grades,
             cycle_secs: motion.map(|motion| motion.cycle_secs),
@@ -262,9 +263,11 @@ impl From<&CoverageDocument> for SummaryShares {
 }
 
 impl SummaryShares {
-    fn text(&self) -> String {
+    /// The shares in a sentence; `is_of_open` of what earlier scans left open.
+    fn text(&self, is_of_open: bool) -> String {
+        let asked = if is_of_open { " (asked: what earlier scans left open)" } else { "" };
         format!(
-            "Simulated coverage, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, \
+            "Simulated coverage{asked}, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, \
              {} of the whole surface; on the samples that views are chosen on: {} of coverable",
             percent(self.of_visible),
             percent(self.grades_a_b_of_visible),

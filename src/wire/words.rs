@@ -6,10 +6,12 @@ use serde_json::Value;
 
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
+use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
 use crate::planning::params::{Corners, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
 use crate::planning::plan::{
-    Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
+    Advice, Cause, MissedCause, MissedSpot, PartSide, Plan, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason,
+    StopReason, Turn, TurnKind,
 };
 use crate::planning::registration::Stability;
 use crate::planning::sequence::bound_gap;
@@ -123,10 +125,14 @@ pub fn at_risk_sentence(at_risk: &AtRiskDocument) -> String {
     let percent = |share: f64| format!("{} %", percent_below(share, 1.0, 2));
     let counts = if at_risk.counted { "counted as measured" } else { "not counted as measured" };
     let there = at_risk.reasons.iter().filter(|reason| reason.area_mm2 > 0.0);
-    let reasons: Vec<_> =
-        there.map(|reason| format!("{} {}", reason.reason.replace('_', " "), percent(reason.of_visible))).collect();
+    let reasons: Vec<_> = there.map(|reason| format!("{} {}", risk_phrase(&reason.reason), percent(reason.of_visible))).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join(", ")) };
     format!("At risk in a real scan: {} of visible, {counts}{reasons}", percent(at_risk.of_visible))
+}
+
+/// A reason for which area is at risk, of this name in files, in a few words.
+pub(crate) fn risk_phrase(name: &str) -> String {
+    name.replace("inter_", "inter-").replace('_', " ")
 }
 
 /// Meaning of a reason for which area is at risk, in a sentence without a full stop.
@@ -223,7 +229,7 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
             return format!(
                 "no further view is worth taking ({}): {measured} % of the asked area is measured, further views are expected to add \
                  {left} %, and {hopeless} % cannot be recovered by any view",
-                rule.replace('_', " ")
+                rescan_stop_phrase(rule)
             );
         }
         NoPlan::NotRegistered { stability } => {
@@ -249,6 +255,19 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
     let named = missed_mm2.iter().take(NAMED_CAUSES);
     let named = named.map(|(cause, mm2)| format!("{} ({} %)", cause_phrase(*cause), percent_below(mm2 / asked_mm2, 1.0, 0)));
     format!("{usable}; area missed by cause: {}", named.collect::<Vec<_>>().join(", "))
+}
+
+/// Rule that ended a rescan, of this name in files, in a clause.
+fn rescan_stop_phrase(rule: &str) -> &str {
+    match RescanStop::ALL.into_iter().find(|stop| stop.as_str() == rule) {
+        Some(RescanStop::Target) => "the target of the plan is measured",
+        Some(RescanStop::MinGain) => "the best view is expected to add less than min_gain of the rescan",
+        Some(RescanStop::MaxViews) => "the rescan has as many views as its max_views allows",
+        Some(RescanStop::MaxRounds) => "as many rounds were made as max_rounds of the rescan allows",
+        Some(RescanStop::LittleLeft) => "all further views together are expected to add less than min_left of the rescan",
+        Some(RescanStop::NothingMissing) => "nothing that a view could recover is missing",
+        None => rule,
+    }
 }
 
 /// Stability of a registration in a sentence that begins with what two measurements share.
@@ -348,7 +367,7 @@ pub fn advice_sentence(advice: &Advice) -> String {
     let text = match advice {
         Advice::MoveHome => HOME_REMEDY,
         Advice::ReduceClearance(max_mm) => {
-            return format!("collision-free there with motion.clearance_mm = {:.1}", (max_mm * 10.0).floor() / 10.0);
+            return format!("collision-free there with motion.clearance_mm = {}", rounded_down(*max_mm, 1));
         }
         Advice::MoveObstacle(name) => return format!("move {name}, or the table away from it"),
         Advice::MoveFixture => "clamp the part elsewhere, or plan it in several setups",
@@ -387,11 +406,23 @@ pub fn percent_below(share: f64, limit: f64, decimals: usize) -> String {
     if share > SUM_SLACK && is_zero(&text) {
         fixed_nonzero(100.0 * share, decimals)
     } else if share < limit - SUM_SLACK && text == of_limit {
-        let steps = 10_f64.powi(decimals as i32);
-        fixed((100.0 * share * steps).floor() / steps, decimals)
+        rounded_down(100.0 * share, decimals)
     } else {
         text
     }
+}
+
+/// Formats `value` with so many decimals so that it is not above the value.
+fn rounded_down(value: f64, decimals: usize) -> String {
+    let steps = 10_f64.powi(decimals as i32);
+    fixed((value * steps).floor() / steps, decimals)
+}
+
+/// Distance of two bodies, mm: with one decimal, and rounded down, so that one below a clearance is not told as that clearance; with more
+/// decimals where that would be told as zero. Negative for a depth.
+pub(crate) fn apart_mm(distance_mm: f64) -> String {
+    let text = rounded_down(distance_mm, 1);
+    if distance_mm < 0.0 || is_zero(&text) { fixed_nonzero(distance_mm, 1) } else { text }
 }
 
 /// Claim on a tour's order by the time of its moves and the lower bound over all orders of its stations; `None` without a bound.
@@ -437,26 +468,55 @@ pub fn partial_share(of_spot: f64, measured_mm2: f64) -> Option<String> {
 
 /// The finding that none of so many views tried for a spot helps.
 pub(crate) fn none_found(tried: usize) -> String {
+    format!("no fix found ({})", tried_in_vain(tried))
+}
+
+/// Reason for which none of so many views tried for a spot helps.
+pub(crate) fn tried_in_vain(tried: usize) -> String {
     match tried {
-        1 => "no fix found (the one view tried does not see half of it)".to_owned(),
-        tried => format!("no fix found ({tried} views tried; up to 8 of them together see less than half of it)"),
+        1 => "the one view tried does not see half of it".to_owned(),
+        tried => format!("{tried} views tried; up to 8 of them together see less than half of it"),
     }
 }
 
-/// A remedy in a sentence for reports on a plan with this goal; that of a plan's document is [`remedy_sentence`].
-#[must_use]
-pub fn fix_sentence(remedy: &Remedy, goal: SelectionGoal) -> String {
-    if remedy.views.is_empty() { none_found(remedy.tried) } else { sentence_with(remedy, rules_to_change(goal)) }
+/// Rules by which the views of a plan were chosen, and which end their choice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChoiceRules {
+    /// Rules of a plan with this goal.
+    Plan(SelectionGoal),
+    /// Rules of a rescan, of which this one ended the choice.
+    Rescan(StopReason),
 }
 
-/// Rules that end the choice of views, as they are to be changed for more views. A plan for the best coverage heeds no target.
-fn rules_to_change(goal: SelectionGoal) -> &'static str {
-    match goal {
-        SelectionGoal::BestCoverage => "raise selection.max_views, or lower selection.min_growth,",
-        SelectionGoal::FewestViews | SelectionGoal::MinTime => {
-            "raise selection.target or selection.max_views, or lower selection.min_growth,"
+impl ChoiceRules {
+    /// Rules of a plan.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        if plan.coverage.is_of_open { Self::Rescan(plan.stopped_because) } else { Self::Plan(plan.params.selection.goal) }
+    }
+
+    /// The rules as they are to be changed for more views. A plan for the best coverage heeds no target.
+    fn to_change(self) -> &'static str {
+        match self {
+            Self::Plan(SelectionGoal::BestCoverage) => "raise selection.max_views, or lower selection.min_growth,",
+            Self::Plan(SelectionGoal::FewestViews | SelectionGoal::MinTime) => {
+                "raise selection.target or selection.max_views, or lower selection.min_growth,"
+            }
+            Self::Rescan(StopReason::Target) => "plan the part again with a higher selection.target, at which the rescan ends,",
+            Self::Rescan(StopReason::MaxViews) => "raise max_views of the rescan",
+            Self::Rescan(StopReason::Growth) => "lower min_gain of the rescan",
+            Self::Rescan(StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet) => {
+                "raise max_views of the rescan, or lower its min_gain,"
+            }
         }
     }
+}
+
+/// A remedy in a sentence for reports on a plan whose views were chosen by these rules; that of a plan's document is
+/// [`remedy_sentence`].
+#[must_use]
+pub fn fix_sentence(remedy: &Remedy, rules: ChoiceRules) -> String {
+    if remedy.views.is_empty() { none_found(remedy.tried) } else { sentence_with(remedy, rules.to_change()) }
 }
 
 /// A remedy in a sentence that holds for every goal of the selection. Where it does not work, the share that it measures comes

@@ -69,7 +69,7 @@ fn an_inch_part_taken_for_millimetres_is_told_in_every_output() {
     let plan = ["plan", &part, "--unit", "mm", "--cell", "none", "--scanner", "transcan-c-nominal", "--out", &out];
     let (code, _, said) = told(&plan.into_iter().chain(sets).collect::<Vec<_>>());
     assert_eq!(code, Some(0), "{said}");
-    let fits = "inch (101.6 × 76.2 × 50.8 mm)";
+    let fits = "inches (101.6 × 76.2 × 50.8 mm)";
     assert!(said.contains("inch.obj: --unit: is 4.00 × 3.00 × 2.00 mm as read in mm") && said.contains(fits), "{said}");
     let read = |name: &str| std::fs::read_to_string(folder.path().join("out").join(name)).expect("a result");
     let document: serde_json::Value = serde_json::from_str(&read("plan.json")).expect("JSON");

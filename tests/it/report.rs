@@ -421,6 +421,33 @@ fn the_page_is_a_work_instruction_in_the_order_of_the_work() {
     ascend(&page, &["table 171.9° · at ", "table 114.6° · at 8.8\u{a0}s", "table 57.3° · at "]);
 }
 
+/// Further views were told as a plan of the whole part, with parameters that a rescan does not take.
+#[test]
+fn the_page_of_further_views_names_the_rules_of_the_rescan() {
+    let mesh = sphere();
+    let mut outcome = sphere_outcome(&mesh);
+    outcome.plan.coverage.is_of_open = true;
+    (outcome.plan.stopped_because, outcome.plan.bound) = (StopReason::MaxViews, Bound::default());
+    let spot = outcome.plan.missed.iter_mut().flat_map(|missed| &mut missed.spots).next().expect("a spot");
+    spot.remedy = Some(Remedy { kind: RemedyKind::View, of_spot: 1.0, ..tilt(spot.area_mm2) });
+    let page = page(&mesh, &outcome, "sphere", &Echo::default());
+    well_formed(&page).expect("well-formed");
+    for said in [
+        "<title>Plan of further views: sphere</title>",
+        ": further views measure ",
+        "(asked: what earlier scans left open)",
+        "<td class=\"soft\">asked: what earlier scans left open</td>",
+        "The choice of views ended because the rescan has as many views as its max_views allows, 4. No lower bound on the number",
+        "Choose more views: raise max_views of the rescan",
+        "raise max_views of the rescan so that candidate 7 is chosen too",
+    ] {
+        assert!(page.contains(said), "the page lacks {said:?}");
+    }
+    for unknown in ["selection.max_views", "selection.min_growth", "put their poses into", "of what was asked is not measured"] {
+        assert!(!page.contains(unknown), "a rescan takes no {unknown:?}");
+    }
+}
+
 #[test]
 fn views_without_a_path_stand_apart_and_do_not_count() {
     let mesh = sphere();

@@ -59,13 +59,15 @@ fn is_home_blocked(scene: &PlanningScene<'_>) -> bool {
 fn obstruction(bodies: Contact, ends: &[Configuration; 2], scene: &PlanningScene<'_>) -> Obstruction {
     let (configuration, separation) =
         scene.nearest_on(&bodies, ends).map_or((ends[1], None), |(at, separation)| (at, Some(separation)));
-    let advice = advice(&bodies, separation.as_ref(), scene.cell());
+    let advice = advice(&bodies, separation.as_ref(), scene.cell(), scene.asked_clearance_mm());
     Obstruction { bodies, without_station: 0, without_path: 0, configuration, separation, advice }
 }
 
-fn advice(bodies: &Contact, separation: Option<&Separation>, cell: &Cell) -> Advice {
-    if let Some(separation) = separation.filter(|separation| separation.distance_mm >= MIN_CLEARANCE_MM) {
-        return Advice::ReduceClearance(separation.distance_mm);
+fn advice(bodies: &Contact, separation: Option<&Separation>, cell: &Cell, clearance_mm: f64) -> Advice {
+    // Bodies keep the clearance and what the plate may run out by. On a segment they may be nearest between the places looked at.
+    let max_mm = separation.map(|separation| separation.distance_mm - cell.turntable.runout_displacement_mm());
+    if let Some(max_mm) = max_mm.filter(|max_mm| (MIN_CLEARANCE_MM..clearance_mm).contains(max_mm)) {
+        return Advice::ReduceClearance(max_mm);
     }
     let among = |name: &str| *bodies.a == *name || *bodies.b == *name;
     if let Some(obstacle) = cell.obstacles.iter().find(|body| among(&body.name)) {
@@ -86,4 +88,32 @@ fn advice(bodies: &Contact, separation: Option<&Separation>, cell: &Cell) -> Adv
     }
     let is_of_arm = |name: &str| cell.robot.links.iter().any(|link| *link.name == *name);
     if is_of_arm(&bodies.a) && is_of_arm(&bodies.b) { Advice::MoveFoot } else { Advice::MountScanner }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Point3};
+
+    use super::*;
+    use crate::cell::{Body, Presets, RunoutHarmonic, Shape, SpecLibrary};
+
+    /// The whole distance was advised: with a plate that runs out, a clearance with which the two still collide, or a larger one than
+    /// the present.
+    #[test]
+    fn a_smaller_clearance_leaves_what_the_plate_runs_out_by_and_is_below_the_present_one() {
+        let mut cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let shape = Shape::Box { size_mm: [20.0, 900.0, 900.0] };
+        cell.obstacles.push(Body { name: "guard".to_owned(), owner_from_body: Isometry3::identity(), shape });
+        let bodies = Contact { a: "forearm".into(), b: "guard".into() };
+        let mut advised = |distance_mm: f64, runout_mm: f64| {
+            cell.turntable.runout = vec![RunoutHarmonic { order: 1, cos: [0.0; 5], sin: [0.0, 0.0, runout_mm, 0.0, 0.0] }];
+            let separation = Separation { bodies: bodies.clone(), distance_mm, place_in_base_mm: Point3::origin() };
+            advice(&bodies, Some(&separation), &cell, 5.0)
+        };
+        let guard = || Advice::MoveObstacle("guard".to_owned());
+        assert_eq!([0.0, 1.0].map(|runout_mm| advised(4.0, runout_mm)), [4.0, 3.0].map(Advice::ReduceClearance));
+        assert_eq!(advised(5.5, 1.0), Advice::ReduceClearance(4.5));
+        assert_eq!(advised(1.5, 1.0), guard(), "less than the smallest clearance is left");
+        assert_eq!(advised(5.2, 0.0), guard(), "no smaller one than the present");
+    }
 }

@@ -275,4 +275,9 @@ impl<'a> PlanningScene<'a> {
     pub(super) fn cell(&self) -> &Cell {
         self.cell
     }
+
+    /// Clearance that the plan asks for, mm, beside what the plate may run out by.
+    pub(super) fn asked_clearance_mm(&self) -> f64 {
+        self.params.motion.clearance_mm
+    }
 }

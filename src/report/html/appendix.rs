@@ -10,9 +10,11 @@ use crate::planning::plan::{CandidateCounts, MissedCause, Obstruction, RiskReaso
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::verdict::Rejection;
 use crate::rendering::{Ink, MissGroup};
+use crate::report::text::ASKED_OF_OPEN;
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
 use crate::wire::words::{
-    HeadlineShare, advice_sentence, changed_params, counted, headline as headline_shares, risk_meaning, turn_phrase,
+    HeadlineShare, advice_sentence, apart_mm, by_thousands, changed_params, counted, headline as headline_shares, risk_meaning,
+    turn_phrase,
 };
 
 /// Max spots listed for each cause.
@@ -47,11 +49,13 @@ pub(super) fn sections(input: &ReportInput<'_>) -> String {
 /// Table of the shares that head a plan, with the meaning of each denominator.
 fn shares(coverage: &CoverageDocument) -> String {
     let row = |figure: &HeadlineShare| {
+        let is_asked = figure.name == "measured of asked";
+        let meaning = if is_asked && coverage.of_open { ASKED_OF_OPEN } else { figure.meaning };
         format!(
             "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
             figure.name,
             percent(figure.share),
-            escape(figure.meaning)
+            escape(meaning)
         )
     };
     let rows: String = headline_shares(coverage).iter().map(row).collect();
@@ -146,7 +150,7 @@ fn registration(input: &ReportInput<'_>) -> String {
             "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{error}</td>\
              <td>{}</td></tr>\n",
             area(document.shared_area_mm2),
-            document.weakest,
+            document.weakest.replace('-', "−"),
             nonzero(document.resistance, 3),
             if document.fixed { "yes" } else { "no" }
         )
@@ -245,7 +249,8 @@ fn unlisted_pairs(pairs: usize) -> String {
 
 fn obstruction_row(obstruction: &Obstruction) -> String {
     let Obstruction { bodies, without_station, without_path, separation, advice, .. } = obstruction;
-    let apart = separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", nonzero(found.distance_mm, 1)));
+    let apart =
+        separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", by_thousands(&apart_mm(found.distance_mm))));
     let place = separation.as_ref().map_or_else(|| "—".into(), |found| triple(found.place_in_base_mm.into(), 0));
     format!(
         "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
@@ -288,9 +293,11 @@ pub(super) fn parameters(params: &PlanParams) -> String {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
-    use crate::cell::{Contact, Presets, SpecLibrary};
-    use crate::planning::plan::Advice;
+    use crate::cell::{Contact, Presets, Separation, SpecLibrary};
+    use crate::planning::plan::{Advice, Coverage};
 
     /// `best_grade` was told as the face's grade, and read as the best grade on it.
     #[test]
@@ -299,6 +306,37 @@ mod tests {
             FILES_OF_MISSED.contains("the grade of most of its measured area (<code>best_grade</code>:"),
             "{FILES_OF_MISSED}"
         );
+    }
+
+    /// "asked: every face outside excluded regions" was told of further views.
+    #[test]
+    fn what_is_asked_of_further_views_is_what_scans_left_open() {
+        let told = |is_of_open: bool| shares(&CoverageDocument::from(&Coverage { is_of_open, ..Coverage::default() }));
+        assert!(
+            told(true).contains(ASKED_OF_OPEN) && !told(true).contains("every face outside excluded regions"),
+            "{}",
+            told(true)
+        );
+        assert!(told(false).contains("asked: every face outside excluded regions") && !told(false).contains(ASKED_OF_OPEN));
+    }
+
+    /// 4.96 mm were told as 5.0 mm, which is the clearance that they miss.
+    #[test]
+    fn a_distance_below_the_clearance_is_told_as_below_it() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let row = |distance_mm: f64| {
+            let bodies = Contact { a: "forearm".into(), b: "part".into() };
+            let separation = Separation { bodies: bodies.clone(), distance_mm, place_in_base_mm: Point3::origin() };
+            obstruction_row(&Obstruction {
+                bodies,
+                without_station: 1,
+                without_path: 0,
+                configuration: cell.home_rad,
+                separation: Some(separation),
+                advice: Advice::TurnPart,
+            })
+        };
+        assert!(row(4.96).contains(">4.9 mm<") && row(-2.34).contains(">−2.3 mm<"), "{}{}", row(4.96), row(-2.34));
     }
 
     /// The table had 10 of 59 pairs and said nothing of the others.

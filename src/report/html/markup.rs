@@ -2,6 +2,9 @@
 
 use crate::wire::words::{self, by_thousands, fixed};
 
+/// Head of an option of the command line that sets a parameter.
+const SET: &str = "--set ";
+
 /// Escapes untrusted text for use between tags and inside quoted attributes. Characters that markup forbids become the
 /// replacement character.
 pub(in crate::report) fn escape(text: &str) -> String {
@@ -34,6 +37,31 @@ pub(in crate::report) fn prose(text: &str) -> String {
         };
     }
     html
+}
+
+/// Escapes our own text; each option `--set KEY=VALUE` in it becomes code of its own, which no line breaks that has room for it.
+pub(in crate::report) fn with_options(text: &str) -> String {
+    let (mut html, mut rest) = (String::new(), text);
+    while let Some(at) = rest.find(SET) {
+        let (before, from_option) = rest.split_at(at);
+        let (option, after) = from_option.split_at(option_length(from_option));
+        html += &format!("{}<code>{}</code>", escape(before), escape(option));
+        rest = after;
+    }
+    html + &escape(rest)
+}
+
+/// Bytes of the option that a text begins with: to the quote that closes its value, or to the space or the punctuation after it.
+fn option_length(text: &str) -> usize {
+    let value = text.strip_prefix(SET).unwrap_or(text);
+    let length = match value.strip_prefix('\'') {
+        Some(quoted) => quoted.find('\'').map_or(value.len(), |end| end + 2),
+        None => {
+            let word = value.split(' ').next().unwrap_or_default();
+            word.trim_end_matches([',', ';', ':', '.', ')']).len()
+        }
+    };
+    text.len() - value.len() + length
 }
 
 /// Formats a number with so many decimals, a narrow space between thousands, and a true minus sign.
@@ -102,6 +130,23 @@ mod tests {
         assert_eq!(prose("`vantage study reach` compares <a>"), "<code>vantage study reach</code> compares &lt;a&gt;");
         assert_eq!(prose("`a` and `b`"), "<code>a</code> and <code>b</code>");
         assert_eq!((prose("plain"), prose("half `open")), ("plain".to_owned(), "half `open".to_owned()));
+    }
+
+    /// A line of the report was broken between `--set` and its parameter, or within one.
+    #[test]
+    fn an_option_in_a_sentence_is_code_of_its_own() {
+        let code = |option: &str| format!("<code>--set {option}</code>");
+        let told = with_options("turn it: --set setups=2; then (--set limits.camera_deg=60.0): a<b");
+        assert_eq!(told, format!("turn it: {}; then ({}): a&lt;b", code("setups=2"), code("limits.camera_deg=60.0")));
+        let both = format!("{} {}", code("selection.target=0.99"), code("robust.pose_error=…"));
+        assert_eq!(with_options("--set selection.target=0.99 --set robust.pose_error=…"), both);
+        let quoted = with_options("scan: --set 'part.resting_poses=[{\"a\": 1}]', on its back");
+        assert_eq!(quoted, format!("scan: {}, on its back", code("&#39;part.resting_poses=[{&quot;a&quot;: 1}]&#39;")));
+        assert_eq!((with_options("plain"), with_options("--set ")), ("plain".to_owned(), code("")));
+        assert!(
+            include_str!("style.css").contains("code { display: inline-block; max-width: 100%;"),
+            "it is broken where it has no room"
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::ReportInput;
 use super::album::Album;
-use super::markup::{area, escape, number, percent, triple};
+use super::markup::{area, escape, number, percent, triple, with_options};
 use super::pictures::{self, SIDES};
 use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, together, unmeasured};
@@ -15,7 +15,7 @@ use crate::report::text::{UNSTABLE_POSE_KEPT, home_remedy, keeps_unstable_pose};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::summary::{choice_ended_by, further_setup, stop_rules};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{counted, rounded_down_deg, turn_phrase};
+use crate::wire::words::{ChoiceRules, counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
 struct FixGroup<'a> {
@@ -73,8 +73,7 @@ fn numbered_pictures(input: &ReportInput<'_>, album: &mut Album, spots: &[Number
 
 /// Advice for the plan as a whole; empty if there is none.
 fn advice(input: &ReportInput<'_>) -> String {
-    let item =
-        |advice: &AdviceDocument| format!("<li>{}<br/><code>{}</code></li>\n", escape(&advice.text), escape(&advice.options()));
+    let item = |advice: &AdviceDocument| format!("<li>{}<br/>{}</li>\n", escape(&advice.text), with_options(&advice.options()));
     let plan = &input.outcome.plan;
     let items: String = AdviceDocument::all_of(plan).iter().map(item).collect();
     if items.is_empty() {
@@ -109,10 +108,10 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     groups.sort_by(|a, b| b.is_help.cmp(&a.is_help).then(b.area_mm2.total_cmp(&a.area_mm2)));
     let row = |group: &FixGroup<'_>| {
         let options = group.all_options(plan);
-        let options = if options.is_empty() { options } else { format!("<br/><code>{}</code>", escape(&options)) };
+        let options = if options.is_empty() { options } else { format!("<br/>{}", with_options(&options)) };
         format!(
             "<tr><td>{}{options}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
-            escape(&group.action),
+            with_options(&group.action),
             ranges(&group.numbers),
             number(group.numbers.len() as f64, 0),
             percent(share(group.area_mm2, plan.coverage.asked_area_mm2))
@@ -158,11 +157,11 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
                 let action = words::capitalised(turn.as_deref().unwrap_or("turn it onto another side"));
                 (format!("{action} and scan again"), turned(turn.as_deref()), true)
             }
-            RemedyKind::View => told(more_views(choice_ended_by(plan), plan.params.selection.goal)),
-            RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses"),
-            RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses"),
-            RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses"),
-            RemedyKind::Limit => limits(remedy),
+            RemedyKind::View => told(more_views(choice_ended_by(plan), ChoiceRules::of(plan))),
+            RemedyKind::Roll => told(&posed("Add views with the scanner rolled", plan.coverage.is_of_open)),
+            RemedyKind::Tilt => told(&posed("Add tilted views", plan.coverage.is_of_open)),
+            RemedyKind::Standoff => told(&posed("Add views at another distance", plan.coverage.is_of_open)),
+            RemedyKind::Limit => limits(remedy, plan.coverage.is_of_open),
             RemedyKind::None => {
                 ("No fix found: up to 8 of the views tried together see less than half of it".to_owned(), String::new(), false)
             }
@@ -174,8 +173,18 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
     }
 }
 
+/// Action by which a plan takes the poses of views; a rescan takes none.
+fn posed(action: &str, is_of_open: bool) -> String {
+    let put = if is_of_open { "plan the part again with their poses in" } else { "put their poses into" };
+    format!("{action}: {put} candidates.poses")
+}
+
 /// Action by which a plan chooses more of the views that it has: it changes the rule that ended the choice.
-fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> &'static str {
+fn more_views(stopped_because: StopReason, rules: ChoiceRules) -> &'static str {
+    let goal = match rules {
+        ChoiceRules::Plan(goal) => goal,
+        ChoiceRules::Rescan(stop) => return more_further_views(stop),
+    };
     match stopped_because {
         StopReason::Growth => "Choose more views: lower selection.min_growth, as each adds less than that",
         StopReason::MaxViews => "Choose more views: raise selection.max_views",
@@ -192,6 +201,18 @@ fn more_views(stopped_because: StopReason, goal: SelectionGoal) -> &'static str 
     }
 }
 
+/// Action by which a rescan chooses more views: it changes the rule that ended the choice.
+fn more_further_views(stop: StopReason) -> &'static str {
+    match stop {
+        StopReason::Target => "Choose more views: plan the part again with a higher selection.target, at which the rescan ends",
+        StopReason::MaxViews => "Choose more views: raise max_views of the rescan",
+        StopReason::Growth => "Choose more views: lower min_gain of the rescan, as each is expected to add less than that",
+        StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => {
+            "Choose more views: raise max_views of the rescan, or lower its min_gain"
+        }
+    }
+}
+
 /// Says why no fix was searched for a spot.
 fn unsearched(cause: Cause, remedies: u32) -> &'static str {
     match (cause, remedies) {
@@ -203,11 +224,14 @@ fn unsearched(cause: Cause, remedies: u32) -> &'static str {
     }
 }
 
-/// Fix by a larger limit.
-fn limits(remedy: &Remedy) -> (String, String, bool) {
+/// Fix by a larger limit, which a rescan does not take.
+fn limits(remedy: &Remedy, is_of_open: bool) -> (String, String, bool) {
     let option = |name: &str, deg: Option<f64>| deg.map(|deg| format!("--set limits.{name}={:.1}", rounded_down_deg(deg)));
     let options = [option("camera_deg", remedy.camera_deg), option("projector_deg", remedy.projector_deg)];
     let options = options.into_iter().flatten().collect::<Vec<_>>().join(" ");
+    if is_of_open {
+        return (format!("Allow a larger angle of incidence: plan the part again with {options}"), String::new(), true);
+    }
     (format!("Allow a larger angle of incidence ({options})"), options, true)
 }
 
@@ -226,7 +250,7 @@ fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
 fn row(spot: &NumberedSpot<'_>, plan: &Plan, warnings: &[FieldWarning]) -> String {
     let extent_mm = &spot.spot.extent_mm;
     let home = home_remedy(spot.cause, warnings).map(|remedy| escape(&words::capitalised(&remedy)));
-    let told = |remedy: &Remedy| words::remedy(remedy, plan.params.selection.goal);
+    let told = |remedy: &Remedy| words::remedy(remedy, ChoiceRules::of(plan));
     let found = || spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), told);
     let size = [extent_mm.x, extent_mm.y, extent_mm.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
     format!(
@@ -270,16 +294,46 @@ mod tests {
 
     #[test]
     fn more_views_are_asked_for_by_the_rule_that_ended_the_choice() {
-        let fewest = |stopped_because: StopReason| more_views(stopped_because, SelectionGoal::FewestViews);
+        let fewest = |stopped_because: StopReason| more_views(stopped_because, ChoiceRules::Plan(SelectionGoal::FewestViews));
         assert!(fewest(StopReason::Growth).contains("selection.min_growth"), "{}", fewest(StopReason::Growth));
         assert_eq!(fewest(StopReason::MaxViews), "Choose more views: raise selection.max_views");
         assert_eq!(fewest(StopReason::Target), "Choose more views: raise selection.target or selection.max_views");
         for stopped_because in [StopReason::NoGain, StopReason::RegionsUnmet] {
-            let best = more_views(stopped_because, SelectionGoal::BestCoverage);
+            let best = more_views(stopped_because, ChoiceRules::Plan(SelectionGoal::BestCoverage));
             assert!(!best.contains("selection.target"), "targets do not count: {best}");
         }
         let unworthy = fewest(StopReason::NoGain);
         assert!(unworthy.contains("selection.view_cost_mm2_per_s") && !unworthy.contains("selection.target"), "{unworthy}");
+    }
+
+    /// A rescan was told to raise parameters of a plan, which it does not take.
+    #[test]
+    fn more_further_views_are_asked_for_by_the_rules_of_the_rescan() {
+        let further = |stop: StopReason| more_views(stop, ChoiceRules::Rescan(stop));
+        assert_eq!(further(StopReason::MaxViews), "Choose more views: raise max_views of the rescan");
+        assert!(further(StopReason::Growth).contains("lower min_gain of the rescan"), "{}", further(StopReason::Growth));
+        assert!(further(StopReason::Target).contains("plan the part again with a higher selection.target"));
+        for stop in StopReason::ALL {
+            let told = further(stop);
+            assert!(!told.contains("selection.max_views") && !told.contains("selection.min_growth"), "{told}");
+        }
+        let posed = [true, false].map(|is_of_open| posed("Add tilted views", is_of_open));
+        assert_eq!(posed[0], "Add tilted views: plan the part again with their poses in candidates.poses");
+        assert_eq!(posed[1], "Add tilted views: put their poses into candidates.poses");
+        let remedy = Remedy {
+            kind: RemedyKind::Limit,
+            views: Vec::new(),
+            table_from_part: None,
+            turn: None,
+            camera_deg: Some(60.0),
+            projector_deg: None,
+            area_mm2: 10.0,
+            of_spot: 1.0,
+            tried: 3,
+        };
+        let (action, options, _) = limits(&remedy, true);
+        assert_eq!(options, "", "a rescan takes none");
+        assert_eq!(action, "Allow a larger angle of incidence: plan the part again with --set limits.camera_deg=60.0");
     }
 
     #[test]

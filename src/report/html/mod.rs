@@ -101,6 +101,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
 /// [`Cancelled`].
 pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'_>) -> Result<Draft, Cancelled> {
     let (subject, plan) = (&input.subject, &input.outcome.plan);
+    let kind = if plan.coverage.is_of_open { "Plan of further views" } else { "Scan plan" };
     let mut album = album::Album::new(SampledModel::new(subject.mesh, &input.outcome.surface, preview, ctx)?);
     let lays: Vec<lay::Lay> = SetupId::number(&plan.setups)
         .map(|(id, setup)| lay::Lay {
@@ -110,7 +111,7 @@ pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'
         })
         .collect();
     let body = [
-        sections::header(subject, "Scan plan", &[]),
+        sections::header(subject, kind, &[]),
         "<main>\n".to_owned(),
         size::notices(subject.size_warnings),
         size::notices_of_plan(input.warnings),
@@ -124,5 +125,5 @@ pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'
         "</main>\n".to_owned(),
         sections::footer("<code>plan.json</code>, which holds every number at full precision"),
     ];
-    Ok(album.into_draft(sections::document(subject, "Scan plan", &body.concat())))
+    Ok(album.into_draft(sections::document(subject, kind, &body.concat())))
 }

@@ -24,7 +24,7 @@ use crate::planning::plan::{Advice, CandidateCounts, Cause, Obstruction, Turn, s
 use crate::planning::surface::{self, Surface};
 use crate::planning::{PlanInput, resolve, resting};
 use crate::rendering::{BodyRole, Camera, DrawnModel, Ink, MissGroup, SampledModel, Seen, Shading};
-use crate::wire::words::{advice_sentence, first_lie, fixed, no_plan_sentence};
+use crate::wire::words::{advice_sentence, apart_mm, first_lie, fixed, no_plan_sentence, rounded_up_mm};
 
 /// Pairs of bodies that have pictures.
 const PICTURED: usize = 4;
@@ -338,7 +338,7 @@ fn in_the_way(
              {picture}</section>\n"
         ));
     }
-    let first_step = input.first_step();
+    let (first_step, kept) = (input.first_step(), Kept::of(input.params, cell));
     let figure = |obstruction: &&Obstruction| -> Result<String, Cancelled> {
         let blocked = obstruction.without_station + obstruction.without_path;
         let picture = pair(subject, cell, pose, &obstruction.configuration, Some(obstruction), ctx)?;
@@ -353,7 +353,7 @@ fn in_the_way(
             swatch(Ink::Body(BodyRole::Second)),
             number(blocked as f64, 0),
             if blocked == 1 { "viewpoint" } else { "viewpoints" },
-            distance(obstruction)
+            kept.distance(obstruction)
         ))
     };
     // One after another: each makes a mesh of the whole cell.
@@ -368,12 +368,33 @@ fn in_the_way(
     ))
 }
 
-/// Distance or depth of the two at the viewpoint that is shown.
-fn distance(obstruction: &Obstruction) -> String {
-    obstruction.separation.as_ref().map_or_else(String::new, |found| match found.distance_mm {
-        depth if depth < 0.0 => format!("Here they overlap by {} mm.", nonzero(-depth, 1)),
-        apart => format!("Here they are {} mm apart, closer than the clearance.", nonzero(apart, 1)),
-    })
+/// Distance that two bodies have to keep.
+struct Kept {
+    clearance_mm: f64,
+    /// Part of it that the plate may run out by, beside the clearance.
+    runout_mm: f64,
+}
+
+impl Kept {
+    fn of(params: &PlanParams, cell: &Cell) -> Self {
+        Self { clearance_mm: params.motion.clearance_mm, runout_mm: cell.turntable.runout_displacement_mm() }
+    }
+
+    /// Distance or depth of the two at the viewpoint that is shown.
+    fn distance(&self, obstruction: &Obstruction) -> String {
+        let Self { clearance_mm, runout_mm } = self;
+        let runout = match *runout_mm {
+            none if none <= 0.0 => String::new(),
+            some => format!(" plus {} mm for the plate’s runout", rounded_up_mm(some)),
+        };
+        let clearance = format!("closer than the clearance of {clearance_mm} mm{runout}");
+        obstruction.separation.as_ref().map_or_else(String::new, |found| match found.distance_mm {
+            depth if depth < 0.0 => format!("Here they overlap by {} mm.", nonzero(-depth, 1)),
+            apart if apart < clearance_mm + runout_mm => format!("Here they are {} mm apart, {clearance}.", apart_mm(apart)),
+            // Places on the way are looked at in steps.
+            apart => format!("Here they are {} mm apart; on the way here they come {clearance}.", apart_mm(apart)),
+        })
+    }
 }
 
 /// The cell at a configuration from both sides of the table.
@@ -418,11 +439,35 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::*;
-    use crate::cell::{Contact, Presets, Shape, SpecLibrary};
+    use crate::cell::{Contact, Presets, Separation, Shape, SpecLibrary};
     use crate::planning::context::Silent;
     use crate::testing::cylinder_mesh;
     use crate::wire::echo::Echo;
     use crate::wire::words::changed_params;
+
+    /// 4.96 mm were told as 5.0 mm apart, "closer than the clearance" of 5 mm.
+    #[test]
+    fn a_distance_below_the_clearance_is_told_beside_it_and_as_below_it() {
+        let told = |distance_mm: f64, runout_mm: f64| {
+            let bodies = Contact { a: "forearm".into(), b: "part".into() };
+            let separation = Separation { bodies: bodies.clone(), distance_mm, place_in_base_mm: Point3::origin() };
+            let obstruction = Obstruction {
+                bodies,
+                without_station: 1,
+                without_path: 0,
+                configuration: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+                separation: Some(separation),
+                advice: Advice::TurnPart,
+            };
+            Kept { clearance_mm: 5.0, runout_mm }.distance(&obstruction)
+        };
+        assert_eq!(told(4.96, 0.0), "Here they are 4.9 mm apart, closer than the clearance of 5 mm.");
+        let beside_runout = "Here they are 5.2 mm apart, closer than the clearance of 5 mm plus 0.370 mm for the plate’s runout.";
+        assert_eq!(told(5.29, 0.37), beside_runout);
+        let on_the_way = "Here they are 5.2 mm apart; on the way here they come closer than the clearance of 5 mm.";
+        assert_eq!(told(5.29, 0.0), on_the_way);
+        assert_eq!(told(-2.34, 0.0), "Here they overlap by 2.3 mm.");
+    }
 
     #[test]
     fn the_first_step_mends_what_most_of_the_area_is_missed_for() {

@@ -15,7 +15,7 @@ use crate::planning::plan::{Plan, PlannedView, SetupId, SetupPlan, ViewId, share
 use crate::planning::sequence::Leg;
 use crate::rendering::Ink;
 use crate::wire::summary::ProgramCycle;
-use crate::wire::words::turn_phrase;
+use crate::wire::words::{counted, turn_phrase};
 
 /// Max stops with a picture; a page with more is slow to make and to open.
 pub(super) const MAX_PICTURES: usize = 120;
@@ -164,9 +164,11 @@ fn details(input: &ReportInput<'_>, stop: &Stop<'_>) -> Vec<(&'static str, Strin
         details.push(("joints 1 to 6", format!("{joints}°")));
     }
     if let Some((leg, _)) = stop.arrival {
-        let via = leg.via_rad.len();
-        let points = if via == 1 { "point" } else { "points" };
-        details.push(("move", format!("{}, by {via} via {points}", duration(leg.duration_secs))));
+        let via = match leg.via_rad.len() {
+            0 => "without via points".to_owned(),
+            via => format!("through {}", counted(via, "via point")),
+        };
+        details.push(("move", format!("{}, {via}", duration(leg.duration_secs))));
     }
     details.push(("candidate", view.candidate.0.to_string()));
     if let Some(cause) = view.rejected {

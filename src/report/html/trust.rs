@@ -9,6 +9,7 @@ use crate::planning::plan::{Bound, Drawn, Robust};
 use crate::planning::sequence::Sequence;
 use crate::report::text::holds_grades;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
+use crate::wire::summary::rescan_ended;
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{at_risk_sentence, bounded_moves, counted, order_claim, pose_error_sizes};
 
@@ -57,7 +58,8 @@ fn bounds(input: &ReportInput<'_>) -> String {
             percent(upper)
         )
     });
-    format!("<p>{proved}{area}</p>\n")
+    let ended = rescan_ended(plan).map_or_else(String::new, |ended| format!("The choice of views ended because {ended}. "));
+    format!("<p>{}{proved}{area}</p>\n", escape(&ended))
 }
 
 /// Says that a bound is one of choices that hold the grades too; empty where the plan does not have to.
@@ -73,7 +75,7 @@ fn grades_held(params: &PlanParams) -> &'static str {
 /// Further views, of which none is computed, have a bound of 0.
 fn proved(bound: &Bound, have_all_a_path: bool) -> String {
     if bound.views_lower == 0 {
-        return "No lower bound of the number of views was computed.".to_owned();
+        return "No lower bound on the number of views was computed.".to_owned();
     }
     let views = counted(bound.views_lower as usize, "view");
     match (bound.gap, have_all_a_path) {
@@ -221,7 +223,7 @@ mod tests {
     fn nothing_is_proved_of_a_number_of_views_without_a_bound() {
         for gap in [0, 4] {
             let told = proved(&Bound { gap, ..Bound::default() }, true);
-            assert_eq!(told, "No lower bound of the number of views was computed.");
+            assert_eq!(told, "No lower bound on the number of views was computed.");
         }
     }
 

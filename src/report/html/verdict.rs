@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use super::ReportInput;
-use super::markup::{duration, escape, number, percent};
+use super::markup::{duration, escape, number, percent, with_options};
 use super::views::{swatch, together};
 use crate::planning::plan::{Bound, Grade, Plan, share};
 use crate::rendering::Ink;
@@ -83,7 +83,7 @@ impl VerdictText {
             .lines_with_rest("see “What is missed, and how to fix it” below")
             .into_iter()
             .filter(|line| !has_place(line))
-            .map(|line| escape(shortened(line).trim_start()));
+            .map(|line| with_options(shortened(line).trim_start()));
         // Options that are too long for the sentence follow on a line of their own.
         let told = next.as_ref().map(|next| command.iter().fold(next.clone(), |next, command| readable(&next, command, "")));
         Self {
@@ -91,7 +91,7 @@ impl VerdictText {
             title: escape(&summary.title),
             lines: lines.collect(),
             next: told.map_or_else(String::new, |told| {
-                escape(&told) + &command.filter(|command| is_long(command)).map(code).unwrap_or_default()
+                with_options(&told) + &command.filter(|command| is_long(command)).map(code).unwrap_or_default()
             }),
             figures: figures(plan, summary),
         }
@@ -186,7 +186,7 @@ fn without_path(views: usize) -> String {
 
 /// Options of the command line on a line of their own, to be copied.
 fn code(options: String) -> String {
-    format!("<br/><code>{}</code>", escape(&options))
+    format!("<br/>{}", with_options(&options))
 }
 
 /// Cycle of the robot's own program, where it is another.

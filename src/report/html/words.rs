@@ -2,10 +2,12 @@
 
 use super::markup::{escape, number};
 use crate::cell::{OpticalDevice, Scanner};
-use crate::planning::params::{LimitParams, PlanParams, SelectionGoal};
+use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Cause, Remedy, RemedyKind, RiskReason};
 use crate::planning::verdict::Rejection;
-use crate::wire::words::{cause_phrase, fix_sentence, partial_percent, rejection_phrase};
+use crate::wire::words::{
+    ChoiceRules, cause_phrase, fix_sentence, partial_percent, rejection_phrase, risk_phrase, tried_in_vain,
+};
 
 /// Names a cause in a few words, with a capital.
 pub(super) fn cause_name(cause: Cause) -> String {
@@ -30,7 +32,7 @@ pub(super) fn rejection_remark(reason: Rejection) -> String {
 
 /// Names a reason for which area is at risk, with a capital.
 pub(super) fn risk_name(reason: RiskReason) -> String {
-    capitalised(&reason.as_str().replace('_', " "))
+    capitalised(&risk_phrase(reason.as_str()))
 }
 
 /// Explains a cause.
@@ -90,11 +92,11 @@ fn limit(limits: &LimitParams, device: &OpticalDevice) -> String {
 }
 
 /// Describes the remedy for a spot: its kind in a word or two, then its sentence, which begins with the share that
-/// it measures where it does not work. `goal` is that of the plan's selection.
-pub(super) fn remedy(remedy: &Remedy, goal: SelectionGoal) -> String {
+/// it measures where it does not work. `rules` are those by which the views of the plan were chosen.
+pub(super) fn remedy(remedy: &Remedy, rules: ChoiceRules) -> String {
     let kind = match remedy.kind {
         RemedyKind::View if remedy.views.len() > 1 => {
-            return told(&format!("{} more views", remedy.views.len()), remedy, goal);
+            return told(&format!("{} more views", remedy.views.len()), remedy, rules);
         }
         RemedyKind::View => "One more view",
         RemedyKind::Roll => "Another roll",
@@ -104,21 +106,24 @@ pub(super) fn remedy(remedy: &Remedy, goal: SelectionGoal) -> String {
         RemedyKind::Limit => "A larger limit",
         RemedyKind::None => "None found",
     };
-    told(kind, remedy, goal)
+    told(kind, remedy, rules)
 }
 
-fn told(kind: &str, remedy: &Remedy, goal: SelectionGoal) -> String {
+fn told(kind: &str, remedy: &Remedy, rules: ChoiceRules) -> String {
     let kind = match partial_percent(remedy.of_spot).filter(|_| remedy.kind != RemedyKind::None) {
         Some(percent) => format!("{percent} of it: {}", kind.to_lowercase()),
         None => kind.to_owned(),
     };
-    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy, goal)))
+    // The heading says that none was found.
+    let sentence = if remedy.views.is_empty() { tried_in_vain(remedy.tried) } else { fix_sentence(remedy, rules) };
+    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&sentence))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Pose;
+    use crate::planning::params::SelectionGoal;
     use crate::planning::plan::{CandidateId, RemedyView};
 
     #[test]
@@ -135,7 +140,8 @@ mod tests {
             let views = vec![view.clone(); views];
             let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
             let (kind, area_mm2, of_spot, tried) = (RemedyKind::View, 9.5, 0.95, 30);
-            remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried }, goal)
+            let rules = ChoiceRules::Plan(goal);
+            remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried }, rules)
         };
         let fix = |views: usize| of_goal(views, SelectionGoal::FewestViews);
         assert!(fix(1).starts_with("<b>One more view</b>"), "{}", fix(1));
@@ -146,6 +152,18 @@ mod tests {
         }
     }
 
+    /// "None found" and "no fix found" were told of one spot.
+    #[test]
+    fn a_spot_without_a_fix_is_told_so_once() {
+        let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
+        let (kind, views, area_mm2, of_spot, tried) = (RemedyKind::None, Vec::new(), 0.0, 0.0, 30);
+        let none = Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried };
+        let told = remedy(&none, ChoiceRules::Plan(SelectionGoal::FewestViews));
+        let expected =
+            "<b>None found</b><br/><span class=\"soft\">30 views tried; up to 8 of them together see less than half of it</span>";
+        assert_eq!(told, expected);
+    }
+
     #[test]
     fn a_cause_has_one_name_with_and_without_a_capital() {
         for cause in Cause::ALL {
@@ -153,7 +171,8 @@ mod tests {
             assert!(name.to_lowercase() == phrase.to_lowercase() && name.starts_with(char::is_uppercase), "{name} of {phrase}");
         }
         assert_eq!(cause_name(Cause::ShadowProjector), "In the projector’s shadow");
-        assert_eq!(risk_name(RiskReason::ConcaveZone), "Concave zone");
+        let risks = [RiskReason::ConcaveZone, RiskReason::InterReflection].map(risk_name);
+        assert_eq!(risks, ["Concave zone", "Inter-reflection"], "not a reflection that is inter");
         assert_eq!((capitalised("turn it upside down"), capitalised("")), ("Turn it upside down".to_owned(), String::new()));
     }
 }

@@ -2,6 +2,7 @@ use super::*;
 use crate::cell::{CollisionScene, Configuration, Presets, SpecLibrary};
 use crate::planning::ids::ViewId;
 use crate::program::{Move, Step};
+use crate::testing::box_mesh;
 
 /// The default cell, whose robot is Han's.
 fn cell() -> Cell {
@@ -84,4 +85,33 @@ fn a_program_that_is_written_has_its_cycle_and_the_work_before_its_first_run() {
     let work = cycle(Dialect::Robodk, &[5, 9]).before_first_run.expect("the levels");
     assert!(work.contains("(5 and 9)"), "{work}");
     assert_eq!(own_cycle(Dialect::Hans, &[], &[], &[]), Ok(None), "no cell, or no view");
+}
+
+/// "as read in inch" was told of a part in inches.
+#[test]
+fn a_part_in_inches_is_told_its_unit_as_people_write_it() {
+    let (cell, params) = (cell(), PlanParams::default());
+    let mesh = box_mesh([-1500.0, -50.0, 0.0], [1500.0, 50.0, 40.0]);
+    let job = PlanJob {
+        mesh: &mesh,
+        fixture: None,
+        fixture_sha256: None,
+        part_name: "beam".to_owned(),
+        part_sha256: "",
+        unit: LengthUnit::Inch,
+        scanner: &cell.scanner,
+        cell: Some(&cell),
+        roadmaps: None,
+        rescan: None,
+        params: &params,
+        echo: Echo::default(),
+        date: None,
+    };
+    let told = |pointer: &str| {
+        let error = FieldError { pointer: pointer.to_owned(), detail: "is not allowed".to_owned() };
+        job.error_of_part(&error, false).expect("an error of the part")
+    };
+    let (size, lies) = (told("/part"), told("/part/table_from_part"));
+    assert!(size.starts_with("is not allowed (read in inches; it would fit if the file is in mm (118.1 ×"), "{size}");
+    assert!(lies.starts_with("is 3000 × 100.0 × 40.0 mm as read in inches; in the middle of the plate"), "{lies}");
 }

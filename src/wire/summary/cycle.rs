@@ -38,7 +38,7 @@ pub struct ProgramCycle {
     pub cycle_secs: f64,
     /// Parameters with which the plan's own motion matches that of the program; empty if it already does.
     pub set: BTreeMap<String, Value>,
-    /// Command-line options that set these parameters; `null` if there are none.
+    /// Command-line options that set these parameters; `null` if there are none, and for further views, whose rescan takes none.
     pub command: Option<String>,
     /// Work that the integrator must do before the first run of the program, in a clause; `null` if its file runs as it is.
     #[serde(default)]
@@ -55,10 +55,16 @@ impl ProgramCycle {
         Self { dialect, cycle_secs, set, command, before_first_run }
     }
 
+    /// The cycle without options, for a plan of further views: a rescan takes no parameters of the motion.
+    #[must_use]
+    pub fn without_options(self) -> Self {
+        Self { command: None, ..self }
+    }
+
     /// Returns true if the program moves table and arm in turn where the plan moves both at once.
     #[must_use]
     pub fn differs(&self) -> bool {
-        self.command.is_some()
+        !self.set.is_empty()
     }
 
     /// Work that the integrator has to do before the first run, in a sentence.
@@ -71,13 +77,12 @@ impl ProgramCycle {
     /// The cycle in a clause, where it is not that of the motion as planned.
     pub(super) fn text(&self, planned_secs: Option<f64>) -> Option<String> {
         let program = format!("; {} s as the robot's own program ({})", fixed(self.cycle_secs, 1), self.dialect.as_str());
-        match &self.command {
-            Some(command) => Some(format!("{program}, which moves table and arm in turn; to plan for that: {command}")),
-            None if planned_secs.is_some_and(|planned_secs| (self.cycle_secs - planned_secs).abs() >= ALIKE_SECS) => {
-                Some(format!("{program}, whose speeds are set in whole percent"))
-            }
-            None => None,
+        if self.differs() {
+            let to_plan = self.command.as_ref().map_or_else(String::new, |command| format!("; to plan for that: {command}"));
+            return Some(format!("{program}, which moves table and arm in turn{to_plan}"));
         }
+        let is_other = planned_secs.is_some_and(|planned_secs| (self.cycle_secs - planned_secs).abs() >= ALIKE_SECS);
+        is_other.then(|| format!("{program}, whose speeds are set in whole percent"))
     }
 }
 

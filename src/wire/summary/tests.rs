@@ -322,6 +322,8 @@ fn further_views_are_told_with_the_rule_of_the_rescan_that_ended_their_choice() 
         // Of the first plan, and not heeded.
         further.params.selection.max_views = Some(9);
         let summary = Summary::of(&further);
+        let head = "Simulated coverage (asked: what earlier scans left open), independent check: ";
+        assert!(summary.coverage_text.starts_with(head), "{}", summary.coverage_text);
         (summary.verdict, summary.verdict_text)
     };
     let reached = "50.00 % of coverable among what earlier scans left open, target 98.50 % together with those scans";
@@ -330,6 +332,21 @@ fn further_views_are_told_with_the_rule_of_the_rescan_that_ended_their_choice() 
     assert_eq!(text(StopReason::Growth), missed("the next best view is expected to add less than min_gain of the rescan"));
     let met = (PlanVerdict::PartlyMeasured, format!("Target expected to be met: {reached}"));
     assert_eq!(text(StopReason::Target), met);
+    assert_eq!(super::rescan_ended(&plan(4, 0, 400.0)), None, "no rescan");
+}
+
+/// "98.03 % of what was asked is not measured" headed a plan whose target is expected to be met: most of what scans leave open no view
+/// sees.
+#[test]
+fn further_views_are_headed_by_what_they_measure_of_what_is_open() {
+    let title = |stopped_because, measured_mm2| {
+        let mut further = Plan { stopped_because, ..plan(4, 0, measured_mm2) };
+        further.coverage.is_of_open = true;
+        Summary::of(&further).title
+    };
+    let measure = "further views measure 18.00 % of the area that earlier scans left open, 20.00 % of what is visible of it";
+    assert_eq!(title(StopReason::Target, 180.0), format!("Can be scanned: {measure}"));
+    assert_eq!(title(StopReason::MaxViews, 180.0), format!("Can be scanned, with gaps: {measure}"));
 }
 
 /// "lower bound 0" was told of further views, whose bound is not computed.
@@ -415,6 +432,12 @@ fn a_cycle_is_the_sum_of_its_parts() {
     assert_eq!(longer.cycle_text, summary.cycle_text.clone().map(|text| text + told));
     assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
     assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
+    // A rescan was told to set `motion.table`, which it does not take.
+    let cycle = ProgramCycle::new(Dialect::Hans, 51.46, true, None).without_options();
+    assert!(cycle.differs());
+    let told = "; 51.5 s as the robot's own program (hans), which moves table and arm in turn";
+    let further = summary.clone().with_program(Some(cycle));
+    assert_eq!(further.cycle_text, summary.cycle_text.clone().map(|text| text + told));
     // Speeds that are rounded down to whole percents take longer too, and the table has no part in that.
     let told = "; 33.9 s as the robot's own program (hans), whose speeds are set in whole percent";
     assert_eq!(program(33.9).cycle_text, summary.cycle_text.clone().map(|text| text + told));

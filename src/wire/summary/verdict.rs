@@ -111,7 +111,13 @@ fn is_asked_measured(plan: &Plan) -> bool {
 /// The level in a sentence, with the measured shares of the visible and of the asked area.
 pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares: &SummaryShares) -> String {
     let [visible, asked, open] = [shares.of_visible, shares.of_asked, 1.0 - shares.of_asked].map(percent);
-    let measured = format!("{visible} of the visible and {asked} of the asked area measured");
+    let is_of_open = plan.coverage.is_of_open;
+    let measured = match is_of_open {
+        true => {
+            format!("further views measure {asked} of the area that earlier scans left open, {visible} of what is visible of it")
+        }
+        false => format!("{visible} of the visible and {asked} of the asked area measured"),
+    };
     let not_measured = match plan.setups.len() {
         0 | 1 => format!("{open} of what was asked is not measured in this setup"),
         setups => format!("{open} of what was asked is not measured in these {setups} setups"),
@@ -119,6 +125,10 @@ pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares:
     match (level, verdict) {
         (PlanLevel::Ready, _) => format!("Ready to scan: {measured}"),
         (PlanLevel::NotExecutable, _) => "Cannot be scanned: no collision-free path leads to any view".to_owned(),
+        // What they leave open says little: most of it no view sees.
+        (PlanLevel::Limited, PlanVerdict::PartlyMeasured | PlanVerdict::BestCoverage) if is_of_open => {
+            format!("Can be scanned: {measured}")
+        }
         (PlanLevel::Limited, PlanVerdict::PartlyMeasured | PlanVerdict::BestCoverage) => {
             format!("Can be scanned, but {not_measured}: {measured}")
         }
@@ -154,7 +164,8 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         }
         PlanVerdict::PartlyMeasured => {
             let causes = largest_causes(plan);
-            let causes = if causes.is_empty() { causes } else { format!("; not measured (shares of asked): {causes}") };
+            let whole = if plan.coverage.is_of_open { "what earlier scans left open" } else { "asked" };
+            let causes = if causes.is_empty() { causes } else { format!("; not measured (shares of {whole}): {causes}") };
             format!("{}: {reached}{causes}{}", target_met(plan), fragile_clause(plan))
         }
         PlanVerdict::BestCoverage => {
@@ -194,17 +205,27 @@ fn reached(plan: &Plan) -> String {
     format!("{} % {of}{at_risk}, target {}{together}", percent_below(reached, target, 2), percent(target))
 }
 
+/// Rule of the rescan that ended the choice of further views, in a clause; `None` of any other plan, and where none of its rules did.
+pub(crate) fn rescan_ended(plan: &Plan) -> Option<String> {
+    if !plan.coverage.is_of_open {
+        return None;
+    }
+    match plan.stopped_because {
+        StopReason::Target => Some("the target of the plan is expected to be met together with the earlier scans".to_owned()),
+        StopReason::Growth => Some("the next best view is expected to add less than min_gain of the rescan".to_owned()),
+        StopReason::MaxViews => Some(format!("the rescan has as many views as its max_views allows, {}", plan.views.len())),
+        StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => None,
+    }
+}
+
 /// Rule that ended the choice of views before the target, in a clause.
 fn reason(plan: &Plan) -> String {
+    // Further views are chosen by the rules of the rescan, whatever the parameters of the plan say.
+    if let Some(ended) = rescan_ended(plan) {
+        return ended;
+    }
     let selection = &plan.params.selection;
     match plan.stopped_because {
-        // Further views are chosen by the rules of the rescan, whatever the parameters of the plan say.
-        StopReason::Growth if plan.coverage.is_of_open => {
-            "the next best view is expected to add less than min_gain of the rescan".to_owned()
-        }
-        StopReason::MaxViews if plan.coverage.is_of_open => {
-            format!("the rescan has as many views as its max_views allows, {}", plan.views.len())
-        }
         StopReason::Growth => {
             format!("the next best view would add less than {} % of asked", shortest(100.0 * selection.min_growth))
         }

@@ -1,7 +1,7 @@
 use super::{
-    area_mm2, at_risk_sentence, by_thousands, changed_params, first_lie, fix_sentence, fixed, fixed_nonzero, independent_share,
-    lie_phrase, no_plan_sentence, percent_below, percents_apart, region_verdict, remedy_sentence, stability_sentence,
-    turn_phrase,
+    ChoiceRules, advice_sentence, apart_mm, area_mm2, at_risk_sentence, by_thousands, changed_params, first_lie, fix_sentence,
+    fixed, fixed_nonzero, independent_share, lie_phrase, no_plan_sentence, percent_below, percents_apart, region_verdict,
+    remedy_sentence, stability_sentence, turn_phrase,
 };
 use crate::cell::PoseSpec;
 use crate::geometry::Pose;
@@ -9,8 +9,8 @@ use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
 use crate::planning::params::{PlanParams, Region, SelectionGoal};
 use crate::planning::plan::{
-    CandidateCounts, Cause, IndependentRegion, PartSide, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, Turn,
-    TurnKind,
+    Advice, CandidateCounts, Cause, IndependentRegion, PartSide, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView,
+    StopReason, Turn, TurnKind,
 };
 use crate::planning::verdict::Rejection;
 use crate::wire::plan::{AtRiskDocument, RegionCoverageDocument, RiskReasonDocument, StabilityDocument};
@@ -218,7 +218,7 @@ fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
     let mut none = tilt(0.0);
     (none.kind, none.views) = (RemedyKind::None, Vec::new());
     assert_eq!(remedy_sentence(&none), "no fix found (no 8 of the 30 views tried see half of it)");
-    let fewest = SelectionGoal::FewestViews;
+    let fewest = ChoiceRules::Plan(SelectionGoal::FewestViews);
     assert_eq!(fix_sentence(&none, fewest), "no fix found (30 views tried; up to 8 of them together see less than half of it)");
     assert_eq!(fix_sentence(&tilt(0.9), fewest), remedy_sentence(&tilt(0.9)));
 }
@@ -236,14 +236,60 @@ fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
 #[test]
 fn a_target_is_not_advised_where_the_goal_is_the_best_coverage() {
     let view = Remedy { kind: RemedyKind::View, ..tilt(1.0) };
-    let best = fix_sentence(&view, SelectionGoal::BestCoverage);
+    let best = fix_sentence(&view, ChoiceRules::Plan(SelectionGoal::BestCoverage));
     let head = "raise selection.max_views, or lower selection.min_growth, so that candidate 7 is chosen too: measures";
     assert!(best.starts_with(head) && !best.contains("selection.target"), "{best}");
     for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime] {
-        assert!(fix_sentence(&view, goal).starts_with("raise selection.target or selection.max_views, or lower"), "{goal:?}");
+        let told = fix_sentence(&view, ChoiceRules::Plan(goal));
+        assert!(told.starts_with("raise selection.target or selection.max_views, or lower"), "{told}");
     }
     let of_any = remedy_sentence(&view);
     assert!(of_any.contains("selection.target (no effect with selection.goal = best_coverage)"), "{of_any}");
+}
+
+/// A rescan was told to raise `selection.max_views`, which it does not take: its own rules choose the views.
+#[test]
+fn a_view_that_a_rescan_did_not_choose_is_had_by_the_rules_of_the_rescan() {
+    let view = Remedy { kind: RemedyKind::View, ..tilt(1.0) };
+    let told = |stop| {
+        let told = fix_sentence(&view, ChoiceRules::Rescan(stop));
+        told.strip_suffix(" so that candidate 7 is chosen too: measures 200.0 mm², 100 % of it").expect(&told).to_owned()
+    };
+    assert_eq!(told(StopReason::MaxViews), "raise max_views of the rescan");
+    assert_eq!(told(StopReason::Growth), "lower min_gain of the rescan");
+    let at_target = "plan the part again with a higher selection.target, at which the rescan ends,";
+    assert_eq!(told(StopReason::Target), at_target);
+    for stop in StopReason::ALL {
+        assert!(!told(stop).contains("selection.max_views") && !told(stop).contains("min_growth"), "{stop:?}");
+    }
+}
+
+/// "(min gain)" was told, which no option is called.
+#[test]
+fn a_rescan_without_a_view_says_which_of_its_rules_ended_it() {
+    let told = |rule| {
+        no_plan_sentence(&NoPlan::NoFurtherView {
+            measured_of_asked: 0.6752,
+            left_of_asked: 0.0347,
+            hopeless_of_asked: 0.0,
+            rule,
+        })
+    };
+    let min_gain =
+        "no further view is worth taking (the best view is expected to add less than min_gain of the rescan): 67.52 % of";
+    assert!(told("min_gain").starts_with(min_gain), "{}", told("min_gain"));
+    for (rule, option) in [("max_rounds", "max_rounds"), ("little_left", "min_left"), ("target", "target of the plan")] {
+        assert!(told(rule).contains(option), "{}", told(rule));
+    }
+}
+
+/// 4.96 mm were told as 5.0 mm apart, which is the clearance that they miss.
+#[test]
+fn a_distance_below_a_clearance_is_not_rounded_up_to_it() {
+    assert_eq!([4.96, 5.0, 0.99, 0.0].map(apart_mm), ["4.9", "5.0", "0.9", "0.0"]);
+    assert_eq!([0.031, -0.031, -2.34].map(apart_mm), ["0.031", "-0.031", "-2.3"]);
+    let advice = advice_sentence(&Advice::ReduceClearance(4.96));
+    assert_eq!(advice, "collision-free there with motion.clearance_mm = 4.9", "a clearance that the distance keeps");
 }
 
 #[test]

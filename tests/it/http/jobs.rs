@@ -383,7 +383,7 @@ async fn a_part_of_a_wrong_unit_is_told_at_submission_and_stays_told() {
     };
     // 4 inches read as 4 mm; 80 mm read as 80 m.
     for (unit, edge, code, fits) in
-        [("MM", 4.0, "part_small", "inch (101.6 × 101.6 × 101.6 mm)"), ("m", 80.0, "part_larger_than_plate", "mm (80.0 ×")]
+        [("MM", 4.0, "part_small", "inches (101.6 × 101.6 × 101.6 mm)"), ("m", 80.0, "part_larger_than_plate", "mm (80.0 ×")]
     {
         let (_, request) = upload(unit, edge).await;
         let job = api.post_json("/api/v1/jobs", &request).await.ok(202);
