@@ -107,7 +107,7 @@ fn temperature(text: &str) -> Result<f64, String> {
 /// [`CliError::BadInput`] with every finding of every file, one per line.
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let mut input = CheckInput::load(args)?;
-    let values: Vec<Result<Value, CliError>> = args.files.iter().map(|path| files::spec_value(path)).collect();
+    let values: Vec<Result<Value, CliError>> = args.files.iter().map(|path| value_of(path)).collect();
     input.refuse_misplaced(&values)?;
     let plans = plans_among(&args.files, &values);
     let mut checked = Vec::new();
@@ -126,6 +126,20 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
         checked.iter().for_each(|file| warn(&file.file, &file.warnings));
     }
     if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
+}
+
+/// Reads a file that is to be checked. For an HTML page, a table and the like, the error names what can be checked instead.
+fn value_of(path: &Path) -> Result<Value, CliError> {
+    files::spec_value(path).map_err(|error| {
+        // A pipe cannot be read again.
+        let text = if path.is_file() { std::fs::read_to_string(path).ok() } else { None };
+        match (error, text.and_then(|text| files::foreign_text(path, &text))) {
+            (CliError::BadInput(told), Some(_)) => CliError::BadInput(format!(
+                "{told}\n  → give a cell, a device, parameters, a plan (plan.json) or a program (program.json)"
+            )),
+            (error, _) => error,
+        }
+    })
 }
 
 /// Plans among the files, each with the SHA-256 of its file. One that cannot be read is told as a finding of its own.

@@ -178,9 +178,29 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
     let read = if text.trim_start().starts_with('{') {
         serde_json::from_str(text).map_err(|error| json_fault(text, &error))
     } else {
-        toml::from_str(text).map_err(|error| toml_fault(text, &error))
+        toml::from_str(text).map_err(|error| match foreign_text(path, text) {
+            Some(what) => format!("{what}, not a TOML or JSON file"),
+            None => toml_fault(text, &error),
+        })
     };
     read.map(|Distinct(value)| value).map_err(refuse)
+}
+
+/// Tells what a text is that is neither TOML nor JSON; `None` if it may be meant for one of them.
+pub(super) fn foreign_text(path: &Path, text: &str) -> Option<&'static str> {
+    let text = without_byte_order_mark(text).trim_start();
+    let begins = |tag: &str| text.get(..tag.len()).is_some_and(|head| head.eq_ignore_ascii_case(tag));
+    if begins("<!doctype html") || begins("<html") {
+        return Some("is an HTML page, such as a report");
+    }
+    if begins("<") {
+        return Some("is an XML file");
+    }
+    let is_table = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    if is_table {
+        return Some("is a CSV table");
+    }
+    out::is_program_text(text.as_bytes()).then_some("is a program in the language of a controller")
 }
 
 /// The text without the byte order mark that some editors begin UTF-8 with: JSON knows none, and a value would keep it.

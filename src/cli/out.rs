@@ -485,8 +485,14 @@ fn sha256(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
-fn refused(path: &Path, error: &std::io::Error) -> CliError {
-    CliError::Failed(format!("--out {}: cannot be written: {error}", path.display()))
+/// Error for a place in which nothing can be written.
+pub(super) fn refused(path: &Path, error: &std::io::Error) -> CliError {
+    let next = if error.kind() == ErrorKind::StorageFull {
+        "free space on its disk, or name a place on another disk"
+    } else {
+        "name a place where you may write, such as one in your home folder"
+    };
+    CliError::Failed(format!("--out {}: cannot be written: {error}\n  → {next}", path.display()))
 }
 
 #[cfg(test)]

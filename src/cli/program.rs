@@ -262,8 +262,7 @@ fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Res
         let what = "exists and is not a program that Vantage wrote; move it away or name another file";
         return Err(CliError::BadInput(format!("--out {}: {what}", path.display())));
     }
-    std::fs::create_dir_all(folder_of(path))
-        .map_err(|error| CliError::Failed(format!("--out {}: cannot be written: {error}", path.display())))?;
+    std::fs::create_dir_all(folder_of(path)).map_err(|error| out::refused(path, &error))?;
     out::write_file(path, file.text.as_bytes())?;
     Ok(vec![path.to_owned()])
 }

@@ -1,6 +1,6 @@
 //! Server-sent events. The id of each is its number in the store, so that a client that lost its connection sends the last
-//! id it saw (`Last-Event-ID`) and resumes after it. If later events have been dropped by then, the stream begins with
-//! `reset`: the client then reloads the job or the list.
+//! id it saw (`Last-Event-ID`) and resumes after it. If later events have been dropped by then, or all of an ended job's, the
+//! stream begins with `reset`: the client then reloads the job or the list.
 
 use std::convert::Infallible;
 use std::time::{Duration, Instant};

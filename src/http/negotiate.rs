@@ -18,32 +18,35 @@ pub(super) struct Representation {
     pub file: Cow<'static, str>,
 }
 
-/// Chooses among `offered`, of which the first is the default.
+/// Chooses among `offered`, of which the first is the default: by `asked`, the query parameter and its value, where given.
 ///
 /// # Errors
 /// `not_acceptable` if none fits.
 pub(super) fn choose<'a>(
     headers: &HeaderMap,
-    asked: Option<&str>,
+    asked: Option<(&str, &str)>,
     offered: &'a [Representation],
 ) -> Result<&'a Representation, ApiError> {
-    if let Some(name) = asked {
-        return offered.iter().find(|offer| offer.name == name).ok_or_else(|| not_acceptable(&format!("{name:?}"), offered));
+    if let Some((parameter, name)) = asked {
+        let refused = || not_acceptable(parameter, &format!("{name:?}"), offered);
+        return offered.iter().find(|offer| offer.name == name).ok_or_else(refused);
     }
+    let refused = |accept: &str| not_acceptable("Accept", accept, offered);
     let accept: Vec<&str> = headers.get_all(ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     if accept.is_empty() {
-        return offered.first().ok_or_else(|| not_acceptable("nothing", offered));
+        return offered.first().ok_or_else(|| refused("nothing"));
     }
     let accept = accept.join(",");
     let ranges: Vec<Range<'_>> = accept.split(',').filter_map(Range::parse).collect();
     // max_by_key gives the last of equal ones, so the order is reversed: the first representation wins.
     let rated = offered.iter().rev().map(|offer| (weight(&ranges, offer), offer)).filter(|(weight, _)| *weight > 0);
-    rated.max_by_key(|(weight, _)| *weight).map(|(_, offer)| offer).ok_or_else(|| not_acceptable(&accept, offered))
+    rated.max_by_key(|(weight, _)| *weight).map(|(_, offer)| offer).ok_or_else(|| refused(&accept))
 }
 
-fn not_acceptable(asked: &str, offered: &[Representation]) -> ApiError {
+/// The error at the header or the query parameter `field`.
+fn not_acceptable(field: &str, asked: &str, offered: &[Representation]) -> ApiError {
     let offered: Vec<_> = offered.iter().map(|offer| format!("{} ({})", offer.media_type, offer.name)).collect();
-    ApiError::new(Code::NotAcceptable, format!("asked for {asked}; available: {}", offered.join(", ")))
+    ApiError::at(Code::NotAcceptable, field, format!("asked for {asked}; available: {}", offered.join(", ")))
 }
 
 /// One media range of `Accept`.

@@ -63,6 +63,14 @@ pub(super) struct ApiDoc;
 #[expect(dead_code, reason = "only its schema is used; tokens are read by the store")]
 pub(super) struct PageToken(String);
 
+/// Form of a result that has but one.
+#[derive(ToSchema)]
+#[schema(rename_all = "lowercase")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by name")]
+pub(super) enum JsonForm {
+    Json,
+}
+
 /// Languages of a robot program, as text; KUKA's has two files.
 pub(super) struct ProgramDialect;
 

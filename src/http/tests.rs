@@ -29,7 +29,7 @@ fn chosen(accept: &str, asked: Option<&str>) -> Option<&'static str> {
     if !accept.is_empty() {
         headers.insert(ACCEPT, accept.parse().expect("a header"));
     }
-    choose(&headers, asked, &OFFERED).ok().map(|chosen| chosen.name)
+    choose(&headers, asked.map(|name| ("format", name)), &OFFERED).ok().map(|chosen| chosen.name)
 }
 
 #[test]

@@ -126,7 +126,10 @@ pub enum Error {
     #[error("there is no lease {0}; it was given back or not renewed in time")]
     LeaseNotFound(LeaseId),
     /// Somebody else holds the lease.
-    #[error("{0}")]
+    #[error(
+        "{0}; wait until it ends, or have its holder give it back with DELETE /api/v1/leases/{{id}}; if it is yours and its answer \
+         was lost, repeat the request with its Idempotency-Key"
+    )]
     LeaseHeld(String),
     /// A run that moves a cell needs the lease's token.
     #[error("moving cell {cell} needs the token of its lease: take it with POST /api/v1/leases and send ?token=")]

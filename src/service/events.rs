@@ -57,14 +57,18 @@ impl App {
             EventStream { app: self.clone(), job, last, live, past, behind: true, ended: false, missed, only_gap: None };
         stream.catch_up().await?;
         stream.ended = has_ended && stream.past.is_empty() && !stream.behind;
+        // Whoever has seen nothing yet would have got the job's end, were it not pruned.
+        let is_all_pruned = stream.ended && after.is_none();
+        stream.missed |= is_all_pruned;
         // Its reader may have missed the job's end: it is told to read the job anew, once.
-        stream.only_gap = (stream.ended && is_pruned).then_some(newest);
+        stream.only_gap = (stream.ended && (is_pruned || is_all_pruned)).then_some(newest);
         Ok(stream)
     }
 }
 
 impl EventStream {
-    /// True if events after the requested one have been pruned from the store, or it is not of this store.
+    /// True if events after the requested one have been pruned from the store, or it is not of this store; without one, if none of
+    /// an ended job's events is left.
     #[must_use]
     pub fn has_gap(&self) -> bool {
         self.missed

@@ -55,19 +55,24 @@ impl Inspections {
 }
 
 impl App {
-    /// Accepts an inspection of a job that has a plan and scans.
+    /// Accepts an inspection of a job that has a plan and scans. If the idempotency key was used for the same request before,
+    /// returns the earlier answer.
     ///
     /// # Errors
-    /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoScans`], [`Error::Invalid`], [`Error::QueueFull`],
-    /// [`Error::Draining`], [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoScans`], [`Error::Invalid`], [`Error::IdempotencyMismatch`],
+    /// [`Error::QueueFull`], [`Error::Draining`], [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`],
+    /// [`Error::Internal`].
     pub async fn submit_inspection(
         &self,
         job_id: JobId,
         request: InspectionRequest,
-        submitted_by: Option<String>,
+        submission: Submission,
     ) -> Result<InspectionJob, Error> {
-        self.check_open()?;
-        self.check_space(0)?;
+        let canonical = format!("POST /api/v1/jobs/{job_id}/inspections {}", serde_json::to_string(&request)?);
+        let idempotency = submission.idempotency(&canonical);
+        if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
+            return Ok(answer);
+        }
         self.check_planned(job_id).await?;
         let scans = self.chosen_scans(job_id, request.scans.as_deref()).await?;
         request.params.check().map_err(|errors| Error::Invalid(below_params(errors)))?;
@@ -82,7 +87,7 @@ impl App {
             run_id: request.run_id,
             params: request.params,
             fraction: 0.0,
-            submitted_by,
+            submitted_by: submission.submitted_by,
             created_at: String::new(),
             ended_at: None,
             summary: None,
@@ -91,9 +96,13 @@ impl App {
         };
         let app = self.clone();
         self.run_to_completion(async move {
-            let job = app.0.store.insert_inspection(&job, &StoredInspection { scans }, MAX_QUEUED).await?;
-            app.spawn(app.clone().carry_out_inspection(job.id));
-            Ok(job)
+            let input = StoredInspection { scans };
+            let accepted = app.0.store.insert_inspection(&job, &input, idempotency.as_ref(), MAX_QUEUED).await?;
+            // Else another request with the same key came first.
+            if accepted.id == job.id {
+                app.spawn(app.clone().carry_out_inspection(job.id));
+            }
+            Ok(accepted)
         })
         .await
     }
@@ -105,6 +114,11 @@ impl App {
             return Err(Error::NoScans(job));
         }
         let Some(named) = named else { return Ok(all) };
+        let (count, limit) = (named.len(), InspectionRequest::MAX_SCANS);
+        if count > limit {
+            let detail = format!("has {count} entries; at most {limit} are allowed");
+            return Err(Error::Invalid(vec![FieldError { pointer: "/scans".to_owned(), detail }]));
+        }
         let (mut chosen, mut errors) = (Vec::new(), Vec::new());
         if named.is_empty() {
             let detail = "is empty; name at least one scan, or leave it out to compare all scans of the job".to_owned();

@@ -233,6 +233,10 @@ fn a_document_of_no_known_kind_is_told_by_what_it_is() {
     let folder = Folder::new();
     for (name, text, told) in [
         ("part.obj", "v 0 0 0\n", "is a mesh, not a TOML or JSON file; `vantage inspect` examines it"),
+        ("report.html", "\u{feff}<!DOCTYPE html>\n<html lang=\"en\">\n", "is an HTML page, such as a report, not a TOML"),
+        ("scene.xml", "<scene/>\n", "is an XML file, not a TOML or JSON file"),
+        ("viewpoints.csv", "view,x_mm\n0,1\n", "is a CSV table, not a TOML or JSON file"),
+        ("scan.script", "# Vantage scan program\ndef scan():\n", "is a program in the language of a controller, not"),
         ("server.toml", "[execution]\ncells = []\n", "is a configuration file of the server; `vantage serve --config` takes it"),
         ("empty.json", "{}", "an empty document is neither a scanner"),
         ("one.json", "{\"colour\": 1}", "a document with the field colour is neither a scanner"),
@@ -242,6 +246,18 @@ fn a_document_of_no_known_kind_is_told_by_what_it_is() {
         let found = folder.check(name, text).expect_err(name);
         assert!(found.contains(&format!("{name}: {told}")), "{found}");
     }
+}
+
+/// An error of the TOML reader at its first character was all that was told.
+#[test]
+fn what_can_be_checked_instead_of_a_report_is_told() {
+    let folder = Folder::new();
+    let found = folder.check("report.html", "<!doctype html>\n").expect_err("a page");
+    let next = "\n  → give a cell, a device, parameters, a plan (plan.json) or a program (program.json)";
+    assert!(found.ends_with(&format!("not a TOML or JSON file{next}")), "{found}");
+    // Of a file that is meant for TOML, the place of the error matters.
+    let found = folder.check("cell.toml", "name = \n").expect_err("cut off");
+    assert!(found.contains(" at line ") && !found.contains('→'), "{found}");
 }
 
 /// A damaged plan switched the check of collisions off, or ended it in a panic.

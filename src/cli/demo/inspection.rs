@@ -52,7 +52,7 @@ pub(super) async fn show(app: &App, job: JobId, run: RunId) -> Result<(), Failur
         app.add_scan(job, upload.finish(None).await?, about).await?;
     }
     let request = InspectionRequest { run_id: Some(run), ..InspectionRequest::default() };
-    let inspection = app.submit_inspection(job, request, None).await?;
+    let inspection = app.submit_inspection(job, request, Submission::default()).await?;
     let inspection = app.inspection_when_ended(inspection.id, PATIENCE).await?;
     output::line(inspected(&inspection, count))?;
     if inspection.state != JobState::Succeeded {

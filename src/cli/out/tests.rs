@@ -147,6 +147,22 @@ fn a_folder_that_was_left_half_written_is_refused_and_the_next_run_makes_it_whol
     assert!(check_complete(folder.path()).expect_err("gone").to_string().contains("plan.json is gone"));
 }
 
+/// The error told nothing but what the system said.
+#[test]
+fn who_cannot_write_is_told_what_to_do_next() {
+    let elsewhere = "name a place where you may write, such as one in your home folder";
+    if cfg!(target_os = "linux") {
+        let told = OutputFolder::prepare(Path::new("/proc/nowhere"), OutputWriter::Plan, &[]).expect_err("the system's own");
+        assert_eq!(told.exit_code(), 1);
+        let told = told.to_string();
+        assert!(told.starts_with("--out /proc/nowhere: cannot be written: ") && told.ends_with(elsewhere), "{told}");
+        let told = write_file(Path::new("/proc/nowhere"), b"").expect_err("the system's own").to_string();
+        assert!(told.ends_with(elsewhere), "{told}");
+    }
+    let told = refused(Path::new("plans"), &ErrorKind::StorageFull.into()).to_string();
+    assert!(told.ends_with("\n  → free space on its disk, or name a place on another disk"), "{told}");
+}
+
 #[test]
 fn two_runs_do_not_write_to_one_folder() {
     let folder = tempfile::tempdir().expect("a folder");

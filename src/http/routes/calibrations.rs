@@ -5,7 +5,7 @@ use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE, LOCATION, RETRY_
 use axum::http::{HeaderName, StatusCode};
 use axum::response::{IntoResponse, Response};
 
-use super::jobs::duration;
+use super::jobs::{duration, refer};
 use super::results::REPORT_POLICY;
 use crate::cell::CellSpec;
 use crate::http::extract::{Json, Params};
@@ -77,12 +77,18 @@ pub(in crate::http) async fn create(
     ),
     responses((status = 200, description = "A page of calibrations.", body = CalibrationPage))
 )]
-pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<Json<CalibrationPage>, ApiError> {
+pub(in crate::http) async fn list(
+    State(state): State<ApiState>,
+    prefix: Prefix,
+    mut params: Params,
+) -> Result<Json<CalibrationPage>, ApiError> {
     let states = format!("one of {}", CalibrationState::ALL.map(CalibrationState::as_str).join(", "));
     let selection = CalibrationSelection { state: params.value("state", &states)?, cell: params.text("cell") };
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(Json(state.app.calibrations(&selection, page_size, page_token.as_deref()).await?))
+    let mut page = state.app.calibrations(&selection, page_size, page_token.as_deref()).await?;
+    page.items.iter_mut().for_each(|calibration| refer(&mut calibration.problem, &prefix));
+    Ok(Json(page))
 }
 
 /// Get a calibration, or wait for its end
@@ -100,16 +106,19 @@ pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Par
 )]
 pub(in crate::http) async fn get(
     State(state): State<ApiState>,
+    prefix: Prefix,
     Path(id): Path<String>,
     mut params: Params,
 ) -> Result<Json<CalibrationJob>, ApiError> {
     let wait = params.text("wait").as_deref().map(duration).transpose()?;
     params.deny_unknown()?;
     let id = calibration_id(&id)?;
-    Ok(Json(match wait {
+    let mut calibration = match wait {
         Some(wait) => state.app.calibration_when_ended(id, wait).await?,
         None => state.app.calibration(id).await?,
-    }))
+    };
+    refer(&mut calibration.problem, &prefix);
+    Ok(Json(calibration))
 }
 
 /// Cancel a calibration

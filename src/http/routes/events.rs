@@ -37,7 +37,8 @@ pub(in crate::http) async fn all(
 /// Follow a job to its end
 ///
 /// Server-sent events, from the job's beginning or resumed after `Last-Event-ID`; the stream ends with the job. The event `reset`
-/// means that events after the given id are no longer stored: reload the job.
+/// means that events after the given id are no longer stored: reload the job. It is the only event if all events of an ended job
+/// were deleted for their age.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/events",

@@ -6,7 +6,7 @@ use axum::http::{HeaderMap, HeaderName, StatusCode};
 use axum::response::Response;
 
 use super::job_id;
-use super::jobs::duration;
+use super::jobs::{duration, refer};
 use super::results::respond;
 use crate::http::download::{Disposition, content_disposition};
 use crate::http::extract::{Json, Params};
@@ -54,7 +54,12 @@ fn inspection_id(text: &str) -> Result<InspectionId, ApiError> {
     path = "/jobs/{id}/inspections",
     tag = "inspections",
     operation_id = "create_inspection",
-    params(("id" = uuid::Uuid, Path, description = "Id of the job whose plan was scanned.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the job whose plan was scanned."),
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+            description = "Within 24 hours, the same key with the same request gives the same response and starts no second \
+                           inspection. Surrounding white space is ignored (RFC 9110, section 5.5)."),
+    ),
     request_body = InspectionRequest,
     responses(
         (status = 202, description = "The inspection was accepted.", body = InspectionJob,
@@ -71,7 +76,7 @@ pub(in crate::http) async fn create(
     Json(request): Json<InspectionRequest>,
 ) -> Result<(StatusCode, [(HeaderName, String); 2], Json<InspectionJob>), ApiError> {
     params.deny_unknown()?;
-    let job = state.app.submit_inspection(job_id(&id)?, request, submission.submitted_by).await?;
+    let job = state.app.submit_inspection(job_id(&id)?, request, submission).await?;
     let location = prefix.at(&format!("/api/v1/inspections/{}", job.id));
     Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], Json(job)))
 }
@@ -86,7 +91,12 @@ pub(in crate::http) async fn create(
     path = "/inspections/{id}/rescans",
     tag = "inspections",
     operation_id = "create_rescan",
-    params(("id" = uuid::Uuid, Path, description = "Id of the inspection.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+            description = "Within 24 hours, the same key with the same request gives the same response and starts no second job. \
+                           Surrounding white space is ignored (RFC 9110, section 5.5)."),
+    ),
     request_body = RescanRequest,
     responses(
         (status = 202, description = "The job was accepted.", body = Job,
@@ -124,13 +134,19 @@ pub(in crate::http) async fn rescan(
     ),
     responses((status = 200, description = "A page of inspections.", body = InspectionPage))
 )]
-pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<Json<InspectionPage>, ApiError> {
+pub(in crate::http) async fn list(
+    State(state): State<ApiState>,
+    prefix: Prefix,
+    mut params: Params,
+) -> Result<Json<InspectionPage>, ApiError> {
     let states = format!("one of {}", JobState::ALL.map(JobState::as_str).join(", "));
     let job_id: Option<JobId> = params.value("job_id", "the id of a job")?;
     let selection = InspectionSelection { state: params.value("state", &states)?, job_id };
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(Json(state.app.inspections(&selection, page_size, page_token.as_deref()).await?))
+    let mut page = state.app.inspections(&selection, page_size, page_token.as_deref()).await?;
+    page.items.iter_mut().for_each(|inspection| refer(&mut inspection.problem, &prefix));
+    Ok(Json(page))
 }
 
 /// Get an inspection, or wait for its end
@@ -148,16 +164,19 @@ pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Par
 )]
 pub(in crate::http) async fn get(
     State(state): State<ApiState>,
+    prefix: Prefix,
     Path(id): Path<String>,
     mut params: Params,
 ) -> Result<Json<InspectionJob>, ApiError> {
     let wait = params.text("wait").as_deref().map(duration).transpose()?;
     params.deny_unknown()?;
     let id = inspection_id(&id)?;
-    Ok(Json(match wait {
+    let mut inspection = match wait {
         Some(wait) => state.app.inspection_when_ended(id, wait).await?,
         None => state.app.inspection(id).await?,
-    }))
+    };
+    refer(&mut inspection.problem, &prefix);
+    Ok(Json(inspection))
 }
 
 /// Cancel an inspection
@@ -210,7 +229,7 @@ async fn answer(
     let id = inspection_id(id)?;
     // The inspection is looked up before the representation is chosen: an unknown one is 404, whatever the representation.
     state.app.inspection(id).await?;
-    let chosen = choose(headers, format.as_deref(), offered)?;
+    let chosen = choose(headers, format.as_deref().map(|form| ("format", form)), offered)?;
     let file = state.app.inspection_result(id, &chosen.file).await?;
     let shown = [JSON, HTML, TEXT].contains(&chosen.media_type);
     let disposition = if shown { Disposition::Inline } else { Disposition::Attachment };
@@ -227,7 +246,10 @@ async fn answer(
     path = "/inspections/{id}/result",
     tag = "inspections",
     operation_id = "get_inspection_result",
-    params(("id" = uuid::Uuid, Path, description = "Id of the inspection.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
+        ("format" = inline(Option<super::super::openapi::JsonForm>), Query, example = "json", description = "Form of the response."),
+    ),
     responses((status = 200, description = "The result.", body = InspectionDocument))
 )]
 pub(in crate::http) async fn result(
@@ -296,7 +318,10 @@ pub(in crate::http) async fn deviation(
     path = "/inspections/{id}/learned",
     tag = "inspections",
     operation_id = "get_inspection_learned",
-    params(("id" = uuid::Uuid, Path, description = "Id of the inspection.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
+        ("format" = inline(Option<super::super::openapi::JsonForm>), Query, example = "json", description = "Form of the response."),
+    ),
     responses((status = 200, description = "The findings.", body = LearnedDocument))
 )]
 pub(in crate::http) async fn learned(

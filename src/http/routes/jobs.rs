@@ -151,7 +151,7 @@ fn shown(mut job: Job, prefix: &Prefix) -> Job {
 }
 
 /// Makes a problem refer to its page, wherever it was stored.
-fn refer(problem: &mut Option<JobProblem>, prefix: &Prefix) {
+pub(super) fn refer(problem: &mut Option<JobProblem>, prefix: &Prefix) {
     if let Some(problem) = problem {
         problem.kind = prefix.at(&problem_type(&problem.code));
     }

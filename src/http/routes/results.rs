@@ -90,12 +90,12 @@ async fn answer(
     choice: FormChoice,
     offered: &[Representation],
 ) -> Result<Response, ApiError> {
-    let (name, force) = match choice {
-        FormChoice::Asked(parameter) => (params.text(parameter), parameter == DIALECT && is_forced(&mut params)?),
-        FormChoice::Only(form) => (Some(form.to_owned()), false),
+    let (parameter, name, force) = match choice {
+        FormChoice::Asked(parameter) => (parameter, params.text(parameter), parameter == DIALECT && is_forced(&mut params)?),
+        FormChoice::Only(form) => ("format", Some(form.to_owned()), false),
     };
     params.deny_unknown()?;
-    asked_form(state, id, headers, AskedForm { name: name.as_deref(), force }, offered).await
+    asked_form(state, id, headers, AskedForm { parameter, name: name.as_deref(), force }, offered).await
 }
 
 /// Reads the query parameter that asks for the program of another maker's robots.
@@ -106,6 +106,8 @@ fn is_forced(params: &mut Params) -> Result<bool, ApiError> {
 /// Form of a result that a request asks for.
 #[derive(Clone, Copy)]
 struct AskedForm<'a> {
+    /// Parameter that names it.
+    parameter: &'static str,
     /// Its name; `None` for the one that `Accept` prefers.
     name: Option<&'a str>,
     /// Send the program of another maker's robots too.
@@ -123,7 +125,7 @@ async fn asked_form(
     let id = job_id(id)?;
     // The job is looked up before the representation is chosen: an unknown job is 404, whatever the representation.
     state.app.job_state(id).await?;
-    let chosen = choose(headers, asked.name, offered)?;
+    let chosen = choose(headers, asked.name.map(|name| (asked.parameter, name)), offered)?;
     let file = found(state, id, &chosen.file, asked.force).await?;
     let shown = [JSON, HTML, TEXT].contains(&chosen.media_type);
     let disposition = if shown { Disposition::Inline } else { Disposition::Attachment };
@@ -326,7 +328,7 @@ macro_rules! program_text {
             headers: HeaderMap,
             mut params: Params,
         ) -> Result<Response, ApiError> {
-            let asked = AskedForm { name: Some(&dialect), force: is_forced(&mut params)? };
+            let asked = AskedForm { parameter: DIALECT, name: Some(&dialect), force: is_forced(&mut params)? };
             params.deny_unknown()?;
             program_as_text(&state, &id, asked, &headers, $setup).await
         }

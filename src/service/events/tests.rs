@@ -36,4 +36,24 @@ async fn a_job_whose_end_was_pruned_is_told_to_be_read_anew_once() {
     assert!(stream.next().await.expect("read").is_none(), "nothing follows");
     let again = app.events(Some(id), Some(newest)).await.expect("a stream");
     assert!(again.is_over() && !again.has_gap());
+    // Whoever followed it for the first time got no event, and did not learn how it had ended.
+    let mut fresh = app.events(Some(id), None).await.expect("a stream");
+    assert!(fresh.has_gap() && !fresh.is_over());
+    assert_eq!(fresh.only_gap(), Some(newest));
+    assert!(fresh.next().await.expect("read").is_none(), "nothing follows");
+}
+
+/// A gap is told only to whom something is missing.
+#[tokio::test]
+async fn an_ended_job_whose_events_are_kept_is_told_from_its_beginning() {
+    let (app, _folder) = service().await;
+    let id = job(&app).await;
+    app.cancel(id).await.expect("cancelled");
+    let mut stream = app.events(Some(id), None).await.expect("a stream");
+    assert!(!stream.has_gap() && !stream.is_over() && stream.only_gap().is_none());
+    let mut told = Vec::new();
+    while let Some(event) = stream.next().await.expect("read") {
+        told.push(event.kind);
+    }
+    assert_eq!(told, [EventKind::Queued, EventKind::Cancelled]);
 }

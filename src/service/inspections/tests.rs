@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::inspection::InspectionParams;
+use crate::service::ScanUpload;
 use crate::service::planner::Artifact;
 use crate::service::tests::{ended_job, job, no_steps, service, service_with};
 use crate::wire::run::{ReportedState, Run, RunRequest};
@@ -25,7 +26,21 @@ fn inspection_of(job_id: JobId, state: JobState) -> InspectionJob {
 }
 
 async fn inserted(app: &App, job: &InspectionJob) -> InspectionId {
-    app.0.store.insert_inspection(job, &StoredInspection { scans: Vec::new() }, 10).await.expect("an inspection").id
+    app.0.store.insert_inspection(job, &StoredInspection { scans: Vec::new() }, None, 10).await.expect("an inspection").id
+}
+
+/// A service whose jobs have a plan.
+async fn planning() -> (App, tempfile::TempDir) {
+    service_with(vec![Artifact { name: PLAN_FILE.into(), bytes: b"{}".to_vec() }]).await
+}
+
+/// A planned job with a scan.
+async fn scanned_job(app: &App) -> JobId {
+    let job_id = ended_job(app).await.id;
+    let mut upload = app.receive(0).await.expect("room");
+    upload.write("1 2 3\n".into()).await.expect("written");
+    app.add_scan(job_id, upload.finish(None).await.expect("a file"), ScanUpload::default()).await.expect("a scan");
+    job_id
 }
 
 async fn inspection(app: &App, state: JobState) -> InspectionId {
@@ -87,9 +102,48 @@ async fn a_scan_that_was_deleted_since_the_request_was_checked_is_not_inspected(
         size_bytes: 1,
         created_at,
     };
-    let refused = app.0.store.insert_inspection(&job, &StoredInspection { scans: vec![scan] }, 10).await;
+    let refused = app.0.store.insert_inspection(&job, &StoredInspection { scans: vec![scan] }, None, 10).await;
     assert!(matches!(refused, Err(Error::ScanNotFound(gone)) if gone == id), "{refused:?}");
     assert!(matches!(app.inspection(job.id).await, Err(Error::InspectionNotFound(_))));
+}
+
+/// A second inspection was stored and computed.
+#[tokio::test]
+async fn a_key_starts_one_inspection_of_a_job_however_often_it_comes() {
+    let (app, _folder) = planning().await;
+    let job_id = scanned_job(&app).await;
+    let _turn = app.0.inspections.turn.lock().await;
+    let submit = async |scans: Option<Vec<ScanId>>| {
+        let submission = Submission { idempotency_key: Some("key".to_owned()), ..Submission::default() };
+        app.submit_inspection(job_id, InspectionRequest { scans, ..InspectionRequest::default() }, submission).await
+    };
+    let refused = submit(Some(Vec::new())).await;
+    assert!(matches!(refused, Err(Error::Invalid(_))), "it has used no key: {refused:?}");
+    let (first, second) = tokio::join!(submit(None), submit(None));
+    let first = first.expect("accepted");
+    assert_eq!(second.expect("the same"), first);
+    assert_eq!(submit(None).await.expect("the same"), first);
+    let refused = submit(Some(first.scans.clone())).await;
+    assert!(matches!(refused, Err(Error::IdempotencyMismatch)), "{refused:?}");
+    let all = app.inspections(&InspectionSelection::default(), 10, None).await.expect("a list");
+    assert_eq!(all.items, [first]);
+}
+
+/// Each of them was compared with all before it, and told in a message of its own.
+#[tokio::test]
+async fn a_request_names_no_more_scans_than_are_allowed() {
+    let (app, _folder) = planning().await;
+    let job_id = scanned_job(&app).await;
+    let named = vec![ScanId::generate(); InspectionRequest::MAX_SCANS + 1];
+    let request = InspectionRequest { scans: Some(named), ..InspectionRequest::default() };
+    let Err(Error::Invalid(errors)) = app.submit_inspection(job_id, request, Submission::default()).await else {
+        panic!("too many")
+    };
+    assert_eq!(errors.len(), 1, "{} findings", errors.len());
+    assert_eq!(
+        (errors[0].pointer.as_str(), errors[0].detail.as_str()),
+        ("/scans", "has 10001 entries; at most 10000 are allowed")
+    );
 }
 
 /// A dry run was once taken for one that scans.
@@ -110,8 +164,7 @@ async fn a_dry_run_is_none_in_which_scans_were_taken() {
 
 #[tokio::test]
 async fn a_run_that_was_deleted_and_a_plan_that_is_damaged_are_no_faults_of_the_server() {
-    let plan = Artifact { name: PLAN_FILE.into(), bytes: b"{}".to_vec() };
-    let (app, _folder) = service_with(vec![plan]).await;
+    let (app, _folder) = planning().await;
     let planned = ended_job(&app).await;
     let (job_id, sha256) = (planned.id, planned.plan_sha256.expect("a plan"));
     let problem = async |run_id: Option<RunId>| {
@@ -128,8 +181,7 @@ async fn a_run_that_was_deleted_and_a_plan_that_is_damaged_are_no_faults_of_the_
 /// Its report had none.
 #[tokio::test]
 async fn an_inspection_knows_when_its_plan_was_asked_for() {
-    let plan = Artifact { name: PLAN_FILE.into(), bytes: b"{}".to_vec() };
-    let (app, _folder) = service_with(vec![plan]).await;
+    let (app, _folder) = planning().await;
     let planned = ended_job(&app).await;
     let id = inserted(&app, &inspection_of(planned.id, JobState::Queued)).await;
     let inspection = app.inspection(id).await.expect("it");

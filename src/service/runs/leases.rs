@@ -234,6 +234,12 @@ mod tests {
         assert!(matches!(refused, Err(Error::IdempotencyMismatch)), "{refused:?}");
         let refused = take("k2", "a").await;
         assert!(matches!(refused, Err(Error::LeaseHeld(_))), "{refused:?}");
+        let said = refused.expect_err("held").to_string();
+        assert!(said.starts_with("cell e05-transcan is leased to a for another "), "{said}");
+        // Who was refused was told to ask the holder, but not for what.
+        let ways = "; wait until it ends, or have its holder give it back with DELETE /api/v1/leases/{id}; if it is yours and its \
+                    answer was lost, repeat the request with its Idempotency-Key";
+        assert!(said.ends_with(ways), "{said}");
         app.give_lease_back(first.id).expect("held");
         let next = take("k1", "a").await.expect("the cell is free");
         assert!(next.token > first.token && next.id != first.id, "{next:?}");

@@ -6,6 +6,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::artifacts::{ResultFile, StoredArtifacts, read_file};
+use super::idempotency::IdempotencyKey;
 use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, now};
@@ -21,14 +22,22 @@ pub(crate) struct StoredInspection {
 }
 
 impl Store {
-    /// Inserts an inspection, unless so many wait or one of its scans was deleted; `created_at` becomes the store's time.
+    /// Inserts an inspection and its idempotency key, unless so many wait or one of its scans was deleted; `created_at` becomes
+    /// the store's time. Or returns the earlier answer to the same request, which has another id.
     pub(crate) async fn insert_inspection(
         &self,
         job: &InspectionJob,
         input: &StoredInspection,
+        idempotency: Option<&IdempotencyKey>,
         max_queued: u64,
     ) -> Result<InspectionJob, Error> {
         let mut tx = self.writer.begin().await?;
+        if let Some(key) = idempotency
+            && let Some(answer) = key.replay(&mut tx, &self.clock).await?
+        {
+            tx.commit().await?;
+            return Ok(answer);
+        }
         let queued: i64 =
             sqlx::query_scalar("SELECT count(*) FROM inspection WHERE state = 'queued'").fetch_one(&mut *tx).await?;
         let queued = queued.unsigned_abs();
@@ -52,6 +61,9 @@ impl Store {
             return Err(Error::JobNotFound(job.job_id));
         }
         check_scans(&mut tx, &input.scans).await?;
+        if let Some(key) = idempotency {
+            key.record(&mut tx, &job).await?;
+        }
         tx.commit().await?;
         Ok(job)
     }

@@ -20,6 +20,11 @@ pub struct InspectionRequest {
     pub params: InspectionParams,
 }
 
+impl InspectionRequest {
+    /// Largest number of scans.
+    pub const MAX_SCANS: usize = 10_000;
+}
+
 /// Figures of an inspection for a list.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct InspectionSummary {

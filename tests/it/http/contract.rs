@@ -117,6 +117,37 @@ fn parameter(document: &serde_json::Value, path: &str, method: &str, name: &str)
     found.unwrap_or_else(|| panic!("{method} {path} has no {name}"))["schema"].clone()
 }
 
+/// Routes of results with one form read the parameter, and did not list it.
+#[test]
+fn every_result_of_an_inspection_lists_its_formats() {
+    let document = document();
+    let results: [(&str, &[&str]); 5] = [
+        ("result", &["json"]),
+        ("learned", &["json"]),
+        ("losses", &["json", "csv"]),
+        ("deviation", &["csv", "ply"]),
+        ("report", &["html", "text"]),
+    ];
+    for (name, formats) in results {
+        let schema = parameter(&document, &format!("/api/v1/inspections/{{id}}/{name}"), "get", "format");
+        let listed = schema["enum"].as_array().or_else(|| schema["oneOf"][0]["enum"].as_array());
+        match listed {
+            Some(listed) => assert_eq!(listed, formats, "{name}"),
+            None => assert_eq!(schema["pattern"], format!("^({})$", formats.join("|")), "{name}"),
+        }
+    }
+}
+
+/// Those of inspections and of their rescans were not listed.
+#[test]
+fn every_route_that_takes_an_idempotency_key_lists_it() {
+    let document = document();
+    for path in ["jobs", "jobs/batch", "jobs/{id}/inspections", "inspections/{id}/rescans", "calibrations", "runs", "leases"] {
+        let schema = parameter(&document, &format!("/api/v1/{path}"), "post", "Idempotency-Key");
+        assert_eq!(schema["pattern"], "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$", "{path}");
+    }
+}
+
 #[test]
 fn every_number_in_a_query_has_its_range() {
     let document = document();

@@ -6,6 +6,7 @@ use axum::body::{Body, BodyDataStream};
 use axum::http::Request;
 use futures_util::StreamExt;
 use serde_json::{Value, json};
+use sqlx::Connection as _;
 
 use super::api::Api;
 
@@ -98,6 +99,26 @@ async fn whoever_comes_back_gets_what_was_missed() {
     // All was seen and nothing will come: do not come back.
     let over = api.send("GET", &path, &[("last-event-id", &all[all.len() - 1].to_string())], "").await;
     assert_eq!(over.status, 204);
+}
+
+/// The answer was 204 without an event: whoever came late did not learn how the job had ended.
+#[tokio::test]
+async fn an_ended_job_without_events_is_told_to_be_read_and_not_to_be_followed_again() {
+    let api = Api::start().await;
+    let job = api.job("").await;
+    api.ended(&job).await;
+    let database = format!("sqlite://{}", api.app.data_dir().join("vantage.db").display());
+    let options: sqlx::sqlite::SqliteConnectOptions = database.parse().expect("a path");
+    let mut connection = sqlx::SqliteConnection::connect_with(&options).await.expect("the database");
+    // As they are pruned once they are old.
+    sqlx::query("DELETE FROM event").execute(&mut connection).await.expect("deleted");
+    let path = format!("/api/v1/jobs/{job}/events");
+    let told = Listener::open(&api, &path, None::<i64>).await.rest().await;
+    let kinds: Vec<&str> = told.iter().map(|event| event.kind.as_str()).collect();
+    assert_eq!(kinds, ["reset"]);
+    // A browser reconnects with the id of that, and is told to stop.
+    let again = api.send("GET", &path, &[("last-event-id", &told[0].place)], "").await;
+    assert_eq!(again.status, 204);
 }
 
 #[tokio::test]

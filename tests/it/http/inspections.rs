@@ -177,6 +177,33 @@ async fn what_cannot_be_inspected_is_refused_with_its_reason() {
     assert_eq!(listed["items"].as_array().expect("a list").len(), 1);
 }
 
+/// A second inspection was computed: the key was ignored.
+#[tokio::test]
+async fn a_key_starts_one_inspection_however_often_it_comes() {
+    let api = Api::start().await;
+    let job = super::runs::driven(&api).await;
+    let path = format!("/api/v1/jobs/{job}/inspections");
+    let send = async |key: &str, body: String| {
+        api.send("POST", &path, &[("content-type", "application/json"), ("idempotency-key", key)], body).await
+    };
+    let request = json!({}).to_string();
+    // A request that was refused has used no key.
+    send("k1", request.clone()).await.problem("no_scans");
+    let scan = api.send("POST", &format!("/api/v1/jobs/{job}/scans?name=a.xyz"), &[], "1 2 3\n4 5 6\n").await.ok(201);
+    // Two at the same time, and one later, written in another way.
+    let (a, b) = tokio::join!(send("k1", request.clone()), send("k1", request.clone()));
+    let (a, b) = (a.ok(202), b.ok(202));
+    assert_eq!(a, b);
+    let location = format!("/api/v1/inspections/{}", a["id"].as_str().expect("an id"));
+    api.get(&format!("{location}?wait=60s")).await.ok(200);
+    let again = send("k1", json!({"run_id": null}).to_string()).await;
+    assert_eq!((again.ok(202), again.header("location")), (a.clone(), location.as_str()));
+    send("k1", json!({"scans": [scan["id"]]}).to_string()).await.problem("idempotency_mismatch");
+    assert_ne!(send("k2", request).await.ok(202)["id"], a["id"]);
+    let listed = api.get(&format!("/api/v1/inspections?job_id={job}")).await.ok(200);
+    assert_eq!(listed["items"].as_array().expect("a list").len(), 2);
+}
+
 #[tokio::test]
 async fn scans_are_of_a_view_of_the_plan_and_go_with_their_job_as_inspections_do() {
     let api = Api::start().await;

@@ -3,6 +3,7 @@
 use axum::body::Body;
 use axum::http::Request;
 use serde_json::json;
+use vantage::wire::example;
 
 use super::api::{Answer, Api, cube, http_options, service_options};
 
@@ -69,6 +70,37 @@ async fn paths_in_answers_lead_through_the_proxy() {
         }
         let document = proxy.get(&format!("{PREFIX}/api/v1/openapi.json")).await.ok(200);
         assert_eq!(document["servers"], json!([{ "url": PREFIX }]));
+    }
+}
+
+/// Theirs led past the proxy.
+#[tokio::test]
+async fn problems_of_inspections_and_calibrations_lead_through_the_proxy() {
+    for proxy in proxies().await {
+        let below = |path: &str| format!("{PREFIX}/api/v1/{path}");
+        let job = super::runs::driven(&proxy.api).await;
+        let scan = below(&format!("jobs/{job}/scans?name=view_00.ply"));
+        proxy.send("POST", &scan, "no cloud at all".to_owned()).await.ok(201);
+        let inspection = proxy.send("POST", &below(&format!("jobs/{job}/inspections")), "{}".to_owned()).await;
+        // Every observation from one configuration of the arm.
+        let mut request = example::calibration();
+        let first = request["data"]["observations"][0].clone();
+        for observation in request["data"]["observations"].as_array_mut().expect("a list") {
+            let id = observation["id"].clone();
+            *observation = first.clone();
+            observation["id"] = id;
+        }
+        let calibration = proxy.send("POST", &below("calibrations"), request.to_string()).await;
+        for (accepted, list) in [(inspection, "inspections"), (calibration, "calibrations")] {
+            accepted.ok(202);
+            let ended = proxy.get(&format!("{}?wait=60s", accepted.header("location"))).await.ok(200);
+            let listed = proxy.get(&below(list)).await.ok(200)["items"][0].clone();
+            for found in [&ended, &listed] {
+                assert_eq!(found["state"], "failed", "{found}");
+                let page = proxy.get(found["problem"]["type"].as_str().expect("a path")).await;
+                assert_eq!(page.status, 200, "{found}");
+            }
+        }
     }
 }
 

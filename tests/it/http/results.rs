@@ -76,16 +76,17 @@ async fn other_forms_are_not_to_be_had() {
     let api = Api::start().await;
     let job = api.job("").await;
     api.ended(&job).await;
-    for (path, accept) in [
-        ("plan", "text/csv"),
-        ("plan?format=csv", "*/*"),
-        ("program?dialect=cobol", "*/*"),
-        ("report", "application/json"),
-        ("coverage.bin", "image/png"),
-        ("viewpoints?format=", "*/*"),
+    // The field at fault was not named.
+    for (path, accept, field) in [
+        ("plan", "text/csv", "Accept"),
+        ("plan?format=csv", "*/*", "format"),
+        ("program?dialect=cobol", "*/*", "dialect"),
+        ("report", "application/json", "Accept"),
+        ("coverage.bin", "image/png", "Accept"),
+        ("viewpoints?format=", "*/*", "format"),
     ] {
         let path = format!("/api/v1/jobs/{job}/{path}");
-        api.send("GET", &path, &[("accept", accept)], "").await.problem("not_acceptable");
+        api.send("GET", &path, &[("accept", accept)], "").await.problem_at("not_acceptable", &[field]);
     }
     let problem = api.get(&format!("/api/v1/jobs/{job}/program?dialect=cobol")).await.problem("not_acceptable");
     let detail = problem["detail"].as_str().expect("text");
