@@ -5,9 +5,9 @@ import { apiPath, ask, askSeen, post, putVersion, Refused, remove, type Calibrat
 import { Chart, type Line } from "./chart";
 import { UnitNote, Warnings } from "./job";
 import { LINES } from "./palette";
-import { fixed, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when } from "./settings";
+import { fixed, hrefOf, lengthIn, lengthUnit, place, setQuery, unit, when, zoned } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, Cut, Dialog, goToMade, known, NumberInput, Pending, Select, useLoaded, useNewest } from "./widgets";
+import { Button, ConfirmButton, Cut, Dialog, goToMade, known, NumberInput, Pending, Problem, Select, useLoaded, useNewest } from "./widgets";
 
 const words = text.calibrations;
 const isOpen = ({ state }: CalibrationJob): boolean => state === "queued" || state === "running";
@@ -28,16 +28,16 @@ export function CalibrationList() {
     const timer = setTimeout(reload, 1000);
     return () => clearTimeout(timer);
   }, [value]);
-  if (error || !value) return <Pending error={error} />;
   return (
     <section class="runs calibrations" aria-labelledby="calibrations-title">
       <h1 id="calibrations-title">{words.title}</h1>
       <p class="soft">{words.hint}</p>
+      {error ? <Problem error={error} /> : !value && <Pending />}
       <NewCalibration />
-      {value.items.length === 0 ? <p class="empty">{words.empty}</p> : (
+      {value && (value.items.length === 0 ? <p class="empty">{words.empty}</p> : (
         <div class="scroll" tabIndex={0} role="group" aria-label={words.title}>
           <table>
-            <thead><tr>{[words.started, words.cell, words.state, words.used, words.rmsShift, words.rmsTurn, words.point].map((name) => <th key={name} scope="col">{name}</th>)}<th scope="col"><span class="hidden">{words.remove}</span></th></tr></thead>
+            <thead><tr>{[zoned(words.started), words.cell, words.state, words.used, words.rmsShift, words.rmsTurn, words.point].map((name) => <th key={name} scope="col">{name}</th>)}<th scope="col"><span class="hidden">{words.remove}</span></th></tr></thead>
             <tbody>{value.items.map((job) => (
               <tr key={job.id}>
                 <th scope="row"><a href={hrefOf(["calibrations", job.id])}>{when(job.created_at)}</a></th>
@@ -52,8 +52,8 @@ export function CalibrationList() {
             ))}</tbody>
           </table>
         </div>
-      )}
-      <Cut page={value} onMore={more} />
+      ))}
+      {value && <Cut page={value} onMore={more} />}
     </section>
   );
 }
@@ -76,7 +76,7 @@ function NewCalibration() {
       return hrefOf(["calibrations", made.id]);
     });
   };
-  if (!names) return error ? <p class="problem" role="alert">{error}</p> : null;
+  if (!names) return error ? <Problem error={error} /> : null;
   return (
     <details class="group">
       <summary>{words.create}</summary>
@@ -108,7 +108,7 @@ export function CalibrationView({ id }: { id: string }) {
       <div class="title">
         <h1 id="calibration-title">{words.one(job.cell)}</h1>
         <span class={`state ${job.state}`}>{text.states[job.state]}</span>
-        <span class="soft">{when(job.created_at)} · {words.solves[job.solve]}{job.submitted_by && ` · ${text.jobs.by(job.submitted_by)}`}</span>
+        <span class="soft">{zoned(when(job.created_at))} · {words.solves[job.solve]}{job.submitted_by && ` · ${text.jobs.by(job.submitted_by)}`}</span>
         {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/report`} target="_blank" rel="noopener">{text.job.report}</a>}
         {isDone && <a class="button" href={`${apiPath}/calibrations/${id}/result`} download={`calibration-${id}.json`}>{words.download}</a>}
       </div>

@@ -10,10 +10,10 @@ import { jobIds, jobSignal, keepJob, listed, listMore, partName } from "./jobs";
 import { coverageBytes, preview, type Preview } from "./mesh";
 import { css, DIFFERENCES, LINES, type Rgb } from "./palette";
 import { apiDocument, changesOf } from "./schema";
-import { area, goTo, hrefOf, percent, points, when } from "./settings";
+import { area, goTo, hrefOf, percent, points, when, zone } from "./settings";
 import { PartMesh, Stage, STANDARD_VIEWS } from "./stage";
 import { text } from "./text";
-import { Button, Pending, Select, Swatch, useLoaded } from "./widgets";
+import { Button, Pending, Problem, Select, Swatch, useLoaded } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.compare;
@@ -193,8 +193,9 @@ export function Compare({ first: one, second: two }: { first: string; second: st
         {pick(words.first, first, (id) => goTo(pair(id, second)))}{pick(words.second, second, (id) => goTo(pair(first, id)))}
         <Button onClick={() => goTo(pair(second, first))}>{words.swap}</Button>
         {listed.value?.token && <Button onClick={listMore}>{text.jobs.older}</Button>}
+        <span class="soft">{text.times(zone)}</span>
       </div>
-      {error && <p class="problem" role="alert">{error}</p>}
+      {error && <Problem error={error} />}
       {!value && !error && (first && second ? <Pending /> : <p class="empty">{words.pickTwo}</p>)}
       {value && <Pair key={value.map(({ job }) => job.id).join()} sides={value} />}
     </section>

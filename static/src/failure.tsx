@@ -56,7 +56,7 @@ function FixLink({ job, fix: { field, value }, kind = "" }: { job: Job; fix: Fix
   );
 }
 
-const SUITS = /it would fit if the file is in (mm|cm|m|inch)\b/;
+const SUITS = /it would fit if the file is in (mm|cm|m|inch)(?:es)?\b/;
 
 /** Uploads the same file read in another unit, and plans it. */
 const planInUnit = (job: Job, unit: string): Promise<void> => goToMade(async () => {

@@ -12,9 +12,9 @@ import { hasDeviation, lostWords, whyNotFound } from "./located";
 import { jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
 import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
-import { area, areaIn, count, degrees, fileSize, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, points, setQuery, unit, when } from "./settings";
+import { area, areaIn, count, degrees, fileSize, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, points, setQuery, unit, when, zoned } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, CopyLink, Cut, known, NumberInput, Pending, Swatch, useLoaded, useNewest } from "./widgets";
+import { Button, ConfirmButton, CopyLink, Cut, known, NumberInput, Pending, Problem, Swatch, useLoaded, useNewest } from "./widgets";
 
 const words = text.inspections;
 export const isOpen = ({ state }: { state: string }): boolean => ["queued", "running", "cancelling"].includes(state);
@@ -57,7 +57,7 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
     ? <Button onClick={() => post(`/inspections/${job.id}/cancel`).then(reload)}>{text.jobs.cancel}</Button>
     : <ConfirmButton label={text.jobs.remove} aria-label={`${text.jobs.remove} ${when(job.created_at)}`} sure={text.sure(words.oneOf(when(job.created_at)))} onConfirm={() => remove(`/inspections/${job.id}`).then(reload)} />);
   return (
-    <Table label={words.title} heads={[words.started, ...(withJob ? [words.part] : []), words.state, words.planned, words.measured, words.inAll, words.rms, words.actions]}>
+    <Table label={words.title} heads={[zoned(words.started), ...(withJob ? [words.part] : []), words.state, words.planned, words.measured, words.inAll, words.rms, words.actions]}>
       {items.map((job) => (
         <tr key={job.id} data-state={job.state}>
           <th scope="row"><a href={hrefOf(["inspections", job.id])}>{when(job.created_at)}</a></th>
@@ -74,13 +74,13 @@ export function InspectionTable({ items, reload, withJob }: { items: InspectionJ
 
 export function InspectionList(_: object) {
   const { value, error, reload, more } = useNewest<InspectionJob>("/inspections");
-  if (error || !value) return <Pending error={error} />;
   return (
     <section class="runs" aria-labelledby="inspections-title">
       <h1 id="inspections-title">{words.title}</h1>
       <p class="soft">{words.hint}</p>
-      {value.items.length === 0 ? <p class="empty">{words.empty}</p> : <InspectionTable items={value.items} reload={reload} withJob />}
-      <Cut page={value} onMore={more} />
+      {error ? <Problem error={error} /> : !value && <Pending />}
+      {value && (value.items.length === 0 ? <p class="empty">{words.empty}</p> : <InspectionTable items={value.items} reload={reload} withJob />)}
+      {value && <Cut page={value} onMore={more} />}
     </section>
   );
 }
@@ -110,7 +110,7 @@ function Head({ job, planned, onChange }: { job: InspectionJob; planned: Job; on
     <>
       <div class="title">
         <h1 id="inspection-title">{words.one(name)}</h1><span class={`state ${job.state}`}>{text.states[job.state]}</span>
-        <span class="soft">{when(job.created_at)} · {words.scanCount(job.scans.length)} · {words.methods[job.params.align.method]}{job.submitted_by && ` · ${text.jobs.by(job.submitted_by)}`}</span>
+        <span class="soft">{zoned(when(job.created_at))} · {words.scanCount(job.scans.length)} · {words.methods[job.params.align.method]}{job.submitted_by && ` · ${text.jobs.by(job.submitted_by)}`}</span>
         <span class="actions">
           <a class="button" href={hrefOf(["jobs", job.job_id])}>{words.toPlan}</a><a class="button" href={hrefOf(["jobs", job.job_id, "inspection"])}>{words.toScans}</a>
           {job.state === "succeeded" && <a class="button" href={`${apiPath}/inspections/${job.id}/report?format=html`} target="_blank" rel="noopener">{text.job.report}</a>}
@@ -152,7 +152,7 @@ function Result({ job, planned, result }: { job: InspectionJob; planned: Job; re
       <Findings result={result} />
       <Rescan job={job} isFitting={isFitting} />
       <div class="mapped">
-        {error && <p class="problem" role="alert">{error}</p>}
+        {error && <Problem error={error} />}
         {map ? <ScanMap job={job} result={result} map={map} kind={kind} onKind={show} pin={pin.value} onPin={(next) => { pin.value = next; }} />
           : <p class="soft" role="status">{text.loading}</p>}
         <Losses result={result} onShow={(at, size) => point("losses", at, size)} />
@@ -303,13 +303,15 @@ const StatisticsTable = ({ statistics: s }: { statistics: Statistics }) => (
 );
 
 const Extents = ({ result }: { result: Inspection }) => (
-  <table aria-label={words.extents}>
-    <thead><tr>{[words.axis, words.nominal, words.measured, text.compare.difference].map((name, i) => <th key={name} scope="col" class={i ? "number" : ""}>{name}</th>)}</tr></thead>
-    <tbody>{result.deviation.extents.map(({ nominal_mm: nominal, measured_mm: measured }, i) => (
-      <tr key={i}><th scope="row">{"XYZ"[i]}</th><td class="number">{fine(nominal)}</td><td class="number">{measured === null ? words.endUnseen : fine(measured)}</td>
-        <td class="number">{measured === null ? text.none : fine(measured - nominal)}</td></tr>
-    ))}</tbody>
-  </table>
+  <div class="scroll" tabIndex={0} role="group" aria-label={words.extents}>
+    <table aria-label={words.extents}>
+      <thead><tr>{[words.axis, words.nominal, words.measured, text.compare.difference].map((name, i) => <th key={name} scope="col" class={i ? "number" : ""}>{name}</th>)}</tr></thead>
+      <tbody>{result.deviation.extents.map(({ nominal_mm: nominal, measured_mm: measured }, i) => (
+        <tr key={i}><th scope="row">{"XYZ"[i]}</th><td class="number">{fine(nominal)}</td><td class="number">{measured === null ? words.endUnseen : fine(measured)}</td>
+          <td class="number">{measured === null ? text.none : fine(measured - nominal)}</td></tr>
+      ))}</tbody>
+    </table>
+  </div>
 );
 
 function Regions({ result: { deviation: { regions } } }: { result: Inspection }) {

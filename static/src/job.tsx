@@ -2,7 +2,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { apiPath, askAhead, type Job, type Note, type Region } from "./api";
-import { jobSignal, partName, readJob, stream } from "./jobs";
+import { jobSignal, partName, readJob, retries, stream } from "./jobs";
 import { facts, JobActions, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
 import { area, fine, goTo, hrefOf, nonzero, percent, place, setQuery, unit, withoutOptions } from "./settings";
 import { StartRun } from "./startrun";
@@ -116,14 +116,15 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
   const read = useSignal(jobSignal(id)?.peek());
   const isLost = stream.connection.value === "lost";
   useEffect(() => {
-    if (isLost) return;
+    if (isLost && read.peek()) return;
+    problem.value = "";
     const isPlan = tab === "plan";
     if (isPlan) void import("./plan").catch(() => {});
     readJob(id).then((job) => {
       if (isPlan && job.state === "succeeded" && !read.peek()) [`/jobs/${id}/plan`, `/meshes/${job.mesh_id}/preview.glb`, `/jobs/${id}/coverage.bin`, `/jobs/${id}/missed`].forEach(askAhead);
       [read.value, problem.value] = [job, ""];
     }, (error) => { problem.value = error.message; });
-  }, [id, isLost]);
+  }, [id, isLost, retries.value]);
   // `read` only says that the job is there; its state comes from the live signal.
   const job = read.value && jobSignal(id)?.value;
   if (problem.value || !job) return <Pending error={problem.value || (read.value && text.notFound)} />;

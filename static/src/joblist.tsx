@@ -3,11 +3,12 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { ask, idempotencyKey, post, put, remove, type Job, type Summary } from "./api";
 import {
-  cellName, ENDED, filterJobs, findJobs, findMore, jobIds, jobSignal, keepJob, listed, listMore, partName, readJob, refresh, scannerName, secondsLeft, forgetJob,
+  cellName, ENDED, filterJobs, findJobs, findMore, jobIds, jobSignal, keepJob, listed, listMore, listProblem, partName, readJob, readList, refresh, retries,
+  scannerName, secondsLeft, stream, forgetJob,
 } from "./jobs";
-import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
+import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo, zone } from "./settings";
 import { text } from "./text";
-import { Button, ConfirmButton, Dialog, goToMade, guarded, message, Pending, Select } from "./widgets";
+import { Button, ConfirmButton, Dialog, goToMade, guarded, message, Pending, Problem, Select } from "./widgets";
 import { dropped } from "./dropped";
 
 /** Label under which a job of further views names the inspection that it follows. */
@@ -60,7 +61,7 @@ function Thumbnail({ job }: { job: Job }) {
     });
     watching.observe(element);
     return () => { clearTimeout(waiting); watching.disconnect(); };
-  }, [job.id, job.state === "succeeded"]);
+  }, [job.id, job.state === "succeeded", retries.value]);
   return <canvas ref={canvas} class="thumb" width={144} height={108} role="img" aria-label={text.jobs.thumbnail(partName(job))} />;
 }
 
@@ -146,7 +147,7 @@ export function JobActions({ job, onLabels }: { job: Job; onLabels?: () => void 
       <a class="button" href={hrefOf(["new"], { from: job.id })}>{text.jobs.clone}</a>
       {onLabels && <Button onClick={onLabels}>{text.jobs.labels}</Button>}
       {ENDED.includes(job.state) && <ConfirmButton label={text.jobs.remove} sure={text.sure(text.jobs.results([partName(job)]))}
-        onConfirm={async () => { await remove(`/jobs/${job.id}`); forgetJob(job.id); goTo(hrefOf(["jobs"])); }} />}
+        onConfirm={async () => { await remove(`/jobs/${job.id}`); forgetJob(job.id); if (place.peek().path[1] === job.id) goTo(hrefOf(["jobs"])); }} />}
     </span>
   );
 }
@@ -258,7 +259,7 @@ async function deleteJobs(ids: string[]): Promise<void> {
 }
 
 function Chosen({ ids, onDone }: { ids: string[]; onDone: () => void }) {
-  if (ids.length === 0) return <p class="soft">{text.jobs.compareHint}</p>;
+  if (ids.length === 0) return <p class="soft">{text.jobs.compareHint} {text.times(zone)}</p>;
   return (
     <p class="actions">
       <span>{text.jobs.chosen(ids.length)}</span>
@@ -287,8 +288,11 @@ export function JobList() {
     chosen.value = isChosen ? [...chosen.peek(), id] : chosen.peek().filter((other) => other !== id);
   }, []);
   useServerFilter(state, words);
+  const isLost = stream.connection.value === "lost";
+  // The stream of events begins with the list; without it, the list is asked for what is wrong.
+  useEffect(() => { if (listProblem.peek() || (isLost && !listed.peek())) void readList(); }, [isLost, retries.value]);
   const ids = jobIds.value;
-  const reached = listed.value;
+  const [reached, problem] = [listed.value, listProblem.value];
   // Below what is listed, jobs may be missing; what was searched for is shown wherever it stands.
   const shown = ids.filter((id) => {
     const job = jobSignal(id)?.value;
@@ -308,9 +312,9 @@ export function JobList() {
         <a class="button primary" href={hrefOf(["new"])}>{text.nav.create}</a>
       </div>
       <Chosen ids={chosen.value.filter((id) => shown.includes(id))} onDone={() => { chosen.value = chosen.peek().filter(jobSignal); }} />
-      {!reached && ids.length === 0 && <Pending />}
+      {problem ? <Problem error={problem} /> : !reached && shown.length === 0 && <Pending />}
       {reached && ids.length === 0 && <p id="empty" class="empty">{text.jobs.empty}</p>}
-      {ids.length > 0 && shown.length === 0 && !isPart && <p class="empty">{text.jobs.noneFit}</p>}
+      {reached && ids.length > 0 && shown.length === 0 && !isPart && <p class="empty">{text.jobs.noneFit}</p>}
       {isPart && <p class={shown.length ? "soft" : "empty"} role="status">{text.jobs.searched(ids.filter((id) => id >= reached.last).length)}</p>}
       <ul id="jobs">
         {shown.map((id) => (

@@ -1,6 +1,6 @@
 // The jobs that the page knows, each a signal of its own so that one event draws one row; and the live events that change them.
-import { signal, type Signal } from "@preact/signals";
-import { ask, askPages, serverNow, type Job, type Mesh, type Page, type Region, type Note } from "./api";
+import { effect, signal, type Signal } from "@preact/signals";
+import { ask, askPages, Refused, serverNow, type Job, type Mesh, type Page, type Region, type Note } from "./api";
 import { Stream, type LiveEvent } from "./live";
 
 const jobs = new Map<string, Signal<Job>>();
@@ -42,8 +42,36 @@ export function meshSignal(id: string): Signal<Mesh | null> {
   if (known) return known;
   const made = signal<Mesh | null>(null);
   meshes.set(id, made);
-  ask<Mesh>(`/meshes/${id}`).then((mesh) => { made.value = mesh; }, () => {});
+  void readMesh(id, made);
   return made;
+}
+
+/** Meshes that could not be read, and why the last of them could not. */
+const unread = new Map<string, Signal<Mesh | null>>();
+export const meshProblem = signal("");
+
+async function readMesh(id: string, made: Signal<Mesh | null>): Promise<void> {
+  try {
+    made.value = await ask<Mesh>(`/meshes/${id}`);
+    unread.delete(id);
+  } catch (error) {
+    // One that was deleted is not there the next time either.
+    if (error instanceof Refused && error.status === 404) unread.delete(id);
+    else {
+      unread.set(id, made);
+      meshProblem.value = (error as Error).message;
+    }
+  }
+  if (unread.size === 0) meshProblem.value = "";
+}
+
+const readMeshes = (): void => unread.forEach((made, id) => void readMesh(id, made));
+
+/** Counts how often the reader asked to read once more what could not be read. */
+export const retries = signal(0);
+export function tryAgain(): void {
+  retries.value += 1;
+  readMeshes();
 }
 
 export const partName = (job: Job): string => meshSignal(job.mesh_id).value?.name ?? job.part_number ?? job.id.slice(0, 8);
@@ -76,6 +104,16 @@ async function listJobs(asked: string, token?: string): Promise<void> {
   if (asked === filter) listed.value = { token: page.next_page_token ?? null, last: oldest ?? "" };
 }
 
+/** Reason for which the list with the filter that is set could not be read; empty once it was. */
+export const listProblem = signal("");
+
+/** Reads the newest page with the filter that is set; what fails is told in place of the list. */
+export async function readList(): Promise<void> {
+  const asked = filter;
+  const problem = await listJobs(asked).then(() => "", (error: Error) => error.message);
+  if (asked === filter) listProblem.value = problem;
+}
+
 export const listMore = (): Promise<void> => listJobs(filter, listed.peek()?.token ?? undefined);
 
 /** Sets the filter: of jobs that are not read yet, the server finds those that fit. */
@@ -84,8 +122,8 @@ export function filterJobs(query: Record<string, string>): Promise<void> {
   // The whole list is read when the stream begins.
   if (wanted === filter) return Promise.resolve();
   filter = wanted;
-  listed.value = null;
-  return listJobs(wanted);
+  [listed.value, listProblem.value] = [null, ""];
+  return readList();
 }
 
 /** Reads older jobs of the search; null where there are none, or nothing is searched. */
@@ -166,13 +204,16 @@ export const stream = new Stream({
   numbered: true,
   onReset: () => {
     seen.resets += 1;
-    [...new Set(["", filter])].forEach((asked) => void listJobs(asked).catch(() => {}));
+    void readList();
+    if (filter) void listJobs("").catch(() => {});
   },
   onEvent: (event) => {
     if (seen.events.length < REMEMBERED) seen.events.push(event.id);
     applyEvent(event);
   },
 });
+
+effect(() => { if (stream.connection.value === "live") readMeshes(); });
 
 /** Seconds left, from the time that the present fraction took. */
 export function secondsLeft(job: Job): number | null {

@@ -3,7 +3,7 @@ import { effect } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { isSignedIn, keyRequest, signOut } from "./api";
-import { applyEvent, jobIds, jobSignal, keepJob, partName, seen, stream } from "./jobs";
+import { applyEvent, jobIds, jobSignal, keepJob, meshProblem, partName, seen, stream, tryAgain } from "./jobs";
 import { JobList } from "./joblist";
 import { JobView } from "./job";
 import { hrefOf, place, theme, unit, type Theme, type Unit } from "./settings";
@@ -129,6 +129,11 @@ function App() {
       {message.value && (
         <p id="message" class="banner bad" role="alert">{message.value}
           <button type="button" onClick={() => { message.value = ""; }}>{text.close}</button>
+        </p>
+      )}
+      {meshProblem.value && stream.connection.value !== "lost" && (
+        <p id="unnamed" class="banner" role="status">{text.unnamed(meshProblem.value)}
+          <button type="button" onClick={tryAgain}>{text.retry}</button>
         </p>
       )}
       {made.value && (

@@ -11,11 +11,11 @@ import { giveBack, lease, takeLease, withToken } from "./lease";
 import { giveWay, Stream, type LiveEvent } from "./live";
 import { coverageBytes, fixtureOf, preview } from "./mesh";
 import { LINES } from "./palette";
-import { hrefOf, percent, seconds, when } from "./settings";
+import { hrefOf, percent, seconds, when, zoned } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { StartRun } from "./startrun";
 import { text } from "./text";
-import { Button, ConfirmButton, Cut, guarded, Pending, Slider, useLoaded, useNewest } from "./widgets";
+import { Button, ConfirmButton, Cut, guarded, Pending, Problem, Slider, useLoaded, useNewest } from "./widgets";
 import { View3d } from "./view3d";
 
 const words = text.runs;
@@ -32,21 +32,22 @@ export function RunList(_: object) {
     <section class="runs" aria-labelledby="runs-title">
       <h1 id="runs-title">{words.title}</h1>
       <p class="safety">{words.safety}</p>
-      {error && <p class="problem" role="alert">{error}</p>}
-      {!value && !error && <Pending />}
+      {error ? <Problem error={error} /> : !value && <Pending />}
       {value && value.items.length === 0 && <p class="empty">{words.empty}</p>}
       {value && value.items.length > 0 && (
-        <table>
-          <thead><tr>{[words.started, words.state, words.mode, text.create.cell, words.progress, words.job].map((name) => <th key={name} scope="col">{name}</th>)}<th scope="col"><span class="hidden">{words.remove}</span></th></tr></thead>
-          <tbody>{value.items.map((run) => (
-            <tr key={run.id}>
-              <td><a href={hrefOf(["runs", run.id])}>{when(run.created_at)}</a></td><td><span class={`state ${run.state}`}>{stateName(run.state)}</span></td>
-              <td>{words.modes[run.mode]}</td><td>{run.cell}</td><td class="number">{run.step} {words.of} {run.steps}</td>
-              <td class="name">{run.job_id && <JobLink id={run.job_id} />}</td>
-              <td>{OVER.includes(run.state) && <ConfirmButton label={words.remove} aria-label={`${words.remove} ${when(run.created_at)}`} sure={text.sure(words.oneOf(when(run.created_at)))} onConfirm={() => remove(`/runs/${run.id}`).then(reload)} />}</td>
-            </tr>
-          ))}</tbody>
-        </table>
+        <div class="scroll" tabIndex={0} role="group" aria-label={words.title}>
+          <table>
+            <thead><tr>{[zoned(words.started), words.state, words.mode, text.create.cell, words.progress, words.job].map((name) => <th key={name} scope="col">{name}</th>)}<th scope="col"><span class="hidden">{words.remove}</span></th></tr></thead>
+            <tbody>{value.items.map((run) => (
+              <tr key={run.id}>
+                <td><a href={hrefOf(["runs", run.id])}>{when(run.created_at)}</a></td><td><span class={`state ${run.state}`}>{stateName(run.state)}</span></td>
+                <td>{words.modes[run.mode]}</td><td>{run.cell}</td><td class="number">{run.step} {words.of} {run.steps}</td>
+                <td class="name">{run.job_id && <JobLink id={run.job_id} />}</td>
+                <td>{OVER.includes(run.state) && <ConfirmButton label={words.remove} aria-label={`${words.remove} ${when(run.created_at)}`} sure={text.sure(words.oneOf(when(run.created_at)))} onConfirm={() => remove(`/runs/${run.id}`).then(reload)} />}</td>
+              </tr>
+            ))}</tbody>
+          </table>
+        </div>
       )}
       {value && <Cut page={value} onMore={more} />}
     </section>
@@ -197,7 +198,7 @@ function Live({ first }: { first: Run }) {
         <Controls run={run} setups={programs.length} read={() => read()} />
         <RunFacts run={run.value} program={program} elapsed={OVER.includes(run.value.state) ? run.value.elapsed_secs : last?.secs ?? run.value.elapsed_secs} />
         <Plots samples={samples} />
-        <h3>{words.log}</h3>
+        <h3>{zoned(words.log)}</h3>
         <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (
           <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
         ))}</ol>

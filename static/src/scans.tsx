@@ -4,7 +4,7 @@ import { useState } from "preact/hooks";
 import { apiPath, ask, askPages, post, remove, uploadScan, type InspectionJob, type Job, type Plan, type Run, type Scan } from "./api";
 import { InspectionTable } from "./inspections";
 import { RESCAN_OF } from "./joblist";
-import { fileSize, hrefOf, percent, when } from "./settings";
+import { fileSize, hrefOf, percent, when, zoned } from "./settings";
 import { text } from "./text";
 import { Button, ConfirmButton, Cut, goToMade, NumberInput, Pending, Select, useLoaded, useNewest } from "./widgets";
 
@@ -110,7 +110,7 @@ function ScanTable({ scans, left, reload }: { scans: Scan[]; left: Signal<Set<st
   return (
     <div class="scroll" tabIndex={0} role="group" aria-label={words.scanTitle(scans.length)}>
       <table id="scans">
-        <thead><tr><th scope="col"><span class="hidden">{words.use}</span></th>{[words.file, words.view, words.unit, words.frame, text.results.size, words.uploaded].map((head) => <th key={head} scope="col">{head}</th>)}
+        <thead><tr><th scope="col"><span class="hidden">{words.use}</span></th>{[words.file, words.view, words.unit, words.frame, text.results.size, zoned(words.uploaded)].map((head) => <th key={head} scope="col">{head}</th>)}
           <th scope="col"><span class="hidden">{text.jobs.remove}</span></th></tr></thead>
         <tbody>{scans.map((scan) => (
           <tr key={scan.id}>

@@ -132,6 +132,10 @@ export const fileSize = (bytes: number | null | undefined): string =>
   (bytes == null ? text.none : bytes < 1e6 ? `${count(bytes / 1e3, bytes < 1e4 ? 1 : 0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 export const degrees = (deg: number): string => `${deg.toFixed(1)}°`;
 export const when = (time: string): string => new Date(time).toLocaleString();
+/** Time zone of the browser, in which times are shown. */
+export const zone = new Intl.DateTimeFormat().resolvedOptions().timeZone;
+/** A time, or the heading above times, with their zone. */
+export const zoned = (shown: string): string => `${shown} (${zone})`;
 
 /** A sentence of the server without the options of the command line, which a button stands for here. */
 export const withoutOptions = (sentence: string): string => sentence.replace(/:?(?: --set (?:'[^']*'|[^\s;]+))+/g, "");

@@ -12,7 +12,7 @@ export const text = {
   key: { title: "This server requires a key", key: "Key", use: "Sign in",
     note: "The page does not store the key. This browser stays signed in until you sign out, close it or leave it idle for 12 hours." },
   viewWaits: "This part of the page could not be loaded. It will load as soon as the server responds.", viewGone: "This part of the page could not be loaded.", reload: "Reload the page",
-  noAnswer: "The server is not responding. Check the network connection.", failed: "That did not work. Try again.", loading: "Loading…", close: "Close", made: "Started: open it", sure: (what: string) => `Delete ${what}? This cannot be undone.`, cut: (n: number) => `The newest ${n} are listed; there are older ones.`, older: "Show older ones", notFound: "Nothing was found at this address. It may have been deleted.",
+  noAnswer: "The server is not responding. Check the network connection.", failed: "That did not work. Try again.", retry: "Try again", unnamed: (problem: string) => `Some part names could not be read. ${problem}`, times: (zone: string) => `Times are in ${zone}.`, loading: "Loading…", close: "Close", made: "Started: open it", sure: (what: string) => `Delete ${what}? This cannot be undone.`, cut: (n: number) => `The newest ${n} are listed; there are older ones.`, older: "Show older ones", notFound: "Nothing was found at this address. It may have been deleted.",
   noWebgl: "3D views need WebGL, which is off or missing in this browser. Everything else works.",
   states: { queued: "queued", running: "running", cancelling: "cancelling", succeeded: "succeeded", failed: "failed",
     cancelled: "cancelled" } as Record<string, string>,

@@ -38,8 +38,10 @@ export function View3d({ label, onStage, box, name, children, tools }: {
         {tools}
         <Button onClick={() => stage.current?.screenshot(`${name}.png`)}>{text.plan.screenshot}</Button>
       </div>
-      <div class="stage" ref={holder} data-name={name}>{problem && <p class="empty">{problem}</p>}</div>
-      {children}
+      <div class="drawn3d">
+        <div class="stage" ref={holder} data-name={name}>{problem && <p class="empty">{problem}</p>}</div>
+        {children}
+      </div>
     </div>
   );
 }

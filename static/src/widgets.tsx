@@ -3,7 +3,7 @@ import { effect, signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { askPages, type Page } from "./api";
-import { stream } from "./jobs";
+import { retries, stream, tryAgain } from "./jobs";
 import { goTo, hrefOf, visits } from "./settings";
 import { text } from "./text";
 
@@ -38,12 +38,32 @@ export function Button({ onClick, children, kind = "", ...rest }: {
 }) {
   const [busy, setBusy] = useState(false);
   const click = (): void => {
+    if (busy) return;
     const result = onClick();
     if (!(result instanceof Promise)) return;
     setBusy(true);
     void guarded(() => result).finally(() => setBusy(false));
   };
-  return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} disabled={rest.disabled || busy} onClick={click}>{children}</button>;
+  // A button that is disabled loses the keyboard.
+  return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} aria-disabled={busy || undefined} onClick={click}>{children}</button>;
+}
+
+/** Answers a function to call before what has the keyboard goes: once it is gone, the keyboard moves to the row after it, the one before
+ * it, or the heading. */
+function useHandover(): () => void {
+  const from = useRef<Element | null | undefined>(undefined);
+  useLayoutEffect(() => () => {
+    if (from.current === undefined) return;
+    const rows = [from.current?.nextElementSibling, from.current?.previousElementSibling];
+    setTimeout(() => {
+      if (document.activeElement !== document.body) return;
+      const row = rows.find((one) => one?.isConnected);
+      const next = row?.querySelector<HTMLElement>("a[href]:not([tabindex]), button") ?? document.querySelector<HTMLElement>("#main h1") ?? document.getElementById("main");
+      if (next && next.tabIndex < 0) next.tabIndex = -1;
+      next?.focus();
+    });
+  }, []);
+  return () => { from.current = document.activeElement?.closest("tr, li") ?? null; };
 }
 
 /** Button of what cannot be taken back, which is done once the reader confirms it. */
@@ -52,13 +72,18 @@ export function ConfirmButton({ label, sure, onConfirm, ...rest }: {
 }) {
   const [isOpen, setOpen] = useState(false);
   const close = (): void => setOpen(false);
+  const handOver = useHandover();
+  const confirm = (): Promise<void> => {
+    handOver();
+    return onConfirm().then(close);
+  };
   return (
     <>
       <Button {...rest} onClick={() => setOpen(true)}>{label}</Button>
       {isOpen && (
         <Dialog title={label} onClose={close}>
           <p>{sure}</p>
-          <p class="actions"><Button kind="danger" onClick={() => onConfirm().then(close)}>{label}</Button><Button onClick={close}>{text.jobs.cancel}</Button></p>
+          <p class="actions"><Button kind="danger" onClick={confirm}>{label}</Button><Button onClick={close}>{text.jobs.cancel}</Button></p>
         </Dialog>
       )}
     </>
@@ -100,9 +125,15 @@ export function CopyLink() {
   );
 }
 
+/** Says what could not be read, and offers to read it once more; but for an address at which nothing is. */
+export function Problem({ error }: { error: string }) {
+  const handOver = useHandover();
+  return <p class="problem" role="alert">{error} {error !== text.notFound && <Button onClick={() => { handOver(); tryAgain(); }}>{text.retry}</Button>}</p>;
+}
+
 /** Stands in place of a view that cannot be shown, or not yet. */
 export const Pending = ({ error }: { error?: string | undefined }) => (error
-  ? <div class="empty"><p class="problem" role="alert">{error}</p><a href={hrefOf(["jobs"])}>{text.nav.jobs}</a></div>
+  ? <div class="empty"><Problem error={error} /><a href={hrefOf(["jobs"])}>{text.nav.jobs}</a></div>
   : <p class="soft pending" role="status">{text.loading}</p>);
 
 /** Says that a list is not whole, and reads on. */
@@ -181,12 +212,16 @@ export function Dialog({ title, onClose, children }: { title: string; onClose?: 
   );
 }
 
-/** Value of a promise, read anew when a key changes, and what failed while the server was away when it is back. */
+/** Value of a promise, read anew when a key changes; what failed, when the server is back or the reader asks for it. */
 export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: T | null; error: string; reload: () => void } {
   const [state, setState] = useState<{ value: T | null; error: string }>({ value: null, error: "" });
   const [turn, setTurn] = useState(0);
   const isLost = stream.connection.value === "lost";
-  useEffect(() => { if (!isLost && state.error) setTurn((value) => value + 1); }, [isLost]);
+  useEffect(() => {
+    if (!state.error) return;
+    setState((old) => ({ ...old, error: "" }));
+    setTurn((value) => value + 1);
+  }, [isLost, retries.value]);
   useEffect(() => {
     let isCurrent = true;
     load().then(

@@ -557,9 +557,9 @@ async function calibrate() {
   return kept;
 }
 
-/** Leaves out of the console's errors those that the browser writes of answers with a status that is meant. */
+/** Leaves out of the console's errors those that the browser writes of answers with a status that is meant, or of none. */
 function forget(status) {
-  const meant = seen.errors.filter((text) => text.includes(`status of ${status}`));
+  const meant = seen.errors.filter((text) => text.includes(status === null ? "net::ERR_" : `status of ${status}`));
   assert.ok(meant.length > 0, `${status} is answered`);
   seen.errors = seen.errors.filter((text) => !meant.includes(text));
 }
@@ -648,9 +648,95 @@ async function reach() {
   return { elevations, directions };
 }
 
-/** Nothing is cut off at the sides, on a small screen and on a tablet held either way. */
+/** What cannot be read is told in the server's words, or that it does not answer, and read once more when the reader asks for it. */
+async function unread() {
+  const detail = "The database is locked by a backup.";
+  const busy = (route) => route.fulfill({ status: 503, contentType: "application/problem+json", json: { type: "about:blank", title: "Unavailable", code: "unavailable", detail } });
+  const again = page.locator(".problem", { hasText: detail }).getByRole("button", { name: "Try again" });
+  const head = () => page.waitForFunction(() => document.activeElement?.matches("#main h1"));
+  for (const [path, hash, rows] of [["jobs", "#/jobs", "#jobs > li"], ["inspections", "#/inspections", ".runs tbody tr"], ["calibrations", "#/calibrations", ".runs tbody tr"]]) {
+    step(`unread ${path}`);
+    await page.route(new RegExp(`/api/v1/${path}\\?`), busy);
+    await page.goto(base + hash);
+    await page.reload();
+    await again.waitFor();
+    assert.equal(await page.locator("#main .pending").count(), 0, "nothing is said to be loading");
+    await page.unrouteAll();
+    await again.focus();
+    await page.keyboard.press("Enter");
+    await page.locator(rows).first().waitFor();
+    assert.equal(await again.count(), 0);
+    await head();
+    forget(503);
+  }
+  step("a server that does not answer");
+  await page.goto(`${base}#/jobs`);
+  await page.route(/\/api\/v1\//, (route) => route.abort());
+  await page.reload();
+  await page.locator("#main .problem", { hasText: "The server is not responding" }).waitFor();
+  await page.unrouteAll();
+  await page.locator("#jobs > li").first().waitFor();
+  assert.equal(await page.locator("#main > section > .problem").count(), 0);
+  forget(null);
+  step("names that cannot be read");
+  const name = await page.locator("#jobs .part").first().innerText();
+  await page.route(/\/api\/v1\/meshes\/[0-9a-f-]{36}$/, busy);
+  await page.reload();
+  await page.locator("#unnamed", { hasText: detail }).waitFor();
+  await page.locator("#jobs .part").first().waitFor();
+  assert.notEqual(await page.locator("#jobs .part").first().innerText(), name);
+  await page.unrouteAll();
+  await page.locator("#unnamed button").click();
+  await page.locator("#unnamed").waitFor({ state: "detached" });
+  assert.equal(await page.locator("#jobs .part").first().innerText(), name);
+  forget(503);
+}
+
+/** After something was deleted, the keyboard is at the next row, or at the heading where there is none; the filter stays. */
+async function focusAfterDeletion({ mesh }) {
+  const part = { table_from_part: { translation_mm: [0, 0, 10], rpy_deg: [0, 0, 0] } };
+  for (let i = 0; i < 3; i += 1) await ended({ mesh_id: mesh.id, cell: "e05-transcan", params: { part }, labels: { walk: "focus" } });
+  await page.goto(`${base}#/jobs?q=walk%3Dfocus`);
+  const rows = page.locator("#jobs > li");
+  await rows.nth(2).waitFor();
+  const ids = await rows.evaluateAll((all) => all.map(({ id }) => id));
+  // The row after the one that is deleted; of the last one, the row before it.
+  for (const [deleted, next] of [[ids[0], ids[1]], [ids[2], ids[1]]]) {
+    await tabTo(`#${deleted} .actions > button:last-of-type`, 300);
+    await page.keyboard.press("Enter");
+    await tabTo("dialog .danger");
+    await page.keyboard.press("Enter");
+    await page.locator(`#${deleted}`).waitFor({ state: "detached" });
+    await page.waitForFunction((next) => document.activeElement?.closest("li")?.id === next, next);
+    assert.match(await page.evaluate(() => location.hash), /focus/, "the filter stays");
+  }
+  await page.locator(`#${ids[1]} input[type=checkbox]`).check();
+  await page.locator(".jobs > .actions button").focus();
+  await page.keyboard.press("Enter");
+  await confirm();
+  await rows.first().waitFor({ state: "detached" });
+  await page.waitForFunction(() => document.activeElement?.id === "jobs-title");
+}
+
+/** Times are shown with the zone that they are in. */
+async function zones(rooms) {
+  const zone = await page.evaluate(() => new Intl.DateTimeFormat().resolvedOptions().timeZone);
+  for (const hash of rooms) {
+    await page.goto(base + hash);
+    await page.locator("#main", { hasText: zone }).waitFor();
+  }
+}
+
+/** Tools above a view in three dimensions that something else covers, once they are scrolled to. */
+const covered = () => page.evaluate(() => [...document.querySelectorAll(".toolbar button, .overlaybar select, .overlaybar input")].filter((tool) => {
+  tool.scrollIntoView({ block: "center" });
+  const { x, y, width, height } = tool.getBoundingClientRect();
+  return !tool.contains(document.elementFromPoint(x + width / 2, y + height / 2));
+}).map(({ outerHTML }) => outerHTML.slice(0, 120)));
+
+/** Nothing is cut off at the sides, on a small screen, on a tablet held either way and on phones; no tool is covered. */
 async function fits(rooms) {
-  for (const [width, height] of [[1280, 720], [1024, 768], [768, 1024]]) {
+  for (const [width, height] of [[1280, 720], [1024, 768], [768, 1024], [414, 896], [360, 640]]) {
     await page.setViewportSize({ width, height });
     for (const [name, hash] of Object.entries(rooms)) {
       await page.goto(base + hash);
@@ -662,10 +748,12 @@ async function fits(rooms) {
           const { width, left, right } = element.getBoundingClientRect();
           return width > 0 && left < page.clientWidth && right > page.clientWidth + 1 && !element.closest(".scroll, .hidden, .skip");
         });
+        beyond.push(...[...document.querySelectorAll(".verdict, h1")].filter((element) => element.scrollWidth > element.clientWidth));
         return [page.scrollWidth > page.clientWidth, main.scrollWidth > main.clientWidth, ...beyond.map(({ outerHTML }) => outerHTML.slice(0, 120))].filter(Boolean);
       });
       assert.deepEqual(cut, [], `${name} at ${width} × ${height}`);
       await picture(`${name}-${width}`);
+      assert.deepEqual(await covered(), [], `${name} at ${width} × ${height}`);
     }
   }
   await page.setViewportSize({ width: 1280, height: 720 });
@@ -783,7 +871,7 @@ async function control() {
     // Looked at in the page, right after the click: the run may be over before the page can be asked.
     await page.evaluate(() => {
       const stop = [...document.querySelectorAll(".controls button")].find(({ textContent }) => textContent === "Stop");
-      stop.addEventListener("click", () => setTimeout(() => { window.canStopAgain = !stop.disabled; }), { once: true });
+      stop.addEventListener("click", () => setTimeout(() => { window.canStopAgain = !stop.disabled && !stop.ariaDisabled; }), { once: true });
     });
     await press("Stop");
     await page.waitForFunction(() => window.canStopAgain !== undefined);
@@ -1064,6 +1152,12 @@ step("setups");
 await setups(wedge);
 step("comparison");
 figures.compared = await compare(wedge);
+step("what cannot be read");
+await unread();
+step("focus after a deletion");
+await focusAfterDeletion(wedge);
+step("time zones");
+await zones(["#/jobs", "#/runs", "#/inspections", `#/inspections/${inspected.first}`, "#/calibrations", calibration, `#/jobs/${figures.first}/inspection`]);
 step("sizes");
 if (isAtRoot) await fits({ jobs: "#/jobs", plan: `#/jobs/${last}/plan`, cell: `#/jobs/${last}/cell`, results: `#/jobs/${last}/results`, new: "#/new",
   hardware: "#/specs/scanners/transcan-c", runs: "#/runs", calibrations: "#/calibrations", calibration, inspections: "#/inspections", scans: `#/jobs/${figures.first}/inspection`,

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-HRZGNMRS.js";import"./chunk-WLVDOSYS.js";import"./chunk-FYHZS7AH.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-IQUWNLMY.js";export{a as drawThumbnail,b as drawTurned};
