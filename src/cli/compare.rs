@@ -102,6 +102,7 @@ fn sources(args: &CompareArgs) -> Result<Vec<ScanSource>, CliError> {
     }
     let source = |path: PathBuf| ScanSource {
         name: path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        is_named: true,
         sha256: String::new(),
         view: None,
         unit: args.scan_unit.map(|unit| unit.as_str().to_owned()),

@@ -1,5 +1,6 @@
 //! Input files of commands: specifications and parameters in TOML or JSON, and meshes; errors say what is wrong and where.
 
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -196,9 +197,9 @@ pub(super) fn foreign_text(path: &Path, text: &str) -> Option<&'static str> {
     if begins("<") {
         return Some("is an XML file");
     }
-    let is_table = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    if is_table {
-        return Some("is a CSV table");
+    let is_table = |extension: &OsStr| ["csv", "tsv"].iter().any(|known| extension.eq_ignore_ascii_case(known));
+    if path.extension().is_some_and(is_table) {
+        return Some("is a table");
     }
     out::is_program_text(text.as_bytes()).then_some("is a program in the language of a controller")
 }

@@ -14,7 +14,7 @@ use super::planner::{JobError, JobInput, opened, read_error, read_with_retry};
 use super::rescan_job::RESCAN_STATE_FILE;
 use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::check::read_plan;
-use crate::geometry::cloud_io::{self, CloudError, CloudLimits};
+use crate::geometry::cloud_io::{self, CloudError, CloudLimits, StoredCloud};
 use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, Poll, Pose, Table, plate_from_placed, table_from_plate};
 use crate::inspection::ingest::{IngestOptions, IngestWorld, PlannedCapture, ScanFile, ScanFrame, ingest};
 use crate::inspection::{InspectedView, InspectionInput, InspectionParams, inspect};
@@ -60,6 +60,9 @@ pub const INSPECTION_FILES: [&str; 9] = [
     RESCAN_STATE_FILE,
 ];
 
+/// Name of the cloud in a scan that was uploaded without a name.
+const UNNAMED: &str = "unnamed";
+
 /// A file of a scan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScanSource {
@@ -69,6 +72,8 @@ pub struct ScanSource {
     pub sha256: String,
     /// Its name, as people know it.
     pub name: String,
+    /// False if its name is its id, which tells nothing of the view.
+    pub is_named: bool,
     /// Viewpoint of the plan, if it is declared.
     pub view: Option<u32>,
     /// Unit of the coordinates, if it is declared.
@@ -110,7 +115,13 @@ impl ScanSource {
         };
         let declared = self.unit.as_deref().map(str::parse::<LengthUnit>).transpose();
         let unit = declared.map_err(|error| refused(&error))?.or(clouds.unit);
-        let of_cloud = |cloud| ScanFile { file: self.name.clone(), cloud, unit, frame: self.frame, viewpoint: self.view };
+        let of_cloud = |mut cloud: StoredCloud| {
+            // The view is the number in a name, and the digits of an id would be taken for one.
+            if !self.is_named && self.view.is_none() {
+                cloud.name.get_or_insert_with(|| UNNAMED.to_owned());
+            }
+            ScanFile { file: self.name.clone(), cloud, unit, frame: self.frame, viewpoint: self.view }
+        };
         Ok(clouds.clouds.into_iter().map(of_cloud).collect())
     }
 }

@@ -380,6 +380,7 @@ impl App {
             path: files.path(&scan.sha256),
             sha256: scan.sha256.clone(),
             name: scan.name.clone().unwrap_or_else(|| scan.id.to_string()),
+            is_named: scan.name.is_some(),
             view: scan.view,
             unit: scan.unit.clone(),
             frame: scan.frame,

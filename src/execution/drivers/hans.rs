@@ -135,7 +135,7 @@ impl HansArm {
         let max = |values: [f64; 6]| values.into_iter().fold(0.0, f64::max).to_degrees();
         let (speed, acceleration) = (max(target.max_speed_rad_s), max(target.max_acceleration_rad_s2));
         if !joints_deg.iter().chain([&speed, &acceleration]).all(|value| value.is_finite()) {
-            return Err(DeviceError::Unsupported { what: "move to what is no number; plan again".into() });
+            return Err(DeviceError::Unsupported { what: "move to a target that is not a number; plan again".into() });
         }
         Ok(HansWayPoint {
             pose: [0.0; 6],
@@ -287,7 +287,8 @@ impl MotionDevice<6> for HansArm {
 
     async fn release(&mut self) -> Result<(), DeviceError> {
         self.is_armed = false;
-        let left = self.leave_servo().await;
+        // The drives are disabled even where the controller does not answer this.
+        let left = within(STOP_WAIT, self.leave_servo()).await;
         let disabled = if std::mem::take(&mut self.enabled_here) && self.link.is_some() {
             self.command(HansCommand::GrpPowerOff).await.map(drop)
         } else {

@@ -158,7 +158,7 @@ impl MinasA6Table {
         let encoder = self.value(ABSOLUTE_ENCODER).await?;
         if (encoder == INFINITE_ROTATION) != self.spec.has_infinite_rotation {
             return not_ready(format!(
-                "Pr0.15 is {encoder} and has_infinite_rotation is {}; 4 is infinite rotation: set the one or the other",
+                "Pr0.15 is {encoder} and has_infinite_rotation is {}; 4 is infinite rotation: change one to match",
                 self.spec.has_infinite_rotation
             ));
         }
@@ -168,8 +168,8 @@ impl MinasA6Table {
         let turns = i64::from(self.value(MULTI_TURN_LIMIT).await?) + 1;
         if turns != self.spec.gear_ratio as i64 {
             return not_ready(format!(
-                "Pr6.88 + 1 is {turns} and gear_ratio is {}; both are the motor's turns in one of the table: set the one or the \
-                 other",
+                "Pr6.88 + 1 is {turns} and gear_ratio is {}; both are the motor's turns in one of the table: change one to \
+                 match",
                 self.spec.gear_ratio
             ));
         }
@@ -181,7 +181,7 @@ impl MinasA6Table {
         // Asked for, internal and measured: two registers each, from 600Bh on.
         let values = self.values(register::POSITION_DEMAND, 3).await?;
         let &[demand, _, actual] = values.as_slice() else {
-            return Err(DeviceError::Malformed { what: format!("{} positions for three", values.len()) });
+            return Err(DeviceError::Malformed { what: format!("{} values where 3 positions were due", values.len()) });
         };
         let (mut demand, mut actual) = (demand.into(), actual.into());
         if self.spec.has_infinite_rotation {

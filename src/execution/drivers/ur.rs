@@ -198,6 +198,7 @@ impl UniversalRobots {
     async fn start_program(&self, watchdog: Duration) -> Result<Connection, DeviceError> {
         let reverse = self.spec.reverse_address;
         let unbound = |error: std::io::Error| DeviceError::Unbound { address: reverse.to_string(), reason: error.to_string() };
+        let closed = |error: std::io::Error| DeviceError::Closed { reason: error.to_string() };
         let listener = TcpListener::bind(reverse).await.map_err(unbound)?;
         let reverse = listener.local_addr().map_err(unbound)?;
         let mut script = self.wiring.connect(&self.spec.script_address, PATIENCE).await?;
@@ -207,10 +208,10 @@ impl UniversalRobots {
             .map_err(|_| DeviceError::NotReady {
                 reason: format!("its program did not connect to {reverse}; set the arm to remote control and check the address"),
             })?
-            .map_err(unbound)?;
-        stream.set_nodelay(true).map_err(unbound)?;
+            .map_err(closed)?;
+        stream.set_nodelay(true).map_err(closed)?;
         // A move that the network holds up would arrive after the program was given up, and be carried out.
-        stream.set_zero_linger().map_err(unbound)?;
+        stream.set_zero_linger().map_err(closed)?;
         script.close().await;
         Ok(self.wiring.connection(Box::new(stream)))
     }

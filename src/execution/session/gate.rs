@@ -246,8 +246,8 @@ impl fmt::Display for Objection {
             ),
             Self::OutsideWorkspace { at_mm: [x, y, z] } => write!(
                 f,
-                "the way leads to [{x:.0}, {y:.0}, {z:.0}] mm, outside the workspace of the cell file; enlarge \
-                 controllers.workspace, or plan a program that stays in it"
+                "the way leads to [{x:.0}, {y:.0}, {z:.0}] mm, outside the workspace of the cell file; plan a program \
+                 that stays in it, or enlarge controllers.workspace where that space is really free"
             ),
             Self::Collision(contact) => write!(
                 f,

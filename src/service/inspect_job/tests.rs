@@ -17,7 +17,7 @@ fn a_stored_scan_is_read_only_if_it_is_what_was_uploaded() {
     let never = AtomicBool::new(false);
     let read = |sha256: String| {
         let (name, unit) = ("a.xyz".to_owned(), Some("mm".to_owned()));
-        let source = ScanSource { path: path.clone(), sha256, name, view: None, unit, frame: None };
+        let source = ScanSource { path: path.clone(), sha256, name, is_named: true, view: None, unit, frame: None };
         source.read("/scans/0", &Context::new(&never, &Silent))
     };
     let uploaded = || hex(&Sha256::digest("1 2 3\n4 5 6\n"));
@@ -27,6 +27,24 @@ fn a_stored_scan_is_read_only_if_it_is_what_was_uploaded() {
     assert!(said.contains("a.xyz") && said.contains("upload the same file again"), "{said}");
     // Of a file in a folder no hash is known.
     assert_eq!(read(String::new()).expect("as it is")[0].cloud.points.len(), 2);
+}
+
+/// A scan without a name was inspected as of the view that the last digits of its id are.
+#[test]
+fn the_digits_of_an_id_are_not_taken_for_the_number_of_a_view() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.xyz");
+    std::fs::write(&path, "1 2 3\n4 5 6\n").expect("a file");
+    let never = AtomicBool::new(false);
+    let cloud_name = |is_named: bool, view: Option<u32>| {
+        let (name, unit) = ("01a2259b-44d0-7519-94fb-a834360dabf7".to_owned(), Some("mm".to_owned()));
+        let source = ScanSource { path: path.clone(), sha256: String::new(), name, is_named, view, unit, frame: None };
+        let read = source.read("/scans/0", &Context::new(&never, &Silent)).expect("as it is");
+        read[0].cloud.name.clone()
+    };
+    assert_eq!(cloud_name(false, None).as_deref(), Some(UNNAMED));
+    assert!(UNNAMED.chars().all(|c| !c.is_ascii_digit()), "no number is read from it");
+    assert_eq!((cloud_name(false, Some(3)), cloud_name(true, None)), (None, None), "the view is given, or in the name");
 }
 
 #[test]

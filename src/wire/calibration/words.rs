@@ -26,15 +26,7 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
         | FindingCode::Flipped
         | FindingCode::DuplicatePose
         | FindingCode::HeldOutDisagrees => of_poses(finding.code, &about, figures),
-        FindingCode::TooFew => {
-            let count = figures.count.unwrap_or(0);
-            let held_out = figures
-                .held_out
-                .map_or_else(String::new, |held_out| format!(" remain of {}, since {held_out} are held out", count + held_out));
-            format!(
-                "{count} observations{held_out}; at least 3 are needed, preferably 12, with rotations of the arm about two axes"
-            )
-        }
+        FindingCode::TooFew => of_count(figures),
         FindingCode::UnitMismatch => {
             let ratio = figures.ratio.unwrap_or(f64::NAN);
             let size = if ratio >= 1.0 { format!("{ratio:.0} × smaller") } else { format!("{:.0} × larger", ratio.recip()) };
@@ -75,6 +67,13 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
             figures.count.unwrap_or(0)
         ),
     }
+}
+
+fn of_count(figures: &Figures) -> String {
+    let count = figures.count.unwrap_or(0);
+    let remain = |held_out| format!(" remain of {}, since {held_out} are held out", count + held_out);
+    let held_out = figures.held_out.map_or_else(String::new, remain);
+    format!("{count} observations{held_out}; at least 3 are needed, preferably 12, with rotations of the arm about two axes")
 }
 
 fn of_motion(code: FindingCode, figures: &Figures) -> String {

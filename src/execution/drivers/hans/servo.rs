@@ -18,8 +18,10 @@ use crate::execution::protocol::hans::HansRequest;
 use crate::execution::protocol::hans_state::{HansRealtimeState, take_realtime};
 use crate::execution::session::streamer::{Beat, Jitter, Streamer};
 
-/// Longest wait for the servo port to connect and to take a message.
+/// Longest wait for the servo port to connect.
 const SERVO_TIMEOUT: Duration = Duration::from_millis(500);
+/// Longest wait for the servo port to take a set point; shorter than that for the last beat, after which the stop is sent.
+const PUSH_TIMEOUT: Duration = Duration::from_millis(20);
 /// Longest wait for the last beat of a stream that is ended: several cycles.
 const LAST_BEAT: Duration = Duration::from_millis(30);
 
@@ -130,7 +132,7 @@ async fn connect(address: &str) -> io::Result<TcpStream> {
     stream.set_zero_linger()?;
     let stream = stream.into_std()?;
     stream.set_nonblocking(false)?;
-    stream.set_write_timeout(Some(SERVO_TIMEOUT))?;
+    stream.set_write_timeout(Some(PUSH_TIMEOUT))?;
     Ok(stream)
 }
 
