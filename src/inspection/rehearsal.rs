@@ -44,6 +44,8 @@ pub(super) struct Knowledge<'a> {
     pub(super) limits: IdentifiedLimits,
     pub(super) light: Option<&'a (dyn Fn(usize, SampleId) -> Light + Sync)>,
     pub(super) filtered_cells: Vec<Vec<u32>>,
+    /// True if the scans are images of one cloud that was merged of all views.
+    pub(super) is_merged: bool,
     /// Fixture and plate.
     pub(super) surroundings: Vec<&'a Mesh>,
 }
@@ -146,7 +148,8 @@ impl Rehearsal {
             PlanInput { mesh: &self.mesh, fixture: None, part_sha256: "", scanner: &self.scanner, cell: None, roadmaps: None };
         let table_from_part = Pose::<Table, Part>::identity();
         in_context(|ctx| {
-            let coverage = coverage::measure(&compared, ctx).unwrap_or_else(|error| panic!("{error}"));
+            let mut coverage = coverage::measure(&compared, ctx).unwrap_or_else(|error| panic!("{error}"));
+            coverage.is_approximate |= knowledge.is_merged;
             let model = NominalModel::new(&self.mesh, &knowledge.surroundings, &self.scanner, ctx)
                 .unwrap_or_else(|error| panic!("{error}"));
             let returns = coverage::returns(&compared, &coverage, &model, ctx).unwrap_or_else(|error| panic!("{error}"));

@@ -13,6 +13,7 @@
 
 use crate::cell::field_error::{FieldError, Findings};
 use crate::cell::{LEVELS, REFERENCE_LEVEL};
+use crate::geometry::counted;
 
 /// Share of full scale above which a mean grey value tells nothing of the light.
 const SATURATED: f64 = 0.95;
@@ -97,8 +98,10 @@ impl BrightnessSweep {
         let joined = join(&by_signal, &by_noise);
         let known = joined.iter().flatten().count();
         if known < MIN_LEVELS {
-            let detail =
-                format!("tell the light of {known} levels; give at least {MIN_LEVELS} that are neither saturated nor dark");
+            let detail = format!(
+                "tell the light of {}; give at least {MIN_LEVELS} that are neither saturated nor dark",
+                counted(known, "level")
+            );
             return Err(vec![FieldError { pointer: "/captures".into(), detail }]);
         }
         let logs = through(&monotone(&joined));

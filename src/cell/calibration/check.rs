@@ -81,6 +81,8 @@ pub struct Checked {
     pub covariance: Matrix6<f64>,
     /// Probability of residuals as large or larger after compensation.
     pub residual_p: f64,
+    /// True if the search for the drift ended where the cost is least, false if it ended at the limit of iterations before.
+    pub is_converged: bool,
 }
 
 impl Check<'_> {
@@ -109,7 +111,8 @@ impl Check<'_> {
         };
         let covariance = with.hand_eye_covariance();
         let p = self.exceedance(statistic, 6);
-        Some(Checked { verdict, statistic, threshold, p, drift, compensated: with.estimate, covariance, residual_p })
+        let (compensated, is_converged) = (with.estimate, with.is_converged);
+        Some(Checked { verdict, statistic, threshold, p, drift, compensated, covariance, residual_p, is_converged })
     }
 
     /// Probability that a sum of whitened squares with `freedom` degrees is larger by chance.

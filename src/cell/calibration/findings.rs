@@ -100,6 +100,8 @@ pub struct Figures {
     pub count: Option<usize>,
     /// Number of observations that were held out.
     pub held_out: Option<usize>,
+    /// Number of observations given: those used, those held out and the duplicates left out.
+    pub given: Option<usize>,
     /// Ratio.
     pub ratio: Option<f64>,
     /// Turn.

@@ -8,7 +8,7 @@ use crate::cell::closed_list;
 /// Fewest observations that determine anything.
 pub const MIN_OBSERVATIONS: usize = 3;
 /// Middle spread below which there are no two axes of turn, rad (1°).
-const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 180.0;
+pub const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// Largest standard deviations that a calibration may have.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -233,7 +233,7 @@ impl Task {
         let count = task.fitted().len();
         if count < MIN_OBSERVATIONS {
             let held_out = Some(task.sightings.len() - count).filter(|held_out| *held_out > 0);
-            let figures = Figures { count: Some(count), held_out, ..Figures::default() };
+            let figures = Figures { count: Some(count), held_out, given: Some(self.sightings.len()), ..Figures::default() };
             findings.push(CalibrationFinding::new(FindingCode::TooFew, Severity::Error).with(figures));
         } else {
             task.check_motion(findings);

@@ -401,6 +401,11 @@ fn degenerate_motion_is_refused_with_the_freedom_that_is_missing() {
     let same = vec![tilted(40.0, 1)[0].clone(); 12];
     let same = same.into_iter().enumerate().map(|(index, each)| Sighting { id: format!("s{index}"), ..each }).collect();
     assert_eq!(refused(same).code, FindingCode::TooFew, "all but one are duplicates");
+    let mut few = tilted(40.0, 5);
+    few[1] = Sighting { id: "twin".to_owned(), ..few[0].clone() };
+    let held = Task { hold_out: 2, ..task(few, Solve::HandEye, Some(level)) };
+    let figures = held.calibrate().expect_err("refused").last().expect("a finding").figures;
+    assert_eq!([figures.count, figures.held_out, figures.given], [2, 2, 5].map(Some), "the twin was not counted");
     for tilt_deg in [5.0, 10.0, 20.0, 40.0] {
         let (mut squares, mut predicted) = (0.0, 0.0);
         for run in 0..60 {

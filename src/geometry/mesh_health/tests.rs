@@ -358,3 +358,43 @@ fn a_volume_that_counts_overlaps_is_told() {
     let apart = assess(&join([cube(10.0, at(0.0), false), cube(10.0, at(20.0), false)]));
     assert!(!apart.volume_counts_overlaps);
 }
+
+/// "1 edges belong to more than two triangles" was told of one edge.
+#[test]
+fn one_of_a_kind_is_told_in_the_singular() {
+    let health = |count: usize| MeshHealth {
+        inconsistent_edges: count,
+        uncut_polygons: count,
+        unresolved_bodies: count,
+        flipped_bodies: count,
+        boundary_edges: count,
+        non_manifold_edges: count,
+        overlapping_pairs: count,
+        nested_bodies: count,
+        volume_counts_overlaps: true,
+        duplicate_triangles: count,
+        degenerate_triangles: count,
+        ..assess(&cube(10.0, at(0.0), false))
+    };
+    let told = |count: usize| health(count).warnings().iter().map(ToString::to_string).collect::<Vec<_>>();
+    assert_eq!(
+        told(1),
+        [
+            "the winding of neighbours disagrees at 1 edge",
+            "1 polygon crosses or folds over itself, or is too large to be cut into triangles",
+            "1 closed body has negative volume, and the nesting is too deep to judge it",
+            "1 closed body was inside out and has been turned",
+            "the surface is open along 1 edge",
+            "1 edge belongs to more than two triangles",
+            "two closed bodies, and perhaps more, run into each other; the volume is a sum over bodies and counts what they have \
+             in common more than once",
+            "at least 1 closed body lies wholly inside another, with normals that point outwards; the volume is a sum over bodies \
+             and counts it twice",
+            "1 triangle repeats another",
+            "1 degenerate triangle was dropped",
+        ]
+    );
+    let many = told(2);
+    assert!(many.len() == 10 && !many.iter().any(|told| told.contains("1 ")), "{many:?}");
+    assert_eq!(many[5], "2 edges belong to more than two triangles");
+}

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::MeshHealth;
+use crate::geometry::counted;
 
 /// Parts smaller or larger than this have most likely been given the wrong unit.
 const USUAL_DIAGONAL_MM: std::ops::RangeInclusive<f64> = 1.0..=20_000.0;
@@ -135,13 +136,14 @@ impl MeshWarning {
                 "no view shows surface inside another body, but it counts as surface to scan; unite the bodies in the CAD system"
             }
             Self::Nested { .. } => {
-                "no view shows them, but they count as surface to scan: remove inner parts, and turn the normals of cavities inwards"
+                "no view shows surface inside another body, but it counts as surface to scan: remove inner parts, and turn the \
+                 normals of cavities inwards"
             }
             Self::Uncut { .. } => "the surface is false there; export the mesh as triangles",
-            Self::Degenerate { .. } => "nothing to do; they have no area to scan",
-            Self::Duplicate { .. } => "their area counts twice; remove the copies for exact coverage figures",
-            Self::Flipped { .. } => "nothing to do if these bodies are solid; re-export with outward normals to be sure",
-            Self::Unresolved { .. } => "these closed bodies may be inside out; export fewer nested bodies",
+            Self::Degenerate { .. } => "nothing to do: without area there is nothing to scan",
+            Self::Duplicate { .. } => "repeated area counts more than once; remove the copies for exact coverage figures",
+            Self::Flipped { .. } => "nothing to do for solid bodies; export again with outward normals to be sure",
+            Self::Unresolved { .. } => "bodies may be inside out; export fewer nested bodies",
         }
     }
 }
@@ -152,32 +154,51 @@ impl fmt::Display for MeshWarning {
             Self::Size { diagonal_mm } => {
                 write!(f, "the diagonal is {diagonal_mm:.3} mm; parts to scan have 1 mm to 20 m")
             }
-            Self::Open { edges } => write!(f, "the surface is open along {edges} edges"),
+            Self::Open { edges } => write!(f, "the surface is open along {}", counted(*edges, "edge")),
+            Self::NonManifold { edges: 1 } => write!(f, "1 edge belongs to more than two triangles"),
             Self::NonManifold { edges } => write!(f, "{edges} edges belong to more than two triangles"),
-            Self::Inconsistent { edges } => write!(f, "the winding of neighbours disagrees at {edges} edges"),
+            Self::Inconsistent { edges } => write!(f, "the winding of neighbours disagrees at {}", counted(*edges, "edge")),
             Self::Overlap { pairs, is_in_volume } => {
-                write!(f, "at least {pairs} pairs of closed bodies run into each other")?;
+                match pairs {
+                    1 => write!(f, "two closed bodies, and perhaps more, run into each other")?,
+                    pairs => write!(f, "at least {pairs} pairs of closed bodies run into each other")?,
+                }
                 if *is_in_volume {
                     write!(f, "; the volume is a sum over bodies and counts what they have in common more than once")?;
                 }
                 Ok(())
             }
-            Self::Nested { bodies, is_in_volume } => {
-                write!(f, "at least {bodies} closed bodies lie wholly inside others, with normals that point outwards")?;
-                if *is_in_volume {
-                    write!(f, "; the volume is a sum over bodies and counts these twice")?;
-                }
-                Ok(())
+            Self::Nested { bodies, is_in_volume } => nested(f, *bodies, *is_in_volume),
+            Self::Uncut { polygons: 1 } => {
+                write!(f, "1 polygon crosses or folds over itself, or is too large to be cut into triangles")
             }
             Self::Uncut { polygons } => {
                 write!(f, "{polygons} polygons cross or fold over themselves, or are too large to be cut into triangles")
             }
+            Self::Degenerate { triangles: 1 } => write!(f, "1 degenerate triangle was dropped"),
             Self::Degenerate { triangles } => write!(f, "{triangles} degenerate triangles were dropped"),
-            Self::Duplicate { triangles } => write!(f, "{triangles} triangles are there more than once"),
+            Self::Duplicate { triangles: 1 } => write!(f, "1 triangle repeats another"),
+            Self::Duplicate { triangles } => write!(f, "{triangles} triangles repeat others"),
+            Self::Flipped { bodies: 1 } => write!(f, "1 closed body was inside out and has been turned"),
             Self::Flipped { bodies } => write!(f, "{bodies} closed bodies were inside out and have been turned"),
+            Self::Unresolved { bodies: 1 } => {
+                write!(f, "1 closed body has negative volume, and the nesting is too deep to judge it")
+            }
             Self::Unresolved { bodies } => {
-                write!(f, "{bodies} closed bodies have negative volume, and their nesting is too deep to judge")
+                write!(f, "{bodies} closed bodies have negative volume, and the nesting is too deep to judge them")
             }
         }
     }
+}
+
+fn nested(f: &mut fmt::Formatter<'_>, bodies: usize, is_in_volume: bool) -> fmt::Result {
+    let (told, these) = match bodies {
+        1 => ("1 closed body lies wholly inside another".to_owned(), "it"),
+        bodies => (format!("{bodies} closed bodies lie wholly inside others"), "these"),
+    };
+    write!(f, "at least {told}, with normals that point outwards")?;
+    if is_in_volume {
+        write!(f, "; the volume is a sum over bodies and counts {these} twice")?;
+    }
+    Ok(())
 }

@@ -86,13 +86,18 @@ impl<'a> ViewLookup<'a> {
             return None;
         }
         let precision = self.view.precision_at(point_mm, normal);
-        let noise_mm = if precision.cos > 0.0 { precision.noise_mm } else { 0.0 };
         Some(SeenSample {
             scanner_mm: self.scanner_from_part * point_mm,
             normal: self.scanner_from_part * normal,
             precision,
-            tolerance_mm: self.compare().tolerance_mm.max(SIGMAS * noise_mm),
+            tolerance_mm: self.tolerance_mm(&precision),
         })
+    }
+
+    /// Distance from a surface, seen with this precision, within which a point measures it, mm.
+    pub(in crate::inspection) fn tolerance_mm(&self, precision: &MeasuringPrecision) -> f64 {
+        let noise_mm = if precision.cos > 0.0 { precision.noise_mm } else { 0.0 };
+        self.compare().tolerance_mm.max(SIGMAS * noise_mm)
     }
 
     /// Finds what the cell of a sample holds.

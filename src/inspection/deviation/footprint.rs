@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{DeviationOptions, NOISE_MM, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{CloudGrid, Hit, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
+use crate::geometry::{CloudGrid, Hit, NearestFace, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
 use crate::inspection::PixelGrid;
 use crate::planning::ids::SampleId;
 
@@ -114,10 +114,12 @@ struct SortedPoints {
 }
 
 impl ViewDistances {
+    /// Distances of a view's points; `merged` is the part of a merged cloud, whose points other views may have taken.
     pub(super) fn of(
         placed: &PlacedScan<'_>,
         nominal: &Nominal<'_>,
         normals: &[Vector3<f64>],
+        merged: Option<&NearestFace<'_>>,
         options: &DeviationOptions,
     ) -> Self {
         let cloud = &placed.scan.scanner_cloud;
@@ -127,7 +129,7 @@ impl ViewDistances {
         };
         let part_from_scanner = &placed.part_from_scanner;
         let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&grid.centre_mm()));
-        let view = View { placed, nominal, normals, options, scanner_from_part, eye_mm, grid };
+        let view = View { placed, nominal, normals, merged, options, scanner_from_part, eye_mm, grid };
         let cells = grid.cells();
         let mut found = vec![Found::NOTHING; cells];
         found.par_chunks_mut(RAYS).enumerate().for_each(|(piece, found)| view.meet(piece * RAYS, found));
@@ -179,6 +181,8 @@ struct View<'a> {
     nominal: &'a Nominal<'a>,
     /// Unit normals of the mesh's faces.
     normals: &'a [Vector3<f64>],
+    /// The part of a merged cloud.
+    merged: Option<&'a NearestFace<'a>>,
     options: &'a DeviationOptions,
     scanner_from_part: Pose<ScannerFrame, Part>,
     /// Optical centre of the left camera, part frame.
@@ -243,14 +247,31 @@ impl View<'_> {
         if normal.dot(direction) >= 0.0 {
             return Found::NOTHING;
         }
-        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
+        let point = self.eye_mm + direction;
+        let distance_mm = normal.dot(&(point - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
+        if self.is_hidden(&point, f64::from(distance_mm)) {
+            return Found::NOTHING;
+        }
         let is_within = f64::from(distance_mm.abs()) <= self.options.search_mm;
         let usage = if is_within && self.is_turned(cell, &normal) { PointUse::Turned } else { PointUse::Compared };
         let found = Found { face, distance_mm, usage };
         // Far before the face lies another body. Far behind it, this view's ray went through where the face should be; a point of a merged
-        // cloud may have been seen by another ray.
+        // cloud may have been seen by another ray, even of a body that is not the part.
         let counts_behind = distance_mm < 0.0 && !self.options.is_merged;
         if found.is_of_part() || counts_behind { found } else { Found::NOTHING }
+    }
+
+    /// Returns true if a point of a merged cloud lies behind the face that its ray meets, and on another face, as far as the part may be
+    /// off: this view cannot have seen it there, and another one has. Were material missing, no face would explain the point better.
+    fn is_hidden(&self, point: &Point3<f64>, distance_mm: f64) -> bool {
+        let least_gain_mm = self.least_gain_mm(distance_mm);
+        let Some(merged) = self.merged.filter(|_| -distance_mm > least_gain_mm) else { return false };
+        merged.nearest(point, (-distance_mm - least_gain_mm).min(self.options.rim_mm)).is_some()
+    }
+
+    /// Length by which another face has to lie nearer to a point than its own: more than ten times the noise, and twice as near.
+    fn least_gain_mm(&self, distance_mm: f64) -> f64 {
+        (STEP_NOISES * self.options.noise_mm.max(NOISE_MM)).max(0.5 * distance_mm.abs())
     }
 
     /// Returns true if the surface around a cell is turned too far against a face of this normal.
@@ -275,7 +296,7 @@ impl View<'_> {
     fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
         let Found { face, distance_mm, .. } = found[cell];
         let distance_mm = f64::from(distance_mm);
-        let least_gain_mm = (STEP_NOISES * self.options.noise_mm.max(NOISE_MM)).max(0.5 * distance_mm.abs());
+        let least_gain_mm = self.least_gain_mm(distance_mm);
         if face == NO_FACE || distance_mm.abs() <= least_gain_mm {
             return false;
         }

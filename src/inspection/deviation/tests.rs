@@ -9,7 +9,7 @@ use super::*;
 use crate::geometry::demo_parts::base;
 use crate::geometry::{NearestFace, ScannerFrame};
 use crate::inspection::registration::{RegistrationOptions, register};
-use crate::inspection::shots::{Shots, motion, motion_of, normal};
+use crate::inspection::shots::{Shots, merged, motion, motion_of, normal};
 use crate::planning::params::{PartParams, RegionParams};
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
@@ -473,6 +473,36 @@ fn points_of_a_merged_cloud_count_once_however_many_views_show_them() {
         doubled += usize::from(as_views.points == 2 * once.points && as_views.expanded_mm < once.expanded_mm);
     }
     assert!(count > 500 && doubled == count, "{doubled} of {count}");
+}
+
+/// Points of a groove's floor, which another view's image shows through gaps between those of its lip, were once compared with the lip.
+#[test]
+fn points_of_a_merged_cloud_are_not_compared_with_faces_that_hide_them() {
+    let groove = extruded(&[[-50.0, 0.0], [-3.0, 0.0], [-3.0, -1.5], [3.0, -1.5], [3.0, 0.0], [50.0, 0.0]]);
+    let shots = Shots::of(&groove, 8);
+    let above = from_above(&shots);
+    let aside = Pose::claim(Isometry3::new(Vector3::zeros(), Vector3::y() * 0.8) * above.isometry());
+    let mut scans = shots.scans(&[above, aside], 0.0, |_| Isometry3::identity());
+    // The view from aside returns nothing: what its image shows is all from above.
+    scans[1].scanner_cloud.points_mm.fill([f32::NAN; 3]);
+    let images = merged(&scans, &shots.scanner, 4);
+    let options = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
+    let deviations = |model: &Model| {
+        let found = compare(&placed(&images, 0.0), &model.nominal(), &options);
+        let measured = model.surface.samples().filter(|sample| found.samples[sample.index()].points > 0);
+        let deviation =
+            |sample: SampleId| (model.surface.sample_mm[sample.index()], f64::from(found.samples[sample.index()].distance_mm));
+        measured.map(deviation).collect::<Vec<_>>()
+    };
+    let exact = deviations(&Model::of(groove.clone(), 1.0));
+    let worst_mm = exact.iter().map(|(_, distance_mm)| distance_mm.abs()).fold(0.0, f64::max);
+    assert!(exact.len() > 2000 && worst_mm < 1e-3, "{worst_mm} mm at {} samples", exact.len());
+    // Where no face explains it better, the same floor is material that is missing.
+    let flat = deviations(&Model::of(extruded(&[[-50.0, 0.0], [50.0, 0.0]]), 1.0));
+    let floor: Vec<f64> = flat.iter().filter(|(at, _)| at.x.abs() < 1.0).map(|(_, distance_mm)| *distance_mm).collect();
+    let is_missing = |distance_mm: &&f64| (*distance_mm + 1.5).abs() < 0.01;
+    let missing = floor.iter().filter(is_missing).count();
+    assert!(floor.len() > 50 && 10 * missing > 9 * floor.len(), "{missing} of {}", floor.len());
 }
 
 #[test]

@@ -1,14 +1,21 @@
 //! Noise of the points: σ_F and g of [`crate::planning::surface::requirements`], from three neighbours of a row that lie on one
 //! plane. Their second difference d = (p_b − (p_a + p_c) / 2) · n / √1.5 has the deviation of one point across the surface, whatever
 //! the error of pose, shape or calibration. With w = d · cos i and u = ((z − F) / D)², w is normal with the deviation σ_F (1 + g·u):
-//! maximum likelihood of both. For a given g the best σ_F² is the mean of (w / (1 + g·u))²; g is then found by golden section, and
-//! the intervals follow from the Fisher information, [2n, 2Σa; 2Σa, 2Σa²] of (ln σ_F, g) with a = u / (1 + g·u).
+//! maximum likelihood of both. For a given g the best σ_F² is the mean of (w / (1 + g·u))²; g is then found by golden section.
+//!
+//! The intervals are those of the profile likelihood (D. J. Venzon, S. H. Moolgavkar, *A Method for Computing
+//! Profile-Likelihood-Based Confidence Intervals*, Applied Statistics 37(1), 1988, 87–94): of all values at which −ln of the
+//! likelihood, least over the other unknown, exceeds its least by no more than half the 95 % quantile of χ² with one degree of
+//! freedom. Those by the Fisher information at the estimate are far too short where that lies on its bound, g = 0. With λ(g) for
+//! −ln of the likelihood a triple at the best σ_F of g, the interval of g ends where n (λ(g) − λ(ĝ)) is that half. At e^r times the
+//! best σ_F, −ln of the likelihood is larger by n r², but for the third power of r: the interval of σ_F ends at the extremes of
+//! σ_F(g) e^(±r(g)), where n r² is what n (λ(g) − λ(ĝ)) leaves of that half.
 //!
 //! Triples at one depth determine σ_F (1 + g·u) alone: the information is singular, and neither of the two is identified (T. J.
 //! Rothenberg, *Identification in Parametric Models*, Econometrica 39, 1971, 577–591). σ_F then lies between its best values for
 //! the least and the largest g. Its interval has these ends, widened by the deviation of ln σ_F for a given g, 1 / √(2n) (G. W.
-//! Imbens, C. F. Manski, *Confidence Intervals for Partially Identified Parameters*, Econometrica 72, 2004, 1845–1857). An interval
-//! by the Fisher information is cut to that one, as it is far beyond where the depths are nearly the same.
+//! Imbens, C. F. Manski, *Confidence Intervals for Partially Identified Parameters*, Econometrica 72, 2004, 1845–1857). The
+//! profile likelihood gives the same, as λ is level.
 
 use super::Identified;
 use crate::cell::Scanner;
@@ -22,7 +29,9 @@ const OUTLIER_SIGMAS: f64 = 4.5;
 /// Rounds in which such triples are left out.
 const ROUNDS: usize = 8;
 /// Deviations to either side that hold 95 % of a normal distribution.
-pub(super) const SIGMAS_OF_INTERVAL: f64 = 1.96;
+const SIGMAS_OF_INTERVAL: f64 = 1.96;
+/// Rise of −ln of the likelihood at the ends of an interval of 95 % confidence.
+const RISE_OF_INTERVAL: f64 = 0.5 * SIGMAS_OF_INTERVAL * SIGMAS_OF_INTERVAL;
 /// Largest deviation of a triple that may be noise at all, mm: beyond it, steps of depth begin.
 const MAX_ACROSS_MM: f64 = 1.0;
 
@@ -40,11 +49,11 @@ pub struct NoiseTriple {
 /// Identified noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseEstimate {
-    /// σ_F, mm; the largest that fits where g is not determined.
+    /// σ_F, mm; that of the least g of the interval where g is not determined.
     pub best_mm: Identified,
-    /// g; 0, with an interval as wide as the range of the parameter, where it is not determined.
+    /// g; where it is not determined the least of its interval, which then reaches to the end of the parameter's range.
     pub depth_gain: Identified,
-    /// False where the triples lie at one depth, or nearly so, and do not determine g.
+    /// False where the triples lie at one distance from the best focus, or nearly so, and set no upper end to g.
     pub is_gain_determined: bool,
     /// Triples that it is from.
     pub triples: usize,
@@ -55,7 +64,7 @@ pub struct NoiseEstimate {
 /// w and u of a triple.
 type Scaled = [f64; 2];
 
-/// Identifies the noise of a scanner; `None` from fewer than [`MIN_TRIPLES`]. Cost: about 60 passes over the triples.
+/// Identifies the noise of a scanner; `None` from fewer than [`MIN_TRIPLES`]. Cost: about 170 passes over the triples.
 #[must_use]
 pub fn noise(triples: &[NoiseTriple], scanner: &Scanner) -> Option<NoiseEstimate> {
     let half_mm = |depth_mm: f64| {
@@ -82,40 +91,66 @@ pub fn noise(triples: &[NoiseTriple], scanner: &Scanner) -> Option<NoiseEstimate
         }
     }
     let outliers = triples.len() - kept.len();
-    let [mut of_log, mut of_gain] = deviations(&kept, gain);
-    let [largest_mm, least_mm] = [0.0, MAX_DEPTH_GAIN].map(|gain| squared(&kept, gain).sqrt());
-    let is_gain_determined = SIGMAS_OF_INTERVAL * of_gain < gain.max(MAX_DEPTH_GAIN - gain);
+    let [interval_mm, gains] = intervals(&kept, gain);
+    let is_gain_determined = gains[1] < MAX_DEPTH_GAIN;
     if !is_gain_determined {
-        (best_mm, gain, of_log, of_gain) = (largest_mm, 0.0, f64::INFINITY, f64::INFINITY);
+        (best_mm, gain) = (profile(&kept, gains[0]).0, gains[0]);
     }
-    let spread = (SIGMAS_OF_INTERVAL * of_log).exp();
-    let of_ends = (SIGMAS_OF_INTERVAL / (2.0 * kept.len() as f64).sqrt()).exp();
-    let interval_mm = [(best_mm / spread).max(least_mm / of_ends), (best_mm * spread).min(largest_mm * of_ends)];
-    let reach = (SIGMAS_OF_INTERVAL * of_gain).min(MAX_DEPTH_GAIN);
     Some(NoiseEstimate {
         best_mm: Identified { value: best_mm, interval: interval_mm },
-        depth_gain: Identified { value: gain, interval: [(gain - reach).max(0.0), (gain + reach).min(MAX_DEPTH_GAIN)] },
+        depth_gain: Identified { value: gain, interval: gains },
         is_gain_determined,
         triples: kept.len(),
         outliers,
     })
 }
 
-/// σ_F² of greatest likelihood for a given g.
-fn squared(triples: &[Scaled], gain: f64) -> f64 {
-    triples.iter().map(|[w, u]| (w / (1.0 + gain * u)).powi(2)).sum::<f64>() / triples.len() as f64
+/// σ_F of greatest likelihood for a given g, mm, and −ln of the likelihood a triple there, but for a constant.
+fn profile(triples: &[Scaled], gain: f64) -> (f64, f64) {
+    let each = triples.iter().map(|[w, u]| (w, 1.0 + gain * u));
+    let sums = each.fold([0.0; 2], |[squares, logs], (w, growth)| [squares + (w / growth).powi(2), logs + growth.ln()]);
+    let [square, log]: [f64; 2] = sums.map(|sum| sum / triples.len() as f64);
+    (square.sqrt(), 0.5 * square.max(f64::MIN_POSITIVE).ln() + log)
 }
 
 /// σ_F and g of greatest likelihood.
 fn fit(triples: &[Scaled]) -> (f64, f64) {
-    let cost = |gain: f64| {
-        let logs: f64 = triples.iter().map(|[_, u]| (1.0 + gain * u).ln()).sum();
-        0.5 * squared(triples, gain).max(f64::MIN_POSITIVE).ln() + logs / triples.len() as f64
-    };
     // On the logarithm of 1 + g, over which the likelihood is nearly even.
-    let log_gain = golden_section(0.0, MAX_DEPTH_GAIN.ln_1p(), |log| cost(log.exp_m1()));
+    let log_gain = golden_section(0.0, MAX_DEPTH_GAIN.ln_1p(), |log| profile(triples, log.exp_m1()).1);
     let gain = log_gain.exp_m1();
-    (squared(triples, gain).sqrt(), gain)
+    (profile(triples, gain).0, gain)
+}
+
+/// Intervals of σ_F, mm, and of g, whose value of greatest likelihood is given.
+fn intervals(triples: &[Scaled], gain: f64) -> [[f64; 2]; 2] {
+    let most = profile(triples, gain).1 + RISE_OF_INTERVAL / triples.len() as f64;
+    let gains = [0.0, MAX_DEPTH_GAIN].map(|bound| bisection(gain, bound, |gain| profile(triples, gain).1 <= most));
+    let end_mm = |sign: f64| {
+        let at = |log: f64| {
+            let (best_mm, cost) = profile(triples, log.exp_m1());
+            best_mm * (sign * (most - cost).max(0.0).sqrt()).exp()
+        };
+        at(golden_section(gains[0].ln_1p(), gains[1].ln_1p(), |log| -sign * at(log)))
+    };
+    [[end_mm(-1.0), end_mm(1.0)], gains]
+}
+
+/// End of an interval of g towards a bound, from a g within it, to 10⁻⁶ of the way on the logarithm of 1 + g.
+fn bisection(mut within: f64, bound: f64, is_within: impl Fn(f64) -> bool) -> f64 {
+    const STEPS: usize = 20;
+    if is_within(bound) {
+        return bound;
+    }
+    let mut beyond = bound;
+    for _ in 0..STEPS {
+        let middle = ((1.0 + within) * (1.0 + beyond)).sqrt() - 1.0;
+        if is_within(middle) {
+            within = middle;
+        } else {
+            beyond = middle;
+        }
+    }
+    within
 }
 
 /// Place of the least value between two places, to 10⁻⁶ of their distance (Kiefer 1953).
@@ -136,17 +171,4 @@ fn golden_section(mut from: f64, mut to: f64, cost: impl Fn(f64) -> f64) -> f64 
         }
     }
     0.5 * (from + to)
-}
-
-/// Standard deviations of ln σ_F and of g; infinite where the triples lie at one depth.
-fn deviations(triples: &[Scaled], gain: f64) -> [f64; 2] {
-    let n = triples.len() as f64;
-    let a = triples.iter().map(|[_, u]| u / (1.0 + gain * u));
-    let (sum, squares) = a.fold((0.0, 0.0), |(sum, squares), a| (sum + a, squares + a * a));
-    let determinant = 4.0 * (n * squares - sum * sum);
-    // At one depth neither can be told from the other.
-    if determinant <= 1e-9 * n * n {
-        return [f64::INFINITY; 2];
-    }
-    [(2.0 * squares / determinant).sqrt(), (2.0 * n / determinant).sqrt()]
 }

@@ -19,8 +19,8 @@ const MAX_HALF_WIDTH_OF_DEPTH: f64 = 0.1;
 /// source; it is our choice.
 const MIN_CHANGE_OF_NOISE: f64 = 0.1;
 /// Max half width of the interval of an offered gain g, as a share of 1 + g: of a part near the best focus, the noise at the ends of the
-/// depth is only extrapolated. And of an offered noise at best focus, as a share of it, where g is not determined. There is no source;
-/// it is our choice.
+/// depth is only extrapolated. And of an offered noise at best focus, as a share of it: of a part away from the best focus, it is
+/// what is extrapolated. There is no source; it is our choice.
 const MAX_HALF_WIDTH_OF_GAIN: f64 = 0.25;
 /// Largest gain that the noise of a scanner is believed to have: ten times the noise at the ends of its depth, and it would not be stated
 /// to work there. A larger one fits points that are not scattered by noise alone, such as those beside a missing feature, and the noise at
@@ -131,9 +131,9 @@ fn noise_offers(known: &NoiseEstimate, noise: &NoiseParams) -> Vec<OfferedChange
     };
     let is_gain_known = 0.5 * (gain.interval[1] - gain.interval[0]) <= MAX_HALF_WIDTH_OF_GAIN * (1.0 + gain.value);
     let of_gain = change(OfferedField::NoiseDepthGain, 1.0, noise.depth_gain, *gain).filter(|_| is_gain_known);
-    // Of triples at one depth away from the best focus, the noise there is open by the range of the gain.
+    // Of triples at about one depth away from the best focus, the noise there is as open as the gain, determined or not.
     let [low, high] = known.best_mm.interval;
-    let is_best_known = known.is_gain_determined || 0.5 * (high - low) <= MAX_HALF_WIDTH_OF_GAIN * known.best_mm.value;
+    let is_best_known = 0.5 * (high - low) <= MAX_HALF_WIDTH_OF_GAIN * known.best_mm.value;
     let of_best = change(OfferedField::NoiseBest, 0.0, noise.best_mm, known.best_mm).filter(|_| is_best_known);
     of_best.into_iter().chain(of_gain).collect()
 }

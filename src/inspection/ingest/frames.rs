@@ -12,7 +12,7 @@ use crate::geometry::{Aabb, Base, Cloud, LengthUnit, NearestFace, Part, Plate, P
 /// Points that are tried.
 const TRIED_POINTS: usize = 1500;
 /// Distance within which a point lies near the part, mm.
-const NEAR_PART_MM: f64 = 5.0;
+pub(super) const NEAR_PART_MM: f64 = 5.0;
 /// Depth beyond the working depth that points may have, mm.
 pub(super) const DEPTH_MARGIN_MM: f64 = 20.0;
 /// Distance from the plate within which a point is the plate's rather than nobody's, mm.
@@ -145,9 +145,7 @@ fn tried(
     is_merged: bool,
 ) -> Vec<FrameAttempt> {
     let there = cloud.points.iter().filter(|point| !point[0].is_nan()).count();
-    let every = there.div_ceil(TRIED_POINTS).max(1);
-    let points = cloud.points.iter().filter(|point| !point[0].is_nan()).step_by(every);
-    let points: Vec<Point3<f64>> = points.map(|point| Point3::from(point.map(f64::from))).collect();
+    let points = sampled(cloud, TRIED_POINTS);
     let mut attempts = Vec::new();
     let views = if is_merged { world.captures.len().max(1) } else { 1 };
     for unit in UNITS.into_iter().chain(declared.filter(|unit| !UNITS.contains(unit))) {
@@ -160,6 +158,13 @@ fn tried(
         }
     }
     without_specks(attempts)
+}
+
+/// Some of a cloud's points, spread evenly over it, no more than so many.
+pub(super) fn sampled(cloud: &StoredCloud, max_points: usize) -> Vec<Point3<f64>> {
+    let there = || cloud.points.iter().filter(|point| !point[0].is_nan());
+    let every = there().count().div_ceil(max_points).max(1);
+    there().step_by(every).map(|point| Point3::from(point.map(f64::from))).collect()
 }
 
 /// Attempts without the shares of those in which the cloud shrinks to a speck: read in too small a unit, it lies on the part wherever

@@ -6,8 +6,11 @@ mod clean;
 mod frames;
 mod holes;
 mod organise;
+mod swapped;
 #[cfg(test)]
 mod tests;
+
+use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
@@ -15,12 +18,13 @@ use crate::cell::{Scanner, closed_list};
 use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::{LengthUnit, NearestFace, Part, PointCloud, Pose};
 use crate::inspection::registration::RegistrationOptions;
-use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, place};
+use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, RefinedAlone, place};
 use crate::inspection::{PixelGrid, ViewScan};
 
 pub use clean::{CleanOptions, PlateZone, Removed, RemovedBecause};
 pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
 use frames::{best_of, try_all};
+use swapped::ViewSight;
 
 closed_list! {
     /// Findings about the files of a scan.
@@ -29,8 +33,12 @@ closed_list! {
         UnitMismatch = "unit_mismatch",
         /// The points lie where the view looks only in another frame than declared, or in none.
         FrameMismatch = "frame_mismatch",
-        /// The file fits another view.
+        /// The file does not show what its view sees: it fits another view, or none.
         WrongView = "wrong_view",
+        /// The file holds the points of another view's scan.
+        SameScan = "same_scan",
+        /// The file fits its view, but most of the others do not: they seem to be of another plan.
+        OtherPlan = "other_plan",
         /// One cloud of several views: what is found of each view is approximate.
         Merged = "merged",
         /// The points lie where the view looks, but not on the part.
@@ -60,6 +68,8 @@ impl IngestCode {
             Self::UnitMismatch
             | Self::FrameMismatch
             | Self::WrongView
+            | Self::SameScan
+            | Self::OtherPlan
             | Self::NoPart
             | Self::AmbiguousPose
             | Self::SymmetricPart
@@ -94,7 +104,7 @@ pub struct IngestFinding {
     pub file: Option<String>,
     /// Number of the view; of [`IngestCode::ViewUnknown`] and [`IngestCode::Merged`] that of the file, which is no view of the plan.
     pub viewpoint: Option<u32>,
-    /// View that the file fits better.
+    /// View that the file fits better, or whose scan holds the same points.
     pub fits_viewpoint: Option<u32>,
     /// Units and frames that were tried, and the shares of the points that then lie where they should.
     pub tried: Vec<FrameAttempt>,
@@ -162,6 +172,10 @@ pub struct IngestOptions {
 
 /// Least share of the points that has to lie where the view looks and on the part.
 pub const MIN_SHARE: f64 = 0.5;
+/// Shares of the points within 0.5 and 5 mm of the part below which a scan is of no view where others fit theirs. Not from a
+/// source: scans of other views have less of both, and those of a part that deviates from its mesh more of one of them.
+const MISFIT_SHARE: f64 = 0.25;
+const MISFIT_NEAR_SHARE: f64 = 0.9;
 
 /// World that the clouds are held against.
 pub struct IngestWorld<'a> {
@@ -181,9 +195,10 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     // The order of files must not matter.
     files.sort_by_cached_key(|file| (label(file), file.viewpoint));
     let clouds = files.len();
-    let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, world, options)).collect();
+    let sight = ViewSight::new(world);
+    let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, &sight, options)).collect();
     let mut ingested = Ingested::default();
-    let (mut astray, mut swapped) = (Vec::new(), Vec::new());
+    let (mut astray, mut swapped, mut prints) = (Vec::new(), Vec::new(), Fingerprints::new());
     for file in read {
         let others: &[&[TakenScan]] = match file.fit {
             ViewFit::OnPart => &[&ingested.scans],
@@ -195,6 +210,9 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
             continue;
         }
         ingested.findings.extend(file.findings);
+        if let (Some(viewpoint), Some(print), [_]) = (file.viewpoint, file.print, &file.scans[..]) {
+            prints.insert(viewpoint, print);
+        }
         match file.fit {
             ViewFit::OnPart => ingested.scans.extend(file.scans),
             ViewFit::OffPart => astray.extend(file.scans),
@@ -204,7 +222,12 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     for scans in [&mut ingested.scans, &mut astray, &mut swapped] {
         scans.sort_by_key(|taken| taken.scan.viewpoint);
     }
+    let misfits = ingested.leave_out_misfits(Some(astray.len() + swapped.len()), world);
+    swapped.extend(misfits);
     ingested.place_part(astray, swapped, world);
+    ingested.leave_out_misfits(None, world);
+    ingested.leave_out_copies(&prints);
+    ingested.refuse_other_plan();
     for capture in world.captures {
         if !ingested.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
             ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
@@ -213,7 +236,78 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     ingested
 }
 
+/// Fingerprints of files, by the view that each is of.
+type Fingerprints = BTreeMap<u32, u64>;
+
 impl Ingested {
+    /// Leaves out scans that lie on the part from another view alone, and where others fit their views also those that lie on it
+    /// from none: returns them. Before the part is searched for there are so many other scans, `before`, that miss it or fit another
+    /// view, and nothing is left out unless half of all scans show that it lies where the poses say.
+    fn leave_out_misfits(&mut self, before: Option<usize>, world: &IngestWorld<'_>) -> Vec<TakenScan> {
+        let at = self.mesh_from_stated;
+        let alone: Vec<Option<RefinedAlone>> = self.scans.par_iter().map(|taken| swapped::alone(taken, &at, world)).collect();
+        let judged = alone.iter().flatten().count();
+        let sure = alone.iter().flatten().filter(|alone| alone.is_sure()).count();
+        let is_placed = sure > 0 && before.is_none_or(|others| 2 * sure >= judged + others);
+        let mut left_out = Vec::new();
+        if before.is_some() && !is_placed {
+            return left_out;
+        }
+        for (taken, alone) in std::mem::take(&mut self.scans).into_iter().zip(alone) {
+            let Some(alone) = alone.filter(RefinedAlone::is_off) else {
+                self.scans.push(taken);
+                continue;
+            };
+            let fits_viewpoint = swapped::other_view(&taken, &at, world);
+            let is_misfit = is_placed && alone.inlier_share < MISFIT_SHARE && taken.fit.on_part < MISFIT_NEAR_SHARE;
+            if fits_viewpoint.is_none() && !is_misfit {
+                self.scans.push(taken);
+                continue;
+            }
+            let finding = IngestFinding::of(IngestCode::WrongView, Some(taken.file.clone()), Some(taken.scan.viewpoint));
+            self.findings.push(IngestFinding { fits_viewpoint, ..finding });
+            left_out.push(taken);
+        }
+        left_out
+    }
+
+    /// Leaves out all but one of the scans that hold the same points: the one that keeps most of them in its view's image, else
+    /// the first.
+    fn leave_out_copies(&mut self, prints: &Fingerprints) {
+        let mut kept: BTreeMap<u64, (u32, usize)> = BTreeMap::new();
+        for taken in self.scans.iter().filter(|taken| !taken.is_approximate) {
+            let (viewpoint, points) = (taken.scan.viewpoint, taken.scan.scanner_cloud.finite().count());
+            let Some(print) = prints.get(&viewpoint) else { continue };
+            let best = kept.entry(*print).or_insert((viewpoint, points));
+            if points > best.1 {
+                *best = (viewpoint, points);
+            }
+        }
+        for taken in std::mem::take(&mut self.scans) {
+            let viewpoint = taken.scan.viewpoint;
+            let original = prints.get(&viewpoint).and_then(|print| kept.get(print)).map(|(original, _)| *original);
+            match original.filter(|original| *original != viewpoint) {
+                Some(original) => {
+                    let finding = IngestFinding::of(IngestCode::SameScan, Some(taken.file), Some(viewpoint));
+                    self.findings.push(IngestFinding { fits_viewpoint: Some(original), ..finding });
+                }
+                None => self.scans.push(taken),
+            }
+        }
+    }
+
+    /// Refuses the scans that fit where more do not: a few that fit by chance would be told as what was measured of the part.
+    fn refuse_other_plan(&mut self) {
+        let misfits = [IngestCode::WrongView, IngestCode::NoPart, IngestCode::UnitMismatch, IngestCode::FrameMismatch];
+        let misfits = self.findings.iter().filter(|finding| misfits.contains(&finding.code)).count();
+        if misfits > self.scans.len() {
+            for taken in self.scans.drain(..) {
+                let finding = IngestFinding::of(IngestCode::OtherPlan, Some(taken.file), Some(taken.scan.viewpoint));
+                self.findings.push(finding);
+            }
+        }
+    }
+
     /// Finds the part where it lies elsewhere than planned: by all scans together, and where that comes to nothing, by those that lie
     /// on it as planned. `astray` are the others. Several setups have a place of the part each, and none is searched for.
     ///
@@ -280,6 +374,8 @@ struct ReadFile {
     scans: Vec<TakenScan>,
     findings: Vec<IngestFinding>,
     fit: ViewFit,
+    /// Fingerprint of its points, unless they are few.
+    print: Option<u64>,
 }
 
 /// Place of a file's points, seen from the view that it is of.
@@ -293,16 +389,19 @@ enum ViewFit {
     OtherView,
 }
 
-fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &IngestOptions) -> ReadFile {
+fn read_file(file: ScanFile, clouds: usize, sight: &ViewSight<'_>, options: &IngestOptions) -> ReadFile {
+    let world = sight.world;
     let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
     let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
     // The only file is of the only view, whatever its name, unless it is declared to be of another one.
     let is_only = world.captures.len() == 1 && clouds == 1 && file.viewpoint.is_none();
     let capture = capture.or_else(|| world.captures.first().filter(|_| is_only));
     let viewpoint = capture.map(|capture| capture.viewpoint);
-    let mut read = ReadFile { name: label(&file), viewpoint, scans: Vec::new(), findings: Vec::new(), fit: ViewFit::OnPart };
+    let print = swapped::fingerprint(&file.cloud);
+    let (name, fit) = (label(&file), ViewFit::OnPart);
+    let mut read = ReadFile { name, viewpoint, scans: Vec::new(), findings: Vec::new(), fit, print };
     match capture {
-        Some(capture) => take_view(file, capture, world, options, &mut read),
+        Some(capture) => take_view(file, capture, sight, options, &mut read),
         None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, number, world, options, &mut read),
         None => {
             let finding = IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), None);
@@ -325,8 +424,8 @@ fn number_of(name: &str) -> Option<u32> {
     digits.parse().ok()
 }
 
-fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
-    let name = label(&file);
+fn take_view(file: ScanFile, capture: &PlannedCapture, sight: &ViewSight<'_>, options: &IngestOptions, into: &mut ReadFile) {
+    let (name, world) = (label(&file), sight.world);
     let tried = try_all(&file.cloud, file.unit, capture, world);
     let declared = |attempt: &&FrameAttempt| {
         file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
@@ -338,7 +437,14 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, 
         best.filter(|best| best.in_frusta >= attempt.in_frusta).or(Some(*attempt))
     });
     let (best, fit) = match (on_part, seen.filter(|seen| seen.in_frusta >= MIN_SHARE)) {
-        (Some(best), _) => (best, ViewFit::OnPart),
+        (Some(best), _) => {
+            if let Some(other) = sight.other_view(&file.cloud, &best, capture) {
+                let finding = IngestFinding::of(IngestCode::WrongView, Some(name), Some(capture.viewpoint));
+                into.findings.push(IngestFinding { fits_viewpoint: Some(other), ..finding });
+                return;
+            }
+            (best, ViewFit::OnPart)
+        }
         (None, seen) => {
             let (code, fits_viewpoint) = diagnosis(&file, capture, world, &tried);
             let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));

@@ -6,7 +6,7 @@ use crate::geometry::cloud_io::{CloudLimits, read, write_pcd};
 use crate::geometry::demo_parts::{base, figurine};
 use crate::geometry::{CloudGrid, Mesh, Part, Plate, Pose};
 use crate::inspection::shots::Shots;
-use crate::testing::box_mesh;
+use crate::testing::{box_mesh, cylinder_mesh};
 
 /// The demo base on its plate, scanned from four sides.
 struct Cell {
@@ -208,6 +208,100 @@ fn swapped_double_and_unknown_views_are_named() {
     {
         assert_eq!(number_of(name), number, "{name}");
     }
+}
+
+/// A scan in the scanner's frame from one of eight poses around the part, of which the first four are the plan's views 1 to 4.
+fn from_pose(cell: &Cell, pose: usize, file: &str) -> ScanFile {
+    let shots = Shots::of(&cell.mesh, 16);
+    let taken = shots.cloud(&shots.poses(8)[pose], 0.0, 9);
+    let cloud = StoredCloud { points: taken.points_mm, grid: taken.grid, ..StoredCloud::default() };
+    ScanFile { file: file.into(), cloud, unit: None, frame: Some(ScanFrame::Scanner), viewpoint: None }
+}
+
+/// Code of a refusal, its view, and the view that the scan fits.
+type Refusal = (IngestCode, Option<u32>, Option<u32>);
+
+/// Views whose scans were taken, and the refusals.
+fn told(taken: &Ingested) -> (Vec<u32>, Vec<Refusal>) {
+    let refusals = taken.findings.iter().filter(|finding| finding.code.is_refusal());
+    let views = taken.scans.iter().map(|taken| taken.scan.viewpoint).collect();
+    (views, refusals.map(|finding| (finding.code, finding.viewpoint, finding.fits_viewpoint)).collect())
+}
+
+/// Most points of a round part's other view lie within millimetres of it: such scans were merged, or told as a part elsewhere.
+#[test]
+fn a_scan_of_another_view_or_of_none_is_named_where_most_of_its_points_are_near_the_part() {
+    let cell = Cell::holding(cylinder_mesh(30.0, 60.0, 48), &Isometry3::identity());
+    let first = |pose: usize| {
+        let files = [(pose, 1), (1, 2), (2, 3), (3, 4)];
+        cell.ingest(files.map(|(pose, view)| from_pose(&cell, pose, &format!("view_{view}.ply"))).into())
+    };
+    let right = first(0);
+    assert_eq!(told(&right), (vec![1, 2, 3, 4], vec![]), "{:?}", right.findings);
+    let copied = first(3);
+    assert_eq!(told(&copied), (vec![2, 3, 4], vec![(IngestCode::WrongView, Some(1), Some(4))]), "{:?}", copied.findings);
+    assert_eq!(copied.mesh_from_stated, Pose::identity());
+    // Of a surface with waves 9 mm high a tenth can be brought onto the part, and a fifth is far from it.
+    let mut waves = from_pose(&cell, 1, "view_2.ply");
+    let columns = waves.cloud.grid.expect("a grid").columns;
+    for (number, point) in waves.cloud.points.iter_mut().enumerate() {
+        let height_mm = 9.0 * (0.25 * (number % columns) as f32).sin();
+        *point = point.map(|value| value * (1.0 + height_mm / 480.0));
+    }
+    let others = [(0, 1), (2, 3), (3, 4)].map(|(pose, view)| from_pose(&cell, pose, &format!("view_{view}.ply")));
+    let of_none = cell.ingest(others.into_iter().chain([waves]).collect());
+    assert_eq!(told(&of_none), (vec![1, 3, 4], vec![(IngestCode::WrongView, Some(2), None)]), "{:?}", of_none.findings);
+}
+
+/// Scans in the part's frame lie on the part whatever view they are filed under, and counted as that view's.
+#[test]
+fn a_scan_in_the_part_s_frame_that_its_view_cannot_have_taken_is_of_the_view_that_can() {
+    let cell = Cell::new();
+    let file = |view: usize, number: u32| cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, &format!("view_{number}.ply"));
+    let right = cell.ingest((0..4).map(|view| file(view, view as u32 + 1)).collect());
+    assert_eq!(told(&right), (vec![1, 2, 3, 4], vec![]), "{:?}", right.findings);
+    let copied = cell.ingest(vec![file(0, 1), file(0, 2), file(2, 3), file(3, 4)]);
+    assert_eq!(told(&copied), (vec![1, 3, 4], vec![(IngestCode::WrongView, Some(2), Some(1))]), "{:?}", copied.findings);
+    // Half of a scan is no scan of another view, though that sees as much of it.
+    let mut half = file(1, 2);
+    let there: Vec<usize> = (0..half.cloud.points.len()).filter(|cell| !half.cloud.points[*cell][0].is_nan()).collect();
+    there.iter().take(there.len() / 2).for_each(|cell| half.cloud.points[*cell] = [f32::NAN; 3]);
+    let partial = cell.ingest(vec![file(0, 1), half, file(2, 3), file(3, 4)]);
+    assert_eq!(told(&partial), (vec![1, 2, 3, 4], vec![]), "{:?}", partial.findings);
+}
+
+/// Nothing tells a swap of two views that see the same, but one scan is not the scan of both.
+#[test]
+fn one_scan_under_two_views_counts_once() {
+    let mut cell = Cell::new();
+    cell.captures[1].part_from_scanner = cell.captures[0].part_from_scanner;
+    let copied = cell.ingest([(0, 1), (0, 2), (2, 3)].map(|(pose, view)| from_pose(&cell, pose, &format!("{view}.ply"))).into());
+    assert_eq!(told(&copied), (vec![1, 3], vec![(IngestCode::SameScan, Some(2), Some(1))]), "{:?}", copied.findings);
+    // Another capture of the same is a scan of its own.
+    let mut again = from_pose(&cell, 0, "2.ply");
+    again.cloud.points.iter_mut().for_each(|point| point[2] += 1e-3);
+    let both = cell.ingest(vec![from_pose(&cell, 0, "1.ply"), again]);
+    assert_eq!(told(&both), (vec![1, 2], vec![]), "{:?}", both.findings);
+}
+
+/// The one scan of another plan that fitted by chance was told as what was measured of the part.
+#[test]
+fn scans_of_which_most_fit_no_view_are_refused_and_each_is_named() {
+    let cell = Cell::new();
+    let of = |poses: &[usize]| {
+        let file = |(pose, view): (&usize, u32)| from_pose(&cell, *pose, &format!("view_{view}.ply"));
+        cell.ingest(poses.iter().zip(1..).map(file).collect())
+    };
+    let other_plan = of(&[0, 4, 5, 6]);
+    let (views, refusals) = told(&other_plan);
+    let mut refused: Vec<Option<u32>> = refusals.iter().map(|(_, view, _)| *view).collect();
+    refused.sort_unstable();
+    assert_eq!((views, refused), (vec![], (1..=4).map(Some).collect()), "{:?}", other_plan.findings);
+    assert!(refusals.contains(&(IngestCode::OtherPlan, Some(1), None)), "{refusals:?}");
+    // Where at least half of the files fit, those are compared.
+    let one_of_two = of(&[0, 4]);
+    let (views, refusals) = told(&one_of_two);
+    assert_eq!((views, refusals.len(), refusals[0].1), (vec![1], 1, Some(2)), "{:?}", one_of_two.findings);
 }
 
 /// A lone file of a view that does not exist was once refused as a cloud that misses the part, or taken for one of all views without a

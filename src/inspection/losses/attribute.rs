@@ -5,12 +5,12 @@ use nalgebra::{Point3, Vector3};
 use super::cut::FileBounds;
 use super::evidence::Zone;
 use super::foreign::Foreign;
+use super::shown::ShownSurface;
 use super::steps::near_steps;
 use super::{LossCause, Losses};
-use crate::geometry::parallel;
+use crate::geometry::{NearestFace, parallel};
 use crate::inspection::coverage::{
-    ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, SeenSample,
-    ViewLookup,
+    ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, ViewLookup,
 };
 use crate::inspection::mirror::Reflection;
 use crate::planning::ConcaveZone;
@@ -77,8 +77,9 @@ pub fn attribute(input: &LossInput<'_>, ctx: &Context<'_>) -> Result<Losses, Can
     let optics = Optics::new(input.compared.scanner, input.compared.params, &input.compared.surface.requirements);
     let realism = &input.compared.params.realism;
     let corner = ConcaveZone::new(input.model.mesh(), realism.concave_dihedral_deg.to_radians(), realism.concave_zone_mm, ctx)?;
-    let scans: Vec<ScanLosses<'_>> =
-        (0..input.compared.scanned.len()).map(|place| ScanLosses::new(input, &optics, &corner, place, ctx)).collect();
+    let merged = input.coverage.is_approximate.then(|| NearestFace::new(input.model.mesh()));
+    let scan = |place| ScanLosses::new(input, &optics, (&corner, merged.as_ref()), place, ctx);
+    let scans: Vec<ScanLosses<'_>> = (0..input.compared.scanned.len()).map(scan).collect();
     let evidence = Evidence::of(&scans, ctx)?;
     for scan in &scans {
         for (sample, found) in scan.causes(&lost, &evidence, ctx)? {
@@ -149,6 +150,8 @@ struct ScanLosses<'a> {
     foreign: Foreign,
     bounds: FileBounds,
     corner: &'a ConcaveZone,
+    /// The part of a merged cloud.
+    merged: Option<&'a NearestFace<'a>>,
     /// Planned pairs, with the place of the sample's image in cells.
     pairs: Vec<(Return, [f64; 2])>,
 }
@@ -163,7 +166,13 @@ struct LostPair {
 }
 
 impl<'a> ScanLosses<'a> {
-    fn new(input: &'a LossInput<'a>, optics: &'a Optics, corner: &'a ConcaveZone, place: usize, ctx: &Context<'_>) -> Self {
+    fn new(
+        input: &'a LossInput<'a>,
+        optics: &'a Optics,
+        (corner, merged): (&'a ConcaveZone, Option<&'a NearestFace<'a>>),
+        place: usize,
+        ctx: &Context<'_>,
+    ) -> Self {
         let compared = input.compared;
         let scanned = &compared.scanned[place];
         let pose = &scanned.registered.part_from_scanner;
@@ -182,6 +191,7 @@ impl<'a> ScanLosses<'a> {
             reflection: Reflection::new(compared.scanner).at(pose),
             lookup,
             corner,
+            merged,
             pairs,
         }
     }
@@ -206,7 +216,7 @@ impl<'a> ScanLosses<'a> {
         let blocks = parallel::try_map_chunks(&own, BLOCK, |block| {
             ctx.check()?;
             let pairs = self.lost_pairs(block, ctx);
-            let found = |lost: &LostPair| Found { cause: self.cause(lost, evidence), is_expected: lost.pair.is_expected };
+            let found = |lost: &LostPair| Found { cause: self.cause(lost, evidence, ctx), is_expected: lost.pair.is_expected };
             Ok::<_, Cancelled>(pairs.iter().map(|lost| (lost.pair.sample, found(lost))).collect::<Vec<_>>())
         })?;
         Ok(blocks.concat())
@@ -229,7 +239,7 @@ impl<'a> ScanLosses<'a> {
     }
 
     /// The first cause that holds.
-    fn cause(&self, lost: &LostPair, evidence: &Evidence) -> LossCause {
+    fn cause(&self, lost: &LostPair, evidence: &Evidence, ctx: &Context<'_>) -> LossCause {
         let sample = lost.pair.sample;
         let grid = self.lookup.cloud.grid();
         let is_imaged = lost.place[0].is_finite();
@@ -244,30 +254,20 @@ impl<'a> ScanLosses<'a> {
             return LossCause::UnmodelledOccluder;
         }
         let footprint = self.lookup.footprint(sample, &seen);
-        if self.deviates(lost, &seen, footprint) {
+        let shown = match footprint {
+            Footprint::Off(_) | Footprint::Turned => {
+                let pose = &self.compared().scanned[self.place].registered.part_from_scanner;
+                ShownSurface::of(&self.lookup, &seen, pose, self.input.model, self.merged, ctx)
+            }
+            Footprint::Measured | Footprint::OutsideGrid | Footprint::Empty | Footprint::Sparse => None,
+        };
+        if shown.is_some_and(|shown| shown.deviates()) {
             return LossCause::PartDeviates;
         }
         self.limit_cause(lost)
             .or_else(|| self.zone_cause(lost, evidence))
             .or_else(|| self.light_cause(sample))
-            .unwrap_or_else(|| self.remaining_cause(lost, &seen, footprint))
-    }
-
-    /// Returns true if the scan shows a surface off the model: where the cell's ray meets the model, not where the sample is.
-    fn deviates(&self, lost: &LostPair, seen: &SeenSample, footprint: Footprint) -> bool {
-        let Footprint::Off(_) = footprint else { return false };
-        let Some(cell) = self.lookup.cloud.grid().cell_of(&seen.scanner_mm) else { return false };
-        let Some(model) = lost.model.filter(|model| model.normal != Vector3::zeros()) else { return false };
-        let [point_mm, normal] =
-            [(self.lookup.scanner_from_part * model.point_mm).coords, self.lookup.scanner_from_part * model.normal];
-        // The median of the neighbourhood: noise scatters to both sides of the model.
-        let around = (-1..=1).flat_map(|right| (-1..=1).map(move |down| [right, down]));
-        let mut off_mm: Vec<f64> = around
-            .filter_map(|[right, down]| self.lookup.cloud.neighbour(cell, right, down))
-            .map(|point| (point.coords - point_mm).dot(&normal))
-            .collect();
-        off_mm.sort_by(f64::total_cmp);
-        off_mm.get(off_mm.len() / 2).is_some_and(|off_mm| off_mm.abs() > seen.tolerance_mm)
+            .unwrap_or_else(|| self.remaining_cause(lost, footprint, shown))
     }
 
     /// Returns true if a pair lies beyond the identified limits of incidence or within the lobe of glare: at the sample, or where
@@ -318,7 +318,7 @@ impl<'a> ScanLosses<'a> {
         }
     }
 
-    fn remaining_cause(&self, lost: &LostPair, seen: &SeenSample, footprint: Footprint) -> LossCause {
+    fn remaining_cause(&self, lost: &LostPair, footprint: Footprint, shown: Option<ShownSurface>) -> LossCause {
         let is_blurred = |[near_mm, far_mm]: [f64; 2]| !(near_mm..=far_mm).contains(&lost.pair.depth_mm);
         if self.input.limits.depth_mm.is_some_and(is_blurred) {
             return LossCause::DepthBlur;
@@ -326,10 +326,9 @@ impl<'a> ScanLosses<'a> {
         if footprint == Footprint::Sparse || !lost.pair.is_expected {
             return LossCause::Sparse;
         }
-        let requirement = self.compared().surface.requirements.of(lost.pair.sample);
-        let is_noisier = requirement.noise_max_mm.is_some_and(|max_mm| seen.precision.noise_mm > max_mm);
-        if is_noisier || matches!(footprint, Footprint::Off(_) | Footprint::Turned) {
-            return LossCause::Noisy;
+        // What an exact scan would show as well is no noise: the grid is too coarse for the surface.
+        if let Some(shown) = shown {
+            return if shown.is_noisy() { LossCause::Noisy } else { LossCause::Sparse };
         }
         let grid = self.lookup.cloud.grid();
         let cell = grid.cell_at(lost.place).map(|cell| grid.number(cell) as u32);

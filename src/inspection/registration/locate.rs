@@ -11,7 +11,7 @@ use super::matching::match_view;
 use super::points::ViewPoints;
 use super::ppf::{Oriented, oriented, poses, thinned};
 use super::turns::{TurnVerdict, turned, turned_back};
-use super::{MAX_POINTS, State};
+use super::{MAX_POINTS, RegistrationOptions, State};
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
 use crate::geometry::{Aabb, Mesh, NearestFace, Part, Pose};
@@ -161,6 +161,39 @@ pub fn place<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, option
             refused: Some(NotLocated::AmbiguousPose),
         }),
     }
+}
+
+/// A scan by itself, refined from a place of the part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefinedAlone {
+    /// Share of its points that then lies on the part.
+    pub inlier_share: f64,
+    /// Largest distance by which the refinement moved a corner of the part, mm.
+    pub moved_mm: f64,
+}
+
+impl RefinedAlone {
+    /// Returns true if it lies on the part there: where registration finds it by itself.
+    #[must_use]
+    pub fn is_sure(&self) -> bool {
+        self.inlier_share >= SURE_SHARE && self.moved_mm <= STATED_REACH_MM
+    }
+
+    /// Returns true if it does not lie on the part there: registration would keep its pose, or would have to move it far.
+    #[must_use]
+    pub fn is_off(&self) -> bool {
+        self.inlier_share < RegistrationOptions::default().min_inlier_share || self.moved_mm > STATED_TURN_REACH_MM
+    }
+}
+
+/// Refines the pose of one scan by its own points, as far as a part is off that was put down without care. `start` takes the part's
+/// coordinates by the stated pose to those of the mesh.
+#[must_use]
+pub fn refined_alone(scan: &ViewScan, nearest: &NearestFace<'_>, start: &Pose<Part, Part>) -> RefinedAlone {
+    let options = LocateOptions::default();
+    let search = Search::new(&[scan], nearest, &options);
+    let refined = search.refined_from(start.isometry(), STATED_TURN_REACH_MM, STEPS);
+    RefinedAlone { inlier_share: refined.share, moved_mm: search.apart_mm(&refined.pose, start.isometry()) }
 }
 
 /// A pose with the share of the points that it explains.

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::result::{CalibrationDocument, FindingDocument};
 use crate::cell::calibration::check::{CheckLimits, CheckVerdict, Checked};
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
+use crate::cell::calibration::refine::MAX_ITERATIONS;
 use crate::cell::calibration::se3::{rotation_of, translation_of};
 use crate::cell::{CalibrationProvenance, CompensationProvenance, PoseSpec};
 use crate::geometry::{Cloud, Flange, Pose, ScannerFrame};
@@ -97,7 +98,8 @@ impl CalibrationCheckDocument {
             max_age_hours: MAX_AGE_HOURS,
             max_temperature_change_k: MAX_TEMPERATURE_CHANGE_K,
         };
-        let findings = stale(calibration.temperature_c, temperature_c);
+        let findings = unfinished(checked).into_iter().chain(stale(calibration.temperature_c, temperature_c));
+        let findings: Vec<CalibrationFinding> = findings.collect();
         Self {
             schema: CALIBRATION_CHECK_SCHEMA.to_owned(),
             id: String::new(),
@@ -139,6 +141,13 @@ impl CalibrationCheckDocument {
         let compensation_sha256 = Some(self.id.clone());
         Some(CalibrationProvenance { compensation_sha256, compensation: Some(provenance), ..calibrated })
     }
+}
+
+/// Finding on a check whose own search did not converge: its verdict is `recalibrate`, whatever the drift may be.
+fn unfinished(checked: &Checked) -> Option<CalibrationFinding> {
+    let figures = Figures { count: Some(MAX_ITERATIONS), ..Figures::default() };
+    let finding = || CalibrationFinding::new(FindingCode::NotConverged, Severity::Error).with(figures);
+    (!checked.is_converged).then(finding)
 }
 
 /// Finding on a calibration that was taken at another temperature.

@@ -7,6 +7,7 @@ use super::foreign::{RobotPoseKind, of_observations};
 use super::pose::ObservedPose;
 use crate::cell::calibration::data::HandEyeSetup;
 use crate::cell::{FieldError, Findings, did_you_mean};
+use crate::wire::words::counted;
 
 /// Columns that are read.
 const COLUMNS: [&str; 22] = [
@@ -72,7 +73,7 @@ pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec
         let cells = cells(line, separator, names.len());
         let table = Row { names: &names, cells: &cells, row };
         findings.require(cells.len() == names.len(), format!("/{row}"), || {
-            format!("has {} cells; the header has {}", cells.len(), names.len())
+            format!("has {}; the header has {}", counted(cells.len(), "cell"), names.len())
         });
         observations.extend(table.observation(options, &mut findings));
     }

@@ -15,6 +15,7 @@ use crate::cell::calibration::table::FacePoint;
 use crate::cell::calibration::witness::{self, Witnessed};
 use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings};
 use crate::wire::UtcTime;
+use crate::wire::words::counted;
 
 /// Name and version of the shape.
 pub const CALIBRATION_DATA_SCHEMA: &str = "vantage.calibration_data/1";
@@ -505,7 +506,7 @@ impl PlateScanDocument {
         }
         let count = self.points_mm.len();
         findings.require((3..=MAX_POINTS).contains(&count), format!("{pointer}/points_mm"), || {
-            format!("has {count} points; allowed are 3 to {MAX_POINTS}")
+            format!("has {}; allowed are 3 to {MAX_POINTS}", counted(count, "point"))
         });
         let is_point = |point: &[f64; 3]| point.iter().all(|value| value.is_finite() && value.abs() <= 1e5);
         findings.require(self.points_mm.iter().all(is_point), format!("{pointer}/points_mm"), || {

@@ -117,9 +117,11 @@ pub struct CalibrationJob {
     pub data_sha256: String,
     /// Name of the key that its sender presented; `null` without keys.
     pub submitted_by: Option<String>,
-    /// Time at which it was accepted.
+    /// Time at which it was accepted, UTC.
+    #[schema(format = DateTime)]
     pub created_at: String,
-    /// Time at which it ended.
+    /// Time at which it ended, UTC.
+    #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Residuals of the observations used; `null` without a result.
     pub summary: Option<ResidualSummary>,

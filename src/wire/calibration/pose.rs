@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 
 use crate::cell::Findings;
 use crate::cell::calibration::start::nearest_rotation;
+use crate::wire::words::counted;
 
 /// Largest difference of a quaternion's norm from 1; what was written with three digits is made unit.
 const NORM_TOLERANCE: f64 = 2e-3;
@@ -110,7 +111,7 @@ pub(super) fn of_rows(rows: &[[f64; 3]; 3], pointer: &str, findings: &mut Findin
 /// Pose of a matrix of four rows, its lengths times `unit_mm`; a translation in the last row is told.
 pub(super) fn of_matrix(values: &[f64], unit_mm: f64, pointer: &str, findings: &mut Findings) -> Option<Isometry3<f64>> {
     if values.len() != 16 || values.iter().any(|value| !value.is_finite()) {
-        findings.push(pointer, format!("has {} numbers; a pose has 16 finite ones, four rows of four", values.len()));
+        findings.push(pointer, format!("has {}; a pose has 16 finite ones, four rows of four", counted(values.len(), "number")));
         return None;
     }
     let at = |row: usize, column: usize| values[4 * row + column];

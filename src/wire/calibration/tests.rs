@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
 use super::*;
-use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
+use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict, Checked};
 use crate::cell::calibration::data::{HandEyeSetup, SigmaSource, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use crate::cell::calibration::lens::LensParameters;
@@ -352,6 +352,7 @@ fn every_finding_has_a_sentence() {
     let figures = Figures {
         count: Some(5),
         held_out: Some(2),
+        given: Some(7),
         ratio: Some(1.01),
         turn_rad: Some(0.01),
         other_turn_rad: Some(-0.01),
@@ -378,6 +379,40 @@ fn every_finding_has_a_sentence() {
     assert!(of(FindingCode::TooFew).starts_with("5 observations remain of 7, since 2 are held out; at least 3 are needed"));
     assert!(of(FindingCode::BoardScaleNotConverged).contains("did not converge in 5 rounds"));
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
+}
+
+/// The limits that a motion was refused by were not told.
+#[test]
+fn a_degenerate_motion_is_told_with_its_limits() {
+    let told = |spread_deg: f64, sds: Option<(f64, f64)>| {
+        let figures = Figures {
+            turn_rad: Some(spread_deg.to_radians()),
+            length_mm: sds.map(|(mm, _)| mm),
+            other_turn_rad: sds.map(|(_, deg)| deg.to_radians()),
+            vector: Some(Vector3::z()),
+            ..Figures::default()
+        };
+        sentence(&CalibrationFinding::new(FindingCode::DegenerateMotion, Severity::Error).with(figures))
+    };
+    let scattered = told(25.0, Some((2.1, 0.1)));
+    assert!(
+        scattered.contains("standard deviation of 2.10 mm, rotations one of 0.100°; allowed are 0.5 mm and 0.05°; take more"),
+        "{scattered}"
+    );
+    let narrow = told(0.4, None);
+    assert!(narrow.starts_with("rotations spread only 0.4° across their main axis (at least 1° is needed): all"), "{narrow}");
+    let single = CalibrationFinding::new(FindingCode::TooFew, Severity::Error);
+    let single = sentence(&single.with(Figures { count: Some(1), held_out: Some(1), ..Figures::default() }));
+    assert!(single.starts_with("1 observation remains of 2, since 1 is held out; at least 3"), "{single}");
+    let with = |count: usize, held_out: Option<usize>, given: usize| {
+        let figures = Figures { count: Some(count), held_out, given: Some(given), ..Figures::default() };
+        sentence(&CalibrationFinding::new(FindingCode::TooFew, Severity::Error).with(figures))
+    };
+    let twin = with(2, Some(2), 5);
+    assert!(twin.starts_with("2 observations remain of 5, since 2 are held out and 1 is a duplicate; at least 3"), "{twin}");
+    let same = with(1, None, 12);
+    assert!(same.starts_with("1 observation remains of 12, since 11 are duplicates; at least 3"), "{same}");
+    assert!(with(2, None, 2).starts_with("2 observations; at least 3 are needed"), "none is left out");
 }
 
 /// Data of a scanner that stands in the cell were told to be inverted.
@@ -520,6 +555,12 @@ fn a_compensation_goes_into_force_with_its_bounds() {
     let mut document = CalibrationCheckDocument::new(&checked, &limits, &calibration, &frame, times, Some(22.0));
     document.id = "ef".repeat(32);
     assert_eq!(document.verdict, CheckVerdict::Compensate, "{document:?}");
+    // A search that ended before the cost was least told its drift without a word.
+    assert!(checked.is_converged && document.findings.is_empty(), "{document:?}");
+    let unfinished = Checked { verdict: CheckVerdict::Recalibrate, is_converged: false, ..checked };
+    let unfinished = CalibrationCheckDocument::new(&unfinished, &limits, &calibration, &frame, times, Some(22.0));
+    let codes: Vec<FindingCode> = unfinished.findings.iter().map(|finding| finding.code).collect();
+    assert!(codes == [FindingCode::NotConverged] && unfinished.compensation.is_none(), "{unfinished:?}");
     let mut compensated = spec.clone();
     compensated.flange_from_scanner = document.compensation.as_ref().expect("a compensation").flange_from_scanner;
     compensated.calibrated = document.in_force(spec.calibrated.clone().expect("calibrated"));

@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 
 use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode};
-use crate::wire::words::fixed;
+use crate::cell::calibration::observability::{MIN_SPREAD_RAD, UncertaintyLimits};
+use crate::wire::words::{counted, fixed};
 
 /// The finding as a sentence.
 #[must_use]
@@ -62,27 +63,49 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
              add observations from other distances and with other rotations of the arm, and measure the board",
             figures.count.unwrap_or(0)
         ),
-        FindingCode::NoConsensus => format!(
-            "only {} observations agree with each other: check robot model, board and order of the observations",
-            figures.count.unwrap_or(0)
-        ),
+        FindingCode::NoConsensus => of_consensus(figures),
     }
 }
 
 fn of_count(figures: &Figures) -> String {
-    let count = figures.count.unwrap_or(0);
-    let remain = |held_out| format!(" remain of {}, since {held_out} are held out", count + held_out);
-    let held_out = figures.held_out.map_or_else(String::new, remain);
-    format!("{count} observations{held_out}; at least 3 are needed, preferably 12, with rotations of the arm about two axes")
+    let (count, held_out) = (figures.count.unwrap_or(0), figures.held_out.unwrap_or(0));
+    let duplicates = figures.given.unwrap_or(0).saturating_sub(count + held_out);
+    let reasons: Vec<String> = [(held_out, "is held out", "are held out"), (duplicates, "is a duplicate", "are duplicates")]
+        .into_iter()
+        .filter(|(number, ..)| *number > 0)
+        .map(|(number, one, more)| format!("{number} {}", if number == 1 { one } else { more }))
+        .collect();
+    let observations = counted(count, "observation");
+    let remain = if reasons.is_empty() {
+        String::new()
+    } else {
+        let remain = if count == 1 { "remains" } else { "remain" };
+        format!(" {remain} of {}, since {}", count + held_out + duplicates, reasons.join(" and "))
+    };
+    format!("{observations}{remain}; at least 3 are needed, preferably 12, with rotations of the arm about two axes")
+}
+
+fn of_consensus(figures: &Figures) -> String {
+    let agreeing = match figures.count.unwrap_or(0) {
+        0 | 1 => "no two".to_owned(),
+        count => format!("only {count}"),
+    };
+    format!("{agreeing} observations agree with each other: check robot model, board and order of the observations")
 }
 
 fn of_motion(code: FindingCode, figures: &Figures) -> String {
     let spread = figures.turn_rad.unwrap_or(0.0).to_degrees();
     let axis = figures.vector.map_or_else(String::new, |axis| format!(" {}", near_axis(axis.into())));
+    let limits = UncertaintyLimits::default();
     let known = match (figures.length_mm, figures.other_turn_rad) {
         (Some(mm), Some(rad)) => {
+            let limit = if code == FindingCode::WeakMotion {
+                format!("up to {} mm is good", limits.warn_mm)
+            } else {
+                format!("allowed are {} mm and {}°", limits.max_mm, fixed(limits.max_rad.to_degrees(), 2))
+            };
             format!(
-                "the translation along{axis} has a standard deviation of {mm:.2} mm, rotations one of {:.3}°",
+                "the translation along{axis} has a standard deviation of {mm:.2} mm, rotations one of {:.3}°; {limit}",
                 rad.to_degrees()
             )
         }
@@ -97,7 +120,9 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
         (_, false) => "tilt the arm by 20° or more",
     };
     let only = if is_wide { "" } else { "only " };
-    format!("rotations spread {only}{spread:.1}° across their main axis: {known}; {advice}")
+    let least_deg = MIN_SPREAD_RAD.to_degrees();
+    let least = if spread < least_deg { format!(" (at least {least_deg:.0}° is needed)") } else { String::new() };
+    format!("rotations spread {only}{spread:.1}° across their main axis{least}: {known}; {advice}")
 }
 
 /// Axis by name where it is within 15° of one, else its direction.

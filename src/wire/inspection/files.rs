@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::inspection::ingest::{FrameAttempt, IngestCode, IngestFinding, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan};
+use crate::wire::part_size::unit_text;
 
 /// A scan as it was read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -82,7 +83,7 @@ fn tried(attempts: &[FrameAttempt]) -> String {
     let mut best: Vec<&FrameAttempt> = attempts.iter().collect();
     best.sort_by(|a, b| b.on_part.total_cmp(&a.on_part));
     let words = |attempt: &&FrameAttempt| {
-        format!("{} as {} in the {} frame", percent(attempt.on_part), attempt.unit, attempt.frame.as_str())
+        format!("{} as {} in the {} frame", percent(attempt.on_part), unit_text(attempt.unit), attempt.frame.as_str())
     };
     best.iter().take(4).map(words).collect::<Vec<_>>().join(", ")
 }
@@ -114,6 +115,55 @@ fn unknown_view_sentence(finding: &IngestFinding, file: &str) -> String {
     format!("{own}; name its view, or put its number into the name of the file{as_merged}")
 }
 
+/// Unit and frame in which most of the points lie near the part; none if too few do in any.
+fn fitting(finding: &IngestFinding) -> Option<&FrameAttempt> {
+    let fits = finding.tried.iter().filter(|attempt| attempt.on_part >= MIN_SHARE);
+    fits.max_by(|a, b| a.on_part.total_cmp(&b.on_part))
+}
+
+/// Sentence for a file in another unit or frame than was given, or in none: the one that fits, and the option and the parameter of a
+/// request that give it.
+fn mismatch_sentence(file: &str, (what, fits): (&str, Option<&str>), [option, parameter]: [&str; 2], shares: &str) -> String {
+    match fits {
+        Some(fits) => format!(
+            "{file} does not lie on the part in the {what} that was given; points near the part: {shares}. Give the {what} {fits} \
+             ({option} {fits}; over HTTP, {parameter}={fits})"
+        ),
+        None => format!(
+            "{file} does not lie on the part in any {what} that was tried; points near the part: {shares}. Is it a scan of this \
+             part? If so, give its {what} ({option}; over HTTP, the parameter {parameter})"
+        ),
+    }
+}
+
+/// Sentence for a file that does not show what its view sees.
+fn wrong_view_sentence(file: &str, view: &str, fits: Option<u32>) -> String {
+    let own = format!("{file} does not show what viewpoint {view} sees");
+    match fits {
+        Some(other) => {
+            format!("{own}. It fits viewpoint {other}: were files swapped? Name its own view, or leave it out")
+        }
+        None => format!(
+            "{own}, and fits no other viewpoint: is it a scan of this part and this plan? Compare it with the plan that it was \
+             taken with, or leave it out"
+        ),
+    }
+}
+
+/// Sentence for a file that holds the points of another view's scan.
+fn same_scan_sentence(file: &str, view: &str, original: Option<u32>) -> String {
+    let original = original.map_or_else(|| "another viewpoint".to_owned(), |original| format!("viewpoint {original}"));
+    format!("{file} holds the same points as the scan of {original}, and is left out: give the one taken from viewpoint {view}")
+}
+
+/// Sentence for a file that fits its view where most of the others do not.
+fn other_plan_sentence(file: &str, view: &str) -> String {
+    format!(
+        "{file} fits viewpoint {view}, but most of the files do not fit theirs, so that nothing is compared: are these scans of this \
+         part and this plan? Compare them with the plan that they were taken with, or give only the files that fit"
+    )
+}
+
 /// Sentence for a finding.
 fn ingest_sentence(finding: &IngestFinding) -> String {
     let file = finding.file.as_deref().unwrap_or("the file");
@@ -121,19 +171,16 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
     let shares = tried(&finding.tried);
     match finding.code {
         IngestCode::UnitMismatch => {
-            format!("{file} does not lie on the part in the unit that was given; points near the part: {shares}. Give that unit")
+            let unit = fitting(finding).map(|fits| fits.unit.as_str());
+            mismatch_sentence(file, ("unit", unit), ["--scan-unit", "unit"], &shares)
         }
         IngestCode::FrameMismatch => {
-            format!(
-                "{file} does not lie on the part in the frame that was given; points near the part: {shares}. Give that frame"
-            )
+            let frame = fitting(finding).map(|fits| fits.frame.as_str());
+            mismatch_sentence(file, ("frame", frame), ["--frame", "frame"], &shares)
         }
-        IngestCode::WrongView => {
-            let other = finding
-                .fits_viewpoint
-                .map_or_else(String::new, |other| format!(" It fits viewpoint {other}: were files swapped?"));
-            format!("{file} does not fit viewpoint {view}.{other}")
-        }
+        IngestCode::WrongView => wrong_view_sentence(file, &view, finding.fits_viewpoint),
+        IngestCode::SameScan => same_scan_sentence(file, &view, finding.fits_viewpoint),
+        IngestCode::OtherPlan => other_plan_sentence(file, &view),
         IngestCode::Merged => {
             let number = finding.viewpoint.map_or_else(String::new, |number| {
                 let known = ranges(&finding.viewpoints);
@@ -213,5 +260,55 @@ mod tests {
         }
         let told = ingest_sentence(&finding(IngestCode::Merged, None));
         assert!(told.ends_with("align.prior_deg state it; export single shots"), "{told}");
+    }
+
+    /// "Give that frame" was told of a scan for which none was given, and in which none fits.
+    #[test]
+    fn another_unit_or_frame_is_told_with_the_option_that_gives_it() {
+        let attempt = |unit: LengthUnit, on_part: f64| FrameAttempt { unit, frame: ScanFrame::Part, in_frusta: 1.0, on_part };
+        let told = |code: IngestCode, on_part: f64| {
+            ingest_sentence(&IngestFinding {
+                code,
+                file: Some("view_3.ply".to_owned()),
+                viewpoint: Some(3),
+                fits_viewpoint: None,
+                tried: vec![attempt(LengthUnit::Millimetre, 0.0), attempt(LengthUnit::Inch, on_part)],
+                longest_mm: None,
+                viewpoints: Vec::new(),
+            })
+        };
+        let frame = told(IngestCode::FrameMismatch, 0.9);
+        assert!(frame.contains("90 % as inches in the part frame, 0 % as mm"), "{frame}");
+        assert!(frame.ends_with("Give the frame part (--frame part; over HTTP, frame=part)"), "{frame}");
+        let unit = told(IngestCode::UnitMismatch, 0.9);
+        assert!(unit.ends_with("Give the unit inch (--scan-unit inch; over HTTP, unit=inch)"), "{unit}");
+        let no_frame = told(IngestCode::FrameMismatch, 0.0);
+        assert!(no_frame.contains("view_3.ply does not lie on the part in any frame that was tried;"), "{no_frame}");
+        assert!(no_frame.ends_with("give its frame (--frame; over HTTP, the parameter frame)"), "{no_frame}");
+    }
+
+    /// "Does not fit viewpoint 3." was all that was told of a scan that fits none, and of copies and other plans nothing.
+    #[test]
+    fn a_file_of_another_view_or_plan_is_told_with_what_to_do() {
+        let told = |code: IngestCode, fits_viewpoint: Option<u32>| {
+            ingest_sentence(&IngestFinding {
+                code,
+                file: Some("view_7.ply".to_owned()),
+                viewpoint: Some(7),
+                fits_viewpoint,
+                tried: Vec::new(),
+                longest_mm: None,
+                viewpoints: Vec::new(),
+            })
+        };
+        for (code, fits_viewpoint, wanted) in [
+            (IngestCode::WrongView, Some(0), "viewpoint 7 sees. It fits viewpoint 0: were files swapped? Name its own"),
+            (IngestCode::WrongView, None, "fits no other viewpoint: is it a scan of this part and this plan? Compare it"),
+            (IngestCode::SameScan, Some(0), "holds the same points as the scan of viewpoint 0, and is left out: give the one"),
+            (IngestCode::OtherPlan, None, "view_7.ply fits viewpoint 7, but most of the files do not fit theirs, so that"),
+        ] {
+            let told = told(code, fits_viewpoint);
+            assert!(told.contains(wanted) && told.starts_with("view_7.ply "), "{told}");
+        }
     }
 }

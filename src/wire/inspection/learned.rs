@@ -63,7 +63,8 @@ pub struct LearnedDocument {
     pub plan_sha256: String,
     /// Standard deviation of a point along the surface normal at best focus, mm; `null` if there are too few points.
     pub noise_best_mm: Option<EstimateDocument>,
-    /// Relative increase of the noise at the ends of the working depth; `null` if there are too few points, or all at one depth.
+    /// Relative increase of the noise at the ends of the working depth; `null` if there are too few points, or all at about one
+    /// distance from the best focus.
     pub noise_depth_gain: Option<EstimateDocument>,
     /// Worst incidence over the three devices up to which three quarters of the points return, degrees; `null` where no limit
     /// shows.
@@ -119,7 +120,8 @@ fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2]) -> String {
         }
         Withheld::OneDepth => {
             "the increase of the noise with depth is not determined, and the noise at best focus only within its interval: all \
-             points that tell it lie at about one depth; scan from other distances too"
+             points that tell it lie at about one distance from the best focus, or too few lie elsewhere; scan from other \
+             distances too"
         }
         Withheld::MisplacedViews => {
             return format!(
@@ -262,6 +264,8 @@ mod tests {
         assert!(open.noise_depth_gain.is_none() && open.noise_best_mm.is_some(), "{open:?}");
         assert_eq!(open.withheld.iter().map(|withheld| withheld.reason).collect::<Vec<_>>(), [Withheld::OneDepth]);
         assert!(open.withheld[0].detail.ends_with("scan from other distances too"), "{open:?}");
+        // Depths on both sides of the best focus were told as one.
+        assert!(open.withheld[0].detail.contains("at about one distance from the best focus"), "{open:?}");
         let known = of(about(1.0, [0.9, 1.1]), true);
         assert!(known.noise_depth_gain.is_some() && known.withheld.is_empty(), "{known:?}");
     }

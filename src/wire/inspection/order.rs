@@ -62,9 +62,11 @@ pub struct InspectionJob {
     pub fraction: f64,
     /// Name of the key that its sender presented; `null` without keys.
     pub submitted_by: Option<String>,
-    /// Time at which it was accepted.
+    /// Time at which it was accepted, UTC.
+    #[schema(format = DateTime)]
     pub created_at: String,
-    /// Time at which it ended.
+    /// Time at which it ended, UTC.
+    #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Figures; `null` without a result.
     pub summary: Option<InspectionSummary>,

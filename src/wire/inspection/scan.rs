@@ -26,7 +26,8 @@ pub struct Scan {
     pub sha256: String,
     /// Size of the file.
     pub size_bytes: u64,
-    /// Time at which it was uploaded.
+    /// Time at which it was uploaded, UTC.
+    #[schema(format = DateTime)]
     pub created_at: String,
 }
 

@@ -1,4 +1,4 @@
-//! A part that does not lie where it was planned: scanned there, found, and compared.
+//! A part that does not lie where it was planned: scanned there, found, and compared; and scans that are filed under other views.
 
 use std::path::Path;
 
@@ -71,4 +71,44 @@ fn a_part_that_was_put_elsewhere_is_found_and_compared() {
     let ended = run(&[&["compare", &other_plan, &scans, "--after", &inspection, "--out", &out][..], &of_finer].concat());
     assert_eq!(ended.code, Some(2), "{}", ended.err);
     assert!(ended.err.contains("is from another part"), "{}", ended.err);
+}
+
+/// A copy of the first scan under the number of the last view counted as that view's.
+#[test]
+#[ignore = "long: tests/all runs it"]
+fn a_scan_under_another_view_is_named_and_scans_of_which_most_are_so_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let part = written(&at("part.stl"), &DemoPart::Base.mesh(8_000).expect("a part"), &Isometry3::identity());
+    let [plan, scans, inspection] = ["plan", "scans", "inspection"].map(|name| at(name).display().to_string());
+    let quick = ["--set", "selection.max_views=4", "--set", "missed.remedies=0", "--report", "none"];
+    let ended = run(&[&["plan", &part, "--unit", "mm", "--out", &plan][..], &quick].concat());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let of_part = ["--mesh", &part, "--unit", "mm"];
+    let ended = run(&[&["sim", "scanner", &plan, "--set", "step_px=8", "--out", &scans][..], &of_part].concat());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let file = |view: usize| at("scans").join(format!("view_{view:03}.ply"));
+    let taken: Vec<Vec<u8>> = (0..4).map(|view| std::fs::read(file(view)).expect("a scan")).collect();
+
+    std::fs::write(file(3), &taken[0]).expect("written");
+    let compare = [&["compare", &plan, &scans, "--frame", "scanner", "--out", &inspection][..], &of_part].concat();
+    let ended = run(&compare);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let text = std::fs::read_to_string(at("inspection/inspection.json")).expect("a result");
+    let result: Value = serde_json::from_str(&text).expect("JSON");
+    let findings = result["findings"].as_array().expect("findings");
+    let wrong: Vec<&Value> = findings.iter().filter(|found| found["code"] == "wrong_view").collect();
+    assert!(wrong.len() == 1 && wrong[0]["file"] == "view_003.ply", "{findings:?}");
+    assert!(wrong[0]["detail"].as_str().is_some_and(|told| told.contains("It fits viewpoint 0")), "{findings:?}");
+    let of_view = result["coverage"]["by_view"].as_array().expect("views").iter().find(|view| view["viewpoint"] == 3);
+    assert_eq!(of_view.expect("the view")["scans"], 0, "{}", result["coverage"]);
+
+    for (view, taken) in [(0, &taken[1]), (1, &taken[2]), (2, &taken[0]), (3, &taken[3])] {
+        std::fs::write(file(view), taken).expect("written");
+    }
+    let ended = run(&compare);
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    for told in ["view_000.ply", "view_001.ply", "view_002.ply", "view_003.ply fits viewpoint 3, but most of the files do not"] {
+        assert!(ended.err.contains(told), "{told}: {}", ended.err);
+    }
 }

@@ -19,6 +19,7 @@ use super::observations::{BoardObservations, BoardView, DeviceSighting};
 use super::resect;
 use super::start::{MIN_POINTS, board_pose, camera_matrix, homography, mean_pose, placed, transfer_rms_px};
 use crate::cell::{DeviceName, PerDevice};
+use crate::geometry::counted;
 
 /// Fewest views of each camera, and fewest common views of two devices.
 const MIN_VIEWS: usize = 3;
@@ -133,7 +134,7 @@ pub fn adjust(observations: &BoardObservations, options: &AdjustOptions) -> Resu
     let pairs: Vec<Isometry3<f64>> =
         left_boards.iter().zip(&right_boards).filter_map(|(left, right)| Some((*right)? * (*left)?.inverse())).collect();
     let right_from_left = mean_pose(&pairs).filter(|_| pairs.len() >= MIN_VIEWS).ok_or_else(|| {
-        let detail = format!("{} views are seen by both cameras; at least {MIN_VIEWS}, better 15", pairs.len());
+        let detail = format!("{} seen by both cameras; at least {MIN_VIEWS}, better 15", counted(pairs.len(), "view"));
         LensError::new(LensFault::TooFew, "/views", detail)
     })?;
     let placed_boards: Vec<Option<Isometry3<f64>>> = left_boards
@@ -224,14 +225,15 @@ fn require_views(found: usize, views: &[BoardView], device: DeviceName, pointer:
     }
     let off_plane_mm =
         views.iter().flat_map(|view| &view.seen[device]).map(|sighting| sighting.board_mm.z.abs()).fold(0.0, f64::max);
+    let found = counted(found, "view");
     let detail = if off_plane_mm > 0.0 {
         format!(
-            "{found} views can be started from: points of the board lie up to {off_plane_mm} mm off z = 0, and the start needs a plane \
+            "{found} can be started from: points of the board lie up to {off_plane_mm} mm off z = 0, and the start needs a plane \
              board; give its points in the plane z = 0 of its own frame"
         )
     } else {
         format!(
-            "{found} views show {MIN_POINTS} points or more that are not on a line; at least {MIN_VIEWS}, better 15 with tilts about two \
+            "{found} with {MIN_POINTS} points or more that are not on a line; at least {MIN_VIEWS}, better 15 with tilts about two \
              axes"
         )
     };

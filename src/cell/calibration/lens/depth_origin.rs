@@ -9,6 +9,7 @@ use super::fault::{LensError, LensFault};
 use super::observations::BoardObservations;
 use crate::cell::closed_list::closed_list;
 use crate::cell::scanner::left_from_scanner;
+use crate::geometry::counted;
 
 /// Fewest planes.
 pub const MIN_PLANES: usize = 3;
@@ -75,7 +76,8 @@ pub fn stated_planes(observations: &BoardObservations, adjusted: &Adjusted) -> V
 pub fn depth_origin(planes: &[StatedPlane], front_mm: Option<f64>) -> Result<DepthOrigin, LensError> {
     let fault = |code, detail: String| LensError::new(code, "planes", detail);
     if planes.len() < MIN_PLANES {
-        return Err(fault(LensFault::TooFew, format!("{} planes; at least {MIN_PLANES} at different distances", planes.len())));
+        let given = counted(planes.len(), "plane");
+        return Err(fault(LensFault::TooFew, format!("{given}; at least {MIN_PLANES} at different distances")));
     }
     let is_distance = |value: f64| (1.0..=1e5).contains(&value);
     if let Some(plane) = planes.iter().find(|plane| !is_distance(plane.stated_mm) || !is_distance(plane.measured_mm)) {

@@ -9,6 +9,7 @@ use super::assemble::RigDevice;
 use super::fault::{LensError, LensFault};
 use super::model::LENS;
 use super::resect;
+use crate::geometry::counted;
 
 /// Fewest depths.
 const MIN_PLANES: usize = 2;
@@ -90,7 +91,7 @@ pub fn lit_rectangle(spec: &LitRectangleSpec) -> Result<(RigDevice, Isometry3<f6
         }
     }
     if !(MIN_PLANES..=MAX_PLANES).contains(&spec.planes.len()) {
-        let detail = format!("has {} depths; allowed are {MIN_PLANES} to {MAX_PLANES}, better 3", spec.planes.len());
+        let detail = format!("has {}; allowed are {MIN_PLANES} to {MAX_PLANES}, better 3", counted(spec.planes.len(), "depth"));
         return Err(LensError::new(LensFault::TooFew, "/lit_rectangle/planes", detail));
     }
     let pixels = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(Vector2::from);

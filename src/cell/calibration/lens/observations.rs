@@ -11,6 +11,7 @@ use super::fault::{LensError, LensFault};
 use super::lit_rectangle::LitRectangleSpec;
 use crate::cell::closed_list::closed_list;
 use crate::cell::{DeviceName, PerDevice};
+use crate::geometry::counted;
 
 /// Name and version of the document.
 pub const OBSERVATIONS_SCHEMA: &str = "vantage.scanner_observations/1";
@@ -243,8 +244,11 @@ impl ViewSpec {
         let sightings = |device: DeviceName, pixels: &[Option<[f64; 2]>]| -> Result<Vec<DeviceSighting>, LensError> {
             let pointer = format!("{pointer}/{}", device.as_str());
             if !pixels.is_empty() && pixels.len() != points.len() {
-                let detail =
-                    format!("has {} pixels; the board has {} points: null for those not found", pixels.len(), points.len());
+                let detail = format!(
+                    "has {}; the board has {} points: null for those not found",
+                    counted(pixels.len(), "pixel"),
+                    points.len()
+                );
                 return Err(LensError::new(LensFault::WrongShape, pointer, detail));
             }
             let found =

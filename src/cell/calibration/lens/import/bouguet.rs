@@ -10,6 +10,7 @@ use super::super::fault::{LensError, LensFault};
 use super::super::model::LENS;
 use super::{ImportedFile, ImportedLens, any_rotation, image_size, of_matrix, pose};
 use crate::cell::DeviceName;
+use crate::geometry::counted;
 
 /// Standard deviations in an uncertainty of the toolbox.
 const SIGMAS: f64 = 3.0;
@@ -48,7 +49,7 @@ fn list<'a>(values: &'a Assignments, name: &str, counts: &[usize]) -> Result<&'a
     if counts.contains(&list.len()) {
         return Ok(list);
     }
-    let detail = format!("has {} numbers; allowed are {counts:?}", list.len());
+    let detail = format!("has {}; allowed are {counts:?}", counted(list.len(), "number"));
     Err(LensError::new(LensFault::WrongShape, name, detail))
 }
 

@@ -8,6 +8,7 @@ use super::super::fault::{LensError, LensFault};
 use super::node;
 use super::{ImportedFile, ImportedLens, image_size, opencv_lens, pose, rotation};
 use crate::cell::DeviceName;
+use crate::geometry::counted;
 
 pub(super) fn read(text: &str) -> Result<ImportedFile, LensError> {
     let root = node::yaml(text)?;
@@ -53,7 +54,7 @@ fn lens(camera: &Value, at: &str) -> Result<ImportedLens, LensError> {
     let pointer = format!("{at}/intrinsics");
     let intrinsics = node::numbers(field(camera, at, "intrinsics")?, &pointer)?;
     let [fu, fv, pu, pv] = intrinsics.as_slice() else {
-        let detail = format!("has {} numbers; a pinhole has fu fv pu pv", intrinsics.len());
+        let detail = format!("has {}; a pinhole has fu fv pu pv", counted(intrinsics.len(), "number"));
         return Err(LensError::new(LensFault::WrongShape, pointer, detail));
     };
     let pointer = format!("{at}/resolution");

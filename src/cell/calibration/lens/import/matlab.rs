@@ -11,7 +11,7 @@ use super::super::fault::{LensError, LensFault};
 use super::node;
 use super::{ImportedFile, ImportedLens, any_rotation, image_size, of_matrix, pose, rotation};
 use crate::cell::DeviceName;
-use crate::geometry::{LengthUnit, UnknownUnit};
+use crate::geometry::{LengthUnit, UnknownUnit, counted};
 
 /// Pixel at which MATLAB's count begins.
 const FIRST_PIXEL: f64 = 1.0;
@@ -71,7 +71,11 @@ fn lens(camera: &Value, at: &str) -> Result<ImportedLens, LensError> {
         if counts.contains(&list.len()) {
             return Ok(list);
         }
-        Err(LensError::new(LensFault::WrongShape, pointer, format!("has {} numbers; allowed are {counts:?}", list.len())))
+        Err(LensError::new(
+            LensFault::WrongShape,
+            pointer,
+            format!("has {}; allowed are {counts:?}", counted(list.len(), "number")),
+        ))
     };
     let (radial, tangential) = (list("RadialDistortion", &[0, 2, 3])?, list("TangentialDistortion", &[0, 2])?);
     let get = |list: &[f64], index: usize| list.get(index).copied().unwrap_or(0.0);
@@ -110,7 +114,7 @@ fn boards(camera: &Value, at: &str) -> Result<BTreeMap<u32, Isometry3<f64>>, Len
     }
     let rows = |value: &Value, name: &str| -> Result<Vec<f64>, LensError> {
         let matrix = node::matrix(value, &format!("{at}/{name}"))?;
-        let detail = format!("has {} columns; allowed are 3", matrix.columns);
+        let detail = format!("has {}; allowed are 3", counted(matrix.columns, "column"));
         let is_rows = matrix.columns == 3 || matrix.values.len() == 3;
         if is_rows { Ok(matrix.values) } else { Err(LensError::new(LensFault::WrongShape, format!("{at}/{name}"), detail)) }
     };

@@ -18,7 +18,7 @@ use super::model::{LENS, LensParameters};
 use super::rich_lens;
 use crate::cell::closed_list::closed_list;
 use crate::cell::{DeviceName, ScannerSpec};
-use crate::geometry::LengthUnit;
+use crate::geometry::{LengthUnit, counted};
 
 /// Largest file that is read, bytes.
 pub const MAX_FILE_BYTES: usize = 64 << 20;
@@ -211,7 +211,7 @@ fn opencv_lens(
     at: &str,
 ) -> Result<ImportedLens, LensError> {
     if !matches!(distortion.len(), 0 | 4 | 5 | 8 | 12 | 14) {
-        let detail = format!("has {} coefficients; allowed are 4, 5, 8, 12 or 14", distortion.len());
+        let detail = format!("has {}; allowed are 4, 5, 8, 12 or 14", counted(distortion.len(), "coefficient"));
         return Err(LensError::new(LensFault::WrongShape, format!("{at}/distortion"), detail));
     }
     let mut lens = ImportedLens::new(of_matrix(matrix, distortion, size_px, at)?);
@@ -277,7 +277,7 @@ fn any_rotation(values: &[f64], at: &str) -> Result<UnitQuaternion<f64>, LensErr
         [x, y, z] => Ok(UnitQuaternion::from_scaled_axis(Vector3::new(*x, *y, *z))),
         values if values.len() == 9 => rotation(&Matrix3::from_row_slice(values), at),
         other => {
-            let detail = format!("has {} numbers; a rotation has 9, a rotation vector 3", other.len());
+            let detail = format!("has {}; a rotation has 9, a rotation vector 3", counted(other.len(), "number"));
             Err(LensError::new(LensFault::WrongShape, at, detail))
         }
     }
@@ -291,7 +291,7 @@ fn pose(rotation: UnitQuaternion<f64>, translation: &[f64], at: &str) -> Result<
         }
         [_, _, _] => Err(LensError::new(LensFault::OutOfRange, at, "has a number that is not finite or beyond a million")),
         other => {
-            let detail = format!("has {} numbers; a translation has 3", other.len());
+            let detail = format!("has {}; a translation has 3", counted(other.len(), "number"));
             Err(LensError::new(LensFault::WrongShape, at, detail))
         }
     }

@@ -9,6 +9,7 @@ use serde_json::error::Category;
 use serde_json::{Map, Value};
 
 use super::super::fault::{LensError, LensFault};
+use crate::geometry::counted;
 
 /// Deepest nesting.
 const MAX_DEPTH: usize = 24;
@@ -218,7 +219,7 @@ pub(super) fn matrix(value: &Value, at: &str) -> Result<Matrix, LensError> {
         let values = numbers(data, at)?;
         let (rows, columns) = (rows as usize, columns as usize);
         if values.len() != rows.saturating_mul(columns) {
-            return Err(shape(format!("has {} numbers; rows × cols is {rows} × {columns}", values.len())));
+            return Err(shape(format!("has {}; rows × cols is {rows} × {columns}", counted(values.len(), "number"))));
         }
         return Ok(Matrix { rows, columns, values });
     }

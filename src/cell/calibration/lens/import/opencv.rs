@@ -10,6 +10,7 @@ use super::super::fault::{LensError, LensFault};
 use super::node::{self, Matrix};
 use super::{ImportedFile, ImportedLens, any_rotation, image_size, opencv_lens, pose};
 use crate::cell::DeviceName;
+use crate::geometry::counted;
 
 /// Names of matrix and coefficients of a file with several devices.
 const NUMBERED: [(DeviceName, [&str; 4], [&str; 4]); 3] = [
@@ -95,7 +96,7 @@ fn size(root: &Map<String, Value>) -> Result<Option<[u32; 2]>, LensError> {
     match node::numbers(value, name)?.as_slice() {
         [width, height] => image_size(*width, *height, name).map(Some),
         other => {
-            let detail = format!("has {} numbers; allowed are width and height", other.len());
+            let detail = format!("has {}; allowed are width and height", counted(other.len(), "number"));
             Err(LensError::new(LensFault::WrongShape, name, detail))
         }
     }
@@ -136,7 +137,7 @@ fn boards(root: &Map<String, Value>) -> Result<BTreeMap<u32, nalgebra::Isometry3
     let Some(value) = root.get(name).or_else(|| root.get("Extrinsic_Parameters")) else { return Ok(BTreeMap::new()) };
     let Matrix { columns, values, .. } = node::matrix(value, name)?;
     if columns != 6 {
-        return Err(LensError::new(LensFault::WrongShape, name, format!("has {columns} columns; allowed are 6")));
+        return Err(LensError::new(LensFault::WrongShape, name, format!("has {}; allowed are 6", counted(columns, "column"))));
     }
     let rows = values.as_chunks::<6>().0.iter().zip(1..);
     rows.map(|([a, b, c, x, y, z], number)| {
