@@ -11,6 +11,14 @@ use utoipa::ToSchema;
 
 use super::field_error::Findings;
 
+/// Converts to degrees, rounded to 10⁻⁹: this moves a scanner at 1 m by 2·10⁻⁸ mm, and 30° is written as 30.
+#[must_use]
+pub fn rounded_deg(angle_rad: f64) -> f64 {
+    const PER_DEGREE: f64 = 1e9;
+    // Adding 0 turns −0 into 0.
+    (angle_rad.to_degrees() * PER_DEGREE).round() / PER_DEGREE + 0.0
+}
+
 /// Angles of the seven axes of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Configuration {
@@ -25,6 +33,13 @@ impl Configuration {
     #[must_use]
     pub fn from_axes_rad([j1, j2, j3, j4, j5, j6, table_rad]: [f64; 7]) -> Self {
         Self { joints_rad: [j1, j2, j3, j4, j5, j6], table_rad }
+    }
+
+    /// Configuration with the table's angle as [`rounded_deg`] rounds it: sums of different steps that mean one angle are equal
+    /// then, to the bit, and the table that keeps it stands still.
+    #[must_use]
+    pub fn with_rounded_table(self) -> Self {
+        Self { table_rad: rounded_deg(self.table_rad).to_radians(), ..self }
     }
 
     /// Angles of all axes alike: joints 1 to 6, then the table.

@@ -30,7 +30,7 @@ pub mod time_parameterisation;
 mod turntable;
 pub mod urdf;
 
-pub use axis::{Axes, Axis, AxisSpec, Configuration};
+pub use axis::{Axes, Axis, AxisSpec, Configuration, rounded_deg};
 pub use body::{Body, LinkBody, Shape};
 pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
 pub use closed_list::closed_list;

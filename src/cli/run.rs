@@ -1,6 +1,7 @@
 //! `vantage run`: carries out a program on a twin of arm and table, or on the controllers of a cell file, without a server.
 
 mod outcome;
+mod planned_cell;
 #[cfg(test)]
 mod tests;
 mod watch;
@@ -18,6 +19,7 @@ use self::watch::{RunWatch, lines_of_stdin};
 use super::check::{ReferenceArgs, warn};
 use super::files::{self, FileLibrary};
 use super::program::{plan_beside, unplaced, without_program};
+use super::ranges::number;
 use super::serve::run_to_completion;
 use super::signals::on_signals;
 use super::{CliError, FileFinding, doubts, output, telemetry};
@@ -78,7 +80,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = factor)]
     speed: f64,
     /// Speed override, as a share of the program's speed, 0.01 to 1.
-    #[arg(long = "override", value_name = "SHARE", default_value_t = 1.0)]
+    #[arg(long = "override", value_name = "SHARE", default_value = "1", value_parser = number)]
     speed_override: f64,
     /// Pause after each step, until a line on standard input (Enter) starts the next.
     #[arg(long)]
@@ -248,10 +250,10 @@ impl PreparedRun {
         reference.plan = reference.plan.or(plan_beside(&args.program)?);
         let reference = reference.load()?;
         check_known(args.mode, &shown, &reference)?;
-        reference.check_scanner(&cell).map_err(|errors| files::findings(&args.cell, &errors))?;
         let conditions = reference.present.conditions(&cell);
         let refused = |found: &[Finding]| files::findings(&shown, &field_errors(found));
         reference.owns(&program).map_err(|finding| refused(&[finding]))?;
+        planned_cell::check(&args.cell, &cell, &program, &reference)?;
         let run = Run::new(&request, None, &cell.name, &program, &hex(&Sha256::digest(&bytes)));
         let expected = reference.expected(program.setup);
         let scene = reference.scene(&cell, expected.as_ref());
@@ -271,7 +273,7 @@ impl PreparedRun {
             .map_err(|together| CliError::BadInput(format!("{shown}: {together}")))?;
         let run = Run { planned_secs: program.cycle_secs, ..run };
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
-            .map_err(|found| refused(&found))?
+            .map_err(|found| planned_cell::refused(&args.cell, &cell, &reference, &shown, &found))?
             .under(conditions);
         let found = [check_calibration(&cell, &conditions), off_orders].concat();
         if !found.is_empty() {
@@ -309,7 +311,7 @@ impl PreparedRun {
         let token = lease.as_ref().map(|lease| lease.token);
         let heart = tokio::spawn(beat(leases, self.cell.name.clone(), token, handle.clone()));
         let lines = if args.step { Some(lines_of_stdin()?) } else { None };
-        let watch = RunWatch::new(handle.clone(), self.job.program(), stop.clone(), token, lines);
+        let watch = RunWatch::new(handle.clone(), (self.job.program(), args.mode), stop.clone(), token, lines);
         let gave_up = watch.until_the_end().await;
         let record = handle.ended().await;
         heart.abort();

@@ -9,6 +9,7 @@ use tokio::time::{Instant, sleep};
 use super::device::{
     Capture, Captured, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, Trigger,
 };
+use super::drivers::stream::NOT_ARMED;
 use super::profile::Trapezoid;
 
 /// Error or fault that is planted in a twin.
@@ -234,7 +235,7 @@ impl<const N: usize> Body<N> {
         self.settle(now);
         if !self.is_armed {
             self.asked.targets_unarmed += 1;
-            return Err(DeviceError::NotReady { reason: "it is not armed; arm the run first".into() });
+            return Err(DeviceError::NotReady { reason: NOT_ARMED.into() });
         }
         if self.motion.is_some() || self.planted == Some(Planted::Refuses) {
             return Err(DeviceError::Refused { code: 20004, text: "it moves already, or a refusal is planted".into() });

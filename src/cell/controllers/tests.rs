@@ -78,6 +78,19 @@ fn values_out_of_range_are_named_by_their_pointer() {
     }
 }
 
+/// Numbers that Han's control box does not have were taken, and the first capture found out.
+#[test]
+fn a_trigger_by_signals_has_those_of_the_control_box() {
+    let found = |output: u8, input: u8| {
+        let mut section = whole();
+        section["trigger"] = json!({"protocol": "digital", "output": output, "input": input});
+        read(section).check().err().unwrap_or_default()
+    };
+    assert_eq!(found(7, 0), []);
+    let told: Vec<String> = found(8, 255).iter().map(ToString::to_string).collect();
+    assert_eq!(told, ["/trigger/output: is 8; allowed is 0 to 7", "/trigger/input: is 255; allowed is 0 to 7"]);
+}
+
 #[test]
 fn the_maker_behind_a_protocol_has_a_language_of_its_own() {
     let (ur, script) = ("10.0.0.2:30004", "10.0.0.2:30002");

@@ -30,13 +30,14 @@ impl Default for TriggerSpec {
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct NoTriggerSpec {}
 
-/// Trigger by signals of the arm's controller. Unknown fields are refused.
+/// Trigger by signals of the arm's controller: the digital outputs and inputs of Han's control box, whose driver alone has such
+/// signals. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct DigitalTriggerSpec {
-    /// Number of the output that starts a capture, 0 to 255.
+    /// Number of the output that starts a capture, 0 to 7.
     pub output: u8,
-    /// Number of the input that acknowledges it, 0 to 255.
+    /// Number of the input that acknowledges it, 0 to 7.
     pub input: u8,
     /// Time within which it is acknowledged, ms, 10 to 600000. Default 10000.
     #[serde(default = "default_deadline_ms")]
@@ -67,6 +68,9 @@ pub struct CommandTriggerSpec {
     #[serde(default = "default_deadline_ms")]
     pub deadline_ms: u32,
 }
+
+/// Last digital output, and input, of Han's control box; the first is 0.
+const LAST_SIGNAL: f64 = 7.0;
 
 fn default_deadline_ms() -> u32 {
     10_000
@@ -116,7 +120,12 @@ impl TriggerSpec {
                 let is_path = program.starts_with('/') && !program.contains('\0');
                 findings.require(is_path, format!("{pointer}/program"), || format!("is {program:?}; give its whole path"));
             }
-            Self::Digital(_) | Self::None(_) => {}
+            Self::Digital(DigitalTriggerSpec { output, input, .. }) => {
+                for (field, number) in [("output", output), ("input", input)] {
+                    findings.range(format!("{pointer}/{field}"), f64::from(*number), 0.0, LAST_SIGNAL, "");
+                }
+            }
+            Self::None(_) => {}
         }
         findings.range(format!("{pointer}/deadline_ms"), self.deadline_ms().into(), 10.0, 600_000.0, "ms");
     }

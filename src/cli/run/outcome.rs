@@ -12,7 +12,8 @@ use crate::planning::context::{Context, Silent};
 use crate::service::runs::coverage;
 use crate::wire::json_file_bytes;
 use crate::wire::run::{
-    DeviceStopDocument, RUN_RECORD_SCHEMA, ReportedReason, ReportedState, Run, RunRecordDocument, RunStepOp, RunStepRecord,
+    DeviceStopDocument, RUN_RECORD_SCHEMA, ReportedReason, ReportedState, Run, RunMode, RunRecordDocument, RunStepOp,
+    RunStepRecord,
 };
 use crate::wire::words::counted;
 
@@ -71,27 +72,42 @@ impl RunOutcome {
     pub(super) fn judge(&self) -> Result<(), CliError> {
         let run = &self.document.run;
         let detail = run.detail.clone().unwrap_or_default();
-        let stopped = || format!("stopped at step {} of {}", run.step, run.steps);
+        let ended = match run.mode {
+            RunMode::DryRun => format!("{} before arm and table were read", run.state.as_str()),
+            RunMode::Simulate | RunMode::Live => format!("{} at step {} of {}", run.state.as_str(), run.step, run.steps),
+        };
         match (run.state, run.reason) {
             (ReportedState::Done, _) => Ok(()),
             (ReportedState::Stopped, ReportedReason::ByClient) => match &self.gave_up {
-                Some(reason) => Err(CliError::Failed(format!("{}: {reason}", stopped()))),
-                None => Err(CliError::Cancelled(stopped())),
+                Some(reason) => Err(CliError::Failed(format!("{ended}: {reason}"))),
+                None => Err(CliError::Cancelled(ended)),
             },
-            (state, _) => Err(CliError::Failed(format!("{} at step {} of {}: {detail}", state.as_str(), run.step, run.steps))),
+            (
+                ReportedState::Preparing
+                | ReportedState::Ready
+                | ReportedState::Armed
+                | ReportedState::Running
+                | ReportedState::Paused
+                | ReportedState::Stopped
+                | ReportedState::Failed,
+                _,
+            ) => Err(CliError::Failed(format!("{ended}: {detail}"))),
         }
     }
 
     fn words(&self) -> String {
         let RunRecordDocument { run, steps, .. } = &self.document;
-        let mut words = format!(
-            "{}: {} of {} steps, {}, {:.1} s\n",
-            run.state.as_str(),
-            steps.iter().filter(|step| step.op != RunStepOp::Locate).count(),
-            run.steps,
-            counted(run.scans, "scan"),
-            run.elapsed_secs
-        );
+        let mut words = match run.mode {
+            RunMode::DryRun => words_of_reading(run),
+            RunMode::Simulate | RunMode::Live => format!(
+                "{}: {} of {} steps, {}, {:.1} s\n",
+                run.state.as_str(),
+                steps.iter().filter(|step| step.op != RunStepOp::Locate).count(),
+                run.steps,
+                counted(run.scans, "scan"),
+                run.elapsed_secs
+            ),
+        };
         let scans = || steps.iter().filter(|step| step.op == RunStepOp::Scan);
         if scans().next().is_some() {
             let max = |value: fn(&RunStepRecord) -> f64| scans().map(value).fold(0.0, f64::max);
@@ -120,6 +136,18 @@ impl RunOutcome {
     }
 }
 
+/// Words of a dry run, which takes no step of the program.
+fn words_of_reading(run: &Run) -> String {
+    let how = match () {
+        () if run.state != ReportedState::Done => "ended before arm and table were read; nothing was moved",
+        () if run.objections.is_empty() => {
+            "arm and table were read, and nothing was moved; nothing stands against a run with --mode live"
+        }
+        () => "arm and table were read, and nothing was moved; mend what would refuse motion before a run with --mode live",
+    };
+    format!("{}: {how}\n", run.state.as_str())
+}
+
 /// Stages of a stop.
 fn words_of_stop(stop: &DeviceStopDocument) -> String {
     let stage = |name: &str, ms: Option<f64>| ms.map_or_else(|| format!("not {name}"), |ms| format!("{name} after {ms:.0} ms"));
@@ -128,5 +156,56 @@ fn words_of_stop(stop: &DeviceStopDocument) -> String {
     match &stop.error {
         Some(error) => format!("stop {stages} ({error})"),
         None => format!("stop {stages}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{Presets, SpecLibrary};
+    use crate::program::{Program, Step};
+    use crate::wire::JobId;
+    use crate::wire::run::RunRequest;
+
+    /// A run of a program of one step that took none.
+    fn outcome(mode: RunMode, state: ReportedState, objections: &[&str]) -> RunOutcome {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("builds");
+        let program = Program {
+            plan_sha256: "ab".repeat(32),
+            setup: 0,
+            calibration: None,
+            robot: cell.robot.name.clone(),
+            turntable: cell.turntable.name.clone(),
+            home_rad: cell.home_rad,
+            cycle_secs: 0.1,
+            steps: vec![Step::Settle { secs: 0.1 }],
+        };
+        let request = RunRequest { mode, ..RunRequest::new(JobId::generate()) };
+        let run = Run::new(&request, None, &cell.name, &program, &"cd".repeat(32));
+        let objections = objections.iter().map(ToString::to_string).collect();
+        let run = Run { state, detail: Some("the arm is silent".to_owned()), objections, ..run };
+        let document = RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps: Vec::new() };
+        RunOutcome { document, gave_up: None }
+    }
+
+    /// "done: 0 of 28 steps" read as a program that was not carried out.
+    #[test]
+    fn a_dry_run_is_told_by_what_it_read_and_not_by_steps() {
+        let told = |state: ReportedState, objections: &[&str]| outcome(RunMode::DryRun, state, objections).words();
+        let (read, unmoved) = ("done: arm and table were read, and nothing was moved; ", "nothing was moved\n");
+        assert_eq!(told(ReportedState::Done, &[]), format!("{read}nothing stands against a run with --mode live\n"));
+        let objected = told(ReportedState::Done, &["the arm moves already"]);
+        assert!(objected.starts_with(read) && objected.ends_with("\nwould refuse motion: the arm moves already\n"), "{objected}");
+        assert!(objected.contains("mend what would refuse motion before a run with --mode live"), "{objected}");
+        let failed = told(ReportedState::Failed, &[]);
+        assert!(failed.starts_with("failed: ended before arm and table were read") && failed.ends_with(unmoved), "{failed}");
+        for (mode, wanted) in [
+            (RunMode::DryRun, "failed before arm and table were read: the arm is silent"),
+            (RunMode::Simulate, "failed at step 0 of 1: the arm is silent"),
+        ] {
+            let judged = outcome(mode, ReportedState::Failed, &[]).judge().expect_err("failed");
+            assert_eq!(judged.to_string(), wanted);
+        }
+        assert!(outcome(RunMode::Simulate, ReportedState::Failed, &[]).words().starts_with("failed: 0 of 1 steps"));
     }
 }

@@ -11,6 +11,7 @@ use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, RunState,
 use crate::geometry::Pose;
 use crate::program::{Move, Program, Step};
 use crate::testing::box_mesh;
+use crate::wire::run::RunMode;
 
 /// A slow move away from home and back.
 fn job() -> RunJob {
@@ -49,7 +50,7 @@ fn a_signal_stops_the_run_while_its_progress_cannot_be_printed() {
     let (_typing, lines) = mpsc::channel(1);
     std::thread::scope(|scope| {
         let paused = std::io::stderr().lock();
-        let watch = RunWatch::new(handle.clone(), job.program(), stop.clone(), None, Some(lines));
+        let watch = RunWatch::new(handle.clone(), (job.program(), RunMode::Simulate), stop.clone(), None, Some(lines));
         scope.spawn(|| runtime.block_on(watch.until_the_end()));
         let record = runtime.block_on(async {
             let mut status = handle.watch_status();

@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 use crate::cli::{CliError, output};
 use crate::execution::session::{Fence, LiveEvent, RunHandle, RunReason, RunState, StopCause};
 use crate::program::{Program, Step};
+use crate::wire::run::RunMode;
 
 /// A run that is watched.
 pub(super) struct RunWatch {
@@ -32,14 +33,15 @@ impl RunWatch {
     /// Begins to watch.
     pub(super) fn new(
         handle: RunHandle,
-        program: &Program,
+        (program, mode): (&Program, RunMode),
         stop: CancellationToken,
         token: Option<Fence>,
         lines: Option<mpsc::Receiver<()>>,
     ) -> Self {
         // Read from the start, so that a line from before a pause is no answer to it.
         let resumes = lines.is_none() && stdin().is_terminal();
-        let has_bar = lines.is_none();
+        // A dry run takes no step, and a bar over the steps would stay at none.
+        let has_bar = lines.is_none() && mode != RunMode::DryRun;
         let lines = if resumes { lines_of_stdin().ok() } else { lines };
         let steps: Vec<String> = program.steps.iter().map(words_of).collect();
         // Log lines and JSON would be torn by a bar, and so would the lines that take steps.

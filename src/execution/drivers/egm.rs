@@ -36,7 +36,8 @@ pub struct AbbEgmLink {
     /// External axes as first reported: those that are not the table's stay there.
     external: Option<ExternalAxes>,
     latest: EgmReport,
-    sequence: u32,
+    /// Latest answer, which the same report gets again.
+    answered: Option<EgmGuide>,
 }
 
 impl<const N: usize> StreamedProtocol<N> for AbbEgm {
@@ -48,7 +49,7 @@ impl<const N: usize> StreamedProtocol<N> for AbbEgm {
         // EGM tells nothing of itself.
         let identity =
             Identity { maker: "ABB".to_owned(), model: "controller with EGM".to_owned(), serial: None, firmware: None };
-        Ok((identity, AbbEgmLink { spec, datagrams, external: None, latest: EgmReport::default(), sequence: 0 }))
+        Ok((identity, AbbEgmLink { spec, datagrams, external: None, latest: EgmReport::default(), answered: None }))
     }
 }
 
@@ -68,6 +69,19 @@ impl AbbEgmLink {
         }
         Ok(axes_rad)
     }
+
+    /// Waits for a report that has no answer yet. One that comes again, by its number and its time, gets its answer again: the
+    /// set point of a further cycle would take the arm twice as far in this one.
+    async fn unanswered(&mut self) -> Result<EgmReport, DeviceError> {
+        loop {
+            let report = EgmReport::decode(self.datagrams.receive().await?)?;
+            let is_repeated = (report.sequence, report.time_ms) == (self.latest.sequence, self.latest.time_ms);
+            match self.answered.as_ref().filter(|_| is_repeated) {
+                Some(answered) => self.datagrams.send(&answered.encode()).await?,
+                None => return Ok(report),
+            }
+        }
+    }
 }
 
 impl<const N: usize> StreamedLink<N> for AbbEgmLink {
@@ -78,7 +92,7 @@ impl<const N: usize> StreamedLink<N> for AbbEgmLink {
     }
 
     async fn report(&mut self) -> Result<StreamedReport<N>, DeviceError> {
-        let report = EgmReport::decode(self.datagrams.receive().await?)?;
+        let report = self.unanswered().await?;
         let positions_rad = self.axes_rad(&report.joints_deg, &report.external)?;
         let planned = report.planned.map(|(joints_deg, external)| self.axes_rad(&joints_deg, &external));
         // A report without a plan, or with one of another motion, leaves what is measured.
@@ -95,18 +109,19 @@ impl<const N: usize> StreamedLink<N> for AbbEgmLink {
     }
 
     async fn answer(&mut self, step: &StreamStep<N>) -> Result<(), DeviceError> {
-        self.sequence = self.sequence.wrapping_add(1);
+        let sequence = self.answered.map_or(0, |before| before.sequence).wrapping_add(1);
         let mut external = self.external.unwrap_or_default();
         let index = self.table_index();
         if let (Some(table_rad), Some(deg)) = (step.set_point_rad.get(6), external.deg.get_mut(index)) {
             *deg = table_rad.to_degrees();
         }
         let guide = EgmGuide {
-            sequence: self.sequence,
+            sequence,
             time_ms: self.latest.time_ms,
             joints_deg: std::array::from_fn(|axis| step.set_point_rad.get(axis).copied().unwrap_or_default().to_degrees()),
             external,
         };
+        self.answered = Some(guide);
         self.datagrams.send(&guide.encode()).await
     }
 

@@ -8,7 +8,7 @@ use tokio::sync::watch;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::set_points::SetPoints;
-use super::stream::not_connected;
+use super::stream::{NOT_ARMED, not_connected};
 use crate::execution::device::{
     Condition, DeviceError, DeviceState, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target,
 };
@@ -24,8 +24,6 @@ const GLANCE: Duration = Duration::from_millis(100);
 const PERSISTENCE: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() as u64 * 7 / 10);
 /// Largest distance of an axis from its set point at which it may set out, radians: half a degree.
 pub(super) const ASTRAY_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Words for a device that has no right to move, and nothing took it.
-const NOT_ARMED: &str = "it is not armed, or was not kept alive in time; arm it again";
 /// Words for a watchdog that lapsed.
 const NOT_FED: &str = "it was not kept alive in time, as this machine was too busy or stood still; arm it again";
 

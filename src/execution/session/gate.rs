@@ -225,7 +225,11 @@ impl fmt::Display for Objection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OtherHash { what, approved, present } => {
-                write!(f, "the {what} in force ({present}) is not the one approved ({approved}); plan again, or approve it")
+                write!(
+                    f,
+                    "the {what} was changed since the run was approved (SHA-256 now {present:.12}, then {approved:.12}); put back \
+                     the {what} of then, or plan again and approve that"
+                )
             }
             Self::Calibration(objection) => objection.fmt(f),
             Self::NoSuchStep { step, steps } => write!(f, "there is no step {step}; the program has {steps}, from 0"),

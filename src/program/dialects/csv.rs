@@ -27,7 +27,7 @@ struct Row {
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "csv", extension: "csv", media_type: "text/csv; charset=utf-8" }],
     has_table_axis: true,
-    has_whole_percents: false,
+    whole_percents_from: None,
     tells_brightness: true,
     before_first_run: None,
     render: |job| Ok(render(job)),

@@ -5,11 +5,15 @@
 //! Every position is in joints, so that no frame changes the motion, but declares user frame 0 and tool frame 1: a controller
 //! that compares their numbers refuses a position in other frames than those selected, one in joints too (INTP-253, on a
 //! simulated controller). The program selects none, since that would outlast it; the operator does.
+//! `WAIT ... TIMEOUT,LBL[n]` goes to the label when its condition has not come true within `$WAITTMOUT`, hundredths of a second,
+//! 3000 as delivered (*HandlingTool Setup and Operations Manual*, wait instructions). The variable is the controller's, for every
+//! program on it, and the program does not set it back: a register to keep it in would be one that another program may use. The
+//! header says so.
 //! Remarks have 32 characters, comments 16, positions three decimals.
 
 use super::header::paragraphs;
 use super::names::{NameRule, identifier, wrap};
-use super::numbers::{DEGREE, fixed, rounded};
+use super::numbers::{DEGREE, at_least, fixed, rounded};
 use super::walk::{Action, Stretch, points};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
 use crate::cell::{Configuration, JointThreeOrigin};
@@ -32,7 +36,7 @@ const TABLE_AXIS: u32 = 1;
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "fanuc", extension: "ls", media_type: "text/x-fanuc-ls; charset=utf-8" }],
     has_table_axis: true,
-    has_whole_percents: true,
+    whole_percents_from: Some(0.0),
     tells_brightness: false,
     before_first_run: Some(
         "select user frame 0 and tool frame 1 in both motion groups, and bring arm and table home by hand; the program's \
@@ -109,9 +113,10 @@ fn body(job: &Job<'_>, name: &str) -> Result<Vec<String>, DialectError> {
     let frames = "Positions are in joints, of UFRAME 0 and UTOOL 1: select these in both groups first. None is selected \
                   here, and a controller may refuse others (INTP-253).";
     let table = "axis 1 of motion group 2; it moves with the arm.";
-    let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled, frames]);
+    let waits = "Sets $WAITTMOUT, the time-out of waits in every program, and leaves it so: others have to set their own.";
+    let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled, frames, waits]);
     let mut lines: Vec<String> = head.iter().flat_map(|paragraph| remark(paragraph)).collect();
-    lines.push(format!("  $WAITTMOUT={}", (100.0 * job.params.timeout_secs).ceil() as u32));
+    lines.push(format!("  $WAITTMOUT={}", at_least(100.0 * job.params.timeout_secs, 0)));
     let mut homing_percent = HOMING_PERCENT;
     for action in &job.actions {
         if let Action::Go(stretch) = action {
@@ -151,7 +156,7 @@ fn go(stretch: &Stretch) -> Result<String, DialectError> {
 
 /// Rounded up to hundredths, and without a zero before the point, as the controller writes it.
 fn wait(secs: f64) -> String {
-    let text = format!("{:.2}", (100.0 * secs - 1e-6).ceil().max(0.0) / 100.0);
+    let text = at_least(secs, 2);
     format!("  WAIT {:>6}(sec)", text.strip_prefix('0').unwrap_or(&text))
 }
 

@@ -1,7 +1,9 @@
 //! Han's robots: commands of the CPS interface (TCP port 10003, vendor's Python SDK), one a line, to be sent by a driver or
 //! an operator. `WayPoint` with `type` 0 and `isJoint` 1 takes the six joints as the target, degrees, speeds in degrees per
-//! second; its first six numbers are then without effect. Lines with `#` are comments. CPS has no command to wait or to turn
-//! a table: lines with `@` say what the sender does, and the header what each means.
+//! second; its first six numbers are then without effect. `TCP` and `Base` are names of a tool frame and a user frame of the
+//! controller, those of the SDK's examples (`sTcpName` and `sUcsName` of `HRIF_WayPoint`): a target in joints is the same in
+//! every frame, but the names have to be known there. Lines with `#` are comments. CPS has no command to wait or to turn a
+//! table: lines with `@` say what the sender does, and the header what each means.
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
@@ -9,12 +11,14 @@ use super::numbers::{DEGREE, angles, at_least, at_most};
 use super::walk::{Action, Stretch, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job};
 
-/// Digital inputs and outputs of the box.
+/// Digital inputs and outputs of the box, from 0 (`nBit` of the SDK's `HRIF_SetBoxDO` and `HRIF_ReadBoxDI`).
 const LAST_SIGNAL: u32 = 7;
 /// No controller compiles the script; a file's name is all it is.
 const NAME: NameRule = NameRule { longest: 64, reserved: &[], point: "" };
 
-const HOW_TO_SEND: [&str; 7] = [
+const HOW_TO_SEND: [&str; 8] = [
+    "Targets are joints: no frame changes the motion. Each WayPoint names tool frame TCP and user frame Base all the same; where \
+     the controller has no frames of these names, put names of its own in their place.",
     "Send each line that begins with a letter as it stands, without the line end, and wait for its Name,OK,...,; before the \
      next; on Name,Fail,code,; stop. Lines with @ are for the sender:",
     "@home J1 J2 J3 J4 J5 J6 TABLE: stop unless ReadActPos,0,; and the table are within 0.5 deg of this.",
@@ -29,7 +33,7 @@ const HOW_TO_SEND: [&str; 7] = [
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "hans", extension: "cps", media_type: "text/x-hans-cps; charset=utf-8" }],
     has_table_axis: false,
-    has_whole_percents: false,
+    whole_percents_from: None,
     tells_brightness: true,
     before_first_run: None,
     render,
@@ -40,7 +44,7 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Hans, 0, LAST_SIGNAL)?;
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = "turned by the sender at each @table line, never while the arm moves.";
-    let units = "deg, deg/s, deg/s2, s; TCP and Base are the controller's own frames.";
+    let units = "deg, deg/s, deg/s2, s.";
     let head = paragraphs(job, &format!("{name}.cps"), units, table, &HOW_TO_SEND);
     let mut lines = commented(&head, "#");
     lines.push(format!("@home {}", angles(&job.program.home_rad, &job.axes, DEGREE, 4).join(" ")));

@@ -40,7 +40,8 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
     ]);
     lines.extend(job.slowed.as_ref().map(|slowed| {
         format!(
-            "Speed: {slowed}, since this language has whole percents, rounded down. The cycle above is the one at this speed."
+            "Speed: {slowed}, since this program sets speeds or accelerations in whole percents, rounded down. The cycle above \
+             is the one at this speed."
         )
     }));
     lines.extend(job.untold_levels.as_ref().map(|levels| {

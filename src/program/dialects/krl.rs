@@ -3,6 +3,8 @@
 //! point; speeds and accelerations are whole percents of each axis. The table is an external axis. The first motion is to
 //! home, where the arm already stands: the controller wants its block coincidence there. Two inputs never change: as delivered,
 //! 1025 is TRUE and 1026 is FALSE (*KSS 8.x System Variables*, `$IOSYS_IN_TRUE` and `$IOSYS_IN_FALSE`).
+//! `$TIMER[n]` counts milliseconds, an INT that a program may set; it runs while `$TIMER_STOP[n]` is FALSE and stands while
+//! that is TRUE (the same, `$TIMER` and `$TIMER_STOP`). The timers are the controller's: the header says which one is taken.
 
 use super::header::{commented, origin, paragraphs};
 use super::names::{NameRule, identifier};
@@ -141,7 +143,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
         DialectOutput { format: "krl_dat", extension: "dat", media_type: "text/x-krl-dat; charset=utf-8" },
     ],
     has_table_axis: true,
-    has_whole_percents: true,
+    whole_percents_from: Some(0.0),
     tells_brightness: false,
     before_first_run: None,
     render,
@@ -274,6 +276,6 @@ $TIMER_STOP[{TIMER}]=TRUE
 END
 ",
         pulse = at_least(params.pulse_secs, 3),
-        timeout = (params.timeout_secs * 1000.0).ceil() as u32
+        timeout = at_least(1000.0 * params.timeout_secs, 0)
     )
 }

@@ -48,8 +48,8 @@ struct DialectFacts {
     outputs: &'static [DialectOutput],
     /// True if its controllers move the table with the arm.
     has_table_axis: bool,
-    /// True if its files say speeds in whole percents of the rated.
-    has_whole_percents: bool,
+    /// Share of the rated speed from which on its files set speeds or accelerations in whole percents; `None` if none does.
+    whole_percents_from: Option<f64>,
     /// True if the file tells its reader the brightness level of each scan, and not in a comment alone.
     tells_brightness: bool,
     /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
@@ -117,10 +117,7 @@ impl Dialect {
         }
         let levels: BTreeSet<u8> = programs.into_iter().flat_map(Program::brightness_levels).collect();
         let levels: Vec<String> = levels.iter().map(ToString::to_string).collect();
-        match levels.as_slice() {
-            [] | [_] => None,
-            [others @ .., last] => Some(format!("{} and {last}", others.join(", "))),
-        }
+        (levels.len() > 1).then(|| listed(&levels))
     }
 }
 
@@ -263,7 +260,10 @@ impl<'a> CheckedProgram<'a> {
     /// the speeds that its files set, with their times.
     fn form_for(&self, dialect: Dialect) -> Result<Cow<'_, Program>, DialectError> {
         let program = self.at_planned_speeds(dialect)?;
-        if dialect.facts().has_whole_percents { self.in_whole_percents(program, dialect) } else { Ok(Cow::Borrowed(program)) }
+        match dialect.facts().whole_percents_from {
+            Some(from) => self.in_whole_percents(program, dialect, from),
+            None => Ok(Cow::Borrowed(program)),
+        }
     }
 
     /// The form of the program for a dialect's controllers, at the speeds that were planned.
@@ -273,16 +273,19 @@ impl<'a> CheckedProgram<'a> {
         if program.passes_points() { Err(DialectError::Passing) } else { Ok(program) }
     }
 
-    /// The program at the whole percents that its speeds are rounded down to, its times derived anew where that is slower.
-    fn in_whole_percents<'p>(&self, program: &'p Program, dialect: Dialect) -> Result<Cow<'p, Program>, DialectError> {
+    /// The program at the whole percents that its speeds, those `from` this share on, are rounded down to; times are derived anew
+    /// where that is slower.
+    fn in_whole_percents<'p>(&self, program: &'p Program, dialect: Dialect, from: f64) -> Result<Cow<'p, Program>, DialectError> {
         let axes = self.cell.axes();
         let (mut slowed, mut here) = (program.clone(), program.home_rad);
         for step in &mut slowed.steps {
             if let Step::Move(step) = step {
-                let fraction = f64::from(percent(step.speed_fraction, dialect)?) / 100.0;
-                if step.speed_fraction - fraction > SAME_SPEED {
-                    step.speed_fraction = fraction;
-                    step.duration_secs = step.derived_secs(&here, &axes);
+                if step.speed_fraction >= from {
+                    let fraction = f64::from(percent(step.speed_fraction, dialect)?) / 100.0;
+                    if step.speed_fraction - fraction > SAME_SPEED {
+                        step.speed_fraction = fraction;
+                        step.duration_secs = step.derived_secs(&here, &axes);
+                    }
                 }
                 here = step.target_rad;
             }
@@ -366,10 +369,26 @@ impl Job<'_> {
     }
 }
 
-/// Speed in whole percents, rounded down: never quicker than was checked.
+/// Whole percents of a share of the rated speed, rounded down: never quicker than was checked.
+fn whole_percent(speed_fraction: f64) -> u32 {
+    (100.0 * speed_fraction + 1e-9).floor() as u32
+}
+
+/// Speed in whole percents, of which a controller takes one at least.
 fn percent(speed_fraction: f64, dialect: Dialect) -> Result<u32, DialectError> {
-    let percent = (100.0 * speed_fraction + 1e-9).floor();
-    if percent < 1.0 { Err(DialectError::TooSlow(speed_fraction, dialect.as_str())) } else { Ok(percent as u32) }
+    match whole_percent(speed_fraction) {
+        0 => Err(DialectError::TooSlow(speed_fraction, dialect.as_str())),
+        percent => Ok(percent),
+    }
+}
+
+/// Joins words as `a, b and c`.
+fn listed(words: &[String]) -> String {
+    match words {
+        [] => String::new(),
+        [word] => word.clone(),
+        [others @ .., last] => format!("{} and {last}", others.join(", ")),
+    }
 }
 
 /// Speeds of a program that are lower than those that were planned, as `2 % of the rated, not the 2.5 %`; `None` if none is.

@@ -1,6 +1,7 @@
 //! ABB RAPID (*Technical reference manual, RAPID Instructions, Functions and Data types*, 3HAC050917). `MoveAbsJ` with `fine`
 //! stops at each joint target; its `\T` is the time of the move, which is how a share of the rated joint speeds is said in a
-//! language whose speed data are those of the tool. The table is an external axis of the joint target. `WaitDI` past
+//! language whose speed data are those of the tool. It is the time at the acceleration that `AccSet` sets, whole percents of the
+//! rated: at more the move would end later than is said. The table is an external axis of the joint target. `WaitDI` past
 //! `\MaxTime` raises ERR_WAIT_MAXTIME, which stops the program since nothing handles it. `AliasIO` takes the name of a signal by
 //! reference, from a constant: a string as it stands is none. Names have 32 characters at most.
 //! Controllers of arms with a parallel rod count joint 3 from the ground; a robot's model without `joint_3_from_ground`
@@ -8,9 +9,9 @@
 
 use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
-use super::numbers::{DEGREE, angles, at_least, fixed};
+use super::numbers::{DEGREE, angles, at_least};
 use super::walk::{Action, Stretch, points, scanning, toward};
-use super::{DialectFacts, DialectFile, DialectOutput, Job, shortest};
+use super::{DialectFacts, DialectFile, DialectOutput, Job, listed, shortest, whole_percent};
 use crate::cell::Configuration;
 
 /// The procedure has the module's name and this, within 32 characters.
@@ -86,13 +87,18 @@ const HOME: &str = "Before anything moves by program: with the arm in the postur
 /// An external axis that is not there.
 const ABSENT: &str = "9E9";
 /// Smallest share of the rated acceleration that `AccSet` sets, percent: it takes less for this.
-const MIN_ACCELERATION_PERCENT: f64 = 20.0;
+const MIN_ACCELERATION_PERCENT: u32 = 20;
+/// Difference of a planned time from the one of its file, s: what angles lose there changes no digit.
+const LOST_SECS: f64 = 1e-6;
+/// Shortest time of a move: the least that three decimals say.
+const MIN_MOVE_SECS: f64 = 1e-3;
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "rapid", extension: "mod", media_type: "text/x-rapid; charset=utf-8" }],
     has_table_axis: true,
-    has_whole_percents: false,
+    // Below, AccSet sets more than was planned, and a move takes its planned time.
+    whole_percents_from: Some(MIN_ACCELERATION_PERCENT as f64 / 100.0),
     tells_brightness: false,
     before_first_run: Some(
         "replace tool0, which carries no load, by the scanner's tool data, give the two signals their names in the controller, \
@@ -139,20 +145,36 @@ fn joint_3(job: &Job<'_>) -> &'static str {
     }
 }
 
-/// Header's words on moves that accelerate harder than was planned; `None` if none does.
+/// Header's words on moves that accelerate harder than was planned, and which these are; `None` if none does.
 fn raised_acceleration(job: &Job<'_>) -> Option<String> {
-    let shares = job.actions.iter().filter_map(|action| match action {
-        Action::Go(stretch) => Some(100.0 * stretch.speed_fraction),
-        Action::Toward(_) | Action::Settle(_) | Action::Scan { .. } => None,
-    });
-    let least = shares.fold(f64::INFINITY, f64::min);
-    (least < MIN_ACCELERATION_PERCENT - 1e-9).then(|| {
-        format!(
-            "Acceleration: {MIN_ACCELERATION_PERCENT} % of the rated, not the {} % that were planned, since AccSet sets no \
-             less. Each move takes its planned time all the same.",
-            shortest(least)
-        )
-    })
+    let (mut raised, mut goal, mut moves_otherwise) = (Vec::new(), String::new(), false);
+    let mut shares = [f64::INFINITY, f64::NEG_INFINITY];
+    for action in &job.actions {
+        match action {
+            Action::Toward(view) => goal = toward(*view),
+            Action::Go(stretch) if whole_percent(stretch.speed_fraction) < MIN_ACCELERATION_PERCENT => {
+                let share = 100.0 * stretch.speed_fraction;
+                shares = [shares[0].min(share), shares[1].max(share)];
+                if !raised.contains(&goal) {
+                    raised.push(goal.clone());
+                }
+            }
+            Action::Go(_) => moves_otherwise = true,
+            Action::Settle(_) | Action::Scan { .. } => {}
+        }
+    }
+    let [least, most] = shares.map(shortest);
+    let planned = if least == most { least } else { format!("{least} to {most}") };
+    let which = match raised.as_slice() {
+        [] => return None,
+        _ if !moves_otherwise => "every move".to_owned(),
+        [only] => format!("the move {only}"),
+        several => format!("the moves {}", listed(several)),
+    };
+    Some(format!(
+        "Acceleration: {MIN_ACCELERATION_PERCENT} % of the rated, not the {planned} % that were planned, since AccSet sets no \
+         less. This concerns {which}; the planned times are kept all the same."
+    ))
 }
 
 fn joint_target(point: &Configuration, job: &Job<'_>) -> String {
@@ -226,11 +248,10 @@ fn body(job: &Job<'_>) -> Vec<String> {
 
 /// Whole percents for `AccSet`, rounded down: never harder than was planned, save below its least.
 fn share_of_acceleration(speed_fraction: f64) -> u32 {
-    (100.0 * speed_fraction + 1e-9).floor().clamp(MIN_ACCELERATION_PERCENT, 100.0) as u32
+    whole_percent(speed_fraction).clamp(MIN_ACCELERATION_PERCENT, 100)
 }
 
 fn go(stretch: &Stretch, job: &Job<'_>) -> String {
-    // Rounded up, never quicker than was planned; what angles lose in a file changes no digit. The shortest move takes time too.
-    let millisecs = (stretch.secs(&job.axes) * 1000.0 - 1e-3).ceil().max(1.0);
-    format!("    MoveAbsJ p{}\\NoEOffs,vmax\\T:={},fine,tool0;", stretch.point, fixed(millisecs / 1000.0, 3))
+    let secs = (stretch.secs(&job.axes) - LOST_SECS).max(MIN_MOVE_SECS);
+    format!("    MoveAbsJ p{}\\NoEOffs,vmax\\T:={},fine,tool0;", stretch.point, at_least(secs, 3))
 }

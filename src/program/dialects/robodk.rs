@@ -16,7 +16,7 @@ const NAME: NameRule = NameRule { longest: 64, reserved: &["ROBODK"], point: "" 
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "robodk", extension: "py", media_type: "text/x-python; charset=utf-8" }],
     has_table_axis: true,
-    has_whole_percents: false,
+    whole_percents_from: None,
     tells_brightness: false,
     before_first_run: None,
     render: |job| Ok(render(job)),

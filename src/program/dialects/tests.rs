@@ -303,6 +303,80 @@ fn a_rapid_program_tells_that_it_accelerates_harder_than_planned_below_accsets_l
     assert!(!words(&text(0.2)).contains("Acceleration:"), "20 % is said as it is");
 }
 
+/// The note spoke for every move, those that were planned quick enough too.
+#[test]
+fn a_rapid_program_tells_which_moves_accelerate_harder_than_planned() {
+    let cell = cell();
+    for (shares, told) in [
+        ([0.25, 0.125], "not the 12.5 % that were planned, since AccSet sets no less. This concerns the move home;"),
+        ([0.15, 0.25], "not the 15 % that were planned, since AccSet sets no less. This concerns the move to viewpoint 7;"),
+        ([0.15, 0.125], "not the 12.5 to 15 % that were planned, since AccSet sets no less. This concerns every move;"),
+    ] {
+        let (mut program, mut here, mut shares) = (program(&cell), cell.home_rad, shares.into_iter());
+        for step in &mut program.steps {
+            if let Step::Move(step) = step {
+                step.speed_fraction = shares.next().expect("two moves");
+                step.duration_secs = step.derived_secs(&here, &cell.axes());
+                here = step.target_rad;
+            }
+        }
+        program.cycle_secs = program.steps.iter().map(Step::secs).sum();
+        let text = said(&rendered(&program, &cell, Dialect::Rapid, &params()).expect("renders")[0]);
+        assert!(text.contains(told), "{told:?} is not in\n{text}");
+    }
+}
+
+/// `AccSet` set 29 % while `\T` and the told cycle were those at 29.99 %, which the moves then overran.
+#[test]
+fn the_times_of_a_rapid_program_are_those_at_the_acceleration_that_it_sets() {
+    let cell = cell();
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let (planned, set) = (program_at(&cell, 0.2999), program_at(&cell, 0.29));
+    let checked = CheckedProgram::new(&planned, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    let told_secs = checked.cycle_secs(Dialect::Rapid).expect("renders");
+    assert!((told_secs - set.cycle_secs).abs() < 1e-9, "{told_secs} s, not {} s", set.cycle_secs);
+    let motion = |text: &str| -> Vec<String> {
+        let lines = text.lines().filter(|line| line.contains("AccSet ") || line.contains("MoveAbsJ "));
+        lines.map(str::to_owned).collect()
+    };
+    let text = checked.render(Dialect::Rapid, &params()).expect("renders").remove(0).text;
+    assert_eq!(motion(&text), motion(&rendered(&set, &cell, Dialect::Rapid, &params()).expect("renders")[0]));
+    for told in [format!("predicted cycle {:.1} s", set.cycle_secs), "29 % of the rated, not the 29.99 %".to_owned()] {
+        assert!(said(&text).contains(&told), "it does not say {told}:\n{text}");
+    }
+}
+
+/// 16.1 s became 16101 ms and 16.11 s: the product is off by the last digit of a double.
+#[test]
+fn a_time_out_that_a_file_can_say_is_said_as_it_is() {
+    let cell = cell();
+    let params = DialectParams { timeout_secs: 16.1, ..params() };
+    for (dialect, wanted) in [(Dialect::Krl, "$TIMER[10]>16100 "), (Dialect::Fanuc, "$WAITTMOUT=1610 ")] {
+        let text = rendered(&program(&cell), &cell, dialect, &params).expect("renders").remove(0);
+        assert!(text.contains(wanted), "{dialect:?} does not say {wanted:?}:\n{text}");
+    }
+}
+
+/// The variable is one for all programs of the controller, and TP has no place of its own to keep its value in.
+#[test]
+fn a_fanuc_program_says_that_it_leaves_the_time_out_of_waits_set() {
+    let cell = cell();
+    let text = said(&rendered(&program(&cell), &cell, Dialect::Fanuc, &params()).expect("renders")[0]);
+    let told = "Sets $WAITTMOUT, the time-out of waits in every program, and leaves it so: others have to set their own.";
+    assert!(text.contains(told), "{text}");
+}
+
+/// `TCP` and `Base` were called the controller's own frames, though it may have none of these names.
+#[test]
+fn a_script_for_hans_says_which_frames_it_names_and_that_they_change_no_motion() {
+    let cell = cell();
+    let text = rendered(&program(&cell), &cell, Dialect::Hans, &params()).expect("renders").remove(0);
+    let told = "Targets are joints: no frame changes the motion. Each WayPoint names tool frame TCP and user frame Base all the \
+                same; where the controller has no frames of these names, put names of its own in their place.";
+    assert!(said(&text).contains(told), "{text}");
+    assert!(text.lines().filter(|line| line.starts_with("WayPoint,")).all(|line| line.contains(",TCP,Base,")), "{text}");
+}
+
 /// A string as it stands is no reference, which the instruction's syntax asks for (3HAC050917, AliasIO).
 #[test]
 fn a_rapid_module_names_its_signals_by_constants() {

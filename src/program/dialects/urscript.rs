@@ -9,7 +9,7 @@ use super::numbers::{angles, at_least, at_most};
 use super::walk::{Action, Stretch, scanning, toward};
 use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job};
 
-/// Standard digital inputs and outputs.
+/// Standard digital inputs and outputs, from 0 (`n` of `set_standard_digital_out` and `get_standard_digital_in`).
 const LAST_SIGNAL: u32 = 7;
 /// `_program` behind the name keeps it apart from keywords and functions of the language.
 const SUFFIX: &str = "_program";
@@ -19,7 +19,7 @@ const NAME: NameRule = NameRule { longest: 32, reserved: &[], point: "" };
 pub(super) const FACTS: DialectFacts = DialectFacts {
     outputs: &[DialectOutput { format: "urscript", extension: "script", media_type: "text/x-urscript; charset=utf-8" }],
     has_table_axis: false,
-    has_whole_percents: false,
+    whole_percents_from: None,
     tells_brightness: false,
     before_first_run: Some("fill in vantage_table(angle_deg), which turns the table; until then the program stops there"),
     render,

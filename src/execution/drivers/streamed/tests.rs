@@ -594,6 +594,48 @@ async fn a_telegram_of_rsi_that_comes_again_gets_the_same_set_point_again() {
     }
 }
 
+/// A report that came twice took the arm twice as far within its cycle.
+#[tokio::test]
+async fn a_report_of_egm_that_comes_again_gets_the_same_set_point_again() {
+    let address = format!("127.0.0.1:{}", free_port());
+    let spec = AbbEgmSpec { address: address.clone(), controller_host: None, cycle_ms: CYCLE_MS, table_axis: 1 };
+    let arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
+    let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
+    let mut points = SetPoints::still([0.0; 6]);
+    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
+    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
+    let shared = Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) };
+    let cycle = Duration::from_millis(CYCLE_MS.into());
+    let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+    for (sequence, number, is_repeated) in [(7, 1, false), (7, 1, true), (7, 1, true), (8, 2, false)] {
+        let time_ms = sequence * CYCLE_MS;
+        let report =
+            EgmReport { sequence, time_ms, motors: EgmMotors::On, guidance: EgmGuidance::Running, ..EgmReport::default() };
+        controller.send_to(&report.encode(), &address).await.expect("sent");
+        let report = timeout(Duration::from_millis(100), StreamedLink::<6>::report(&mut link)).await;
+        assert_eq!(report.is_err(), is_repeated, "a cycle for each report, not for each time that it comes: {report:?}");
+        if let Ok(report) = report {
+            points.advance(cycle);
+            answer_one(&mut link, &shared, report.expect("a report"), cycle).await.expect("answered");
+        }
+        let mut answer = [0; 4096];
+        let received = timeout(Duration::from_secs(5), controller.recv_from(&mut answer)).await.expect("in time");
+        let (length, _) = received.expect("an answer");
+        let guide = EgmGuide::decode(&answer[..length]).expect("guidance");
+        let wanted_deg = points.at_rad()[0].to_degrees();
+        assert_eq!((guide.sequence, guide.time_ms), (number, time_ms));
+        assert!((guide.joints_deg[0] - wanted_deg).abs() < 1e-9, "{guide:?} for {wanted_deg}°");
+    }
+}
+
+/// Drivers and twin told it in three ways, one of which spoke of a watchdog that nobody had set.
+#[test]
+fn an_arm_that_was_never_armed_is_told_as_by_every_driver() {
+    let told = Desk::<6>::default().fail_if_not_armed();
+    let reason = crate::execution::drivers::stream::NOT_ARMED.to_owned();
+    assert_eq!(told, Err(DeviceError::NotReady { reason }));
+}
+
 #[tokio::test]
 async fn without_a_sign_of_life_it_stops_and_is_disarmed() {
     let (mut arm, _run) = kuka::<6>();

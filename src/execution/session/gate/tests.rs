@@ -153,6 +153,15 @@ fn between_the_points_at_which_the_workspace_is_asked_less_than_the_margin_goes_
     }
 }
 
+/// Two hashes of 64 digits said neither what had happened nor how to go on.
+#[test]
+fn a_changed_cell_is_told_as_changed_with_what_to_do() {
+    let objection = Objection::OtherHash { what: "cell", approved: "ab".repeat(32), present: "cd".repeat(32) };
+    let wanted = "the cell was changed since the run was approved (SHA-256 now cdcdcdcdcdcd, then abababababab); put back the \
+                  cell of then, or plan again and approve that";
+    assert_eq!(objection.to_string(), wanted);
+}
+
 #[test]
 fn a_start_is_refused_beyond_its_tolerance() {
     let (safeguards, home) = (Safeguards::default(), planned().program.home_rad);
