@@ -36,5 +36,5 @@ pub use demand::{Demand, DemandStop, FurtherViews};
 pub use estimate::Estimate;
 pub use pipeline::{Tabulated, plan, plan_further, tabulate};
 pub use realism::ConcaveZone;
-pub use scene::{PlanInput, UpAxis, plate, resolve, resting, standing, tips_over};
+pub use scene::{PlanInput, UpAxis, plate, resolve, resting, standing, standing_likeliest, tips_over};
 pub use visibility::SightLine;

@@ -23,6 +23,8 @@ use crate::planning::visibility::{Row, SampleSet, UnitedViews};
 
 /// Views that are added at most for what is missed.
 const MAX_ADDED: usize = 60;
+/// Share of an area that may be lacking of it: sums over samples are not exact to the last bit.
+const SUM_SLACK: f64 = 1e-9;
 /// Views that are added at most to register a setup to the others.
 pub(super) const MAX_JOINING: usize = 12;
 
@@ -117,13 +119,10 @@ impl<'a> Trial<'a> {
     /// Chooses views beside those of the plan until the target is met, then for each region that misses its own.
     pub(super) fn choose(&mut self, params: &PlanParams, regions: &[WantedRegion], ctx: &Context<'_>) -> Result<(), Cancelled> {
         let basis = self.basis;
-        let mut coverable = basis.coverable.clone();
-        self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
-        let enough_mm2 = params.selection.target * basis.whole_mm2(&coverable, params.selection.target_of);
         let open_mm2 = basis.open_area_mm2();
         let wanted = Wanted {
             open_mm2: &open_mm2,
-            needed_mm2: enough_mm2 - basis.measured_mm2(),
+            needed_mm2: self.enough_mm2(params) - basis.measured_mm2(),
             min_gain_mm2: params.selection.min_growth * basis.asked_mm2(),
             max_views: MAX_ADDED,
         };
@@ -139,6 +138,40 @@ impl<'a> Trial<'a> {
             self.chosen.extend(more);
         }
         Ok(())
+    }
+
+    /// Chooses views for the same area anew, among the plan's own views and the candidates: a plan chooses for all of its setups at
+    /// once, and needs few of the views that it takes in one alone. Returns those of its own that stay; `None`, with the choice as it
+    /// was, where as many views are needed.
+    pub(super) fn choose_fewer(
+        &mut self,
+        own: &[OwnView<'_>],
+        params: &PlanParams,
+        ctx: &Context<'_>,
+    ) -> Result<Option<Vec<ViewId>>, Cancelled> {
+        let basis = self.basis;
+        let rows: Vec<&Row> = own.iter().map(|view| &view.row).chain(self.rows.iter().copied()).collect();
+        let wanted = Wanted {
+            open_mm2: &basis.asked_area_mm2,
+            needed_mm2: self.enough_mm2(params).min(basis.area_mm2(&self.measured())),
+            min_gain_mm2: params.selection.min_growth * basis.asked_mm2(),
+            max_views: (own.len() + self.chosen.len()).saturating_sub(1),
+        };
+        let places = choose(&rows, &wanted, &params.score, ctx)?;
+        let measured = union_of(places.iter().map(|place| rows[*place]), basis.asked_area_mm2.len());
+        if basis.area_mm2(&measured) < (1.0 - SUM_SLACK) * wanted.needed_mm2 {
+            return Ok(None);
+        }
+        let (staying, new): (Vec<usize>, Vec<usize>) = places.into_iter().partition(|place| *place < own.len());
+        self.chosen = new.into_iter().map(|place| place - own.len()).collect();
+        Ok(Some(staying.into_iter().map(|place| own[place].id).collect()))
+    }
+
+    /// Area that meets the target of the plan in its setups and those that are tried.
+    fn enough_mm2(&self, params: &PlanParams) -> f64 {
+        let mut coverable = self.basis.coverable.clone();
+        self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
+        params.selection.target * self.basis.whole_mm2(&coverable, params.selection.target_of)
     }
 
     /// Chooses as many views as a plan may have for the best coverage of `surface`, that of the setups: anew, among the plan's
@@ -304,18 +337,18 @@ pub(super) struct SetupsLink<'a> {
 }
 
 impl<'a> SetupsLink<'a> {
-    /// Links to the setups of a plan that lie in some of `poses`, by `surface`, which has some of its samples. Those that are
-    /// among the `tried` ones take further views.
+    /// Links to the setups of a plan that lie in some of `poses`, by `surface`, which has some of its samples, with some of the views
+    /// taken in them. Those that are among the `tried` ones take further views.
     pub(super) fn to_setups(
         outcome: &Outcome,
-        poses: &[Pose<Table, Part>],
+        (poses, views): (&[Pose<Table, Part>], &[ViewId]),
         tried: &[TriedSetup<'_>],
         (surface, some): (&'a Surface, &[(SampleId, f64)]),
     ) -> Self {
         let samples = outcome.surface.sample_mm.len();
         let measured_in = |id: SetupId| {
-            let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
-            within(&union_of(views.filter(|(view, _)| view.setup == id).map(|(_, row)| row), samples), some)
+            let taken = views.iter().filter(|view| outcome.plan.views[view.index()].setup == id);
+            within(&union_of(taken.map(|view| &outcome.measured_by_view[view.index()]), samples), some)
         };
         let setups = &outcome.plan.setups;
         let is_tried = |pose: &Pose<Table, Part>| tried.iter().any(|setup| setup.table_from_part == *pose);
@@ -327,7 +360,9 @@ impl<'a> SetupsLink<'a> {
             own.map_or_else(|| SampleSet::none_of(some.len()), |(id, _)| measured_in(id))
         };
         let measured_in_tried = tried.iter().map(measured_in_tried).collect();
-        let joined = if measured.len() == setups.len() { measured.len() } else { 0 };
+        // Views that are given up may have joined them.
+        let keeps_all = views.len() == outcome.plan.views.iter().filter(|view| view.rejected.is_none()).count();
+        let joined = if measured.len() == setups.len() && keeps_all { measured.len() } else { 0 };
         Self { surface, part: SharedSurface::new(surface), measured, joined, measured_in_tried }
     }
 

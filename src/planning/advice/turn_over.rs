@@ -4,7 +4,6 @@
 //! without a trial ([`FurtherPoses`]). The best of them is tried; others only where that leads to nothing, meets no region that it
 //! should, or falls clearly short of its rank: then what the cell takes decides, and the trial that measures most is told.
 
-use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::sync::Arc;
 
@@ -16,12 +15,13 @@ use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::{SampleId, ViewId};
 use crate::planning::params::{Hemisphere, PlanParams, Registration, SelectionGoal, SelectionParams, TargetOf};
 use crate::planning::plan::{
-    AdviceKind, AdvisedSetup, Cause, Outcome, ParamChange, PlanAdvice, RegionCoverage, SHARE_SLACK, StopReason, Turn, Verdict,
+    AdviceKind, AdvisedSetup, Cause, Outcome, ParamChange, Plan, PlanAdvice, RegionCoverage, SHARE_SLACK, StopReason, Turn,
+    Verdict,
 };
-use crate::planning::problem::TriedSetup;
+use crate::planning::problem::{EvaluatedCandidates, TriedSetup};
 use crate::planning::setups::{FurtherPose, FurtherPoses, PosesAnew};
 use crate::planning::sky::stands_on;
-use crate::planning::surface::systematic;
+use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 
 /// Setups that a plan may have.
@@ -120,19 +120,27 @@ pub(super) fn advice(
     let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
     let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), &ctx)?);
     let pool = (sampled.resting_poses(scope.input, &ctx)?, standing.as_slice());
-    let params = registrable(&sampled.params);
-    let Some(poses) = FurtherPoses::of(scope.input, &params, pool, &part, &ctx)? else { return Ok(None) };
     let start = Start { basis, outcome, scope, part: &part };
-    best_of(&start, &choices(&poses, &standing), misses_region, &ctx)
+    for registration in registrations(outcome) {
+        let params = PlanParams { registration, ..sampled.params.clone() };
+        let Some(poses) = FurtherPoses::of(scope.input, &params, pool, &part, &ctx)? else { continue };
+        if let Some(advice) = best_of(&start, &choices(&poses, &standing), misses_region, &ctx)? {
+            return Ok(Some(advice));
+        }
+    }
+    Ok(None)
 }
 
-/// Parameters that further poses are found for. All views that there may be are taken for the best coverage, and none is left to
-/// register setups by the surface that they share: there by markers.
-fn registrable(params: &PlanParams) -> Cow<'_, PlanParams> {
-    if params.selection.goal == SelectionGoal::BestCoverage && params.registration == Registration::Surface {
-        Cow::Owned(PlanParams { registration: Registration::Markers, ..params.clone() })
+/// Ways to register the setups, tried in turn. With the best coverage as goal views may be left to register setups by the surface that they
+/// share unless the limit of views ended the plan; where none are, markers register them.
+fn registrations(outcome: &Outcome) -> Vec<Registration> {
+    let Plan { params, stopped_because, .. } = &outcome.plan;
+    if params.selection.goal != SelectionGoal::BestCoverage || params.registration != Registration::Surface {
+        vec![params.registration]
+    } else if *stopped_because == StopReason::MaxViews {
+        vec![Registration::Markers]
     } else {
-        Cow::Borrowed(params)
+        vec![Registration::Surface, Registration::Markers]
     }
 }
 
@@ -253,26 +261,68 @@ fn tried(start: &Start<'_, '_>, choice: &SetupChoice, ctx: &Context<'_>) -> Resu
     let max = max_candidates(blocks(scope));
     let evaluated = setups.iter().map(|setup| sampled.evaluate_some(scope.input, setup, max, ctx));
     let candidates = evaluated.collect::<Result<Vec<_>, PlanError>>()?;
+    let prepared = Prepared { setups: &setups, candidates: &candidates, surface: &surface, some: &some };
+    // Regions may need every view that the plan has.
+    let may_give_up = goal != SelectionGoal::BestCoverage && choice.further.is_some() && outcome.plan.coverage.regions.is_empty();
+    let fewest = if may_give_up { attempted(start, choice, &prepared, OwnViews::Fewest, ctx)? } else { None };
+    if fewest.is_some() { Ok(fewest) } else { attempted(start, choice, &prepared, OwnViews::All, ctx) }
+}
+
+/// Setups and candidates of a trial, on some of the samples.
+struct Prepared<'s> {
+    setups: &'s [TriedSetup<'s>],
+    candidates: &'s [EvaluatedCandidates],
+    surface: &'s Surface,
+    some: &'s [(SampleId, f64)],
+}
+
+/// Views of the plan that a trial keeps in the setups that stay.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum OwnViews {
+    /// All of them.
+    All,
+    /// The fewest that measure as much with those that are chosen beside them.
+    Fewest,
+}
+
+/// Chooses views in the setups of a trial, joins and orders them; `None` where that leads to nothing.
+fn attempted(
+    start: &Start<'_, '_>,
+    choice: &SetupChoice,
+    prepared: &Prepared<'_>,
+    own_views: OwnViews,
+    ctx: &Context<'_>,
+) -> Result<Option<PlanAdvice>, PlanError> {
+    let Start { basis, outcome, scope, .. } = *start;
+    let Prepared { setups, candidates, surface, some } = *prepared;
+    let params = &scope.sampled.params;
+    let is_new = |pose: &Pose<Table, Part>| scope.setups.iter().all(|setup| setup.table_from_part != *pose);
     // The views of setups that do not stay are given up.
     let mut views = views_in(outcome, &choice.poses);
     let mut staying = choice.further.is_none().then(|| Basis::of_views(outcome, &views));
     let regions = wanted_regions(basis, outcome, choice);
-    let on_some = staying.as_ref().unwrap_or(basis).on(&some);
-    let mut trial = Trial::new(&on_some, &setups, &candidates);
-    match goal {
+    let on_some = staying.as_ref().unwrap_or(basis).on(some);
+    let mut trial = Trial::new(&on_some, setups, candidates);
+    let own: Vec<OwnView<'_>> = views.iter().map(|view| OwnView::on(some, outcome, *view)).collect();
+    match params.selection.goal {
         SelectionGoal::BestCoverage => {
-            let own: Vec<OwnView<'_>> = views.iter().map(|view| OwnView::on(&some, outcome, *view)).collect();
-            views = trial.choose_anew(&own, &surface, &sampled.params, ctx)?;
+            views = trial.choose_anew(&own, surface, params, ctx)?;
             staying = Some(Basis::of_views(outcome, &views));
         }
         SelectionGoal::FewestViews | SelectionGoal::MinTime => {
-            let regions_of_some: Vec<WantedRegion> = regions.iter().map(|region| region.on(&some)).collect();
-            trial.choose(&sampled.params, &regions_of_some, ctx)?;
+            let regions_of_some: Vec<WantedRegion> = regions.iter().map(|region| region.on(some)).collect();
+            trial.choose(params, &regions_of_some, ctx)?;
         }
+    }
+    if own_views == OwnViews::Fewest {
+        let Some(fewer) = trial.choose_fewer(&own, params, ctx)? else { return Ok(None) };
+        // What the others measure can be measured all the same.
+        staying = Some(Basis { coverable: basis.coverable.clone(), ..Basis::of_views(outcome, &fewer) });
+        views = fewer;
     }
     let staying = staying.as_ref().unwrap_or(basis);
     let by_surface = choice.registration == Registration::Surface;
-    let links = by_surface.then(|| SetupsLink::to_setups(outcome, &choice.poses, &setups, (&surface, &some)));
+    let links = by_surface.then(|| SetupsLink::to_setups(outcome, (&choice.poses, &views), setups, (surface, some)));
     if !trial.has_views_where(is_new) || !trial.join(links.as_ref(), ctx)? {
         return Ok(None);
     }
@@ -422,7 +472,13 @@ fn into_advice(
     }
     let (plan, poses) = (&outcome.plan, &choice.poses);
     let views = staying_views.len() + chosen_views;
-    if exceeds_every_limit(scope.sampled.params.selection.max_views, views) {
+    let selection = &scope.sampled.params.selection;
+    let exceeds_limit = match selection.goal {
+        // Those that register the setups come beside as many as the limit lets it choose.
+        SelectionGoal::BestCoverage => selection.max_views.is_some_and(|limit| views > limit as usize),
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => exceeds_every_limit(selection.max_views, views),
+    };
+    if exceeds_limit {
         return None;
     }
     let turn = |pose: &Pose<Table, Part>| plan.setups.first().map(|first| Turn::between(&first.table_from_part, pose));
@@ -676,6 +732,21 @@ mod tests {
             assert!(measured_mm2 >= told_mm2 - 0.002 * asked_mm2, "{measured_mm2} of {told_mm2} mm²");
             assert_eq!(after.views.len(), advice.views, "{solver:?}");
         }
+    }
+
+    /// Markers were advised, though the plan has views left that register its setups by surface.
+    #[test]
+    fn a_plan_for_the_best_coverage_that_its_limit_did_not_end_keeps_its_registration() {
+        let mut params = few_viewpoints(20);
+        params.selection.goal = SelectionGoal::BestCoverage;
+        let before = planned([50.0, 40.0, 30.0], &params);
+        assert_ne!(before.stopped_because, StopReason::MaxViews);
+        let (advice, params) = taken(&before, &params);
+        assert_eq!(params.registration, Registration::Surface, "{advice:?}");
+        let after = planned([50.0, 40.0, 30.0], &params);
+        let (told_mm2, measured_mm2) = (advice.measured_area_mm2, after.coverage.measured.area_mm2);
+        assert!(measured_mm2 >= told_mm2 - 0.002 * after.coverage.asked_area_mm2, "{measured_mm2} of {told_mm2} mm²");
+        assert!(advice.views <= 20 && after.views.len() <= 20, "{advice:?}");
     }
 
     /// A view of either side sees half of the box: one more setup was advised with 15 views.

@@ -162,7 +162,8 @@ fn drawn_views(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Pose
     places(second, EACH_VIEW, second.params.robust.draws).map(poses).collect()
 }
 
-/// The part off as a whole, in each setup by an error of its own.
+/// The part and its support off as one, in each setup by an error of its own: what hides a sample is given in the part's frame,
+/// so that fixture and plate move along.
 fn drawn_parts(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
     let centre_mm = &second.surface.centre_mm;
     let poses = |(mut stream, place): (Stream, usize)| {
@@ -283,7 +284,7 @@ mod tests {
         evaluate(second, &ctx)
     }
 
-    /// The part off by errors that are drawn one by one.
+    /// The part and its support off by errors that are drawn one by one.
     fn independent_parts(second: &SecondSampling<'_>, draws: usize) -> Vec<Poses> {
         let poses = |draw: usize| {
             let mut stream = Stream::new(second.params.seed, &[WHOLE_PART, draw as u64]);

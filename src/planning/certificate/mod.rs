@@ -4,10 +4,10 @@
 //! evaluated again on a second set from another seed, as dense up to 400 000 triangles, and denser where a region of interest or a feature
 //! is small, so that each region's share is told by samples of its own. A pose that is off is turned by the whole angle of
 //! `robust.pose_error` about a random axis and moved by its whole distance in a random direction: each view by an error
-//! of its own about the viewpoint, the part as a whole about the centre of its box, or every view by the same error in the
-//! scanner frame. Directions are spread over blocks of six draws, each block with a stream of its own, so that neither threads nor
-//! the number of draws change them (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some ten thousand
-//! samples for each draw.
+//! of its own about the viewpoint, the part with fixture and plate about the centre of its box, or every view by the same error
+//! in the scanner frame. Directions are spread over blocks of six draws, each block with a stream of its own, so that neither
+//! threads nor the number of draws change them (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some
+//! ten thousand samples for each draw.
 
 mod draws;
 pub mod recheck;

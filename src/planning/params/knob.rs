@@ -76,7 +76,10 @@ impl<T: Ranged> Ranged for Vec<T> {
 
 /// Records a list that is too short or too long.
 pub(crate) fn check_entries(count: usize, at: &str, [min, max]: [usize; 2], findings: &mut Findings) {
-    findings.require((min..=max).contains(&count), at, || format!("has {count} entries; allowed is {min} to {max}"));
+    findings.require((min..=max).contains(&count), at, || {
+        let entries = if count == 1 { "entry" } else { "entries" };
+        format!("has {count} {entries}; allowed is {min} to {max}")
+    });
 }
 
 /// Declares a struct of parameters: `name: type = default, [min, max] "unit", entries [min, max];` for each field, where range

@@ -1,6 +1,9 @@
 //! Regions of the surface: excluded regions, regions of interest, and features with
 //! tolerances. All in part coordinates, mm.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -87,7 +90,8 @@ pub enum Region {
 params! {
     /// Region of interest. If several contain a sample, the largest weight and the strictest limits apply.
     required InterestParams {
-        /// Name in the plan and the report. Default: `interest` and its number.
+        /// Name in the plan and the report, which no other region of interest or feature may have. Default: `interest` and its
+        /// number.
         #[serde(default)]
         name: Option<String>;
         /// Region of the surface.
@@ -117,7 +121,8 @@ params! {
 params! {
     /// Toleranced feature: an entry of a `features.json` or a row of a CSV file.
     required FeatureParams {
-        /// Name in the plan and the report. Default: `feature` and its number.
+        /// Name in the plan and the report, which no other region of interest or feature may have. Default: `feature` and its
+        /// number.
         #[serde(default)]
         name: Option<String>;
         /// Region that must keep the tolerance.
@@ -197,12 +202,43 @@ impl RegionParams {
         for (index, feature) in self.features.iter().enumerate() {
             feature.check(&format!("/regions/features/{index}"), findings);
         }
+        self.check_names(findings);
         self.check_ranges("/regions", findings);
         self.noise.check_ranges("/regions/noise", findings);
+    }
+
+    /// Requires a name of its own of each region of interest and feature: results tell them apart by their names alone.
+    fn check_names(&self, findings: &mut Findings) {
+        let interest = self.interest.iter().enumerate();
+        let interest = interest.map(|(index, region)| ("interest", index, region.name.is_some(), region.name_at(index)));
+        let features = self.features.iter().enumerate();
+        let features = features.map(|(index, feature)| ("features", index, feature.name.is_some(), feature.name_at(index)));
+        let mut first_of = BTreeMap::new();
+        for (list, index, is_given, name) in interest.chain(features) {
+            match first_of.entry(name) {
+                Entry::Vacant(entry) => {
+                    entry.insert((list, index));
+                }
+                Entry::Occupied(entry) => {
+                    let (name, (first_list, first_index)) = (entry.key(), entry.get());
+                    let by_default = if is_given { "" } else { " by default" };
+                    let detail = format!(
+                        "is {name:?}{by_default}, which is the name of regions.{first_list}[{first_index}] too; give each region \
+                         of interest and each feature a name of its own"
+                    );
+                    findings.push(format!("/regions/{list}/{index}/name"), detail);
+                }
+            }
+        }
     }
 }
 
 impl InterestParams {
+    /// Name of the region at a place of its list.
+    pub(in crate::planning) fn name_at(&self, index: usize) -> String {
+        self.name.clone().unwrap_or_else(|| format!("interest {}", index + 1))
+    }
+
     fn check(&self, at: &str, findings: &mut Findings) {
         self.region.check(&format!("{at}/region"), findings);
         self.check_ranges(at, findings);
@@ -210,6 +246,11 @@ impl InterestParams {
 }
 
 impl FeatureParams {
+    /// Name of the feature at a place of its list.
+    pub(in crate::planning) fn name_at(&self, index: usize) -> String {
+        self.name.clone().unwrap_or_else(|| format!("feature {}", index + 1))
+    }
+
     fn check(&self, at: &str, findings: &mut Findings) {
         self.region.check(&format!("{at}/region"), findings);
         self.check_ranges(at, findings);
@@ -244,5 +285,51 @@ impl Region {
                 findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group in the file".into());
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ball() -> Region {
+        Region::Sphere { centre_mm: [0.0; 3], radius_mm: 1.0 }
+    }
+
+    fn interest(name: Option<&str>) -> InterestParams {
+        let name = name.map(str::to_owned);
+        InterestParams { name, region: ball(), weight: 1.0, target: None, camera_deg: None, projector_deg: None, min_grade: None }
+    }
+
+    fn feature(name: Option<&str>) -> FeatureParams {
+        let name = name.map(str::to_owned);
+        FeatureParams { name, region: ball(), tolerance_mm: 0.5, point_spacing_mm: None, target: None }
+    }
+
+    /// Findings on regions of interest and features, each in a sentence that begins with its pointer.
+    fn found(interest: Vec<InterestParams>, features: Vec<FeatureParams>) -> Vec<String> {
+        let mut findings = Findings::default();
+        RegionParams { interest, features, ..RegionParams::default() }.check(&mut findings);
+        findings.into_result().err().unwrap_or_default().iter().map(ToString::to_string).collect()
+    }
+
+    /// Two of one name were taken, and nobody could tell which of them a result was of.
+    #[test]
+    fn regions_and_features_of_one_name_are_refused_with_both() {
+        let features = vec![feature(Some("rim")), feature(None), feature(None), feature(Some("Rim"))];
+        assert_eq!(found(vec![interest(Some("seat")), interest(None)], features), Vec::<String>::new());
+        let features = vec![feature(Some("rim")), feature(Some("bore"))];
+        assert_eq!(
+            found(vec![interest(Some("bore"))], features),
+            ["/regions/features/1/name: is \"bore\", which is the name of regions.interest[0] too; give each region of \
+              interest and each feature a name of its own"]
+        );
+        let told = found(vec![interest(Some("interest 2")), interest(None), interest(Some("interest 2"))], Vec::new());
+        assert_eq!(told.len(), 2, "{told:#?}");
+        assert!(
+            told[0].starts_with("/regions/interest/1/name: is \"interest 2\" by default, which is the name of regions.int"),
+            "{told:#?}"
+        );
+        assert!(told[1].starts_with("/regions/interest/2/name: is \"interest 2\", which"), "{told:#?}");
     }
 }

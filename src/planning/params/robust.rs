@@ -26,7 +26,8 @@ params! {
         /// Number of draws in which every view has a pose error of its own. Use a multiple of 6: six draws rotate and translate
         /// both ways along three axes; with fewer, some axes are not tried.
         draws: u32 = 6, [1.0, 1000.0] "";
-        /// Number of draws in which the part as a whole is off its pose. Use a multiple of 6, as for `draws`.
+        /// Number of draws in which the part and its support (fixture and plate) are off as one, as a wrong pose of the table
+        /// puts them. Use a multiple of 6, as for `draws`.
         part_draws: u32 = 12, [1.0, 1000.0] "";
         /// Number of draws in which all views share one error in the scanner frame, as a wrong hand-eye calibration causes it.
         /// Use a multiple of 6, as for `draws`.

@@ -56,7 +56,7 @@ pub struct Robust {
     pub pose_error: PoseErrorParams,
     /// Every view off by an error of its own.
     pub views: Drawn,
-    /// The part off as a whole.
+    /// The part and its support off as one: fixture and plate move along, as with a wrong pose of the table.
     pub part: Drawn,
     /// Every view off by the same error in the scanner frame, as a wrong hand-eye calibration puts it.
     pub hand_eye: Drawn,

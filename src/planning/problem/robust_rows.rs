@@ -4,10 +4,10 @@
 //!
 //! - in the scanner's frame, where a wrong hand-eye calibration is off, the six errors of a turn by ±φ about x, y or z together with a
 //!   shift by t to the side to which the turn takes the field, where the two add up: ∓y for ±x, ±x for ±y, ±z for ±z;
-//! - of the part as a whole, the six of a turn by ±φ about the x, y or z through the centre of its box together with a shift by t
-//!   across the axis. With e₁, e₂, e₃ the axes from that of the turn on, cyclic: +e₁ with +e₃, −e₁ with −e₂. A turn about +e₁ takes a
-//!   viewpoint on the side of +e₂ towards +e₃, and one about −e₁ a viewpoint on the side of −e₃ towards −e₂: on each of the six
-//!   sides there is one error in which turn and shift add up. Signs and directions have no source.
+//! - of the part and its support, the six of a turn by ±φ about the x, y or z through the centre of its box together with a shift
+//!   by t across the axis. With e₁, e₂, e₃ the axes from that of the turn on, cyclic: +e₁ with +e₃, −e₁ with −e₂. A turn about
+//!   +e₁ takes a viewpoint on the side of +e₂ towards +e₃, and one about −e₁ a viewpoint on the side of −e₃ towards −e₂: on each
+//!   of the six sides there is one error in which turn and shift add up. Signs and directions have no source.
 //!
 //! Errors of the part move viewpoints sideways by the lever to its centre, and so change incidence and shadows; those of the scanner
 //! move the field. Cost: twelve times the time for visibility.
@@ -59,7 +59,7 @@ pub(super) fn rows(
 enum StatedError {
     /// The scanner is off in its own frame.
     Scanner(Pose<ScannerFrame, ScannerFrame>),
-    /// The part is off as a whole.
+    /// The part and its support are off as one.
     Part(Pose<Part, Part>),
 }
 

@@ -75,6 +75,16 @@ pub fn standing(mesh: &Mesh, up: UpAxis) -> Pose<Table, Part> {
     standing_on(mesh, &-up.0)
 }
 
+/// The way to stand in which a part comes to rest most likely, of those with an axis of the part up if there are any: that
+/// axis, and the pose. `stable` are the ways in which it stands, the likeliest first ([`crate::geometry::stable_poses()`]);
+/// `None` without any.
+#[must_use]
+pub fn standing_likeliest(mesh: &Mesh, stable: &[StablePose]) -> Option<(Option<UpAxis>, Pose<Table, Part>)> {
+    let up = stable.iter().find_map(|pose| UpAxis::all().find(|up| up.is_among(std::slice::from_ref(pose))));
+    let down = up.map(|up| -up.0).or_else(|| stable.first().map(|pose| pose.down))?;
+    Some((up, standing_on(mesh, &down)))
+}
+
 /// The part turned the shortest way so that `down` points down; its lowest point on the plate, its box's centre on the axis.
 pub(in crate::planning) fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose<Table, Part> {
     let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);

@@ -6,7 +6,7 @@ mod input;
 mod placement;
 
 pub(super) use defaults::standing_on;
-pub use defaults::{UpAxis, resolve, resting, standing};
+pub use defaults::{UpAxis, resolve, resting, standing, standing_likeliest};
 pub use input::PlanInput;
 pub(super) use placement::check as check_placement;
 pub use placement::{plate, tips_over};

@@ -84,7 +84,7 @@ mod tests {
 
     use super::*;
     use crate::geometry::{Poll, stable_poses};
-    use crate::planning::scene::resting;
+    use crate::planning::scene::{resting, standing_likeliest};
     use crate::testing::{box_mesh, cylinder_mesh};
 
     /// A pose turned about the part's x axis.
@@ -104,6 +104,20 @@ mod tests {
         for degrees in [5.0, 45.0, 80.0, 135.0] {
             assert!(tips_over(&stable, &turned(degrees)), "{degrees}°");
         }
+    }
+
+    #[test]
+    fn a_part_is_placed_with_the_axis_up_with_which_it_comes_to_rest_likeliest() {
+        let plate = box_mesh([0.0; 3], [120.0, 80.0, 3.0]);
+        let stable = stable_poses(&plate, &Poll::never()).expect("not interrupted");
+        let (up, pose) = standing_likeliest(&plate, &stable).expect("it stands");
+        assert_eq!(up.map(|up| up.to_string()).as_deref(), Some("z"));
+        assert!(!tips_over(&stable, &pose) && tips_over(&stable, &turned(90.0)));
+        // Of ways to stand askew alone the likeliest is told without an axis.
+        let askew = StablePose { down: Vector3::new(0.0, 1.0, -1.0).normalize(), share: 0.3 };
+        let (up, pose) = standing_likeliest(&plate, std::slice::from_ref(&askew)).expect("it stands");
+        assert!(up.is_none() && !tips_over(std::slice::from_ref(&askew), &pose));
+        assert!(standing_likeliest(&plate, &[]).is_none(), "no way is known");
     }
 
     #[test]

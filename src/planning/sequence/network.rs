@@ -180,7 +180,16 @@ impl Network {
             }))
             .collect();
         let whole = along.last().copied().unwrap_or(0.0);
-        let angle = |secs: &f64| if whole > 0.0 { from + (to - from) * secs / whole } else { from };
+        let angle = |secs: &f64| {
+            if whole <= 0.0 {
+                from
+            } else if *secs >= whole {
+                // To the bit: the table stands still from there on.
+                to
+            } else {
+                from + (to - from) * secs / whole
+            }
+        };
         along.iter().map(angle).collect()
     }
 }

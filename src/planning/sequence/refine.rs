@@ -151,7 +151,7 @@ impl Routes<'_> {
 
     /// Turns the table under the same view, with the IK solution nearest to `station`; `None` out of reach.
     fn turned(&self, station: &Configuration, turn_rad: f64) -> Option<Configuration> {
-        let turned = Configuration { table_rad: station.table_rad + turn_rad, ..*station };
+        let turned = Configuration { table_rad: station.table_rad + turn_rad, ..*station }.with_rounded_table();
         self.nearest(&(self.cell().base_from_plate(turned.table_rad) * self.plate_from_scanner(station)), &turned)
     }
 
@@ -161,5 +161,31 @@ impl Routes<'_> {
         let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
         let scanner_from_rolled = Pose::<ScannerFrame, ScannerFrame>::from_parts(Vector3::zeros(), about_axis);
         self.nearest(&(self.cell().base_from_scanner(&station.joints_rad) * scanner_from_rolled), station)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::room;
+    use super::{Routes, STEPS_DEG};
+    use crate::cell::rounded_deg;
+    use crate::planning::params::PlanParams;
+
+    #[test]
+    fn the_table_stands_at_one_angle_to_the_bit_whatever_steps_lead_there() {
+        let room = room(7, Vec::new());
+        let routes = Routes::new(&room.cell, &room.scene, &PlanParams::default().motion);
+        let mut turned_stations = 0;
+        for station in room.stations.iter().flatten() {
+            let here = station.configuration();
+            assert_eq!(rounded_deg(here.table_rad).to_radians(), here.table_rad, "{}°", here.table_rad.to_degrees());
+            for step_deg in STEPS_DEG.into_iter().flat_map(|step| [step, -step]) {
+                let Some(there) = routes.turned(&here, step_deg.to_radians()) else { continue };
+                let angle_deg = rounded_deg(here.table_rad) + step_deg;
+                assert_eq!(there.table_rad, rounded_deg(angle_deg.to_radians()).to_radians(), "{angle_deg}°");
+                turned_stations += 1;
+            }
+        }
+        assert!(turned_stations > 100, "{turned_stations}");
     }
 }

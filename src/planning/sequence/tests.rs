@@ -101,6 +101,8 @@ impl Room {
             assert!((0.0..=*duration_secs + 1e-9).contains(turning_secs));
             for ends in points.windows(2) {
                 assert!(axes.allow(&ends[1]));
+                let turn_rad = (ends[1].table_rad - ends[0].table_rad).abs();
+                assert!(turn_rad == 0.0 || turn_rad > 1e-12, "the table turns by {turn_rad} rad, or stands still to the bit");
                 let steps = (ends[0].max_turn_rad(&ends[1]).to_degrees() / 0.5).ceil() as u32;
                 for step in 0..=steps {
                     let t = f64::from(step) / f64::from(steps.max(1));

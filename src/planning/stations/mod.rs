@@ -230,7 +230,8 @@ impl StationSearch<'_> {
             let base_from_flange = base_from_scanner(view, self.cell, self.table_from_part, table_rad) * scanner_from_flange;
             for joints_rad in self.cell.robot.kinematics.ik_solutions(&base_from_flange) {
                 let wound = self.axes.windings(&Configuration { joints_rad, table_rad });
-                solutions.extend(wound.into_iter().map(|configuration| IkSolution {
+                // A whole turn that is added or taken off costs the last digit.
+                solutions.extend(wound.into_iter().map(Configuration::with_rounded_table).map(|configuration| IkSolution {
                     secs_from_home: self.axes.move_secs(&self.cell.home_rad, &configuration, 1.0),
                     pose: poses,
                     configuration,

@@ -98,17 +98,14 @@ pub struct NamedRegion {
 /// The regions of a job in the order of their numbers.
 #[must_use]
 pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
-    let named = |name: &Option<String>, kind: RegionKind, index: usize| {
-        name.clone().unwrap_or_else(|| format!("{} {}", kind.as_str(), index + 1))
-    };
     let interest = params.regions.interest.iter().enumerate().map(|(index, region)| NamedRegion {
-        name: named(&region.name, RegionKind::Interest, index),
+        name: region.name_at(index),
         kind: RegionKind::Interest,
         tolerance_mm: None,
         target: region.target,
     });
     let features = params.regions.features.iter().enumerate().map(|(index, feature)| NamedRegion {
-        name: named(&feature.name, RegionKind::Feature, index),
+        name: feature.name_at(index),
         kind: RegionKind::Feature,
         tolerance_mm: Some(feature.tolerance_mm),
         target: feature.target,
