@@ -1,6 +1,6 @@
 //! Server-sent events. The id of each is its number in the store, so that a client that lost its connection sends the last
-//! id it saw (`Last-Event-ID`) and resumes after it. If later events have been dropped by then, or all of an ended job's, the
-//! stream begins with `reset`: the client then reloads the job or the list.
+//! id it saw (`Last-Event-ID`) and resumes after it. If later events have been dropped by then, or all of an ended job's or
+//! run's, the stream begins with `reset`: the client then reloads the job, the run or the list.
 
 use std::convert::Infallible;
 use std::time::{Duration, Instant};
@@ -40,20 +40,26 @@ pub(super) async fn event_stream(
         // 204 tells a browser not to reconnect.
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let mut first = vec![Event::default().retry(RETRY)];
-    if events.has_gap() {
-        let reset = Event::default().event("reset").data("{}");
-        // Of an ended job nothing follows: whoever comes back with this id is told not to.
-        first.push(match events.only_gap() {
-            Some(id) => reset.id(id.to_string()),
-            None => reset,
-        });
-    }
+    let first = opening(events.has_gap(), events.only_gap().map(|id| id.to_string()));
     let stream = stream::iter(first).map(Ok::<_, Infallible>).chain(sse_events(events, permit));
     let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)
+}
+
+/// First messages of a stream: when to come back, and the gap if there is one. `only_gap` is the id of a gap after which nothing
+/// follows: whoever comes back with it is told not to.
+fn opening(has_gap: bool, only_gap: Option<String>) -> Vec<Event> {
+    let mut first = vec![Event::default().retry(RETRY)];
+    if has_gap {
+        let reset = Event::default().event("reset").data("{}");
+        first.push(match only_gap {
+            Some(id) => reset.id(id),
+            None => reset,
+        });
+    }
+    first
 }
 
 /// Ends when the key with which a stream was begun is one of ours no more.
@@ -93,12 +99,12 @@ pub(super) async fn run_event_stream(
     let last = headers.get("last-event-id").map(|value| value.to_str().unwrap_or_default().parse::<RunCursor>());
     let last = last.transpose().map_err(refused)?;
     let permit = state.quotas.acquire(Resource::EventStreams, client, &state.options)?;
-    let events = state.app.run_events(run, last.unwrap_or_default()).await?;
+    let events = state.app.run_events(run, last).await?;
     if events.is_over() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let first = stream::once(std::future::ready(Ok::<_, Infallible>(Event::default().retry(RETRY))));
-    let stream = first.chain(sse_run_events(events, permit));
+    let first = opening(events.has_gap(), events.only_gap().map(|place| place.to_string()));
+    let stream = stream::iter(first).map(Ok::<_, Infallible>).chain(sse_run_events(events, permit));
     let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));

@@ -57,13 +57,12 @@ pub(super) async fn json_body(request: Request, state: &ApiState) -> Result<Vec<
 
 fn check_json(headers: &HeaderMap) -> Result<(), ApiError> {
     check_encoding(headers)?;
-    let essence =
-        header_text(headers, &CONTENT_TYPE).and_then(|value| value.split(';').next()).map(str::trim).unwrap_or_default();
-    if essence.eq_ignore_ascii_case("application/json") {
-        return Ok(());
-    }
-    let detail = format!("the Content-Type is {essence:?}; send application/json");
-    Err(ApiError::at(Code::UnsupportedMediaType, "Content-Type", detail))
+    let refuse =
+        |said: &str| ApiError::header(Code::UnsupportedMediaType, "Content-Type", &format!("{said}; send application/json"));
+    let value = headers.get(CONTENT_TYPE).ok_or_else(|| refuse("is missing"))?;
+    let text = value.to_str().map_err(|_| refuse("is not visible ASCII text"))?;
+    let essence = text.split(';').next().unwrap_or_default().trim();
+    if essence.eq_ignore_ascii_case("application/json") { Ok(()) } else { Err(refuse(&format!("is {essence:?}"))) }
 }
 
 /// Refuses compressed bodies: their size does not bound what they decompress to.
@@ -72,8 +71,8 @@ pub(super) fn check_encoding(headers: &HeaderMap) -> Result<(), ApiError> {
         None => Ok(()),
         Some(encoding) if encoding.eq_ignore_ascii_case("identity") => Ok(()),
         Some(encoding) => {
-            let detail = format!("the Content-Encoding is {encoding:?}; send the body uncompressed");
-            Err(ApiError::at(Code::UnsupportedMediaType, "Content-Encoding", detail))
+            let said = format!("is {encoding:?}; send the body uncompressed");
+            Err(ApiError::header(Code::UnsupportedMediaType, "Content-Encoding", &said))
         }
     }
 }

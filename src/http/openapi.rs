@@ -2,6 +2,7 @@
 //! response has one media type and one schema a status, so that generators make usable clients of it.
 
 mod examples;
+mod forms;
 mod variants;
 
 use std::collections::BTreeMap;
@@ -122,8 +123,8 @@ pub(super) struct RunEventText;
 
 impl PartialSchema for RunEventText {
     fn schema() -> RefOr<Schema> {
-        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind` or `live`; `data`, as JSON, a \
-                     `RunEventDocument`, or a `RunSample` for `live`.";
+        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind`, `live` or `reset`; `data`, as \
+                     JSON, a `RunEventDocument`, a `RunSample` for `live`, or an empty object for `reset`.";
         ObjectBuilder::new().schema_type(SchemaType::AnyValue).description(Some(about)).into()
     }
 }
@@ -144,6 +145,7 @@ pub(super) fn complete(openapi: &mut OpenApi) {
     }
     add_links(openapi);
     add_sparse_answers(openapi);
+    forms::add(openapi);
     examples::add(openapi);
     let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, if it has one.")).build();
     let components = openapi.components.get_or_insert_default();

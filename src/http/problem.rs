@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use axum::body::Body;
-use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG, RETRY_AFTER};
+use axum::http::header::{ALLOW, CONTENT_LENGTH, CONTENT_TYPE, ETAG, RETRY_AFTER};
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
@@ -192,6 +192,12 @@ impl ApiError {
         self
     }
 
+    /// Invalid fields; a single one is told in the detail, several as `all`.
+    fn invalid(fields: Vec<ProblemField>, all: String) -> Self {
+        let detail = if let [only] = &fields[..] { sentence(only) } else { all };
+        Self::new(Code::InvalidFields, detail).with_errors(fields)
+    }
+
     fn with_etag(mut self, etag: Option<String>) -> Self {
         self.etag = etag;
         self
@@ -208,10 +214,22 @@ impl From<Vec<ParseError>> for ApiError {
             }
         }
         let detail = match &fields[..] {
-            [only] => only.detail.clone(),
+            [only] => sentence(only),
             all => format!("{} fields are missing, unknown or of the wrong type; `errors` names each", all.len()),
         };
         Self::new(Code::BadShape, detail).with_errors(fields)
+    }
+}
+
+/// One fault of a body in a sentence, which names the field.
+fn sentence(field: &ProblemField) -> String {
+    let ProblemField { pointer, detail } = field;
+    let is_predicate = ["is ", "has ", "must "].iter().any(|verb| detail.starts_with(verb));
+    match (pointer.as_str(), is_predicate) {
+        ("", true) => format!("the body {detail}"),
+        ("", false) => detail.clone(),
+        (pointer, true) => format!("{pointer} {detail}"),
+        (pointer, false) => format!("{pointer}: {detail}"),
     }
 }
 
@@ -254,9 +272,7 @@ impl From<Error> for ApiError {
             Error::RunRefused(_) => Self::new(Code::RunRefused, detail),
             Error::CellInUse { .. } => Self::new(Code::CellInUse, detail),
             Error::TooManyRuns { .. } => Self::new(Code::TooManyRuns, detail),
-            Error::Invalid(errors) => {
-                Self::new(Code::InvalidFields, detail).with_errors(errors.into_iter().map(ProblemField::from).collect())
-            }
+            Error::Invalid(errors) => Self::invalid(errors.into_iter().map(ProblemField::from).collect(), detail),
             Error::MeshUnreadable(_) => Self::new(Code::MeshUnreadable, detail),
             Error::UploadTooLarge { .. } => Self::new(Code::TooLarge, detail),
             Error::DigestMismatch { .. } => Self::new(Code::DigestMismatch, detail),
@@ -298,7 +314,7 @@ pub(super) fn finish(mut response: Response, prefix: &Prefix, path: &str, reques
     if !status.is_client_error() && !status.is_server_error() {
         return response;
     }
-    let error = response.extensions_mut().remove::<ApiError>().unwrap_or_else(|| from_status(status));
+    let error = response.extensions_mut().remove::<ApiError>().unwrap_or_else(|| of_framework(&response, prefix, path));
     // A transfer coding is the client's choice, made before its key is looked at.
     if error.code.status().is_server_error() && error.code != Code::UnsupportedTransferCoding {
         log(&error, path);
@@ -345,6 +361,37 @@ fn body(error: ApiError, prefix: &Prefix, path: &str, request_id: &str) -> Vec<u
     };
     // Serialising strings and a number cannot fail.
     serde_json::to_vec(&document).unwrap_or_default()
+}
+
+/// The error for a response of axum or tower, with what it says of the request.
+fn of_framework(response: &Response, prefix: &Prefix, path: &str) -> ApiError {
+    let error = from_status(response.status());
+    let allowed = response.headers().get(ALLOW).and_then(|methods| methods.to_str().ok());
+    let detail = if error.code == Code::NoSuchRoute {
+        nothing_at(prefix, path)
+    } else if error.code == Code::MethodNotAllowed
+        && let Some(methods) = allowed
+    {
+        format!("this path does not support the method; it supports {}", methods.replace(',', ", "))
+    } else if error.code == Code::BadRequest && path.contains('%') {
+        // No other part of a request is read by the framework's own extractors.
+        "the path is not UTF-8 text once its percent-encoding is undone".to_owned()
+    } else {
+        return error;
+    };
+    ApiError::new(error.code, detail)
+}
+
+/// Detail of the problem of a path that the server does not have.
+fn nothing_at(prefix: &Prefix, path: &str) -> String {
+    let hint = if path.contains("//") {
+        "write one slash in the place of two"
+    } else if path.len() > 1 && path.ends_with('/') {
+        "leave out the slash at the end"
+    } else {
+        return format!("there is nothing at {path}; {} lists the routes", prefix.at("/docs"));
+    };
+    format!("there is nothing at {path}; {hint}")
 }
 
 /// The error for a response of axum or tower, by its status.

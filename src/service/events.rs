@@ -58,10 +58,9 @@ impl App {
         stream.catch_up().await?;
         stream.ended = has_ended && stream.past.is_empty() && !stream.behind;
         // Whoever has seen nothing yet would have got the job's end, were it not pruned.
-        let is_all_pruned = stream.ended && after.is_none();
-        stream.missed |= is_all_pruned;
+        stream.missed |= stream.ended && after.is_none();
         // Its reader may have missed the job's end: it is told to read the job anew, once.
-        stream.only_gap = (stream.ended && (is_pruned || is_all_pruned)).then_some(newest);
+        stream.only_gap = (stream.ended && stream.missed).then_some(newest);
         Ok(stream)
     }
 }

@@ -224,6 +224,7 @@ impl App {
                     Err(error) => return Err(error),
                 }
             }
+            app.warn_of_rest(policy.max_bytes).await?;
             if deleted != Due::default() || !runs.is_empty() {
                 let (jobs, meshes) = (deleted.jobs.len(), deleted.meshes.len());
                 tracing::info!(jobs, meshes, runs = runs.len(), "deleted by the retention policy");
@@ -231,6 +232,20 @@ impl App {
             Ok(app.retention_response(&deleted, &runs))
         })
         .await
+    }
+
+    /// Warns of stored files beyond their max size, which no deletion of a job frees.
+    async fn warn_of_rest(&self, max_bytes: u64) -> Result<(), Error> {
+        let files_bytes = if max_bytes > 0 { self.0.store.stored_bytes().await? } else { 0 };
+        if files_bytes > max_bytes {
+            tracing::warn!(
+                files_bytes,
+                max_bytes,
+                "the stored files take more than retention.max_disk_share leaves them, and no ended job that may be deleted has \
+                 any: delete meshes, set retention.unused_mesh_days, or raise the share"
+            );
+        }
+        Ok(())
     }
 
     /// Deletes runs that are due, with their audit logs; returns those that it deleted. A log that cannot be removed keeps nothing else

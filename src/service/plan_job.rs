@@ -16,7 +16,7 @@ use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::surface::empty_regions;
-use crate::planning::{PlanError, PlanInput, plan};
+use crate::planning::{PlanError, PlanInput, plan, standing_likeliest};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect};
 use crate::program::{Expected, Program, compile_views};
 use crate::report::html::{self, NoPlanInput, NoPlanReason, ReportInput, ReportSubject};
@@ -29,7 +29,7 @@ use crate::wire::part_size::{PartSize, SizeLimits, size_text, unit_text};
 use crate::wire::plan::{CellDocument, FixtureDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
-use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
+use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, StandingRemedy, Summary};
 use crate::wire::warnings::{
     FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_home, of_poses,
 };
@@ -241,6 +241,26 @@ impl PlanJob<'_> {
         Ok(of_poses(outcome.stable_poses.of(self.mesh, poll)?, &poses.collect::<Vec<_>>()))
     }
 
+    /// Way to place the part so that it stands, if it would tip over in a setup of a plan with these warnings; `None` of what
+    /// earlier scans left open, since the part lay like that in them.
+    fn standing_remedy(&self, outcome: &Outcome, warnings: &[FieldWarning]) -> Option<StandingRemedy> {
+        let unstable: Vec<_> = warnings.iter().filter(|warning| warning.code == WarningCode::PartUnstable).collect();
+        if unstable.is_empty() || outcome.plan.coverage.is_of_open {
+            return None;
+        }
+        if unstable.iter().all(|warning| warning.pointer.contains("/part/resting_poses/")) {
+            return Some(StandingRemedy::InPosesOfPlanner);
+        }
+        // Known since the warnings were made.
+        let stable = outcome.stable_poses.of(self.mesh, &Poll::never()).ok()?;
+        let (up, table_from_part) = standing_likeliest(self.mesh, stable)?;
+        Some(match up {
+            // The command line takes no axis beside resting poses.
+            Some(up) if self.params.part.resting_poses.is_empty() => StandingRemedy::WithAxisUp(up, table_from_part),
+            Some(_) | None => StandingRemedy::InPose(table_from_part),
+        })
+    }
+
     /// Warnings on a home that the part of a plan leaves no way out of; `at` is the pointer to the cell.
     #[must_use]
     pub fn home_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
@@ -292,6 +312,7 @@ impl PlanJob<'_> {
         let mut warnings = at_head_of_reports(&document.warnings);
         warnings.retain(|warning| !size_warnings.contains(warning));
         let unstable = document.warnings.iter().filter(|warning| warning.code == WarningCode::PartUnstable).count();
+        let standing = self.standing_remedy(outcome, &document.warnings);
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
@@ -302,7 +323,7 @@ impl PlanJob<'_> {
         let rendered: Vec<Vec<DialectProgram>> = programs.iter().zip(&checked).map(in_dialects).collect();
         let summary = self.with_program(Summary::of(plan), &programs, &checked, &rendered);
         let summary = summary.with_unstable_setups(unstable).with_unit_question(self.unit_question());
-        let summary = summary.with_blocked_home(&warnings).of_file(plan_sha256.clone());
+        let summary = summary.with_blocked_home(&warnings).with_standing_first(standing.as_ref()).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput {

@@ -56,7 +56,10 @@ struct Resolved {
 }
 
 impl Resolved {
-    fn new(request: JobRequest, input: &StoredInput, meshes: Vec<MeshId>) -> Result<Self, Error> {
+    fn new(mut request: JobRequest, input: &StoredInput, meshes: Vec<MeshId>) -> Result<Self, Error> {
+        // The job shows the scanner that it plans with.
+        let of_cell = input.cell.as_ref().map(|_| Named::Name(input.scanner.name.clone()));
+        request.scanner = of_cell.or_else(|| Some(request.scanner_or_default()));
         let mut warnings = warnings::of_params(&request.params, "/params");
         warnings.extend(input.warnings.iter().cloned());
         Ok(Self { request, input: serde_json::to_string(input)?, meshes, warnings })
@@ -147,6 +150,10 @@ impl App {
         let attempt = self.0.store.body(of).await?.ok_or(Error::JobNotFound(of))?;
         let (input, _): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(InternalError::Row)?;
         let mut request = attempt.request;
+        if input.cell.is_some() {
+            // Of earlier releases it may be another than the cell's.
+            request.scanner = None;
+        }
         // Earlier releases took keys that are refused now.
         request.labels.retain(|key, _| !key.contains('='));
         if request.labels.len() < MAX_LABELS || request.labels.contains_key(RESCAN_LABEL) {
@@ -287,13 +294,9 @@ fn resolve(
         }
     };
     let cell = lookup.cell(&request.cell);
-    if cell.is_some() {
-        // It is not used, and must exist all the same.
-        let _ = lookup.scanner(&request.scanner);
-    }
     let scanner = match &cell {
-        Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name)),
-        None => lookup.scanner(&request.scanner),
+        Some(cell) => lookup.scanner_of(cell, request.scanner.as_ref()),
+        None => lookup.scanner(&request.scanner_or_default()),
     };
     // Without a cell, the scanner's body is kept with the job all the same.
     let of_scanner = scanner.iter().filter(|_| cell.is_none()).flat_map(|scanner| &scanner.body).map(|body| &body.shape);
@@ -402,6 +405,25 @@ impl<'a> Lookup<'a> {
     fn scanner(&mut self, named: &Named<ScannerSpec>) -> Option<ScannerSpec> {
         let spec = self.find("/scanner", named, SpecKind::Scanner, |name| self.library.scanner(name))?;
         self.built("/scanner", spec.build()).map(|_| spec)
+    }
+
+    /// The scanner of a cell. Refuses another that is given beside the cell: it would not be used.
+    fn scanner_of(&mut self, cell: &CellSpec, given: Option<&Named<ScannerSpec>>) -> Option<ScannerSpec> {
+        let library = self.library;
+        let own = self.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name))?;
+        let other = given.and_then(|given| match given {
+            Named::Name(name) => (*name != own.name).then(|| format!("is {name:?}")),
+            Named::Inline(spec) => (**spec != own).then(|| format!("is a specification named {:?}", spec.name)),
+        });
+        if let Some(other) = other {
+            let detail = format!(
+                "{other}, but the cell {:?} has its own scanner, {:?}; leave the scanner out, or give the cell \"none\" to plan \
+                 without one",
+                cell.name, own.name
+            );
+            self.refuse("/scanner", detail);
+        }
+        Some(own)
     }
 
     /// The cell with its devices inlined; `None` for `"none"`, and if an error was recorded.

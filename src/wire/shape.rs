@@ -29,14 +29,20 @@ pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Re
 
 /// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.
 pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -> Vec<FieldError> {
-    let Walked { mut findings, odd_lists } = walked::<T>(value, false);
-    let first = placed(first, &findings, &odd_lists);
+    let Walked { mut findings, odd_lists, lists } = walked::<T>(value, false);
+    // Of a list in the place of something else serde may tell its length, or what is wrong with its first item.
+    let is_told = |list: &String| first.pointer == *list && first.detail.starts_with("is a list");
+    if lists.iter().any(|list| is_within(&first.pointer, list) && !is_told(list)) {
+        return findings;
+    }
+    let first = with_id(placed(first, value, &findings, &odd_lists), value);
     let is_told = field_named(&first.detail).is_some_and(|name| {
         let end = format!("/{}", escape(name));
         let is_it = |finding: &FieldError| finding.pointer == first.pointer || finding.pointer.ends_with(&end);
         findings.iter().any(|finding| is_it(finding) && is_within(&finding.pointer, &first.pointer))
     });
     if !is_told {
+        let first = with_field(first);
         findings.retain(|finding| finding.pointer != first.pointer);
         findings.insert(0, first);
     }
@@ -45,7 +51,7 @@ pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -
 
 /// The finding of serde at its place. Of what is wrong inside a tagged enum serde tells the place of the whole, since it reads the
 /// fields from a copy; of a list that is too long it does not always tell which length is allowed.
-fn placed(first: FieldError, findings: &[FieldError], odd_lists: &BTreeMap<String, [u64; 2]>) -> FieldError {
+fn placed(first: FieldError, value: &Value, findings: &[FieldError], odd_lists: &BTreeMap<String, [u64; 2]>) -> FieldError {
     let list = odd_lists.iter().find(|(pointer, [length, _])| {
         is_within(pointer, &first.pointer) && first.detail.starts_with(&format!("has {length} element"))
     });
@@ -58,7 +64,45 @@ fn placed(first: FieldError, findings: &[FieldError], odd_lists: &BTreeMap<Strin
         }
         (Some((pointer, _)), _) => FieldError { pointer: pointer.clone(), ..first },
         (None, Some(finding)) => FieldError { pointer: finding.pointer.clone(), ..first },
-        (None, None) => first,
+        (None, None) => {
+            let quoted = first.detail.strip_prefix("is ").and_then(|rest| rest.split_once("; expected "));
+            let around = value.pointer(&first.pointer);
+            let number = quoted.zip(around).and_then(|((quoted, _), around)| number_in(around, quoted, &first.pointer));
+            FieldError { pointer: number.unwrap_or(first.pointer), detail: first.detail }
+        }
+    }
+}
+
+/// Pointer of the first number in `value`, which is at the pointer `at`, that is written as `quoted`.
+fn number_in(value: &Value, quoted: &str, at: &str) -> Option<String> {
+    match value {
+        Value::Number(number) => (number.to_string() == quoted).then(|| at.to_owned()),
+        Value::Array(items) => {
+            items.iter().enumerate().find_map(|(index, item)| number_in(item, quoted, &format!("{at}/{index}")))
+        }
+        Value::Object(fields) => {
+            fields.iter().find_map(|(name, field)| number_in(field, quoted, &format!("{at}/{}", escape(name))))
+        }
+        Value::Null | Value::Bool(_) | Value::String(_) => None,
+    }
+}
+
+/// The finding of serde on a field that it misses, which it tells of the object around it, at the field.
+fn with_field(first: FieldError) -> FieldError {
+    let name = first.detail.strip_prefix("missing field `").and_then(|rest| rest.strip_suffix('`'));
+    match name {
+        Some(name) => FieldError { pointer: format!("{}/{}", first.pointer, escape(name)), detail: "is missing".to_owned() },
+        None => first,
+    }
+}
+
+/// The finding of serde on an id with the value, which serde does not tell.
+fn with_id(first: FieldError, value: &Value) -> FieldError {
+    let detail = first.detail.as_str();
+    let is_of_id = detail == "is not an id; expected a UUID" || detail.ends_with("; expected a formatted UUID string");
+    match value.pointer(&first.pointer) {
+        Some(id) if is_of_id => FieldError { detail: format!("is {}; expected a UUID", found(id)), ..first },
+        Some(_) | None => first,
     }
 }
 
@@ -78,19 +122,20 @@ pub(crate) fn lists_for_objects<T: ToSchema + 'static>(value: &Value) -> Vec<Fie
     walked::<T>(value, true).findings
 }
 
-/// Outcome of the walk through `value`: fields that are missing, unknown or of another kind by the schema of `T`, and lists that are
-/// too long or too short.
+/// Outcome of the walk through `value`: fields that are missing, unknown or of another kind by the schema of `T`, lists that are
+/// too long or too short, and lists in the place of something else.
 struct Walked {
     findings: Vec<FieldError>,
     odd_lists: BTreeMap<String, [u64; 2]>,
+    lists: Vec<String>,
 }
 
 fn walked<T: ToSchema + 'static>(value: &Value, lists_only: bool) -> Walked {
     let schema = schema_of::<T>();
-    let (findings, odd_lists) = (Vec::new(), BTreeMap::new());
-    let mut walk = Walk { components: &schema.components, findings, odd_lists, values: 0, lists_only };
+    let (findings, odd_lists, lists) = (Vec::new(), BTreeMap::new(), Vec::new());
+    let mut walk = Walk { components: &schema.components, findings, odd_lists, lists, values: 0, lists_only };
     walk.value(value, &schema.root, "");
-    Walked { findings: walk.findings, odd_lists: walk.odd_lists }
+    Walked { findings: walk.findings, odd_lists: walk.odd_lists, lists: walk.lists }
 }
 
 /// Schema of a type as JSON.
@@ -179,6 +224,8 @@ struct Walk<'s> {
     findings: Vec<FieldError>,
     /// Length and allowed length of each list that is too long or too short, by its pointer.
     odd_lists: BTreeMap<String, [u64; 2]>,
+    /// Pointers of the lists in the place of something else.
+    lists: Vec<String>,
     /// Values seen.
     values: usize,
     /// Look for nothing but lists in the place of objects.
@@ -229,6 +276,9 @@ impl Walk<'_> {
         }
         let schema = self.resolve(schema);
         if let Some(detail) = self.other_kind(value, &schema) {
+            if value.is_array() {
+                self.lists.push(at.to_owned());
+            }
             self.push(at.to_owned(), detail);
             return;
         }
@@ -239,7 +289,8 @@ impl Walk<'_> {
                 }
             }
             Value::Array(_) if self.is_object(&schema) => {
-                self.findings.push(FieldError { pointer: at.to_owned(), detail: "is a list; allowed is an object".to_owned() });
+                self.lists.push(at.to_owned());
+                self.findings.push(FieldError { pointer: at.to_owned(), detail: "is a list; expected an object".to_owned() });
             }
             Value::Array(items) => {
                 let schema = self.variants(&schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or_default();
@@ -356,19 +407,19 @@ impl Walk<'_> {
         }
     }
 
-    /// Description of a field, and of its type where that has fields of its own.
+    /// Description of a field in one sentence; that of its type where the field has none, or where the type's says more of the
+    /// same.
     fn description(&self, property: &Value) -> String {
-        let (own, of_type) = (first_paragraph(property), first_paragraph(&self.resolve(property)));
-        match (own.is_empty(), of_type.is_empty() || own == of_type) {
-            (true, _) => of_type,
-            (false, true) => own,
-            (false, false) => format!("{own}. {of_type}"),
-        }
+        let (own, of_type) = (first_sentence(property), first_sentence(&self.resolve(property)));
+        if of_type.starts_with(own.as_str()) { of_type } else { own }
     }
 
     /// Returns true if every variant of a schema is an object.
     fn is_object(&self, schema: &Value) -> bool {
-        self.variants(schema).iter().all(|variant| variant["type"] == "object" && variant["items"].is_null())
+        self.variants(schema).iter().all(|variant| {
+            let is_joined = variant["allOf"].is_array() && self.object_shape(variant).is_some();
+            (variant["type"] == "object" || is_joined) && variant["items"].is_null()
+        })
     }
 
     fn push(&mut self, pointer: String, detail: String) {
@@ -391,13 +442,16 @@ fn common_tag(shapes: &[ObjectShape]) -> Option<(String, Vec<String>)> {
     values.map(|values| (name.clone(), values))
 }
 
-/// First paragraph of a schema's description, and its range, on one line and without links.
-fn first_paragraph(schema: &Value) -> String {
+/// First sentence of a schema's description, and its range, on one line and without links.
+fn first_sentence(schema: &Value) -> String {
     let text = schema["description"].as_str().unwrap_or_default();
     let mut paragraphs = text.split("\n\n");
-    let mut told = paragraphs.next().unwrap_or_default().trim().replace('\n', " ");
+    let paragraph = paragraphs.next().unwrap_or_default().trim().replace('\n', " ");
+    let begins_sentence = |at: usize| paragraph[at + 2..].starts_with(|first: char| first.is_uppercase() || first == '`');
+    let end = paragraph.match_indices(". ").map(|(at, _)| at).find(|at| begins_sentence(*at));
+    let mut told = paragraph[..end.unwrap_or(paragraph.len())].trim_end_matches('.').to_owned();
     if let Some(range) = paragraphs.find(|paragraph| paragraph.starts_with("Range:")) {
-        told = format!("{told} {}", range.trim().replace('\n', " "));
+        told = format!("{told}; {}", range.trim().replace('\n', " ").replacen("Range:", "range:", 1));
     }
     without_links(told.trim_end_matches('.'))
 }
@@ -411,6 +465,7 @@ mod tests {
         BodySpec, CellSpec, FieldError, KinematicsSpec, Presets, RobotSpec, RotationSpec, ScannerSpec, SpecKind, SpecLibrary,
     };
     use crate::planning::params::PlanParams;
+    use crate::wire::JobRequest;
     use crate::wire::calibration::PlacementData;
 
     fn pointers(errors: &[FieldError]) -> Vec<&str> {
@@ -483,6 +538,57 @@ mod tests {
         assert!(errors[0].detail.contains("is \"heavy\"; expected a number"), "{errors:?}");
         let whole = from_value::<ScannerSpec>(&json!(3)).expect_err("wrong");
         assert_eq!(pointers(&whole), [""]);
+    }
+
+    /// The message told the list's length, or what was wrong with its first item, as if it were the first field.
+    #[test]
+    fn a_list_in_the_place_of_an_object_is_told_alone_and_as_such() {
+        let told = |errors: Vec<FieldError>| errors.iter().map(ToString::to_string).collect::<Vec<_>>();
+        for list in [json!([]), json!([3]), json!([{}, {}])] {
+            let whole = from_value::<JobRequest>(&list).expect_err("a list");
+            assert_eq!(whole, [FieldError { pointer: String::new(), detail: "is a list; expected an object".to_owned() }]);
+        }
+        for list in [json!([]), json!([[0, 0, 0]])] {
+            let params = json!({"part": {"table_from_part": list}});
+            let errors = told(from_value::<PlanParams>(&params).expect_err("a list"));
+            assert_eq!(errors, ["/part/table_from_part: is a list; expected an object"]);
+        }
+    }
+
+    #[test]
+    fn a_list_in_the_place_of_a_tagged_object_is_told_as_such_and_a_missing_field_at_its_place() {
+        let mut arm = serde_json::to_value(Presets.robot("ur5e").expect("a preset")).expect("JSON");
+        arm["kinematics"] = json!([]);
+        let errors = from_value::<RobotSpec>(&arm).expect_err("a list");
+        assert_eq!(errors.iter().map(ToString::to_string).collect::<Vec<_>>(), ["/kinematics: is a list; expected an object"]);
+        let params = json!({"part": {"table_from_part": {"translation_mm": [0, 0, 0], "rpy_deg": null}}});
+        let errors = from_value::<PlanParams>(&params).expect_err("no rotation");
+        for error in &errors {
+            assert!(error.pointer.starts_with("/part/table_from_part/") && !error.detail.contains("missing field"), "{errors:?}");
+        }
+    }
+
+    /// Texts of the field and of its type stood in one message.
+    #[test]
+    fn what_is_missing_is_told_in_one_sentence() {
+        let errors = from_value::<JobRequest>(&json!({})).expect_err("incomplete");
+        let detail = "is missing: Id of the mesh to plan for".to_owned();
+        assert_eq!(errors, [FieldError { pointer: "/mesh_id".to_owned(), detail }]);
+        let errors = from_value::<CellSpec>(&json!({"name": "mine"})).expect_err("incomplete");
+        for error in errors {
+            assert!(!error.detail.contains(". "), "{error}");
+        }
+    }
+
+    #[test]
+    fn an_id_at_fault_is_quoted_and_a_number_in_a_variant_is_told_at_its_place() {
+        for (id, told) in [(json!("abc"), "is \"abc\"; expected a UUID"), (json!(3), "is 3; expected a UUID")] {
+            let errors = from_value::<JobRequest>(&json!({"mesh_id": id})).expect_err("wrong");
+            assert_eq!(errors, [FieldError { pointer: "/mesh_id".to_owned(), detail: told.to_owned() }]);
+        }
+        let region = json!({"regions": {"exclude": [{"kind": "faces", "faces": [1, 4_294_967_296_u64]}]}});
+        let errors = from_value::<PlanParams>(&region).expect_err("wrong");
+        assert_eq!(pointers(&errors), ["/regions/exclude/0/faces/1"], "{errors:?}");
     }
 
     #[test]

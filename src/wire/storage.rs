@@ -70,9 +70,10 @@ pub struct RetentionPolicy {
     pub unused_mesh_days: u32,
     /// Days after its end at which a run is deleted with its record and its audit log; 0 keeps them.
     pub run_days: u32,
-    /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs are deleted; 0 for no
-    /// limit. Half of it is reserved for the stored files: no audit log is deleted to meet it, and no job because of what logs
-    /// take beyond half.
+    /// Max share of the disk for stored files and the audit logs on it, beyond which the oldest ended jobs that have files are
+    /// deleted; 0 for no limit. Meshes and their previews count, and are not deleted for it; the database, uploads under way and
+    /// swept files do not count. Half of it is reserved for the stored files: no audit log is deleted to meet it, and no job
+    /// because of what logs take beyond half.
     pub max_disk_share: f64,
     /// Key of the label that protects a job from deletion.
     pub hold_label: String,

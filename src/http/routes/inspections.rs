@@ -250,7 +250,11 @@ async fn answer(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
         ("format" = inline(Option<super::super::openapi::JsonForm>), Query, example = "json", description = "Form of the response."),
     ),
-    responses((status = 200, description = "The result.", body = InspectionDocument))
+    responses(
+        (status = 200, description = "The result.", body = InspectionDocument,
+            headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+        (status = 304, description = "The client has the current version."),
+    )
 )]
 pub(in crate::http) async fn result(
     State(state): State<ApiState>,
@@ -273,7 +277,11 @@ pub(in crate::http) async fn result(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
         ("format" = Option<String>, Query, pattern = "^(json|csv)$", example = "json", description = "Form of the response. Default: chosen by `Accept`."),
     ),
-    responses((status = 200, description = "The losses.", content((LossListing = "application/json"), (String = "text/csv"))))
+    responses(
+        (status = 200, description = "The losses.", content((LossListing = "application/json"), (String = "text/csv")),
+            headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+        (status = 304, description = "The client has the current version."),
+    )
 )]
 pub(in crate::http) async fn losses(
     State(state): State<ApiState>,
@@ -296,9 +304,12 @@ pub(in crate::http) async fn losses(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
         ("format" = Option<String>, Query, pattern = "^(csv|ply)$", example = "csv", description = "Form of the response. Default: chosen by `Accept`."),
     ),
-    responses((status = 200, description = "The deviation.", content(
-        (String = "text/csv"), (inline(super::super::openapi::Bytes) = "application/octet-stream"),
-    )))
+    responses(
+        (status = 200, description = "The deviation.", content(
+            (String = "text/csv"), (inline(super::super::openapi::Bytes) = "application/octet-stream"),
+        ), headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+        (status = 304, description = "The client has the current version."),
+    )
 )]
 pub(in crate::http) async fn deviation(
     State(state): State<ApiState>,
@@ -322,7 +333,11 @@ pub(in crate::http) async fn deviation(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
         ("format" = inline(Option<super::super::openapi::JsonForm>), Query, example = "json", description = "Form of the response."),
     ),
-    responses((status = 200, description = "The findings.", body = LearnedDocument))
+    responses(
+        (status = 200, description = "The findings.", body = LearnedDocument,
+            headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+        (status = 304, description = "The client has the current version."),
+    )
 )]
 pub(in crate::http) async fn learned(
     State(state): State<ApiState>,
@@ -345,7 +360,11 @@ pub(in crate::http) async fn learned(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
         ("format" = Option<String>, Query, pattern = "^(html|text)$", example = "text", description = "Form of the response. Default: chosen by `Accept`."),
     ),
-    responses((status = 200, description = "The report.", content((String = "text/html"), (String = "text/plain"))))
+    responses(
+        (status = 200, description = "The report.", content((String = "text/html"), (String = "text/plain")),
+            headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+        (status = 304, description = "The client has the current version."),
+    )
 )]
 pub(in crate::http) async fn report(
     State(state): State<ApiState>,

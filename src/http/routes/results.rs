@@ -468,7 +468,8 @@ result! {
     operation_id = "get_job_file",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job."),
-        ("name" = String, Path, description = "Name of the file, as in the job's `results`.", example = "plan.json"),
+        ("name" = String, Path, description = "Name of the file, as in the job's `results`.", example = "plan.json",
+            pattern = "^[A-Za-z0-9._-]+$"),
         ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
         ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
     ),

@@ -16,6 +16,7 @@ use crate::inspection::ingest::ScanFrame;
 use crate::service::ScanUpload;
 use crate::wire::ScanId;
 use crate::wire::inspection::{Scan, ScanPage};
+use crate::wire::words::counted;
 
 /// Largest number of a viewpoint that an upload may state.
 const MAX_VIEW: u32 = 99_999;
@@ -63,7 +64,10 @@ pub(in crate::http) async fn upload(
     params.deny_unknown()?;
     let views = state.app.planned_views(job).await?;
     if let Some((view, views)) = view.zip(views).filter(|(view, views)| *view as usize >= *views) {
-        return Err(ApiError::query("view", &format!("is {view}; the plan has {views} viewpoints, numbered from 0")));
+        return Err(ApiError::query(
+            "view",
+            &format!("is {view}; the plan has {}, numbered from 0", counted(views, "viewpoint")),
+        ));
     }
     let (finished, file_name) = uploads::received(&state, request).await?;
     if finished.size_bytes() == 0 {

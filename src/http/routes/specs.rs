@@ -36,7 +36,9 @@ macro_rules! collection {
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $get_id,
-                params(("name" = String, Path, description = "Name of the specification.")),
+                params(
+                    ("name" = String, Path, description = "Name of the specification.", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
+                ),
                 responses(
                     (status = 200, description = "The specification.", body = $spec,
                         headers(("ETag" = String, description = "Entity tag, for `If-Match`."))),
@@ -98,7 +100,8 @@ macro_rules! collection {
                 tag = "specifications",
                 operation_id = $delete_id,
                 params(
-                    ("name" = String, Path, description = "Name of the specification.", example = "mine"),
+                    ("name" = String, Path, description = "Name of the specification.", example = "mine",
+                        pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
                     ("If-Match" = Option<String>, Header, description = "Entity tag of the version to delete."),
                 ),
                 responses((status = 204, description = "The specification was deleted."))

@@ -95,9 +95,12 @@ async fn receive_form(
     let meter = FormMeter::new(BodyRate::new(state.options.body_idle_timeout));
     let refused = |error: MultipartError| meter.lock().refusal.take().unwrap_or_else(|| form_error(&error));
     let request = request.map(|body| meter.metered(body));
-    let mut form = Multipart::from_request(request, state).await.map_err(|e| ApiError::new(Code::BadBody, e.body_text()))?;
+    // The media type was looked at before: nothing but its boundary can be at fault.
+    let said = "has no boundary, which separates the parts of multipart/form-data; let the client set the header itself";
+    let refused_boundary = ApiError::header(Code::BadBody, "Content-Type", said);
+    let mut form = Multipart::from_request(request, state).await.map_err(|_| refused_boundary)?;
     let Some(mut field) = form.next_field().await.map_err(refused)? else {
-        return Err(ApiError::at(Code::BadBody, "file", "the form has no field of this name"));
+        return Err(ApiError::at(Code::BadBody, "file", "the form has no field \"file\"; send the file in a field of that name"));
     };
     check_only_file(field.name())?;
     meter.lock().is_in_file = true;
@@ -109,7 +112,7 @@ async fn receive_form(
     meter.lock().is_in_file = false;
     if let Some(second) = form.next_field().await.map_err(refused)? {
         check_only_file(second.name())?;
-        return Err(ApiError::at(Code::BadBody, "file", "the form has this field twice; send one file per request"));
+        return Err(ApiError::at(Code::BadBody, "file", "the form has the field \"file\" twice; send one file per request"));
     }
     Ok((upload.finish(announced).await?, file_name))
 }
@@ -120,7 +123,7 @@ fn check_only_file(name: Option<&str>) -> Result<(), ApiError> {
     if name == "file" {
         return Ok(());
     }
-    let said = "the form has a field of this name; the only field allowed is \"file\", everything else belongs in the query";
+    let said = format!("the form has a field {name:?}; the only field allowed is \"file\", everything else belongs in the query");
     Err(ApiError::at(Code::BadBody, name, said))
 }
 

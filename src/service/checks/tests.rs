@@ -115,7 +115,7 @@ async fn another_fixture_than_the_plan_names_is_refused_with_what_differs() {
     assert_refused(refused, &["/fixture_mesh_id: is not the fixture of the plan: its SHA-256 is "]);
     assert_refused(
         check(&app, request(in_inches)).await,
-        &["/fixture_mesh_id: is the fixture of the plan, read in inch; the plan"],
+        &["/fixture_mesh_id: is the fixture of the plan, read in inches; the plan"],
     );
     let without_part = json!({"document": plan, "fixture_mesh_id": clamp});
     assert_refused(

@@ -36,6 +36,9 @@ async fn a_job_whose_end_was_pruned_is_told_to_be_read_anew_once() {
     assert!(stream.next().await.expect("read").is_none(), "nothing follows");
     let again = app.events(Some(id), Some(newest)).await.expect("a stream");
     assert!(again.is_over() && !again.has_gap());
+    // So is a reader whose number is of the database before a restore.
+    let of_another_database = app.events(Some(id), Some(newest + 7)).await.expect("a stream");
+    assert!(of_another_database.has_gap() && of_another_database.only_gap() == Some(newest));
     // Whoever followed it for the first time got no event, and did not learn how it had ended.
     let mut fresh = app.events(Some(id), None).await.expect("a stream");
     assert!(fresh.has_gap() && !fresh.is_over());

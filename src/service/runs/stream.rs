@@ -69,25 +69,37 @@ pub struct RunStream {
     live: Option<broadcast::Receiver<LiveEvent>>,
     behind: bool,
     ended: bool,
+    missed: bool,
+    /// Place of the newest event when the stream of an ended run began, of which nothing but a gap is left to tell.
+    only_gap: Option<RunCursor>,
 }
 
 impl App {
-    /// Stream of a run, after a place in it.
+    /// Stream of a run, after a place in it; without one, from its beginning.
     ///
     /// # Errors
     /// [`Error::RunNotFound`], [`Error::Internal`].
-    pub async fn run_events(&self, run: RunId, after: RunCursor) -> Result<RunStream, Error> {
+    pub async fn run_events(&self, run: RunId, after: Option<RunCursor>) -> Result<RunStream, Error> {
         let feed = self.0.runs.subscribe();
         // Read before the events: of a run that ends after this, the end is still to come.
         let has_ended = self.run(run).await?.state.is_ended();
         let session = self.0.runs.get(run).map(|open| open.session.subscribe());
+        let newest = self.0.store.newest_run_event().await?;
+        let is_pruned = match after {
+            Some(after) => self.0.store.is_run_event_pruned_after(after.event).await?,
+            None => false,
+        };
+        // A number that was never given is of another database, one before a restore.
+        let missed = is_pruned || after.is_some_and(|after| after.event > newest);
+        let (is_new, after) = (after.is_none(), after.unwrap_or_default());
+        let at = RunCursor { event: after.event.min(newest), ..after };
         let (past, samples) = (VecDeque::new(), VecDeque::new());
         let app = self.clone();
         let mut stream = RunStream {
             app,
             run,
-            at: after,
-            through: after.event,
+            at,
+            through: at.event,
             feed,
             past,
             samples,
@@ -95,18 +107,38 @@ impl App {
             live: None,
             behind: true,
             ended: false,
+            missed,
+            only_gap: None,
         };
         stream.catch_up().await?;
         stream.ended = has_ended && stream.past.is_empty() && !stream.behind;
+        // Whoever has seen nothing yet would have got the run's end, were it not pruned.
+        stream.missed |= stream.ended && is_new;
+        // Its reader may have missed the run's end: it is told to read the run anew, once.
+        stream.only_gap = (stream.ended && stream.missed).then_some(RunCursor { event: newest, sample: 0 });
         Ok(stream)
     }
 }
 
 impl RunStream {
-    /// True if nothing will follow: the run has ended and all of its events were read.
+    /// True if events after the requested place may have been pruned from the store, or it is not of this store; without a
+    /// place, if none of an ended run's events is left.
+    #[must_use]
+    pub fn has_gap(&self) -> bool {
+        self.missed
+    }
+
+    /// Place to resume after, with which nothing is missed any more; only where the run has ended and nothing but the gap is left
+    /// to tell.
+    #[must_use]
+    pub fn only_gap(&self) -> Option<RunCursor> {
+        self.only_gap
+    }
+
+    /// True if nothing is left to tell: the run has ended, and all of its events were read.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.ended
+        self.ended && self.only_gap.is_none()
     }
 
     /// Waits for what comes next; `None` after the last event and when the service stops.

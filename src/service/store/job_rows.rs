@@ -68,6 +68,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         Ok(request) => (request, None),
         Err(reason) => (JobRequest::new(parsed("job.mesh_id", &mesh_id)?), Some(unreadable(reason))),
     };
+    let scanner = request.scanner_or_default();
     let results = artifacts::listed(parse(row.try_get::<String, _>("results")?.as_bytes())?);
     let position: Option<i64> = row.try_get("position")?;
     let problem = read_problem(text("problem")).or(unreadable_request);
@@ -81,7 +82,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         state: state.as_ref().copied().unwrap_or(JobState::Failed),
         mesh_id: request.mesh_id,
         cell: request.cell,
-        scanner: request.scanner,
+        scanner,
         // Sent again as they are shown, they are those of the same plan: with its defaults a preset would be refused.
         params: request.params.preset.apply(&request.params),
         labels: text("labels").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),

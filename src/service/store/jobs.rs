@@ -241,6 +241,7 @@ async fn insert_queued(tx: &mut SqliteConnection, new: &NewJob) -> Result<(JobId
 
 async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<(), Error> {
     let request = &new.request;
+    let scanner = request.scanner_or_default();
     sqlx::query(
         "INSERT INTO job (id, state, mesh_id, part_number, serial, cell, scanner, labels, priority, submitted_by, warnings)
          VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
@@ -250,7 +251,7 @@ async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<()
     .bind(&request.part_number)
     .bind(&request.serial)
     .bind(name_of(&request.cell, |cell| &cell.name))
-    .bind(name_of(&request.scanner, |scanner| &scanner.name))
+    .bind(name_of(&scanner, |scanner| &scanner.name))
     .bind(serde_json::to_string(&request.labels)?)
     .bind(request.priority)
     .bind(&new.submitted_by)

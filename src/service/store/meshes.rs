@@ -110,14 +110,15 @@ impl Store {
     pub(crate) async fn put_preview(&self, id: MeshId, bytes: Vec<u8>) -> Result<String, Error> {
         let files = self.files.clone();
         let received = blocking(move || Ok(files.write(&bytes)?)).await?;
-        let sha256 = received.sha256.clone();
+        let (sha256, size_bytes) = (received.sha256.clone(), received.size_bytes);
         let _pin = self.pinned.pin(vec![sha256.clone()]).await;
         let files = self.files.clone();
         blocking(move || files.persist(received)).await?;
         let mut tx = self.writer.begin().await?;
-        let updated = sqlx::query("UPDATE mesh SET preview = ?2 WHERE id = ?1")
+        let updated = sqlx::query("UPDATE mesh SET preview = ?2, preview_bytes = ?3 WHERE id = ?1")
             .bind(id.to_string())
             .bind(&sha256)
+            .bind(i64::try_from(size_bytes).unwrap_or(i64::MAX))
             .execute(&mut *tx)
             .await?;
         tx.commit().await?;

@@ -322,6 +322,8 @@ fn migrator() -> Migrator {
         migration(8, "inspections", include_str!("migrations/0008_inspections.sql")),
         migration(9, "job_files", include_str!("migrations/0009_job_files.sql")),
         migration(10, "attempts", include_str!("migrations/0010_attempts.sql")),
+        migration(11, "run_events", include_str!("migrations/0011_run_events.sql")),
+        migration(12, "previews", include_str!("migrations/0012_previews.sql")),
     ])
 }
 

@@ -73,6 +73,8 @@ struct EndedJob {
     part: String,
     is_old: bool,
     size_bytes: u64,
+    /// True if files go with the job, or with the last of those that share them.
+    has_files: bool,
 }
 
 impl Store {
@@ -99,7 +101,8 @@ impl Store {
         if policy.max_bytes > 0 {
             let freed: u64 = ended.iter().filter(|job| reasons.contains_key(&job.id)).map(|job| job.size_bytes).sum();
             let mut taken = self.stored_bytes().await?.saturating_sub(freed);
-            for job in &ended {
+            // One without files would leave as little room as before.
+            for job in ended.iter().filter(|job| job.has_files) {
                 if taken <= policy.max_bytes {
                     break;
                 }
@@ -137,12 +140,16 @@ impl Store {
             "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
                 ?1 > 0 AND max(ended_at, newest) < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
                 (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id)
-                    + (SELECT coalesce(sum(size_bytes), 0) FROM scan WHERE job_id = job.id)
+                    + (SELECT coalesce(sum(size_bytes), 0) FROM
+                        (SELECT DISTINCT sha256, size_bytes FROM scan WHERE job_id = job.id))
                     + (SELECT coalesce(sum(file_bytes), 0) FROM inspection_file JOIN inspection
                         ON inspection.id = inspection_file.inspection_id WHERE inspection.job_id = job.id)
                     + (SELECT coalesce(sum(size_bytes), 0) FROM job_mesh AS own WHERE job_id = job.id
                         AND NOT EXISTS (SELECT 1 FROM mesh WHERE mesh.sha256 = own.sha256) AND NOT EXISTS
-                            (SELECT 1 FROM job_mesh AS other WHERE other.sha256 = own.sha256 AND other.job_id <> own.job_id)) AS size_bytes
+                            (SELECT 1 FROM job_mesh AS other WHERE other.sha256 = own.sha256 AND other.job_id <> own.job_id))
+                    AS size_bytes,
+                EXISTS (SELECT 1 FROM job_mesh AS own WHERE job_id = job.id AND sha256 <> ''
+                    AND NOT EXISTS (SELECT 1 FROM mesh WHERE mesh.sha256 = own.sha256)) AS has_deleted_mesh
              FROM (SELECT rowid AS number, id, part_number, mesh_id, ended_at, max(created_at) OVER (ORDER BY rowid) AS newest
                 FROM job) AS job
              WHERE ended_at IS NOT NULL
@@ -158,7 +165,8 @@ impl Store {
             // A job whose id cannot be read cannot be deleted by it.
             let Ok(id) = row.try_get::<String, _>("id")?.parse() else { return Ok(None) };
             let size_bytes = row.try_get::<i64, _>("size_bytes")?.unsigned_abs();
-            Ok(Some(EndedJob { id, part: row.try_get("part")?, is_old: row.try_get("is_old")?, size_bytes }))
+            let has_files = size_bytes > 0 || row.try_get("has_deleted_mesh")?;
+            Ok(Some(EndedJob { id, part: row.try_get("part")?, is_old: row.try_get("is_old")?, size_bytes, has_files }))
         };
         rows.iter().filter_map(|row| read(row).transpose()).collect()
     }
@@ -168,7 +176,7 @@ impl Store {
             return Ok(Vec::new());
         }
         let rows = sqlx::query(
-            "SELECT id, size_bytes FROM mesh
+            "SELECT id, size_bytes + preview_bytes AS size_bytes FROM mesh
              WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days')
                 AND NOT EXISTS (SELECT 1 FROM job_mesh WHERE mesh_id = mesh.id) ORDER BY id",
         )

@@ -246,6 +246,21 @@ impl Store {
         Ok(RunEventBatch { events, through, is_full: rows.len() == BATCH as usize })
     }
 
+    /// Number of the newest event of a run, even if it was pruned; 0 before the first.
+    pub(crate) async fn newest_run_event(&self) -> Result<i64, Error> {
+        Ok(sqlx::query_scalar("SELECT seq FROM sqlite_sequence WHERE name = 'run_event'")
+            .fetch_optional(&self.reader)
+            .await?
+            .unwrap_or(0))
+    }
+
+    /// True if events of runs after number `after` have been pruned, so that a subscriber who saw `after` last may have missed
+    /// some.
+    pub(crate) async fn is_run_event_pruned_after(&self, after: i64) -> Result<bool, Error> {
+        let through: i64 = sqlx::query_scalar("SELECT pruned_through FROM run_event_retention").fetch_one(&self.reader).await?;
+        Ok(after < through)
+    }
+
     /// The highest fencing token that was ever given.
     pub(crate) async fn last_fence(&self) -> Result<u64, Error> {
         let last: i64 = sqlx::query_scalar("SELECT last FROM run_fence").fetch_one(&self.reader).await?;
@@ -269,15 +284,20 @@ impl Store {
             return Ok(());
         }
         let mut tx = self.writer.begin().await?;
-        sqlx::query(concat!(
+        let pruned: Vec<i64> = sqlx::query_scalar(concat!(
             "DELETE FROM run_event WHERE at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' hours')
                AND run_id NOT IN (SELECT id FROM run WHERE ",
             not_ended!(),
-            ")"
+            ") RETURNING id"
         ))
         .bind(hours)
-        .execute(&mut *tx)
+        .fetch_all(&mut *tx)
         .await?;
+        // Events of a run that was open longer are pruned after later ones.
+        sqlx::query("UPDATE run_event_retention SET pruned_through = max(pruned_through, ?1)")
+            .bind(pruned.into_iter().max().unwrap_or(0))
+            .execute(&mut *tx)
+            .await?;
         tx.commit().await
     }
 }

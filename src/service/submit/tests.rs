@@ -18,7 +18,7 @@ async fn a_stored_specification_that_cannot_be_read_is_not_said_to_be_unknown() 
     }
     let job = |cell: &str| JobRequest {
         cell: Named::Name(cell.to_owned()),
-        scanner: Named::Name("ours".to_owned()),
+        scanner: Some(Named::Name("ours".to_owned())),
         ..JobRequest::new(MeshId::generate())
     };
     for (cell, pointer, path) in [("none", "/scanner", "scanners/ours"), ("ours", "/cell", "cells/ours")] {

@@ -97,14 +97,56 @@ async fn an_end_after_the_store_was_read_is_told_to_who_follows_the_run() {
     let (app, _folder) = service().await;
     let mut supervisor = supervisor(&app).await;
     let id = supervisor.run.id;
-    let mut first = app.run_events(id, RunCursor::default()).await.expect("a stream");
+    let mut first = app.run_events(id, None).await.expect("a stream");
     let Some(RunMessage::Event(_, at)) = first.next().await.expect("read") else { panic!("no event") };
-    let mut stream = app.run_events(id, at).await.expect("a stream");
+    let mut stream = app.run_events(id, Some(at)).await.expect("a stream");
     supervisor.end_early((ReportedState::Stopped, ReportedReason::ByClient, None)).await;
     assert!(!stream.is_over(), "its last event was not told");
     let Some(RunMessage::Event(told, at)) = stream.next().await.expect("read") else { panic!("no event") };
     assert_eq!(told.state, ReportedState::Stopped);
-    assert!(app.run_events(id, at).await.expect("a stream").is_over());
+    assert!(app.run_events(id, Some(at)).await.expect("a stream").is_over());
+}
+
+/// The answer was that everything had been seen, and the browser never learned of the end.
+#[tokio::test]
+async fn a_run_whose_end_was_pruned_is_told_to_be_read_anew_once() {
+    let (app, _folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    let id = supervisor.run.id;
+    let mut first = app.run_events(id, None).await.expect("a stream");
+    let Some(RunMessage::Event(_, begun)) = first.next().await.expect("read") else { panic!("no event") };
+    supervisor.end_early((ReportedState::Stopped, ReportedReason::ByClient, None)).await;
+    let mut kept = app.run_events(id, None).await.expect("a stream");
+    assert!(!kept.has_gap() && !kept.is_over() && kept.only_gap().is_none());
+    while kept.next().await.expect("read").is_some() {}
+    // Times have milliseconds: the end has to lie in the past.
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    app.0.store.prune_run_events(0).await.expect("pruned");
+    let newest = RunCursor { event: app.0.store.newest_run_event().await.expect("a number"), sample: 0 };
+    assert!(newest.event > begun.event);
+    let of_another_database = RunCursor { event: newest.event + 7, sample: 3 };
+    for after in [None, Some(begun), Some(of_another_database)] {
+        let mut stream = app.run_events(id, after).await.expect("a stream");
+        assert!(stream.has_gap() && !stream.is_over(), "{after:?}");
+        assert_eq!(stream.only_gap(), Some(newest), "{after:?}");
+        assert!(stream.next().await.expect("read").is_none(), "nothing follows");
+    }
+    let again = app.run_events(id, Some(newest)).await.expect("a stream");
+    assert!(again.is_over() && !again.has_gap());
+}
+
+/// A gap is told to whom something may be missing, while the run goes on too.
+#[tokio::test]
+async fn an_open_run_is_told_from_where_its_reader_was_with_the_gap_before_it() {
+    let (app, _folder) = service().await;
+    let mut ended = supervisor(&app).await;
+    ended.end_early((ReportedState::Stopped, ReportedReason::ByClient, None)).await;
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    app.0.store.prune_run_events(0).await.expect("pruned");
+    let id = supervisor(&app).await.run.id;
+    let mut stream = app.run_events(id, Some(RunCursor::default())).await.expect("a stream");
+    assert!(stream.has_gap() && stream.only_gap().is_none());
+    assert!(matches!(stream.next().await.expect("read"), Some(RunMessage::Event(..))));
 }
 
 #[tokio::test]

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::wire::RetentionReason::{Age, Count, Disk};
-use crate::wire::RunId;
+use crate::wire::inspection::Scan;
+use crate::wire::{RunId, ScanId};
 
 fn policy() -> Policy {
     Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, run_days: 0, max_bytes: 0, hold_label: "hold".into() }
@@ -44,6 +45,72 @@ async fn old_many_and_large_go_the_oldest_first() {
     assert_eq!(due(store, Policy { job_days: 4, ..policy() }).await, []);
     assert_eq!(due(store, Policy { job_days: 2, jobs_per_part: 1, ..policy() }).await, [(a, Age), (b, Age), (c, Age)]);
     assert_eq!(store.job(waiting).await.expect("it").state, JobState::Queued);
+}
+
+/// They were deleted first, with their problem and their events, and left as little room as before.
+#[tokio::test]
+async fn a_job_without_files_is_not_deleted_for_room() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let failed = submit(store, mesh).await;
+    store.claim_next().await.expect("the queue").expect("it");
+    succeed(store, failed, Vec::new()).await;
+    let large = ended(store, mesh, None, 900).await;
+    assert_eq!(due(store, Policy { max_bytes: 1, ..policy() }).await, [(large, Disk)]);
+    // Once the mesh is deleted, its file goes with the last job that read it.
+    store.delete_mesh(mesh, 0).await.expect("no open job needs it");
+    assert_eq!(due(store, Policy { max_bytes: 1, ..policy() }).await, [(failed, Disk), (large, Disk)]);
+}
+
+/// They took room that nothing counted.
+#[tokio::test]
+async fn previews_count_as_stored_files() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    store.put_preview(mesh, b"preview".to_vec()).await.expect("stored");
+    assert_eq!(store.stored_bytes().await.expect("a sum"), 10);
+    let back = "UPDATE mesh SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 days')";
+    sqlx::query(back).execute(&store.reader).await.expect("days pass");
+    assert_eq!(store.due(&Policy { unused_mesh_days: 2, ..policy() }).await.expect("a list").meshes, [(mesh, 10)]);
+}
+
+/// A scan of a job, as it is uploaded under a name.
+async fn scan(store: &Store, job_id: JobId, name: &str, bytes: &[u8]) -> Scan {
+    let received = store.files().write(bytes).expect("a file");
+    let scan = Scan {
+        id: ScanId::generate(),
+        job_id,
+        view: None,
+        name: Some(name.to_owned()),
+        unit: None,
+        frame: None,
+        sha256: String::new(),
+        size_bytes: 0,
+        created_at: String::new(),
+    };
+    store.add_scan(scan, received).await.expect("a scan")
+}
+
+#[tokio::test]
+async fn the_same_scan_is_stored_once_and_its_file_lives_as_long_as_one_upload_refers_to_it() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let job = ended(store, mesh, None, 10).await;
+    let before = stored_files(&opened);
+    let first = scan(store, job, "view_00.xyz", b"0 0 0").await;
+    assert_eq!(scan(store, job, "view_00.xyz", b"0 0 0").await, first, "the same upload is the same scan");
+    let other = scan(store, job, "view_01.xyz", b"0 0 0").await;
+    assert_ne!(other.id, first.id, "of another view");
+    assert_eq!(stored_files(&opened), before + 1);
+    let due = store.due(&Policy { max_bytes: 1, ..policy() }).await.expect("a list");
+    assert_eq!(due.jobs, [(job, Disk, 15)], "its file counts once");
+    store.delete_scan(first.id).await.expect("no inspection reads it");
+    store.files().read(&other.sha256).expect("kept for the other upload");
+    store.delete_scan(other.id).await.expect("no inspection reads it");
+    assert_eq!(stored_files(&opened), before);
 }
 
 #[tokio::test]
