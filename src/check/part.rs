@@ -7,6 +7,7 @@ use serde_json::Value;
 use super::{Sound, kind_of, read_plan};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::wire::DocumentKind;
+use crate::wire::part_size::unit_text;
 use crate::wire::plan::{FixtureDocument, PlanDocument};
 
 /// Part that is not the one of the plan.
@@ -70,7 +71,11 @@ pub enum OtherFixture {
         planned: String,
     },
     /// The file, read in another unit.
-    #[error("is the fixture of the plan, read in {found}; the plan was made with {name}, the same file in {planned}")]
+    #[error(
+        "is the fixture of the plan, read in {}; the plan was made with {name}, the same file in {}",
+        unit_text(*.found),
+        unit_text(*.planned)
+    )]
     Unit {
         /// Name in the plan.
         name: String,

@@ -143,23 +143,23 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     if length > MAX_BYTES {
         return Err(refuse(format!("has {length} bytes; allowed are {MAX_BYTES}")));
     }
-    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+    let bytes = std::fs::read(path).map_err(|error| files::unreadable(path, &error))?;
     let digest = hex(&Sha256::digest(&bytes));
     let below = |errors: Vec<FieldError>| files::findings(&shown, &errors);
     if path.extension().is_some_and(|extension| ["csv", "tsv"].iter().any(|known| extension.eq_ignore_ascii_case(known))) {
-        let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
+        let text = String::from_utf8(bytes).map_err(|error| refuse(files::other_encoding(error.as_bytes())))?;
         let unit_mm = read.unit.mm();
         let options = CsvOptions { robot_pose: read.robot_pose, unit_mm, setup: read.setup };
         let data = from_csv(&text, &options).map_err(below)?;
         let left_out = rows_without_board(&text, &data);
         if left_out > 0 {
-            let detail = format!("rows without a board, left out: {left_out}; {} are read", data.observations.len());
+            let detail = format!("rows without a board, left out: {left_out}; rows read: {}", data.observations.len());
             output::warning(&shown, "", &detail, "give board_x, board_y and board_z, or delete these rows");
         }
         return Ok((data, digest));
     }
     if path.extension().is_some_and(|extension| ["yaml", "yml", "samples"].iter().any(|known| extension == *known)) {
-        let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
+        let text = String::from_utf8(bytes).map_err(|error| refuse(files::other_encoding(error.as_bytes())))?;
         return Ok((from_easy_handeye(&text, read.setup).map_err(below)?, digest));
     }
     let value: Value = if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
@@ -167,8 +167,11 @@ fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String
     } else {
         files::value(path).map_err(|error| CliError::BadInput(format!("{error}; {READ}")))?
     };
-    let data =
-        if value.is_array() { from_pose_samples(&value, read.setup).map_err(below)? } else { files::from_value(value, &shown)? };
+    let data = if value.is_array() {
+        from_pose_samples(&value, read.setup).map_err(below)?
+    } else {
+        files::of_kind(value, ("observations of a board", None), &shown)?
+    };
     Ok((data, digest))
 }
 
@@ -232,6 +235,18 @@ mod tests {
         let shapes: Vec<&ShapeSpec> = moved.obstacles.iter().map(|body| &body.shape).collect();
         assert!(shapes.contains(&&ShapeSpec::Mesh { mesh: path("moved/post.stl") }), "{shapes:?}");
         assert!(moved.flange_from_scanner == spec.flange_from_scanner && moved.scanner == spec.scanner, "the rest is as it was");
+    }
+
+    /// A cell was told every field that observations have and it lacks, and every field of its own.
+    #[test]
+    fn a_cell_in_the_place_of_observations_is_told_to_be_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("cell.toml");
+        std::fs::write(&path, preset_text(SpecKind::Cell, "e05-transcan").expect("a preset")).expect("a file");
+        let read =
+            ReadArgs { setup: HandEyeSetup::EyeInHand, robot_pose: RobotPoseKind::Quaternion, unit: LengthUnit::Millimetre };
+        let told = observations(&path, &read).map(drop).expect_err("no observations").to_string();
+        assert!(told.ends_with("cell.toml: is a cell, not observations of a board; --cell takes it"), "{told}");
     }
 
     /// A table of tabs was read as TOML by its name, and refused.

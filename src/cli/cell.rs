@@ -8,6 +8,7 @@ use super::check::warn;
 use super::doubts::{self, doubt};
 use super::files::{self, FileLibrary};
 use super::plan::pool;
+use super::ranges::number;
 use super::scanner::{Triple, write_or_print};
 use super::{CliError, output, spec_paths};
 use crate::cell::{Cell, CellDistances, CellSpec, CollisionScene, HousingFace, SpecKind};
@@ -16,6 +17,7 @@ use crate::planning::params::MotionParams;
 use crate::planning::studies::reach::{ELEVATIONS, Layouts, Reached, mountings, own_layout, reach};
 use crate::report::sketch::cell_svg;
 use crate::wire::warnings::{self, FieldWarning};
+use crate::wire::words::counted;
 
 /// Write a cell specification from robot, scanner and table position; Vantage finds home and mounting.
 #[derive(Clone, Debug, clap::Args)]
@@ -46,33 +48,33 @@ pub struct CellArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     table_at: Triple,
     /// Rotation of the plate's zero position about the table axis, degrees, -360 to 360.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = number)]
     table_yaw: f64,
     /// Face of the scanner's housing on the flange: back, top, bottom, left or right [default: the one that reaches the most
     /// views].
     #[arg(long)]
     mount: Option<Mount>,
     /// Distance between flange and housing, mm, 0 to 1000.
-    #[arg(long, value_name = "MM", default_value_t = 30.0)]
+    #[arg(long, value_name = "MM", default_value_t = 30.0, value_parser = number)]
     adapter: f64,
     /// Mass of the adapter, kg, 0 to 1000.
-    #[arg(long, value_name = "KG", default_value_t = 0.0)]
+    #[arg(long, value_name = "KG", default_value_t = 0.0, value_parser = number)]
     adapter_mass: f64,
     /// Height of the floor relative to the robot's foot, mm, -10000 to 0, such as -600 [default: no floor].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = number)]
     floor: Option<f64>,
     /// Stand the robot on a pedestal of 200 mm diameter that reaches down to --floor.
     #[arg(long, requires = "floor")]
     pedestal: bool,
     /// Home position, where programs begin and end: joints 1 to 6 and table, degrees, comma-separated [default: found by
     /// Vantage].
-    #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_hyphen_values = true, value_parser = number)]
     home: Vec<f64>,
     /// Name of the cell.
     #[arg(long, default_value = "my-cell")]
     name: String,
     /// Edge length of a cube on the plate, whose views are tried to compare reach, mm, 1 to 5000.
-    #[arg(long, value_name = "MM", default_value_t = 120.0)]
+    #[arg(long, value_name = "MM", default_value_t = 120.0, value_parser = number)]
     cube: f64,
     /// TOML file to write [default: standard output].
     #[arg(long)]
@@ -110,7 +112,7 @@ impl CellArgs {
         let home_deg = match &self.home[..] {
             [] => None,
             given => Some(given.try_into().map_err(|_| {
-                CliError::BadInput(format!("--home: has {} angles; give 7: joints 1 to 6 and the table", given.len()))
+                CliError::BadInput(format!("--home: has {}; give 7: joints 1 to 6 and the table", counted(given.len(), "angle")))
             })?),
         };
         Ok(CellDistances {

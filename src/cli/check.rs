@@ -10,8 +10,9 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::doubts;
-use super::files::{self, FileLibrary};
+use super::files::{self, FileLibrary, ForeignText};
 use super::plan::{load_mesh, load_scanner};
+use super::ranges::number;
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, ControllersSpec, Presets, Scanner, SpecKind, SpecLibrary};
 use crate::check::{
@@ -27,6 +28,8 @@ use crate::wire::plan::{FixtureDocument, PlanDocument};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{DocumentKind, UnverifiedStatement, UtcTime, hex};
 
+/// Program of a plan, beside the files in the languages of controllers.
+const PROGRAM_FILE: &str = "program.json";
 /// Temperatures that a cell may have, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
 
@@ -97,8 +100,8 @@ pub(super) struct ReferenceArgs {
 }
 
 fn temperature(text: &str) -> Result<f64, String> {
-    let celsius: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
-    if TEMPERATURES_C.contains(&celsius) { Ok(celsius) } else { Err("allowed is -50 to 100 °C".to_owned()) }
+    let celsius = number(text)?;
+    if TEMPERATURES_C.contains(&celsius) { Ok(celsius) } else { Err(format!("is {celsius}; allowed is -50 to 100 °C")) }
 }
 
 /// Checks every file; prints one line for each without findings.
@@ -128,18 +131,35 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
 }
 
-/// Reads a file that is to be checked. For an HTML page, a table and the like, the error names what can be checked instead.
+/// Reads a file that is to be checked. For an HTML page, a table and the like, the error names what to check instead.
 fn value_of(path: &Path) -> Result<Value, CliError> {
     files::spec_value(path).map_err(|error| {
         // A pipe cannot be read again.
         let text = if path.is_file() { std::fs::read_to_string(path).ok() } else { None };
         match (error, text.and_then(|text| files::foreign_text(path, &text))) {
-            (CliError::BadInput(told), Some(_)) => CliError::BadInput(format!(
-                "{told}\n  → give a cell, a device, parameters, a plan (plan.json) or a program (program.json)"
-            )),
+            (CliError::BadInput(told), Some(found)) => CliError::BadInput(format!("{told}\n  → {}", instead_of(path, found))),
             (error, _) => error,
         }
     })
+}
+
+/// Advice on what to check in place of a text that cannot be checked: the document beside it, if there is one.
+fn instead_of(path: &Path, found: ForeignText) -> String {
+    let beside = match found {
+        ForeignText::ControllerProgram => Some(PROGRAM_FILE),
+        ForeignText::HtmlPage | ForeignText::PlainText => Some(PLAN_FILE),
+        ForeignText::Xml | ForeignText::Table => None,
+    };
+    let beside = beside.map(|name| path.with_file_name(name)).filter(|beside| beside.is_file());
+    match (beside, found) {
+        (Some(beside), _) => format!("check {}, which lies beside it", beside.display()),
+        (None, ForeignText::ControllerProgram) => {
+            format!("check the {PROGRAM_FILE} that it was written from; `vantage plan` and `vantage program` write both")
+        }
+        (None, ForeignText::HtmlPage | ForeignText::PlainText | ForeignText::Xml | ForeignText::Table) => {
+            "give a cell, a device, parameters, a plan (plan.json) or a program (program.json)".to_owned()
+        }
+    }
 }
 
 /// Plans among the files, each with the SHA-256 of its file. One that cannot be read is told as a finding of its own.

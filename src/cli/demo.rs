@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
+use super::ranges::whole;
 use super::serve::{Listening, open, run_to_completion, serve, stopped_by_signal};
 use super::{CliError, failed, open_files, output, telemetry};
 use crate::geometry::mesh_io::write_stl;
@@ -30,7 +31,7 @@ Example:
   vantage demo")]
 pub struct DemoArgs {
     /// Port to listen on; if it is in use, Vantage picks a free one.
-    #[arg(long, default_value_t = 8080)]
+    #[arg(long, default_value_t = 8080, value_parser = whole::<u16>(0..=65_535))]
     port: u16,
 }
 

@@ -14,9 +14,10 @@
 use std::path::Path;
 
 use super::CliError;
-use super::files::{from_value, json_fault, unreadable};
+use super::files::{self, from_value, json_fault};
 use crate::planning::params::{FeatureParams, Region};
 use crate::wire::Distinct;
+use crate::wire::words::counted;
 
 #[cfg(test)]
 mod tests;
@@ -29,8 +30,7 @@ const COLUMNS: [&str; 5] = ["name", "region", "tolerance_mm", "point_spacing_mm"
 /// [`CliError::BadInput`] with the file, the line and the allowed values.
 pub(super) fn read(path: &Path) -> Result<Vec<FeatureParams>, CliError> {
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| unreadable(path, &error))?;
-    parse(&text, &shown)
+    parse(&files::text(path)?, &shown)
 }
 
 fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
@@ -104,7 +104,7 @@ fn cells_of(line: &str) -> Result<Vec<String>, String> {
 fn feature(columns: &[String], line: &str) -> Result<FeatureParams, String> {
     let cells = cells_of(line)?;
     if cells.len() != columns.len() {
-        return Err(format!("has {} cells; the header has {}", cells.len(), columns.len()));
+        return Err(format!("has {}; the header has {}", counted(cells.len(), "cell"), columns.len()));
     }
     let cell = |name: &str| {
         columns.iter().position(|column| *column == name).map(|at| cells[at].as_str()).filter(|cell| !cell.is_empty())
@@ -130,7 +130,7 @@ fn region(text: &str) -> Result<Region, String> {
     let point = |numbers: &[f64], first: usize| [0, 1, 2].map(|axis| numbers[first + axis]);
     let taking = |count: usize| {
         let numbers = numbers()?;
-        let wrong = || format!("region {kind} has {} numbers; it takes {count}", numbers.len());
+        let wrong = || format!("region {kind} has {}; it takes {count}", counted(numbers.len(), "number"));
         if numbers.len() == count { Ok(numbers) } else { Err(wrong()) }
     };
     Ok(match kind {

@@ -1,9 +1,9 @@
 //! Input files of commands: specifications and parameters in TOML or JSON, and meshes; errors say what is wrong and where.
 
-use std::ffi::OsStr;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::Path;
+use std::string::FromUtf8Error;
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
@@ -12,8 +12,8 @@ use utoipa::ToSchema;
 
 use super::{CliError, FileFinding, out, spec_paths};
 use crate::cell::{
-    CellSpec, ControllersSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
-    did_you_mean,
+    CellSpec, ControllersSpec, Dialect, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary,
+    TurntableSpec, did_you_mean,
 };
 use crate::check::kind_of;
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
@@ -172,36 +172,129 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
         return Err(refuse(format!("is a folder; give a file in it{example}")));
     }
     let bytes = std::fs::read(path).map_err(|error| unreadable(path, &error))?;
-    refuse_mesh(path)?;
-    let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
-    let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
+    refuse_mesh(path, "a TOML or JSON file")?;
+    let text = String::from_utf8(bytes).map_err(|error| match error.as_bytes() {
+        binary if binary.contains(&0) => refuse("not a TOML or JSON file".to_owned()),
+        text => refuse(other_encoding(text)),
+    })?;
+    if text.contains('\0') {
+        return Err(refuse("not a TOML or JSON file".to_owned()));
+    }
     let text = without_byte_order_mark(&text);
     let read = if text.trim_start().starts_with('{') {
         serde_json::from_str(text).map_err(|error| json_fault(text, &error))
     } else {
         toml::from_str(text).map_err(|error| match foreign_text(path, text) {
-            Some(what) => format!("{what}, not a TOML or JSON file"),
+            Some(found) => format!("{}, not a TOML or JSON file", found.as_str()),
             None => toml_fault(text, &error),
         })
     };
     read.map(|Distinct(value)| value).map_err(refuse)
 }
 
-/// Tells what a text is that is neither TOML nor JSON; `None` if it may be meant for one of them.
-pub(super) fn foreign_text(path: &Path, text: &str) -> Option<&'static str> {
+/// Kind of a text that is neither TOML nor JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ForeignText {
+    HtmlPage,
+    Xml,
+    Table,
+    PlainText,
+    ControllerProgram,
+}
+
+impl ForeignText {
+    /// Description that follows the name of the file.
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::HtmlPage => "is an HTML page, such as a report",
+            Self::Xml => "is an XML file",
+            Self::Table => "is a table",
+            Self::PlainText => "is a plain text, such as a report",
+            Self::ControllerProgram => "is a program in the language of a controller",
+        }
+    }
+}
+
+/// Recognises a text that is neither TOML nor JSON; `None` if it may be meant for one of them.
+pub(super) fn foreign_text(path: &Path, text: &str) -> Option<ForeignText> {
     let text = without_byte_order_mark(text).trim_start();
     let begins = |tag: &str| text.get(..tag.len()).is_some_and(|head| head.eq_ignore_ascii_case(tag));
     if begins("<!doctype html") || begins("<html") {
-        return Some("is an HTML page, such as a report");
+        return Some(ForeignText::HtmlPage);
     }
     if begins("<") {
-        return Some("is an XML file");
+        return Some(ForeignText::Xml);
     }
-    let is_table = |extension: &OsStr| ["csv", "tsv"].iter().any(|known| extension.eq_ignore_ascii_case(known));
-    if path.extension().is_some_and(is_table) {
-        return Some("is a table");
+    let is_named = |ending: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending));
+    if is_named("csv") || is_named("tsv") {
+        return Some(ForeignText::Table);
     }
-    out::is_program_text(text.as_bytes()).then_some("is a program in the language of a controller")
+    let mut of_controllers = Dialect::ALL.into_iter().flat_map(Dialect::outputs);
+    if out::is_program_text(text.as_bytes()) || of_controllers.any(|output| is_named(output.extension)) {
+        return Some(ForeignText::ControllerProgram);
+    }
+    // The first line of TOML is a comment, a table or a value.
+    let is_prose = !text.starts_with(['#', '[']) && text.lines().next().is_some_and(|line| !line.contains('='));
+    (is_named("txt") && is_prose).then_some(ForeignText::PlainText)
+}
+
+/// Tells what a file is that is not `wanted`, such as "a mesh or a scanner", of the kind `kind` if it is recognised by one, and
+/// the command that takes it; `None` if that is not known. XML may be many things, and is left to the reader.
+pub(super) fn instead_of_file(path: &Path, (wanted, kind): (&str, Option<DocumentKind>)) -> Option<String> {
+    if is_mesh_name(path) {
+        return None;
+    }
+    let Ok(document) = value(path) else {
+        let found = foreign_text(path, &std::fs::read_to_string(path).ok()?)?;
+        return (found != ForeignText::Xml).then(|| format!("{}, not {wanted}", found.as_str()));
+    };
+    if is_server_configuration(&document) {
+        return Some(SERVER_CONFIGURATION.to_owned());
+    }
+    // A mesh in glTF has materials, as parameters have.
+    if document.get("asset").is_some() {
+        return None;
+    }
+    let Some(found) = kind_of(&document) else {
+        let schema = document["schema"].as_str().filter(|schema| schema.starts_with("vantage."))?;
+        return Some(format!("is a document of schema {schema:?}, not {wanted}"));
+    };
+    let (shown, what) = (path.display(), found.as_str());
+    let told = match found {
+        DocumentKind::Cell => format!("is a {what}, not {wanted}; `vantage check {shown}` checks it, and --cell takes it"),
+        DocumentKind::Robot | DocumentKind::Turntable => {
+            format!("is a {what}, not {wanted}; `vantage check {shown}` checks it, and a cell names it")
+        }
+        DocumentKind::Scanner => format!("is a {what}, not {wanted}; `vantage inspect {shown}` describes it"),
+        DocumentKind::Params => format!("holds parameters of a plan, not {wanted}; --params takes it"),
+        DocumentKind::Plan => format!("is a {what}, not {wanted}; `vantage check {shown}` checks it"),
+        DocumentKind::Program => {
+            format!("is a {what}, not {wanted}; `vantage check {shown}` checks it, and `vantage run` runs it")
+        }
+    };
+    (kind != Some(found)).then_some(told)
+}
+
+/// Reads a text in UTF-8.
+///
+/// # Errors
+/// A file that cannot be read, or is in another encoding.
+pub(super) fn text(path: &Path) -> Result<String, CliError> {
+    let bytes = std::fs::read(path).map_err(|error| unreadable(path, &error))?;
+    let refuse = |error: FromUtf8Error| CliError::BadInput(format!("{}: {}", path.display(), other_encoding(error.as_bytes())));
+    String::from_utf8(bytes).map_err(refuse)
+}
+
+/// Tells what bytes are that are not a text in UTF-8, and what to do.
+pub(super) fn other_encoding(bytes: &[u8]) -> String {
+    if bytes.starts_with(b"PK\x03\x04") {
+        return "is a workbook or another ZIP archive; save its table as CSV in UTF-8".to_owned();
+    }
+    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        return "is a text in UTF-16; save it in UTF-8".to_owned();
+    }
+    let read = bytes.utf8_chunks().next().map_or("", |chunk| chunk.valid());
+    format!("line {}: is not in UTF-8; save the file as text in UTF-8", read.matches('\n').count() + 1)
 }
 
 /// The text without the byte order mark that some editors begin UTF-8 with: JSON knows none, and a value would keep it.
@@ -228,6 +321,13 @@ pub(super) fn spec_value(path: &Path) -> Result<Value, CliError> {
 
 /// Error for a file that cannot be read; of one that does not exist it tells a file beside it with nearly the same name.
 pub(super) fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
+    if path.is_dir() {
+        return CliError::BadInput(format!("{}: is a folder; give a file in it", path.display()));
+    }
+    if error.kind() == ErrorKind::PermissionDenied {
+        let instead = "cannot be read: permission denied; give yourself permission to read it";
+        return CliError::BadInput(format!("{}: {instead}", path.display()));
+    }
     if error.kind() != ErrorKind::NotFound {
         return CliError::BadInput(format!("{}: {error}", path.display()));
     }
@@ -257,15 +357,15 @@ pub(super) fn require_existing(path: &Path) -> Result<(), CliError> {
     std::fs::metadata(path).map(drop).map_err(|error| unreadable(path, &error))
 }
 
-/// Refuses a mesh where a text is to be read.
+/// Refuses a mesh where a text is to be read: `wanted`, such as "a URDF file".
 ///
 /// # Errors
 /// [`CliError::BadInput`] for the name of a mesh file.
-pub(super) fn refuse_mesh(path: &Path) -> Result<(), CliError> {
+pub(super) fn refuse_mesh(path: &Path, wanted: &str) -> Result<(), CliError> {
     if !is_mesh_name(path) {
         return Ok(());
     }
-    let what = "is a mesh, not a TOML or JSON file; `vantage inspect` examines it";
+    let what = format!("is a mesh, not {wanted}; `vantage inspect` examines it");
     Err(CliError::BadInput(format!("{}: {what}", path.display())))
 }
 
@@ -349,7 +449,7 @@ pub(super) fn is_server_configuration(document: &Value) -> bool {
 }
 
 /// Describes the error in a TOML file, on one line.
-fn toml_fault(text: &str, error: &toml::de::Error) -> String {
+pub(super) fn toml_fault(text: &str, error: &toml::de::Error) -> String {
     let before = error.span().and_then(|span| text.get(..span.start));
     let place = before.map(|before| {
         let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
@@ -444,12 +544,17 @@ pub(super) fn mesh_in_steps(
     Ok((read, sha256))
 }
 
-/// Error for a file that is not a usable mesh; if its unit is missing, the error names the option that gives it.
+/// Error for a file that is not a usable mesh; if its unit is missing, the error names the option that gives it, and if it is another
+/// document, what it is and the command that takes it.
 #[must_use]
 pub fn unusable_mesh(path: &Path, error: &ReadError) -> CliError {
     match error {
         ReadError::Mesh(MeshError::Interrupted) => CliError::Cancelled("interrupted; nothing was written".into()),
         ReadError::Mesh(MeshError::UnitMissing) => CliError::BadInput(format!("{}: {error} with --unit", path.display())),
+        ReadError::Mesh(MeshError::UnknownFormat | MeshError::FormatNotRead { .. }) => {
+            let what = instead_of_file(path, ("a mesh", None)).unwrap_or_else(|| error.to_string());
+            CliError::BadInput(format!("{}: {what}", path.display()))
+        }
         ReadError::Mesh(_) | ReadError::Io(_) => CliError::BadInput(format!("{}: {error}", path.display())),
     }
 }

@@ -11,7 +11,7 @@ use crate::cell::{Presets, SpecKind, SpecLibrary as _, did_you_mean, preset_text
 use crate::check::kind_of;
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
-use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text};
+use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text, unit_text};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{area_mm2, by_thousands, fixed, fixed_nonzero};
 use crate::wire::{DocumentKind, MeshHealthReport};
@@ -66,6 +66,9 @@ pub fn run(args: &InspectArgs) -> Result<(), CliError> {
 /// Text that `run` prints.
 pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
+    if args.file.is_dir() {
+        return Err(files::unreadable(&args.file, &io::Error::from(io::ErrorKind::IsADirectory)));
+    }
     let mut file = match File::open(&args.file) {
         Ok(file) => file,
         Err(error) => return preset_report(args).unwrap_or_else(|| Err(unopened(&args.file, &error))),
@@ -119,10 +122,14 @@ fn json(
     Ok(serde_json::to_string_pretty(&document)? + "\n")
 }
 
-/// Report of a text that is not a mesh. It is read as a scanner's specification, whose reader says what is missing; JSON, which may be
-/// a mesh in glTF, only if it has a field that only scanners have.
+/// Report of a text that is not a mesh. A file of another kind is refused with that kind and the command that takes it. Any
+/// other is read as a scanner's specification, whose reader says what is missing; JSON, which may be a mesh in glTF, only if it
+/// has a field that only scanners have.
 fn scanner_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
     let text = fs::read_to_string(&args.file).ok()?;
+    if let Some(what) = files::instead_of_file(&args.file, ("a mesh or a scanner", Some(DocumentKind::Scanner))) {
+        return Some(Err(CliError::BadInput(format!("{}: {what}", args.file.display()))));
+    }
     let rendered = if detect_format(text.as_bytes()) == Err(MeshError::UnknownFormat) {
         inspect_scanner::render(&text, args.json)
     } else {
@@ -171,7 +178,8 @@ fn size_rows(
             Some(false) => ", does not fit",
             None => "",
         };
-        let row = |reading: &UnitReading| (format!("in {}", reading.unit), size_text(&reading.size_mm) + fits(reading));
+        let row =
+            |reading: &UnitReading| (format!("in {}", unit_text(reading.unit)), size_text(&reading.size_mm) + fits(reading));
         let unit = ("unit".to_owned(), "not given; the size, if the file is".to_owned());
         return std::iter::once(unit).chain(readings.iter().map(row)).collect();
     }

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use serde_json::Value;
 
 use super::CliError;
+use super::files::toml_fault;
 use crate::cell::{DepthBoundSource, FieldError, ScannerSpec};
 use crate::check::kind_of;
 use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, PlanarFacts, ScannerFacts, StatedBox, VolumeFacts};
@@ -17,7 +18,7 @@ use crate::wire::{DocumentKind, from_value};
 /// # Errors
 /// [`CliError::BadInput`] if `text` is not the TOML of a scanner, or with every field that is out of range.
 pub fn render(text: &str, json: bool) -> Result<String, CliError> {
-    let value: Value = toml::from_str(text).map_err(|error| neither(&error.to_string()))?;
+    let value: Value = toml::from_str(text).map_err(|error| neither(&toml_fault(text, &error)))?;
     render_document(&value, json)
 }
 

@@ -31,7 +31,7 @@ struct Pages {
 pub(super) fn run(args: &ManArgs) -> Result<(), CliError> {
     let mut command = Cli::command().disable_help_subcommand(true);
     command.build();
-    std::fs::create_dir_all(&args.out).map_err(|error| out::refused(&args.out, &error))?;
+    std::fs::create_dir_all(&args.out).map_err(|error| out::not_made(&args.out, &error))?;
     let mut files = Vec::new();
     for (name, page) in pages(&command)? {
         let path = args.out.join(name);

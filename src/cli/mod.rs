@@ -43,6 +43,7 @@ mod planned_block;
 mod presets;
 pub mod program;
 pub mod progress;
+mod ranges;
 pub mod reach;
 pub mod rescan;
 pub mod robot;

@@ -146,13 +146,7 @@ impl OutputFolder {
     /// [`CliError::BadInput`] if the path is, or leads through, a file, if another run writes to it, or if a file is in the
     /// way; [`CliError::Failed`] if the system refuses.
     pub(super) fn prepare(path: &Path, writer: OutputWriter, names: &[&str]) -> Result<Self, CliError> {
-        let made = MadeFolders::make(path).map_err(|error| {
-            if matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotADirectory) {
-                CliError::BadInput(format!("--out {}: is a file, or below a file; name a folder", path.display()))
-            } else {
-                refused(path, &error)
-            }
-        })?;
+        let made = MadeFolders::make(path).map_err(|error| not_made(path, &error))?;
         let lock = lock(path)?;
         let probe = path.join(PROBE);
         fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)).map_err(|error| refused(path, &error))?;
@@ -483,6 +477,14 @@ fn write_durably(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 
 fn sha256(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
+}
+
+/// Error for a folder that cannot be made.
+pub(super) fn not_made(path: &Path, error: &std::io::Error) -> CliError {
+    if matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotADirectory) {
+        return CliError::BadInput(format!("--out {}: is a file, or below a file; name a folder", path.display()));
+    }
+    refused(path, error)
 }
 
 /// Error for a place in which nothing can be written.

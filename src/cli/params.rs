@@ -81,7 +81,8 @@ fn found(name: &str) -> Result<Vec<Parameter>, CliError> {
         }
     }
     let question = did_you_mean(name, all.iter().map(|parameter| parameter.key.as_str()));
-    Err(CliError::BadInput(format!("{name}: is not a parameter, nor part of the name of one{question}")))
+    let told = format!("is not a parameter, nor part of the name of one{question} (`vantage params` lists all)");
+    Err(CliError::BadInput(format!("{name}: {told}")))
 }
 
 /// Parameters, each on a line with its meaning on the next: the end of a help text.
@@ -119,7 +120,10 @@ mod tests {
         assert_eq!(keys("clearance"), ["motion.clearance_mm"]);
         assert!(keys("").len() > 80);
         let error = found("selection.maxviews").expect_err("unknown");
-        assert!(error.exit_code() == 2 && error.to_string().ends_with("did you mean selection.max_views?"), "{error}");
+        assert!(
+            error.exit_code() == 2 && error.to_string().contains("; did you mean selection.max_views? (`vantage params`"),
+            "{error}"
+        );
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::ranges::whole;
 use super::{CliError, files, output};
 use crate::geometry::demo_parts::{DEFAULT_TRIANGLES, DemoPart};
 use crate::geometry::mesh_io::write_stl;
@@ -13,8 +14,8 @@ use crate::geometry::mesh_io::write_stl;
 pub struct PartArgs {
     /// Part to write: base (121 × 73 × 37 mm, a consumer product) or figurine (150 mm tall).
     pub part: DemoPart,
-    /// Approximate number of triangles.
-    #[arg(long, default_value_t = DEFAULT_TRIANGLES)]
+    /// Approximate number of triangles, 8000 to 2000000.
+    #[arg(long, default_value_t = DEFAULT_TRIANGLES, value_parser = whole::<usize>(8000..=2_000_000))]
     pub triangles: usize,
     /// STL file to write.
     #[arg(long)]

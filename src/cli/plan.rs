@@ -13,6 +13,7 @@ use super::given_params::{load_params, named_by_sets};
 use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, TIMINGS_FILE, programs};
 use super::progress::{CommandStage, Course, Progress, Stopwatch};
+use super::ranges::whole;
 use super::{CliError, FileFinding, doubts, features, output, parts, summary};
 use crate::cell::{Cell, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
@@ -23,6 +24,7 @@ use crate::planning::plan::{Outcome, RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
 use crate::report::html::NoPlanReason;
+use crate::report::text::reached_percent;
 use crate::service::plan_job::{
     Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, left_out_candidates,
     plan_sha256, refused_programs,
@@ -33,7 +35,7 @@ use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{RegionCoverageDocument, RobustDocument};
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{counted, no_plan_sentence};
+use crate::wire::words::{NOTHING_IN_REGION, area_mm2, counted, independent_share, no_plan_sentence, percent_below};
 use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
@@ -109,7 +111,7 @@ pub struct PlanArgs {
     #[arg(long)]
     strict: bool,
     /// Number of threads, 0 to 1024; 0 for all cores. The plan does not depend on it.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    #[arg(long, default_value_t = 0, value_parser = whole::<u16>(0..=1024))]
     threads: u16,
     #[command(flatten)]
     limits: LimitArgs,
@@ -418,25 +420,35 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage], 
     if !strict {
         return Ok(());
     }
-    let empty = regions.iter().filter(|region| region.samples == 0).count();
-    if empty > 0 {
-        return Err(CliError::RegionsUnmet(format!(
-            "{empty} of {} regions and features contain no asked surface of the part (--strict); the results are written",
-            regions.len()
-        )));
-    }
-    if unmet.is_empty() && refuted.is_empty() {
+    let lines: Vec<String> = regions.iter().filter_map(not_met).map(|region| format!("\n  {region}")).collect();
+    if lines.is_empty() {
         return Ok(());
     }
-    let with_target = regions.iter().filter(|region| region.target.is_some()).count();
-    let on_others = match refuted.len() {
-        0 => String::new(),
-        refuted => format!(", {refuted} of them only on independent samples"),
-    };
     Err(CliError::RegionsUnmet(format!(
-        "{} of {with_target} regions and features with a target do not reach it{on_others} (--strict); the results are written",
-        unmet.len() + refuted.len()
+        "{} of {} regions and features not met (--strict); the results are written{}\n  → see the fixes in the report, lower the \
+         targets, or exclude what cannot be measured (regions.exclude)",
+        lines.len(),
+        regions.len(),
+        lines.concat()
     )))
+}
+
+/// Region that does not have what is asked of it, in a sentence: its target, what is reached, and why not more. `None` for any
+/// other.
+fn not_met(region: &RegionCoverageDocument) -> Option<String> {
+    let target = region.target.map_or_else(String::new, |target| format!(", target {} %", percent_below(target, 1.0, 2)));
+    let name = format!("{:?}{target}", region.name);
+    if region.samples == 0 {
+        return Some(format!("{name}: {NOTHING_IN_REGION}"));
+    }
+    let reached = reached_percent(region.of_asked, region.target);
+    if region.met == Some(false) {
+        let (asked, why) = (area_mm2(region.asked_area_mm2), region.why_unmet.as_deref().unwrap_or("not known"));
+        return Some(format!("{name}: {reached} % of {asked} mm² measured; missed: {why}"));
+    }
+    let independent = independent_share(region).filter(|_| region.is_refuted())?;
+    let samples = region.independent_samples.unwrap_or_default();
+    Some(format!("{name}: {reached} % on the samples that views were chosen on, but on {samples} others {independent}"))
 }
 
 /// Refuses a plan of which no chosen view is carried out.
@@ -558,7 +570,7 @@ pub(super) fn print_summary(json: bool, out: &Path, artifacts: &[Artifact]) -> R
 mod tests {
     use super::*;
     use crate::planning::params::{FeatureParams, Region};
-    use crate::planning::plan::{IndependentRegion, RegionKind};
+    use crate::planning::plan::{Cause, IndependentRegion, RegionKind};
 
     /// A feature of 10 mm² with a target of 0.9 that is reached on the samples of the plan, and so much measured on 400 others.
     fn feature(independent_mm2: f64) -> RegionCoverage {
@@ -611,13 +623,41 @@ mod tests {
         let judged = |strict: bool, regions: &[RegionCoverage]| judge_regions(strict, &params(regions.len()), regions, &[]);
         assert_eq!(judged(true, &[feature(8.9)]), Ok(()), "within the standard error");
         assert_eq!(judged(false, &[feature(8.5)]), Ok(()));
-        let unmet = RegionCoverage { measured_area_mm2: 5.0, ..feature(5.0) };
-        let refused = judged(true, &[feature(8.5), unmet, feature(9.3)]).expect_err("two of three");
+        let refused = judged(true, &[feature(8.5), feature(9.3)]).expect_err("one of two");
+        assert_eq!(refused.exit_code(), 3);
+        assert!(refused.to_string().starts_with("1 of 2 regions and features not met (--strict); "), "{refused}");
+    }
+
+    /// One that holds nothing of the part hid all others, of which none was named.
+    #[test]
+    fn every_region_that_is_not_met_is_named_with_what_is_asked_and_reached_and_why_in_one_message() {
+        let unmet = RegionCoverage {
+            name: "rim".to_owned(),
+            measured_area_mm2: 5.0,
+            missed_mm2: vec![(Cause::ShadowLeft, 4.0), (Cause::Depth, 1.0)],
+            ..feature(5.0)
+        };
+        let empty = RegionCoverage {
+            name: "slot".to_owned(),
+            samples: 0,
+            asked_area_mm2: 0.0,
+            measured_area_mm2: 0.0,
+            target: None,
+            independent: None,
+            ..feature(0.0)
+        };
+        let regions = [feature(8.5), unmet, feature(9.3), empty];
+        let refused = judge_regions(true, &params(regions.len()), &regions, &[]).expect_err("three of four");
         assert_eq!(refused.exit_code(), 3);
         assert_eq!(
             refused.to_string(),
-            "2 of 3 regions and features with a target do not reach it, 1 of them only on independent samples (--strict); the \
-             results are written"
+            "3 of 4 regions and features not met (--strict); the results are written\n  \
+             \"bore\", target 90.00 %: 93.00 % on the samples that views were chosen on, but on 400 others 85.00 %, standard \
+             error 1.79 points\n  \
+             \"rim\", target 90.00 %: 50.00 % of 10.0 mm² measured; missed: hidden from the left camera (4.00 mm²), \
+             outside the working depth (1.00 mm²)\n  \
+             \"slot\": it contains none of the asked surface\n  \
+             → see the fixes in the report, lower the targets, or exclude what cannot be measured (regions.exclude)"
         );
     }
 }

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_cell, pool};
 use super::progress::{Course, Progress};
+use super::ranges::{number, whole};
 use super::{CliError, output};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
@@ -34,26 +35,26 @@ pub struct ReachArgs {
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
     /// Edge length of a cube on the plate that represents the part, mm, 1 to 5000.
-    #[arg(long, default_value_t = 120.0)]
+    #[arg(long, default_value_t = 120.0, value_parser = number)]
     cube: f64,
     /// Distances between the robot's foot and the table axis, mm, 0 to 5000, comma-separated [default: the cell's own, ±50 and
     /// ±100].
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = number)]
     foot: Vec<f64>,
     /// Heights of the plate above the foot, mm, -5000 to 5000, comma-separated [default: the cell's own, ±50 and ±100].
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = number)]
     table: Vec<f64>,
     /// Also compare mountings: the flange on each of the scanner's other faces.
     #[arg(long)]
     mountings: bool,
     /// Distance between flange and scanner for the other mountings, mm, 0 to 5000.
-    #[arg(long, default_value_t = 30.0)]
+    #[arg(long, default_value_t = 30.0, value_parser = number)]
     adapter: f64,
     /// Folder for the results; created if it does not exist.
     #[arg(long, default_value = "study")]
     out: PathBuf,
     /// Number of threads, 0 to 1024; 0 for all cores. The results do not depend on it.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    #[arg(long, default_value_t = 0, value_parser = whole::<u16>(0..=1024))]
     threads: u16,
 }
 

@@ -7,6 +7,7 @@ use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, programs};
 use super::plan::{now, pool, print_summary, to_cli_error, warn_of_refused};
 use super::progress::{Course, Progress};
+use super::ranges::whole;
 use super::scanned_part::{ScannedPartArgs, read_state, with_sets};
 use super::{CliError, files, output};
 use crate::planning::context::Context;
@@ -42,7 +43,7 @@ pub struct RescanArgs {
     #[arg(long)]
     out: PathBuf,
     /// Number of threads, 0 to 1024; 0 for all cores. The plan does not depend on it.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    #[arg(long, default_value_t = 0, value_parser = whole::<u16>(0..=1024))]
     threads: u16,
     #[command(flatten)]
     limits: LimitArgs,

@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 
 use super::check::warn;
 use super::doubts::{self, doubt};
+use super::ranges::number;
 use super::{CliError, files, output, spec_paths};
 use crate::cell::urdf::{Imported, LinkSurface, UrdfOptions, UrdfRemark, import};
 use crate::cell::{Dialect, KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec, SpecKind};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::wire::warnings::FieldWarning;
+use crate::wire::words::counted;
 
 /// Write a robot specification from a URDF file: joints, limits, and capsules around the collision shapes.
 #[derive(Clone, Debug, clap::Args)]
@@ -21,9 +23,10 @@ use crate::wire::warnings::FieldWarning;
       --payload 10 --out arm.toml
 
 A URDF states neither payload nor accelerations: give --payload, and --ramp unless joints reach full speed in half a \
-second. Name the file as the `robot` of a cell, or upload it to a server with PUT /api/v1/robots/{name}. With --surfaces, \
-near-collisions are re-checked on the exact meshes: tighter moves, slower checks. For a server, upload each surface as \
-a mesh and replace its file name with the mesh's id.")]
+second. Name the file as the `robot` of a cell. A server takes the same fields as JSON, with PUT /api/v1/robots/{name}.
+
+With --surfaces, near-collisions are re-checked on the exact meshes: tighter moves, slower checks. For a server, upload each \
+surface as a mesh and replace its file name with the mesh's id.")]
 pub struct RobotArgs {
     /// URDF file; expand xacro first.
     pub urdf: PathBuf,
@@ -60,7 +63,7 @@ pub struct RobotArgs {
 }
 
 fn positive(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    let number = number(text)?;
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("is {number}; allowed is above 0")) }
 }
 
@@ -70,10 +73,14 @@ fn positive(text: &str) -> Result<f64, String> {
 /// [`CliError::BadInput`] if a file cannot be read or written, or does not describe a usable robot.
 pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     let at = |path: &Path, error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", path.display()));
+    let wanted = "a URDF file";
     if args.urdf.exists() {
-        files::refuse_mesh(&args.urdf)?;
+        files::refuse_mesh(&args.urdf, wanted)?;
     }
-    let text = fs::read_to_string(&args.urdf).map_err(|error| files::unreadable(&args.urdf, &error))?;
+    let text = files::text(&args.urdf)?;
+    if let Some(what) = files::instead_of_file(&args.urdf, (wanted, None)) {
+        return Err(at(&args.urdf, &what));
+    }
     let options = UrdfOptions {
         name: args.name.clone(),
         base_link: args.base.clone(),
@@ -143,8 +150,9 @@ fn summary(spec: &RobotSpec) -> String {
         "iterative" => "iterative inverse kinematics (no known closed form)",
         _ => "analytic inverse kinematics (three parallel axes)",
     };
-    let surfaces = if spec.surfaces.is_empty() { String::new() } else { format!(", {} surfaces", spec.surfaces.len()) };
-    format!("{}, {form}; {} capsules{surfaces}", spec.name, spec.links.len())
+    let surfaces =
+        if spec.surfaces.is_empty() { String::new() } else { format!(", {}", counted(spec.surfaces.len(), "surface")) };
+    format!("{}, {form}; {}{surfaces}", spec.name, counted(spec.links.len(), "capsule"))
 }
 
 fn name_of(path: &Path) -> String {
@@ -177,6 +185,26 @@ fn read_mesh(path: &Path) -> Result<Mesh, String> {
 mod tests {
     use super::*;
     use crate::testing::arm_urdf;
+
+    /// An STL was told to be no TOML or JSON file, and a cell to have an unknown token at 1:1.
+    #[test]
+    fn what_is_no_urdf_is_told_by_what_it_is() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let told = |name: &str, text: &str| {
+            let urdf = folder.path().join(name);
+            fs::write(&urdf, text).expect("a file");
+            let (out, dialect, surfaces) = (folder.path().join("arm.toml"), None, None);
+            let (name, base, tip, packages) = (None, None, None, None);
+            let args = RobotArgs { urdf, out, surfaces, name, base, tip, payload: 5.0, dialect, ramp: 0.5, packages };
+            run(&args).expect_err("no URDF").to_string()
+        };
+        let mesh = told("base.stl", "solid base\nendsolid\n");
+        assert!(mesh.ends_with("base.stl: is a mesh, not a URDF file; `vantage inspect` examines it"), "{mesh}");
+        let cell = told("cell.toml", "base_from_table = {}\n");
+        assert!(cell.contains("cell.toml: is a cell, not a URDF file; `vantage check "), "{cell}");
+        let broken = told("arm.urdf", "<robot>");
+        assert!(broken.contains("arm.urdf: is not a URDF file: "), "{broken}");
+    }
 
     /// An arm without its forearm was written without a word.
     #[test]

@@ -12,7 +12,7 @@ use super::check::fixture_of;
 use super::given_params::insert;
 use super::plan::{load_cell, load_mesh, load_scanner};
 use super::{CliError, files, set_value};
-use crate::cell::{Cell, Scanner};
+use crate::cell::{Cell, Scanner, did_you_mean};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::service::inspect_job::InspectedPart;
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
@@ -168,14 +168,15 @@ where
 {
     let mut value = serde_json::to_value(T::default()).unwrap_or(Value::Null);
     for set in sets {
-        let (key, text) =
-            set.split_once('=').ok_or_else(|| CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE")))?;
+        let keys = known_keys(&value);
+        let (key, text) = set.split_once('=').ok_or_else(|| {
+            CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE; the parameters are {}", keys.join(", ")))
+        })?;
         let known = value.pointer(&format!("/{}", key.replace('.', "/"))).is_some();
         if !known {
-            return Err(CliError::BadInput(format!(
-                "--set {set}: there is no parameter {key}; known are {}",
-                known_keys(&value)
-            )));
+            let (question, known) = (did_you_mean(key, keys.iter().map(String::as_str)), keys.join(", "));
+            let told = format!("{key} is not a parameter{question} (the parameters are {known})");
+            return Err(CliError::BadInput(format!("--set {set}: {told}")));
         }
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
@@ -184,7 +185,7 @@ where
 }
 
 /// Keys of a value that are no tables.
-fn known_keys(value: &Value) -> String {
+fn known_keys(value: &Value) -> Vec<String> {
     fn add(prefix: &str, value: &Value, keys: &mut Vec<String>) {
         match value.as_object() {
             Some(table) => table.iter().for_each(|(name, value)| add(&format!("{prefix}.{name}"), value, keys)),
@@ -193,7 +194,7 @@ fn known_keys(value: &Value) -> String {
     }
     let mut keys = Vec::new();
     add("", value, &mut keys);
-    keys.join(", ")
+    keys
 }
 
 /// Reads the state that an inspection left, from its folder or its file.
@@ -215,6 +216,7 @@ mod tests {
     use super::*;
     use crate::cli::planned_block::plan_of_two_views;
     use crate::geometry::mesh_io::write_stl;
+    use crate::inspection::InspectionParams;
     use crate::testing::{box_mesh, nominal_scanner};
     use crate::wire::run::RUN_RECORD_SCHEMA;
 
@@ -262,6 +264,17 @@ mod tests {
             let is_told = found.iter().any(|error| error.pointer == "/fixture" && error.detail.contains(told));
             assert_eq!(is_told, !told.is_empty(), "{told:?}: {found:?}");
         }
+    }
+
+    /// A misspelled parameter was told every parameter, and not the one that was meant.
+    #[test]
+    fn a_misspelled_parameter_is_told_the_nearest() {
+        let told = |set: &str| with_sets::<InspectionParams>(&[set.to_owned()]).map(drop).expect_err(set).to_string();
+        let misspelled = told("compare.tolerance=0.3");
+        let nearest = "--set compare.tolerance=0.3: compare.tolerance is not a parameter; did you mean compare.tolerance_mm? (";
+        assert!(misspelled.starts_with(nearest) && misspelled.contains("align.method, "), "{misspelled}");
+        let bare = told("compare.tolerance_mm");
+        assert!(bare.contains("not of the form KEY=VALUE; the parameters are align.method, "), "{bare}");
     }
 
     /// The missing file was told, and not which folder is meant.

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::check::warn;
 use super::doubts::{self, doubt};
+use super::ranges::number;
 use super::{CliError, files, output};
 use crate::cell::{DataSheet, Scanner, ScannerSpec};
 use crate::report::sketch::scanner_svg;
@@ -30,13 +31,13 @@ pub struct ScannerArgs {
     #[arg(long, value_name = "WxH")]
     field: Dimensions<f64>,
     /// Working distance, mm, 1 to 10000: from the midpoint between the cameras to best focus.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = number)]
     at: f64,
     /// Working depth: nearest and farthest distance, NEAR..FAR in mm, 1 to 10000, with --at in between.
     #[arg(long, value_name = "NEAR..FAR")]
     depth: Span,
     /// Distance between the cameras, from 1 mm to three times --at.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = number)]
     baseline: f64,
     /// Name of the scanner.
     #[arg(long, default_value = "my-scanner")]
@@ -53,20 +54,20 @@ pub struct ScannerArgs {
     projector: Triple,
     /// Largest angle between surface normal and camera ray, degrees, 1 to 89.9. The default is cautious: data sheets do not
     /// state it.
-    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = number)]
     camera_incidence: f64,
     /// Largest angle between surface normal and projector ray, degrees, 1 to 89.9.
-    #[arg(long, value_name = "DEG", default_value_t = 55.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 55.0, value_parser = number)]
     projector_incidence: f64,
     /// Mass of the scanner, kg, 0.01 to 100.
-    #[arg(long, value_name = "KG", default_value_t = 3.0)]
+    #[arg(long, value_name = "KG", default_value_t = 3.0, value_parser = number)]
     mass: f64,
     /// Size of the housing, WIDTHxHEIGHTxDEPTH in mm, with its front at the cameras [default: 100 mm wider than the baseline,
     /// 130 high, 110 deep].
     #[arg(long, value_name = "WxHxD")]
     housing: Option<Triple>,
     /// Pixel pitch of the cameras, µm, 0.1 to 100; used only for depth of field.
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", value_parser = number)]
     pixel_pitch: Option<f64>,
     /// TOML file to write [default: standard output].
     #[arg(long)]

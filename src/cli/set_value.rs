@@ -26,7 +26,7 @@ fn of_file(key: &str, path: &Path) -> Result<Value, String> {
         return files::value(path).map(|table| unwrapped(key, table)).map_err(|error| error.to_string());
     }
     let refuse = |error: String| format!("{}: {error}", path.display());
-    let text = std::fs::read_to_string(path).map_err(|error| files::unreadable(path, &error).to_string())?;
+    let text = files::text(path).map_err(|error| error.to_string())?;
     let text = files::without_byte_order_mark(&text);
     match extension.as_deref() {
         Some("json") => {

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
+use super::ranges::{number, whole};
 use super::signals::on_signals;
 use super::sim_scanner::{self, SimScannerArgs};
 use super::{CliError, failed, output, raised_by_signal, serve};
@@ -83,7 +84,7 @@ struct RobotSimArgs {
     #[arg(long, default_value = "hans-e05")]
     robot: String,
     /// Angles of joints 1 to 6 at the start, degrees, comma-separated.
-    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "0,-30,60,0,30,0")]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "0,-30,60,0,30,0", value_parser = number)]
     joints: Vec<f64>,
     #[command(flatten)]
     common: CommonSimArgs,
@@ -105,10 +106,10 @@ struct TurntableSimArgs {
     #[arg(long, conflicts_with = "pty")]
     modbus_tcp: bool,
     /// Command units per turn of the table, 1000 to 2147483647.
-    #[arg(long, default_value_t = 1_600_000, value_parser = clap::value_parser!(u32).range(1000..=2_147_483_647))]
+    #[arg(long, default_value_t = 1_600_000, value_parser = whole::<u32>(1000..=2_147_483_647))]
     units_per_turn: u32,
     /// Motor turns per turn of the table, 1 to 512.
-    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=512))]
+    #[arg(long, default_value_t = 40, value_parser = whole::<u16>(1..=512))]
     gear_ratio: u16,
     /// Rotate without end: positions repeat after every turn.
     #[arg(long)]
@@ -123,8 +124,8 @@ fn socket_address(text: &str) -> Result<SocketAddr, String> {
 
 /// Factor of time.
 fn speed(text: &str) -> Result<f64, String> {
-    let factor = text.trim_start_matches(['×', 'x']).parse::<f64>().map_err(|error| error.to_string())?;
-    if (0.1..=100.0).contains(&factor) { Ok(factor) } else { Err("is not from 0.1 to 100".into()) }
+    let factor = text.trim_start_matches(['×', 'x']).parse::<f64>().ok().filter(|factor| (0.1..=100.0).contains(factor));
+    factor.ok_or_else(|| format!("is {text}; allowed is 0.1 to 100"))
 }
 
 /// Addresses of a simulator, as `--json` prints them.
@@ -154,12 +155,13 @@ async fn run_robot(args: &RobotSimArgs) -> Result<(), CliError> {
     let known = Presets.names(SpecKind::Robot);
     let unknown = |_| {
         let meant = did_you_mean(&args.robot, known.iter().map(String::as_str));
-        CliError::BadInput(format!("--robot {}: unknown robot{meant}", args.robot))
+        let presets = known.join(", ");
+        CliError::BadInput(format!("--robot {}: no such preset; the presets are {presets}{meant}", args.robot))
     };
     let robot = Presets.robot(&args.robot).map_err(unknown)?.build();
     let robot = robot.map_err(|found| CliError::Failed(format!("robot {}: {found:?}", args.robot)))?;
     let joints_rad: [f64; 6] = <[f64; 6]>::try_from(args.joints.as_slice())
-        .map_err(|_| CliError::BadInput("--joints: give six numbers".into()))?
+        .map_err(|_| CliError::BadInput("--joints: give six numbers, as in 0,-30,60,0,30,0".into()))?
         .map(f64::to_radians);
     if !robot.joints.iter().zip(joints_rad).all(|(joint, angle)| joint.allows(angle)) {
         return Err(CliError::BadInput("--joints: not within the robot's limits".into()));

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_mesh, pool};
+use super::ranges::whole;
 use super::scanned_part::{RecordArgs, ScannedPartArgs, with_sets};
 use super::{CliError, files, output, params};
 use crate::geometry::LengthUnit;
@@ -46,7 +47,7 @@ pub(super) struct SimScannerArgs {
     #[arg(long)]
     out: PathBuf,
     /// Number of threads, 0 to 1024; 0 for all cores. The scans do not depend on it.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    #[arg(long, default_value_t = 0, value_parser = whole::<u16>(0..=1024))]
     threads: u16,
 }
 

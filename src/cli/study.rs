@@ -11,6 +11,7 @@ use super::given_params::load_params;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{check_up, load_cell, load_mesh, load_scanner, placed, pool, to_cli_error};
 use super::progress::{Course, Progress};
+use super::ranges::whole;
 use super::{CliError, output, reach};
 use crate::geometry::LengthUnit;
 use crate::planning::context::Context;
@@ -18,6 +19,7 @@ use crate::planning::studies::{self, Series, Study, StudyResult};
 use crate::planning::{PlanInput, UpAxis};
 use crate::report::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 use crate::service::plan_job::Artifact;
+use crate::wire::words::counted;
 
 /// Number of views at which grades are compared where none is given.
 const DEFAULT_AT: u32 = 8;
@@ -100,16 +102,16 @@ struct SeriesArgs {
     #[arg(long = "set", value_name = "KEY=VALUE", help_heading = "Fixed parameters")]
     sets: Vec<String>,
     /// Maximum number of views in each series, 1 to 1000.
-    #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 30, value_parser = whole::<u32>(1..=1000))]
     views: u32,
     /// Number of views at which grades are compared, at most --views [default: 8, or --views if that is fewer].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_parser = whole::<u32>(1..=1000))]
     at: Option<u32>,
     /// Folder for the results; created if it does not exist.
     #[arg(long, default_value = "study")]
     out: PathBuf,
     /// Number of threads, 0 to 1024; 0 for all cores. The results do not depend on it.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    #[arg(long, default_value_t = 0, value_parser = whole::<u16>(0..=1024))]
     threads: u16,
 }
 
@@ -132,7 +134,10 @@ fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<()
     check_up(args.up, &params)?;
     let at = args.at.unwrap_or(DEFAULT_AT.min(args.views));
     if at > args.views {
-        return Err(CliError::BadInput(format!("--at {at}: is beyond the {} views of a series (--views)", args.views)));
+        return Err(CliError::BadInput(format!(
+            "--at {at}: is beyond the {} of a series (--views)",
+            counted(args.views as usize, "view")
+        )));
     }
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;

@@ -106,7 +106,7 @@ fn inspect_needs_no_unit_and_prints_the_size_in_all_four() {
         "in mm       1.00 × 1.00 × 0 mm\n",
         "in cm       10.0 × 10.0 × 0 mm\n",
         "in m        1000 × 1000 × 0 mm\n",
-        "in inch     25.4 × 25.4 × 0 mm\n",
+        "in inches   25.4 × 25.4 × 0 mm\n",
     ] {
         assert!(text.contains(line), "{line:?} is not in\n{text}");
     }
@@ -132,7 +132,7 @@ fn inspect_says_which_unit_suits_scanner_and_plate() {
     for line in [
         "in mm       4.76 × 2.87 × 1.46 mm, does not fit",
         "in m        4760 × 2870 × 1460 mm, does not fit",
-        "in inch     120.9 × 72.9 × 37.1 mm, fits",
+        "in inches   120.9 × 72.9 × 37.1 mm, fits",
     ] {
         assert!(text.contains(line), "{line:?} is not in\n{text}");
     }
@@ -342,6 +342,60 @@ fn the_ends_of_help_texts_are_wrapped_by_the_terminal_alone() {
     held(&<Cli as clap::CommandFactory>::command());
 }
 
+/// The file of `vantage robot`, which is TOML, was to be uploaded to a route that takes JSON.
+#[test]
+fn the_help_of_a_robot_says_that_a_server_takes_json() {
+    let command = <Cli as clap::CommandFactory>::command();
+    let help = command.find_subcommand("robot").and_then(clap::Command::get_after_help).map(ToString::to_string);
+    let help = help.unwrap_or_default();
+    let wanted = "takes the same fields as JSON, with PUT /api/v1/robots/{name}";
+    assert!(help.contains(wanted) && !help.contains("upload it"), "{help}");
+}
+
+/// A cell was told every field that a scanner has and it lacks, a plan to be perhaps glTF.
+#[test]
+fn inspect_says_what_a_file_is_that_is_no_mesh_and_no_scanner() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let told = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).expect("a file");
+        let args = InspectArgs { file, unit: None, cell: None, scanner: None, json: false };
+        report(&args).expect_err("nothing to inspect").to_string()
+    };
+    let plan = "{\"schema\": \"vantage.plan/1\"}";
+    let program = "{\"schema\": \"vantage.program/1\"}";
+    for (name, text, wanted) in [
+        ("cell.toml", "base_from_table = {}\n", "cell.toml: is a cell, not a mesh or a scanner; `vantage check "),
+        ("plan.json", plan, "plan.json` checks it"),
+        ("program.json", program, "is a program, not a mesh or a scanner; `vantage check "),
+        ("arm.toml", "joints = []\n", "is a robot, not a mesh or a scanner; `vantage check "),
+        ("params.toml", "setups = 2\n", "holds parameters of a plan, not a mesh or a scanner; --params takes it"),
+        ("coverage.json", "{\"schema\": \"vantage.coverage/1\"}", "is a document of schema \"vantage.coverage/1\", not a mesh"),
+        ("report.html", "<!DOCTYPE html>\n", "is an HTML page, such as a report, not a mesh or a scanner"),
+        ("report.txt", "Can be scanned\n", "is a plain text, such as a report, not a mesh or a scanner"),
+        ("coverage.csv", "face,area_mm2\n", "is a table, not a mesh or a scanner"),
+        ("scene.gltf", "{\"asset\": {}}", "perhaps glTF"),
+        ("part.amf", "<?xml version=\"1.0\"?>\n<amf>\n", "XML"),
+        ("mine.toml", "name = \n", "neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): "),
+    ] {
+        let found = told(name, text);
+        assert!(found.contains(wanted) && !found.contains('\n'), "{name}: {found}");
+    }
+    let refused = files::mesh(&folder.path().join("cell.toml"), Some(LengthUnit::Millimetre), &Poll::never()).map(drop);
+    let refused = refused.expect_err("no mesh").to_string();
+    assert!(refused.contains("cell.toml: is a cell, not a mesh; `vantage check "), "{refused}");
+    let args = InspectArgs { file: folder.path().to_owned(), unit: None, cell: None, scanner: None, json: false };
+    let found = report(&args).expect_err("a folder").to_string();
+    assert!(found.ends_with(": is a folder; give a file in it"), "{found}");
+}
+
+#[test]
+fn a_file_without_permission_is_told_what_to_do() {
+    let denied = std::io::Error::from(std::io::ErrorKind::PermissionDenied);
+    let told = files::unreadable("cell.toml".as_ref(), &denied).to_string();
+    assert_eq!(told, "cell.toml: cannot be read: permission denied; give yourself permission to read it");
+}
+
 #[test]
 fn the_help_of_a_comparison_names_every_file_and_every_parameter() {
     let command = <Cli as clap::CommandFactory>::command();
@@ -416,7 +470,7 @@ fn a_negative_number_is_a_value_whose_range_is_told() {
     };
     assert!(refused(&["--max-secs", "-1"]).contains("is -1; allowed is 0, or 1 to 604800"));
     assert!(refused(&["--max-memory", "-1"]).contains("is -1; allowed is 0, or a whole number of 256 or more"));
-    assert!(refused(&["--threads", "-1"]).contains("-1 is not in 0..=1024"));
+    assert!(refused(&["--threads", "-1"]).contains("is -1; allowed is a whole number from 0 to 1024"));
     assert!(parse(["vantage", "plan", "part.stl", "--unit", "mm", "--out", "out", "--up", "-y"]).is_ok());
 }
 
@@ -433,9 +487,9 @@ fn words_of_closed_lists_are_told_where_one_is_unknown() {
 
 #[test]
 fn a_mesh_is_no_text() {
-    let refused = files::refuse_mesh("base.STL".as_ref()).expect_err("a mesh").to_string();
-    assert!(refused.starts_with("base.STL: is a mesh"), "{refused}");
-    assert_eq!(files::refuse_mesh("arm.urdf".as_ref()), Ok(()));
+    let refused = files::refuse_mesh("base.STL".as_ref(), "a URDF file").expect_err("a mesh").to_string();
+    assert_eq!(refused, "base.STL: is a mesh, not a URDF file; `vantage inspect` examines it");
+    assert_eq!(files::refuse_mesh("arm.urdf".as_ref(), "a URDF file"), Ok(()));
 }
 
 #[test]

@@ -16,15 +16,13 @@ use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, Region
 use crate::wire::summary::{Summary, rescan_ended};
 use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
-    ChoiceRules, NOTHING_IN_REGION, advice_sentence, apart_mm, area_mm2, at_risk_sentence, bounded_moves, changed_params,
-    counted, first_lie, fix_sentence, fixed, fixed_nonzero, freedom, headline, lie_phrase, noise_remark, order_claim,
-    percent_below, pose_error_sizes, region_verdict, risk_meaning, treated_spots,
+    ChoiceRules, NOTHING_IN_REGION, advice_sentence, apart_mm, area_mm2, asked_name, at_risk_sentence, bounded_moves,
+    changed_params, counted, first_lie, fix_sentence, fixed, fixed_nonzero, freedom, headline, lie_phrase, noise_remark,
+    of_asked_phrase, order_claim, percent_below, pose_error_sizes, region_verdict, risk_meaning, treated_spots,
 };
 
-/// Meaning of the asked surface in a plan of further views.
-pub(super) const ASKED_OF_OPEN: &str = "asked: what earlier scans left open";
 /// Words on a region of which earlier scans left nothing open.
-const NOTHING_OPEN: &str = "met: earlier scans left none of it open";
+pub(crate) const NOTHING_OPEN: &str = "met: earlier scans left none of it open";
 
 /// The text of a plan without a program. Same plan, same text; every line ends with a newline.
 #[must_use]
@@ -67,7 +65,7 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[Fiel
     write_part(out, plan)?;
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
-    write_coverage(out, &plan.coverage)?;
+    write_coverage(out, &plan.coverage, plan.table_from_part.is_some())?;
     write_at_risk(out, plan)?;
     write_warnings(out, plan)?;
     write_regions(out, &plan.coverage)?;
@@ -113,7 +111,8 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         let (views, at) = (measuring(executed), pose(&setup.table_from_part));
         let first = || first_lie(plan.params.part.table_from_part.as_ref(), &setup.table_from_part);
         let lies = plan.turn_into(id).map(|turn| lie_phrase(&turn)).or_else(first).map_or_else(String::new, |lies| lies + "; ");
-        write!(out, "  {}: {lies}{views} {measured} % of the asked area", id.0 + 1)?;
+        let asked = asked_name(plan.coverage.is_of_open);
+        write!(out, "  {}: {lies}{views} {measured} % of the {asked} area", id.0 + 1)?;
         writeln!(out, " (its candidates could measure {coverable} %); {at}")
     })
 }
@@ -137,7 +136,7 @@ fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
         writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;
     }
     if plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
-        writeln!(out, "  views of one setup share the table's frame, so their links need not constrain every degree of freedom")?;
+        writeln!(out, "  views of one setup share one frame, so their links need not constrain every degree of freedom")?;
     }
     for (number, setup) in plan.setups.iter().enumerate() {
         if let Some(([a, b], stability)) = &setup.weakest_link {
@@ -162,27 +161,24 @@ fn write_candidates(out: &mut String, plan: &Plan) -> fmt::Result {
     counts.rejected.iter().try_for_each(|(reason, count)| writeln!(out, "  rejected, {}: {count}", reason.as_str()))
 }
 
-fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
+fn write_coverage(out: &mut String, coverage: &Coverage, has_cell: bool) -> fmt::Result {
+    let asked = asked_name(coverage.is_of_open);
     writeln!(out, "\ncoverage{}", if coverage.is_of_open { " of what earlier scans left open" } else { "" })?;
-    for (name, mm2) in [
-        ("whole surface", coverage.total_area_mm2),
-        ("asked", coverage.asked_area_mm2),
-        ("visible", coverage.visible_area_mm2),
-        ("coverable, reach ignored", coverage.optically_coverable_area_mm2),
-        ("coverable", coverage.coverable_area_mm2),
-        ("measured", coverage.measured.area_mm2),
-    ] {
+    let reach_ignored = has_cell.then_some(("coverable, reach ignored", coverage.optically_coverable_area_mm2));
+    let seen =
+        [("whole surface", coverage.total_area_mm2), (asked, coverage.asked_area_mm2), ("visible", coverage.visible_area_mm2)];
+    let measured = [("coverable", coverage.coverable_area_mm2), ("measured", coverage.measured.area_mm2)];
+    for (name, mm2) in seen.into_iter().chain(reach_ignored).chain(measured) {
         writeln!(out, "  {name:<24} {:>12} mm²", area_mm2(mm2))?;
     }
-    for (name, fraction) in [
-        ("measured of asked", coverage.of_asked()),
-        ("measured of coverable", coverage.of_coverable()),
-        ("measured of total", coverage.of_total()),
-    ] {
+    let shares = [(asked, coverage.of_asked()), ("coverable", coverage.of_coverable()), ("total", coverage.of_total())];
+    for (whole, fraction) in shares {
+        let name = format!("measured of {whole}");
         writeln!(out, "  {name:<24} {:>12} %", percent(fraction))?;
     }
     for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.measured.grade_area_mm2) {
-        writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
+        let name = format!("grade {name} of {asked}");
+        writeln!(out, "  {name:<24} {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
     }
     write_certificate(out, coverage)
 }
@@ -215,7 +211,7 @@ fn write_regions(out: &mut String, coverage: &Coverage) -> fmt::Result {
         let [asked, measured] = [region.asked_area_mm2, region.measured_area_mm2].map(area_mm2);
         let reached = reached_percent(region.of_asked(), region.target);
         match is_of_open {
-            true => writeln!(out, "       {measured} of {asked} mm² measured, {reached} % of what earlier scans left open")?,
+            true => writeln!(out, "       {measured} of {asked} mm² measured, {reached} % of the open area")?,
             false => writeln!(out, "       {measured} of {asked} mm² measured, {reached} %; {verdict}")?,
         }
         if region.samples == 0 {
@@ -237,18 +233,17 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
         independent.samples
     )?;
     for figure in headline(&CoverageDocument::from(coverage)) {
-        let is_asked = figure.name == "measured of asked";
-        let meaning = if is_asked && coverage.is_of_open { ASKED_OF_OPEN } else { figure.meaning };
-        writeln!(out, "  {:<26} {:>10} %  {meaning}", figure.name, percent(figure.share))?;
+        writeln!(out, "  {:<26} {:>10} %  {}", figure.name, percent(figure.share), figure.meaning)?;
     }
     let Some(robust) = &coverage.robust else { return Ok(()) };
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
-    writeln!(out, "\nmeasured of asked on these samples if poses are off by {angle_deg}° and {shift_mm} mm")?;
-    for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part), ("hand-eye", &robust.hand_eye)] {
+    let asked = asked_name(coverage.is_of_open);
+    writeln!(out, "\nmeasured of {asked} on these samples if poses are off by {angle_deg}° and {shift_mm} mm")?;
+    for (name, drawn) in [("every view", &robust.views), ("part and support", &robust.part), ("hand-eye", &robust.hand_eye)] {
         let [nominal, mean, worst] = [drawn.nominal, drawn.mean(), drawn.worst()].map(percent);
         let p5 = drawn.told_p5().map_or_else(String::new, |p5| format!(", 5th percentile {} %", percent(p5)));
         let draws = counted(drawn.draws(), "draw");
-        writeln!(out, "  {name:<12} nominal {nominal} %, mean {mean} %{p5}, worst of {draws} {worst} %")?;
+        writeln!(out, "  {name:<16} nominal {nominal} %, mean {mean} %{p5}, worst of {draws} {worst} %")?;
     }
     Ok(())
 }
@@ -309,7 +304,8 @@ fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
     writeln!(out, "\nviews, in the order chosen: {}", plan.views.len())?;
     for (view, measured_mm2) in plan.views.iter().zip(&plan.coverage.curve_area_mm2) {
         writeln!(out, "  {:>3}  candidate {}, {}", view.id.0, view.candidate.0, view.label.as_str())?;
-        write!(out, "       adds {} % of asked, total ", percent(view.gain_of_asked))?;
+        let of = of_asked_phrase(plan.coverage.is_of_open);
+        write!(out, "       adds {} % {of}, total ", percent(view.gain_of_asked))?;
         write!(out, "{} %", percent(share(*measured_mm2, plan.coverage.asked_area_mm2)))?;
         writeln!(out, "; score {} mm²", area_mm2(view.score))?;
         writeln!(out, "       {}", pose(&view.part_from_scanner))?;
@@ -379,7 +375,8 @@ fn write_missed(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt
     }
     for cause in missed {
         write!(out, "  {:<20} {:>10} mm²", cause.cause.as_str(), area_mm2(cause.area_mm2))?;
-        write!(out, " {:>6} % of asked, {}", percent(share(cause.area_mm2, asked_area_mm2)), counted(cause.spots.len(), "spot"))?;
+        let of = of_asked_phrase(plan.coverage.is_of_open);
+        write!(out, " {:>6} % {of}, {}", percent(share(cause.area_mm2, asked_area_mm2)), counted(cause.spots.len(), "spot"))?;
         match cause.spots.first() {
             Some(spot) => writeln!(out, ", largest {} mm² at {}", area_mm2(spot.area_mm2), point(&spot.centre_mm))?,
             None => writeln!(out)?,
@@ -464,6 +461,7 @@ mod tests {
     use crate::planning::params::PoseErrorParams;
     use crate::planning::plan::RegionCoverage;
     use crate::planning::plan::{Advice, Drawn, IndependentRegion, RegionKind, Robust};
+    use crate::wire::words::MEANING_OF_OPEN;
 
     /// 4.96 mm were told as 5.0 mm apart, which is the clearance that they miss.
     #[test]
@@ -480,7 +478,7 @@ mod tests {
         };
         let mut out = String::new();
         write_obstructions(&mut out, &[obstruction]).expect("a String takes all");
-        assert!(out.contains("without a path; 4.9 mm apart at ") && out.contains("motion.clearance_mm = 4.9\n"), "{out}");
+        assert!(out.contains("without a path; 4.9 mm apart at ") && out.contains("--set motion.clearance_mm=4.9\n"), "{out}");
     }
 
     #[test]
@@ -568,11 +566,12 @@ mod tests {
         let mut out = String::new();
         write_regions(&mut out, &coverage).expect("a String takes all");
         assert!(out.contains("features, of what earlier scans left open\n") && out.contains(NOTHING_OPEN), "{out}");
-        assert!(out.ends_with(" mm² measured, 21.81 % of what earlier scans left open\n"), "{out}");
+        assert!(out.ends_with(" mm² measured, 21.81 % of the open area\n"), "{out}");
         assert!(!out.contains("NOT MET") && !out.contains(NOTHING_IN_REGION), "{out}");
         let mut out = String::new();
-        write_coverage(&mut out, &coverage).expect("a String takes all");
-        assert!(out.starts_with("\ncoverage of what earlier scans left open\n") && out.contains(ASKED_OF_OPEN), "{out}");
+        write_coverage(&mut out, &coverage, true).expect("a String takes all");
+        assert!(out.starts_with("\ncoverage of what earlier scans left open\n") && out.contains(MEANING_OF_OPEN), "{out}");
+        assert!(out.contains("\n  measured of open ") && !out.contains("of asked"), "asked is what the job asks for: {out}");
         assert!(!out.contains("every face outside excluded regions"), "{out}");
     }
 
@@ -636,9 +635,9 @@ mod tests {
         assert_eq!(
             told,
             [
-                "  every view   nominal 97.00 %, mean 95.00 %, worst of 6 draws 95.00 %",
-                "  the part     nominal 97.00 %, mean 95.00 %, 5th percentile 95.00 %, worst of 20 draws 95.00 %",
-                "  hand-eye     nominal 97.00 %, mean 95.00 %, worst of 1 draw 95.00 %",
+                "  every view       nominal 97.00 %, mean 95.00 %, worst of 6 draws 95.00 %",
+                "  part and support nominal 97.00 %, mean 95.00 %, 5th percentile 95.00 %, worst of 20 draws 95.00 %",
+                "  hand-eye         nominal 97.00 %, mean 95.00 %, worst of 1 draw 95.00 %",
             ]
         );
     }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use config::{Config, ConfigError, Map, Source, Value, ValueKind};
@@ -167,7 +168,7 @@ fn integer_of(number: &DeInteger<'_>) -> ValueKind {
 fn of_file(file: &Path) -> Result<Tables, SettingsError> {
     let name = file.display().to_string();
     let refused = |reason: String| SettingsError(vec![format!("--config {name}: {reason}")]);
-    let text = std::fs::read_to_string(file).map_err(|error| refused(error.to_string()))?;
+    let text = std::fs::read_to_string(file).map_err(|error| refused(unread(&error)))?;
     let tables = Tables::parse(Some(&name), &text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
         let (line, start) = (before.matches('\n').count() + 1, before.rfind('\n').map_or(0, |at| at + 1));
@@ -176,6 +177,20 @@ fn of_file(file: &Path) -> Result<Tables, SettingsError> {
     })?;
     let quoted = quoted_keys(&tables, &name);
     if quoted.is_empty() { Ok(tables) } else { Err(SettingsError(quoted)) }
+}
+
+/// Tells why a file of settings cannot be read, and what to give.
+fn unread(error: &std::io::Error) -> String {
+    let kind = error.kind();
+    if kind == ErrorKind::NotFound {
+        "there is no such file; `vantage serve --print-defaults > vantage.toml` writes one to start from".to_owned()
+    } else if kind == ErrorKind::IsADirectory {
+        "is a folder; give a file in it".to_owned()
+    } else if kind == ErrorKind::InvalidData {
+        "is not a text in UTF-8; give a TOML file".to_owned()
+    } else {
+        format!("cannot be read: {error}")
+    }
 }
 
 /// Faults of the keys in quotes that `config` would take for paths: in TOML, `"server.insecure"` is one name and no section, and

@@ -235,7 +235,15 @@ fn a_file_that_is_no_toml_is_told_by_its_place_without_its_keys() {
     assert!(text.contains("vantage.toml: line 3, column ") && !text.contains("0012345"), "{text}");
     let folder = tempfile::tempdir().expect("a folder");
     let error = Settings::from_layers(Some(folder.path()), std::iter::empty(), &Flags::new()).expect_err("a folder");
-    assert!(error.to_string().starts_with("--config ") && error.to_string().contains("directory"), "{error}");
+    let error = error.to_string();
+    assert!(error.starts_with("--config ") && error.ends_with(": is a folder; give a file in it"), "{error}");
+    // The words were those of the operating system.
+    let missing = folder.path().join("vantage.toml");
+    let error = Settings::from_layers(Some(&missing), std::iter::empty(), &Flags::new()).expect_err("no such file").to_string();
+    assert!(error.contains("vantage.toml: there is no such file; `vantage serve --print-defaults"), "{error}");
+    std::fs::write(&missing, b"[server]\n# k\xf6nnte\n").expect("a file");
+    let error = Settings::from_layers(Some(&missing), std::iter::empty(), &Flags::new()).expect_err("Latin-1").to_string();
+    assert!(error.ends_with(": is not a text in UTF-8; give a TOML file"), "{error}");
 }
 
 /// `"server.insecure"` would open the server to other machines, or not, as the tables of the file are merged.

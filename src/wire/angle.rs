@@ -1,10 +1,8 @@
 //! Angles as documents give them.
 
-/// Converts to degrees, rounded to 10⁻⁹: this moves a scanner at 1 m by 2·10⁻⁸ mm, and 30° is written as 30.
+/// Converts to degrees, rounded as the planner rounds the table's angles: what it holds equal reads equal.
 pub(crate) fn degrees(angle_rad: f64) -> f64 {
-    const PER_DEGREE: f64 = 1e9;
-    // Adding 0 turns −0 into 0.
-    (angle_rad.to_degrees() * PER_DEGREE).round() / PER_DEGREE + 0.0
+    crate::cell::rounded_deg(angle_rad)
 }
 
 #[cfg(test)]

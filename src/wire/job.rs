@@ -24,9 +24,10 @@ pub struct JobRequest {
     /// Cell: name of a stored one, a specification, or `"none"` to plan viewpoints only. Default `e05-transcan`.
     #[serde(default = "default_cell")]
     pub cell: Named<CellSpec>,
-    /// Scanner, used if `cell` is `"none"`: name of a stored one, or a specification. Default `transcan-c`. A cell has its own.
-    #[serde(default = "default_scanner")]
-    pub scanner: Named<ScannerSpec>,
+    /// Scanner of a job without a cell: name of a stored one, or a specification. Default `transcan-c`. A cell has its own; no
+    /// other is accepted beside it.
+    #[serde(default)]
+    pub scanner: Option<Named<ScannerSpec>>,
     /// Planning parameters.
     #[serde(default)]
     pub params: PlanParams,
@@ -52,10 +53,6 @@ fn default_cell() -> Named<CellSpec> {
     Named::Name("e05-transcan".into())
 }
 
-fn default_scanner() -> Named<ScannerSpec> {
-    Named::Name("transcan-c".into())
-}
-
 impl JobRequest {
     /// A request with the default of every field but the mesh.
     #[must_use]
@@ -63,13 +60,19 @@ impl JobRequest {
         Self {
             mesh_id,
             cell: default_cell(),
-            scanner: default_scanner(),
+            scanner: None,
             params: PlanParams::default(),
             labels: BTreeMap::new(),
             part_number: None,
             serial: None,
             priority: 0,
         }
+    }
+
+    /// The scanner given; without one, the default of a job without a cell.
+    #[must_use]
+    pub fn scanner_or_default(&self) -> Named<ScannerSpec> {
+        self.scanner.clone().unwrap_or_else(|| Named::Name("transcan-c".into()))
     }
 
     /// The fields that are copied to the plan and the program.
@@ -211,7 +214,8 @@ pub struct Job {
     pub mesh_id: MeshId,
     /// Cell, as given in the request.
     pub cell: Named<CellSpec>,
-    /// Scanner, as given in the request; used only if `cell` is `"none"`.
+    /// Scanner that the job plans with: the name of the cell's; if `cell` is `"none"`, as given in the request. Jobs in a cell
+    /// from earlier releases show that of the request.
     pub scanner: Named<ScannerSpec>,
     /// Planning parameters, with defaults and what the preset sets filled in.
     pub params: PlanParams,
@@ -289,7 +293,7 @@ pub struct JobListItem {
     pub mesh_id: MeshId,
     /// Name of the cell.
     pub cell: String,
-    /// Name of the scanner; used only if `cell` is `"none"`.
+    /// Name of the scanner that the job plans with. Jobs in a cell from earlier releases show that of the request.
     pub scanner: String,
     /// Labels, as given in the request or replaced by `PUT /jobs/{id}/labels`.
     pub labels: BTreeMap<String, String>,

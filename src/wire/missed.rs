@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::plan::{MissedDocument, RemedyDocument};
 use super::total::total;
+use super::words::ChoiceRules;
 use crate::planning::plan::{MissedCause, MissedSpot, Plan};
 
 /// Schema name in the document.
@@ -59,24 +60,25 @@ pub fn json(plan: &Plan, plan_sha256: &str) -> MissedListing {
         plan_sha256: plan_sha256.to_owned(),
         asked_area_mm2: plan.coverage.asked_area_mm2,
         missed_area_mm2: total(plan.missed.iter().map(|missed| missed.area_mm2)),
-        missed: plan.missed.iter().map(MissedEntry::from).collect(),
+        missed: plan.missed.iter().map(|missed| MissedEntry::of(missed, ChoiceRules::of(plan))).collect(),
     }
 }
 
-impl From<&MissedCause> for MissedEntry {
-    fn from(missed: &MissedCause) -> Self {
-        Self { summary: MissedDocument::from(missed), listing: missed.spots.iter().map(SpotDocument::from).collect() }
+impl MissedEntry {
+    fn of(missed: &MissedCause, rules: ChoiceRules) -> Self {
+        let listing = missed.spots.iter().map(|spot| SpotDocument::of(spot, rules)).collect();
+        Self { summary: MissedDocument::of(missed, rules), listing }
     }
 }
 
-impl From<&MissedSpot> for SpotDocument {
-    fn from(spot: &MissedSpot) -> Self {
+impl SpotDocument {
+    fn of(spot: &MissedSpot, rules: ChoiceRules) -> Self {
         Self {
             area_mm2: spot.area_mm2,
             centre_mm: spot.centre_mm.into(),
             extent_mm: spot.extent_mm.into(),
             faces: spot.source_faces.clone(),
-            remedy: spot.remedy.as_ref().map(RemedyDocument::from),
+            remedy: spot.remedy.as_ref().map(|remedy| RemedyDocument::of(remedy, rules)),
         }
     }
 }

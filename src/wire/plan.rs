@@ -32,6 +32,7 @@ use super::angle::degrees;
 use super::echo::Echo;
 use super::part_size::size_text;
 use super::warnings::{self, FieldWarning};
+use super::words::ChoiceRules;
 use crate::cell::{CalibratedScannerSpec, CalibrationProvenance, FieldError, OpticalDevice, PoseSpec, Scanner};
 use crate::geometry::Mesh;
 use crate::planning::params::{LimitParams, PlanParams};
@@ -437,7 +438,7 @@ impl PlanDocument {
             sequence,
             motion: MotionDocument::of(plan),
             obstructions: plan.obstructions.iter().map(ObstructionDocument::from).collect(),
-            missed: plan.missed.iter().map(MissedDocument::from).collect(),
+            missed: plan.missed.iter().map(|missed| MissedDocument::of(missed, ChoiceRules::of(plan))).collect(),
             advice: AdviceDocument::all_of(plan),
             warnings: warnings::of_coverage(&plan.params, &CoverageDocument::from(&plan.coverage), "/params"),
             chosen_on: Some(plan.chosen_on.into()),

@@ -13,16 +13,16 @@ mod tests;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use action::SummaryAction;
+pub use action::{StandingRemedy, SummaryAction};
 pub use cycle::{CycleParts, ProgramCycle};
 pub use missed::MissedGroup;
-pub(crate) use missed::{choice_ended_by, further_setup, stop_rules};
+pub(crate) use missed::{choice_ended_by, further_setup, own_plan_remark, stop_rules, turned_setup};
 pub(crate) use verdict::rescan_ended;
 pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
 use super::warnings::{FieldWarning, WarningCode};
-use super::words::{counted, headline, percent_below};
+use super::words::{MEANING_OF_OPEN, asked_name, counted, headline, of_asked_phrase, percent_below};
 use crate::cell::Dialect;
 use crate::planning::params::{Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage};
@@ -50,6 +50,10 @@ pub struct Summary {
     pub verdict: PlanVerdict,
     /// Verdict in a sentence, with its figures.
     pub verdict_text: String,
+    /// True in a plan of further views after a scan: `of_asked` is then a share of the area that earlier scans left open, which
+    /// the sentences call the open area. Absent in any other plan.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub of_open: bool,
     /// Number of views that are executed.
     pub views: usize,
     /// Number of views that were chosen; those to which no collision-free path was found are not executed.
@@ -131,6 +135,7 @@ impl Summary {
             title: verdict::title(level, verdict, plan, &coverage),
             verdict,
             verdict_text: verdict::text(verdict, plan),
+            of_open: plan.coverage.is_of_open,
             views: plan.executed_views(),
             views_chosen: plan.views.len(),
             setups: plan.setups.len(),
@@ -146,7 +151,7 @@ impl Summary {
             regions_unmet: regions.iter().filter(|region| region.misses_target()).count(),
             missed_of_asked,
             missed_spots,
-            missed_text: missed_text([missed_of_asked, 1.0 - coverage.of_asked], missed_spots),
+            missed_text: missed_text([missed_of_asked, 1.0 - coverage.of_asked], missed_spots, plan.coverage.is_of_open),
             action: action::best(plan, verdict, &groups, motion.map(|motion| motion.cycle_secs)),
             missed: groups,
             plan_sha256: None,
@@ -202,7 +207,16 @@ impl Summary {
         // In plain text, as the other sentences are.
         let remedy = blocked.remedy.replace('`', "");
         let action = action::another_home(&remedy, 1.0 - self.missed_of_asked);
-        Self { action: Some(action), missed: missed::with_home_remedy(self.missed, &remedy), ..self }
+        Self { action: Some(action), missed: missed::with_home_remedy(self.missed, &remedy, self.of_open), ..self }
+    }
+
+    /// The summary of a plan in a setup of which the part would tip over: to place it so that it stands is the best action,
+    /// since all else depends on how it lies.
+    #[must_use]
+    pub fn with_standing_first(self, remedy: Option<&StandingRemedy>) -> Self {
+        let Some(remedy) = remedy else { return self };
+        let action = action::placed_to_stand(remedy, 1.0 - self.missed_of_asked);
+        Self { action: Some(action), ..self }
     }
 
     /// The summary with a request to check the part's unit for a title, if there is one: a plan of a part of another size is of no use,
@@ -240,7 +254,8 @@ impl Summary {
         if !rest.is_empty() {
             let (spots, of_asked) = rest.iter().fold((0, 0.0), |(spots, sum), group| (spots + group.spots, sum + group.of_asked));
             let noun = if spots == 1 { "spot" } else { "spots" };
-            lines.push(format!("  {spots} more {noun}, {} of asked: {place}", percent(of_asked)));
+            let of = of_asked_phrase(self.of_open);
+            lines.push(format!("  {spots} more {noun}, {} {of}: {place}", percent(of_asked)));
         }
         lines
     }
@@ -265,15 +280,16 @@ impl From<&CoverageDocument> for SummaryShares {
 impl SummaryShares {
     /// The shares in a sentence; `is_of_open` of what earlier scans left open.
     fn text(&self, is_of_open: bool) -> String {
-        let asked = if is_of_open { " (asked: what earlier scans left open)" } else { "" };
+        let open = if is_of_open { format!(" ({MEANING_OF_OPEN})") } else { String::new() };
         format!(
-            "Simulated coverage{asked}, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, \
+            "Simulated coverage{open}, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} {}, \
              {} of the whole surface; on the samples that views are chosen on: {} of coverable",
             percent(self.of_visible),
             percent(self.grades_a_b_of_visible),
             percent(self.within_35_deg_of_visible),
             percent(self.within_60_deg_of_visible),
             percent(self.of_asked),
+            of_asked_phrase(is_of_open),
             percent(self.of_total),
             percent(self.of_coverable),
         )
@@ -313,7 +329,7 @@ fn no_path(plan: &Plan) -> Option<String> {
 }
 
 /// Missed share, on the samples that views are chosen on and on independent ones, and the spots, which the first have.
-fn missed_text(missed_of_asked: [f64; 2], spots: usize) -> String {
+fn missed_text(missed_of_asked: [f64; 2], spots: usize, is_of_open: bool) -> String {
     let [chosen_on, independent] = missed_of_asked.map(percent);
     let differs = chosen_on != independent;
     let on = if differs {
@@ -323,8 +339,8 @@ fn missed_text(missed_of_asked: [f64; 2], spots: usize) -> String {
     };
     match spots {
         0 if differs => format!("Missed: nothing{on}"),
-        0 => "Missed: nothing, all of the asked area is measured".to_owned(),
-        _ => format!("Missed: {chosen_on} of asked{on}, {}", counted(spots, "spot")),
+        0 => format!("Missed: nothing, all of the {} area is measured", asked_name(is_of_open)),
+        _ => format!("Missed: {chosen_on} {}{on}, {}", of_asked_phrase(is_of_open), counted(spots, "spot")),
     }
 }
 

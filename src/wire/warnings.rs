@@ -362,7 +362,7 @@ pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Opti
     let (state, remedy) = if params.robust.select {
         ("true, and yet", format!("{more}, so that more of the surface is measured twice"))
     } else {
-        ("false, and", format!("choose views that tolerate it (robust.select = true), or {more}"))
+        ("false, and", format!("choose views that tolerate it (--set robust.select=true), or {more}"))
     };
     Some(FieldWarning {
         code: WarningCode::FragileUnderPoseError,

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use serde_json::Value;
 
 use crate::cell::PoseSpec;
+pub(crate) use crate::geometry::counted;
 use crate::geometry::{Part, Pose, Table};
 use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
@@ -17,6 +18,7 @@ use crate::planning::registration::Stability;
 use crate::planning::sequence::bound_gap;
 use crate::planning::verdict::{MIN_RESISTANCE, Rejection};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RegionCoverageDocument, StabilityDocument};
+use crate::wire::summary::choice_ended_by;
 
 #[cfg(test)]
 mod tests;
@@ -90,6 +92,19 @@ pub struct HeadlineShare {
     pub meaning: &'static str,
 }
 
+/// Meaning of the area that further views are planned for.
+pub(crate) const MEANING_OF_OPEN: &str = "open: asked area that earlier scans left open";
+
+/// Name of the area that shares of a plan are of: what is asked of the part, or what earlier scans left open of that.
+pub(crate) fn asked_name(is_of_open: bool) -> &'static str {
+    if is_of_open { "open" } else { "asked" }
+}
+
+/// Phrase for that area at the end of a share in a sentence.
+pub(crate) fn of_asked_phrase(is_of_open: bool) -> &'static str {
+    if is_of_open { "of the open area" } else { "of asked" }
+}
+
 /// The shares that head a plan, the one to read first at the top: on independent samples, but for the share of the coverable area,
 /// which is known on the samples that views are chosen on alone.
 #[must_use]
@@ -98,25 +113,34 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
     let visible = independent.map_or(coverage.visible, |independent| independent.visible);
     let of_asked = independent.map_or(coverage.of_asked, |independent| independent.of_asked);
     let of_total = independent.map_or(coverage.of_total, |independent| independent.of_total);
+    let [asked, visible_meaning, coverable_meaning] = headline_meanings(coverage.of_open);
     [
-        (
-            "measured of visible",
-            visible.of_visible,
-            "visible: asked area that can be seen at all (the part neither stands on it nor encloses it)",
-        ),
+        ("measured of visible", visible.of_visible, visible_meaning),
         ("grades A and B of visible", visible.grades_a_b_of_visible, "measured near best focus and at moderate incidence"),
         ("within 35° of visible", visible.within_35_deg_of_visible, "measured at 35° or less from the surface normal"),
         ("within 60° of visible", visible.within_60_deg_of_visible, "measured at 60° or less from the surface normal"),
-        ("measured of asked", of_asked, "asked: every face outside excluded regions"),
-        (
-            "measured of coverable",
-            coverage.of_coverable,
-            "coverable: asked area that at least one of the viewpoints considered measures in this cell, on the samples that \
-             views are chosen on; by default, targets are shares of it",
-        ),
+        (if coverage.of_open { "measured of open" } else { "measured of asked" }, of_asked, asked),
+        ("measured of coverable", coverage.of_coverable, coverable_meaning),
         ("measured of total", of_total, "total: every face of the part"),
     ]
     .map(|(name, share, meaning)| HeadlineShare { name, share, meaning })
+}
+
+/// Meanings of the asked, the visible and the coverable area; of further views, that of the open area in place of the asked one.
+fn headline_meanings(is_of_open: bool) -> [&'static str; 3] {
+    if is_of_open {
+        return [
+            MEANING_OF_OPEN,
+            "visible: open area that can be seen at all (the part neither stands on it nor encloses it)",
+            "coverable: open area that at least one usable viewpoint measures, on the samples that views are chosen on",
+        ];
+    }
+    [
+        "asked: every face outside excluded regions",
+        "visible: asked area that can be seen at all (the part neither stands on it nor encloses it)",
+        "coverable: asked area that at least one usable viewpoint measures, on the samples that views are chosen on; by \
+         default, targets are shares of it",
+    ]
 }
 
 /// Area at risk on one line: how much of the visible area, whether it counts, and for which reasons.
@@ -234,9 +258,9 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
         }
         NoPlan::NotRegistered { stability } => {
             return format!(
-                "the setups share {} mm² of surface, which leaves {} free, so they cannot be registered to each other; set \
-                 registration = markers or fixture if markers or a fixture register them, or none if they need not be registered; or \
-                 allow more views (selection.max_views) or more setups, or set setups = 1",
+                "the setups share {} mm² of surface, which leaves {} free, so they cannot be registered to each other; if markers \
+                 or a fixture register them, plan with --set registration=markers or fixture, and if they need not be registered, with \
+                 --set registration=none; else allow more views (selection.max_views) or more setups, or plan with --set setups=1",
                 area_mm2(stability.shared_area_mm2),
                 freedom(stability)
             );
@@ -278,7 +302,7 @@ pub fn stability_sentence(stability: &StabilityDocument) -> String {
         expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm (1 σ)", fixed_nonzero(1e3 * error_mm, 1)));
     let resistance = fixed_nonzero(*resistance, 3);
     format!(
-        "share {} mm², {}: weakest motion: {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), expected error \
+        "share {} mm², {}; weakest motion: {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), expected error \
          from noise alone {error}",
         area_mm2(*shared_area_mm2),
         if *is_fixed { "all six degrees of freedom constrained" } else { "not all six degrees of freedom constrained" }
@@ -306,8 +330,8 @@ pub fn shortfall(region: &RegionCoverage) -> Option<String> {
         return Some(NOTHING_IN_REGION.to_owned());
     }
     let miss = |(cause, missed_mm2): &(Cause, f64)| {
-        let noise = noise_remark(region, *cause).map_or_else(String::new, |remark| format!(" ({remark})"));
-        format!("{} {} mm²{noise}", cause.as_str(), area_mm2(*missed_mm2))
+        let noise = noise_remark(region, *cause).map_or_else(String::new, |remark| format!("; {remark}"));
+        format!("{} ({} mm²{noise})", cause_phrase(*cause), area_mm2(*missed_mm2))
     };
     Some(region.missed_mm2.iter().map(miss).collect::<Vec<_>>().join(", "))
 }
@@ -367,7 +391,7 @@ pub fn advice_sentence(advice: &Advice) -> String {
     let text = match advice {
         Advice::MoveHome => HOME_REMEDY,
         Advice::ReduceClearance(max_mm) => {
-            return format!("collision-free there with motion.clearance_mm = {}", rounded_down(*max_mm, 1));
+            return format!("collision-free there with --set motion.clearance_mm={}", rounded_down(*max_mm, 1));
         }
         Advice::MoveObstacle(name) => return format!("move {name}, or the table away from it"),
         Advice::MoveFixture => "clamp the part elsewhere, or plan it in several setups",
@@ -418,11 +442,15 @@ fn rounded_down(value: f64, decimals: usize) -> String {
     fixed((value * steps).floor() / steps, decimals)
 }
 
-/// Distance of two bodies, mm: with one decimal, and rounded down, so that one below a clearance is not told as that clearance; with more
-/// decimals where that would be told as zero. Negative for a depth.
+/// Distance of two bodies, mm: with one decimal, and rounded down, so that one below a clearance is not told as that clearance;
+/// with as many more as show two digits where that would be told as zero. Negative for a depth, which is rounded to the nearest.
 pub(crate) fn apart_mm(distance_mm: f64) -> String {
+    if distance_mm < 0.0 {
+        return fixed_nonzero(distance_mm, 1);
+    }
     let text = rounded_down(distance_mm, 1);
-    if distance_mm < 0.0 || is_zero(&text) { fixed_nonzero(distance_mm, 1) } else { text }
+    let is_told_as_zero = distance_mm > 0.0 && is_zero(&text);
+    if is_told_as_zero { rounded_down(distance_mm, decimals_of_two_digits(distance_mm)) } else { text }
 }
 
 /// Claim on a tour's order by the time of its moves and the lower bound over all orders of its stations; `None` without a bound.
@@ -480,67 +508,91 @@ pub(crate) fn tried_in_vain(tried: usize) -> String {
 }
 
 /// Rules by which the views of a plan were chosen, and which end their choice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ChoiceRules {
-    /// Rules of a plan with this goal.
-    Plan(SelectionGoal),
+    /// Rules of a plan.
+    Plan(PlanRules),
     /// Rules of a rescan, of which this one ended the choice.
     Rescan(StopReason),
+}
+
+/// Rules of a plan that end the choice of its views.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanRules {
+    /// Goal of the selection.
+    pub goal: SelectionGoal,
+    /// Rule that ended the choice.
+    pub ended_by: StopReason,
+    /// Number of views that `selection.max_views` leaves; `None` without that limit.
+    pub views_left: Option<usize>,
+    /// Asked area that a view has to add.
+    pub min_gain_mm2: f64,
 }
 
 impl ChoiceRules {
     /// Rules of a plan.
     #[must_use]
     pub fn of(plan: &Plan) -> Self {
-        if plan.coverage.is_of_open { Self::Rescan(plan.stopped_because) } else { Self::Plan(plan.params.selection.goal) }
+        if plan.coverage.is_of_open {
+            return Self::Rescan(plan.stopped_because);
+        }
+        let selection = &plan.params.selection;
+        Self::Plan(PlanRules {
+            goal: selection.goal,
+            ended_by: choice_ended_by(plan),
+            views_left: selection.max_views.map(|limit| (limit as usize).saturating_sub(plan.views.len())),
+            min_gain_mm2: selection.min_growth * plan.coverage.asked_area_mm2,
+        })
     }
 
-    /// The rules as they are to be changed for more views. A plan for the best coverage heeds no target.
-    fn to_change(self) -> &'static str {
-        match self {
-            Self::Plan(SelectionGoal::BestCoverage) => "raise selection.max_views, or lower selection.min_growth,",
-            Self::Plan(SelectionGoal::FewestViews | SelectionGoal::MinTime) => {
-                "raise selection.target or selection.max_views, or lower selection.min_growth,"
-            }
+    /// The rules as they are to be changed for the views of a remedy.
+    fn to_change(self, remedy: &Remedy) -> String {
+        let of_rescan = match self {
+            Self::Plan(rules) => return rules.to_change(remedy),
             Self::Rescan(StopReason::Target) => "plan the part again with a higher selection.target, at which the rescan ends,",
             Self::Rescan(StopReason::MaxViews) => "raise max_views of the rescan",
             Self::Rescan(StopReason::Growth) => "lower min_gain of the rescan",
             Self::Rescan(StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet) => {
                 "raise max_views of the rescan, or lower its min_gain,"
             }
-        }
+        };
+        of_rescan.to_owned()
     }
 }
 
-/// A remedy in a sentence for reports on a plan whose views were chosen by these rules; that of a plan's document is
-/// [`remedy_sentence`].
+impl PlanRules {
+    /// The rule that ended the choice, and those that would end it before the views of a remedy are chosen, as they are to be
+    /// changed. A plan for the best coverage heeds no target.
+    fn to_change(self, remedy: &Remedy) -> String {
+        let heeds_target = self.goal != SelectionGoal::BestCoverage;
+        let [mut target, mut max_views, mut min_growth] = [false, !heeds_target, false];
+        match self.ended_by {
+            StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => target = heeds_target,
+            StopReason::MaxViews => max_views = true,
+            StopReason::Growth => (max_views, min_growth) = (false, true),
+            StopReason::NoGain => {
+                return "lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap),".to_owned();
+            }
+        }
+        max_views |= self.views_left.is_some_and(|left| left < remedy.views.len());
+        min_growth |= remedy.views.iter().any(|view| view.area_mm2 < self.min_gain_mm2);
+        let rules = [
+            (target, "raise selection.target"),
+            (max_views, "raise selection.max_views"),
+            (min_growth, "lower selection.min_growth"),
+        ];
+        rules.into_iter().filter_map(|(ends, change)| ends.then_some(change)).collect::<Vec<_>>().join(" and ")
+    }
+}
+
+/// A remedy in a sentence for a plan whose views were chosen by these rules. Where it does not work, the share that it measures
+/// comes first.
 #[must_use]
 pub fn fix_sentence(remedy: &Remedy, rules: ChoiceRules) -> String {
-    if remedy.views.is_empty() { none_found(remedy.tried) } else { sentence_with(remedy, rules.to_change()) }
-}
-
-/// A remedy in a sentence that holds for every goal of the selection. Where it does not work, the share that it measures comes
-/// first.
-#[must_use]
-pub fn remedy_sentence(remedy: &Remedy) -> String {
-    sentence_with(
-        remedy,
-        "raise selection.target (no effect with selection.goal = best_coverage) or selection.max_views, or lower \
-         selection.min_growth,",
-    )
-}
-
-/// A remedy in a sentence; `rules` says how the rules that end the choice are to be changed.
-fn sentence_with(remedy: &Remedy, rules: &str) -> String {
-    let Some(first) = remedy.views.first() else {
-        return match remedy.tried {
-            1 => none_found(1),
-            tried => format!("no fix found (no 8 of the {tried} views tried see half of it)"),
-        };
-    };
+    let Some(first) = remedy.views.first() else { return none_found(remedy.tried) };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
-        RemedyKind::View => format!("{rules} so that candidate {candidate} is chosen too"),
+        RemedyKind::View => format!("{} so that candidate {candidate} is chosen too", rules.to_change(remedy)),
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
         RemedyKind::Standoff => {
@@ -662,11 +714,6 @@ pub(crate) fn by_thousands(number: &str) -> String {
     grouped + fraction
 }
 
-/// A number with its noun: "1 view", "2 views".
-pub(crate) fn counted(count: usize, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
-}
-
 /// Formats `value` with so many decimals; zero has no sign. One of more digits than any quantity of a cell has six significant ones and a
 /// power of ten: "1e308".
 pub(crate) fn fixed(value: f64, decimals: usize) -> String {
@@ -690,12 +737,17 @@ fn scientific(value: f64) -> String {
 /// Formats `value` with so many decimals; where they would show a value as zero that is not, with as many more, at most twelve in
 /// all, as show two digits, which is what an uncertainty has (GUM 7.2.6).
 pub(crate) fn fixed_nonzero(value: f64, decimals: usize) -> String {
-    const MAX_DECIMALS: f64 = 12.0;
     let text = fixed(value, decimals);
     if value == 0.0 || !is_zero(&text) {
         return text;
     }
-    fixed(value, (1.0 - value.abs().log10().floor()).min(MAX_DECIMALS) as usize)
+    fixed(value, decimals_of_two_digits(value))
+}
+
+/// Number of decimals, at most twelve, that show two digits of a value that is not zero.
+fn decimals_of_two_digits(value: f64) -> usize {
+    const MAX_DECIMALS: f64 = 12.0;
+    (1.0 - value.abs().log10().floor()).min(MAX_DECIMALS) as usize
 }
 
 /// Returns true for a number without a sign that has no digit but zeros.

@@ -261,5 +261,5 @@ fn a_plan_that_pose_errors_cost_much_of_its_coverage_warns_and_one_that_tolerate
     // 20° take the part, 480 mm away, out of a field 190 mm high.
     let [warning] = &warnings(20.0, 100.0)[..] else { panic!("one warning") };
     assert_eq!((warning.code, warning.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
-    assert!(warning.remedy.contains("robust.select = true"), "{warning:?}");
+    assert!(warning.remedy.contains("--set robust.select=true"), "{warning:?}");
 }

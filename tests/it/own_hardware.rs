@@ -132,7 +132,7 @@ fn inspect_shows_a_mesh_in_all_units() {
     block(&part, [4.0, 3.0, 2.0]);
     let (code, shown, said) = told(&["inspect", &part.display().to_string(), "--cell", "e05-transcan"]);
     assert_eq!(code, Some(0), "{said}");
-    for line in ["in mm       4.00 × 3.00 × 2.00 mm, does not fit", "in inch     101.6 × 76.2 × 50.8 mm, fits"] {
+    for line in ["in mm       4.00 × 3.00 × 2.00 mm, does not fit", "in inches   101.6 × 76.2 × 50.8 mm, fits"] {
         assert!(shown.contains(line), "{line:?} is not in\n{shown}");
     }
 }

@@ -435,8 +435,8 @@ fn the_page_of_further_views_names_the_rules_of_the_rescan() {
     for said in [
         "<title>Plan of further views: sphere</title>",
         ": further views measure ",
-        "(asked: what earlier scans left open)",
-        "<td class=\"soft\">asked: what earlier scans left open</td>",
+        "(open: asked area that earlier scans left open)",
+        "<td class=\"soft\">open: asked area that earlier scans left open</td>",
         "The choice of views ended because the rescan has as many views as its max_views allows, 4. No lower bound on the number",
         "Choose more views: raise max_views of the rescan",
         "raise max_views of the rescan so that candidate 7 is chosen too",
@@ -445,6 +445,9 @@ fn the_page_of_further_views_names_the_rules_of_the_rescan() {
     }
     for unknown in ["selection.max_views", "selection.min_growth", "put their poses into", "of what was asked is not measured"] {
         assert!(!page.contains(unknown), "a rescan takes no {unknown:?}");
+    }
+    for other in [">Of asked<", "measured of asked", "Measured share of the asked area"] {
+        assert!(!page.contains(other), "asked is what the job asks of the part, not what scans left open: {other:?}");
     }
 }
 
@@ -495,7 +498,7 @@ fn a_drawing_a_setup_has_the_offsets_from_the_axis_and_the_side_up() {
     let figures: Vec<&str> =
         page.split("<figure class=\"lay\"").skip(1).map(|rest| rest.split("</figure>").next().expect("its end")).collect();
     assert_eq!(figures.len(), 2);
-    assert!(figures[0].contains("Setup 1: as placed first") && figures[1].contains("Setup 2, from setup 1: turn it upside down"));
+    assert!(figures[0].contains("Setup 1: as placed<") && figures[1].contains("Setup 2, from setup 1: turn it upside down"));
     let lengths = |figure: &str| -> Vec<String> {
         let texts = figure.split("<text class=\"dimension").skip(1);
         texts.map(|rest| rest.split('>').nth(1).and_then(|text| text.split('<').next()).expect("a text").to_owned()).collect()

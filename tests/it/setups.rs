@@ -98,7 +98,7 @@ fn a_plate_is_not_joined_by_its_rim() {
     let Err(PlanError::NoPlan(NoPlan::NotRegistered { stability })) = planned(&params) else { panic!("refused") };
     assert!(stability.shared_area_mm2 <= 640.0 + 1e-6 && !stability.is_fixed(), "{stability:?}");
     let said = no_plan_sentence(&NoPlan::NotRegistered { stability });
-    assert!(said.contains("(0.00 0.00 1.00)") && said.contains("registration = markers"), "{said}");
+    assert!(said.contains("(0.00 0.00 1.00)") && said.contains("--set registration=markers"), "{said}");
     params.registration = Registration::Markers;
     let outcome = planned(&params).expect("a plan");
     let [link] = outcome.plan.setup_links[..] else { panic!("{:?}", outcome.plan.setup_links) };

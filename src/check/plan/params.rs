@@ -15,6 +15,7 @@ use crate::planning::plan::StopReason;
 use crate::planning::surface::requirements;
 use crate::wire::plan::PlanDocument;
 use crate::wire::preset::set_by;
+use crate::wire::words::counted;
 
 /// Tolerance of poses that went through a file: mm and °.
 const SAME_POSE: (f64, f64) = (1e-6, 1e-4);
@@ -155,7 +156,7 @@ fn is_same_number(one: Option<f64>, other: Option<f64>) -> bool {
 fn check_counts(document: &PlanDocument, findings: &mut Findings) {
     let (setups, max_setups) = (document.setups.len(), document.params.setups);
     findings.require(setups <= max_setups.max(1) as usize, "/params/setups", || {
-        format!("is {max_setups}; the plan has {setups} setups, and no more than this parameter allows")
+        format!("is {max_setups}; the plan has {}, and no more than this parameter allows", counted(setups, "setup"))
     });
     if document.coverage.of_open {
         return;
@@ -163,7 +164,7 @@ fn check_counts(document: &PlanDocument, findings: &mut Findings) {
     let (views, max_views) = (document.viewpoints.len(), document.params.selection.max_views);
     if let Some(max_views) = max_views {
         findings.require(views <= max_views as usize, "/params/selection/max_views", || {
-            format!("is {max_views}; the plan has {views} viewpoints, and no more than this parameter allows")
+            format!("is {max_views}; the plan has {}, and no more than this parameter allows", counted(views, "viewpoint"))
         });
     }
     let is_ended_by_it = document.stopped_because == StopReason::MaxViews.as_str();
@@ -185,7 +186,7 @@ fn check_robust(document: &PlanDocument, findings: &mut Findings) {
             let draws = [("draws", params.draws, robust.draws), ("part_draws", params.part_draws, robust.part.draws)];
             for (field, asked, drawn) in draws.into_iter().chain(hand_eye) {
                 findings.require(asked as usize == drawn, format!("/params/robust/{field}"), || {
-                    format!("is {asked}; coverage.robust has {drawn} draws of this kind")
+                    format!("is {asked}; coverage.robust has {} of this kind", counted(drawn, "draw"))
                 });
             }
         }

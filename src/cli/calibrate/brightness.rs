@@ -31,7 +31,7 @@ struct Section {
 /// Identifies the levels.
 pub(super) fn run(args: &CalibrateBrightnessArgs) -> Result<(), CliError> {
     let shown = args.data.display().to_string();
-    let data: BrightnessData = files::from_value(files::value(&args.data)?, &shown)?;
+    let data: BrightnessData = files::of_kind(files::value(&args.data)?, ("captures of a plate", None), &shown)?;
     let identified = data.identify().map_err(|errors| files::findings(&shown, &errors))?;
     let section = output::toml(&Section { exposure: identified.exposure })?;
     if let Some(path) = &args.out {

@@ -11,6 +11,7 @@ use crate::cell::{Cell, CellSpec};
 use crate::cli::check::warn;
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
+use crate::cli::ranges::whole;
 use crate::cli::{CliError, output};
 use crate::report::calibration::calibration_html;
 use crate::wire::calibration::{
@@ -40,7 +41,7 @@ pub(super) struct CalibrateCellArgs {
     #[arg(long, default_value = "joint", value_parser = solve)]
     solve: Solve,
     /// Number of observations, from the end of the data, to hold out and predict as a test, 0 to 1000.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u16>(0..=1000))]
     hold_out: u16,
     /// JSON file to write the calibration to [default: standard output with --json].
     #[arg(long)]

@@ -7,14 +7,16 @@ use serde_json::Value;
 use super::{ReadArgs, digest_of, observations, refused};
 use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
 use crate::cell::calibration::data::{HandEyeSetup, Sighting};
-use crate::cell::calibration::findings::Severity;
+use crate::cell::calibration::findings::{FindingCode, Severity};
 use crate::cell::calibration::table::{harmonics_of, without_runout};
 use crate::cell::{Cell, CellSpec, CloudFrameSpec};
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
+use crate::cli::ranges::number;
 use crate::cli::{CliError, output};
 use crate::wire::calibration::{CalibrationCheckDocument, CalibrationData, CalibrationDocument};
 use crate::wire::json_file_bytes;
+use crate::wire::words::counted;
 
 /// Distance and angle up to which two poses of the clouds' frame are the same: beyond rounding, and far below what a check finds.
 const SAME_MM: f64 = 1e-3;
@@ -37,13 +39,13 @@ pub(super) struct CalibrateCheckArgs {
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
     /// Accepted rate of false alarms, 0.0001 to 0.2.
-    #[arg(long, value_name = "RATE", default_value_t = 0.01)]
+    #[arg(long, value_name = "RATE", default_value_t = 0.01, value_parser = number)]
     false_alarm: f64,
     /// Time for which a compensation is valid, hours, 0.01 to 1000000.
-    #[arg(long, value_name = "HOURS", default_value_t = 24.0)]
+    #[arg(long, value_name = "HOURS", default_value_t = 24.0, value_parser = number)]
     max_age: f64,
     /// Largest change of temperature for which a compensation is valid, K, 0.1 to 100.
-    #[arg(long, value_name = "K", default_value_t = 5.0)]
+    #[arg(long, value_name = "K", default_value_t = 5.0, value_parser = number)]
     max_temperature_change: f64,
     /// JSON file to write the check to, with the compensation if there is one.
     #[arg(long)]
@@ -90,8 +92,8 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
     }
     if read.sightings.len() < 2 {
         return Err(CliError::BadInput(format!(
-            "{shown}: {} observations; a check needs 4, or at least 2",
-            read.sightings.len()
+            "{shown}: has {}; a check needs at least 2, and 4 or more to be reliable",
+            counted(read.sightings.len(), "observation")
         )));
     }
     let (calibrated, covariance, weighting) = calibration.estimate();
@@ -125,10 +127,19 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         write_compensated(path, spec, &document)?;
     }
     for finding in &document.findings {
-        output::warning(&shown, "", &finding.detail, "calibrate again at this temperature");
+        output::warning(&shown, "", &finding.detail, remedy_of(finding.code));
     }
     output::result(&document, text(&document))?;
     verdict(&document, &shown)
+}
+
+/// Advice on a finding.
+fn remedy_of(code: FindingCode) -> &'static str {
+    if code == FindingCode::NotConverged {
+        "observe the board again, from more places; if that does not help, calibrate again"
+    } else {
+        "calibrate again at this temperature"
+    }
 }
 
 /// Requires observations that were made as those of the calibration: another mounting, or another frame of the clouds, would be
@@ -155,13 +166,21 @@ fn seen_alike(data: &CalibrationData, cell: &Cell, setup: HandEyeSetup, frame: &
     Ok(())
 }
 
+/// Returns true if the search of the check converged; without that its drift is not to be relied on.
+fn is_converged(document: &CalibrationCheckDocument) -> bool {
+    document.findings.iter().all(|finding| finding.code != FindingCode::NotConverged)
+}
+
 /// Success of the command: any verdict but ok is an exit code of its own.
 fn verdict(document: &CalibrationCheckDocument, shown: &str) -> Result<(), CliError> {
     match document.verdict {
         CheckVerdict::Ok => Ok(()),
+        CheckVerdict::Compensate | CheckVerdict::Recalibrate if !is_converged(document) => Err(CliError::NotCalibrated(format!(
+            "{shown}: {}: the search for the drift did not converge, so that the drift is not known",
+            document.verdict.as_str()
+        ))),
         CheckVerdict::Compensate | CheckVerdict::Recalibrate => Err(CliError::NotCalibrated(format!(
-            "{}: {}: the scanner is {:.3} mm and {:.4}° off the calibration",
-            shown,
+            "{shown}: {}: the scanner is {:.3} mm and {:.4}° off the calibration",
             document.verdict.as_str(),
             document.drift_translation_mm,
             document.drift_rotation_deg
@@ -198,8 +217,9 @@ fn write_compensated(path: &std::path::Path, mut spec: CellSpec, document: &Cali
 }
 
 fn text(document: &CalibrationCheckDocument) -> String {
+    let unfinished = if is_converged(document) { "" } else { "; the search did not converge: do not rely on these figures" };
     format!(
-        "{}: statistic {:.1}, threshold {:.1} at {} false alarms; off by {:.3} mm and {:.4}°\n",
+        "{}: statistic {:.1}, threshold {:.1} at a false-alarm rate of {}; off by {:.3} mm and {:.4}°{unfinished}\n",
         document.verdict.as_str(),
         document.statistic,
         document.threshold,
@@ -214,7 +234,9 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::cell::calibration::findings::CalibrationFinding;
     use crate::cell::{CloudFrame, Presets, SpecLibrary};
+    use crate::wire::calibration::FindingDocument;
 
     fn spec() -> CellSpec {
         Presets.cell("e05-transcan").expect("a preset")
@@ -239,6 +261,28 @@ mod tests {
         assert!(refused.starts_with("/setup: is eye_to_hand; the calibration was made with eye_in_hand"), "{refused}");
         let refused = found("eye_in_hand", "scanner").expect_err("another frame");
         assert!(refused.starts_with("/cloud_frame: is ") && refused.contains(" mm and "), "{refused}");
+    }
+
+    /// A check whose search did not converge told a drift as if it were known.
+    #[test]
+    fn a_search_that_did_not_converge_is_told_in_place_of_the_drift() {
+        let mut document: CalibrationCheckDocument = serde_json::from_value(json!({
+            "schema": "vantage.calibration_check/1", "id": "", "calibration_id": "cd", "cell": "e05-transcan",
+            "data_sha256": "ef", "taken_at": "2026-11-20T09:00:00Z", "temperature_c": null, "verdict": "recalibrate",
+            "statistic": 40.0, "threshold": 16.8, "false_alarm": 0.01, "p": 0.0, "residual_p": 0.0,
+            "drift_rotation_deg": 3.0, "drift_translation_mm": 7.0, "compensation": null, "findings": []
+        }))
+        .expect("the shape");
+        let told = |document: &CalibrationCheckDocument| verdict(document, "check.json").expect_err("recalibrate").to_string();
+        assert_eq!(told(&document), "check.json: recalibrate: the scanner is 7.000 mm and 3.0000° off the calibration");
+        let line = text(&document);
+        assert!(line.ends_with("at a false-alarm rate of 0.01; off by 7.000 mm and 3.0000°\n"), "{line}");
+        let finding = CalibrationFinding::new(FindingCode::NotConverged, Severity::Error);
+        document.findings.push(FindingDocument::from(&finding));
+        assert!(told(&document).contains("recalibrate: the search for the drift did not converge"), "{}", told(&document));
+        let line = text(&document);
+        assert!(line.ends_with("; the search did not converge: do not rely on these figures\n"), "{line}");
+        assert!(remedy_of(FindingCode::NotConverged).starts_with("observe the board again"));
     }
 
     /// The command ended with exit code 2, bad input, whatever the verdict was, and told no result.

@@ -30,7 +30,7 @@ pub(super) struct CalibratePartArgs {
 /// Places the part.
 pub(super) fn run(args: &CalibratePartArgs) -> Result<(), CliError> {
     let shown = args.data.display().to_string();
-    let data: PlacementData = files::from_value(files::value(&args.data)?, &shown)?;
+    let data: PlacementData = files::of_kind(files::value(&args.data)?, ("measurements of a part", None), &shown)?;
     let placed = data.place(&cell(&args.cell)?).map_err(|errors| files::findings(&shown, &errors))?;
     for warning in &placed.warnings {
         output::note(format_args!("warning: {warning}"));

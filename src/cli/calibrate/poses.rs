@@ -11,6 +11,7 @@ use crate::cell::{Cell, CloudFrame, CloudFrameSpec, CollisionScene, PoseSpec};
 use crate::check::field_errors;
 use crate::cli::check::cell;
 use crate::cli::files;
+use crate::cli::ranges::{number, whole};
 use crate::cli::{CliError, output};
 use crate::geometry::{Board, Plate, Pose};
 use crate::planning::context::{Context, Silent};
@@ -24,6 +25,7 @@ use crate::wire::echo::Echo;
 use crate::wire::json_file_bytes;
 use crate::wire::output_record::RECORD_FILE;
 use crate::wire::program::ProgramDocument;
+use crate::wire::words::counted;
 
 /// Plan calibration poses: reachable, collision-free, with the board in view, most informative first.
 #[derive(Clone, Debug, clap::Args)]
@@ -35,19 +37,19 @@ pub(super) struct PosesArgs {
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
     /// Number of poses to calibrate from, 4 to 200; 12 or more are recommended.
-    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u16).range(4..=200))]
+    #[arg(long, default_value_t = 15, value_parser = whole::<u16>(4..=200))]
     count: u16,
     /// Number of further poses to hold out as a test, 0 to 50.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(0..=50))]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = whole::<u16>(0..=50))]
     hold_out: u16,
     /// Board: COLUMNSxROWSxSQUARE, the numbers of inner corners and the edge of a square in mm.
     #[arg(long, value_name = "CxRxMM", default_value = "11x8x15")]
     board: BoardSize,
     /// Height of the board above the plate, mm, 0 to 1000.
-    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = number)]
     height: f64,
     /// Smallest distance between bodies, mm, 1 to 200 [default: 5, as for plans].
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = number)]
     clearance: Option<f64>,
     /// JSON file to write the poses to [default: standard output]. A checked program.json that moves to them is written beside
     /// it.
@@ -117,8 +119,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
     let routed = route(&planner, &scene, (count, hold_out), &params, &ctx);
     let routed = routed.map_err(|_| CliError::Failed("cancelled".to_owned()))?.map_err(|TooFewPoses { reached }| {
         CliError::NoPlan(format!(
-            "the arm reaches {reached} poses with the whole board in view, and {} are needed: use a smaller board, move it, or \
+            "the arm reaches {} with the whole board in view, and {} are needed: use a smaller board, move it, or \
 ask for fewer",
+            counted(reached, "pose"),
             count + hold_out
         ))
     })?;

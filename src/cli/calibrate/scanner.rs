@@ -19,7 +19,7 @@ use crate::cli::{CliError, FileFinding, files, output, spec_paths};
 use crate::geometry::LengthUnit;
 use crate::report::scanner_calibration::{CalibrationPictures, html};
 use crate::wire::scanner_calibration::{CalibrationSource, ScannerCalibration};
-use crate::wire::words::fixed;
+use crate::wire::words::{counted, fixed};
 use crate::wire::{Distinct, hex};
 
 /// Names of the parameters that can be held at 0.
@@ -298,15 +298,16 @@ impl CalibrateScannerArgs {
 /// The text of a file that is not too large.
 fn text_of(path: &Path) -> Result<String, CliError> {
     let name = path.display();
-    let refuse = |error: std::io::Error| CliError::BadInput(format!("{name}: {error}"));
     let size = std::fs::metadata(path).map_err(|error| files::unreadable(path, &error))?.len();
     if size > MAX_FILE_BYTES as u64 {
         return Err(CliError::BadInput(format!("{name}: has {size} bytes; allowed are {MAX_FILE_BYTES} (too_large)")));
     }
-    let bytes = std::fs::read(path).map_err(refuse)?;
-    files::refuse_mesh(path)?;
+    let bytes = std::fs::read(path).map_err(|error| files::unreadable(path, &error))?;
+    files::refuse_mesh(path, "a calibration or a table of points")?;
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
-    text.ok_or_else(|| CliError::BadInput(format!("{name}: not a text file (unreadable); export .mat files as text or JSON")))
+    let unreadable = |reason: &str| CliError::BadInput(format!("{name}: {reason}"));
+    let text = text.ok_or_else(|| unreadable("not a text file (unreadable); export .mat files as text or JSON"))?;
+    if text.trim().is_empty() { Err(unreadable("is empty (unreadable); export the calibration again")) } else { Ok(text) }
 }
 
 fn fault(file: &str, error: &LensError) -> CliError {
@@ -366,7 +367,7 @@ fn summary(document: &ScannerCalibration) -> String {
     }
     if let Some(is_converged) = document.converged {
         let (told, iterations) = (if is_converged { "converged in" } else { "not converged after" }, document.iterations);
-        let _ = writeln!(out, "adjusted  {told} {} iterations", iterations.unwrap_or_default());
+        let _ = writeln!(out, "adjusted  {told} {}", counted(iterations.unwrap_or_default(), "iteration"));
     }
     let [width, height] = document.field.common_mm;
     let stated = document.field.stated_mm.map_or_else(String::new, |[w, h]| format!(", stated {w:.0} × {h:.0}"));

@@ -192,6 +192,11 @@ fn a_binary_file_is_refused_in_a_line() {
         let found = check(&[&path.display().to_string()]).expect_err("refused");
         assert!(found.ends_with("cell.toml: not a TOML or JSON file"), "{found}");
     }
+    // A text in another encoding was told to be no TOML.
+    let path = folder.0.path().join("cell.toml");
+    std::fs::write(&path, b"# A cell\nname = \"L\xf6wen\"\n").expect("writes");
+    let found = check(&[&path.display().to_string()]).expect_err("refused");
+    assert!(found.ends_with("cell.toml: line 2: is not in UTF-8; save the file as text in UTF-8"), "{found}");
 }
 
 #[test]
@@ -238,6 +243,9 @@ fn a_document_of_no_known_kind_is_told_by_what_it_is() {
         ("viewpoints.csv", "view,x_mm\n0,1\n", "is a table, not a TOML or JSON file"),
         ("poses.tsv", "id\tx_mm\n0\t1\n", "is a table, not a TOML or JSON file"),
         ("scan.script", "# Vantage scan program\ndef scan():\n", "is a program in the language of a controller, not"),
+        ("scan.cps", "// nothing that tells whose it is\n", "is a program in the language of a controller, not a TOML"),
+        ("scan.py", "from robodk import robolink\n", "is a program in the language of a controller, not a TOML"),
+        ("report.txt", "Can be scanned: 96.46 % measured\n", "is a plain text, such as a report, not a TOML"),
         ("server.toml", "[execution]\ncells = []\n", "is a configuration file of the server; `vantage serve --config` takes it"),
         ("empty.json", "{}", "an empty document is neither a scanner"),
         ("one.json", "{\"colour\": 1}", "a document with the field colour is neither a scanner"),
@@ -256,6 +264,16 @@ fn what_can_be_checked_instead_of_a_report_is_told() {
     let found = folder.check("report.html", "<!doctype html>\n").expect_err("a page");
     let next = "\n  → give a cell, a device, parameters, a plan (plan.json) or a program (program.json)";
     assert!(found.ends_with(&format!("not a TOML or JSON file{next}")), "{found}");
+    let found = folder.check("scan.cps", "movej p1\n").expect_err("a program");
+    assert!(found.contains("\n  → check the program.json that it was written from; `vantage plan` and"), "{found}");
+    // The errors of programs and of texts named no file to check.
+    let (program, plan) = (folder.file("program.json", "{}"), folder.file("plan.json", "{}"));
+    for (name, text, beside) in
+        [("scan.cps", "movej p1\n", &program), ("report.txt", "Can be scanned\n", &plan), ("report.html", "<html>\n", &plan)]
+    {
+        let found = folder.check(name, text).expect_err(name);
+        assert!(found.ends_with(&format!("\n  → check {}, which lies beside it", beside.display())), "{found}");
+    }
     // Of a file that is meant for TOML, the place of the error matters.
     let found = folder.check("cell.toml", "name = \n").expect_err("cut off");
     assert!(found.contains(" at line ") && !found.contains('→'), "{found}");

@@ -38,12 +38,29 @@ fn what_is_wrong_is_named_with_its_line() {
         ("region,tolerance_mm\ncone 1,0.1\n", "\"cone\""),
         ("region,tolerance_mm\nfaces 9-7,0.1\n", "\"9-7\""),
         ("region,tolerance_mm\nfaces 0-4294967295,0.1\n", "0-4294967295"),
-        ("region,tolerance_mm\nname bore\n", "has 1 cells; the header has 2"),
+        ("region,tolerance_mm\nname bore\n", "has 1 cell; the header has 2"),
         ("[{\"region\": {\"kind\": \"name\", \"name\": \"bore\"}}]", "tolerance_mm"),
     ] {
         let error = refused(text);
         assert!(error.contains(wanted), "{text:?}: {error}");
     }
+}
+
+/// "stream did not contain valid UTF-8" was all that was told.
+#[test]
+fn a_file_in_another_encoding_is_told_what_to_save_it_as() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let told = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).expect("a file");
+        super::read(&path).map(drop).expect_err(name).to_string()
+    };
+    let latin = told("features.csv", b"name,region,tolerance_mm\nL\xf6cher,sphere 1 2 3 4,0.1\n");
+    assert!(latin.ends_with("features.csv: line 2: is not in UTF-8; save the file as text in UTF-8"), "{latin}");
+    let wide = told("wide.csv", b"\xff\xfen\0a\0m\0e\0");
+    assert!(wide.ends_with("wide.csv: is a text in UTF-16; save it in UTF-8"), "{wide}");
+    let workbook = told("features.xlsx", b"PK\x03\x04\x14\0\x06\0\x08\0\0\0!\0\xff");
+    assert!(workbook.contains("is a workbook or another ZIP archive; save its table as CSV in UTF-8"), "{workbook}");
 }
 
 #[test]

@@ -10,11 +10,10 @@ use crate::planning::plan::{CandidateCounts, MissedCause, Obstruction, RiskReaso
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::verdict::Rejection;
 use crate::rendering::{Ink, MissGroup};
-use crate::report::text::ASKED_OF_OPEN;
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
 use crate::wire::words::{
-    HeadlineShare, advice_sentence, apart_mm, by_thousands, changed_params, counted, headline as headline_shares, risk_meaning,
-    turn_phrase,
+    HeadlineShare, advice_sentence, apart_mm, asked_name, by_thousands, changed_params, counted, headline as headline_shares,
+    risk_meaning, turn_phrase,
 };
 
 /// Max spots listed for each cause.
@@ -49,13 +48,11 @@ pub(super) fn sections(input: &ReportInput<'_>) -> String {
 /// Table of the shares that head a plan, with the meaning of each denominator.
 fn shares(coverage: &CoverageDocument) -> String {
     let row = |figure: &HeadlineShare| {
-        let is_asked = figure.name == "measured of asked";
-        let meaning = if is_asked && coverage.of_open { ASKED_OF_OPEN } else { figure.meaning };
         format!(
             "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
             figure.name,
             percent(figure.share),
-            escape(meaning)
+            escape(figure.meaning)
         )
     };
     let rows: String = headline_shares(coverage).iter().map(row).collect();
@@ -83,9 +80,10 @@ fn causes(input: &ReportInput<'_>) -> String {
     if rows.is_empty() {
         return rows;
     }
+    let asked = asked_name(input.outcome.plan.coverage.is_of_open);
     format!(
         "<h3>Causes of missed area</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th><th class=\"n\">Area</th>\
-         <th class=\"n\">Of asked</th><th class=\"n\">Spots</th><th>Largest spots, centre in mm</th></tr></thead>\n\
+         <th class=\"n\">Of {asked}</th><th class=\"n\">Spots</th><th>Largest spots, centre in mm</th></tr></thead>\n\
          <tbody>\n{rows}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\">{FILES_OF_MISSED}</p>\n"
     )
 }
@@ -170,7 +168,7 @@ fn registration(input: &ReportInput<'_>) -> String {
     format!(
         "<h3>Registration by shared surface</h3>\n<p>Setups form one measurement only if they can be registered to each \
          other: the surface that both measure must constrain every motion of one relative to the other. Views of one setup \
-         share the table's frame; their rows are for information. The error is that of the scanner's noise alone (1 σ).</p>\n\
+         share one frame; their rows are for information. The error is that of the scanner's noise alone (1 σ).</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th>Between</th><th class=\"n\">Shared</th><th>Weakest motion</th>\
          <th class=\"n\">Resistance</th><th class=\"n\">Expected error</th><th>All fixed</th></tr></thead>\n<tbody>\n{rows}</tbody>\
          </table></div>\n"
@@ -273,7 +271,8 @@ fn considered(counts: &CandidateCounts) -> String {
         |(reason, count): (&Rejection, &usize)| format!("{} ({})", words::rejection_remark(*reason), number(*count as f64, 0));
     let dropped: Vec<String> = counts.rejected.iter().map(dropped).collect();
     let dropped = if dropped.is_empty() { String::new() } else { format!(" Dropped: {}.", dropped.join(", ")) };
-    format!("{generated} viewpoints were considered, {kept} of them usable.{dropped}")
+    let viewpoints = if counts.generated == 1 { "viewpoint was" } else { "viewpoints were" };
+    format!("{generated} {viewpoints} considered, {kept} of them usable.{dropped}")
 }
 
 /// Table of the parameters that are not at their defaults.
@@ -298,6 +297,7 @@ mod tests {
     use super::*;
     use crate::cell::{Contact, Presets, Separation, SpecLibrary};
     use crate::planning::plan::{Advice, Coverage};
+    use crate::wire::words::MEANING_OF_OPEN;
 
     /// `best_grade` was told as the face's grade, and read as the best grade on it.
     #[test]
@@ -313,11 +313,12 @@ mod tests {
     fn what_is_asked_of_further_views_is_what_scans_left_open() {
         let told = |is_of_open: bool| shares(&CoverageDocument::from(&Coverage { is_of_open, ..Coverage::default() }));
         assert!(
-            told(true).contains(ASKED_OF_OPEN) && !told(true).contains("every face outside excluded regions"),
+            told(true).contains(MEANING_OF_OPEN) && !told(true).contains("every face outside excluded regions"),
             "{}",
             told(true)
         );
-        assert!(told(false).contains("asked: every face outside excluded regions") && !told(false).contains(ASKED_OF_OPEN));
+        assert!(told(true).contains("<td>measured of open</td>") && !told(true).contains("of asked"), "{}", told(true));
+        assert!(told(false).contains("asked: every face outside excluded regions") && !told(false).contains(MEANING_OF_OPEN));
     }
 
     /// 4.96 mm were told as 5.0 mm, which is the clearance that they miss.

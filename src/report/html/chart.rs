@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use super::markup::{number, percent};
 use crate::planning::plan::{Coverage, PlannedView, share};
+use crate::wire::words::asked_name;
 
 const WIDTH: f64 = 680.0;
 const HEIGHT: f64 = 300.0;
@@ -22,8 +23,9 @@ pub(super) fn curve(coverage: &Coverage, views: &[PlannedView]) -> String {
     let Some(last) = shares.last() else { return String::new() };
     let chart = Chart { views: shares.len() };
     let after = if shares.len() == 1 { "1 view".to_owned() } else { format!("each of {} views", shares.len()) };
+    let asked = asked_name(coverage.is_of_open);
     let mut svg = format!(
-        "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Measured share of the asked area after {after}, \
+        "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Measured share of the {asked} area after {after}, \
          ending at {}\">\n",
         percent(*last)
     );

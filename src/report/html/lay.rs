@@ -43,7 +43,7 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, a
     let up = up(&lay.table_from_part);
     let title = match (setups, &lay.turn) {
         (1, _) => "The part on the plate".to_owned(),
-        (_, None) => format!("Setup {setup}: {}", lay.first_lie.as_deref().unwrap_or("as placed first")),
+        (_, None) => format!("Setup {setup}: {}", lay.first_lie.as_deref().unwrap_or("as placed")),
         (_, Some(turn)) => format!("Setup {setup}, from setup 1: {}{}", turn_phrase(turn), leaning(&up, turn)),
     };
     let facts: String =

@@ -13,9 +13,9 @@ use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
 use crate::report::text::{UNSTABLE_POSE_KEPT, home_remedy, keeps_unstable_pose};
 use crate::wire::plan::{AdviceDocument, options};
-use crate::wire::summary::{choice_ended_by, further_setup, stop_rules};
+use crate::wire::summary::{further_setup, own_plan_remark, stop_rules, turned_setup};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{ChoiceRules, counted, rounded_down_deg, turn_phrase};
+use crate::wire::words::{ChoiceRules, asked_name, counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
 struct FixGroup<'a> {
@@ -42,8 +42,9 @@ impl FixGroup<'_> {
 /// The section.
 pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLevel) -> String {
     let plan = &input.outcome.plan;
+    let asked = asked_name(plan.coverage.is_of_open);
     if plan.missed.is_empty() {
-        return "<section>\n<h2>What is missed</h2>\n<p>Nothing: all of the asked area is measured.</p>\n</section>\n".into();
+        return format!("<section>\n<h2>What is missed</h2>\n<p>Nothing: all of the {asked} area is measured.</p>\n</section>\n");
     }
     let spots = spots::numbered(input);
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
@@ -51,7 +52,7 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLev
     let pictures = numbered_pictures(input, album, &spots, level);
     let legend = legend(album, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers]), Ink::label);
     format!(
-        "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>On the samples that views are chosen on, {} of the asked area is missed: {} in {} {}. The part is shown in \
+        "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>On the samples that views are chosen on, {} of the {asked} area is missed: {} in {} {}. The part is shown in \
          grey; every missed spot has the colour of its cause, paler where something hides it from this side. Numbers are those \
          of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}</section>\n",
         percent(share(missed_mm2, plan.coverage.asked_area_mm2)),
@@ -84,7 +85,9 @@ fn advice(input: &ReportInput<'_>) -> String {
     let kept = if is_kept { format!("<p>{}.</p>\n", words::capitalised(UNSTABLE_POSE_KEPT)) } else { String::new() };
     format!(
         "<h3>What would measure more</h3>\n<p>Changes to the whole plan, each simulated with views that the cell can reach. \
-         The figures are estimates: a plan with these parameters chooses its views anew.</p>\n<ul class=\"card list\">\n\
+         The figures are estimates: a plan with these parameters chooses its views anew. Of 20 parts that were turned over as \
+         advised, each plan measured 0.1 to 4.8 percentage points more than was estimated, in 50 % less to 58 % more \
+         time.</p>\n<ul class=\"card list\">\n\
          {items}</ul>\n{kept}"
     )
 }
@@ -118,9 +121,10 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
         )
     };
     let rows: String = groups.iter().map(row).collect();
+    let asked = asked_name(plan.coverage.is_of_open);
     format!(
         "<h3>Fixes for the spots</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Fix</th><th>Spots</th>\
-         <th class=\"n\">Number</th><th class=\"n\">Of asked</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{}",
+         <th class=\"n\">Number</th><th class=\"n\">Of {asked}</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{}",
         unnumbered(input, spots)
     )
 }
@@ -135,39 +139,44 @@ fn unnumbered(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let numbered_mm2: f64 = spots.iter().map(|spot| spot.spot.area_mm2).sum();
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
     let of_asked = percent(share((missed_mm2 - numbered_mm2).max(0.0), plan.coverage.asked_area_mm2));
-    format!("<p class=\"soft\" style=\"margin-top:8px\">{}</p>\n", without_number(all - spots.len(), &of_asked))
+    let told = without_number(all - spots.len(), &of_asked, asked_name(plan.coverage.is_of_open));
+    format!("<p class=\"soft\" style=\"margin-top:8px\">{told}</p>\n")
 }
 
-fn without_number(spots: usize, of_asked: &str) -> String {
+fn without_number(spots: usize, of_asked: &str, asked: &str) -> String {
     let (together, are) = if spots == 1 { ("", "is") } else { (" together", "are") };
     format!(
-        "{} without a number, {of_asked} of the asked area{together}, {are} listed in <code>missed.json</code>.",
+        "{} without a number, {of_asked} of the {asked} area{together}, {are} listed in <code>missed.json</code>.",
         counted(spots, "smaller spot")
     )
 }
 
 /// Fix of a spot: what to do, the options that do it beside rules that end the choice of views, and whether it is any help.
 fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
-    let turned = |turn: Option<&str>| options(&further_setup(plan, turn));
     let told = |action: &str| (action.to_owned(), String::new(), true);
     match &spot.spot.remedy {
         Some(remedy) => match remedy.kind {
             RemedyKind::Setup => {
                 let turn = remedy.turn.as_ref().map(turn_phrase);
                 let action = words::capitalised(turn.as_deref().unwrap_or("turn it onto another side"));
-                (format!("{action} and scan again"), turned(turn.as_deref()), true)
+                let set = turned_setup(plan, turn.as_deref(), &[remedy]);
+                (format!("{action} and scan again{}", own_plan_remark(&set)), options(&set), true)
             }
-            RemedyKind::View => told(more_views(choice_ended_by(plan), ChoiceRules::of(plan))),
+            RemedyKind::View => told(more_views(ChoiceRules::of(plan))),
             RemedyKind::Roll => told(&posed("Add views with the scanner rolled", plan.coverage.is_of_open)),
             RemedyKind::Tilt => told(&posed("Add tilted views", plan.coverage.is_of_open)),
             RemedyKind::Standoff => told(&posed("Add views at another distance", plan.coverage.is_of_open)),
             RemedyKind::Limit => limits(remedy, plan.coverage.is_of_open),
+            RemedyKind::None if spot.cause == Cause::Enclosed => {
+                told("No view can see it: exclude it if it need not be measured (regions.exclude)")
+            }
             RemedyKind::None => {
                 ("No fix found: up to 8 of the views tried together see less than half of it".to_owned(), String::new(), false)
             }
         },
         None if matches!(spot.cause, Cause::ExcludedResting | Cause::FacesTable) => {
-            ("Turn the part over: it stands on this surface, or the surface faces the table".to_owned(), turned(None), true)
+            let action = "Turn the part over: it stands on this surface, or the surface faces the table";
+            (action.to_owned(), options(&further_setup(plan, None)), true)
         }
         None => (unsearched(spot.cause, plan.params.missed.remedies).to_owned(), String::new(), false),
     }
@@ -180,23 +189,24 @@ fn posed(action: &str, is_of_open: bool) -> String {
 }
 
 /// Action by which a plan chooses more of the views that it has: it changes the rule that ended the choice.
-fn more_views(stopped_because: StopReason, rules: ChoiceRules) -> &'static str {
-    let goal = match rules {
-        ChoiceRules::Plan(goal) => goal,
+fn more_views(rules: ChoiceRules) -> &'static str {
+    let rules = match rules {
+        ChoiceRules::Plan(rules) => rules,
         ChoiceRules::Rescan(stop) => return more_further_views(stop),
     };
-    match stopped_because {
+    match rules.ended_by {
         StopReason::Growth => "Choose more views: lower selection.min_growth, as each adds less than that",
         StopReason::MaxViews => "Choose more views: raise selection.max_views",
         StopReason::NoGain => {
             "Choose more views: none of these was worth its cost (selection.view_cost_mm2_per_s) with the required overlap \
              (selection.overlap)"
         }
-        StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => match goal {
+        StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => match rules.goal {
             SelectionGoal::BestCoverage => "Choose more views: raise selection.max_views",
-            SelectionGoal::FewestViews | SelectionGoal::MinTime => {
-                "Choose more views: raise selection.target or selection.max_views"
+            SelectionGoal::FewestViews | SelectionGoal::MinTime if rules.views_left == Some(0) => {
+                "Choose more views: raise selection.target and selection.max_views"
             }
+            SelectionGoal::FewestViews | SelectionGoal::MinTime => "Choose more views: raise selection.target",
         },
     }
 }
@@ -238,12 +248,13 @@ fn limits(remedy: &Remedy, is_of_open: bool) -> (String, String, bool) {
 /// List of the numbered spots.
 fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let rows: String = spots.iter().map(|spot| row(spot, &input.outcome.plan, input.warnings)).collect();
+    let asked = asked_name(input.outcome.plan.coverage.is_of_open);
     format!(
         "<h3>The largest spots</h3>\n<p>Each spot is listed under what stopped the view that came closest to measuring it. The \
          fix is the cheapest of those simulated that measures at least 90 % of the spot; if none does, the cheapest that \
          measures at least half, with that share stated first. Its views are in <code>plan.json</code>. Coordinates are the part’s own.</p>\n\
          <div class=\"card scroll\"><table class=\"spots\">\n<thead><tr><th class=\"n\">No.</th><th>Cause</th><th class=\"n\">Area</th>\
-         <th class=\"n\">Of asked</th><th>Centre, size in mm</th><th>Fix</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n"
+         <th class=\"n\">Of {asked}</th><th>Centre, size in mm</th><th>Fix</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n"
     )
 }
 
@@ -285,6 +296,7 @@ fn ranges(numbers: &[usize]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wire::words::PlanRules;
 
     #[test]
     fn runs_of_numbers_are_joined() {
@@ -294,12 +306,17 @@ mod tests {
 
     #[test]
     fn more_views_are_asked_for_by_the_rule_that_ended_the_choice() {
-        let fewest = |stopped_because: StopReason| more_views(stopped_because, ChoiceRules::Plan(SelectionGoal::FewestViews));
+        let told = |goal: SelectionGoal, ended_by: StopReason, views_left: Option<usize>| {
+            more_views(ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 }))
+        };
+        let fewest = |ended_by: StopReason| told(SelectionGoal::FewestViews, ended_by, None);
         assert!(fewest(StopReason::Growth).contains("selection.min_growth"), "{}", fewest(StopReason::Growth));
         assert_eq!(fewest(StopReason::MaxViews), "Choose more views: raise selection.max_views");
-        assert_eq!(fewest(StopReason::Target), "Choose more views: raise selection.target or selection.max_views");
+        assert_eq!(fewest(StopReason::Target), "Choose more views: raise selection.target");
+        let full = told(SelectionGoal::MinTime, StopReason::Target, Some(0));
+        assert_eq!(full, "Choose more views: raise selection.target and selection.max_views");
         for stopped_because in [StopReason::NoGain, StopReason::RegionsUnmet] {
-            let best = more_views(stopped_because, ChoiceRules::Plan(SelectionGoal::BestCoverage));
+            let best = told(SelectionGoal::BestCoverage, stopped_because, Some(0));
             assert!(!best.contains("selection.target"), "targets do not count: {best}");
         }
         let unworthy = fewest(StopReason::NoGain);
@@ -309,7 +326,7 @@ mod tests {
     /// A rescan was told to raise parameters of a plan, which it does not take.
     #[test]
     fn more_further_views_are_asked_for_by_the_rules_of_the_rescan() {
-        let further = |stop: StopReason| more_views(stop, ChoiceRules::Rescan(stop));
+        let further = |stop: StopReason| more_views(ChoiceRules::Rescan(stop));
         assert_eq!(further(StopReason::MaxViews), "Choose more views: raise max_views of the rescan");
         assert!(further(StopReason::Growth).contains("lower min_gain of the rescan"), "{}", further(StopReason::Growth));
         assert!(further(StopReason::Target).contains("plan the part again with a higher selection.target"));
@@ -348,9 +365,9 @@ mod tests {
     #[test]
     fn spots_without_a_number_are_counted_in_one_and_in_many() {
         let listed = "listed in <code>missed.json</code>.";
-        let one = without_number(1, "0.02 %");
+        let one = without_number(1, "0.02 %", "asked");
         assert_eq!(one, format!("1 smaller spot without a number, 0.02 % of the asked area, is {listed}"));
-        let two = without_number(2, "0.02 %");
+        let two = without_number(2, "0.02 %", "asked");
         assert_eq!(two, format!("2 smaller spots without a number, 0.02 % of the asked area together, are {listed}"));
     }
 }

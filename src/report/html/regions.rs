@@ -8,7 +8,7 @@ use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
 use crate::rendering::{Ink, MissGroup};
 use crate::report::text::{reached_percent, tolerance_text};
 use crate::wire::plan::RegionCoverageDocument;
-use crate::wire::words::{NOTHING_IN_REGION, independent_share, noise_remark};
+use crate::wire::words::{NOTHING_IN_REGION, asked_name, independent_share, noise_remark};
 
 /// The section; empty if there are no regions.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
@@ -20,18 +20,19 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let rows: Vec<String> = regions.iter().map(|region| row(region, coverage.is_of_open)).collect();
     let of_open = match coverage.is_of_open {
         true => {
-            "<p><b>The asked area of each region is what earlier scans left open.</b> A target applies to the whole region, so \
-                 none is judged here.</p>\n"
+            "<p><b>The open area of each region is the asked area that earlier scans left open.</b> A target applies to the \
+                 whole region, so none is judged here.</p>\n"
         }
         false => "",
     };
     format!(
-        "<section>\n<h2>Regions and features</h2>\n{}{of_open}<p>Shares are of the asked area of each region; only what meets its \
+        "<section>\n<h2>Regions and features</h2>\n{}{of_open}<p>Shares are of the {} area of each region; only what meets its \
          requirements counts as measured. A target is not confirmed if it is met on the samples that views were chosen on, but missed on \
          other samples by more than the standard error of their share.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
          <th class=\"n\">Area</th><th class=\"n\">Samples</th><th class=\"n\">Target</th><th class=\"n\">Reached</th><th>Verdict</th>\
          <th>What is missed, and why</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n</section>\n",
         notice(regions),
+        asked_name(coverage.is_of_open),
         rows.concat()
     )
 }

@@ -15,7 +15,7 @@ use crate::planning::plan::{Plan, PlannedView, SetupId, SetupPlan, ViewId, share
 use crate::planning::sequence::Leg;
 use crate::rendering::Ink;
 use crate::wire::summary::ProgramCycle;
-use crate::wire::words::{counted, turn_phrase};
+use crate::wire::words::{asked_name, counted, turn_phrase};
 
 /// Max stops with a picture; a page with more is slow to make and to open.
 pub(super) const MAX_PICTURES: usize = 120;
@@ -152,8 +152,9 @@ fn card(input: &ReportInput<'_>, album: &mut Album, stop: &Stop<'_>, picture: Op
 fn details(input: &ReportInput<'_>, stop: &Stop<'_>) -> Vec<(&'static str, String)> {
     let (view, coverage) = (stop.view, &input.outcome.plan.coverage);
     let so_far = coverage.curve_area_mm2.get(view.id.index()).map_or(0.0, |mm2| share(*mm2, coverage.asked_area_mm2));
+    let (asked, adds) = (asked_name(coverage.is_of_open), percent(view.gain_of_asked));
     let mut details = vec![
-        ("adds", format!("{} of the asked area, {} with the views chosen before", percent(view.gain_of_asked), percent(so_far))),
+        ("adds", format!("{adds} of the {asked} area, {} with the views chosen before", percent(so_far))),
         ("position", format!("{} mm", triple(view.part_from_scanner.origin_mm().into(), 1))),
         ("direction", triple(view.part_from_scanner.direction(&Vector3::z()).into(), 3)),
         ("quaternion", quadruple(&PoseSpec::from(&view.part_from_scanner).quaternion_xyzw)),

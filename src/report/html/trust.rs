@@ -11,13 +11,16 @@ use crate::report::text::holds_grades;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
 use crate::wire::summary::rescan_ended;
 use crate::wire::warnings::of_robust;
-use crate::wire::words::{at_risk_sentence, bounded_moves, counted, order_claim, pose_error_sizes};
+use crate::wire::words::{asked_name, at_risk_sentence, bounded_moves, counted, order_claim, pose_error_sizes};
 
 /// The section.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let robust = plan.coverage.robust.as_ref();
-    let robust = robust.map_or_else(String::new, |robust| fragile(&plan.params, robust) + &under_pose_errors(robust));
+    let asked = asked_name(plan.coverage.is_of_open);
+    let robust = robust.map_or_else(String::new, |robust| {
+        fragile(&plan.params, robust) + &under_pose_errors(robust, asked) + moved_along(input.subject.cell.is_some())
+    });
     format!(
         "<section>\n<h2>Why these figures can be trusted</h2>\n<h3>Independent check</h3>\n{}{robust}<h3>Bounds</h3>\n{}{}<h3>At risk</h3>\n\
          <p>{}; see the appendix.</p>\n<h3>Limits of the devices</h3>\n{}<h3>Files</h3>\n{}</section>\n",
@@ -34,9 +37,10 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
 fn independent(input: &ReportInput<'_>) -> String {
     let coverage = &input.outcome.plan.coverage;
     let independent = &coverage.independent;
+    let asked = asked_name(coverage.is_of_open);
     format!(
-        "<p>On the samples that the views were chosen on, they measure {} of the asked area; that figure may be slightly optimistic. \
-         On {} independent samples the same views measure <b>{} of the asked area</b>, {} of the whole surface. The figures at the \
+        "<p>On the samples that the views were chosen on, they measure {} of the {asked} area; that figure may be slightly optimistic. \
+         On {} independent samples the same views measure <b>{} of the {asked} area</b>, {} of the whole surface. The figures at the \
          top are those of the independent samples.</p>\n",
         percent(coverage.of_asked()),
         number(independent.samples as f64, 0),
@@ -53,8 +57,9 @@ fn bounds(input: &ReportInput<'_>) -> String {
     let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
         format!(
             " On the samples that views are chosen on, no choice of the same number of views measures more than another {} of the \
-             asked area: up to {} in total.",
+             {} area: up to {} in total.",
             percent(gap),
+            asked_name(plan.coverage.is_of_open),
             percent(upper)
         )
     });
@@ -152,18 +157,19 @@ fn devices(input: &ReportInput<'_>) -> String {
 }
 
 fn files(input: &ReportInput<'_>) -> String {
+    let named = if input.subject.cell.is_some() { ", which every program of this plan names" } else { "" };
     let plan = match input.plan_sha256 {
         "" => String::new(),
-        sha256 => format!("; of <code>plan.json</code> {}, which every program of this plan names", digest(sha256)),
+        sha256 => format!("; of <code>plan.json</code> {}{named}", digest(sha256)),
     };
     format!("<p>SHA-256 of the part’s file: {}{plan}.</p>\n", digest(input.subject.part_sha256))
 }
 
 /// Coverage under pose errors, with the 5th percentile where some kind has draws enough for one.
-fn under_pose_errors(robust: &Robust) -> String {
+fn under_pose_errors(robust: &Robust, asked: &str) -> String {
     let kinds = [
         ("Every view, independently", &robust.views),
-        ("The part as a whole", &robust.part),
+        ("The part and its support, as one", &robust.part),
         ("The hand-eye calibration, the same in every view", &robust.hand_eye),
     ];
     let tells_p5 = kinds.iter().any(|(_, drawn)| drawn.told_p5().is_some());
@@ -177,12 +183,22 @@ fn under_pose_errors(robust: &Robust) -> String {
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
     let p5 = if tells_p5 { "<th class=\"n\">5th percentile</th>" } else { "" };
     format!(
-        "<h3>Coverage under pose errors</h3>\n<p>Measured share of the asked area if poses are off by {angle_deg}° about a random axis \
+        "<h3>Coverage under pose errors</h3>\n<p>Measured share of the {asked} area if poses are off by {angle_deg}° about a random axis \
          and by {shift_mm}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
          <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th><th class=\"n\">Mean</th>{p5}\
          <th class=\"n\">Worst of the draws</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n",
         kinds.map(row).concat()
     )
+}
+
+/// Says what is off with the part; empty without a cell, where nothing carries it.
+fn moved_along(has_cell: bool) -> &'static str {
+    if !has_cell {
+        return "";
+    }
+    "<p class=\"soft\" style=\"margin-top:8px\">The support is the plate, with the fixture if there is one: they are off \
+     together with the part, as a wrong pose of the table puts them. A part that is put down wrongly shifts on the plate and \
+     turns about the vertical only, which this includes.</p>\n"
 }
 
 /// Notice that the plan is fragile under pose errors; empty if it is not.
@@ -209,13 +225,22 @@ mod tests {
         let drawn = |draws: usize| Drawn::new(0.97, vec![0.95; draws]);
         let table = |part_draws: usize| {
             let pose_error = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
-            under_pose_errors(&Robust { pose_error, views: drawn(6), part: drawn(part_draws), hand_eye: drawn(12) })
+            under_pose_errors(&Robust { pose_error, views: drawn(6), part: drawn(part_draws), hand_eye: drawn(12) }, "asked")
         };
         let few = table(12);
         assert!(!few.contains("5th percentile") && !few.contains('–'), "{few}");
         assert!(few.contains("<td class=\"n\">6</td>") && few.contains("Worst of the draws"), "{few}");
         let many = table(20);
         assert!(many.contains("5th percentile") && many.matches("<td class=\"n\">–</td>").count() == 2, "{many}");
+    }
+
+    /// "The part as a whole" was told of draws in which the plate moves along, and read as a part that is put down wrongly.
+    #[test]
+    fn an_error_of_the_part_says_what_moves_along() {
+        let (pose_error, drawn) = (PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 }, || Drawn::new(0.97, vec![0.95; 12]));
+        let table = under_pose_errors(&Robust { pose_error, views: drawn(), part: drawn(), hand_eye: drawn() }, "asked");
+        assert!(table.contains("<td>The part and its support, as one</td>") && !table.contains("as a whole"), "{table}");
+        assert!(moved_along(true).contains("The support is the plate") && moved_along(false).is_empty());
     }
 
     /// The number of further views was told to be proven optimal, or the plan to have so many more than 0.

@@ -9,6 +9,7 @@ use super::views::{swatch, together};
 use crate::planning::plan::{Bound, Grade, Plan, share};
 use crate::rendering::Ink;
 use crate::wire::summary::{MissedGroup, PlanLevel, ProgramCycle, Summary};
+use crate::wire::words::MEANING_OF_OPEN;
 
 /// Standing of a job, which gives the verdict its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -218,11 +219,12 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
     let (missed, ink) = (1.0 - coverage.of_asked(), Ink::Unmeasured);
     bar += &segment(missed, ink, "missed");
     let missed = percent(missed);
-    let bar = format!("<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n");
+    let (whole, asked) = if coverage.is_of_open { ("Open", "open") } else { ("Asked", "asked") };
+    let bar = format!("<div class=\"bar\" role=\"img\" aria-label=\"{whole} area: {spoken}missed {missed}\">{bar}</div>\n");
     let legend = format!("<ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n", swatch(ink));
-    let of_open = if coverage.is_of_open { " (asked: what earlier scans left open)" } else { "" };
+    let of_open = if coverage.is_of_open { format!(" ({MEANING_OF_OPEN})") } else { String::new() };
     let meaning = format!(
-        "<p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area{of_open}, on the samples that views are chosen on. The grade of a \
+        "<p class=\"soft\" style=\"margin-top:6px\">Shares of the {asked} area{of_open}, on the samples that views are chosen on. The grade of a \
                    point says how squarely, and how close to best focus, its best view sees it: A is close to the ideal, D is close to the \
                    scanner’s limits.</p>\n"
     );

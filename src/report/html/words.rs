@@ -124,7 +124,8 @@ mod tests {
     use super::*;
     use crate::geometry::Pose;
     use crate::planning::params::SelectionGoal;
-    use crate::planning::plan::{CandidateId, RemedyView};
+    use crate::planning::plan::{CandidateId, RemedyView, StopReason};
+    use crate::wire::words::PlanRules;
 
     #[test]
     fn a_fix_of_several_views_says_so_in_its_heading() {
@@ -140,7 +141,8 @@ mod tests {
             let views = vec![view.clone(); views];
             let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
             let (kind, area_mm2, of_spot, tried) = (RemedyKind::View, 9.5, 0.95, 30);
-            let rules = ChoiceRules::Plan(goal);
+            let (ended_by, views_left) = (StopReason::MaxViews, Some(0));
+            let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 });
             remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried }, rules)
         };
         let fix = |views: usize| of_goal(views, SelectionGoal::FewestViews);
@@ -158,7 +160,7 @@ mod tests {
         let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
         let (kind, views, area_mm2, of_spot, tried) = (RemedyKind::None, Vec::new(), 0.0, 0.0, 30);
         let none = Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried };
-        let told = remedy(&none, ChoiceRules::Plan(SelectionGoal::FewestViews));
+        let told = remedy(&none, ChoiceRules::Rescan(StopReason::Target));
         let expected =
             "<b>None found</b><br/><span class=\"soft\">30 views tried; up to 8 of them together see less than half of it</span>";
         assert_eq!(told, expected);

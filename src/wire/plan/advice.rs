@@ -8,6 +8,7 @@ use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
+use crate::planning::params::Registration;
 use crate::planning::plan::{AdviceKind, AdvisedSetup, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
 use crate::wire::angle::degrees;
 use crate::wire::words::{counted, fixed, lie_phrase, percent_below, percents_apart, turn_phrase};
@@ -67,7 +68,9 @@ impl From<&AdvisedSetup> for AdvisedSetupDocument {
 }
 
 /// Parameters with which the plan would measure more, tried in simulation: views that the cell can reach were chosen for them,
-/// and those of a further setup were put in order.
+/// and those of a further setup were put in order. Area, views and time are estimates, since a plan made with the parameters
+/// chooses all its views anew, among more candidates. Their errors are given for 20 parts of 120 mm, planned with default
+/// parameters in the default cell (`more_views`: 3 parts), and then planned with the advice.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct AdviceDocument {
@@ -91,18 +94,20 @@ pub struct AdviceDocument {
     /// Estimated number of views that a plan with these parameters adds: those added in the trial, minus the views of setups that
     /// it gives up; never below 0.
     pub added_views: usize,
-    /// Estimated number of views of a plan with these parameters.
+    /// Estimated number of views of a plan with these parameters: the trial keeps the views of this plan. Plans made with
+    /// `turn_over` had 64 % fewer to 88 % more (median: 1 view fewer), plans made with `more_views` at most 1 view fewer.
     pub views: usize,
     /// Asked area measured in the trial, as far as the target requires it (all of it with `best_coverage`), on the samples that
-    /// views are chosen on. It is an estimate, since a plan made with these parameters chooses its views anew.
+    /// views are chosen on. It is an estimate on the low side: plans made with `turn_over` measured 0.1 to 4.8 percentage points
+    /// of the asked area more (median: 0.6), plans made with `more_views` 0 to 0.1.
     pub measured_area_mm2: f64,
     /// That area as a share of the asked area; `coverage.of_asked` is the share of this plan.
     pub of_asked: f64,
     /// That area as a share of the area that would then be visible: what the part stands on in one setup can be seen in another.
     pub of_visible: f64,
-    /// Estimated cycle time with the added views, s; `null` without a cell. It differs by up to 30 % either way from that of a plan
-    /// made with these parameters, which chooses its views anew: turning the part over is not counted, moves to further views of a setup
-    /// are taken as straight, and each added view is captured once.
+    /// Estimated cycle time with the added views, s; `null` without a cell. Plans made with `turn_over` took 50 % less to 58 %
+    /// more (median: 3 % less), plans made with `more_views` 5 to 17 % less. Turning the part over is not counted, moves to
+    /// further views of a setup are taken as straight, and each added view is captured once.
     pub cycle_secs: Option<f64>,
     /// Names of the regions and features that miss their target now and would meet it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -139,12 +144,15 @@ impl AdviceDocument {
     /// Request to lay the part otherwise, in words; `None` where the plan does not.
     pub(crate) fn laying(&self) -> Option<String> {
         let lies: Vec<&str> = self.setups.iter().map(|setup| setup.lies.as_str()).collect();
-        match (&self.turn, lies.split_last()) {
-            (Some(turn), _) => Some(format!("{} and scan again", turn.text)),
-            (None, Some((last, []))) => Some(format!("scan it in another setup, {last}")),
-            (None, Some((last, others))) => Some(format!("scan it in other setups, {} and {last}", others.join(", "))),
-            (None, None) => None,
-        }
+        let laying = match (&self.turn, lies.split_last()) {
+            (Some(turn), _) => format!("{} and scan again", turn.text),
+            (None, Some((last, []))) => format!("scan it in another setup, {last}"),
+            (None, Some((last, others))) => format!("scan it in other setups, {} and {last}", others.join(", ")),
+            (None, None) => return None,
+        };
+        // Without them the plan is possible, and its scans are not.
+        let needs_markers = self.set.get("registration").is_some_and(|means| *means == json!(Registration::Markers));
+        Some(laying + if needs_markers { ", with markers on the part to register its setups" } else { "" })
     }
 
     fn sentence(&self, kind: AdviceKind, now_of_asked: f64) -> String {
@@ -155,7 +163,8 @@ impl AdviceDocument {
         let action = match kind {
             AdviceKind::TurnOver => {
                 let laying = self.laying().unwrap_or_else(|| "turn it onto another side and scan again".to_owned());
-                format!("{laying}, {more}")
+                let about = if self.added_views == 0 { "" } else { "about " };
+                format!("{laying}, {about}{more}")
             }
             AdviceKind::MoreViews => format!("choose {more}"),
         };
@@ -164,10 +173,10 @@ impl AdviceDocument {
         let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle about {} s", fixed(secs, 0)));
         let regions = self.regions_clause();
         format!(
-            "{action} ({}): estimated {then} % of asked, now {now} %, and {} % of what is visible then, with {} views{cycle}{regions}",
+            "{action} ({}): estimated {then} % of asked, now {now} %, and {} % of what is visible then, with about {}{cycle}{regions}",
             self.settings(),
             percent_below(self.of_visible, 1.0, 1),
-            self.views,
+            counted(self.views, "view"),
         )
     }
 
@@ -250,7 +259,6 @@ fn setting(change: &ParamChange) -> (String, Value) {
 mod tests {
     use super::*;
     use crate::cell::Findings;
-    use crate::planning::params::Registration;
     use crate::planning::plan::{MeasuredArea, PartSide};
 
     fn advice(kind: AdviceKind, changes: Vec<ParamChange>) -> PlanAdvice {
@@ -281,8 +289,9 @@ mod tests {
         let told = document(&PlanAdvice { turn: Some(turn), ..advice(AdviceKind::TurnOver, changes) });
         assert_eq!(
             told.text,
-            "turn it upside down and scan again, 3 more views (setups = 2, registration = markers): estimated 97.1 % of asked, now \
-             80.0 %, and 99.1 % of what is visible then, with 10 views, cycle about 93 s"
+            "turn it upside down and scan again, with markers on the part to register its setups, about 3 more views (setups = 2, \
+             registration = markers): estimated 97.1 % of asked, now 80.0 %, and 99.1 % of what is visible then, with about 10 \
+             views, cycle about 93 s"
         );
         assert_eq!(told.options(), "--set setups=2 --set registration=markers");
         let turn = told.turn.expect("a turn");
@@ -299,7 +308,7 @@ mod tests {
         let setups = vec![over, advised(TurnKind::OnSide, PartSide::Back, 90.0)];
         let told = document(&PlanAdvice { setups, ..advice(AdviceKind::TurnOver, vec![ParamChange::Setups(2)]) });
         assert!(
-            told.text.starts_with("scan it in other setups, upside down and on its back, 3 more views (setups = 2): "),
+            told.text.starts_with("scan it in other setups, upside down and on its back, about 3 more views (setups = 2): "),
             "{told:?}"
         );
         assert_eq!((told.table_from_part, told.turn, told.setups.len()), (None, None, 2));
@@ -321,7 +330,7 @@ mod tests {
         assert_eq!(
             told.text,
             "choose 1 more view (selection.target = 0.992, selection.max_views = 10): estimated 97.1 % of asked, now 80.0 %, and \
-             99.1 % of what is visible then, with 10 views; meets the target of \"bore\", \"rim\\nof it\""
+             99.1 % of what is visible then, with about 10 views; meets the target of \"bore\", \"rim\\nof it\""
         );
         assert_eq!(told.options(), "--set selection.target=0.992 --set selection.max_views=10");
     }

@@ -110,7 +110,7 @@ pub struct IndependentDocument {
 }
 
 /// Coverage under pose errors, on the independent samples: with an independent error of every view; in `part`, with an error of
-/// the part as a whole; in `hand_eye`, with one error that every view shares.
+/// the part and its support; in `hand_eye`, with one error that every view shares.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RobustDocument {
@@ -121,7 +121,9 @@ pub struct RobustDocument {
     pub draws: usize,
     /// Measured shares of the asked area.
     pub of_asked: DrawnDocument,
-    /// Coverage with an error of the part as a whole.
+    /// Coverage with an error of the part and its support: part, fixture and plate are off as one, as a wrong pose of the table
+    /// in the robot's frame puts them. A part that is put down wrongly shifts on the plate and turns about the vertical only,
+    /// which this includes.
     pub part: MisplacedDocument,
     /// Coverage with one error in the scanner frame that every view shares, as a wrong hand-eye calibration causes it. `null` in
     /// plans from before it was introduced.
@@ -246,8 +248,9 @@ impl RobustDocument {
         let each_view = CostliestError { kind: "each view", draws: self.draws, of_asked: self.of_asked };
         let of =
             |kind, misplaced: MisplacedDocument| CostliestError { kind, draws: misplaced.draws, of_asked: misplaced.of_asked };
-        let others = [Some(of("the part as a whole", self.part)), self.hand_eye.map(|off| of("the hand-eye calibration", off))];
-        others.into_iter().flatten().fold(each_view, |a, b| if b.loss() > a.loss() { b } else { a })
+        let part = of("the part and its support", self.part);
+        let hand_eye = self.hand_eye.map(|off| of("the hand-eye calibration", off));
+        [Some(part), hand_eye].into_iter().flatten().fold(each_view, |a, b| if b.loss() > a.loss() { b } else { a })
     }
 }
 

@@ -7,7 +7,7 @@ use super::advice::TurnDocument;
 use crate::cell::PoseSpec;
 use crate::planning::plan::{MissedCause, MissedSpot, Remedy, RemedyView};
 use crate::wire::angle::degrees;
-use crate::wire::words::remedy_sentence;
+use crate::wire::words::{ChoiceRules, fix_sentence};
 
 /// Area missed for one cause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -91,26 +91,27 @@ pub struct RemedyViewDocument {
     pub area_mm2: f64,
 }
 
-impl From<&MissedCause> for MissedDocument {
-    fn from(missed: &MissedCause) -> Self {
+impl MissedDocument {
+    /// Describes area missed by a plan whose views were chosen by these rules.
+    pub(crate) fn of(missed: &MissedCause, rules: ChoiceRules) -> Self {
         let largest = missed.spots.first();
         Self {
             reason: missed.cause.as_str().to_owned(),
             area_mm2: missed.area_mm2,
             spots: missed.spots.len(),
             centre_mm: largest.map_or([0.0; 3], |spot| spot.centre_mm.into()),
-            remedy: largest.and_then(|spot| spot.remedy.as_ref()).map(RemedyDocument::from),
-            largest: missed.spots.iter().filter_map(treated_spot).collect(),
+            remedy: largest.and_then(|spot| spot.remedy.as_ref()).map(|remedy| RemedyDocument::of(remedy, rules)),
+            largest: missed.spots.iter().filter_map(|spot| treated_spot(spot, rules)).collect(),
         }
     }
 }
 
-fn treated_spot(spot: &MissedSpot) -> Option<TreatedSpotDocument> {
+fn treated_spot(spot: &MissedSpot, rules: ChoiceRules) -> Option<TreatedSpotDocument> {
     spot.remedy.as_ref().map(|remedy| TreatedSpotDocument {
         area_mm2: spot.area_mm2,
         centre_mm: spot.centre_mm.into(),
         extent_mm: spot.extent_mm.into(),
-        remedy: RemedyDocument::from(remedy),
+        remedy: RemedyDocument::of(remedy, rules),
     })
 }
 
@@ -119,8 +120,9 @@ fn rounded_deg(angle_deg: f64) -> f64 {
     degrees(angle_deg.to_radians())
 }
 
-impl From<&Remedy> for RemedyDocument {
-    fn from(remedy: &Remedy) -> Self {
+impl RemedyDocument {
+    /// Describes a remedy for a spot of a plan whose views were chosen by these rules.
+    pub(crate) fn of(remedy: &Remedy, rules: ChoiceRules) -> Self {
         let view = |view: &RemedyView| RemedyViewDocument {
             candidate: view.candidate.0,
             roll_deg: degrees(view.roll_rad),
@@ -131,7 +133,7 @@ impl From<&Remedy> for RemedyDocument {
         };
         Self {
             kind: remedy.kind.as_str().to_owned(),
-            text: remedy_sentence(remedy),
+            text: fix_sentence(remedy, rules),
             views: remedy.views.iter().map(view).collect(),
             table_from_part: remedy.table_from_part.as_ref().map(PoseSpec::from),
             turn: remedy.turn.as_ref().map(TurnDocument::from),

@@ -3,19 +3,23 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-use super::missed::{MissedGroup, raised_target};
+use super::missed::{MissedGroup, raised_target, rounded};
 use super::verdict::{PlanVerdict, fragile_loss};
+use crate::cell::PoseSpec;
+use crate::geometry::{Part, Pose, Table};
+use crate::planning::UpAxis;
 use crate::planning::params::RobustParams;
 use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
-use crate::wire::words::{counted, fixed, percents_apart, pose_error_sizes};
+use crate::wire::words::{counted, fixed, of_asked_phrase, percents_apart, pose_error_sizes};
 
 /// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of a group of
 /// missed spots. If pose errors cost the plan at least as much, it is to choose views that tolerate them; if the home of the cell
-/// is blocked, it is another home. The effects of these two are not estimated.
+/// is blocked, it is another home; and if the part would tip over as it is placed, it is to place it so that it stands, before
+/// anything else. The effects of these three are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -30,11 +34,23 @@ pub struct SummaryAction {
     /// Share that it is estimated to give, on the same samples: a plan with the parameters chooses its views anew. Where no effect
     /// is estimated, the share now.
     pub to_of_asked: f64,
-    /// Number of views that it adds: an estimate for advice on the whole plan, an upper bound for a fix of missed spots, and 0 if
-    /// no effect is estimated.
+    /// Number of views that it adds: an estimate for advice on the whole plan (see `advice[].views` of `plan.json`), an upper
+    /// bound for a fix of missed spots, and 0 if no effect is estimated.
     pub added_views: usize,
     /// Estimated change of the cycle time, s; turning the part over is not counted. `null` without a cell, or if it is not known.
+    /// How far estimates are off is told with `advice[].cycle_secs` of `plan.json`.
     pub added_cycle_secs: Option<f64>,
+}
+
+/// Way to place a part so that it stands, which would tip over as it is placed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StandingRemedy {
+    /// With this axis of the part up, in this pose.
+    WithAxisUp(UpAxis, Pose<Table, Part>),
+    /// In this pose.
+    InPose(Pose<Table, Part>),
+    /// In poses that the planner chooses, in place of those that were given.
+    InPosesOfPlanner,
 }
 
 /// The best action for a plan; `None` where none is known. Of a plan that reaches its targets, an action that gains no more than pose
@@ -76,6 +92,32 @@ fn higher_target(plan: &Plan) -> Option<SummaryAction> {
 /// asked area is that on the samples that views are chosen on.
 pub(super) fn another_home(remedy: &str, of_asked: f64) -> SummaryAction {
     unestimated(of_asked, BTreeMap::new(), format!("{remedy}; effect not estimated"))
+}
+
+/// Placement in which the part stands, for a plan in a setup of which it would tip over; the measured share of the asked area
+/// is that on the samples that views are chosen on.
+pub(super) fn placed_to_stand(remedy: &StandingRemedy, of_asked: f64) -> SummaryAction {
+    let (name, value) = match remedy {
+        StandingRemedy::WithAxisUp(_, pose) | StandingRemedy::InPose(pose) => {
+            ("part.table_from_part", json!(rounded(PoseSpec::from(pose))))
+        }
+        StandingRemedy::InPosesOfPlanner => ("part.resting_poses", json!([])),
+    };
+    let set = BTreeMap::from([(name.to_owned(), value)]);
+    let command = match remedy {
+        StandingRemedy::WithAxisUp(up, _) => format!("--up {up}"),
+        StandingRemedy::InPose(_) | StandingRemedy::InPosesOfPlanner => options(&set),
+    };
+    let text = match remedy {
+        StandingRemedy::WithAxisUp(up, _) => {
+            format!("place the part with its {up} axis up, so that it stands ({command}); effect not estimated")
+        }
+        StandingRemedy::InPose(_) => format!("place the part so that it stands: {command}; effect not estimated"),
+        StandingRemedy::InPosesOfPlanner => {
+            format!("let Vantage choose setups in which the part stands: {command}; effect not estimated")
+        }
+    };
+    SummaryAction { command: Some(command), ..unestimated(of_asked, set, text) }
 }
 
 /// Action whose effect is not estimated.
@@ -120,7 +162,7 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
     let laying = advice.laying();
     let views = laying.as_ref().map(|_| match advice.added_views {
         0 => "no more views".to_owned(),
-        added => format!("+{}", counted(added, "view")),
+        added => format!("about +{}", counted(added, "view")),
     });
     let what = laying.unwrap_or_else(|| format!("choose {}", counted(advice.added_views, "more view")));
     let regions = advice.regions_clause();
@@ -133,7 +175,7 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added_views: advice.added_views,
         added_cycle_secs: advice.cycle_secs.zip(cycle_secs).map(|(then_secs, now_secs)| then_secs - now_secs),
     };
-    action.text = action.sentence(&what, views) + &regions;
+    action.text = action.sentence(&what, views, plan.coverage.is_of_open) + &regions;
     action
 }
 
@@ -151,29 +193,31 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
     // Every other fix says how many views it adds.
     let is_setup = group.fix == Some(RemedyKind::Setup);
     let views = is_setup.then(|| format!("up to +{}", counted(group.added_views, "view")));
-    action.text = action.sentence(&group.fix_text, views);
+    action.text = action.sentence(&group.fix_text, views, plan.coverage.is_of_open);
     action
 }
 
 impl SummaryAction {
     /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2; estimated effect: 70.1 →
-    /// 97.9 % of asked, +2 views, +9.0 s`. `views` are those that a plan with the parameters adds, where `what` does not say so.
-    fn sentence(&self, what: &str, views: Option<String>) -> String {
+    /// 97.9 % of asked, about +2 views, about +9 s`. `views` are those that a plan with the parameters adds, where `what` does not
+    /// say so.
+    fn sentence(&self, what: &str, views: Option<String>, is_of_open: bool) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
         let [from, to] = percents_apart([self.from_of_asked, self.to_of_asked]);
-        let effect = if from == to { format!("{from} % of asked, unchanged") } else { format!("{from} → {to} % of asked") };
+        let of = of_asked_phrase(is_of_open);
+        let effect = if from == to { format!("{from} % {of}, unchanged") } else { format!("{from} → {to} % {of}") };
         let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {}", cycle_change(secs)));
         let views = views.map_or_else(String::new, |views| format!(", {views}"));
         format!("{what}{command}; estimated effect: {effect}{views}{cycle}")
     }
 }
 
-/// A change of the cycle with its sign and one decimal.
+/// A change of the cycle with its sign, in whole seconds: an estimate.
 fn cycle_change(secs: f64) -> String {
-    let text = fixed(secs, 1);
+    let text = fixed(secs, 0);
     match text.as_str() {
-        "0.0" => "the same cycle time".to_owned(),
-        shorter if shorter.starts_with('-') => format!("{shorter} s"),
-        longer => format!("+{longer} s"),
+        "0" => "about the same cycle time".to_owned(),
+        shorter if shorter.starts_with('-') => format!("about {shorter} s"),
+        longer => format!("about +{longer} s"),
     }
 }

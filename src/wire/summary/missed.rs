@@ -13,7 +13,7 @@ use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyK
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
 use crate::wire::words::{
-    area_mm2, cause_phrase, counted, none_found, partial_percent, percent_below, rounded_down_deg, turn_phrase,
+    area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_percent, percent_below, rounded_down_deg, turn_phrase,
 };
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -22,12 +22,16 @@ const MAX_SETUPS: u32 = 4;
 const MAX_VIEWS: usize = 1000;
 /// Parameter that takes poses to consider.
 const POSES: &str = "candidates.poses";
+/// Parameter that says how the part lies.
+const LIES: &str = "part.table_from_part";
 /// Largest number of poses in a command; more are left to `missed.json`.
 const MAX_POSES: usize = 2;
 /// Parameters that end the choice of views.
 const TARGET: &str = "selection.target";
 const VIEW_LIMIT: &str = "selection.max_views";
 const GROWTH: &str = "selection.min_growth";
+/// Fix of area that no view sees from outside.
+const EXCLUDE_ENCLOSED: &str = "no view can see it; exclude it if it need not be measured (regions.exclude)";
 /// Steps of a target in one: three decimals.
 const TARGET_STEPS: f64 = 1e3;
 
@@ -69,7 +73,7 @@ struct Fix {
 }
 
 /// Parameters by their dotted names.
-pub(super) type OptionSet = BTreeMap<String, Value>;
+pub(crate) type OptionSet = BTreeMap<String, Value>;
 
 /// Spots of one cause, with the same fix.
 type SpotsOfFix<'a> = (Cause, Option<Fix>, Vec<&'a MissedSpot>);
@@ -106,7 +110,7 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
 
 /// Groups of a plan whose home is blocked, from those that it has otherwise: all that is missed for want of a path is one group, whose
 /// fix is the remedy of the home, whatever else was tried.
-pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str) -> Vec<MissedGroup> {
+pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str, is_of_open: bool) -> Vec<MissedGroup> {
     let (pathless, mut groups): (Vec<_>, Vec<_>) = groups.into_iter().partition(|group| group.reason == Cause::NoPath);
     if pathless.is_empty() {
         return groups;
@@ -124,7 +128,7 @@ pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str) -> Vec<Mi
         set: OptionSet::new(),
         text: String::new(),
     };
-    group.text = group.sentence();
+    group.text = group.sentence(is_of_open);
     groups.push(group);
     groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     groups
@@ -160,6 +164,11 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     // Further views of a part are planned with the first plan's parameters, and take none of their own.
     let settable = fix.filter(|_| !plan.coverage.is_of_open);
     let set = settable.map_or_else(OptionSet::new, |fix| settings(plan, fix, &remedies, &views));
+    let fix_words = match fix {
+        Some(Fix { kind: RemedyKind::None, .. }) if cause == Cause::Enclosed => EXCLUDE_ENCLOSED.to_owned(),
+        Some(fix) => fix_text(fix, &remedies, views.len()),
+        None => "no fix searched for".to_owned(),
+    };
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),
@@ -167,13 +176,13 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
         of_asked: share(area_mm2, plan.coverage.asked_area_mm2),
         fix: fix.map(|fix| fix.kind),
         fix_known: fix.is_some_and(|fix| fix.works),
-        fix_text: fix.map_or_else(|| "no fix searched for".to_owned(), |fix| fix_text(fix, &remedies, views.len())),
+        fix_text: fix_words + own_plan_remark(&set),
         recovers_mm2,
         added_views: views.len(),
         set,
         text: String::new(),
     };
-    group.text = group.sentence();
+    group.text = group.sentence(plan.coverage.is_of_open);
     group
 }
 
@@ -190,7 +199,7 @@ fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
 
 impl MissedGroup {
     /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera: …`.
-    fn sentence(&self) -> String {
+    fn sentence(&self, is_of_open: bool) -> String {
         let (mut shown, mut left_out) = (self.set.clone(), "");
         if shown.remove(POSES).is_some() {
             // Too long for a line that people read.
@@ -202,9 +211,10 @@ impl MissedGroup {
             Some(_) => format!("; recovers {}", self.recovers()),
         };
         format!(
-            "{}, {} of asked, {}: {}{command}{recovers}",
+            "{}, {} {}, {}: {}{command}{recovers}",
             counted(self.spots, "spot"),
             percent(self.of_asked),
+            of_asked_phrase(is_of_open),
             cause_phrase(self.reason),
             self.fix_text
         )
@@ -254,7 +264,7 @@ fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView])
     match fix.kind {
         RemedyKind::View => stop_rules(plan, remedies),
         RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => with_rules(poses(plan, views)),
-        RemedyKind::Setup => further_setup(plan, fix.turn.as_deref()),
+        RemedyKind::Setup => turned_setup(plan, fix.turn.as_deref(), remedies),
         RemedyKind::Limit => with_rules(limits(remedies)),
         RemedyKind::None => OptionSet::new(),
     }
@@ -336,7 +346,7 @@ fn poses(plan: &Plan, views: &[&RemedyView]) -> OptionSet {
 }
 
 /// The pose to a micrometre and 10⁻⁷ of a unit quaternion: what a command line can hold.
-fn rounded(pose: PoseSpec) -> PoseSpec {
+pub(super) fn rounded(pose: PoseSpec) -> PoseSpec {
     let to = |value: f64, steps: f64| (value * steps).round() / steps + 0.0;
     PoseSpec {
         translation_mm: pose.translation_mm.map(|mm| to(mm, 1e3)),
@@ -366,6 +376,25 @@ pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> OptionSet {
         }
         None => OptionSet::new(),
     }
+}
+
+/// Parameters of a setup in which some remedies turn the part: as the advice on the plan has it, else those of a plan of its
+/// own in that pose. Empty with a fixture, which holds the part in one pose, and for further views of a part.
+pub(crate) fn turned_setup(plan: &Plan, turn: Option<&str>, remedies: &[&Remedy]) -> OptionSet {
+    let advised = further_setup(plan, turn);
+    let is_possible = plan.params.part.fixture_mesh.is_none() && !plan.coverage.is_of_open;
+    let pose = remedies.iter().find_map(|remedy| remedy.table_from_part.as_ref());
+    let Some(pose) = pose.filter(|_| advised.is_empty() && is_possible) else { return advised };
+    let mut set = BTreeMap::from([(LIES.to_owned(), json!(rounded(PoseSpec::from(pose))))]);
+    if plan.params.setups > 1 {
+        set.insert("setups".to_owned(), json!(1));
+    }
+    set
+}
+
+/// Remark on parameters that plan a setup by itself; empty for others.
+pub(crate) fn own_plan_remark(set: &OptionSet) -> &'static str {
+    if set.contains_key(LIES) { ", in a plan of its own" } else { "" }
 }
 
 /// Limits of incidence, as large as the remedies need them.

@@ -1,7 +1,7 @@
 use nalgebra::{Point3, Vector3};
 use serde_json::json;
 
-use super::{MissedGroup, PlanLevel, PlanVerdict, ProgramCycle, Summary};
+use super::{MissedGroup, PlanLevel, PlanVerdict, ProgramCycle, StandingRemedy, Summary};
 use crate::cell::Dialect;
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
@@ -242,6 +242,29 @@ fn a_part_that_does_not_stand_is_not_ready_and_the_title_says_what_to_do() {
     assert_eq!(pathless.clone().with_unstable_setups(1), pathless);
 }
 
+/// One more setup came first for a part that would tip over in the setup that it has.
+#[test]
+fn a_part_that_would_tip_over_is_placed_so_that_it_stands_before_anything_else() {
+    let mut plan = plan_of_all(600.0);
+    plan.advice = vec![advice()];
+    let tips = Summary::of(&plan);
+    assert_eq!(tips.clone().with_standing_first(None), tips);
+    let pose = Pose::from_parts(Vector3::new(1.0, 2.000_04, 3.0), nalgebra::UnitQuaternion::identity());
+    let up = "-z".parse().expect("an axis");
+    let placed = |remedy: &StandingRemedy| tips.clone().with_standing_first(Some(remedy)).action.expect("an action");
+    let action = placed(&StandingRemedy::WithAxisUp(up, pose));
+    assert_eq!(action.text, "place the part with its -z axis up, so that it stands (--up -z); effect not estimated");
+    assert_eq!(action.command.as_deref(), Some("--up -z"));
+    let set = json!({"part.table_from_part": {"translation_mm": [1.0, 2.0, 3.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}});
+    assert_eq!(json!(action.set), set, "the same, for programs");
+    assert!(action.from_of_asked.total_cmp(&action.to_of_asked).is_eq() && action.added_views == 0, "{action:?}");
+    let action = placed(&StandingRemedy::InPose(pose));
+    assert!(action.text.starts_with("place the part so that it stands: --set 'part.table_from_part={"), "{}", action.text);
+    let action = placed(&StandingRemedy::InPosesOfPlanner);
+    let text = "let Vantage choose setups in which the part stands: --set 'part.resting_poses=[]'; effect not estimated";
+    assert_eq!((action.text.as_str(), json!(action.set)), (text, json!({"part.resting_poses": []})));
+}
+
 /// A plan of a part of which all that is asked is visible and can be measured, and so much of 1000 mm² is.
 fn plan_of_all(measured_mm2: f64) -> Plan {
     let mut plan = plan(3, 0, measured_mm2);
@@ -322,11 +345,11 @@ fn further_views_are_told_with_the_rule_of_the_rescan_that_ended_their_choice() 
         // Of the first plan, and not heeded.
         further.params.selection.max_views = Some(9);
         let summary = Summary::of(&further);
-        let head = "Simulated coverage (asked: what earlier scans left open), independent check: ";
+        let head = "Simulated coverage (open: asked area that earlier scans left open), independent check: ";
         assert!(summary.coverage_text.starts_with(head), "{}", summary.coverage_text);
         (summary.verdict, summary.verdict_text)
     };
-    let reached = "50.00 % of coverable among what earlier scans left open, target 98.50 % together with those scans";
+    let reached = "50.00 % of coverable in the open area, target 98.50 % together with the earlier scans";
     let missed = |rule: &str| (PlanVerdict::TargetMissed, format!("Target missed: {reached}: {rule}"));
     assert_eq!(text(StopReason::MaxViews), missed("the rescan has as many views as its max_views allows, 4"));
     assert_eq!(text(StopReason::Growth), missed("the next best view is expected to add less than min_gain of the rescan"));
@@ -598,6 +621,40 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "3 more views, rolled; recovers 10.0 mm² (100 %)");
 }
 
+/// "Turn it upside down and scan again" came without any options where the advice on the plan was another turn.
+#[test]
+fn a_turn_that_no_advice_has_comes_with_the_options_of_a_plan_of_its_own() {
+    let mut plan = plan(3, 0, 700.0);
+    let half_turn = nalgebra::UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0);
+    let over = Pose::from_parts(Vector3::new(0.0, 40.0, 60.0), half_turn);
+    let turned = Remedy { table_from_part: Some(over), ..remedy(RemedyKind::Setup, 1.0, &[4]) };
+    plan.missed = vec![missed(Cause::ExcludedResting, vec![Some(turned)])];
+    let group = group_of(&plan);
+    let begins = "1 spot, 1.00 % of asked, the part stands on it: turn it upside down and scan again, in a plan of its own: --set \
+                  'part.table_from_part={";
+    assert!(group.text.starts_with(begins), "{}", group.text);
+    assert_eq!(group.set["part.table_from_part"]["translation_mm"], json!([0.0, 40.0, 60.0]));
+    plan.params.setups = 2;
+    assert_eq!(group_of(&plan).set["setups"], json!(1), "of one pose");
+    plan.advice = vec![advice()];
+    let advised = group_of(&plan);
+    assert!(!advised.set.contains_key("part.table_from_part") && !advised.text.contains("of its own"), "{}", advised.text);
+    plan.advice = Vec::new();
+    plan.params.part.fixture_mesh = Some("clamp.stl".to_owned());
+    assert!(group_of(&plan).set.is_empty(), "a fixture holds the part in one pose");
+}
+
+/// "No fix found (739 views tried; up to 8 of them together see less than half of it)" was told of a closed cavity.
+#[test]
+fn what_the_part_encloses_is_to_be_excluded_and_not_to_be_seen() {
+    let mut plan = plan(3, 0, 700.0);
+    plan.missed = vec![missed(Cause::Enclosed, vec![Some(remedy(RemedyKind::None, 0.0, &[]))])];
+    let group = group_of(&plan);
+    let told = "1 spot, 1.00 % of asked, enclosed by the part: no view can see it; exclude it if it need not be measured \
+                (regions.exclude)";
+    assert_eq!((group.text.as_str(), group.fix), (told, Some(RemedyKind::None)));
+}
+
 /// Options that alone would not bring the views were told where another rule ends the choice as well.
 #[test]
 fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
@@ -708,8 +765,8 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     let action = summary.action.as_ref().expect("advice");
     assert_eq!(
         action.text,
-        "turn it upside down and scan again: --set setups=2 --set registration=markers; estimated effect: 70.1 → 97.9 % of asked, +2 \
-         views; meets the target of \"bore\""
+        "turn it upside down and scan again, with markers on the part to register its setups: --set setups=2 --set \
+         registration=markers; estimated effect: 70.1 → 97.9 % of asked, about +2 views; meets the target of \"bore\""
     );
     assert_eq!(action.command.as_deref(), Some("--set setups=2 --set registration=markers"));
     assert_eq!(serde_json::to_value(&action.set).expect("JSON"), json!({"setups": 2, "registration": "markers"}));
@@ -748,7 +805,8 @@ fn advice_that_leaves_the_setup_of_the_plan_says_how_the_part_lies_then() {
     let action = summary.action.expect("advice");
     assert_eq!(
         action.text,
-        "scan it in other setups, upside down and on its back: --set setups=2; estimated effect: 70.1 → 97.9 % of asked, +2 views"
+        "scan it in other setups, upside down and on its back: --set setups=2; estimated effect: 70.1 → 97.9 % of asked, about +2 \
+         views"
     );
     assert_eq!(summary.missed[0].set, action.set);
 }
@@ -763,7 +821,8 @@ fn a_fragile_plan_is_told_which_error_costs_most_and_to_give_that_of_the_cell_wh
         plan.coverage.robust = Some(Robust { pose_error, views, part, hand_eye });
         Summary::of(&plan).action.expect("an action").text
     };
-    let choose = "mm (costliest: the part as a whole, 10.60 percentage points): --set robust.select=true; effect not estimated";
+    let choose =
+        "mm (costliest: the part and its support, 10.60 percentage points): --set robust.select=true; effect not estimated";
     assert_eq!(told(0.5), format!("choose views that tolerate pose errors of 0.5° and 1 {choose}"));
     assert_eq!(
         told(1.0),
@@ -960,7 +1019,7 @@ fn an_action_of_little_effect_is_told_with_the_digits_that_show_it() {
         let text = Summary::of(&plan).action.expect("advice").text;
         text.split_once("; estimated effect: ").expect("an effect").1.to_owned()
     };
-    assert_eq!(action(504.2, None), "50.40 → 50.42 % of asked, +2 views");
-    assert_eq!(action(504.0, None), "50.4 % of asked, unchanged, +2 views");
-    assert_eq!(action(979.0, Some(9.0)), "50.4 → 97.9 % of asked, +2 views, the same cycle time");
+    assert_eq!(action(504.2, None), "50.40 → 50.42 % of asked, about +2 views");
+    assert_eq!(action(504.0, None), "50.4 % of asked, unchanged, about +2 views");
+    assert_eq!(action(979.0, Some(9.0)), "50.4 → 97.9 % of asked, about +2 views, about the same cycle time");
 }

@@ -6,7 +6,9 @@ use crate::cell::closed_list;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
 use crate::planning::plan::{MissedCause, Plan, RegionCoverage, Robust, StopReason, share};
 use crate::wire::plan::options;
-use crate::wire::words::{cause_phrase, counted, fixed, fixed_nonzero, percent_below, pose_error_sizes};
+use crate::wire::words::{
+    asked_name, cause_phrase, counted, fixed, fixed_nonzero, of_asked_phrase, percent_below, pose_error_sizes,
+};
 
 closed_list! {
     /// Verdict on a plan: the first of these that holds.
@@ -164,7 +166,7 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         }
         PlanVerdict::PartlyMeasured => {
             let causes = largest_causes(plan);
-            let whole = if plan.coverage.is_of_open { "what earlier scans left open" } else { "asked" };
+            let whole = if plan.coverage.is_of_open { "the open area" } else { "asked" };
             let causes = if causes.is_empty() { causes } else { format!("; not measured (shares of {whole}): {causes}") };
             format!("{}: {reached}{causes}{}", target_met(plan), fragile_clause(plan))
         }
@@ -186,17 +188,17 @@ fn target_met(plan: &Plan) -> &'static str {
 fn reached(plan: &Plan) -> String {
     let (coverage, selection) = (&plan.coverage, &plan.params.selection);
     if !has_target(plan) {
-        return format!("{} of asked", percent(coverage.of_asked()));
+        return format!("{} {}", percent(coverage.of_asked()), of_asked_phrase(coverage.is_of_open));
     }
     let of = match (selection.target_of, coverage.is_of_open) {
         (TargetOf::Coverable, false) => "of coverable",
-        (TargetOf::Coverable, true) => "of coverable among what earlier scans left open",
+        (TargetOf::Coverable, true) => "of coverable in the open area",
         (TargetOf::Asked, false) => "of asked",
-        (TargetOf::Asked, true) => "of what earlier scans left open",
+        (TargetOf::Asked, true) => "of the open area",
         (TargetOf::Total, false) => "of the whole surface",
         (TargetOf::Total, true) => "of the whole surface beside what earlier scans measured",
     };
-    let together = if coverage.is_of_open { " together with those scans" } else { "" };
+    let together = if coverage.is_of_open { " together with the earlier scans" } else { "" };
     let at_risk = match coverage.at_risk.is_counted {
         false if coverage.at_risk.area_mm2 > 0.0 => " with the area at risk",
         _ => "",
@@ -278,8 +280,9 @@ fn fragile(plan: &Plan) -> String {
     plan.coverage.robust.as_ref().map_or_else(String::new, |robust| {
         let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
         format!(
-            "pose errors of {angle_deg}° and {shift_mm} mm cost {} percentage points of the asked area in the worst draw",
-            fixed(100.0 * robust.worst_loss(), 2)
+            "pose errors of {angle_deg}° and {shift_mm} mm cost {} percentage points of the {} area in the worst draw",
+            fixed(100.0 * robust.worst_loss(), 2),
+            asked_name(plan.coverage.is_of_open)
         )
     })
 }

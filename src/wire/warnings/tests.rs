@@ -94,8 +94,8 @@ fn an_unmet_region_is_named_at_its_target_with_its_causes() {
     assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::RegionUnmet, "/params/regions/features/0/target"));
     assert_eq!(
         found[0].detail,
-        "is 0.95, but 0.00 % of the 900.0 mm² of \"bore\" is measured; missed: below_grade 850.0 mm² (tolerance too fine for the \
-         scanner's noise; the finest that this noise allows is 0.156 mm), shadow_left 50.0 mm²"
+        "is 0.95, but 0.00 % of the 900.0 mm² of \"bore\" is measured; missed: not measured well enough (850.0 mm²; tolerance \
+         too fine for the scanner's noise; the finest that this noise allows is 0.156 mm), hidden from the left camera (50.0 mm²)"
     );
     assert!(found[0].remedy.contains("regions.noise.budget"), "{}", found[0].remedy);
 }
@@ -129,9 +129,14 @@ fn a_region_that_other_samples_refute_is_warned_of_and_is_not_unmet() {
 fn a_shortfall_names_causes_by_area_and_says_where_noise_is_a_part_of_it() {
     let partly = RegionCoverage { beyond_noise_area_mm2: 12.0, ..feature() };
     let told = shortfall(&partly).unwrap_or_default();
-    assert!(told.starts_with("below_grade 850.0 mm² (tolerance too fine for the scanner's noise on 12.0 mm²;"), "{told}");
+    let begins = "not measured well enough (850.0 mm²; tolerance too fine for the scanner's noise on 12.0 mm²;";
+    assert!(told.starts_with(begins), "{told}");
     let without_noise = RegionCoverage { beyond_noise_area_mm2: 0.0, ..feature() };
-    assert_eq!(shortfall(&without_noise).as_deref(), Some("below_grade 850.0 mm², shadow_left 50.0 mm²"));
+    assert_eq!(
+        shortfall(&without_noise).as_deref(),
+        Some("not measured well enough (850.0 mm²), hidden from the left camera (50.0 mm²)"),
+        "in words, not in names of the files"
+    );
     let empty = RegionCoverage { samples: 0, asked_area_mm2: 0.0, missed_mm2: Vec::new(), ..feature() };
     assert_eq!(shortfall(&empty).as_deref(), Some("it contains none of the asked surface"));
     assert_eq!(shortfall(&RegionCoverage { target: None, ..feature() }), None);
@@ -157,10 +162,10 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
     assert_eq!(
         found.detail,
-        "is false, and an error of the part as a whole by 1° and 1 mm costs 2.31 percentage points of coverage in the worst of 5 \
+        "is false, and an error of the part and its support by 1° and 1 mm costs 2.31 percentage points of coverage in the worst of 5 \
          draws: 94.79 % of the asked area instead of 97.10 %; a plan that tolerates it loses no more than 1.0 points"
     );
-    assert!(found.remedy.contains("robust.select = true"), "{}", found.remedy);
+    assert!(found.remedy.contains("--set robust.select=true"), "{}", found.remedy);
     params.robust.select = true;
     let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), "").expect("fragile all the same");
     assert!(found.detail.starts_with("is true, and yet") && !found.remedy.contains("robust.select"), "{found:?}");

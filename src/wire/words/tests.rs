@@ -1,7 +1,7 @@
 use super::{
-    ChoiceRules, advice_sentence, apart_mm, area_mm2, at_risk_sentence, by_thousands, changed_params, first_lie, fix_sentence,
-    fixed, fixed_nonzero, independent_share, lie_phrase, no_plan_sentence, percent_below, percents_apart, region_verdict,
-    remedy_sentence, stability_sentence, turn_phrase,
+    ChoiceRules, PlanRules, advice_sentence, apart_mm, area_mm2, at_risk_sentence, by_thousands, changed_params, first_lie,
+    fix_sentence, fixed, fixed_nonzero, independent_share, lie_phrase, no_plan_sentence, percent_below, percents_apart,
+    region_verdict, stability_sentence, turn_phrase,
 };
 use crate::cell::PoseSpec;
 use crate::geometry::Pose;
@@ -122,7 +122,7 @@ fn an_area_has_three_digits_at_least_and_a_space_between_thousands() {
         assert_eq!(area_mm2(mm2), told);
     }
     let large = Remedy { area_mm2: 50_800.0, ..tilt(1.0) };
-    assert_eq!(remedy_sentence(&large), "tilt candidate 7 by 20°: measures 50\u{202f}800.0 mm², 100 % of it");
+    assert_eq!(fix_sentence(&large, at_target()), "tilt candidate 7 by 20°: measures 50\u{202f}800.0 mm², 100 % of it");
 }
 
 #[test]
@@ -213,48 +213,68 @@ fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
         (0.75, "only 75 % of it, 150.0 mm²: tilt candidate 7 by 20°"),
         (0.899, "only 89 % of it, 179.8 mm²: tilt candidate 7 by 20°"),
     ] {
-        assert_eq!(remedy_sentence(&tilt(of_spot)), said);
+        assert_eq!(fix_sentence(&tilt(of_spot), at_target()), said);
     }
     let mut none = tilt(0.0);
     (none.kind, none.views) = (RemedyKind::None, Vec::new());
-    assert_eq!(remedy_sentence(&none), "no fix found (no 8 of the 30 views tried see half of it)");
-    let fewest = ChoiceRules::Plan(SelectionGoal::FewestViews);
-    assert_eq!(fix_sentence(&none, fewest), "no fix found (30 views tried; up to 8 of them together see less than half of it)");
-    assert_eq!(fix_sentence(&tilt(0.9), fewest), remedy_sentence(&tilt(0.9)));
+    let told = "no fix found (30 views tried; up to 8 of them together see less than half of it)";
+    assert_eq!(fix_sentence(&none, at_target()), told);
 }
 
-/// Each of the three rules may have ended the choice.
+/// Rules of a plan without `max_views` that ended at its target.
+fn at_target() -> ChoiceRules {
+    ended_by(StopReason::Target, SelectionGoal::FewestViews, None)
+}
+
+fn ended_by(ended_by: StopReason, goal: SelectionGoal, views_left: Option<usize>) -> ChoiceRules {
+    ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 })
+}
+
+/// What is to be changed so that a view that a plan has as a candidate is chosen.
+fn change(rules: ChoiceRules) -> String {
+    let told = fix_sentence(&Remedy { kind: RemedyKind::View, ..tilt(1.0) }, rules);
+    told.strip_suffix(" so that candidate 7 is chosen too: measures 200.0 mm², 100 % of it").expect(&told).to_owned()
+}
+
+/// "raise selection.target or selection.max_views, or lower selection.min_growth" was told of a plan without `max_views` that
+/// ended at its target.
 #[test]
 fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
-    let more = remedy_sentence(&Remedy { kind: RemedyKind::View, ..tilt(1.0) });
-    for rule in ["raise selection.target", "selection.max_views", "lower selection.min_growth", "candidate 7"] {
-        assert!(more.contains(rule), "{rule:?} is not in {more}");
+    for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime] {
+        for (stop, told) in [
+            (StopReason::Target, "raise selection.target"),
+            (StopReason::NoPath, "raise selection.target"),
+            (StopReason::RegionsUnmet, "raise selection.target"),
+            (StopReason::MaxViews, "raise selection.max_views"),
+            (StopReason::Growth, "lower selection.min_growth"),
+            (StopReason::NoGain, "lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap),"),
+        ] {
+            assert_eq!(change(ended_by(stop, goal, None)), told, "{stop:?}");
+            assert_eq!(change(ended_by(stop, goal, Some(1))), told, "{stop:?} with a view to spare");
+        }
+        let full = change(ended_by(StopReason::Target, goal, Some(0)));
+        assert_eq!(full, "raise selection.target and raise selection.max_views");
     }
+    let (goal, min_gain_mm2) = (SelectionGoal::FewestViews, 1e4);
+    let rules = ChoiceRules::Plan(PlanRules { goal, ended_by: StopReason::Target, views_left: None, min_gain_mm2 });
+    assert_eq!(change(rules), "raise selection.target and lower selection.min_growth");
 }
 
 /// Raising the target was advised where the goal ignores it.
 #[test]
 fn a_target_is_not_advised_where_the_goal_is_the_best_coverage() {
-    let view = Remedy { kind: RemedyKind::View, ..tilt(1.0) };
-    let best = fix_sentence(&view, ChoiceRules::Plan(SelectionGoal::BestCoverage));
-    let head = "raise selection.max_views, or lower selection.min_growth, so that candidate 7 is chosen too: measures";
-    assert!(best.starts_with(head) && !best.contains("selection.target"), "{best}");
-    for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime] {
-        let told = fix_sentence(&view, ChoiceRules::Plan(goal));
-        assert!(told.starts_with("raise selection.target or selection.max_views, or lower"), "{told}");
+    let best = |stop: StopReason, views_left: usize| change(ended_by(stop, SelectionGoal::BestCoverage, Some(views_left)));
+    assert_eq!(best(StopReason::MaxViews, 0), "raise selection.max_views");
+    assert_eq!(best(StopReason::Growth, 2), "lower selection.min_growth");
+    for stop in StopReason::ALL {
+        assert!(!best(stop, 0).is_empty() && !best(stop, 0).contains("selection.target"), "{}", best(stop, 0));
     }
-    let of_any = remedy_sentence(&view);
-    assert!(of_any.contains("selection.target (no effect with selection.goal = best_coverage)"), "{of_any}");
 }
 
 /// A rescan was told to raise `selection.max_views`, which it does not take: its own rules choose the views.
 #[test]
 fn a_view_that_a_rescan_did_not_choose_is_had_by_the_rules_of_the_rescan() {
-    let view = Remedy { kind: RemedyKind::View, ..tilt(1.0) };
-    let told = |stop| {
-        let told = fix_sentence(&view, ChoiceRules::Rescan(stop));
-        told.strip_suffix(" so that candidate 7 is chosen too: measures 200.0 mm², 100 % of it").expect(&told).to_owned()
-    };
+    let told = |stop| change(ChoiceRules::Rescan(stop));
     assert_eq!(told(StopReason::MaxViews), "raise max_views of the rescan");
     assert_eq!(told(StopReason::Growth), "lower min_gain of the rescan");
     let at_target = "plan the part again with a higher selection.target, at which the rescan ends,";
@@ -288,8 +308,9 @@ fn a_rescan_without_a_view_says_which_of_its_rules_ended_it() {
 fn a_distance_below_a_clearance_is_not_rounded_up_to_it() {
     assert_eq!([4.96, 5.0, 0.99, 0.0].map(apart_mm), ["4.9", "5.0", "0.9", "0.0"]);
     assert_eq!([0.031, -0.031, -2.34].map(apart_mm), ["0.031", "-0.031", "-2.3"]);
+    assert_eq!([0.0996, 0.0099, 0.000_057].map(apart_mm), ["0.099", "0.0099", "0.000057"], "0.0996 mm were told as 0.1 mm");
     let advice = advice_sentence(&Advice::ReduceClearance(4.96));
-    assert_eq!(advice, "collision-free there with motion.clearance_mm = 4.9", "a clearance that the distance keeps");
+    assert_eq!(advice, "collision-free there with --set motion.clearance_mm=4.9", "a clearance that the distance keeps");
 }
 
 #[test]
@@ -312,7 +333,7 @@ fn turns_are_told_in_an_operator_s_words() {
     }
 }
 
-/// A plan in two setups that leaves the pose of the job was told to begin "as placed first".
+/// A plan in two setups that leaves the pose of the job was told to begin "as placed".
 #[test]
 fn the_first_setup_is_told_against_the_pose_of_the_job() {
     let turned = |deg: f64| {
@@ -328,5 +349,5 @@ fn the_first_setup_is_told_against_the_pose_of_the_job() {
 fn a_part_is_turned_over_in_words_and_not_by_a_direction() {
     let turn = Some(Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: 3.1 });
     let over = Remedy { kind: RemedyKind::Setup, turn, ..tilt(1.0) };
-    assert_eq!(remedy_sentence(&over), "turn it upside down and scan again: measures 200.0 mm², 100 % of it");
+    assert_eq!(fix_sentence(&over, at_target()), "turn it upside down and scan again: measures 200.0 mm², 100 % of it");
 }

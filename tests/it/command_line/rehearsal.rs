@@ -83,6 +83,7 @@ fn a_planned_part_is_run_on_simulated_controllers() {
     let base = ["run", &plan, "--cell", &cell, "--mesh", &part, "--unit", "mm"];
     let read = run(&[&base[..], &["--mode", "dry_run"]].concat());
     assert_eq!(read.code, Some(0), "{}{}", read.out, read.err);
+    assert!(read.out.starts_with("done: arm and table were read, and nothing was moved;"), "{}", read.out);
 
     let (record, audit) = (folder.path().join("run.json"), folder.path().join("audit"));
     let [record_path, audit_path] = [&record, &audit].map(|path| path.display().to_string());

@@ -80,6 +80,29 @@ fn a_program_runs_to_its_end_and_is_refused_where_it_is_not_sound() {
     assert!(code == Some(2) && err.contains("program.json"), "{code:?} {err}");
 }
 
+/// Another scanner was told by the numbers of its lenses, and another place of the table by what it does to every scan.
+#[test]
+#[ignore = "long: tests/all runs it"]
+fn another_cell_than_the_plans_is_told_by_what_differs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [_, plan] = planned(folder.path());
+    let preset = run(&["presets", "e05-transcan"]).out;
+    let told = |from: &str, to: &str| {
+        let path = folder.path().join("other.toml");
+        std::fs::write(&path, preset.replace(from, to)).expect("a file");
+        let ended = run(&["run", &plan, "--cell", &path.display().to_string(), "--speed", "100"]);
+        assert_eq!(ended.code, Some(2), "{}", ended.err);
+        ended.err
+    };
+    let scanner = told("\"transcan-c\"", "\"transcan-c-nominal\"");
+    assert!(scanner.contains("it has scanner transcan-c-nominal, not transcan-c\n"), "{scanner}");
+    assert!(scanner.contains("give the cell that was, e05-transcan, or plan again"), "{scanner}");
+    assert!(!scanner.contains("/devices/"), "{scanner}");
+    let moved = told("[400.0, 0.0, -200.0]", "[400.0, 30.0, -200.0]");
+    let wanted = "other.toml: /base_from_table: puts the table 30.00 mm and 0.00° from where the plan has it; plan again";
+    assert!(moved.contains(wanted), "{moved}");
+}
+
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn ctrl_c_stops_it_in_order_and_says_so() {

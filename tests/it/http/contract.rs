@@ -138,6 +138,53 @@ fn every_result_of_an_inspection_lists_its_formats() {
     }
 }
 
+/// They read it, and did not list it.
+#[test]
+fn every_result_of_a_job_lists_the_form_of_its_route() {
+    let document = document();
+    for (result, name, form) in [
+        ("plan", "format", "json"),
+        ("program", "dialect", "json"),
+        ("program-4", "dialect", "json"),
+        ("viewpoints", "format", "json"),
+        ("coverage", "format", "json"),
+        ("coverage.bin", "format", "bin"),
+        ("missed", "format", "json"),
+        ("candidates", "format", "json"),
+        ("timings", "format", "json"),
+        ("report", "format", "html"),
+    ] {
+        let schema = parameter(&document, &format!("/api/v1/jobs/{{id}}/{result}"), "get", name);
+        assert_eq!(schema["enum"], serde_json::json!([form]), "{result}");
+    }
+}
+
+/// Names of specifications and times of scans, inspections and calibrations were any text; results of inspections were sent with
+/// a tag and as not modified, and the document did not say so.
+#[test]
+fn names_times_and_answers_to_conditional_requests_are_in_the_document() {
+    let document = document();
+    for collection in ["scanners", "robots", "turntables", "cells"] {
+        for method in ["get", "put", "delete"] {
+            let name = parameter(&document, &format!("/api/v1/{collection}/{{name}}"), method, "name");
+            assert_eq!(name["pattern"], "^[a-z0-9][a-z0-9._-]{0,63}$", "{method} {collection}");
+        }
+    }
+    for (schema, field) in [
+        ("Scan", "created_at"),
+        ("InspectionJob", "created_at"),
+        ("InspectionJob", "ended_at"),
+        ("CalibrationJob", "created_at"),
+        ("CalibrationJob", "ended_at"),
+    ] {
+        assert_eq!(document["components"]["schemas"][schema]["properties"][field]["format"], "date-time", "{schema} {field}");
+    }
+    for result in ["result", "learned", "losses", "deviation", "report"] {
+        let responses = &document["paths"][format!("/api/v1/inspections/{{id}}/{result}")]["get"]["responses"];
+        assert!(responses["304"].is_object() && responses["200"]["headers"]["ETag"].is_object(), "{result}: {responses}");
+    }
+}
+
 /// Those of inspections and of their rescans were not listed.
 #[test]
 fn every_route_that_takes_an_idempotency_key_lists_it() {

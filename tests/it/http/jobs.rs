@@ -147,6 +147,44 @@ async fn a_request_is_refused_with_every_pointer() {
     assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
 }
 
+/// It was ignored, and jobs were shown with it.
+#[tokio::test]
+async fn a_scanner_beside_a_cell_is_refused_unless_it_is_the_cell_s_own() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let request = |scanner: &Value| json!({"mesh_id": mesh, "cell": "e05-transcan", "scanner": scanner});
+    let mut own = api.get("/api/v1/scanners/transcan-c").await.ok(200);
+    for scanner in [json!("transcan-c"), own.clone(), Value::Null] {
+        let job = api.post_json("/api/v1/jobs", &request(&scanner)).await.ok(202);
+        assert_eq!(job["scanner"], "transcan-c");
+    }
+    own["mass_kg"] = json!(3.5);
+    for (scanner, told) in [
+        (json!("transcan-c-nominal"), "is \"transcan-c-nominal\", but the cell \"e05-transcan\" has its own scanner"),
+        (own.clone(), "is a specification named \"transcan-c\", but the cell"),
+    ] {
+        let problem = api.post_json("/api/v1/jobs", &request(&scanner)).await.problem_at("invalid_fields", &["/scanner"]);
+        let detail = problem["errors"][0]["detail"].as_str().expect("a text");
+        assert!(detail.starts_with(told) && detail.contains("leave the scanner out"), "{detail}");
+        let batch = json!({"jobs": [request(&Value::Null), request(&scanner)]});
+        api.post_json("/api/v1/jobs/batch", &batch).await.problem_at("invalid_fields", &["/jobs/1/scanner"]);
+    }
+}
+
+#[tokio::test]
+async fn a_job_in_a_cell_is_shown_with_the_cell_s_scanner_and_accepted_again_as_shown() {
+    let api = Api::start().await;
+    let mut cell = api.get("/api/v1/cells/e05-transcan").await.ok(200);
+    let mut scanner = api.get("/api/v1/scanners/transcan-c").await.ok(200);
+    scanner["name"] = json!("worn");
+    (cell["name"], cell["scanner"]) = (json!("ours"), scanner);
+    let job = api.post_json("/api/v1/jobs", &json!({"mesh_id": api.mesh().await, "cell": cell})).await.ok(202);
+    assert_eq!(job["scanner"], "worn");
+    assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"][0]["scanner"], "worn");
+    let again = json!({"mesh_id": job["mesh_id"], "cell": job["cell"], "scanner": job["scanner"], "params": job["params"]});
+    assert_eq!(api.post_json("/api/v1/jobs", &again).await.ok(202)["scanner"], "worn");
+}
+
 #[tokio::test]
 async fn a_limit_beyond_a_device_s_own_is_refused_with_the_range_and_the_device() {
     let api = Api::start().await;

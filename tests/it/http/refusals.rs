@@ -281,6 +281,58 @@ async fn every_route_refuses_what_it_cannot_take() {
     }
 }
 
+/// The detail did not name the field, told the texts of two schemas, and had `""` for a header that was not sent.
+#[tokio::test]
+async fn a_single_fault_is_told_in_one_sentence_that_names_the_field_the_value_and_what_is_expected() {
+    let api = Api::start().await;
+    let json = Some("application/json");
+    for (method, path, kind, body, code, pointer, detail) in [
+        ("POST", "jobs", json, "[]", "bad_shape", "", "the body is a list; expected an object"),
+        ("POST", "jobs", json, "[{}]", "bad_shape", "", "the body is a list; expected an object"),
+        ("POST", "calibrations", json, "[{}]", "bad_shape", "", "the body is a list; expected an object"),
+        ("POST", "jobs", json, "{}", "bad_shape", "/mesh_id", "/mesh_id is missing: Id of the mesh to plan for"),
+        ("POST", "jobs", json, "{\"mesh_id\": 3}", "bad_shape", "/mesh_id", "/mesh_id is 3; expected a UUID"),
+        ("POST", "jobs", json, "{\"mesh_id\": \"x\"}", "bad_shape", "/mesh_id", "/mesh_id is \"x\"; expected a UUID"),
+        ("POST", "jobs/batch", json, "{\"jobs\": []}", "invalid_fields", "/jobs", "/jobs has 0 entries; allowed are 1 to 100"),
+        (
+            "POST",
+            "leases",
+            None,
+            "{}",
+            "unsupported_media_type",
+            "Content-Type",
+            "The header Content-Type is missing; send application/json.",
+        ),
+        (
+            "POST",
+            "leases",
+            Some("text/plain"),
+            "{}",
+            "unsupported_media_type",
+            "Content-Type",
+            "The header Content-Type is \"text/plain\"; send application/json.",
+        ),
+    ] {
+        let headers: Vec<(&str, &str)> = kind.map(|kind| ("content-type", kind)).into_iter().collect();
+        let problem = api.send(method, &format!("/api/v1/{path}"), &headers, body).await.problem_at(code, &[pointer]);
+        assert_eq!(problem["detail"], detail, "{path} {body}");
+    }
+}
+
+#[tokio::test]
+async fn a_wrong_path_and_a_wrong_method_are_told_what_would_be_right() {
+    let api = Api::start().await;
+    for (method, path, code, told) in [
+        ("GET", "/api/v1/jobs/", "no_such_route", "there is nothing at /api/v1/jobs/; leave out the slash at the end"),
+        ("GET", "//api/v1/jobs", "no_such_route", "there is nothing at //api/v1/jobs; write one slash in the place of two"),
+        ("GET", "/api/v1", "no_such_route", "there is nothing at /api/v1; /docs lists the routes"),
+        ("DELETE", "/api/v1/jobs", "method_not_allowed", "this path does not support the method; it supports GET, HEAD, POST"),
+        ("GET", "/api/v1/jobs/%ff", "bad_request", "the path is not UTF-8 text once its percent-encoding is undone"),
+    ] {
+        assert_eq!(api.send(method, path, &[], "").await.problem(code)["detail"], told);
+    }
+}
+
 /// Retention once deleted when it was asked for a dry run in a body.
 #[tokio::test]
 async fn what_a_route_does_not_take_is_refused_before_anything_is_done() {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use axum::body::Body;
 use serde_json::{Value, json};
+use sqlx::Connection as _;
 use vantage::cell::{Presets, SpecLibrary};
 use vantage::planning::context::Context;
 use vantage::service::planner::{Artifact, JobError, JobInput, plan_files};
@@ -272,6 +273,15 @@ async fn a_run_is_followed_to_its_end_and_whoever_comes_back_gets_what_was_misse
     let last = &stored.last().expect("events").place;
     assert_eq!(api.send("GET", &path, &[("last-event-id", last)], "").await.status, 204);
     api.send("GET", &path, &[("last-event-id", "1.2.3")], "").await.problem("bad_request");
+
+    // Once all of them are pruned, the answer was 204: whoever came late did not learn how the run had ended.
+    let database = format!("sqlite://{}", api.app.data_dir().join("vantage.db").display());
+    let options: sqlx::sqlite::SqliteConnectOptions = database.parse().expect("a path");
+    let mut connection = sqlx::SqliteConnection::connect_with(&options).await.expect("the database");
+    sqlx::query("DELETE FROM run_event").execute(&mut connection).await.expect("deleted");
+    let told = Listener::open(&api, &path, None::<&str>).await.rest().await;
+    assert_eq!(told.iter().map(|event| event.kind.as_str()).collect::<Vec<_>>(), ["reset"]);
+    assert_eq!(api.send("GET", &path, &[("last-event-id", &told[0].place)], "").await.status, 204);
 }
 
 #[tokio::test]

@@ -677,6 +677,19 @@ async function unread() {
   await page.unrouteAll();
   await page.locator("#jobs > li").first().waitFor();
   assert.equal(await page.locator("#main > section > .problem").count(), 0);
+  step("a list that is read, and an earlier attempt that fails after it");
+  const events = /\/api\/v1\/events/;
+  await page.route(events, (route) => route.abort());
+  const attempts = [];
+  await page.route(/\/api\/v1\/jobs\?page_size=\d+$/, (route) => { if (attempts.push(route) > 1) void route.continue(); });
+  await page.reload();
+  while (attempts.length === 0) await frames();
+  await page.unroute(events);
+  await page.locator("#jobs > li").first().waitFor();
+  await attempts[0].abort();
+  await frames();
+  assert.equal(await page.locator("#main > section > .problem").count(), 0, "the list is there");
+  await page.unrouteAll();
   forget(null);
   step("names that cannot be read");
   const name = await page.locator("#jobs .part").first().innerText();
@@ -865,6 +878,9 @@ async function control() {
   for (const [name, state] of [["Pause", "paused"], ["Resume", "running"]]) {
     await press(name);
     await page.locator(`#run-state.${state}`).waitFor();
+    await page.getByRole("button", { name, exact: true, disabled: true }).waitFor();
+    await frames();
+    assert.equal(await page.evaluate(() => document.activeElement.textContent), name, "the button keeps the keyboard");
   }
   await page.locator("#connection[data-connection=live]").waitFor();
   await crowded(async () => {

@@ -81,6 +81,10 @@ fn what_cannot_be_used_is_told_with_file_and_code() {
     let strange = file(folder.path(), "strange.txt", "hello");
     let error = run(&args(&[&strange]).expect("options")).expect_err("strange");
     assert!(error.to_string().contains("unknown_format"), "{error}");
+    // It was told to be in no known format.
+    let empty = file(folder.path(), "empty.yml", "\n");
+    let error = run(&args(&[&empty]).expect("options")).expect_err("empty");
+    assert!(error.to_string().ends_with("empty.yml: is empty (unreadable); export the calibration again"), "{error}");
     let error = run(&args(&[&left, "--hold", "fx"]).expect("options")).expect_err("not held");
     assert!(error.to_string().contains("skew, k1, k2, p1, p2, k3"), "{error}");
     assert!(args(&[&left, "--field", "300x190"]).expect_err("no distance").contains("as in 300x190@480"));
