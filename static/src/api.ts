@@ -13,7 +13,9 @@ export class Refused extends Error {
   /** `etag`: that of the version which is stored, where the refusal names it. */
   constructor(problem: { code?: string; title?: string; detail?: string; errors?: ProblemField[] }, status: number, readonly etag = "") {
     const fields = problem.errors ?? [];
-    super([problem.detail || problem.title, ...fields.map((field) => `${field.pointer}: ${field.detail}`)].join("\n"));
+    // The detail of a single fault names its field.
+    const listed = problem.detail && fields.length < 2 ? [] : fields;
+    super([problem.detail || problem.title, ...listed.map((field) => `${field.pointer}: ${field.detail}`)].join("\n"));
     this.code = problem.code ?? "";
     this.status = status;
     this.fields = fields;

@@ -107,11 +107,13 @@ async function listJobs(asked: string, token?: string): Promise<void> {
 /** Reason for which the list with the filter that is set could not be read; empty once it was. */
 export const listProblem = signal("");
 
-/** Reads the newest page with the filter that is set; what fails is told in place of the list. */
+let reads = 0;
+
+/** Reads the newest page with the filter that is set; what fails is told in place of the list, unless it was asked for once more since. */
 export async function readList(): Promise<void> {
-  const asked = filter;
-  const problem = await listJobs(asked).then(() => "", (error: Error) => error.message);
-  if (asked === filter) listProblem.value = problem;
+  const read = (reads += 1);
+  const problem = await listJobs(filter).then(() => "", (error: Error) => error.message);
+  if (read === reads) listProblem.value = problem;
 }
 
 export const listMore = (): Promise<void> => listJobs(filter, listed.peek()?.token ?? undefined);

@@ -286,10 +286,10 @@ function Controls({ run, setups, read }: Commanded & { setups: number }) {
   return (
     <>
       <div class="controls" role="group" aria-label={words.title}>
-        <Button disabled={state !== "running"} onClick={command("pause", false)}>{words.pause}</Button>
-        <Button kind="primary" disabled={!isWaiting} onClick={command("resume", true)}>{words.resume}</Button>
-        <Button kind="danger" disabled={!isActive} onClick={() => { void stop(); }}>{words.stop}</Button>
-        {isStepped && <Button disabled={!isWaiting} onClick={command("step", true)}>{words.step}</Button>}
+        <Button idle={state !== "running"} onClick={command("pause", false)}>{words.pause}</Button>
+        <Button kind="primary" idle={!isWaiting} onClick={command("resume", true)}>{words.resume}</Button>
+        <Button kind="danger" idle={!isActive} onClick={() => { void stop(); }}>{words.stop}</Button>
+        {isStepped && <Button idle={!isWaiting} onClick={command("step", true)}>{words.step}</Button>}
         {!isActive && job && setups > 0 && (
           <StartRun job={job} setups={setups} setup={run.value.setup} timeFactor={run.value.time_factor} fromStep={state === "done" ? 0 : run.value.step} />
         )}

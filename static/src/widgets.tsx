@@ -32,20 +32,20 @@ export async function goToMade(work: () => Promise<string>): Promise<void> {
   else made.value = hash;
 }
 
-export function Button({ onClick, children, kind = "", ...rest }: {
-  onClick: () => unknown; children: ComponentChildren; kind?: string; disabled?: boolean; title?: string; "aria-pressed"?: boolean;
+/** Button; one that is `idle` does nothing for now, and keeps the keyboard that one that is disabled loses. */
+export function Button({ onClick, children, kind = "", idle = false, ...rest }: {
+  onClick: () => unknown; children: ComponentChildren; kind?: string; idle?: boolean; disabled?: boolean; title?: string; "aria-pressed"?: boolean;
   "aria-label"?: string; class?: string;
 }) {
   const [busy, setBusy] = useState(false);
   const click = (): void => {
-    if (busy) return;
+    if (busy || idle) return;
     const result = onClick();
     if (!(result instanceof Promise)) return;
     setBusy(true);
     void guarded(() => result).finally(() => setBusy(false));
   };
-  // A button that is disabled loses the keyboard.
-  return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} aria-disabled={busy || undefined} onClick={click}>{children}</button>;
+  return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} aria-disabled={busy || idle || undefined} onClick={click}>{children}</button>;
 }
 
 /** Answers a function to call before what has the keyboard goes: once it is gone, the keyboard moves to the row after it, the one before

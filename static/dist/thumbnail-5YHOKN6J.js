@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-J7BLKOAC.js";import"./chunk-WLVDOSYS.js";import"./chunk-BS4FUIPS.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-4SEOPXA3.js";export{a as drawThumbnail,b as drawTurned};
