@@ -70,7 +70,7 @@ export const text = {
     set: (field: string, value: string) => `Set ${field} = ${value}`, inUnit: (unit: string) => `Read the file in ${unit} and plan again`, report: "Open report", upload: "Upload another file", number: "Job ID:",
     help: {
       job_input_invalid: "Correct what is named above and plan again; everything else is kept.",
-      no_plan: "No plan meets the conditions with these parameters in this cell. The report shows how far the candidates got and what stopped them; change what it names and plan again.",
+      no_plan: "No plan meets the conditions with these parameters. The report shows how far the candidates got and what stopped them; change what it names and plan again.",
       job_too_long: "Simplify the mesh or use a coarser grid of candidates, then plan again. An administrator can raise the time limit.",
       job_panicked: "This is a server error, not a fault in your input. Plan again once; if it fails again, report it with the job ID and the server's log.",
       job_attempts_exhausted: "The server stopped during every attempt. Check its memory and log, then plan again. A smaller mesh or a larger part.patch_edge_mm needs less memory.",
@@ -90,7 +90,7 @@ export const text = {
     denominator: {
       of_visible: "Of visible: share of the asked area that can be seen at all: the part neither stands on it nor encloses it.",
       of_asked: "Of asked: share of the area you asked for. The face that the part rests on counts, although nothing can see it.",
-      of_coverable: "Of coverable: share of what the candidates can measure in this cell. The target refers to this share by default.",
+      of_coverable: "Of coverable: share of what the usable candidates measure. The target refers to this share by default.",
     },
     view: (id: number) => `View ${id}`, adds: (share: string) => `adds ${share}`, rejected: "no collision-free path",
     clearance: (distance: string) => `clearance ${distance}`, depth: "Distance", incidence: "Incidence",

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-OW7SS4J6.js";import"./chunk-WLVDOSYS.js";import"./chunk-DKKT6UKQ.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-3NR32UMS.js";export{a as drawThumbnail,b as drawTurned};
