@@ -38,7 +38,7 @@ const REJECTED: [Cause; 3] = [Cause::Unreachable, Cause::Collision, Cause::NoPat
 /// Checks the document; every finding.
 pub(super) fn check(document: &PlanDocument, place: Option<CheckPlace<'_>>) -> Result<(), Vec<FieldError>> {
     let mut findings = Findings::default();
-    match document.params.check() {
+    match document.params.check_of_plan() {
         Ok(()) => params::check(document, &mut findings),
         Err(errors) => {
             errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));

@@ -173,9 +173,11 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
     }
     let bytes = std::fs::read(path).map_err(|error| unreadable(path, &error))?;
     refuse_mesh(path, "a TOML or JSON file")?;
-    let text = String::from_utf8(bytes).map_err(|error| match error.as_bytes() {
-        binary if binary.contains(&0) => refuse("not a TOML or JSON file".to_owned()),
-        text => refuse(other_encoding(text)),
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let bytes = error.as_bytes();
+        let is_utf_16 = matches!(bytes, [0xff, 0xfe, 1..=255, 0, ..] | [0xfe, 0xff, 0, 1..=255, ..]);
+        let is_binary = bytes.contains(&0) && !is_utf_16;
+        refuse(if is_binary { "not a TOML or JSON file".to_owned() } else { other_encoding(bytes) })
     })?;
     if text.contains('\0') {
         return Err(refuse("not a TOML or JSON file".to_owned()));
@@ -229,7 +231,8 @@ pub(super) fn foreign_text(path: &Path, text: &str) -> Option<ForeignText> {
     if is_named("csv") || is_named("tsv") {
         return Some(ForeignText::Table);
     }
-    let mut of_controllers = Dialect::ALL.into_iter().flat_map(Dialect::outputs);
+    // Many programs write tables named .dat; that of KRL is known by its content.
+    let mut of_controllers = Dialect::ALL.into_iter().flat_map(Dialect::outputs).filter(|output| output.extension != "dat");
     if out::is_program_text(text.as_bytes()) || of_controllers.any(|output| is_named(output.extension)) {
         return Some(ForeignText::ControllerProgram);
     }

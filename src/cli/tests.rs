@@ -381,6 +381,7 @@ fn inspect_says_what_a_file_is_that_is_no_mesh_and_no_scanner() {
         let found = told(name, text);
         assert!(found.contains(wanted) && !found.contains('\n'), "{name}: {found}");
     }
+    assert!(!told("points.dat", "1 2 3\n").contains("controller"), "many programs write tables named .dat");
     let refused = files::mesh(&folder.path().join("cell.toml"), Some(LengthUnit::Millimetre), &Poll::never()).map(drop);
     let refused = refused.expect_err("no mesh").to_string();
     assert!(refused.contains("cell.toml: is a cell, not a mesh; `vantage check "), "{refused}");

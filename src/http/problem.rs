@@ -389,9 +389,9 @@ fn nothing_at(prefix: &Prefix, path: &str) -> String {
     } else if path.len() > 1 && path.ends_with('/') {
         "leave out the slash at the end"
     } else {
-        return format!("there is nothing at {path}; {} lists the routes", prefix.at("/docs"));
+        return format!("there is nothing at {}; {} lists the routes", prefix.at(path), prefix.at("/docs"));
     };
-    format!("there is nothing at {path}; {hint}")
+    format!("there is nothing at {}; {hint}", prefix.at(path))
 }
 
 /// The error for a response of axum or tower, by its status.

@@ -391,6 +391,20 @@ impl PlanParams {
     /// # Errors
     /// All fields that are out of range, with the range.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = self.findings();
+        self.regions.check_names(&mut findings);
+        findings.into_result()
+    }
+
+    /// Checks the parameters of a plan that exists, as [`Self::check`], but for equal names of regions, which earlier releases took.
+    ///
+    /// # Errors
+    /// All fields that are out of range, with the range.
+    pub fn check_of_plan(&self) -> Result<(), Vec<FieldError>> {
+        self.findings().into_result()
+    }
+
+    fn findings(&self) -> Findings {
         let mut findings = Findings::default();
         self.part.check(&mut findings);
         self.check_ranges("", &mut findings);
@@ -409,7 +423,7 @@ impl PlanParams {
         self.score.check(&mut findings);
         self.selection.check(&mut findings);
         self.robust.check(&mut findings);
-        findings.into_result()
+        findings
     }
 
     /// Checks the limits of incidence, the job's and those of its regions, against those of the scanner's devices. Both cameras

@@ -224,7 +224,7 @@ impl App {
                     Err(error) => return Err(error),
                 }
             }
-            app.warn_of_rest(policy.max_bytes).await?;
+            app.warn_of_rest(&policy).await?;
             if deleted != Due::default() || !runs.is_empty() {
                 let (jobs, meshes) = (deleted.jobs.len(), deleted.meshes.len());
                 tracing::info!(jobs, meshes, runs = runs.len(), "deleted by the retention policy");
@@ -235,9 +235,11 @@ impl App {
     }
 
     /// Warns of stored files beyond their max size, which no deletion of a job frees.
-    async fn warn_of_rest(&self, max_bytes: u64) -> Result<(), Error> {
-        let files_bytes = if max_bytes > 0 { self.0.store.stored_bytes().await? } else { 0 };
-        if files_bytes > max_bytes {
+    async fn warn_of_rest(&self, policy: &Policy) -> Result<(), Error> {
+        let (store, max_bytes) = (&self.0.store, policy.max_bytes);
+        let files_bytes = if max_bytes > 0 { store.stored_bytes().await? } else { 0 };
+        // Files that jobs share go with the last of them: what is left may be due in the next round.
+        if files_bytes > max_bytes && store.due(policy).await?.jobs.is_empty() {
             tracing::warn!(
                 files_bytes,
                 max_bytes,

@@ -417,8 +417,8 @@ impl<'a> Lookup<'a> {
         });
         if let Some(other) = other {
             let detail = format!(
-                "{other}, but the cell {:?} has its own scanner, {:?}; leave the scanner out, or give the cell \"none\" to plan \
-                 without one",
+                "{other}, but the cell {:?} has its own scanner, {:?}; leave the scanner out, or set the cell to \"none\" to plan \
+                 viewpoints only",
                 cell.name, own.name
             );
             self.refuse("/scanner", detail);

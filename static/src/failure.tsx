@@ -33,7 +33,7 @@ interface Fix { field: string; value?: unknown }
 
 /** Value of a parameter that a sentence states, where it states one and not several to choose from. */
 function stated(sentence: string, field: string, schema: Schema): unknown {
-  const [, given, after] = new RegExp(`\\b${field.replace(".", "\\.")} = ([\\w.-]*\\w)( or )?`).exec(sentence) ?? [];
+  const [, given, after] = new RegExp(`\\b${field.replace(".", "\\.")} ?= ?([\\w.-]*\\w)( or )?`).exec(sentence) ?? [];
   if (given === undefined || after) return undefined;
   if (schema.enum) return schema.enum.includes(given) ? given : undefined;
   return Number.isFinite(Number(given)) ? Number(given) : undefined;
@@ -43,7 +43,7 @@ function stated(sentence: string, field: string, schema: Schema): unknown {
 function fixesIn(sentences: string, parameters: Map<string, Schema>, known: string[]): Fix[] {
   return [...parameters].filter(([field]) => !known.includes(field))
     // A word such as `setups` is a parameter only where a value follows it.
-    .filter(([field]) => new RegExp(`(^|[^\\w.])${field.replace(".", "\\.")}${field.includes(".") ? "\\b(?!\\.)" : " = "}`).test(sentences))
+    .filter(([field]) => new RegExp(`(^|[^\\w.])${field.replace(".", "\\.")}${field.includes(".") ? "\\b(?!\\.)" : " ?= ?"}`).test(sentences))
     .map(([field, schema]) => ({ field, value: stated(sentences, field, schema) }));
 }
 

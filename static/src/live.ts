@@ -115,7 +115,11 @@ export class Stream {
     }
     const kind = fields.event;
     if (!kind) return;
-    if (kind === "reset") return this.options.onReset();
+    if (kind === "reset") {
+      // Where it has an id nothing follows: whoever comes back with that is told so.
+      if (fields.id) this.last = fields.id;
+      return this.options.onReset();
+    }
     if (fields.id) {
       if (this.options.numbered && this.last && Number(fields.id) <= Number(this.last)) return;
       this.last = fields.id;

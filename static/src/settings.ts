@@ -138,4 +138,4 @@ export const zone = new Intl.DateTimeFormat().resolvedOptions().timeZone;
 export const zoned = (shown: string): string => `${shown} (${zone})`;
 
 /** A sentence of the server without the options of the command line, which a button stands for here. */
-export const withoutOptions = (sentence: string): string => sentence.replace(/:?(?: --set (?:'[^']*'|[^\s;]+))+/g, "");
+export const withoutOptions = (sentence: string): string => sentence.replace(/:?(?: --set (?:'[^']*'|[^\s;]+))+| \(--up [^)]*\)/g, "");

@@ -59,6 +59,10 @@ fn a_file_in_another_encoding_is_told_what_to_save_it_as() {
     assert!(latin.ends_with("features.csv: line 2: is not in UTF-8; save the file as text in UTF-8"), "{latin}");
     let wide = told("wide.csv", b"\xff\xfen\0a\0m\0e\0");
     assert!(wide.ends_with("wide.csv: is a text in UTF-16; save it in UTF-8"), "{wide}");
+    let of_shell = folder.path().join("cell.toml");
+    std::fs::write(&of_shell, b"\xff\xfen\0a\0m\0e\0").expect("a file");
+    let of_shell = crate::cli::files::value(&of_shell).map(drop).expect_err("UTF-16").to_string();
+    assert!(of_shell.ends_with("cell.toml: is a text in UTF-16; save it in UTF-8"), "{of_shell}");
     let workbook = told("features.xlsx", b"PK\x03\x04\x14\0\x06\0\x08\0\0\0!\0\xff");
     assert!(workbook.contains("is a workbook or another ZIP archive; save its table as CSV in UTF-8"), "{workbook}");
 }

@@ -249,7 +249,7 @@ impl View<'_> {
         }
         let point = self.eye_mm + direction;
         let distance_mm = normal.dot(&(point - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
-        if self.is_hidden(&point, f64::from(distance_mm)) {
+        if self.is_hidden(cell, &point, face, f64::from(distance_mm)) {
             return Found::NOTHING;
         }
         let is_within = f64::from(distance_mm.abs()) <= self.options.search_mm;
@@ -263,10 +263,20 @@ impl View<'_> {
 
     /// Returns true if a point of a merged cloud lies behind the face that its ray meets, and on another face, as far as the part may be
     /// off: this view cannot have seen it there, and another one has. Were material missing, no face would explain the point better.
-    fn is_hidden(&self, point: &Point3<f64>, distance_mm: f64) -> bool {
+    fn is_hidden(&self, cell: usize, point: &Point3<f64>, face: u32, distance_mm: f64) -> bool {
         let least_gain_mm = self.least_gain_mm(distance_mm);
         let Some(merged) = self.merged.filter(|_| -distance_mm > least_gain_mm) else { return false };
-        merged.nearest(point, (-distance_mm - least_gain_mm).min(self.options.rim_mm)).is_some()
+        let reach_mm = (-distance_mm - least_gain_mm).min(self.options.rim_mm);
+        let Some(other) = merged.nearest(point, reach_mm) else { return false };
+        let normal = self.normals[face as usize];
+        // The other side of a sheet explains a dent as well: it is seen through a gap only where points around lie before it.
+        let is_other_side = self.normals[other.face as usize].dot(&normal) <= -SAME_SIDE_COS;
+        let is_before = |beside: usize| {
+            let beside = self.point(beside).map(|beside| self.placed.part_from_scanner.point(&beside));
+            beside.is_some_and(|beside| normal.dot(&(beside - point)) > least_gain_mm)
+        };
+        let mut around = (-1..=1).flat_map(|right| (-1..=1).map(move |down| [right, down]));
+        !is_other_side || around.any(|offset| self.beside(cell, &offset).is_some_and(is_before))
     }
 
     /// Length by which another face has to lie nearer to a point than its own: more than ten times the noise, and twice as near.

@@ -505,6 +505,27 @@ fn points_of_a_merged_cloud_are_not_compared_with_faces_that_hide_them() {
     assert!(floor.len() > 50 && 10 * missing > 9 * floor.len(), "{missing} of {}", floor.len());
 }
 
+/// A dent of nearly a sheet's thickness was taken for the sheet's other side, seen through a gap.
+#[test]
+fn a_dent_of_a_sheet_in_a_merged_cloud_is_not_taken_for_its_other_side() {
+    let dented = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 0.3]);
+    let shots = Shots::of(&dented, 8);
+    let scans = shots.scans(&[from_above(&shots)], 0.0, |_| Isometry3::identity());
+    let images = merged(&scans, &shots.scanner, 4);
+    let model = Model::of(box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 1.5]), 1.0);
+    let options = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
+    let found = compare(&placed(&images, 0.0), &model.nominal(), &options);
+    let is_inner = |at: &Point3<f64>| at.z > 1.4 && at.x.abs() < 40.0 && at.y.abs() < 40.0;
+    let inner: Vec<SampleId> =
+        model.surface.samples().filter(|sample| is_inner(&model.surface.sample_mm[sample.index()])).collect();
+    let is_dented = |sample: &&SampleId| {
+        let found = &found.samples[sample.index()];
+        found.points > 0 && (f64::from(found.distance_mm) + 1.2).abs() < 0.01
+    };
+    let count = inner.iter().filter(is_dented).count();
+    assert!(inner.len() > 500 && 10 * count > 9 * inner.len(), "{count} of {}", inner.len());
+}
+
 #[test]
 fn an_end_that_slopes_has_moved_farther_than_its_surface_deviates() {
     // A roof of 3 : 4, raised by 0.1 mm over its floor.

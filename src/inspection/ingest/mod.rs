@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use crate::cell::{Scanner, closed_list};
 use crate::geometry::cloud_io::StoredCloud;
-use crate::geometry::{LengthUnit, NearestFace, Part, PointCloud, Pose};
+use crate::geometry::{LengthUnit, NearestFace, Part, Plate, PointCloud, Pose};
 use crate::inspection::registration::RegistrationOptions;
 use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, RefinedAlone, place};
 use crate::inspection::{PixelGrid, ViewScan};
@@ -227,7 +227,7 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     ingested.place_part(astray, swapped, world);
     ingested.leave_out_misfits(None, world);
     ingested.leave_out_copies(&prints);
-    ingested.refuse_other_plan();
+    ingested.refuse_other_plan(world);
     for capture in world.captures {
         if !ingested.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
             ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
@@ -296,15 +296,35 @@ impl Ingested {
         }
     }
 
-    /// Refuses the scans that fit where more do not: a few that fit by chance would be told as what was measured of the part.
-    fn refuse_other_plan(&mut self) {
+    /// Refuses the scans of a setup that fit where more do not: a few that fit by chance would be told as what was measured of the part.
+    fn refuse_other_plan(&mut self, world: &IngestWorld<'_>) {
+        // Scans that found the part together are of it.
+        if self.mesh_from_stated != Pose::identity() {
+            return;
+        }
         let misfits = [IngestCode::WrongView, IngestCode::NoPart, IngestCode::UnitMismatch, IngestCode::FrameMismatch];
-        let misfits = self.findings.iter().filter(|finding| misfits.contains(&finding.code)).count();
-        if misfits > self.scans.len() {
-            for taken in self.scans.drain(..) {
-                let finding = IngestFinding::of(IngestCode::OtherPlan, Some(taken.file), Some(taken.scan.viewpoint));
-                self.findings.push(finding);
+        // What lies on the part in another unit or frame is a scan of it.
+        let is_misfit = |finding: &&IngestFinding| {
+            misfits.contains(&finding.code) && finding.tried.iter().all(|attempt| attempt.on_part < MIN_SHARE)
+        };
+        // Of several setups, the part may have been put down otherwise in one alone.
+        let place_of = |viewpoint: Option<u32>| {
+            world.captures.iter().find(|capture| Some(capture.viewpoint) == viewpoint).and_then(|capture| capture.part_from_plate)
+        };
+        let missed: Vec<Option<Pose<Part, Plate>>> =
+            self.findings.iter().filter(is_misfit).map(|finding| place_of(finding.viewpoint)).collect();
+        let fitted: Vec<Option<Pose<Part, Plate>>> =
+            self.scans.iter().map(|taken| place_of(Some(taken.scan.viewpoint))).collect();
+        let count = |places: &[Option<Pose<Part, Plate>>], of: &Option<Pose<Part, Plate>>| {
+            places.iter().filter(|place| *place == of).count()
+        };
+        for (taken, place) in std::mem::take(&mut self.scans).into_iter().zip(&fitted) {
+            if count(&missed, place) <= count(&fitted, place) {
+                self.scans.push(taken);
+                continue;
             }
+            let finding = IngestFinding::of(IngestCode::OtherPlan, Some(taken.file), Some(taken.scan.viewpoint));
+            self.findings.push(finding);
         }
     }
 

@@ -11,11 +11,12 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::OnceLock;
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use super::frames::{self, NEAR_PART_MM, sampled};
 use super::{FrameAttempt, IngestWorld, MIN_SHARE, PlannedCapture, ScanFrame, TakenScan};
 use crate::geometry::cloud_io::StoredCloud;
-use crate::geometry::{Part, Pose, RayScene, SimdLevel};
+use crate::geometry::{Hit, Part, Pose, RayScene, SimdLevel};
 use crate::inspection::PixelGrid;
 use crate::inspection::registration::locate::{RefinedAlone, refined_alone};
 
@@ -73,7 +74,9 @@ pub(super) fn other_view(taken: &TakenScan, mesh_from_stated: &Pose<Part, Part>,
         let found = refined_alone(scan, world.nearest, &(mesh_from_scanner * scan.part_from_scanner.inverse()));
         found.is_sure().then_some((found.inlier_share, other.viewpoint))
     };
-    best(world.captures.iter().filter(|other| other.viewpoint != scan.viewpoint).filter_map(fit))
+    let others: Vec<&PlannedCapture> = world.captures.iter().filter(|other| other.viewpoint != scan.viewpoint).collect();
+    let found: Vec<Option<(f64, u32)>> = others.par_iter().map(|other| fit(other)).collect();
+    best(found.into_iter().flatten())
 }
 
 /// The view of the largest share; of equal ones the first.
@@ -103,7 +106,7 @@ impl SeenShares {
     }
 }
 
-/// What views see of the part at its planned place.
+/// Sight of the part from views, at its planned place.
 pub(super) struct ViewSight<'a> {
     /// World that the clouds are held against.
     pub(super) world: &'a IngestWorld<'a>,
@@ -147,16 +150,23 @@ impl<'a> ViewSight<'a> {
     /// smaller share of them than `least`.
     fn shares(&self, points: &[Point3<f64>], frame: ScanFrame, capture: &PlannedCapture, least: f64) -> Option<SeenShares> {
         let part_from_frame = capture.part_from_scanner.isometry() * capture.scanner_from(frame)?;
-        let nearest = self.world.nearest;
-        let on_face = |point: &Point3<f64>| -> Option<OnFace> {
-            let found = nearest.nearest(&(part_from_frame * point), NEAR_PART_MM)?;
-            Some((found.point_mm, nearest.mesh().scaled_normal(found.face as usize).try_normalize(0.0)?))
+        let (nearest, mesh) = (self.world.nearest, self.world.nearest.mesh());
+        let is_near = |point: &Point3<f64>| nearest.nearest(point, NEAR_PART_MM).is_some();
+        let near: Vec<Point3<f64>> = points.iter().map(|point| part_from_frame * point).filter(is_near).collect();
+        // The nearest face of a thin part that is a little off may be that of its other side: the one that the ray meets counts.
+        let eye = (capture.part_from_scanner * self.world.scanner.devices.left.scanner_from_device).origin_mm();
+        let rays: Vec<Vector3<f64>> = near.iter().map(|point| point - eye).collect();
+        let mut hits: Vec<Option<Hit>> = Vec::new();
+        self.scene().first_hits_from(SimdLevel::widest(), &eye, &rays, &mut hits);
+        let on_face = |(hit, ray): (&Option<Hit>, &Vector3<f64>)| -> Option<OnFace> {
+            let hit = hit.as_ref().filter(|hit| (hit.share - 1.0).abs() * ray.norm() <= NEAR_PART_MM)?;
+            Some((eye + ray * hit.share, mesh.scaled_normal(hit.triangle as usize).try_normalize(0.0)?))
         };
-        let on_part: Vec<OnFace> = points.iter().filter_map(on_face).collect();
+        let on_part: Vec<OnFace> = hits.iter().zip(&rays).filter_map(on_face).collect();
         let share = |part: usize, all: usize| part as f64 / all.max(1) as f64;
         let seen = self.is_seen(&on_part, capture, ANY_COS).into_iter().filter(|is_seen| *is_seen).count();
-        let of_points = share(seen, on_part.len());
-        if on_part.len() < MIN_POINTS || of_points < least {
+        let of_points = share(seen, near.len());
+        if near.len() < MIN_POINTS || of_points < least {
             return None;
         }
         let expected = self.expected(capture);

@@ -304,6 +304,45 @@ fn scans_of_which_most_fit_no_view_are_refused_and_each_is_named() {
     assert_eq!((views, refusals.len(), refusals[0].1), (vec![1], 1, Some(2)), "{:?}", one_of_two.findings);
 }
 
+/// Scans of a part that was found, or of a setup in which the part was put down as planned, were refused with those that misfit.
+#[test]
+fn scans_that_fit_are_refused_only_with_misfits_of_their_setup_and_of_another_part() {
+    let cell = Cell::new();
+    let kept = |cell: &Cell, moved_mm: f64, is_in_another_frame: bool| {
+        let files = [0, 1].map(|view| cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("{}.ply", view + 1)));
+        let mut taken = cell.ingest(files.into());
+        taken.mesh_from_stated = Pose::claim(Isometry3::translation(moved_mm, 0.0, 0.0));
+        let tried = if is_in_another_frame { vec![taken.scans[0].fit] } else { Vec::new() };
+        for number in 0..3 {
+            let finding = IngestFinding::of(IngestCode::NoPart, Some(format!("{number}.ply")), Some(3));
+            taken.findings.push(IngestFinding { tried: tried.clone(), ..finding });
+        }
+        let nearest = NearestFace::new(&cell.mesh);
+        let world = IngestWorld { scanner: &cell.scanner, nearest: &nearest, captures: &cell.captures, fixtures: &[] };
+        taken.refuse_other_plan(&world);
+        taken.scans.len()
+    };
+    assert_eq!(kept(&cell, 0.0, false), 0, "three of five misfit");
+    assert_eq!(kept(&cell, 5.0, false), 2, "the part was found by those that fit");
+    assert_eq!(kept(&cell, 0.0, true), 2, "the others lie on the part in another frame");
+    let mut of_two_setups = Cell::new();
+    of_two_setups.captures[2].part_from_plate = Some(Pose::identity());
+    assert_eq!(kept(&of_two_setups, 0.0, false), 2, "the others are of another setup");
+}
+
+/// Points of a plate of 1.5 mm that lies 1 mm off were nearest to its other side, and the scan was told as that of a view from there.
+#[test]
+fn a_scan_of_a_thin_part_that_is_a_little_off_is_not_taken_for_one_of_its_other_side() {
+    for off_mm in [-1.0, 1.0] {
+        let plate = box_mesh([-50.0, -40.0, 0.0], [50.0, 40.0, 1.5]);
+        let cell = Cell::holding(plate, &Isometry3::translation(0.0, 0.0, off_mm));
+        let file = |view: usize| cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, &format!("view_{}.ply", view + 1));
+        let taken = cell.ingest((0..4).map(file).collect());
+        let wrong = told(&taken).1.into_iter().filter(|refusal| refusal.0 == IngestCode::WrongView).count();
+        assert_eq!(wrong, 0, "{:?}", taken.findings);
+    }
+}
+
 /// A lone file of a view that does not exist was once refused as a cloud that misses the part, or taken for one of all views without a
 /// word on its number.
 #[test]

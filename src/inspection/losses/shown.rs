@@ -134,7 +134,7 @@ impl ShownSurface {
         });
         if let Some(merged) = merged {
             for (point, met) in points.iter_mut().zip(&met) {
-                let is_seen = |own: &Point3<f64>| !met.as_ref().is_some_and(|met| is_of_another(own, met, merged));
+                let is_seen = |own: &Point3<f64>| !met.as_ref().is_some_and(|met| is_of_another(own, met, merged, model.mesh()));
                 *point = point.filter(is_seen);
             }
         }
@@ -201,10 +201,12 @@ fn off_of(point: &Point3<f64>, own: &MetPlane, met: &[Option<MetPlane>; CELLS], 
     nearest.filter(|nearest| 2.0 * nearest.distance_mm.abs() <= off.distance_mm.abs()).unwrap_or(off)
 }
 
-/// Returns true if a point off the plane that its ray meets, by more than the noise, lies on another face of the part.
-fn is_of_another(point: &Point3<f64>, met: &MetPlane, merged: &NearestFace<'_>) -> bool {
+/// Returns true if a point off the plane that its ray meets, by more than the noise, lies on another face of the part. The other
+/// side of a sheet is none: it explains a dent as well.
+fn is_of_another(point: &Point3<f64>, met: &MetPlane, merged: &NearestFace<'_>, mesh: &Mesh) -> bool {
     let away_mm = met.distance_mm(point).abs();
-    away_mm > met.noise_mm && merged.nearest(point, 0.5 * away_mm).is_some()
+    let other = (away_mm > met.noise_mm).then(|| merged.nearest(point, 0.5 * away_mm)).flatten();
+    other.is_some_and(|other| mesh.scaled_normal(other.face as usize).normalize().dot(&met.normal) > -EVEN_COS)
 }
 
 #[cfg(test)]

@@ -100,7 +100,7 @@ pub fn recheck_by(
     views: &[TakenView],
     ctx: &Context<'_>,
 ) -> Result<Rechecked, PlanError> {
-    params.check()?;
+    params.check_of_plan()?;
     params.check_limits(input.scanner)?;
     Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
     let mut params = params.clone();

@@ -202,13 +202,12 @@ impl RegionParams {
         for (index, feature) in self.features.iter().enumerate() {
             feature.check(&format!("/regions/features/{index}"), findings);
         }
-        self.check_names(findings);
         self.check_ranges("/regions", findings);
         self.noise.check_ranges("/regions/noise", findings);
     }
 
     /// Requires a name of its own of each region of interest and feature: results tell them apart by their names alone.
-    fn check_names(&self, findings: &mut Findings) {
+    pub(super) fn check_names(&self, findings: &mut Findings) {
         let interest = self.interest.iter().enumerate();
         let interest = interest.map(|(index, region)| ("interest", index, region.name.is_some(), region.name_at(index)));
         let features = self.features.iter().enumerate();
@@ -309,7 +308,9 @@ mod tests {
     /// Findings on regions of interest and features, each in a sentence that begins with its pointer.
     fn found(interest: Vec<InterestParams>, features: Vec<FeatureParams>) -> Vec<String> {
         let mut findings = Findings::default();
-        RegionParams { interest, features, ..RegionParams::default() }.check(&mut findings);
+        let regions = RegionParams { interest, features, ..RegionParams::default() };
+        regions.check(&mut findings);
+        regions.check_names(&mut findings);
         findings.into_result().err().unwrap_or_default().iter().map(ToString::to_string).collect()
     }
 

@@ -96,7 +96,7 @@ impl SampledPart {
         demand: Option<&Demand<'_>>,
         ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
-        params.check()?;
+        params.check_of_plan()?;
         params.check_limits(input.scanner)?;
         ctx.check()?;
         Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;

@@ -86,8 +86,9 @@ impl App {
         let session = self.0.runs.get(run).map(|open| open.session.subscribe());
         let newest = self.0.store.newest_run_event().await?;
         let is_pruned = match after {
-            Some(after) => self.0.store.is_run_event_pruned_after(after.event).await?,
-            None => false,
+            Some(after) if has_ended => self.0.store.is_run_event_pruned_after(after.event).await?,
+            // Events of an open run are never pruned.
+            Some(_) | None => false,
         };
         // A number that was never given is of another database, one before a restore.
         let missed = is_pruned || after.is_some_and(|after| after.event > newest);

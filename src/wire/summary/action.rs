@@ -45,11 +45,11 @@ pub struct SummaryAction {
 /// Way to place a part so that it stands, which would tip over as it is placed.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StandingRemedy {
-    /// With this axis of the part up, in this pose.
+    /// Axis of the part that goes up, and the pose in which the part then stands.
     WithAxisUp(UpAxis, Pose<Table, Part>),
-    /// In this pose.
+    /// Pose in which it stands.
     InPose(Pose<Table, Part>),
-    /// In poses that the planner chooses, in place of those that were given.
+    /// Poses that the planner chooses, in place of those that were given.
     InPosesOfPlanner,
 }
 

@@ -230,7 +230,7 @@ fn ended_by(ended_by: StopReason, goal: SelectionGoal, views_left: Option<usize>
     ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 })
 }
 
-/// What is to be changed so that a view that a plan has as a candidate is chosen.
+/// Tells the change with which a view that a plan has as a candidate is chosen.
 fn change(rules: ChoiceRules) -> String {
     let told = fix_sentence(&Remedy { kind: RemedyKind::View, ..tilt(1.0) }, rules);
     told.strip_suffix(" so that candidate 7 is chosen too: measures 200.0 mm², 100 % of it").expect(&told).to_owned()

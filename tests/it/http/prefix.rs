@@ -68,6 +68,9 @@ async fn paths_in_answers_lead_through_the_proxy() {
             let code = problem["code"].as_str().expect("a code");
             assert!(page.status == 200 && page.text().contains(code), "{problem}");
         }
+        let nowhere = proxy.get(&format!("{PREFIX}/api/v1/jobs/")).await;
+        let nowhere: serde_json::Value = serde_json::from_slice(&nowhere.bytes).expect("JSON");
+        assert_eq!(nowhere["detail"], format!("there is nothing at {PREFIX}/api/v1/jobs/; leave out the slash at the end"));
         let document = proxy.get(&format!("{PREFIX}/api/v1/openapi.json")).await.ok(200);
         assert_eq!(document["servers"], json!([{ "url": PREFIX }]));
     }

@@ -6,10 +6,10 @@ use nalgebra::{Point3, Vector3};
 use vantage::cell::{PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::Mesh;
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{CandidateParams, PlanParams, Region};
-use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
+use vantage::planning::params::{CandidateParams, PlanParams, Region, SelectionGoal};
+use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, StopReason, Verdict};
 use vantage::planning::{PlanInput, plan};
-use vantage::wire::words::{remedy_sentence, treated_spots};
+use vantage::wire::words::{ChoiceRules, PlanRules, fix_sentence, treated_spots};
 
 use super::bodies::blind_hole;
 use super::{everything, given, looking};
@@ -28,6 +28,12 @@ fn quick(mesh: &Mesh, limits: super::Limits) -> PlanParams {
 
 fn treated(outcome: &Outcome) -> Vec<(Cause, &MissedSpot, &Remedy)> {
     treated_spots(&outcome.plan.missed)
+}
+
+/// A remedy in a sentence, of a plan that ended at its target.
+fn sentence(remedy: &Remedy) -> String {
+    let rules = PlanRules { goal: SelectionGoal::FewestViews, ended_by: StopReason::Target, views_left: None, min_gain_mm2: 0.0 };
+    fix_sentence(remedy, ChoiceRules::Plan(rules))
 }
 
 /// The parameters with a remedy applied.
@@ -59,15 +65,10 @@ fn every_remedy_works(mesh: &Mesh, params: &PlanParams, most: usize) -> Vec<Reme
         params.missed.remedies = 0;
         let after = plan_viewpoints(mesh, &scanner, &params);
         let cured_mm2 = cured_mm2(mesh, &before, &after, *cause, spot);
-        println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, remedy_sentence(remedy));
+        println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, sentence(remedy));
         assert!(remedy.area_mm2 >= 0.5 * spot.area_mm2 && (1..=8).contains(&remedy.views.len()));
-        assert_eq!(remedy_sentence(remedy).starts_with("only "), remedy.area_mm2 < 0.9 * spot.area_mm2, "{remedy:?}");
-        assert!(
-            cured_mm2 >= remedy.area_mm2 * (1.0 - SAID),
-            "{cured_mm2} of {} with {}",
-            remedy.area_mm2,
-            remedy_sentence(remedy)
-        );
+        assert_eq!(sentence(remedy).starts_with("only "), remedy.area_mm2 < 0.9 * spot.area_mm2, "{remedy:?}");
+        assert!(cured_mm2 >= remedy.area_mm2 * (1.0 - SAID), "{cured_mm2} of {} with {}", remedy.area_mm2, sentence(remedy));
     }
     treated.iter().map(|(.., remedy)| remedy.kind).collect()
 }
@@ -86,7 +87,7 @@ fn a_slot_across_the_baseline_is_cured_by_another_roll() {
     let before = plan_viewpoints(&slot, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(_, spot, _)| (spot.centre_mm.z + 60.0).abs() < 1e-6);
     let (cause, spot, remedy) = floor.expect("the floor is a spot");
-    assert_eq!((cause, remedy.kind), (Cause::ShadowLeft, RemedyKind::Roll), "{}", remedy_sentence(remedy));
+    assert_eq!((cause, remedy.kind), (Cause::ShadowLeft, RemedyKind::Roll), "{}", sentence(remedy));
     assert!((spot.extent_mm - Vector3::new(12.0, 80.0, 0.0)).norm() < 1e-6, "{:?}", spot.extent_mm);
     assert!((remedy.views[0].roll_rad.to_degrees() - 90.0).abs() < 1e-9);
     every_remedy_works(&slot, &params, 4);
@@ -125,7 +126,7 @@ fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
     let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
     let (_, spot, remedy) = floor.expect("a spot out of depth");
     assert!((spot.centre_mm.z + 16.0).abs() < 1.0, "{:?}", spot.centre_mm);
-    assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", remedy_sentence(remedy));
+    assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", sentence(remedy));
     every_remedy_works(&body.mesh, &params, 2);
 }
 
@@ -151,14 +152,14 @@ fn no_remedy_raises_a_limit_beyond_the_hardware() {
     let found = treated(&outcome);
     assert!(!found.is_empty());
     for (.., remedy) in found {
-        assert_ne!(remedy.kind, RemedyKind::Limit, "{}", remedy_sentence(remedy));
+        assert_ne!(remedy.kind, RemedyKind::Limit, "{}", sentence(remedy));
         assert_eq!((remedy.camera_deg, remedy.projector_deg), (None, None), "{remedy:?}");
     }
     // Where the job had tightened the limits they are raised, one for both cameras up to the tighter of theirs.
     params.missed.remedies = 1;
     let outcome = plan_viewpoints(&body.mesh, &limited_to(nominal_scanner(), [75.0, 70.0, 72.0]), &params);
     let [(_, _, remedy)] = treated(&outcome)[..] else { panic!("one spot") };
-    assert_eq!(remedy.kind, RemedyKind::Limit, "{}", remedy_sentence(remedy));
+    assert_eq!(remedy.kind, RemedyKind::Limit, "{}", sentence(remedy));
     assert!(remedy.camera_deg.is_none_or(|deg| deg <= 70.0 + 1e-9), "{remedy:?}");
     assert!(remedy.projector_deg.is_none_or(|deg| deg <= 72.0 + 1e-9), "{remedy:?}");
 }
@@ -206,7 +207,7 @@ fn the_face_that_a_part_stands_on_is_cured_by_another_setup() {
     params.part.samples_per_mm2 = Some(0.3);
     let before = planned(&params);
     let (cause, spot, remedy) = treated(&before)[0];
-    assert_eq!((cause, remedy.kind), (Cause::ExcludedResting, RemedyKind::Setup), "{}", remedy_sentence(remedy));
+    assert_eq!((cause, remedy.kind), (Cause::ExcludedResting, RemedyKind::Setup), "{}", sentence(remedy));
     assert!((spot.area_mm2 - 2400.0).abs() < 1e-6 && remedy.area_mm2 >= 1200.0);
     // Applied as it is printed: the pose that the box is laid in, on another of its faces.
     let turned = remedy.table_from_part.expect("a pose");

@@ -1,5 +1,6 @@
--- Sizes of previews, which took room that nothing counted. Those of earlier releases count once they are made anew.
+-- Sizes of previews, which took room that nothing counted. Those of earlier releases are drawn again when they are asked for.
 ALTER TABLE mesh ADD COLUMN preview_bytes INTEGER NOT NULL DEFAULT 0;
+UPDATE mesh SET preview = NULL;
 
 DROP VIEW file_reference;
 -- Every reference of a row to a file of the store. A table that refers to files belongs here.

@@ -24,7 +24,7 @@ fn old_rows() -> Vec<String> {
     let plain = format!(r#"{{"mesh_id":"{MESH}","cell":"none","serial":"S-1","params":{{"part":{{"colour":"red"}}}},"gone":1}}"#);
     vec![
         format!(
-            "INSERT INTO mesh (id, sha256, unit, size_bytes, health) VALUES ('{MESH}', 'aa', 'mm', 3, '{}')",
+            "INSERT INTO mesh (id, sha256, unit, size_bytes, health, preview) VALUES ('{MESH}', 'aa', 'mm', 3, '{}', 'cc')",
             r#"{"format":"obj"}"#
         ),
         job(1, "queued", &plain),
@@ -56,6 +56,8 @@ async fn a_store_of_the_version_before_loses_nothing() {
     old.close().await.expect("closed");
 
     let store = Store::open(folder.path()).await.expect("opened by this version");
+    // Its size is not known: it is drawn again.
+    assert_eq!(store.preview(MESH.parse().expect("an id")).await.expect("read"), None);
     assert_eq!(store.recover(3, &exhausted()).await.expect("order"), 1);
     let page = store.jobs(&JobQuery::default(), &Page::new(10, None, "").expect("a page")).await.expect("a list");
     let seen: Vec<_> = page.items.iter().rev().map(|job| (job.state, job.cell.as_str(), job.serial.as_deref())).collect();

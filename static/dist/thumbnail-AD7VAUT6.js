@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-MB4SJPJG.js";import"./chunk-WLVDOSYS.js";import"./chunk-ZVFZJMF4.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-BIXVKQ3W.js";export{a as drawThumbnail,b as drawTurned};
