@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use axum::body::Body;
-use axum::http::header::{ALLOW, CONTENT_LENGTH, CONTENT_TYPE, ETAG, RETRY_AFTER};
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG, RETRY_AFTER};
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
@@ -366,13 +366,8 @@ fn body(error: ApiError, prefix: &Prefix, path: &str, request_id: &str) -> Vec<u
 /// The error for a response of axum or tower, with what it says of the request.
 fn of_framework(response: &Response, prefix: &Prefix, path: &str) -> ApiError {
     let error = from_status(response.status());
-    let allowed = response.headers().get(ALLOW).and_then(|methods| methods.to_str().ok());
     let detail = if error.code == Code::NoSuchRoute {
         nothing_at(prefix, path)
-    } else if error.code == Code::MethodNotAllowed
-        && let Some(methods) = allowed
-    {
-        format!("this path does not support the method; it supports {}", methods.replace(',', ", "))
     } else if error.code == Code::BadRequest && path.contains('%') {
         // No other part of a request is read by the framework's own extractors.
         "the path is not UTF-8 text once its percent-encoding is undone".to_owned()

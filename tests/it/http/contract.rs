@@ -282,7 +282,9 @@ async fn an_event_s_id_may_be_as_large_as_ids_become() {
     api.ended(&job).await;
     for last in [&last, "2147483648", "4294967296"] {
         let headers = [("last-event-id", last)];
-        assert_eq!(api.send("GET", &format!("/api/v1/jobs/{job}/events"), &headers, "").await.status, 204, "{last}");
+        // No event has it: it is of another database, one before a restore, and the job is to be read anew.
+        let answer = api.send("GET", &format!("/api/v1/jobs/{job}/events"), &headers, "").await;
+        assert!(answer.status == 200 && answer.text().contains("event: reset"), "{last}: {}", answer.text());
     }
 }
 
