@@ -2,7 +2,7 @@
 # Plan SHA-256 0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef
 # Setup 1, 2 scans, predicted cycle 18.5 s
 # Cell e05-transcan, robot hans-e05, turntable minas-a6-500
-# Units: deg, deg/s, deg/s2, s; TCP and Base are the controller's own frames.
+# Units: deg, deg/s, deg/s2, s.
 # WARNING: not safety-rated. Guarding, speed limits and stops belong to the cell's safety system.
 # WARNING: run first at reduced speed, nobody in the cell, a hand on the stop.
 # WARNING: checked in the model of the cell WITHOUT the part: what hits the part was not looked for.
@@ -10,6 +10,9 @@
 # Table: turned by the sender at each @table line, never while the arm moves.
 # Each point is a stop: the paths between them were checked as straight joint moves.
 # Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops.
+# Targets are joints: no frame changes the motion. Each WayPoint names tool frame TCP and user frame
+# Base all the same; where the controller has no frames of these names, put names of its own in their
+# place.
 # Send each line that begins with a letter as it stands, without the line end, and wait for its
 # Name,OK,...,; before the next; on Name,Fail,code,; stop. Lines with @ are for the sender:
 # @home J1 J2 J3 J4 J5 J6 TABLE: stop unless ReadActPos,0,; and the table are within 0.5 deg of this.
