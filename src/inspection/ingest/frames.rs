@@ -12,7 +12,7 @@ use crate::geometry::{Aabb, Base, Cloud, LengthUnit, NearestFace, Part, Plate, P
 /// Points that are tried.
 const TRIED_POINTS: usize = 1500;
 /// Distance within which a point lies near the part, mm.
-pub(super) const NEAR_PART_MM: f64 = 5.0;
+const NEAR_PART_MM: f64 = 5.0;
 /// Depth beyond the working depth that points may have, mm.
 pub(super) const DEPTH_MARGIN_MM: f64 = 20.0;
 /// Distance from the plate within which a point is the plate's rather than nobody's, mm.
@@ -161,7 +161,7 @@ fn tried(
 }
 
 /// Some of a cloud's points, spread evenly over it, no more than so many.
-pub(super) fn sampled(cloud: &StoredCloud, max_points: usize) -> Vec<Point3<f64>> {
+fn sampled(cloud: &StoredCloud, max_points: usize) -> Vec<Point3<f64>> {
     let there = || cloud.points.iter().filter(|point| !point[0].is_nan());
     let every = there().count().div_ceil(max_points).max(1);
     there().step_by(every).map(|point| Point3::from(point.map(f64::from))).collect()

@@ -24,7 +24,6 @@ use crate::inspection::{PixelGrid, ViewScan};
 pub use clean::{CleanOptions, PlateZone, Removed, RemovedBecause};
 pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
 use frames::{best_of, try_all};
-use swapped::ViewSight;
 
 closed_list! {
     /// Findings about the files of a scan.
@@ -195,8 +194,7 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     // The order of files must not matter.
     files.sort_by_cached_key(|file| (label(file), file.viewpoint));
     let clouds = files.len();
-    let sight = ViewSight::new(world);
-    let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, &sight, options)).collect();
+    let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, world, options)).collect();
     let mut ingested = Ingested::default();
     let (mut astray, mut swapped, mut prints) = (Vec::new(), Vec::new(), Fingerprints::new());
     for file in read {
@@ -409,8 +407,7 @@ enum ViewFit {
     OtherView,
 }
 
-fn read_file(file: ScanFile, clouds: usize, sight: &ViewSight<'_>, options: &IngestOptions) -> ReadFile {
-    let world = sight.world;
+fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &IngestOptions) -> ReadFile {
     let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
     let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
     // The only file is of the only view, whatever its name, unless it is declared to be of another one.
@@ -421,7 +418,7 @@ fn read_file(file: ScanFile, clouds: usize, sight: &ViewSight<'_>, options: &Ing
     let (name, fit) = (label(&file), ViewFit::OnPart);
     let mut read = ReadFile { name, viewpoint, scans: Vec::new(), findings: Vec::new(), fit, print };
     match capture {
-        Some(capture) => take_view(file, capture, sight, options, &mut read),
+        Some(capture) => take_view(file, capture, world, options, &mut read),
         None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, number, world, options, &mut read),
         None => {
             let finding = IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), None);
@@ -444,8 +441,8 @@ fn number_of(name: &str) -> Option<u32> {
     digits.parse().ok()
 }
 
-fn take_view(file: ScanFile, capture: &PlannedCapture, sight: &ViewSight<'_>, options: &IngestOptions, into: &mut ReadFile) {
-    let (name, world) = (label(&file), sight.world);
+fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
+    let name = label(&file);
     let tried = try_all(&file.cloud, file.unit, capture, world);
     let declared = |attempt: &&FrameAttempt| {
         file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
@@ -457,14 +454,7 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, sight: &ViewSight<'_>, op
         best.filter(|best| best.in_frusta >= attempt.in_frusta).or(Some(*attempt))
     });
     let (best, fit) = match (on_part, seen.filter(|seen| seen.in_frusta >= MIN_SHARE)) {
-        (Some(best), _) => {
-            if let Some(other) = sight.other_view(&file.cloud, &best, capture) {
-                let finding = IngestFinding::of(IngestCode::WrongView, Some(name), Some(capture.viewpoint));
-                into.findings.push(IngestFinding { fits_viewpoint: Some(other), ..finding });
-                return;
-            }
-            (best, ViewFit::OnPart)
-        }
+        (Some(best), _) => (best, ViewFit::OnPart),
         (None, seen) => {
             let (code, fits_viewpoint) = diagnosis(&file, capture, world, &tried);
             let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));

@@ -253,23 +253,6 @@ fn a_scan_of_another_view_or_of_none_is_named_where_most_of_its_points_are_near_
     assert_eq!(told(&of_none), (vec![1, 3, 4], vec![(IngestCode::WrongView, Some(2), None)]), "{:?}", of_none.findings);
 }
 
-/// Scans in the part's frame lie on the part whatever view they are filed under, and counted as that view's.
-#[test]
-fn a_scan_in_the_part_s_frame_that_its_view_cannot_have_taken_is_of_the_view_that_can() {
-    let cell = Cell::new();
-    let file = |view: usize, number: u32| cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, &format!("view_{number}.ply"));
-    let right = cell.ingest((0..4).map(|view| file(view, view as u32 + 1)).collect());
-    assert_eq!(told(&right), (vec![1, 2, 3, 4], vec![]), "{:?}", right.findings);
-    let copied = cell.ingest(vec![file(0, 1), file(0, 2), file(2, 3), file(3, 4)]);
-    assert_eq!(told(&copied), (vec![1, 3, 4], vec![(IngestCode::WrongView, Some(2), Some(1))]), "{:?}", copied.findings);
-    // Half of a scan is no scan of another view, though that sees as much of it.
-    let mut half = file(1, 2);
-    let there: Vec<usize> = (0..half.cloud.points.len()).filter(|cell| !half.cloud.points[*cell][0].is_nan()).collect();
-    there.iter().take(there.len() / 2).for_each(|cell| half.cloud.points[*cell] = [f32::NAN; 3]);
-    let partial = cell.ingest(vec![file(0, 1), half, file(2, 3), file(3, 4)]);
-    assert_eq!(told(&partial), (vec![1, 2, 3, 4], vec![]), "{:?}", partial.findings);
-}
-
 /// Nothing tells a swap of two views that see the same, but one scan is not the scan of both.
 #[test]
 fn one_scan_under_two_views_counts_once() {
@@ -328,19 +311,6 @@ fn scans_that_fit_are_refused_only_with_misfits_of_their_setup_and_of_another_pa
     let mut of_two_setups = Cell::new();
     of_two_setups.captures[2].part_from_plate = Some(Pose::identity());
     assert_eq!(kept(&of_two_setups, 0.0, false), 2, "the others are of another setup");
-}
-
-/// Points of a plate of 1.5 mm that lies 1 mm off were nearest to its other side, and the scan was told as that of a view from there.
-#[test]
-fn a_scan_of_a_thin_part_that_is_a_little_off_is_not_taken_for_one_of_its_other_side() {
-    for off_mm in [-1.0, 1.0] {
-        let plate = box_mesh([-50.0, -40.0, 0.0], [50.0, 40.0, 1.5]);
-        let cell = Cell::holding(plate, &Isometry3::translation(0.0, 0.0, off_mm));
-        let file = |view: usize| cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, &format!("view_{}.ply", view + 1));
-        let taken = cell.ingest((0..4).map(file).collect());
-        let wrong = told(&taken).1.into_iter().filter(|refusal| refusal.0 == IngestCode::WrongView).count();
-        assert_eq!(wrong, 0, "{:?}", taken.findings);
-    }
 }
 
 /// A lone file of a view that does not exist was once refused as a cloud that misses the part, or taken for one of all views without a

@@ -262,8 +262,9 @@ fn tried(start: &Start<'_, '_>, choice: &SetupChoice, ctx: &Context<'_>) -> Resu
     let evaluated = setups.iter().map(|setup| sampled.evaluate_some(scope.input, setup, max, ctx));
     let candidates = evaluated.collect::<Result<Vec<_>, PlanError>>()?;
     let prepared = Prepared { setups: &setups, candidates: &candidates, surface: &surface, some: &some };
-    // Regions may need every view that the plan has.
-    let may_give_up = goal != SelectionGoal::BestCoverage && choice.further.is_some() && outcome.plan.coverage.regions.is_empty();
+    // Regions may need every view that the plan has, and one that its limit ended takes more in its own setups once that is raised.
+    let has_all = outcome.plan.coverage.regions.is_empty() && !is_limited;
+    let may_give_up = goal != SelectionGoal::BestCoverage && choice.further.is_some() && has_all;
     let fewest = if may_give_up { attempted(start, choice, &prepared, OwnViews::Fewest, ctx)? } else { None };
     if fewest.is_some() { Ok(fewest) } else { attempted(start, choice, &prepared, OwnViews::All, ctx) }
 }
