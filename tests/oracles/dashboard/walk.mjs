@@ -90,7 +90,8 @@ async function start({ file, unit }) {
   await tabTo(".params input[type=search]");
   await page.keyboard.type("max_views");
   await tabTo('input[aria-label="selection.max_views"]');
-  await page.keyboard.type("5");
+  // With five the forearm is at one station of the inch part as far from the flange, to 0.05 mm, as pairs are left out from.
+  await page.keyboard.type("6");
   await page.waitForFunction(() => [...window.vantage.stages ?? []].some((stage) => stage.frames > 0));
   await check(`${basename(file)}-new`);
   await tabTo(".sticky button");
