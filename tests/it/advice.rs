@@ -91,7 +91,9 @@ fn a_block_whose_underside_is_missed_is_turned_upside_down() {
     let advice = turn_over(&before);
     assert_eq!(advice.changes, [ParamChange::Setups(2)]);
     assert_eq!(advice.turn.map(|turn| turn.kind), Some(TurnKind::UpsideDown));
-    assert!(advice.cycle_secs.is_none() && advice.added_views > 0, "no cell, no time: {advice:?}");
+    assert!(advice.cycle_secs.is_none(), "no cell, no time: {advice:?}");
+    // In two setups a view of each side measures the block: those of the first alone may be given up.
+    assert_eq!(advice.added_views, advice.views.saturating_sub(before.views.len()), "{advice:?}");
     // The underside is 2400 of 10 800 mm², of which the target leaves 1.5 %.
     let share = |mm2: f64| mm2 / before.coverage.asked_area_mm2;
     assert!(before.coverage.of_asked() < 0.78 && share(advice.measured_area_mm2) > 0.98, "{advice:?}");
