@@ -8,8 +8,7 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use rayon::prelude::*;
 
-use super::frames;
-use super::{IngestWorld, MIN_SHARE, PlannedCapture, ScanFrame, TakenScan};
+use super::{IngestWorld, MIN_SHARE, PlannedCapture, ScanFrame, TakenScan, frames};
 use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::{Part, Pose};
 use crate::inspection::registration::locate::{RefinedAlone, refined_alone};

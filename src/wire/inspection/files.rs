@@ -159,8 +159,8 @@ fn same_scan_sentence(file: &str, view: &str, original: Option<u32>) -> String {
 /// Sentence for a file that fits its view where most of the others do not.
 fn other_plan_sentence(file: &str, view: &str) -> String {
     format!(
-        "{file} fits viewpoint {view}, but most of the files do not fit theirs, so that nothing is compared: are these scans of this \
-         part and this plan? Compare them with the plan that they were taken with, or give only the files that fit"
+        "{file} fits viewpoint {view}, but most files of its setup do not fit theirs, so that none of them is compared: are \
+         these scans of this part and this plan? Compare them with the plan that they were taken with, or give only the files that fit"
     )
 }
 
@@ -305,7 +305,7 @@ mod tests {
             (IngestCode::WrongView, Some(0), "viewpoint 7 sees. It fits viewpoint 0: were files swapped? Name its own"),
             (IngestCode::WrongView, None, "fits no other viewpoint: is it a scan of this part and this plan? Compare it"),
             (IngestCode::SameScan, Some(0), "holds the same points as the scan of viewpoint 0, and is left out: give the one"),
-            (IngestCode::OtherPlan, None, "view_7.ply fits viewpoint 7, but most of the files do not fit theirs, so that"),
+            (IngestCode::OtherPlan, None, "view_7.ply fits viewpoint 7, but most files of its setup do not fit theirs, so"),
         ] {
             let told = told(code, fits_viewpoint);
             assert!(told.contains(wanted) && told.starts_with("view_7.ply "), "{told}");
