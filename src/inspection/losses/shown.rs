@@ -133,9 +133,10 @@ impl ShownSurface {
             (precision.cos > 0.0).then_some(MetPlane { face, point_mm, normal, tolerance_mm, noise_mm: precision.noise_mm })
         });
         if let Some(merged) = merged {
+            let around = points;
             for (point, met) in points.iter_mut().zip(&met) {
-                let is_seen = |own: &Point3<f64>| !met.as_ref().is_some_and(|met| is_of_another(own, met, merged, model.mesh()));
-                *point = point.filter(is_seen);
+                let is_hidden = |own: &Point3<f64>| met.as_ref().is_some_and(|met| is_of_another(own, met, merged, &around));
+                *point = point.filter(|own| !is_hidden(own));
             }
         }
         points[OWN]?;
@@ -202,11 +203,15 @@ fn off_of(point: &Point3<f64>, own: &MetPlane, met: &[Option<MetPlane>; CELLS], 
 }
 
 /// Returns true if a point off the plane that its ray meets, by more than the noise, lies on another face of the part. The other
-/// side of a sheet is none: it explains a dent as well.
-fn is_of_another(point: &Point3<f64>, met: &MetPlane, merged: &NearestFace<'_>, mesh: &Mesh) -> bool {
+/// side of a sheet explains a dent as well: it is seen through a gap only where points around lie before it.
+fn is_of_another(point: &Point3<f64>, met: &MetPlane, merged: &NearestFace<'_>, around: &[Option<Point3<f64>>; CELLS]) -> bool {
     let away_mm = met.distance_mm(point).abs();
     let other = (away_mm > met.noise_mm).then(|| merged.nearest(point, 0.5 * away_mm)).flatten();
-    other.is_some_and(|other| mesh.scaled_normal(other.face as usize).normalize().dot(&met.normal) > -EVEN_COS)
+    other.is_some_and(|other| {
+        let is_other_side = merged.mesh().scaled_normal(other.face as usize).normalize().dot(&met.normal) <= -EVEN_COS;
+        let is_before = |beside: &Point3<f64>| met.normal.dot(&(beside - point)) > 0.5 * away_mm;
+        !is_other_side || around.iter().flatten().any(is_before)
+    })
 }
 
 #[cfg(test)]

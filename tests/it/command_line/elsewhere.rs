@@ -108,7 +108,9 @@ fn a_scan_under_another_view_is_named_and_scans_of_which_most_are_so_are_refused
     }
     let ended = run(&compare);
     assert_eq!(ended.code, Some(2), "{}", ended.err);
-    for told in ["view_000.ply", "view_001.ply", "view_002.ply", "view_003.ply fits viewpoint 3, but most of the files do not"] {
+    for told in
+        ["view_000.ply", "view_001.ply", "view_002.ply", "view_003.ply fits viewpoint 3, but most files of its setup do not"]
+    {
         assert!(ended.err.contains(told), "{told}: {}", ended.err);
     }
 }
