@@ -15,11 +15,15 @@ params! {
         method: Alignment = Alignment::BestFit;
         /// Region of interest or feature of the plan that `best_fit_on` aligns by.
         region: Option<String> = None;
-        /// Standard deviation of a view's rotation about each axis. Without it that of the cell's calibration counts, else 0.05°. Decides
-        /// how well walls are known that no view ties to each other; of one merged cloud it states how well that was merged.
+        /// Expected error of a view's rotation before the alignment, in degrees: its standard deviation about each axis. Default:
+        /// that of the cell's calibration; without a calibration 0.05°. The smaller it is, the less the alignment turns a view
+        /// against the others, and the surer are distances between surfaces that no view shows together. For one merged cloud,
+        /// it states how exactly the views were merged; without it, no such error is assumed.
         prior_deg: Option<f64> = None, [1e-4, 10.0] "°";
-        /// Standard deviation of a view's translation along each axis. Without it that of the cell's calibration counts, else 0.2 mm.
-        /// Decides how well walls are known that no view ties to each other; of one merged cloud it states how well that was merged.
+        /// Expected error of a view's position before the alignment, in mm: its standard deviation along each axis. Default: that
+        /// of the cell's calibration; without a calibration 0.2 mm. The smaller it is, the less the alignment shifts a view
+        /// against the others, and the surer are distances between surfaces that no view shows together. For one merged cloud,
+        /// it states how exactly the views were merged; without it, no such error is assumed.
         prior_mm: Option<f64> = None, [1e-3, 100.0] "mm";
     }
 }

@@ -2,9 +2,11 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
+use super::ingest::merged::{MergedImage, merged_images};
+use super::rehearsal::in_context;
 use super::{PixelGrid, ViewScan};
 use crate::cell::Scanner;
-use crate::geometry::{Mesh, Part, PointCloud, Pose, RayScene, ScannerFrame, SimdLevel};
+use crate::geometry::{Mesh, NearestFace, Part, PointCloud, Pose, RayScene, ScannerFrame, SimdLevel};
 use crate::testing::nominal_scanner;
 
 /// Largest incidence at which a device returns a point, degrees.
@@ -38,30 +40,18 @@ pub(super) fn motion_of(place: u64, deg: f64, mm: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(shift), UnitQuaternion::from_scaled_axis(turn))
 }
 
-/// Images of the cloud that scans are merged to: in each view's cells the nearest of the points of all scans.
-pub(super) fn merged(scans: &[ViewScan], scanner: &Scanner, step_px: u32) -> Vec<ViewScan> {
-    let grid = PixelGrid::new(scanner, step_px);
-    let placed = |scan: &ViewScan| {
-        let points = scan.scanner_cloud.finite().map(|(_, point)| scan.part_from_scanner.point(&point));
-        points.collect::<Vec<Point3<f64>>>()
+/// Images of the cloud that scans of a part are merged to.
+pub(super) fn merged(scans: &[ViewScan], scanner: &Scanner, mesh: &Mesh) -> Vec<ViewScan> {
+    let placed = |scan: &ViewScan| -> Vec<[f32; 3]> {
+        let point = |(_, point)| scan.part_from_scanner.point(&point).coords.map(|mm| mm as f32).into();
+        scan.scanner_cloud.finite().map(point).collect()
     };
-    let points: Vec<Point3<f64>> = scans.iter().flat_map(placed).collect();
-    let image = |scan: &ViewScan| {
-        let scanner_from_part = scan.part_from_scanner.inverse();
-        let mut cells = vec![([f32::NAN; 3], f64::INFINITY); grid.cells()];
-        for point in &points {
-            let own = scanner_from_part.point(point);
-            let Some((place, depth_mm)) = grid.image_of(&own) else { continue };
-            let Some(cell) = grid.cell_at(place).map(|cell| grid.number(cell)) else { continue };
-            if depth_mm < cells[cell].1 {
-                cells[cell] = ([own.x as f32, own.y as f32, own.z as f32], depth_mm);
-            }
-        }
-        let points_mm = cells.into_iter().map(|(point, _)| point).collect();
-        let scanner_cloud = PointCloud { points_mm, grid: Some(grid.size) };
-        ViewScan { viewpoint: scan.viewpoint, part_from_scanner: scan.part_from_scanner, scanner_cloud }
-    };
-    scans.iter().map(image).collect()
+    let part_mm: Vec<[f32; 3]> = scans.iter().flat_map(placed).collect();
+    let views: Vec<_> = scans.iter().map(|scan| (scan.viewpoint, scan.part_from_scanner)).collect();
+    let images =
+        in_context(|ctx| merged_images(&part_mm, &views, scanner, &NearestFace::new(mesh), ctx)).expect("nobody cancels");
+    let scan = |(scan, image): (&ViewScan, MergedImage)| ViewScan { scanner_cloud: image.scanner_cloud, ..scan.clone() };
+    scans.iter().zip(images).map(scan).collect()
 }
 
 /// The part as built, before the scanner.

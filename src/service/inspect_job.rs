@@ -274,7 +274,7 @@ impl InspectJob {
         let nearest = NearestFace::new(part.mesh);
         let fixtures = fixtures_on_plate(part, &setups);
         let world = IngestWorld { scanner: part.scanner, nearest: &nearest, captures: &captures, fixtures: &fixtures };
-        let taken = ingest(files, &world, &IngestOptions::default());
+        let taken = ingest(files, &world, &IngestOptions::default(), ctx).map_err(PlanError::from)?;
         if taken.scans.is_empty() {
             return Err(InspectError::Refused(InspectedFiles::new(&taken).refusals()));
         }

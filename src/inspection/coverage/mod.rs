@@ -11,7 +11,7 @@
 //! Samples that the left camera sees at [`CompareParams::band_deg`] more than its limit of incidence do not count: there whole faces
 //! lie in one row of cells, whose points may be those of other surfaces.
 //!
-//! **Merged clouds** have no views: there a ball decides after all ([`merged`]), and the result says that it is approximate.
+//! **Merged clouds** are parted into images of the views before (`ingest/merged.rs`), and the result says that it is approximate.
 //!
 //! Identity: planned + gained − lost = measured, in area, for sums that are compensated (Neumaier 1974, *Rundungsfehleranalyse
 //! einiger Verfahren zur Summation endlicher Summen*).
@@ -20,7 +20,6 @@
 
 mod footprint;
 mod gridded;
-pub mod merged;
 mod model;
 mod params;
 mod returns;

@@ -1,12 +1,13 @@
 use std::sync::OnceLock;
 
-use super::{ComparedViews, IdentifiedLimits, MeasuredCoverage, merged};
+use super::{IdentifiedLimits, MeasuredCoverage};
 use crate::cell::PerDevice;
 use crate::geometry::PointCloud;
 use crate::geometry::demo_parts::DemoPart;
 use crate::inspection::ViewScan;
 use crate::inspection::losses::LossCause;
-use crate::inspection::rehearsal::{Judged, Knowledge, Rehearsal, in_context, quick_params, shared_part};
+use crate::inspection::rehearsal::{Judged, Knowledge, Rehearsal, quick_params, shared_part};
+use crate::inspection::shots::merged;
 use crate::inspection::simulated_scanner::{CellFate, SimulatedView, SimulationParams};
 
 /// The demo base, planned once for all tests.
@@ -119,32 +120,22 @@ fn a_cloud_without_a_grid_is_put_into_cells() {
     assert!(differs.abs() < 0.1, "{differs} points");
 }
 
+/// Of the gearbox housing 69 % were once told in place of 87 %: points of all other surfaces showed through between those of the nearest.
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn a_merged_cloud_is_known_to_about_a_point() {
-    let views = base().scan(&noiseless(8), base().as_planned());
-    let by_view = base().judge(&views, &Knowledge::default()).coverage;
-    let on_part = |view: &SimulatedView| -> Vec<[f32; 3]> {
-        let pose = view.true_part_from_scanner;
-        let part = |point| pose.point(&point).coords.map(|mm| mm as f32).into();
-        view.scan.scanner_cloud.finite().map(|(_, point)| part(point)).collect()
-    };
-    let cloud = PointCloud { points_mm: views.iter().flat_map(on_part).collect(), grid: None };
-    let (asked_area_mm2, planned) = (base().asked_area_mm2(), base().planned());
-    let compared = ComparedViews {
-        surface: &base().outcome.surface,
-        asked_area_mm2: &asked_area_mm2,
-        scanner: &base().scanner,
-        params: &base().outcome.plan.params,
-        planned: &planned,
-        scanned: &[],
-        coverable_mm2: None,
-        compare: &base().compare,
-    };
-    let coverage = in_context(|ctx| merged::measure(&compared, &cloud, Some(8.0 * 0.072), ctx)).expect("nobody cancels");
-    let differs = 100.0 * (coverage.of_asked() - by_view.of_asked());
-    println!("merged: {differs:+.2} points");
-    assert!(coverage.is_approximate && differs.abs() < 1.5, "{differs} points");
+    let gearbox = shared_part("gearbox_output_housing_16k.stl", Some(120.0)).map(|mesh| Rehearsal::new(mesh, &quick_params()));
+    for rehearsal in [Some(base()), gearbox.as_ref()].into_iter().flatten() {
+        let views = rehearsal.scan(&noiseless(8), rehearsal.as_planned());
+        let by_view = rehearsal.judge(&views, &Knowledge::default()).coverage;
+        let scans: Vec<ViewScan> = views.iter().map(|view| view.scan.clone()).collect();
+        let images = merged(&scans, &rehearsal.scanner, &rehearsal.mesh);
+        let poses: Vec<_> = images.iter().map(|image| (image, image.part_from_scanner)).collect();
+        let coverage = rehearsal.judge_at(&poses, &Knowledge { is_merged: true, ..Knowledge::default() }).coverage;
+        let differs = 100.0 * (coverage.of_asked() - by_view.of_asked());
+        println!("merged: {differs:+.2} points");
+        assert!(coverage.is_approximate && differs.abs() < 1.0, "{differs} points");
+    }
 }
 
 #[test]

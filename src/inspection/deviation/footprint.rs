@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{DeviationOptions, NOISE_MM, Nominal, PlacedScan, SimdLevel};
-use crate::geometry::{CloudGrid, Hit, NearestFace, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
+use crate::geometry::{CloudGrid, Hit, Part, Pose, ScannerFrame, nearest_of_triangle, parallel};
 use crate::inspection::PixelGrid;
 use crate::planning::ids::SampleId;
 
@@ -114,12 +114,11 @@ struct SortedPoints {
 }
 
 impl ViewDistances {
-    /// Distances of a view's points; `merged` is the part of a merged cloud, whose points other views may have taken.
+    /// Distances of a view's points.
     pub(super) fn of(
         placed: &PlacedScan<'_>,
         nominal: &Nominal<'_>,
         normals: &[Vector3<f64>],
-        merged: Option<&NearestFace<'_>>,
         options: &DeviationOptions,
     ) -> Self {
         let cloud = &placed.scan.scanner_cloud;
@@ -129,7 +128,7 @@ impl ViewDistances {
         };
         let part_from_scanner = &placed.part_from_scanner;
         let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&grid.centre_mm()));
-        let view = View { placed, nominal, normals, merged, options, scanner_from_part, eye_mm, grid };
+        let view = View { placed, nominal, normals, options, scanner_from_part, eye_mm, grid };
         let cells = grid.cells();
         let mut found = vec![Found::NOTHING; cells];
         found.par_chunks_mut(RAYS).enumerate().for_each(|(piece, found)| view.meet(piece * RAYS, found));
@@ -181,8 +180,6 @@ struct View<'a> {
     nominal: &'a Nominal<'a>,
     /// Unit normals of the mesh's faces.
     normals: &'a [Vector3<f64>],
-    /// The part of a merged cloud.
-    merged: Option<&'a NearestFace<'a>>,
     options: &'a DeviationOptions,
     scanner_from_part: Pose<ScannerFrame, Part>,
     /// Optical centre of the left camera, part frame.
@@ -247,11 +244,7 @@ impl View<'_> {
         if normal.dot(direction) >= 0.0 {
             return Found::NOTHING;
         }
-        let point = self.eye_mm + direction;
-        let distance_mm = normal.dot(&(point - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
-        if self.is_hidden(cell, &point, face, f64::from(distance_mm)) {
-            return Found::NOTHING;
-        }
+        let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
         let is_within = f64::from(distance_mm.abs()) <= self.options.search_mm;
         let usage = if is_within && self.is_turned(cell, &normal) { PointUse::Turned } else { PointUse::Compared };
         let found = Found { face, distance_mm, usage };
@@ -259,24 +252,6 @@ impl View<'_> {
         // cloud may have been seen by another ray, even of a body that is not the part.
         let counts_behind = distance_mm < 0.0 && !self.options.is_merged;
         if found.is_of_part() || counts_behind { found } else { Found::NOTHING }
-    }
-
-    /// Returns true if a point of a merged cloud lies behind the face that its ray meets, and on another face, as far as the part may be
-    /// off: this view cannot have seen it there, and another one has. Were material missing, no face would explain the point better.
-    fn is_hidden(&self, cell: usize, point: &Point3<f64>, face: u32, distance_mm: f64) -> bool {
-        let least_gain_mm = self.least_gain_mm(distance_mm);
-        let Some(merged) = self.merged.filter(|_| -distance_mm > least_gain_mm) else { return false };
-        let reach_mm = (-distance_mm - least_gain_mm).min(self.options.rim_mm);
-        let Some(other) = merged.nearest(point, reach_mm) else { return false };
-        let normal = self.normals[face as usize];
-        // The other side of a sheet explains a dent as well: it is seen through a gap only where points around lie before it.
-        let is_other_side = self.normals[other.face as usize].dot(&normal) <= -SAME_SIDE_COS;
-        let is_before = |beside: usize| {
-            let beside = self.point(beside).map(|beside| self.placed.part_from_scanner.point(&beside));
-            beside.is_some_and(|beside| normal.dot(&(beside - point)) > least_gain_mm)
-        };
-        let mut around = (-1..=1).flat_map(|right| (-1..=1).map(move |down| [right, down]));
-        !is_other_side || around.any(|offset| self.beside(cell, &offset).is_some_and(is_before))
     }
 
     /// Length by which another face has to lie nearer to a point than its own: more than ten times the noise, and twice as near.

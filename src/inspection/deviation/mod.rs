@@ -11,11 +11,8 @@
 //! counted, and a sample where most points are such ones, and off by more than the tolerance, does not pass: it counts as not measured, as
 //! those at edges that are broken do.
 //!
-//! A merged cloud does not tell which view took a point, and its images show points through gaps between those before them. A point
-//! behind the face that its ray meets, and within [`DeviationOptions::rim_mm`] of another face that explains it better as above, is
-//! forgotten there: the view that saw it compares it with its own face. Programs such as CloudCompare take the nearest triangle of all,
-//! give the distance the sign of its normal, as here, and limit distance and angle; but that alone would hide what is missing beside an
-//! edge. In return, a surface that is missing down to so near to another one is not seen in a merged cloud: it counts as not measured.
+//! A merged cloud does not tell which view took a point: it is parted into images of the views before (`ingest/merged.rs`). A surface that
+//! is missing down to near another one, or to the other side of a sheet, may then be taken for that: it counts as not measured.
 //!
 //! Expanded uncertainty (JCGM 100:2008, 6.2, k = 2): U² = t² σ²/n_eff + 4·(Σ (n_v/n)² σ_v² + |Σ (n_v/n) h_v|² + σ_align²), σ the points'
 //! own spread, n_eff their number over that of points which share noise, as the scans show it (`correlation.rs`), σ_v the standard
@@ -54,7 +51,7 @@ use crate::cell::Scanner;
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
 use crate::geometry::parallel;
-use crate::geometry::{Mesh, NearestFace, Part, Pose, RayScene, ScannerFrame, SimdLevel};
+use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame, SimdLevel};
 use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 use correlation::NoiseRuns;
@@ -82,7 +79,7 @@ pub struct DeviationOptions {
     /// Largest angle between the measured and the nominal normal, degrees.
     pub max_turn_deg: f64,
     /// Distance of a point from a step in depth, or from a rim of the part, within which the faces on both sides are tried, mm: what the
-    /// part may lie off sideways. So near a point of a merged cloud lies to a face that hides behind another one.
+    /// part may lie off sideways.
     pub rim_mm: f64,
     /// Least number of points that are taken to share noise, n_eff = n over it: more where the scans show that neighbours share more.
     pub correlated_points: f64,
@@ -94,8 +91,7 @@ pub struct DeviationOptions {
     /// Least share of a region's area whose samples have to pass for its verdict to be `pass`.
     pub min_measured: f64,
     /// True if each scan is the image of one cloud that was merged of all views. A sample then takes the points of the scan that shows most
-    /// of them, since the others show the same ones again; and points behind the surface that lie on another face were seen from another
-    /// side.
+    /// of them, since the others show the same ones again.
     pub is_merged: bool,
 }
 
@@ -234,9 +230,8 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let mut seen: Vec<Vec<SeenSample>> = Vec::with_capacity(scans.len());
     let mesh = nominal.mesh;
     let normals: Vec<Vector3<f64>> = parallel::map_range(mesh.faces.len(), |face| mesh.scaled_normal(face).normalize());
-    let merged = options.is_merged.then(|| NearestFace::new(mesh));
     for placed in scans {
-        let distances = ViewDistances::of(placed, nominal, &normals, merged.as_ref(), options);
+        let distances = ViewDistances::of(placed, nominal, &normals, options);
         compared_points += distances.compared;
         turned_points += distances.turned;
         heaps.extend_from_slice(&distances.off_surface);

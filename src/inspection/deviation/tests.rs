@@ -475,7 +475,7 @@ fn points_of_a_merged_cloud_count_once_however_many_views_show_them() {
     assert!(count > 500 && doubled == count, "{doubled} of {count}");
 }
 
-/// Points of a groove's floor, which another view's image shows through gaps between those of its lip, were once compared with the lip.
+/// Points of a groove's floor, which the image of another view showed between those of its lip, were once compared with the lip.
 #[test]
 fn points_of_a_merged_cloud_are_not_compared_with_faces_that_hide_them() {
     let groove = extruded(&[[-50.0, 0.0], [-3.0, 0.0], [-3.0, -1.5], [3.0, -1.5], [3.0, 0.0], [50.0, 0.0]]);
@@ -485,9 +485,9 @@ fn points_of_a_merged_cloud_are_not_compared_with_faces_that_hide_them() {
     let mut scans = shots.scans(&[above, aside], 0.0, |_| Isometry3::identity());
     // The view from aside returns nothing: what its image shows is all from above.
     scans[1].scanner_cloud.points_mm.fill([f32::NAN; 3]);
-    let images = merged(&scans, &shots.scanner, 4);
     let options = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
     let deviations = |model: &Model| {
+        let images = merged(&scans, &shots.scanner, &model.mesh);
         let found = compare(&placed(&images, 0.0), &model.nominal(), &options);
         let measured = model.surface.samples().filter(|sample| found.samples[sample.index()].points > 0);
         let deviation =
@@ -511,8 +511,8 @@ fn a_dent_of_a_sheet_in_a_merged_cloud_is_not_taken_for_its_other_side() {
     let dented = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 0.3]);
     let shots = Shots::of(&dented, 8);
     let scans = shots.scans(&[from_above(&shots)], 0.0, |_| Isometry3::identity());
-    let images = merged(&scans, &shots.scanner, 4);
     let model = Model::of(box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 1.5]), 1.0);
+    let images = merged(&scans, &shots.scanner, &model.mesh);
     let options = DeviationOptions { is_merged: true, ..DeviationOptions::default() };
     let found = compare(&placed(&images, 0.0), &model.nominal(), &options);
     let is_inner = |at: &Point3<f64>| at.z > 1.4 && at.x.abs() < 40.0 && at.y.abs() < 40.0;

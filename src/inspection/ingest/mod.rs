@@ -5,6 +5,7 @@
 mod clean;
 mod frames;
 mod holes;
+pub(in crate::inspection) mod merged;
 mod organise;
 mod swapped;
 #[cfg(test)]
@@ -20,10 +21,12 @@ use crate::geometry::{LengthUnit, NearestFace, Part, Plate, PointCloud, Pose};
 use crate::inspection::registration::RegistrationOptions;
 use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, RefinedAlone, place};
 use crate::inspection::{PixelGrid, ViewScan};
+use crate::planning::context::{Cancelled, Context};
 
 pub use clean::{CleanOptions, PlateZone, Removed, RemovedBecause};
 pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
 use frames::{best_of, try_all};
+use merged::merged_images;
 
 closed_list! {
     /// Findings about the files of a scan.
@@ -189,12 +192,23 @@ pub struct IngestWorld<'a> {
 }
 
 /// Takes in the clouds of one inspection.
-#[must_use]
-pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &IngestOptions) -> Ingested {
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn ingest(
+    mut files: Vec<ScanFile>,
+    world: &IngestWorld<'_>,
+    options: &IngestOptions,
+    ctx: &Context<'_>,
+) -> Result<Ingested, Cancelled> {
     // The order of files must not matter.
     files.sort_by_cached_key(|file| (label(file), file.viewpoint));
     let clouds = files.len();
-    let read: Vec<ReadFile> = files.into_par_iter().map(|file| read_file(file, clouds, world, options)).collect();
+    let read = files.into_par_iter().map(|file| {
+        ctx.check()?;
+        read_file(file, clouds, world, (options, ctx))
+    });
+    let read: Vec<ReadFile> = read.collect::<Result<_, Cancelled>>()?;
     let mut ingested = Ingested::default();
     let (mut astray, mut swapped, mut prints) = (Vec::new(), Vec::new(), Fingerprints::new());
     for file in read {
@@ -220,10 +234,11 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
     for scans in [&mut ingested.scans, &mut astray, &mut swapped] {
         scans.sort_by_key(|taken| taken.scan.viewpoint);
     }
-    let misfits = ingested.leave_out_misfits(Some(astray.len() + swapped.len()), world);
+    let misfits = ingested.leave_out_misfits(Some(astray.len() + swapped.len()), world, ctx)?;
     swapped.extend(misfits);
+    ctx.check()?;
     ingested.place_part(astray, swapped, world);
-    ingested.leave_out_misfits(None, world);
+    ingested.leave_out_misfits(None, world, ctx)?;
     ingested.leave_out_copies(&prints);
     ingested.refuse_other_plan(world);
     for capture in world.captures {
@@ -231,7 +246,7 @@ pub fn ingest(mut files: Vec<ScanFile>, world: &IngestWorld<'_>, options: &Inges
             ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
         }
     }
-    ingested
+    Ok(ingested)
 }
 
 /// Fingerprints of files, by the view that each is of.
@@ -241,7 +256,12 @@ impl Ingested {
     /// Leaves out scans that lie on the part from another view alone, and where others fit their views also those that lie on it
     /// from none: returns them. Before the part is searched for there are so many other scans, `before`, that miss it or fit another
     /// view, and nothing is left out unless half of all scans show that it lies where the poses say.
-    fn leave_out_misfits(&mut self, before: Option<usize>, world: &IngestWorld<'_>) -> Vec<TakenScan> {
+    fn leave_out_misfits(
+        &mut self,
+        before: Option<usize>,
+        world: &IngestWorld<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<TakenScan>, Cancelled> {
         let at = self.mesh_from_stated;
         let alone: Vec<Option<RefinedAlone>> = self.scans.par_iter().map(|taken| swapped::alone(taken, &at, world)).collect();
         let judged = alone.iter().flatten().count();
@@ -249,14 +269,14 @@ impl Ingested {
         let is_placed = sure > 0 && before.is_none_or(|others| 2 * sure >= judged + others);
         let mut left_out = Vec::new();
         if before.is_some() && !is_placed {
-            return left_out;
+            return Ok(left_out);
         }
         for (taken, alone) in std::mem::take(&mut self.scans).into_iter().zip(alone) {
             let Some(alone) = alone.filter(RefinedAlone::is_off) else {
                 self.scans.push(taken);
                 continue;
             };
-            let fits_viewpoint = swapped::other_view(&taken, &at, world);
+            let fits_viewpoint = swapped::other_view(&taken, &at, world, ctx)?;
             let is_misfit = is_placed && alone.inlier_share < MISFIT_SHARE && taken.fit.on_part < MISFIT_NEAR_SHARE;
             if fits_viewpoint.is_none() && !is_misfit {
                 self.scans.push(taken);
@@ -266,7 +286,7 @@ impl Ingested {
             self.findings.push(IngestFinding { fits_viewpoint, ..finding });
             left_out.push(taken);
         }
-        left_out
+        Ok(left_out)
     }
 
     /// Leaves out all but one of the scans that hold the same points: the one that keeps most of them in its view's image, else
@@ -407,7 +427,12 @@ enum ViewFit {
     OtherView,
 }
 
-fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &IngestOptions) -> ReadFile {
+fn read_file(
+    file: ScanFile,
+    clouds: usize,
+    world: &IngestWorld<'_>,
+    (options, ctx): (&IngestOptions, &Context<'_>),
+) -> Result<ReadFile, Cancelled> {
     let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
     let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
     // The only file is of the only view, whatever its name, unless it is declared to be of another one.
@@ -419,13 +444,13 @@ fn read_file(file: ScanFile, clouds: usize, world: &IngestWorld<'_>, options: &I
     let mut read = ReadFile { name, viewpoint, scans: Vec::new(), findings: Vec::new(), fit, print };
     match capture {
         Some(capture) => take_view(file, capture, world, options, &mut read),
-        None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, number, world, options, &mut read),
+        None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, number, world, (options, ctx), &mut read)?,
         None => {
             let finding = IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), None);
             read.findings.push(finding.with_number(number, world));
         }
     }
-    read
+    Ok(read)
 }
 
 /// Name of a file with that of the scan in it.
@@ -525,9 +550,15 @@ fn diagnosis(
 }
 
 /// A cloud of all views, put into the image of each. A number in its name may be that of the part, or that of a view that does not exist.
-fn take_merged(file: ScanFile, number: Option<u32>, world: &IngestWorld<'_>, options: &IngestOptions, into: &mut ReadFile) {
+fn take_merged(
+    file: ScanFile,
+    number: Option<u32>,
+    world: &IngestWorld<'_>,
+    (options, ctx): (&IngestOptions, &Context<'_>),
+    into: &mut ReadFile,
+) -> Result<(), Cancelled> {
     let name = label(&file);
-    let Some(first) = world.captures.first() else { return };
+    let Some(first) = world.captures.first() else { return Ok(()) };
     let tried = frames::try_merged(&file.cloud, file.unit, first, world);
     let declared = |attempt: &&FrameAttempt| {
         file.unit.is_none_or(|unit| unit == attempt.unit) && file.frame.is_none_or(|frame| frame == attempt.frame)
@@ -542,18 +573,17 @@ fn take_merged(file: ScanFile, number: Option<u32>, world: &IngestWorld<'_>, opt
         };
         let finding = IngestFinding::of(code, Some(name), None).with_number(number, world);
         into.findings.push(IngestFinding { tried, ..finding });
-        return;
+        return Ok(());
     };
-    let (cloud, removed, longest_mm) = prepared(file, &best, first);
+    let (mut cloud, removed, longest_mm) = prepared(file, &best, first);
     let points = cloud.finite().count() + removed.total();
-    for capture in world.captures {
-        // The points are in the frame of the first view's scanner.
-        let scanner_from_first = *(capture.part_from_scanner.inverse() * first.part_from_scanner).isometry();
-        let mut own_points = cloud.points_mm.clone();
-        frames::transform(&mut own_points, &scanner_from_first);
-        let mut own = removed.clone();
-        let seen = organise::project(&own_points, world.scanner, &mut own);
-        let scanner_cloud = clean::clean(seen, capture, world, &options.clean, &mut own);
+    frames::transform(&mut cloud.points_mm, first.part_from_scanner.isometry());
+    let views: Vec<_> = world.captures.iter().map(|capture| (capture.viewpoint, capture.part_from_scanner)).collect();
+    let images = merged_images(&cloud.points_mm, &views, world.scanner, world.nearest, ctx)?;
+    for (capture, image) in world.captures.iter().zip(images) {
+        let mut own = Removed { is_projected: true, ..removed.clone() };
+        own.count(RemovedBecause::OutsideImage, image.outside);
+        let scanner_cloud = clean::clean(image.scanner_cloud, capture, world, &options.clean, &mut own);
         let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
         let (unit, frame, file) = (best.unit, best.frame, name.clone());
         into.scans.push(TakenScan { scan, file, unit, frame, fit: best, points, removed: own, is_approximate: true });
@@ -569,4 +599,5 @@ fn take_merged(file: ScanFile, number: Option<u32>, world: &IngestWorld<'_>, opt
     } else if longest_mm.is_some() {
         into.findings.push(IngestFinding { longest_mm, ..IngestFinding::of(IngestCode::FilledHoles, Some(name), None) });
     }
+    Ok(())
 }

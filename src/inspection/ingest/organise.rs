@@ -8,10 +8,10 @@ use crate::geometry::{CloudGrid, PointCloud};
 use crate::inspection::PixelGrid;
 
 /// Cell sizes that are tried, pixels.
-const CELL_PIXELS: [u32; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
+pub(super) const CELL_PIXELS: [u32; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Share of the neighbours of occupied cells that are occupied, from which on a cloud is dense in its grid: with less the spacing of the
 /// points exceeds the cell.
-const DENSE_SHARE: f64 = 0.85;
+pub(super) const DENSE_SHARE: f64 = 0.85;
 /// Distance of a point's image from the middle of its own cell that poses and lenses which are a little off explain, cells. Samples take
 /// the points of few cells around their image.
 const NEAR_CELLS: f64 = 1.0;
@@ -28,7 +28,8 @@ pub(super) fn project(points_mm: &[[f32; 3]], scanner: &Scanner, removed: &mut R
     removed.is_projected = true;
     let mut grids = CELL_PIXELS.map(|step_px| PixelGrid::new(scanner, step_px)).into_iter();
     let largest = PixelGrid::new(scanner, CELL_PIXELS[CELL_PIXELS.len() - 1]);
-    let grid = grids.find(|grid| fill(&pixels, grid) >= DENSE_SHARE).unwrap_or(largest);
+    let places = || pixels.iter().flatten().map(|(pixel, _)| *pixel);
+    let grid = grids.find(|grid| fill(&occupied(places(), grid), grid) >= DENSE_SHARE).unwrap_or(largest);
     let mut depth = vec![f32::INFINITY; grid.cells()];
     let mut cells = vec![[f32::NAN; 3]; grid.cells()];
     for (point, pixel) in points_mm.iter().zip(&pixels) {
@@ -59,19 +60,20 @@ fn pixel_of(point: &[f32; 3], image: &PixelGrid) -> Option<([f32; 2], f32)> {
 }
 
 /// Cell of a pixel position.
-fn cell_in(grid: &PixelGrid, pixel: [f32; 2]) -> Option<usize> {
+pub(super) fn cell_in(grid: &PixelGrid, pixel: [f32; 2]) -> Option<usize> {
     let cell = grid.cell_at(pixel.map(|position| f64::from(position) / grid.step_px))?;
     Some(grid.number(cell))
 }
 
-/// Share of the right and lower neighbours of occupied cells that are occupied.
-fn fill(pixels: &[Option<([f32; 2], f32)>], grid: &PixelGrid) -> f64 {
+/// Cells of a grid that points are imaged in.
+pub(super) fn occupied(pixels: impl Iterator<Item = [f32; 2]>, grid: &PixelGrid) -> Vec<bool> {
     let mut is_occupied = vec![false; grid.cells()];
-    for (pixel, _) in pixels.iter().flatten() {
-        if let Some(cell) = cell_in(grid, *pixel) {
-            is_occupied[cell] = true;
-        }
-    }
+    pixels.filter_map(|pixel| cell_in(grid, pixel)).for_each(|cell| is_occupied[cell] = true);
+    is_occupied
+}
+
+/// Share of the right and lower neighbours of occupied cells that are occupied.
+pub(super) fn fill(is_occupied: &[bool], grid: &PixelGrid) -> f64 {
     let CloudGrid { columns, rows } = grid.size;
     let (mut neighbours, mut occupied) = (0_usize, 0_usize);
     for row in 0..rows.saturating_sub(1) {

@@ -12,6 +12,7 @@ use super::{IngestWorld, MIN_SHARE, PlannedCapture, ScanFrame, TakenScan, frames
 use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::{Part, Pose};
 use crate::inspection::registration::locate::{RefinedAlone, refined_alone};
+use crate::planning::context::{Cancelled, Context};
 
 /// Points below which a cloud tells nothing of its view.
 const MIN_POINTS: usize = 100;
@@ -41,7 +42,12 @@ pub(super) fn alone(taken: &TakenScan, mesh_from_stated: &Pose<Part, Part>, worl
 }
 
 /// The other view at whose pose a scan in the scanner's frame lies on the part.
-pub(super) fn other_view(taken: &TakenScan, mesh_from_stated: &Pose<Part, Part>, world: &IngestWorld<'_>) -> Option<u32> {
+pub(super) fn other_view(
+    taken: &TakenScan,
+    mesh_from_stated: &Pose<Part, Part>,
+    world: &IngestWorld<'_>,
+    ctx: &Context<'_>,
+) -> Result<Option<u32>, Cancelled> {
     let scan = &taken.scan;
     let fit = |other: &PlannedCapture| {
         let mesh_from_scanner = *mesh_from_stated * other.part_from_scanner;
@@ -52,8 +58,12 @@ pub(super) fn other_view(taken: &TakenScan, mesh_from_stated: &Pose<Part, Part>,
         found.is_sure().then_some((found.inlier_share, other.viewpoint))
     };
     let others: Vec<&PlannedCapture> = world.captures.iter().filter(|other| other.viewpoint != scan.viewpoint).collect();
-    let found: Vec<Option<(f64, u32)>> = others.par_iter().map(|other| fit(other)).collect();
-    best(found.into_iter().flatten())
+    let found = others.par_iter().map(|other| {
+        ctx.check()?;
+        Ok(fit(other))
+    });
+    let found: Vec<Option<(f64, u32)>> = found.collect::<Result<_, Cancelled>>()?;
+    Ok(best(found.into_iter().flatten()))
 }
 
 /// The view of the largest share; of equal ones the first.

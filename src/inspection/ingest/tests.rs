@@ -1,3 +1,5 @@
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
@@ -5,7 +7,9 @@ use crate::cell::{CloudFrame, CloudFrameSpec};
 use crate::geometry::cloud_io::{CloudLimits, read, write_pcd};
 use crate::geometry::demo_parts::{base, figurine};
 use crate::geometry::{CloudGrid, Mesh, Part, Plate, Pose};
+use crate::inspection::rehearsal::in_context;
 use crate::inspection::shots::Shots;
+use crate::planning::context::Silent;
 use crate::testing::{box_mesh, cylinder_mesh};
 
 /// The demo base on its plate, scanned from four sides.
@@ -62,7 +66,7 @@ impl Cell {
     fn ingest(&self, files: Vec<ScanFile>) -> Ingested {
         let nearest = NearestFace::new(&self.mesh);
         let world = IngestWorld { scanner: &self.scanner, nearest: &nearest, captures: &self.captures, fixtures: &[] };
-        ingest(files, &world, &IngestOptions::default())
+        in_context(|ctx| ingest(files, &world, &IngestOptions::default(), ctx)).expect("nobody cancels")
     }
 }
 
@@ -350,6 +354,20 @@ fn a_declared_unit_is_tried_though_it_is_not_guessed() {
     let taken = cell.ingest(vec![ScanFile { unit: Some(LengthUnit::Centimetre), ..file }]);
     let [scan] = &taken.scans[..] else { panic!("{:?}", taken.findings) };
     assert_eq!((scan.unit, scan.frame, scan.scan.viewpoint), (LengthUnit::Centimetre, ScanFrame::Scanner, 3));
+}
+
+/// To take scans in, and the search for the view that one fits, could once not be cancelled.
+#[test]
+fn scans_are_not_taken_in_once_that_is_cancelled() {
+    let cell = Cell::new();
+    let nearest = NearestFace::new(&cell.mesh);
+    let world = IngestWorld { scanner: &cell.scanner, nearest: &nearest, captures: &cell.captures, fixtures: &[] };
+    let cancel = AtomicBool::new(true);
+    let ctx = Context::new(&cancel, &Silent);
+    for name in ["view_3.ply", "all.ply"] {
+        let file = cell.file(2, LengthUnit::Millimetre, ScanFrame::Part, name);
+        assert!(ingest(vec![file], &world, &IngestOptions::default(), &ctx).is_err(), "{name}");
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use super::foreign::Foreign;
 use super::shown::ShownSurface;
 use super::steps::near_steps;
 use super::{LossCause, Losses};
-use crate::geometry::{NearestFace, parallel};
+use crate::geometry::parallel;
 use crate::inspection::coverage::{
     ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, ViewLookup,
 };
@@ -77,8 +77,7 @@ pub fn attribute(input: &LossInput<'_>, ctx: &Context<'_>) -> Result<Losses, Can
     let optics = Optics::new(input.compared.scanner, input.compared.params, &input.compared.surface.requirements);
     let realism = &input.compared.params.realism;
     let corner = ConcaveZone::new(input.model.mesh(), realism.concave_dihedral_deg.to_radians(), realism.concave_zone_mm, ctx)?;
-    let merged = input.coverage.is_approximate.then(|| NearestFace::new(input.model.mesh()));
-    let scan = |place| ScanLosses::new(input, &optics, (&corner, merged.as_ref()), place, ctx);
+    let scan = |place| ScanLosses::new(input, &optics, &corner, place, ctx);
     let scans: Vec<ScanLosses<'_>> = (0..input.compared.scanned.len()).map(scan).collect();
     let evidence = Evidence::of(&scans, ctx)?;
     for scan in &scans {
@@ -150,8 +149,6 @@ struct ScanLosses<'a> {
     foreign: Foreign,
     bounds: FileBounds,
     corner: &'a ConcaveZone,
-    /// The part of a merged cloud.
-    merged: Option<&'a NearestFace<'a>>,
     /// Planned pairs, with the place of the sample's image in cells.
     pairs: Vec<(Return, [f64; 2])>,
 }
@@ -166,13 +163,7 @@ struct LostPair {
 }
 
 impl<'a> ScanLosses<'a> {
-    fn new(
-        input: &'a LossInput<'a>,
-        optics: &'a Optics,
-        (corner, merged): (&'a ConcaveZone, Option<&'a NearestFace<'a>>),
-        place: usize,
-        ctx: &Context<'_>,
-    ) -> Self {
+    fn new(input: &'a LossInput<'a>, optics: &'a Optics, corner: &'a ConcaveZone, place: usize, ctx: &Context<'_>) -> Self {
         let compared = input.compared;
         let scanned = &compared.scanned[place];
         let pose = &scanned.registered.part_from_scanner;
@@ -191,7 +182,6 @@ impl<'a> ScanLosses<'a> {
             reflection: Reflection::new(compared.scanner).at(pose),
             lookup,
             corner,
-            merged,
             pairs,
         }
     }
@@ -257,7 +247,7 @@ impl<'a> ScanLosses<'a> {
         let shown = match footprint {
             Footprint::Off(_) | Footprint::Turned => {
                 let pose = &self.compared().scanned[self.place].registered.part_from_scanner;
-                ShownSurface::of(&self.lookup, &seen, pose, self.input.model, self.merged, ctx)
+                ShownSurface::of(&self.lookup, &seen, pose, self.input.model, ctx)
             }
             Footprint::Measured | Footprint::OutsideGrid | Footprint::Empty | Footprint::Sparse => None,
         };

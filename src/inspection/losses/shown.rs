@@ -3,8 +3,7 @@
 //!
 //! Where a view lies a little off sideways, the ray beside an edge meets the wrong face: the face of a neighbour's ray counts instead
 //! where it lies twice as near. One of the same side, the other level of a step, is taken for its plane, and one of another side, a
-//! wall, for itself. A merged cloud shows points through gaps between those before them: one that lies on another face of the part,
-//! twice as near, is none of the surface that the view sees.
+//! wall, for itself.
 //!
 //! The scatter is that of second differences along rows and columns on even surface: neither an offset nor a tilt has any. Where there
 //! are none, it is that of the differences of neighbours. Their medians, of two middle ones the smaller, are 0.6745·√6 and 0.6745·√2
@@ -16,7 +15,7 @@ use std::array;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{Mesh, NearestFace, Part, Pose, ScannerFrame, nearest_of_triangle};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, nearest_of_triangle};
 use crate::inspection::coverage::{NominalModel, SeenSample, ViewLookup};
 use crate::planning::context::Context;
 
@@ -102,20 +101,18 @@ pub(super) struct ShownSurface {
 }
 
 impl ShownSurface {
-    /// Surface around the image of a sample; `None` where its cell has no point of a surface that the view sees. `merged` is the part
-    /// of a merged cloud.
+    /// Surface around the image of a sample; `None` where its cell has no point.
     pub(super) fn of(
         lookup: &ViewLookup<'_>,
         seen: &SeenSample,
         pose: &Pose<Part, ScannerFrame>,
         model: &NominalModel<'_>,
-        merged: Option<&NearestFace<'_>>,
         ctx: &Context<'_>,
     ) -> Option<Self> {
         let grid = lookup.cloud.grid();
         let cell = grid.cell_of(&seen.scanner_mm)?;
         let centre_mm = pose.point(&grid.centre_mm());
-        let mut points: [Option<Point3<f64>>; CELLS] = array::from_fn(|place| {
+        let points: [Option<Point3<f64>>; CELLS] = array::from_fn(|place| {
             let [right, down] = [place % SIDE, place / SIDE].map(|number| number as isize - 1);
             lookup.cloud.neighbour(cell, right, down).map(|point| pose.point(&point))
         });
@@ -132,13 +129,6 @@ impl ShownSurface {
             let tolerance_mm = lookup.tolerance_mm(&precision);
             (precision.cos > 0.0).then_some(MetPlane { face, point_mm, normal, tolerance_mm, noise_mm: precision.noise_mm })
         });
-        if let Some(merged) = merged {
-            let around = points;
-            for (point, met) in points.iter_mut().zip(&met) {
-                let is_hidden = |own: &Point3<f64>| met.as_ref().is_some_and(|met| is_of_another(own, met, merged, &around));
-                *point = point.filter(|own| !is_hidden(own));
-            }
-        }
         points[OWN]?;
         let off_at = |place: usize| Some(off_of(&points[place]?, met[place].as_ref()?, &met, model.mesh()));
         let off: [Option<Off>; CELLS] = array::from_fn(off_at);
@@ -200,18 +190,6 @@ fn off_of(point: &Point3<f64>, own: &MetPlane, met: &[Option<MetPlane>; CELLS], 
     let beside = |plane: &MetPlane| Off { distance_mm: plane.beside_mm(point, own, mesh), tolerance_mm: plane.tolerance_mm };
     let nearest = met.iter().flatten().map(beside).min_by(|a, b| a.distance_mm.abs().total_cmp(&b.distance_mm.abs()));
     nearest.filter(|nearest| 2.0 * nearest.distance_mm.abs() <= off.distance_mm.abs()).unwrap_or(off)
-}
-
-/// Returns true if a point off the plane that its ray meets, by more than the noise, lies on another face of the part. The other
-/// side of a sheet explains a dent as well: it is seen through a gap only where points around lie before it.
-fn is_of_another(point: &Point3<f64>, met: &MetPlane, merged: &NearestFace<'_>, around: &[Option<Point3<f64>>; CELLS]) -> bool {
-    let away_mm = met.distance_mm(point).abs();
-    let other = (away_mm > met.noise_mm).then(|| merged.nearest(point, 0.5 * away_mm)).flatten();
-    other.is_some_and(|other| {
-        let is_other_side = merged.mesh().scaled_normal(other.face as usize).normalize().dot(&met.normal) <= -EVEN_COS;
-        let is_before = |beside: &Point3<f64>| met.normal.dot(&(beside - point)) > 0.5 * away_mm;
-        !is_other_side || around.iter().flatten().any(is_before)
-    })
 }
 
 #[cfg(test)]

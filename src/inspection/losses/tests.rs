@@ -154,7 +154,7 @@ fn an_exact_scan_neither_deviates_nor_is_noisy() {
         let views = rehearsal.scan(&exact, rehearsal.as_planned());
         let single = rehearsal.judge(&views, &Knowledge::default());
         let scans: Vec<ViewScan> = views.iter().map(|view| view.scan.clone()).collect();
-        let images = merged(&scans, &rehearsal.scanner, 6);
+        let images = merged(&scans, &rehearsal.scanner, &rehearsal.mesh);
         let poses: Vec<_> = images.iter().map(|image| (image, image.part_from_scanner)).collect();
         let merged = rehearsal.judge_at(&poses, &Knowledge { is_merged: true, ..Knowledge::default() });
         for judged in [single, merged] {
