@@ -316,8 +316,8 @@ impl Ingested {
 
     /// Refuses the scans of a setup that fit where more do not: a few that fit by chance would be told as what was measured of the part.
     fn refuse_other_plan(&mut self, world: &IngestWorld<'_>) {
-        // Scans that found the part together are of it.
-        if self.mesh_from_stated != Pose::identity() {
+        // Scans that found the part together are of it; a single one finds something in any part.
+        if self.mesh_from_stated != Pose::identity() && self.scans.len() > 1 {
             return;
         }
         let misfits = [IngestCode::WrongView, IngestCode::NoPart, IngestCode::UnitMismatch, IngestCode::FrameMismatch];

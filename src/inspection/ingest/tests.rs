@@ -295,9 +295,9 @@ fn scans_of_which_most_fit_no_view_are_refused_and_each_is_named() {
 #[test]
 fn scans_that_fit_are_refused_only_with_misfits_of_their_setup_and_of_another_part() {
     let cell = Cell::new();
-    let kept = |cell: &Cell, moved_mm: f64, is_in_another_frame: bool| {
-        let files = [0, 1].map(|view| cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("{}.ply", view + 1)));
-        let mut taken = cell.ingest(files.into());
+    let kept = |cell: &Cell, views: &[usize], moved_mm: f64, is_in_another_frame: bool| {
+        let file = |view: &usize| cell.file(*view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("{}.ply", view + 1));
+        let mut taken = cell.ingest(views.iter().map(file).collect());
         taken.mesh_from_stated = Pose::claim(Isometry3::translation(moved_mm, 0.0, 0.0));
         let tried = if is_in_another_frame { vec![taken.scans[0].fit] } else { Vec::new() };
         for number in 0..3 {
@@ -309,12 +309,13 @@ fn scans_that_fit_are_refused_only_with_misfits_of_their_setup_and_of_another_pa
         taken.refuse_other_plan(&world);
         taken.scans.len()
     };
-    assert_eq!(kept(&cell, 0.0, false), 0, "three of five misfit");
-    assert_eq!(kept(&cell, 5.0, false), 2, "the part was found by those that fit");
-    assert_eq!(kept(&cell, 0.0, true), 2, "the others lie on the part in another frame");
+    assert_eq!(kept(&cell, &[0, 1], 0.0, false), 0, "three of five misfit");
+    assert_eq!(kept(&cell, &[0, 1], 5.0, false), 2, "the part was found by those that fit");
+    assert_eq!(kept(&cell, &[0], 5.0, false), 0, "one of four finds something in any part");
+    assert_eq!(kept(&cell, &[0, 1], 0.0, true), 2, "the others lie on the part in another frame");
     let mut of_two_setups = Cell::new();
     of_two_setups.captures[2].part_from_plate = Some(Pose::identity());
-    assert_eq!(kept(&of_two_setups, 0.0, false), 2, "the others are of another setup");
+    assert_eq!(kept(&of_two_setups, &[0, 1], 0.0, false), 2, "the others are of another setup");
 }
 
 /// A lone file of a view that does not exist was once refused as a cloud that misses the part, or taken for one of all views without a
