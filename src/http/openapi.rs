@@ -3,6 +3,7 @@
 
 mod examples;
 mod forms;
+mod ranges;
 mod variants;
 
 use std::collections::BTreeMap;
@@ -146,6 +147,7 @@ pub(super) fn complete(openapi: &mut OpenApi) {
     add_links(openapi);
     add_sparse_answers(openapi);
     forms::add(openapi);
+    ranges::add(openapi);
     examples::add(openapi);
     let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, if it has one.")).build();
     let components = openapi.components.get_or_insert_default();

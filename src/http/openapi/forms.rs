@@ -6,26 +6,12 @@ use utoipa::openapi::path::{ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{OpenApi, RefOr, Required};
 
-/// Results with the parameter that chooses their form, and the form that their route documents.
-const FORMS: [(&str, &str, &str); 12] = [
-    ("plan", "format", "json"),
-    ("program", "dialect", "json"),
-    ("program-2", "dialect", "json"),
-    ("program-3", "dialect", "json"),
-    ("program-4", "dialect", "json"),
-    ("viewpoints", "format", "json"),
-    ("coverage", "format", "json"),
-    ("coverage.bin", "format", "bin"),
-    ("missed", "format", "json"),
-    ("candidates", "format", "json"),
-    ("timings", "format", "json"),
-    ("report", "format", "html"),
-];
+use crate::http::routes::results::{AskedParameter, asked_parameters};
 
 /// Adds the parameters.
 pub(super) fn add(openapi: &mut OpenApi) {
-    for (result, name, form) in FORMS {
-        let item = openapi.paths.paths.get_mut(&format!("/api/v1/jobs/{{id}}/{result}"));
+    for AskedParameter { path, name, form } in asked_parameters() {
+        let item = openapi.paths.paths.get_mut(&format!("/api/v1{path}"));
         let Some(operation) = item.and_then(|item| item.get.as_mut()) else { continue };
         let schema = ObjectBuilder::new().schema_type(Type::String).enum_values(Some([form]));
         let parameter = ParameterBuilder::new()

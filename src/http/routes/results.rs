@@ -270,33 +270,55 @@ async fn reason(state: &ApiState, id: JobId, name: &str) -> Option<String> {
     serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
 }
 
-/// Defines the route of a result: its media type in the API document, and how its form is chosen of all that are offered.
-macro_rules! result {
-    (
+/// Query parameter that asks a route for the form of its result.
+pub(in crate::http) struct AskedParameter {
+    /// Path of the route below that of the API.
+    pub path: &'static str,
+    /// Name of the parameter.
+    pub name: &'static str,
+    /// Form that the route documents: the one that it gives without the parameter.
+    pub form: &'static str,
+}
+
+/// Defines the routes of results: of each its media type in the API document, and how its form is chosen of all that are offered.
+macro_rules! results {
+    ($(
         $(#[doc = $doc:literal])+
         $name:ident, $id:literal, $path:literal, $offered:expr, $choice:expr,
-        ($media:literal, $body:ty)
-    ) => {
-        $(#[doc = $doc])+
-        #[utoipa::path(
-            get,
-            path = $path,
-            tag = "results",
-            operation_id = $id,
-            params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
-            responses(
-                (status = 200, description = "The result; it never changes.", content(($body = $media)),
-                    headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
-                (status = 304, description = "The client has the current version."),
-            )
-        )]
-        pub(in crate::http) async fn $name(
-            State(state): State<ApiState>,
-            Path(id): Path<String>,
-            headers: HeaderMap,
-            params: Params,
-        ) -> Result<Response, ApiError> {
-            answer(&state, &id, &headers, params, $choice, &$offered).await
+        ($media:literal, $body:ty);
+    )+) => {
+        $(
+            $(#[doc = $doc])+
+            #[utoipa::path(
+                get,
+                path = $path,
+                tag = "results",
+                operation_id = $id,
+                params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
+                responses(
+                    (status = 200, description = "The result; it never changes.", content(($body = $media)),
+                        headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+                    (status = 304, description = "The client has the current version."),
+                )
+            )]
+            pub(in crate::http) async fn $name(
+                State(state): State<ApiState>,
+                Path(id): Path<String>,
+                headers: HeaderMap,
+                params: Params,
+            ) -> Result<Response, ApiError> {
+                answer(&state, &id, &headers, params, $choice, &$offered).await
+            }
+        )+
+
+        /// Parameters of the routes whose form a request may ask for.
+        pub(in crate::http) fn asked_parameters() -> Vec<AskedParameter> {
+            let routes = [$(($path, $choice, $offered.first().map(|form| form.name))),+];
+            let asked = routes.into_iter().filter_map(|(path, choice, form)| match choice {
+                FormChoice::Asked(name) => Some(AskedParameter { path, name, form: form? }),
+                FormChoice::Only(_) => None,
+            });
+            asked.collect()
         }
     };
 }
@@ -358,32 +380,57 @@ async fn program_as_text(
     Ok(response)
 }
 
-result! {
+results! {
     /// Get the plan
-    plan, "get_plan", "/jobs/{id}/plan", PLAN, FormChoice::Asked("format"), ("application/json", PlanDocument)
-}
-result! {
+    plan, "get_plan", "/jobs/{id}/plan", PLAN, FormChoice::Asked("format"), ("application/json", PlanDocument);
     /// Get the robot program
     ///
     /// The program as neutral JSON. `/jobs/{id}/program/{dialect}`, or the query parameter `dialect` of this route, gives it as a
     /// table or in the language of a robot controller.
-    program, "get_program", "/jobs/{id}/program", programs(0), FormChoice::Asked("dialect"), ("application/json", ProgramDocument)
-}
-result! {
+    program, "get_program", "/jobs/{id}/program", programs(0), FormChoice::Asked("dialect"),
+    ("application/json", ProgramDocument);
     /// Get the robot program of the second setup
     program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), FormChoice::Asked("dialect"),
-    ("application/json", ProgramDocument)
-}
-result! {
+    ("application/json", ProgramDocument);
     /// Get the robot program of the third setup
     program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), FormChoice::Asked("dialect"),
-    ("application/json", ProgramDocument)
-}
-result! {
+    ("application/json", ProgramDocument);
     /// Get the robot program of the fourth setup
     program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), FormChoice::Asked("dialect"),
-    ("application/json", ProgramDocument)
+    ("application/json", ProgramDocument);
+    /// Get the chosen viewpoints
+    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, FormChoice::Asked("format"),
+    ("application/json", ViewpointsDocument);
+    /// Get the chosen viewpoints as a table
+    viewpoints_csv, "get_viewpoints_csv", "/jobs/{id}/viewpoints.csv", VIEWPOINTS, FormChoice::Only("csv"), ("text/csv", String);
+    /// Get the coverage and its quality
+    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, FormChoice::Asked("format"), ("application/json", CoverageListing);
+    /// Get the coverage of each face as a table
+    coverage_csv, "get_coverage_csv", "/jobs/{id}/coverage.csv", COVERAGE, FormChoice::Only("csv"), ("text/csv", String);
+    /// Get the missed area and its causes
+    missed, "get_missed", "/jobs/{id}/missed", MISSED, FormChoice::Asked("format"), ("application/json", MissedListing);
+    /// Get all candidates, with the matrices of visibility and of quality
+    ///
+    /// Present if the job has `params.output.candidates`. If the file would be too large, the response is `result_not_found`
+    /// with the reason.
+    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, FormChoice::Asked("format"),
+    ("application/json", CandidateListing);
+    /// Get the seconds spent in each stage
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, FormChoice::Asked("format"),
+    ("application/json", super::super::openapi::StageSeconds);
+    /// Get the report
+    ///
+    /// A job that failed with `no_plan` has one too: the reasons, with pictures of what is in the way.
+    report, "get_report", "/jobs/{id}/report", REPORT, FormChoice::Asked("format"), ("text/html", String);
+    /// Get the report as plain text
+    report_text, "get_report_text", "/jobs/{id}/report.txt", REPORT, FormChoice::Only("text"), ("text/plain", String);
+    /// Get the coverage of each face of the preview
+    ///
+    /// One byte per face: its best grade, by area majority, or the cause for which it is missed.
+    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, FormChoice::Asked("format"),
+    ("application/octet-stream", super::super::openapi::Bytes);
 }
+
 program_text! {
     /// Get the robot program as text
     ///
@@ -405,57 +452,6 @@ program_text! {
 program_text! {
     /// Get the robot program of the fourth setup as text
     program_text_4, "get_program_4_text", "/jobs/{id}/program-4/{dialect}", 3
-}
-result! {
-    /// Get the chosen viewpoints
-    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, FormChoice::Asked("format"),
-    ("application/json", ViewpointsDocument)
-}
-result! {
-    /// Get the chosen viewpoints as a table
-    viewpoints_csv, "get_viewpoints_csv", "/jobs/{id}/viewpoints.csv", VIEWPOINTS, FormChoice::Only("csv"), ("text/csv", String)
-}
-result! {
-    /// Get the coverage and its quality
-    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, FormChoice::Asked("format"), ("application/json", CoverageListing)
-}
-result! {
-    /// Get the coverage of each face as a table
-    coverage_csv, "get_coverage_csv", "/jobs/{id}/coverage.csv", COVERAGE, FormChoice::Only("csv"), ("text/csv", String)
-}
-result! {
-    /// Get the missed area and its causes
-    missed, "get_missed", "/jobs/{id}/missed", MISSED, FormChoice::Asked("format"), ("application/json", MissedListing)
-}
-result! {
-    /// Get all candidates, with the matrices of visibility and of quality
-    ///
-    /// Present if the job has `params.output.candidates`. If the file would be too large, the response is `result_not_found`
-    /// with the reason.
-    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, FormChoice::Asked("format"),
-    ("application/json", CandidateListing)
-}
-result! {
-    /// Get the seconds spent in each stage
-    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, FormChoice::Asked("format"),
-    ("application/json", super::super::openapi::StageSeconds)
-}
-result! {
-    /// Get the report
-    ///
-    /// A job that failed with `no_plan` has one too: the reasons, with pictures of what is in the way.
-    report, "get_report", "/jobs/{id}/report", REPORT, FormChoice::Asked("format"), ("text/html", String)
-}
-result! {
-    /// Get the report as plain text
-    report_text, "get_report_text", "/jobs/{id}/report.txt", REPORT, FormChoice::Only("text"), ("text/plain", String)
-}
-result! {
-    /// Get the coverage of each face of the preview
-    ///
-    /// One byte per face: its best grade, by area majority, or the cause for which it is missed.
-    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, FormChoice::Asked("format"),
-    ("application/octet-stream", super::super::openapi::Bytes)
 }
 
 /// Download a result file by name

@@ -138,27 +138,6 @@ fn every_result_of_an_inspection_lists_its_formats() {
     }
 }
 
-/// They read it, and did not list it.
-#[test]
-fn every_result_of_a_job_lists_the_form_of_its_route() {
-    let document = document();
-    for (result, name, form) in [
-        ("plan", "format", "json"),
-        ("program", "dialect", "json"),
-        ("program-4", "dialect", "json"),
-        ("viewpoints", "format", "json"),
-        ("coverage", "format", "json"),
-        ("coverage.bin", "format", "bin"),
-        ("missed", "format", "json"),
-        ("candidates", "format", "json"),
-        ("timings", "format", "json"),
-        ("report", "format", "html"),
-    ] {
-        let schema = parameter(&document, &format!("/api/v1/jobs/{{id}}/{result}"), "get", name);
-        assert_eq!(schema["enum"], serde_json::json!([form]), "{result}");
-    }
-}
-
 /// Names of specifications and times of scans, inspections and calibrations were any text; results of inspections were sent with
 /// a tag and as not modified, and the document did not say so.
 #[test]
@@ -183,6 +162,17 @@ fn names_times_and_answers_to_conditional_requests_are_in_the_document() {
         let responses = &document["paths"][format!("/api/v1/inspections/{{id}}/{result}")]["get"]["responses"];
         assert!(responses["304"].is_object() && responses["200"]["headers"]["ETag"].is_object(), "{result}: {responses}");
     }
+    // Routes that answer with a part take the header that asks for it, and no others do.
+    let items = document["paths"].as_object().expect("paths");
+    let lists_range = |item: &serde_json::Value| {
+        let mut parameters = item["get"]["parameters"].as_array().into_iter().flatten();
+        parameters.any(|parameter| parameter["name"] == "Range" && parameter["in"] == "header")
+    };
+    for (path, item) in items {
+        assert_eq!(lists_range(item), item["get"]["responses"]["206"].is_object(), "{path}");
+    }
+    let of_inspections = items.iter().filter(|(path, item)| path.starts_with("/api/v1/inspections/") && lists_range(item));
+    assert_eq!((of_inspections.count(), items.values().filter(|item| lists_range(item)).count()), (5, 28));
 }
 
 /// Those of inspections and of their rescans were not listed.
@@ -219,11 +209,20 @@ async fn every_result_has_a_route_with_one_media_type() {
     let document = document();
     let dialects = document["components"]["schemas"]["ProgramDialect"]["enum"].as_array().expect("an enum").clone();
     assert!(dialects.len() > 6, "{dialects:?}");
-    let mut asked = 0;
+    let (mut asked, mut formed) = (0, 0);
     for (path, item) in document["paths"].as_object().expect("paths") {
         if item["get"]["tags"] != serde_json::json!(["results"]) {
             continue;
         }
+        // The parameter that asks for the form: routes read it, and did not list it.
+        let parameters = item["get"]["parameters"].as_array().expect("parameters").iter();
+        let mut form = parameters
+            .filter(|parameter| parameter["in"] == "query" && (parameter["name"] == "format" || parameter["name"] == "dialect"));
+        let form = form.next().map(|parameter| {
+            let [form] = &parameter["schema"]["enum"].as_array().expect("an enum")[..] else { panic!("one form: {parameter}") };
+            format!("?{}={}", parameter["name"].as_str().expect("a name"), form.as_str().expect("a form"))
+        });
+        formed += usize::from(form.is_some());
         let content = item["get"]["responses"]["200"]["content"].as_object().expect("content");
         let [media_type] = &content.keys().collect::<Vec<_>>()[..] else { panic!("{path} has several media types: {content:?}") };
         for dialect in dialects.iter().take(if path.contains("{dialect}") { dialects.len() } else { 1 }) {
@@ -237,9 +236,20 @@ async fn every_result_has_a_route_with_one_media_type() {
             assert_eq!(answer.status, 200, "{url}: {}", answer.text());
             assert_eq!(answer.header("content-type").split(';').next(), Some(media_type.as_str()), "{url}");
             asked += 1;
+            let part = api.send("GET", &url, &[("range", "bytes=0-0")], "").await;
+            assert_eq!((part.status.as_u16(), &part.bytes[..]), (206, &answer.bytes[..1]), "{url}");
+            assert!(item["get"]["responses"]["206"].is_object(), "{path}");
+            for header in ["Range", "If-Range"] {
+                parameter(&document, path, "get", header);
+            }
+            if let Some(form) = &form {
+                let by_form = api.get(&format!("{url}{form}")).await;
+                assert_eq!((by_form.status.as_u16(), by_form.bytes), (200, answer.bytes), "{url}{form}");
+            }
         }
     }
     assert!(asked > 20, "{asked}");
+    assert_eq!(formed, 12);
 }
 
 #[tokio::test]
