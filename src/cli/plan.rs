@@ -404,7 +404,7 @@ pub(super) fn placed(params: &PlanParams, up: Option<UpAxis>, mesh: &Mesh) -> Pl
 
 /// Warns of a plan that loses much under pose errors.
 fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>) {
-    let fragile = robust.and_then(|robust| warnings::of_robust(params, &RobustDocument::from(robust), ""));
+    let fragile = robust.and_then(|robust| warnings::of_robust(params, &RobustDocument::from(robust), false, ""));
     warn("parameters", fragile.as_slice());
 }
 

@@ -66,7 +66,8 @@ pub struct Summary {
     pub coverage: SummaryShares,
     /// These shares in a sentence.
     pub coverage_text: String,
-    /// Shares of the asked area by grade.
+    /// Shares of the asked area by grade, on the samples that views are chosen on: their sum differs a little from
+    /// `coverage.of_asked`, which is on independent samples.
     pub grades: GradesDocument,
     /// Predicted cycle time of the motion as planned, s; turning the part over between setups is not counted. `null` without a
     /// cell.
@@ -106,11 +107,12 @@ pub struct SummaryShares {
     pub of_visible: f64,
     /// Share of the visible area measured at grade A or B.
     pub grades_a_b_of_visible: f64,
-    /// Share of the visible area measured at an incidence of at most 35°.
+    /// Share of the visible area measured at an incidence of at most 35°, against the ray to the origin of the scanner frame.
     pub within_35_deg_of_visible: f64,
-    /// Share of the visible area measured at an incidence of at most 60°.
+    /// Share of the visible area measured at an incidence of at most 60°, against the same ray.
     pub within_60_deg_of_visible: f64,
-    /// Measured share of the asked area.
+    /// Measured share of the asked area, on independent samples; the sum of `grades` is that on the samples that views are chosen
+    /// on.
     pub of_asked: f64,
     /// Measured share of the coverable area, on the samples that views are chosen on.
     pub of_coverable: f64,
@@ -152,7 +154,7 @@ impl Summary {
             missed_of_asked,
             missed_spots,
             missed_text: missed_text([missed_of_asked, 1.0 - coverage.of_asked], missed_spots, plan.coverage.is_of_open),
-            action: action::best(plan, verdict, &groups, motion.map(|motion| motion.cycle_secs)),
+            action: action::best(plan, verdict, motion.map(|motion| motion.cycle_secs)),
             missed: groups,
             plan_sha256: None,
         }

@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
-use super::words::{HOME_REMEDY, area_mm2, counted, fixed, independent_share, percent_below, pose_error_sizes, rounded_up_mm};
+use super::words::{
+    HOME_REMEDY, area_mm2, asked_name, counted, fixed, independent_share, percent_below, pose_error_sizes, rounded_up_mm,
+};
 use crate::cell::{Cell, CollisionScene, Contact, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams, SelectionGoal};
@@ -300,7 +302,8 @@ fn remedy_for_noise() -> String {
 #[must_use]
 pub fn of_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &str) -> Vec<FieldWarning> {
     let unmet = regions.iter().enumerate().filter(|(_, region)| region.met == Some(false));
-    unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region)).collect()
+    let too_fine = too_fine_features(params, regions);
+    unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region, &too_fine)).collect()
 }
 
 /// Warnings on the targets that the regions of a plan reach on the samples that views were chosen on alone; `at` is the pointer to its
@@ -344,14 +347,14 @@ pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> 
 pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -> Vec<FieldWarning> {
     let mut warnings = of_regions(params, &coverage.regions, at);
     warnings.extend(of_refuted_regions(params, &coverage.regions, at));
-    warnings.extend(coverage.robust.as_ref().and_then(|robust| of_robust(params, robust, at)));
+    warnings.extend(coverage.robust.as_ref().and_then(|robust| of_robust(params, robust, coverage.of_open, at)));
     warnings
 }
 
-/// Warning on a plan that loses more than [`Robust::MAX_LOSS`] of the asked area in some draw of its pose errors; `at` is the
-/// pointer to its parameters.
+/// Warning on a plan that loses more than [`Robust::MAX_LOSS`] of the asked area, of further views of the open area, in some draw
+/// of its pose errors; `at` is the pointer to its parameters.
 #[must_use]
-pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Option<FieldWarning> {
+pub fn of_robust(params: &PlanParams, robust: &RobustDocument, is_of_open: bool, at: &str) -> Option<FieldWarning> {
     let costliest = Some(robust.costliest()).filter(|costliest| costliest.loss() > Robust::MAX_LOSS)?;
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
     // A plan for the best coverage has no target.
@@ -369,11 +372,12 @@ pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Opti
         pointer: format!("{at}/robust/select"),
         detail: format!(
             "is {state} an error of {} by {angle_deg}° and {shift_mm} mm costs {:.2} percentage points of coverage in the worst of {}: {} % of the \
-             asked area instead of {} %; a plan that tolerates it loses no more than {:.1} points",
+             {} area instead of {} %; a plan that tolerates it loses no more than {:.1} points",
             costliest.kind,
             100.0 * costliest.loss(),
             counted(costliest.draws, "draw"),
             percent_below(costliest.of_asked.worst, 1.0, 2),
+            asked_name(is_of_open),
             percent_below(costliest.of_asked.nominal, 1.0, 2),
             100.0 * Robust::MAX_LOSS,
         ),
@@ -405,10 +409,26 @@ fn refuted_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarnin
     }
 }
 
-fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning {
+/// Features of a finer tolerance than the noise allows, by their names and the parameters of their tolerances: `"bore"
+/// (regions.features.0.tolerance_mm)`. Empty if there are none.
+fn too_fine_features(params: &PlanParams, regions: &[RegionCoverageDocument]) -> String {
+    let named = |index: usize| {
+        let region = regions.get(params.regions.interest.len() + index);
+        let name = region.map_or_else(String::new, |region| format!("{:?} ", region.name));
+        format!("{name}(regions.features.{index}.tolerance_mm)")
+    };
+    params.regions.beyond_noise().map(|(index, _)| named(index)).collect::<Vec<_>>().join(" or ")
+}
+
+/// Warning on a region that misses its target; `too_fine` are the features that have too fine a tolerance where the region has
+/// none.
+fn unmet_region(pointer: &str, region: &RegionCoverageDocument, too_fine: &str) -> FieldWarning {
     let missed_mm2 = region.asked_area_mm2 - region.measured_area_mm2;
+    let is_own = region.tolerance_mm.zip(region.min_tolerance_mm).is_some_and(|(own_mm, min_mm)| own_mm < min_mm);
     let remedy = if region.beyond_noise_area_mm2 > 0.5 * missed_mm2 {
-        remedy_for_noise()
+        // The strictest of all regions that hold a point applies there.
+        let whose = if is_own || too_fine.is_empty() { String::new() } else { format!("for the feature {too_fine}, ") };
+        whose + &remedy_for_noise()
     } else {
         "see the fixes for the largest missed spots, in the report and under missed in the plan; exclude what cannot be measured \
          (regions.exclude), or lower the target"

@@ -92,6 +92,9 @@ pub struct HeadlineShare {
     pub meaning: &'static str,
 }
 
+/// Meanings of the shares up to an angle of incidence.
+const MEANING_OF_35_DEG: &str = "measured at 35° or less between the normal and the ray to the origin of the scanner frame";
+const MEANING_OF_60_DEG: &str = "measured at 60° or less between the normal and the ray to the origin of the scanner frame";
 /// Meaning of the area that further views are planned for.
 pub(crate) const MEANING_OF_OPEN: &str = "open: asked area that earlier scans left open";
 
@@ -117,8 +120,8 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
     [
         ("measured of visible", visible.of_visible, visible_meaning),
         ("grades A and B of visible", visible.grades_a_b_of_visible, "measured near best focus and at moderate incidence"),
-        ("within 35° of visible", visible.within_35_deg_of_visible, "measured at 35° or less from the surface normal"),
-        ("within 60° of visible", visible.within_60_deg_of_visible, "measured at 60° or less from the surface normal"),
+        ("within 35° of visible", visible.within_35_deg_of_visible, MEANING_OF_35_DEG),
+        ("within 60° of visible", visible.within_60_deg_of_visible, MEANING_OF_60_DEG),
         (if coverage.of_open { "measured of open" } else { "measured of asked" }, of_asked, asked),
         ("measured of coverable", coverage.of_coverable, coverable_meaning),
         ("measured of total", of_total, "total: every face of the part"),
@@ -269,6 +272,11 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
     let dropped: Vec<_> =
         candidates.rejected.iter().map(|(reason, count)| format!("{} {count}", rejection_phrase(*reason))).collect();
     let dropped = if dropped.is_empty() { String::new() } else { format!(" (dropped: {})", dropped.join(", ")) };
+    if candidates.generated == 0 {
+        return "no candidate was proposed; check that the part lies within the robot's reach, or propose candidates by other \
+                candidates.strategies"
+            .to_owned();
+    }
     let usable = match candidates.kept {
         0 => format!("none of {} is usable{dropped}", counted(candidates.generated, "candidate")),
         kept => {
@@ -372,7 +380,9 @@ pub fn noise_remark(region: &RegionCoverage, cause: Cause) -> Option<String> {
     let below_grade_mm2: f64 = region.missed_mm2.iter().filter(|(missed, _)| *missed == cause).map(|(_, mm2)| mm2).sum();
     let part = if beyond_mm2 < below_grade_mm2 * ALL { format!(" on {} mm²", area_mm2(beyond_mm2)) } else { String::new() };
     let min_mm = rounded_up_mm(region.min_tolerance_mm);
-    Some(format!("tolerance too fine for the scanner's noise{part}; the finest that this noise allows is {min_mm} mm"))
+    let is_own = region.tolerance_mm.is_some_and(|tolerance_mm| tolerance_mm < region.min_tolerance_mm);
+    let tolerance = if is_own { "tolerance" } else { "the tolerance of a feature that overlaps it is" };
+    Some(format!("{tolerance} too fine for the scanner's noise{part}; the finest that this noise allows is {min_mm} mm"))
 }
 
 /// Formats a length so that it is not below `length_mm`, with three decimals.
@@ -384,6 +394,10 @@ pub(crate) fn rounded_up_mm(length_mm: f64) -> String {
 /// Remedy of a home at which two bodies meet with the part on its plate.
 pub(crate) const HOME_REMEDY: &str =
     "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)";
+
+/// Remedy of area that more views would measure in a plan that was left short of its target by views without a path.
+pub(crate) const WITHOUT_PATH: &str = "views to which no collision-free path leads were left out, and a higher target does not \
+     replace them; lay the part otherwise or higher (part.table_from_part), or plan with a smaller motion.clearance_mm";
 
 /// Advice on how to keep two bodies apart, in a sentence.
 #[must_use]
@@ -545,8 +559,14 @@ impl ChoiceRules {
         })
     }
 
-    /// The rules as they are to be changed for the views of a remedy.
-    fn to_change(self, remedy: &Remedy) -> String {
+    /// Returns true if views without a path were left out of a plan, which therefore misses its target: no rule that ends the
+    /// choice mends that ([`WITHOUT_PATH`]).
+    pub(crate) fn left_out_views(self) -> bool {
+        matches!(self, Self::Plan(PlanRules { ended_by: StopReason::NoPath, .. }))
+    }
+
+    /// The rules as they are to be changed for the views of a remedy; `None` where that does not help.
+    fn to_change(self, remedy: &Remedy) -> Option<String> {
         let of_rescan = match self {
             Self::Plan(rules) => return rules.to_change(remedy),
             Self::Rescan(StopReason::Target) => "plan the part again with a higher selection.target, at which the rescan ends,",
@@ -556,22 +576,24 @@ impl ChoiceRules {
                 "raise max_views of the rescan, or lower its min_gain,"
             }
         };
-        of_rescan.to_owned()
+        Some(of_rescan.to_owned())
     }
 }
 
 impl PlanRules {
     /// The rule that ended the choice, and those that would end it before the views of a remedy are chosen, as they are to be
-    /// changed. A plan for the best coverage heeds no target.
-    fn to_change(self, remedy: &Remedy) -> String {
+    /// changed; `None` where views without a path were left out. A plan for the best coverage heeds no target.
+    fn to_change(self, remedy: &Remedy) -> Option<String> {
         let heeds_target = self.goal != SelectionGoal::BestCoverage;
         let [mut target, mut max_views, mut min_growth] = [false, !heeds_target, false];
         match self.ended_by {
-            StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => target = heeds_target,
+            StopReason::Target | StopReason::RegionsUnmet => target = heeds_target,
+            StopReason::NoPath => return None,
             StopReason::MaxViews => max_views = true,
             StopReason::Growth => (max_views, min_growth) = (false, true),
             StopReason::NoGain => {
-                return "lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap),".to_owned();
+                let change = "lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap),";
+                return Some(change.to_owned());
             }
         }
         max_views |= self.views_left.is_some_and(|left| left < remedy.views.len());
@@ -581,7 +603,7 @@ impl PlanRules {
             (max_views, "raise selection.max_views"),
             (min_growth, "lower selection.min_growth"),
         ];
-        rules.into_iter().filter_map(|(ends, change)| ends.then_some(change)).collect::<Vec<_>>().join(" and ")
+        Some(rules.into_iter().filter_map(|(ends, change)| ends.then_some(change)).collect::<Vec<_>>().join(" and "))
     }
 }
 
@@ -592,7 +614,10 @@ pub fn fix_sentence(remedy: &Remedy, rules: ChoiceRules) -> String {
     let Some(first) = remedy.views.first() else { return none_found(remedy.tried) };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
-        RemedyKind::View => format!("{} so that candidate {candidate} is chosen too", rules.to_change(remedy)),
+        RemedyKind::View => match rules.to_change(remedy) {
+            Some(change) => format!("{change} so that candidate {candidate} is chosen too"),
+            None => return WITHOUT_PATH.to_owned(),
+        },
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
         RemedyKind::Standoff => {

@@ -15,7 +15,7 @@ use crate::report::text::{UNSTABLE_POSE_KEPT, home_remedy, keeps_unstable_pose};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::summary::{further_setup, own_plan_remark, stop_rules, turned_setup};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{ChoiceRules, asked_name, counted, rounded_down_deg, turn_phrase};
+use crate::wire::words::{ChoiceRules, WITHOUT_PATH, asked_name, counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
 struct FixGroup<'a> {
@@ -162,7 +162,10 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
                 let set = turned_setup(plan, turn.as_deref(), &[remedy]);
                 (format!("{action} and scan again{}", own_plan_remark(&set)), options(&set), true)
             }
-            RemedyKind::View => told(more_views(ChoiceRules::of(plan))),
+            RemedyKind::View => {
+                let rules = ChoiceRules::of(plan);
+                (more_views(rules), String::new(), !rules.left_out_views())
+            }
             RemedyKind::Roll => told(&posed("Add views with the scanner rolled", plan.coverage.is_of_open)),
             RemedyKind::Tilt => told(&posed("Add tilted views", plan.coverage.is_of_open)),
             RemedyKind::Standoff => told(&posed("Add views at another distance", plan.coverage.is_of_open)),
@@ -189,26 +192,28 @@ fn posed(action: &str, is_of_open: bool) -> String {
 }
 
 /// Action by which a plan chooses more of the views that it has: it changes the rule that ended the choice.
-fn more_views(rules: ChoiceRules) -> &'static str {
+fn more_views(rules: ChoiceRules) -> String {
     let rules = match rules {
         ChoiceRules::Plan(rules) => rules,
-        ChoiceRules::Rescan(stop) => return more_further_views(stop),
+        ChoiceRules::Rescan(stop) => return more_further_views(stop).to_owned(),
     };
-    match rules.ended_by {
+    let action = match rules.ended_by {
+        StopReason::NoPath => return words::capitalised(WITHOUT_PATH),
         StopReason::Growth => "Choose more views: lower selection.min_growth, as each adds less than that",
         StopReason::MaxViews => "Choose more views: raise selection.max_views",
         StopReason::NoGain => {
             "Choose more views: none of these was worth its cost (selection.view_cost_mm2_per_s) with the required overlap \
              (selection.overlap)"
         }
-        StopReason::Target | StopReason::NoPath | StopReason::RegionsUnmet => match rules.goal {
+        StopReason::Target | StopReason::RegionsUnmet => match rules.goal {
             SelectionGoal::BestCoverage => "Choose more views: raise selection.max_views",
             SelectionGoal::FewestViews | SelectionGoal::MinTime if rules.views_left == Some(0) => {
                 "Choose more views: raise selection.target and selection.max_views"
             }
             SelectionGoal::FewestViews | SelectionGoal::MinTime => "Choose more views: raise selection.target",
         },
-    }
+    };
+    action.to_owned()
 }
 
 /// Action by which a rescan chooses more views: it changes the rule that ended the choice.
@@ -321,6 +326,8 @@ mod tests {
         }
         let unworthy = fewest(StopReason::NoGain);
         assert!(unworthy.contains("selection.view_cost_mm2_per_s") && !unworthy.contains("selection.target"), "{unworthy}");
+        let pathless = fewest(StopReason::NoPath);
+        assert!(pathless.eq_ignore_ascii_case(WITHOUT_PATH), "a higher target replaces no view without a path: {pathless}");
     }
 
     /// A rescan was told to raise parameters of a plan, which it does not take.

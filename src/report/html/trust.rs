@@ -19,7 +19,9 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let robust = plan.coverage.robust.as_ref();
     let asked = asked_name(plan.coverage.is_of_open);
     let robust = robust.map_or_else(String::new, |robust| {
-        fragile(&plan.params, robust) + &under_pose_errors(robust, asked) + moved_along(input.subject.cell.is_some())
+        fragile(&plan.params, robust, plan.coverage.is_of_open)
+            + &under_pose_errors(robust, asked)
+            + moved_along(input.subject.cell.is_some())
     });
     format!(
         "<section>\n<h2>Why these figures can be trusted</h2>\n<h3>Independent check</h3>\n{}{robust}<h3>Bounds</h3>\n{}{}<h3>At risk</h3>\n\
@@ -202,8 +204,8 @@ fn moved_along(has_cell: bool) -> &'static str {
 }
 
 /// Notice that the plan is fragile under pose errors; empty if it is not.
-fn fragile(params: &PlanParams, robust: &Robust) -> String {
-    of_robust(params, &RobustDocument::from(robust), "").map_or_else(String::new, |warning| {
+fn fragile(params: &PlanParams, robust: &Robust, is_of_open: bool) -> String {
+    of_robust(params, &RobustDocument::from(robust), is_of_open, "").map_or_else(String::new, |warning| {
         format!(
             "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Fragile under pose errors</b> <code>{}</code>: \
              <code>{}</code> {}. What to do: {}.</p></div>\n",

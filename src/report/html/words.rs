@@ -95,6 +95,9 @@ fn limit(limits: &LimitParams, device: &OpticalDevice) -> String {
 /// it measures where it does not work. `rules` are those by which the views of the plan were chosen.
 pub(super) fn remedy(remedy: &Remedy, rules: ChoiceRules) -> String {
     let kind = match remedy.kind {
+        RemedyKind::View if rules.left_out_views() => {
+            return format!("<b>No path</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy, rules)));
+        }
         RemedyKind::View if remedy.views.len() > 1 => {
             return told(&format!("{} more views", remedy.views.len()), remedy, rules);
         }
@@ -152,6 +155,27 @@ mod tests {
             let best = of_goal(views, SelectionGoal::BestCoverage);
             assert!(best.contains("selection.max_views") && !best.contains("selection.target"), "the goal heeds none: {best}");
         }
+    }
+
+    /// "73 % of it: 5 more views" headed a spot of a plan that views without a path were left out of.
+    #[test]
+    fn more_views_are_not_promised_where_views_without_a_path_were_left_out() {
+        let view = RemedyView {
+            candidate: CandidateId(4),
+            roll_rad: 0.0,
+            tilt_rad: 0.0,
+            standoff_mm: 480.0,
+            part_from_scanner: Pose::identity(),
+            area_mm2: 10.0,
+        };
+        let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
+        let (kind, views, area_mm2, of_spot, tried) = (RemedyKind::View, vec![view; 5], 7.3, 0.73, 30);
+        let views = Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried };
+        let (goal, ended_by) = (SelectionGoal::FewestViews, StopReason::NoPath);
+        let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left: None, min_gain_mm2: 0.0 });
+        let told = remedy(&views, rules);
+        assert!(told.starts_with("<b>No path</b>") && !told.contains("more views"), "{told}");
+        assert!(told.contains("motion.clearance_mm") && !told.contains("selection.target"), "{told}");
     }
 
     /// "None found" and "no fix found" were told of one spot.

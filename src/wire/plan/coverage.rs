@@ -74,10 +74,10 @@ pub struct VisibleSharesDocument {
     /// Share of the visible area measured at grade A or B.
     #[serde(default)]
     pub grades_a_b_of_visible: f64,
-    /// Share of the visible area measured at an incidence of at most 35°, against the direction to the viewpoint.
+    /// Share of the visible area measured at an incidence of at most 35°, against the ray to the origin of the scanner frame.
     #[serde(default)]
     pub within_35_deg_of_visible: f64,
-    /// Share of the visible area measured at an incidence of at most 60°.
+    /// Share of the visible area measured at an incidence of at most 60°, against the same ray.
     #[serde(default)]
     pub within_60_deg_of_visible: f64,
 }
@@ -156,7 +156,7 @@ pub struct DrawnDocument {
     pub mean: f64,
 }
 
-/// Shares of the asked area by grade.
+/// Shares of the asked area by grade, on the samples that views are chosen on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct GradesDocument {

@@ -1,4 +1,4 @@
-//! The one best action: advice on the plan as a whole, else the fix of the largest area.
+//! The one best action: advice on the plan as a whole, else the fix that recovers the largest area.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-use super::missed::{MissedGroup, raised_target, rounded};
+use super::missed::{MissedGroup, fixes, raised_target, rounded};
 use super::verdict::{PlanVerdict, fragile_loss};
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
@@ -16,10 +16,10 @@ use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
 use crate::wire::words::{counted, fixed, of_asked_phrase, percents_apart, pose_error_sizes};
 
-/// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of a group of
-/// missed spots. If pose errors cost the plan at least as much, it is to choose views that tolerate them; if the home of the cell
-/// is blocked, it is another home; and if the part would tip over as it is placed, it is to place it so that it stands, before
-/// anything else. The effects of these three are not estimated.
+/// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of missed spots,
+/// whose effect counts all spots that it is for. If pose errors cost the plan at least as much, it is to choose views that
+/// tolerate them; if the home of the cell is blocked, it is another home; and if the part would tip over as it is placed, it is
+/// to place it so that it stands, before anything else. The effects of these three are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -55,13 +55,13 @@ pub enum StandingRemedy {
 
 /// The best action for a plan; `None` where none is known. Of a plan that reaches its targets, an action that gains no more than pose
 /// errors cost comes after the choice of views that stand them.
-pub(super) fn best(plan: &Plan, verdict: PlanVerdict, groups: &[MissedGroup], cycle_secs: Option<f64>) -> Option<SummaryAction> {
+pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -> Option<SummaryAction> {
     let advised = AdviceDocument::all_of(plan).into_iter().next().map(|advice| advised(plan, &advice, cycle_secs));
     let fixed = || {
-        let fixable = groups.iter().filter(|group| group.fix.is_some_and(|fix| fix != RemedyKind::None));
-        // A fix that works is better than one that mends a part.
-        let best = fixable.max_by(|a, b| a.fix_known.cmp(&b.fix_known).then(a.recovers_mm2.total_cmp(&b.recovers_mm2)));
-        best.map(|group| fixed_group(plan, group))
+        // Of two that recover the same area, the one that mends its spots whole.
+        let by_area =
+            |a: &MissedGroup, b: &MissedGroup| a.recovers_mm2.total_cmp(&b.recovers_mm2).then(a.fix_known.cmp(&b.fix_known));
+        fixes(plan).into_iter().max_by(by_area).map(|group| fixed_group(plan, &group))
     };
     let tolerant = fragile_loss(plan).filter(|_| meets_targets(verdict)).and_then(|loss| Some((loss, robust(plan)?)));
     if let Some((loss, tolerant)) = tolerant {
@@ -186,7 +186,8 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
         command: group.command(),
         set: group.set.clone(),
         from_of_asked,
-        to_of_asked: from_of_asked + share(group.recovers_mm2, plan.coverage.asked_area_mm2),
+        // No more than is missing: sums over spots are not exact to the last bit.
+        to_of_asked: (from_of_asked + share(group.recovers_mm2, plan.coverage.asked_area_mm2)).min(1.0),
         added_views: group.added_views,
         added_cycle_secs: None,
     };

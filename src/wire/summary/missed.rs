@@ -13,7 +13,8 @@ use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyK
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
 use crate::wire::words::{
-    area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_percent, percent_below, rounded_down_deg, turn_phrase,
+    ChoiceRules, WITHOUT_PATH, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_percent, percent_below,
+    rounded_down_deg, turn_phrase,
 };
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -47,8 +48,9 @@ pub struct MissedGroup {
     pub area_mm2: f64,
     /// That area as a share of the asked area.
     pub of_asked: f64,
-    /// Kind of the fix: `none` if none was found; `null` if none was searched for, because larger spots come first, or because
-    /// the home of the cell is blocked, which has to be fixed before anything else.
+    /// Kind of the fix: `none` if none was found, or only more views of a plan that left out views for want of a path; `null` if
+    /// none was searched for, because larger spots come first, or because the home of the cell is blocked, which has to be fixed
+    /// before anything else.
     pub fix: Option<RemedyKind>,
     /// True if the fix was simulated and measures at least 90 % of each of the spots.
     pub fix_known: bool,
@@ -80,23 +82,45 @@ type SpotsOfFix<'a> = (Cause, Option<Fix>, Vec<&'a MissedSpot>);
 
 /// The groups of a plan, the largest area first. Those that one command would fix are one: it has one effect.
 pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
+    merged(plan, spots_of_fixes(plan), |[(cause, set), (other_cause, other_set)]| {
+        cause == other_cause && !set.is_empty() && is_same_command(set, other_set)
+    })
+}
+
+/// The fixes of a plan, each as one group of all the spots that it is for, whatever they are missed for: it measures them all at
+/// once.
+pub(super) fn fixes(plan: &Plan) -> Vec<MissedGroup> {
+    let mut fixable = spots_of_fixes(plan);
+    let is_fix = |fix: &Fix| fix.kind != RemedyKind::None && !is_without_path(plan, fix.kind);
+    fixable.retain(|(_, fix, _)| fix.as_ref().is_some_and(is_fix));
+    merged(plan, fixable, |[(_, set), (_, other_set)]| is_same_command(set, other_set))
+}
+
+/// Spots of each cause and fix.
+fn spots_of_fixes(plan: &Plan) -> Vec<SpotsOfFix<'_>> {
     let mut spots: BTreeMap<(Cause, Option<Fix>), Vec<&MissedSpot>> = BTreeMap::new();
     for missed in &plan.missed {
         for spot in &missed.spots {
-            spots.entry((missed.cause, spot.remedy.as_ref().map(Fix::of))).or_default().push(spot);
+            spots.entry((missed.cause, spot.remedy.as_ref().map(|remedy| Fix::of(plan, remedy)))).or_default().push(spot);
         }
     }
-    let mut merged: Vec<SpotsOfFix<'_>> = Vec::new();
-    for ((cause, fix), spots) in spots {
+    spots.into_iter().map(|((cause, fix), spots)| (cause, fix, spots)).collect()
+}
+
+/// The groups, the largest area first, with those as one that have like fixes and of which `is_same` says so by their causes and
+/// the parameters that apply the fixes.
+fn merged<'a>(plan: &Plan, all: Vec<SpotsOfFix<'a>>, is_same: impl Fn([(Cause, &OptionSet); 2]) -> bool) -> Vec<MissedGroup> {
+    let mut merged: Vec<SpotsOfFix<'a>> = Vec::new();
+    for (cause, fix, spots) in all {
         let set = group(plan, cause, fix.as_ref(), &spots).set;
         let same = merged.iter_mut().find(|(other_cause, other_fix, other_spots)| {
-            let is_same = || is_same_command(&group(plan, *other_cause, other_fix.as_ref(), other_spots).set, &set);
-            *other_cause == cause && Fix::is_like(other_fix.as_ref(), fix.as_ref()) && !set.is_empty() && is_same()
+            let other_set = || group(plan, *other_cause, other_fix.as_ref(), other_spots).set;
+            Fix::is_like(other_fix.as_ref(), fix.as_ref()) && is_same([(cause, &set), (*other_cause, &other_set())])
         });
         match same {
-            // One of them works and the other does not: both together do not.
+            // If one of them works and the other does not, both together do not.
             Some((_, other_fix, other_spots)) => {
-                other_fix.iter_mut().for_each(|fix| fix.works = false);
+                other_fix.iter_mut().zip(&fix).for_each(|(other, fix)| other.works &= fix.works);
                 other_spots.extend(spots);
             }
             None => merged.push((cause, fix, spots)),
@@ -146,8 +170,9 @@ fn is_same_command(one: &OptionSet, other: &OptionSet) -> bool {
 }
 
 impl Fix {
-    fn of(remedy: &Remedy) -> Self {
-        Self { kind: remedy.kind, works: remedy.works(), turn: remedy.turn.as_ref().map(turn_phrase) }
+    fn of(plan: &Plan, remedy: &Remedy) -> Self {
+        let works = remedy.works() && !is_without_path(plan, remedy.kind);
+        Self { kind: remedy.kind, works, turn: remedy.turn.as_ref().map(turn_phrase) }
     }
 
     /// Returns true if two fixes are told alike, whether or not they work.
@@ -156,8 +181,15 @@ impl Fix {
     }
 }
 
+/// Returns true for more views of a plan that views without a path were left out of: they are no fix ([`WITHOUT_PATH`]).
+fn is_without_path(plan: &Plan, kind: RemedyKind) -> bool {
+    kind == RemedyKind::View && ChoiceRules::of(plan).left_out_views()
+}
+
 fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) -> MissedGroup {
-    let remedies: Vec<&Remedy> = spots.iter().filter_map(|spot| spot.remedy.as_ref()).collect();
+    let is_left_out = fix.is_some_and(|fix| is_without_path(plan, fix.kind));
+    let found = spots.iter().filter_map(|spot| spot.remedy.as_ref());
+    let remedies: Vec<&Remedy> = found.filter(|_| !is_left_out).collect();
     let area_mm2 = total(spots.iter().map(|spot| spot.area_mm2));
     let recovers_mm2 = total(remedies.iter().map(|remedy| remedy.area_mm2));
     let views = views_of(&remedies);
@@ -166,6 +198,7 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     let set = settable.map_or_else(OptionSet::new, |fix| settings(plan, fix, &remedies, &views));
     let fix_words = match fix {
         Some(Fix { kind: RemedyKind::None, .. }) if cause == Cause::Enclosed => EXCLUDE_ENCLOSED.to_owned(),
+        Some(_) if is_left_out => WITHOUT_PATH.to_owned(),
         Some(fix) => fix_text(fix, &remedies, views.len()),
         None => "no fix searched for".to_owned(),
     };
@@ -174,7 +207,7 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
         spots: spots.len(),
         area_mm2,
         of_asked: share(area_mm2, plan.coverage.asked_area_mm2),
-        fix: fix.map(|fix| fix.kind),
+        fix: fix.map(|fix| if is_left_out { RemedyKind::None } else { fix.kind }),
         fix_known: fix.is_some_and(|fix| fix.works),
         fix_text: fix_words + own_plan_remark(&set),
         recovers_mm2,

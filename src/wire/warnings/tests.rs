@@ -100,6 +100,35 @@ fn an_unmet_region_is_named_at_its_target_with_its_causes() {
     assert!(found[0].remedy.contains("regions.noise.budget"), "{}", found[0].remedy);
 }
 
+/// "Tolerance too fine" and "give a coarser tolerance_mm" were told of a region of interest, which has none.
+#[test]
+fn a_tolerance_that_is_too_fine_is_told_of_the_feature_that_has_it() {
+    let mut params = params(&[0.5, 0.05]);
+    let top = InterestParams {
+        name: Some("top".to_owned()),
+        region: everywhere(),
+        weight: 1.0,
+        target: Some(0.9),
+        camera_deg: None,
+        projector_deg: None,
+        min_grade: None,
+    };
+    params.regions.interest = vec![top];
+    let interest = RegionCoverage { name: "top".into(), kind: RegionKind::Interest, tolerance_mm: None, ..feature() };
+    let loose = RegionCoverage { name: "loose".into(), tolerance_mm: Some(0.5), ..feature() };
+    let regions = [interest, loose, feature()].map(|region| RegionCoverageDocument::from(&region));
+    let found = of_regions(&params, &regions, "/params");
+    assert_eq!(found.len(), 3, "{found:#?}");
+    for of_another in &found[..2] {
+        let said = "; the tolerance of a feature that overlaps it is too fine for the scanner's noise;";
+        assert!(of_another.detail.contains(said), "{}", of_another.detail);
+        let remedy = "for the feature \"bore\" (regions.features.1.tolerance_mm), give a coarser tolerance_mm, ";
+        assert!(of_another.remedy.starts_with(remedy), "{}", of_another.remedy);
+    }
+    assert!(found[2].detail.contains("; tolerance too fine for the scanner's noise;"), "{}", found[2].detail);
+    assert!(found[2].remedy.starts_with("give a coarser tolerance_mm, "), "{}", found[2].remedy);
+}
+
 /// A target that only the samples of the choice reach was told as met, and nothing else.
 #[test]
 fn a_region_that_other_samples_refute_is_warned_of_and_is_not_unmet() {
@@ -158,7 +187,7 @@ fn losing([views, part, hand_eye]: [f64; 3]) -> RobustDocument {
 #[test]
 fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     let mut params = PlanParams::default();
-    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), "/params").expect("fragile");
+    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), false, "/params").expect("fragile");
     assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
     assert_eq!(
         found.detail,
@@ -167,16 +196,20 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     );
     assert!(found.remedy.contains("--set robust.select=true"), "{}", found.remedy);
     params.robust.select = true;
-    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), "").expect("fragile all the same");
+    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), false, "").expect("fragile all the same");
     assert!(found.detail.starts_with("is true, and yet") && !found.remedy.contains("robust.select"), "{found:?}");
+    // Shares of a plan of further views are of what earlier scans left open.
+    let further = of_robust(&params, &losing([0.004, 0.0231, 0.012]), true, "").expect("fragile all the same");
+    assert_eq!(further.detail, found.detail.replace("asked area", "open area"));
+    assert_ne!(further.detail, found.detail);
 }
 
 #[test]
 fn a_plan_that_loses_less_is_not_warned_of() {
     let params = PlanParams::default();
-    assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), ""), None);
+    assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), false, ""), None);
     let without_hand_eye = RobustDocument { hand_eye: None, ..losing([0.0, 0.0, 0.5]) };
-    assert_eq!(of_robust(&params, &without_hand_eye, ""), None);
+    assert_eq!(of_robust(&params, &without_hand_eye, false, ""), None);
 }
 
 #[test]

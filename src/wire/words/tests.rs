@@ -1,7 +1,7 @@
 use super::{
-    ChoiceRules, PlanRules, advice_sentence, apart_mm, area_mm2, at_risk_sentence, by_thousands, changed_params, first_lie,
-    fix_sentence, fixed, fixed_nonzero, independent_share, lie_phrase, no_plan_sentence, percent_below, percents_apart,
-    region_verdict, stability_sentence, turn_phrase,
+    ChoiceRules, PlanRules, WITHOUT_PATH, advice_sentence, apart_mm, area_mm2, at_risk_sentence, by_thousands, changed_params,
+    first_lie, fix_sentence, fixed, fixed_nonzero, headline, independent_share, lie_phrase, no_plan_sentence, percent_below,
+    percents_apart, region_verdict, stability_sentence, turn_phrase,
 };
 use crate::cell::PoseSpec;
 use crate::geometry::Pose;
@@ -9,11 +9,11 @@ use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
 use crate::planning::params::{PlanParams, Region, SelectionGoal};
 use crate::planning::plan::{
-    Advice, CandidateCounts, Cause, IndependentRegion, PartSide, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView,
-    StopReason, Turn, TurnKind,
+    Advice, CandidateCounts, Cause, Coverage, IndependentRegion, PartSide, RegionCoverage, RegionKind, Remedy, RemedyKind,
+    RemedyView, StopReason, Turn, TurnKind,
 };
 use crate::planning::verdict::Rejection;
-use crate::wire::plan::{AtRiskDocument, RegionCoverageDocument, RiskReasonDocument, StabilityDocument};
+use crate::wire::plan::{AtRiskDocument, CoverageDocument, RegionCoverageDocument, RiskReasonDocument, StabilityDocument};
 
 #[test]
 fn zero_has_no_sign() {
@@ -148,6 +148,12 @@ fn no_plan_names_what_became_of_candidates_and_the_largest_causes() {
         "none of 300 candidates is usable (dropped: measures nothing that is asked for 300); area missed by cause: faces away \
          (100 %)"
     );
+    assert_eq!(
+        no_plan_sentence(&nothing_measured(CandidateCounts::default(), 9.0, vec![(Cause::Facing, 9.0)])),
+        "no candidate was proposed; check that the part lies within the robot's reach, or propose candidates by other \
+         candidates.strategies",
+        "no view was there for the surface to face away from"
+    );
     let candidates = CandidateCounts { generated: 2, kept: 2, ..CandidateCounts::default() };
     assert_eq!(
         no_plan_sentence(&nothing_measured(candidates, 9.0, vec![(Cause::Facing, 9.0)])),
@@ -243,7 +249,6 @@ fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
     for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime] {
         for (stop, told) in [
             (StopReason::Target, "raise selection.target"),
-            (StopReason::NoPath, "raise selection.target"),
             (StopReason::RegionsUnmet, "raise selection.target"),
             (StopReason::MaxViews, "raise selection.max_views"),
             (StopReason::Growth, "lower selection.min_growth"),
@@ -266,8 +271,31 @@ fn a_target_is_not_advised_where_the_goal_is_the_best_coverage() {
     let best = |stop: StopReason, views_left: usize| change(ended_by(stop, SelectionGoal::BestCoverage, Some(views_left)));
     assert_eq!(best(StopReason::MaxViews, 0), "raise selection.max_views");
     assert_eq!(best(StopReason::Growth, 2), "lower selection.min_growth");
-    for stop in StopReason::ALL {
+    for stop in StopReason::ALL.into_iter().filter(|stop| *stop != StopReason::NoPath) {
         assert!(!best(stop, 0).is_empty() && !best(stop, 0).contains("selection.target"), "{}", best(stop, 0));
+    }
+}
+
+/// "Raise selection.target so that candidate 523 is chosen too: measures 73 % of it" was told where 18 of 86 views had no path.
+#[test]
+fn where_views_without_a_path_were_left_out_no_rule_is_told_to_mend_that() {
+    for goal in [SelectionGoal::FewestViews, SelectionGoal::MinTime, SelectionGoal::BestCoverage] {
+        for of_spot in [0.73, 1.0] {
+            let view = Remedy { kind: RemedyKind::View, ..tilt(of_spot) };
+            let told = fix_sentence(&view, ended_by(StopReason::NoPath, goal, Some(0)));
+            assert_eq!(told, WITHOUT_PATH);
+        }
+    }
+    assert!(!WITHOUT_PATH.contains("selection.target") && !WITHOUT_PATH.contains("measures"));
+    let tilted = fix_sentence(&tilt(1.0), ended_by(StopReason::NoPath, SelectionGoal::FewestViews, None));
+    assert_eq!(tilted, "tilt candidate 7 by 20°: measures 200.0 mm², 100 % of it", "a path leads to a view that was tried");
+}
+
+#[test]
+fn a_share_up_to_an_incidence_says_which_ray_the_angle_is_to() {
+    let coverage = CoverageDocument::from(&Coverage::default());
+    for figure in headline(&coverage).iter().filter(|figure| figure.name.starts_with("within ")) {
+        assert!(figure.meaning.ends_with("the ray to the origin of the scanner frame"), "{}", figure.meaning);
     }
 }
 
