@@ -18,14 +18,34 @@ use super::presets::PRESETS;
 use super::store::{StoredSpec, read_leniently};
 use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::Mesh;
+use crate::geometry::mesh_io::MeshFormat;
 use crate::wire::part_size::PartSize;
-use crate::wire::{MeshId, SpecCollection};
+use crate::wire::{MeshHealthReport, MeshId, SpecCollection};
 
 /// Max number of stored names in an error message.
 const MAX_NAMES: u32 = 50;
 
-/// A stored mesh's file, its name, if any, and its size, if it is known.
-type StoredMesh = (MeshSource, Option<String>, Option<PartSize>);
+/// A stored mesh's file, its name, if any, and size and faces, if they are known.
+type StoredMesh = (MeshSource, Option<String>, Option<(PartSize, FacesInFile)>);
+
+/// Faces of a mesh's file, as far as its stored report tells them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FacesInFile {
+    /// Number of triangles: no fewer than there are faces.
+    pub(super) triangles: usize,
+    /// True if a face may be a polygon of several triangles.
+    pub(super) may_be_polygons: bool,
+    /// True if there may be named groups.
+    pub(super) may_be_grouped: bool,
+}
+
+impl FacesInFile {
+    fn new(health: &MeshHealthReport) -> Self {
+        let is = |format: MeshFormat| health.format == format.as_str();
+        let is_stl = is(MeshFormat::StlBinary) || is(MeshFormat::StlAscii);
+        Self { triangles: health.triangles_in_file, may_be_polygons: !is_stl, may_be_grouped: !is_stl && !is(MeshFormat::Ply) }
+    }
+}
 
 /// The stored specifications and meshes, for one request. Lookups wait for the database, on threads that may block.
 pub(super) struct Library {
@@ -115,7 +135,12 @@ impl Library {
 
     /// Size of a mesh; `None` if its stored report has none.
     pub(super) fn part_size(&self, id: MeshId) -> Option<PartSize> {
-        self.find(id).and_then(|(.., size)| size)
+        self.find(id).and_then(|(.., known)| known).map(|(size, _)| size)
+    }
+
+    /// Faces of a mesh's file; `None` if its stored report does not tell them.
+    pub(super) fn faces_in_file(&self, id: MeshId) -> Option<FacesInFile> {
+        self.find(id).and_then(|(.., known)| known).map(|(_, faces)| faces)
     }
 
     fn find(&self, id: MeshId) -> Option<StoredMesh> {
@@ -140,7 +165,8 @@ impl Library {
         let path = self.app.0.store.files().path(&mesh.sha256);
         let (bbox, is_known) = (mesh.health.bbox_mm, mesh.health.triangles > 0);
         let size_mm = std::array::from_fn(|axis| bbox.max[axis] - bbox.min[axis]);
-        Some((MeshSource { path, sha256: mesh.sha256, unit }, mesh.name, is_known.then_some(PartSize { size_mm, unit })))
+        let known = is_known.then(|| (PartSize { size_mm, unit }, FacesInFile::new(&mesh.health)));
+        Some((MeshSource { path, sha256: mesh.sha256, unit }, mesh.name, known))
     }
 }
 

@@ -1,6 +1,8 @@
 //! Submission of jobs: everything that a request names is resolved and checked first, and stored with the job, so that a
 //! later change of a cell does not change accepted jobs.
 
+mod regions;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -305,6 +307,8 @@ fn resolve(
     let (used, built_cell) = (std::mem::take(&mut lookup.used), lookup.built_cell.take());
     let beyond = scanner.as_ref().map(|scanner| limits_beyond(request, scanner, &errors));
     errors.extend(beyond.into_iter().flatten());
+    let absent = library.faces_in_file(request.mesh_id).map(|file| regions::absent(&request.params, file, &errors));
+    errors.extend(absent.into_iter().flatten());
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
             let part_name = scanned.map_or_else(|| library.part_name(request.mesh_id), |scanned| scanned.part_name.clone());

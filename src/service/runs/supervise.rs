@@ -12,7 +12,7 @@ use super::OpenRun;
 use super::order::{CheckedOrder, RunOrder};
 use super::session::{self, SessionOrder};
 use crate::execution::audit::AuditLog;
-use crate::execution::record::{RunRecord, StepRecord};
+use crate::execution::record::{RunRecord, StepKind, StepRecord};
 use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, StopCause};
 use crate::planning::context::Context;
@@ -194,6 +194,7 @@ impl Supervisor {
         let done = handle.steps_from(0);
         // Of the steps alone, as in the record: time in a pause is not theirs.
         self.run.elapsed_secs = done.iter().fold(0.0, |secs, step| secs + step.real_secs);
+        self.run.scans = done.iter().filter(|step| step.kind == StepKind::Scan).count();
         self.store(kind, done.get(self.stored_steps..).unwrap_or_default()).await;
         false
     }

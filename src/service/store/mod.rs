@@ -95,6 +95,12 @@ pub enum OpenError {
         #[source]
         source: std::io::Error,
     },
+    /// A file lies where the folder is to be.
+    #[error("{path} is a file, and the data folder is to be a folder; name another with --data, or move the file away")]
+    NoFolder {
+        /// The file.
+        path: String,
+    },
     /// The folder has files but no database.
     #[error(
         "{path} has the files of a store, but its database vantage.db is missing or empty; nothing was changed. Put the database \
@@ -171,6 +177,9 @@ impl Store {
 
     async fn open_once(data: &Path) -> Result<Self, OpenError> {
         let folder = |source| OpenError::Folder { path: data.display().to_string(), source };
+        if data.is_file() {
+            return Err(OpenError::NoFolder { path: data.display().to_string() });
+        }
         files::create_folder(data).map_err(folder)?;
         let in_use = lock(data)?;
         let database = data.join(DATABASE);

@@ -15,7 +15,7 @@ use super::{Page, Store, now};
 use crate::service::error::{Error, InternalError, MissingRun, RunDeletion};
 use crate::wire::run::{
     LeaseDocument, ReportedReason, ReportedState, Run, RunAudit, RunCoverage, RunEventDocument, RunEventKind, RunPage,
-    RunSelection, RunStepRecord,
+    RunSelection, RunStepOp, RunStepRecord,
 };
 use crate::wire::{JobId, RunId, UtcTime};
 
@@ -225,6 +225,8 @@ impl Store {
             (run.state, run.reason, run.detail) =
                 (ReportedState::Stopped, ReportedReason::ServerRestarted, Some(detail.to_owned()));
             run.audit = run.audit.take().or_else(|| logs.get(&run.id).cloned());
+            // Earlier releases counted the scans at the end alone.
+            run.scans = count_scans(&mut tx, run.id).await?;
             run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
             write(&mut tx, &run).await?;
             append(&mut tx, &run, RunEventKind::State).await?;
@@ -333,6 +335,13 @@ async fn write(tx: &mut SqliteConnection, run: &Run) -> Result<(), Error> {
         .execute(tx)
         .await?;
     Ok(())
+}
+
+/// Number of scans among the steps that a run completed.
+async fn count_scans(tx: &mut SqliteConnection, id: RunId) -> Result<usize, Error> {
+    let query = "SELECT count(*) FROM run_step WHERE run_id = ?1 AND CASE WHEN json_valid(body) THEN body ->> '$.op' END = ?2";
+    let count: i64 = sqlx::query_scalar(query).bind(id.to_string()).bind(RunStepOp::Scan.as_str()).fetch_one(tx).await?;
+    Ok(usize::try_from(count).unwrap_or_default())
 }
 
 async fn insert_step(tx: &mut SqliteConnection, id: RunId, number: usize, step: &RunStepRecord) -> Result<(), Error> {

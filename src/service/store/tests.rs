@@ -276,6 +276,17 @@ async fn two_processes_do_not_share_a_folder() {
     }
 }
 
+/// The refusal was "File exists".
+#[tokio::test]
+async fn a_file_in_the_place_of_the_data_folder_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
+    std::fs::write(&data, b"notes").expect("a file");
+    let told = Store::open(&data).await.err().expect("no folder").to_string();
+    assert!(told.starts_with(&format!("{} is a file, and", data.display())) && told.contains("--data"), "{told}");
+    assert_eq!(std::fs::read(&data).expect("the file"), b"notes");
+}
+
 #[tokio::test]
 async fn a_full_disk_takes_the_reserve_before_the_start_is_given_up() {
     let folder = tempfile::tempdir().expect("a folder");

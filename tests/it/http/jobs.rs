@@ -147,6 +147,50 @@ async fn a_request_is_refused_with_every_pointer() {
     assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
 }
 
+/// They were accepted, and the job failed.
+#[tokio::test]
+async fn faces_and_groups_that_the_part_s_file_does_not_have_are_refused_at_once() {
+    let api = Api::start().await;
+    let (cube, quad) = (api.mesh().await, "v 0 0 0\nv 9 0 0\nv 9 9 0\nv 0 9 0\ng rim\nf 1 2 3 4\n");
+    let quad = api.send("POST", "/api/v1/meshes?unit=mm", &[], quad).await.ok(201)["id"].as_str().expect("an id").to_owned();
+    let faces = |faces: &[u32]| json!({"kind": "faces", "faces": faces});
+    let name = json!({"kind": "name", "name": "rim"});
+    let request = |mesh: &str, params: Value| json!({"mesh_id": mesh, "cell": "none", "params": params});
+    let everywhere = |region: &Value| {
+        let feature = json!({"region": region, "tolerance_mm": 0.5});
+        json!({
+            "regions": {"exclude": [faces(&[0]), region], "interest": [{"region": region}], "features": [feature]},
+            "materials": {"regions": [{"region": region}]}
+        })
+    };
+    for (region, field, told) in [
+        (faces(&[0, 12]), "faces", "names face 12; the file's faces are 0 to 11"),
+        (name.clone(), "name", "is \"rim\"; the file has no named groups"),
+    ] {
+        let pointers =
+            ["regions/exclude/1", "regions/interest/0/region", "regions/features/0/region", "materials/regions/0/region"]
+                .map(|place| format!("/params/{place}/{field}"));
+        let problem = api.post_json("/api/v1/jobs", &request(&cube, everywhere(&region))).await;
+        let problem = problem.problem_at("invalid_fields", &pointers.each_ref().map(String::as_str));
+        assert_eq!(problem["errors"][0]["detail"], told);
+        let batch = json!({"jobs": [request(&cube, json!({})), request(&cube, json!({"regions": {"exclude": [region]}}))]});
+        let pointer = format!("/jobs/1/params/regions/exclude/0/{field}");
+        api.post_json("/api/v1/jobs/batch", &batch).await.problem_at("invalid_fields", &[&pointer]);
+    }
+    // The number of its triangles bounds that of its faces.
+    let exclude = |region: Value| request(&quad, json!({"regions": {"exclude": [region]}}));
+    let problem = api.post_json("/api/v1/jobs", &exclude(faces(&[2]))).await;
+    let problem = problem.problem_at("invalid_fields", &["/params/regions/exclude/0/faces"]);
+    assert_eq!(problem["errors"][0]["detail"], "names face 2; the file's faces are 0 to 1 at most");
+    // An error that is known without the file is told once.
+    let problem = api.post_json("/api/v1/jobs", &exclude(faces(&[u32::MAX]))).await;
+    problem.problem_at("invalid_fields", &["/params/regions/exclude/0/faces/0"]);
+    assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
+    for accepted in [request(&cube, json!({"regions": {"exclude": [faces(&[0, 11])]}})), exclude(name)] {
+        api.post_json("/api/v1/jobs", &accepted).await.ok(202);
+    }
+}
+
 /// It was ignored, and jobs were shown with it.
 #[tokio::test]
 async fn a_scanner_beside_a_cell_is_refused_unless_it_is_the_cell_s_own() {

@@ -241,6 +241,29 @@ async fn steps_are_taken_one_by_one() {
     assert_eq!(ended(&api, &run).await["state"], "done");
 }
 
+/// They were 0 until the run ended.
+#[tokio::test]
+async fn scans_are_counted_while_the_run_is_under_way() {
+    let api = Api::start().await;
+    let job = driven(&api).await;
+    let run = start(&api, &json!({"job_id": job, "single_step": true, "time_factor": 50})).await;
+    let armed = when(&api, &run, |run| run["state"] == "armed").await;
+    let (mut at, mut scans) = (Value::Null, 0);
+    for _ in 1..armed["steps"].as_u64().expect("a number") {
+        command(&api, &run, "step").await.ok(200);
+        let paused = when(&api, &run, |run| run["state"] == "paused" && run["step"] != at).await;
+        let record = api.get(&format!("/api/v1/runs/{run}/record")).await.ok(200);
+        scans = record["steps"].as_array().expect("steps").iter().filter(|step| step["op"] == "scan").count();
+        assert_eq!((&paused["scans"], &record["run"]["scans"]), (&json!(scans), &json!(scans)), "{record}");
+        at = paused["step"].clone();
+        if scans > 0 {
+            break;
+        }
+    }
+    assert_eq!(scans, 1);
+    assert_eq!(command(&api, &run, "stop").await.ok(202)["scans"], 1);
+}
+
 #[tokio::test]
 async fn a_run_is_followed_to_its_end_and_whoever_comes_back_gets_what_was_missed() {
     let api = Api::start().await;

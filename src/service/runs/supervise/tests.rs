@@ -9,6 +9,7 @@ use super::super::{RunCursor, RunMessage};
 use super::*;
 use crate::cell::{CollisionScene, Presets, SpecLibrary};
 use crate::execution::audit::{AuditLimits, verify};
+use crate::execution::record::PoseDeviation;
 use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, simulate};
 use crate::geometry::Pose;
 use crate::program::{Program, Step};
@@ -227,6 +228,39 @@ async fn a_run_that_was_cut_off_is_linked_with_the_end_of_its_log() {
     assert_eq!((run.state, run.reason), (ReportedState::Stopped, ReportedReason::ServerRestarted));
     assert_eq!((head.lines, run.audit), (2, Some(RunAudit::from(head))));
     assert_eq!(app.run(simulated.id).await.expect("it").audit, None, "there is none");
+}
+
+fn completed(kind: StepKind) -> StepRecord {
+    let home = no_steps().home_rad;
+    StepRecord {
+        step: 0,
+        kind,
+        view: None,
+        commanded: home,
+        measured: home,
+        deviation: PoseDeviation::default(),
+        planned_secs: 1.0,
+        real_secs: 1.0,
+        attempts: 1,
+        capture_id: None,
+        capture_took: None,
+    }
+}
+
+/// The run said 0 beside the scans of its record.
+#[tokio::test]
+async fn the_scans_of_a_run_that_was_cut_off_are_counted_in_its_record() {
+    let (app, _folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    let id = supervisor.run.id;
+    supervisor.run.state = ReportedState::Running;
+    // As earlier releases stored them.
+    let steps = [StepKind::Move, StepKind::Locate, StepKind::Scan, StepKind::Move, StepKind::Scan].map(completed);
+    supervisor.store(RunEventKind::State, &steps).await;
+    assert_eq!(app.run(id).await.expect("it").scans, 0);
+    app.recover_runs().await.expect("recovered");
+    let record = app.run_record(id).await.expect("it");
+    assert_eq!((record.run.state, record.run.scans, record.steps.len()), (ReportedState::Stopped, 2, 5));
 }
 
 /// Its last step alone would else take the cap off the speed of all.
