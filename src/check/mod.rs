@@ -358,9 +358,19 @@ impl Reference {
     /// Holds the scanner of the cell against that of the plan.
     ///
     /// # Errors
-    /// Fields in which they differ; never one without a plan.
+    /// The name of another scanner, else the fields in which the two differ; never one without a plan.
     pub fn check_scanner(&self, cell: &Cell) -> Result<(), Vec<FieldError>> {
-        let differences = self.plan.as_ref().map(|(plan, _)| plan.scanner_differences(&cell.scanner)).unwrap_or_default();
+        let Some((plan, _)) = &self.plan else { return Ok(()) };
+        let (planned, present) = (&plan.scanner.name, &cell.scanner.name);
+        // A scanner of another name differs in everything.
+        if planned != present {
+            let detail = format!(
+                "is {present:?} in the given cell; the plan was made with {planned:?}: give the cell that it was made in, or \
+                 plan again"
+            );
+            return Err(vec![FieldError { pointer: "/scanner/name".to_owned(), detail }]);
+        }
+        let differences = plan.scanner_differences(&cell.scanner);
         if differences.is_empty() { Ok(()) } else { Err(differences) }
     }
 

@@ -14,6 +14,8 @@ use crate::inspection::ingest::ScanFrame;
 use crate::planning::context::{Context, Silent};
 use crate::report::inspection_text;
 use crate::service::inspect_job::{INSPECTION_FILES, InspectError, InspectJob, ScanSource};
+use crate::service::plan_job::plan_sha256 as sha256_of;
+use crate::wire::output_record::{OutputRecord, RECORD_FILE};
 use crate::wire::parameters;
 
 /// Endings of the names of files that a folder of scans is searched for.
@@ -78,6 +80,7 @@ pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
     args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;
+    check_plan_of_scans(&scans, &scanned.plan_sha256)?;
     let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before, date: Some(now()) };
     let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
     let inspected = pool.install(|| job.inspect(&scanned.part(), &progress, &Context::new(cancel, &Silent)));
@@ -113,6 +116,29 @@ fn sources(args: &CompareArgs) -> Result<Vec<ScanSource>, CliError> {
     Ok(paths.into_iter().map(source).collect())
 }
 
+/// Refuses scans that lie beside a record of Vantage by which they are of another plan. The record does not bind a file that was
+/// changed since.
+fn check_plan_of_scans(scans: &[ScanSource], plan_sha256: &str) -> Result<(), CliError> {
+    for scan in scans {
+        let record = std::fs::read(scan.path.with_file_name(RECORD_FILE)).ok();
+        let Some(record) = record.and_then(|bytes| OutputRecord::parse(&bytes)) else { continue };
+        let mut recorded = record.files.iter().filter(|file| file.name == scan.name);
+        let Some((file, other)) = recorded.find_map(|file| Some((file, file.plan_sha256.as_deref()?))) else { continue };
+        if other == plan_sha256 {
+            continue;
+        }
+        let bytes = std::fs::read(&scan.path).map_err(|error| files::unreadable(&scan.path, &error))?;
+        if sha256_of(&bytes) == file.sha256 {
+            return Err(CliError::BadInput(format!(
+                "{}: is a scan of another plan: {RECORD_FILE} beside it names the plan with SHA-256 {other}, and the plan given \
+                 has {plan_sha256}\n  → give the plan that the scans were taken with",
+                scan.path.display()
+            )));
+        }
+    }
+    Ok(())
+}
+
 fn of_folder(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
     let shown = folder.display();
     let entries = std::fs::read_dir(folder).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
@@ -138,6 +164,37 @@ mod tests {
     struct Line {
         #[command(flatten)]
         args: CompareArgs,
+    }
+
+    /// Scans of another plan gave a false pose of the part, and exit code 0.
+    #[test]
+    fn scans_of_another_plan_are_refused_with_both_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let scan = folder.path().join("view_000.ply");
+        let write = |text: &str| std::fs::write(&scan, text).expect("a file");
+        write("a scan");
+        let source = ScanSource {
+            name: "view_000.ply".to_owned(),
+            is_named: true,
+            sha256: String::new(),
+            view: None,
+            unit: None,
+            frame: None,
+            path: scan.clone(),
+        };
+        let check = |plan: &str| check_plan_of_scans(std::slice::from_ref(&source), plan).map_err(|error| error.to_string());
+        assert_eq!(check("ef"), Ok(()), "no record tells of a plan");
+        let file = serde_json::json!({
+            "name": "view_000.ply", "sha256": sha256_of(b"a scan"), "written_by": "sim scanner", "plan_sha256": "ab",
+        });
+        let record = serde_json::json!({"schema": "vantage.output/1", "version": "0.1.0", "complete": true, "files": [file]});
+        std::fs::write(folder.path().join(RECORD_FILE), record.to_string()).expect("a file");
+        assert_eq!(check("ab"), Ok(()));
+        let told = check("ef").expect_err("another plan");
+        let wanted = ["view_000.ply: is a scan of another plan", "SHA-256 ab,", "has ef", "that the scans were taken with"];
+        assert!(wanted.iter().all(|words| told.contains(*words)), "{told}");
+        write("a scan of the real part");
+        assert_eq!(check("ef"), Ok(()), "the record is not of this file");
     }
 
     /// The results' folder was made and the part read before a scan was missed, in the words of the operating system.

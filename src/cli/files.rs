@@ -22,7 +22,7 @@ use crate::service::plan_job::PLAN_FILE;
 use crate::service::runs::cell_sha256;
 use crate::service::{HashingReader, OperatorCell};
 use crate::settings::Settings;
-use crate::wire::{self, Distinct, DocumentKind, json_error};
+use crate::wire::{self, Distinct, DocumentKind, given_twice, json_error};
 
 /// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -456,13 +456,17 @@ pub(super) fn toml_fault(text: &str, error: &toml::de::Error) -> String {
     let before = error.span().and_then(|span| text.get(..span.start));
     let place = before.map(|before| {
         let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
-        format!(" at line {} column {column}", before.matches('\n').count() + 1)
+        (before.matches('\n').count() + 1, column)
     });
     let message = error.message().trim_end().replace('\n', ", ");
     let found = error.span().and_then(|span| text.get(span.start..)).and_then(|rest| rest.split(['=', ']', '\n']).next());
-    let key = found.filter(|_| message == "duplicate key").map(|key| format!(" `{}`", key.trim()));
+    if let Some(key) = found.filter(|_| message == "duplicate key") {
+        let place = place.map(|(line, column)| format!(" (line {line}, column {column})"));
+        return format!("{}{}", given_twice(key.trim()), place.unwrap_or_default());
+    }
+    let place = place.map(|(line, column)| format!(" at line {line} column {column}"));
     let advice = if has_decimal_comma(text, error) { "; use a point as decimal separator" } else { "" };
-    format!("{message}{}{}{advice}", key.unwrap_or_default(), place.unwrap_or_default())
+    format!("{message}{}{advice}", place.unwrap_or_default())
 }
 
 /// Returns true if an error in a TOML file lies at a comma between the digits of a number.

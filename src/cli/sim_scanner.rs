@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use super::given_params::named_by_sets;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_mesh, pool};
 use super::ranges::whole;
 use super::scanned_part::{RecordArgs, ScannedPartArgs, with_sets};
 use super::{CliError, files, output, params};
+use crate::cell::FieldError;
 use crate::geometry::LengthUnit;
 use crate::inspection::simulated_scanner::SimulationParams;
 use crate::planning::context::{Context, Silent};
@@ -57,7 +59,7 @@ pub(super) struct SimScannerArgs {
 /// [`CliError`].
 pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let sim: SimulationParams = with_sets(&args.sets)?;
-    sim.check().map_err(|errors| files::findings("parameters", &errors))?;
+    sim.check().map_err(|errors| named_by_option(&errors, &args.sets))?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
     let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(args.as_built_unit), cancel)).transpose()?;
@@ -85,16 +87,36 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     output::result(&document(folder.path(), &written), words)
 }
 
+/// Findings of a check at the options that gave the parameters. Pointers of a simulation's check begin with `/sim`.
+fn named_by_option(errors: &[FieldError], sets: &[String]) -> CliError {
+    let of_option = |error: &FieldError| FieldError {
+        pointer: error.pointer.strip_prefix("/sim").unwrap_or(&error.pointer).to_owned(),
+        detail: error.detail.clone(),
+    };
+    let errors: Vec<FieldError> = errors.iter().map(of_option).collect();
+    named_by_sets(files::findings("parameters", &errors), sets)
+}
+
 /// The folder and its files, as `--json` prints them. A path that is not UTF-8 is no value of JSON, but its text for people is.
 fn document(out: &Path, files: &[&str]) -> serde_json::Value {
     serde_json::json!({ "out": out.display().to_string(), "files": files })
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
 mod tests {
     use super::*;
 
+    /// The message named `/sim/step_px`, which nobody had typed.
+    #[test]
+    fn a_value_out_of_range_is_told_at_the_option_that_gave_it() {
+        let sets = ["step_px=0".to_owned()];
+        let sim: SimulationParams = with_sets(&sets).expect("a number");
+        let told = named_by_option(&sim.check().expect_err("out of range"), &sets).to_string();
+        assert!(told.contains("--set step_px=0") && !told.contains("/sim"), "{told}");
+    }
+
     /// The command ended with a panic once the scans were written, without --json too.
+    #[cfg(unix)]
     #[test]
     fn a_folder_whose_name_is_not_utf_8_is_told() {
         use std::os::unix::ffi::OsStrExt as _;

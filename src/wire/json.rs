@@ -95,7 +95,24 @@ fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -
     if !is_json {
         return ParseError::Syntax(json_error(bytes, inner));
     }
-    ParseError::Shape(FieldError { pointer: pointer_of(error.path()), detail: json_error(bytes, inner) })
+    let detail = json_error(bytes, inner);
+    let pointer = pointer_of(error.path());
+    // Told of the object that has the field.
+    let twice = name_given_twice(&detail).map(|name| format!("{pointer}/{}", escape(name)));
+    ParseError::Shape(FieldError { pointer: twice.unwrap_or(pointer), detail })
+}
+
+/// End of the message on a field that an object or a table has twice.
+pub(super) const GIVEN_TWICE: &str = "` is given twice: give it once";
+
+/// The message on a field that an object or a table has twice.
+pub(crate) fn given_twice(name: &str) -> String {
+    format!("`{name}{GIVEN_TWICE}")
+}
+
+/// Name of the field that the message of [`given_twice`] is on; `None` for another message.
+fn name_given_twice(detail: &str) -> Option<&str> {
+    detail.strip_prefix('`')?.rsplit_once(GIVEN_TWICE).map(|(name, _)| name)
 }
 
 /// Describes the error that serde_json finds in a text, in plain words where it is one of the text's form.
@@ -160,7 +177,7 @@ impl<'de> Visitor<'de> for DistinctVisitor {
             match object.entry(name) {
                 Entry::Vacant(place) => place.insert(value),
                 Entry::Occupied(place) => {
-                    return Err(de::Error::custom(format_args!("duplicate field `{}`", place.key())));
+                    return Err(de::Error::custom(given_twice(place.key())));
                 }
             };
         }

@@ -1,5 +1,7 @@
 //! Faults in the text of a JSON document in plain words, with line and column: `the document ends early` for `EOF while parsing a value`.
 
+use super::json::GIVEN_TWICE;
+
 /// Max number of characters that a message quotes.
 const MAX_QUOTED: usize = 24;
 /// Byte order mark in UTF-8.
@@ -45,7 +47,7 @@ fn plain(message: &str, line: &[u8], at: usize) -> Option<String> {
         "lone leading surrogate in hex escape" | "unexpected end of hex escape" => "a string holds half of a surrogate pair",
         "number out of range" => "the number is too large; the largest is about 1.8e308",
         "recursion limit exceeded" => "lists and objects are nested too deep; allowed are 127 levels",
-        message if message.starts_with("expected `") => message,
+        message if message.starts_with("expected `") || message.ends_with(GIVEN_TWICE) => message,
         _ => return None,
     };
     Some(told.to_owned())

@@ -54,7 +54,7 @@ pub use hex::hex;
 pub use ids::{CalibrationId, InspectionId, JobId, LeaseId, MeshId, RunId, ScanId};
 pub use job::{Job, JobFile, JobListItem, JobPage, JobRequest, JobState, LabelsRequest, MAX_LABELS, label_filter_fault};
 pub use job_sort::{JobSort, JobSortKey};
-pub(crate) use json::{Distinct, json_error};
+pub(crate) use json::{Distinct, given_twice, json_error};
 pub use json::{ParseError, decode, parse, parse_document, pointer_of};
 pub use json_file::json_file_bytes;
 pub use mesh::{MeshPage, MeshUnit, UploadedMesh};

@@ -214,7 +214,7 @@ fn weakest_text(weakest: &WeakestDocument) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use serde_json::json;
 
     use super::*;
@@ -240,10 +240,8 @@ mod tests {
         assert_eq!(board_scale_text(&of(false)), format!("{told}{open}"));
     }
 
-    /// Ten of twelve were told to be used, whatever had become of the other two, and nothing of an adjustment without an end.
-    #[test]
-    fn observations_are_counted_and_an_adjustment_without_an_end_is_told_with_what_to_do() {
-        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    /// A calibration of twelve observations whose adjustment did not converge.
+    pub(in crate::cli::calibrate) fn calibration() -> CalibrationDocument {
         let pose = json!({"translation_mm": [0.0, 0.0, 100.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]});
         let spread = json!({"rms_rotation_deg": 0.0, "rms_translation_mm": 0.0, "max_rotation_deg": 0.0,
             "max_translation_mm": 0.0, "median_rotation_deg": 0.0, "median_translation_mm": 0.0});
@@ -266,7 +264,14 @@ mod tests {
             json!({"spread": spread, "max_hand_eye_rotation_deg": 0.0, "max_hand_eye_translation_mm": 0.0});
         document["observability"] =
             json!({"spread_deg": [0.0, 0.0, 0.0], "weakest": null, "rotation_sd_deg": 0.0, "translation_sd_mm": 0.0});
-        let document: CalibrationDocument = serde_json::from_value(document).expect("a document");
+        serde_json::from_value(document).expect("a document")
+    }
+
+    /// Ten of twelve were told to be used, whatever had become of the other two, and nothing of an adjustment without an end.
+    #[test]
+    fn observations_are_counted_and_an_adjustment_without_an_end_is_told_with_what_to_do() {
+        let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+        let document = calibration();
         let told = text(&document, &cell);
         assert!(told.starts_with("cell e05-transcan: 12 observations, 10 used, 1 held out, 1 dropped\n"), "{told}");
         assert!(told.contains("not converged after 60 iterations: do not use the result; add observations"), "{told}");

@@ -9,7 +9,7 @@ use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
 use crate::cell::calibration::data::{HandEyeSetup, Sighting};
 use crate::cell::calibration::findings::{FindingCode, Severity};
 use crate::cell::calibration::table::{harmonics_of, without_runout};
-use crate::cell::{Cell, CellSpec, CloudFrameSpec};
+use crate::cell::{Cell, CellSpec, CloudFrameSpec, PoseSpec};
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::ranges::number;
@@ -18,7 +18,7 @@ use crate::wire::calibration::{CalibrationCheckDocument, CalibrationData, Calibr
 use crate::wire::json_file_bytes;
 use crate::wire::words::counted;
 
-/// Distance and angle up to which two poses of the clouds' frame are the same: beyond rounding, and far below what a check finds.
+/// Distance and angle up to which two poses are the same: beyond rounding, and far below what a check finds.
 const SAME_MM: f64 = 1e-3;
 const SAME_RAD: f64 = 1e-5;
 
@@ -82,6 +82,10 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         let (of, here) = (&calibration.cell, &cell.name);
         return Err(CliError::BadInput(format!("{}: /cell: is of cell {of:?}, not of {here:?}", args.calibration.display())));
     }
+    for (pointer, detail) in off_calibration(&spec, &calibration) {
+        let remedy = "plan and run with the cell that `vantage calibrate cell --write-cell` wrote, or calibrate this one";
+        output::warning(&args.cell, pointer, &detail, remedy);
+    }
     let (data, digest) = observations(&args.data, &args.read)?;
     let shown = args.data.display().to_string();
     seen_alike(&data, &cell, calibration.setup, &calibration.scanner_from_cloud)
@@ -140,6 +144,28 @@ fn remedy_of(code: FindingCode) -> &'static str {
     } else {
         "calibrate again at this temperature"
     }
+}
+
+/// Poses of a cell that are not those of the calibration, nor as a check has compensated them: by JSON pointer, with how far they are
+/// off. The check is of the calibration, and says nothing of a cell that does not carry it.
+fn off_calibration(spec: &CellSpec, calibration: &CalibrationDocument) -> Vec<(&'static str, String)> {
+    if calibration.setup == HandEyeSetup::EyeToHand {
+        // The scanner is not on the flange, where the cell has it.
+        return Vec::new();
+    }
+    let in_force = spec.calibrated.as_ref().filter(|known| known.calibration_id == calibration.id);
+    let compensation = in_force.and_then(|known| known.compensation.as_ref());
+    let scanner = compensation.map_or(&calibration.flange_from_scanner, |known| &known.flange_from_scanner);
+    let apart = |pointer: &'static str, calibrated: &PoseSpec, own: &PoseSpec| {
+        let off = calibrated.pose::<(), ()>().inverse() * own.pose::<(), ()>();
+        let (mm, rad) = (off.isometry().translation.vector.norm(), off.isometry().rotation.angle());
+        let deg = rad.to_degrees();
+        let detail = || format!("is {mm:.3} mm and {deg:.4}° off that of the calibration: the check says nothing of this cell");
+        (mm > SAME_MM || rad > SAME_RAD).then(|| (pointer, detail()))
+    };
+    let table = calibration.base_from_table.as_ref();
+    let of_table = table.and_then(|table| apart("/base_from_table", table, &spec.base_from_table));
+    apart("/flange_from_scanner", scanner, &spec.flange_from_scanner).into_iter().chain(of_table).collect()
 }
 
 /// Requires observations that were made as those of the calibration: another mounting, or another frame of the clouds, would be
@@ -240,6 +266,21 @@ mod tests {
 
     fn spec() -> CellSpec {
         Presets.cell("e05-transcan").expect("a preset")
+    }
+
+    /// A cell whose poses were 30 mm off those of the calibration was told to be ok.
+    #[test]
+    fn poses_of_a_cell_that_are_not_those_of_the_calibration_are_told() {
+        let calibration = crate::cli::calibrate::cell::tests::calibration();
+        let calibrated = calibration.calibrated(spec()).expect("on the flange");
+        assert_eq!(off_calibration(&calibrated, &calibration), []);
+        let mut moved = calibrated.clone();
+        moved.flange_from_scanner.translation_mm[0] += 30.0;
+        let told = off_calibration(&moved, &calibration);
+        assert!(told.len() == 1 && told[0].0 == "/flange_from_scanner" && told[0].1.starts_with("is 30.000 mm"), "{told:?}");
+        let pointers =
+            |spec: &CellSpec| off_calibration(spec, &calibration).into_iter().map(|(pointer, _)| pointer).collect::<Vec<_>>();
+        assert_eq!(pointers(&spec()), ["/flange_from_scanner", "/base_from_table"], "it is not calibrated");
     }
 
     /// They were told to be a scanner that had drifted by hundreds of millimetres.

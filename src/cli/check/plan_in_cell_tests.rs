@@ -539,6 +539,24 @@ fn the_clearance_that_a_program_is_checked_with_is_told_with_its_reason() {
     assert!(!sound.description.contains("clearance"), "{}", sound.description);
 }
 
+/// It was told in numbers of lenses.
+#[test]
+fn a_program_of_another_scanner_is_refused_by_the_name_of_the_scanner() {
+    let planned = &*PLANNED;
+    let mut plan: PlanDocument = serde_json::from_value(planned.in_cell.clone()).expect("a plan");
+    plan.scanner.name = "other".to_owned();
+    plan.scanner.devices.iter_mut().for_each(|device| device.fx += 1.0);
+    let (sha256, mut program) = (plan_sha256(&plan.to_bytes()), planned.program.clone());
+    program["plan_sha256"] = json!(sha256);
+    let reference = Reference { plan: Some((plan, sha256)), ..Reference::default() };
+    let never = AtomicBool::new(false);
+    let place = Some(CheckPlace::Cell(&planned.cell));
+    let found = check(program, &Presets, place, &reference, &Context::new(&never, &Silent)).expect_err("another scanner");
+    let [error] = &found[..] else { panic!("one sentence: {found:?}") };
+    let wanted = format!("is {:?} in the given cell; the plan was made with \"other\": give the", planned.cell.scanner.name);
+    assert!(error.pointer == "/scanner/name" && error.detail.starts_with(&wanted), "{error:?}");
+}
+
 /// The program was told to be without its plan, which was given beside it.
 #[test]
 fn a_program_is_held_against_the_plan_that_is_checked_in_the_same_call() {

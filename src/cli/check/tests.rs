@@ -86,7 +86,7 @@ fn what_a_preset_sets_otherwise_is_a_finding_as_in_a_plan() {
 fn faults_of_toml_name_the_key_and_the_decimal_comma() {
     let folder = Folder::new();
     let twice = folder.check("twice.toml", "[motion]\nclearance_mm = 3.0\nclearance_mm = 4.0\n").expect_err("refused");
-    assert!(twice.contains("duplicate key `clearance_mm` at line 3"), "{twice}");
+    assert!(twice.contains("`clearance_mm` is given twice: give it once (line 3, column 1)"), "{twice}");
     let comma = folder.check("comma.toml", "[motion]\nclearance_mm = 3,5\n").expect_err("refused");
     assert!(comma.contains("use a point as decimal separator"), "{comma}");
     let other = folder.check("other.toml", "[motion]\nclearance_mm = \n").expect_err("refused");

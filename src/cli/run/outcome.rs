@@ -163,23 +163,15 @@ fn words_of_stop(stop: &DeviceStopDocument) -> String {
 mod tests {
     use super::*;
     use crate::cell::{Presets, SpecLibrary};
-    use crate::program::{Program, Step};
+    use crate::cli::run::tests::program;
+    use crate::program::Step;
     use crate::wire::JobId;
     use crate::wire::run::RunRequest;
 
     /// A run of a program of one step that took none.
     fn outcome(mode: RunMode, state: ReportedState, objections: &[&str]) -> RunOutcome {
         let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("builds");
-        let program = Program {
-            plan_sha256: "ab".repeat(32),
-            setup: 0,
-            calibration: None,
-            robot: cell.robot.name.clone(),
-            turntable: cell.turntable.name.clone(),
-            home_rad: cell.home_rad,
-            cycle_secs: 0.1,
-            steps: vec![Step::Settle { secs: 0.1 }],
-        };
+        let program = program(&cell, vec![Step::Settle { secs: 0.1 }]);
         let request = RunRequest { mode, ..RunRequest::new(JobId::generate()) };
         let run = Run::new(&request, None, &cell.name, &program, &"cd".repeat(32));
         let objections = objections.iter().map(ToString::to_string).collect();

@@ -6,12 +6,26 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::watch::RunWatch;
-use crate::cell::{CollisionScene, Configuration, Presets, SpecLibrary};
+use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
 use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, RunState, StopCause, simulate};
 use crate::geometry::Pose;
 use crate::program::{Move, Program, Step};
 use crate::testing::box_mesh;
 use crate::wire::run::RunMode;
+
+/// A program of these steps for the hardware of a cell.
+pub(super) fn program(cell: &Cell, steps: Vec<Step>) -> Program {
+    Program {
+        plan_sha256: "ab".repeat(32),
+        setup: 0,
+        calibration: None,
+        robot: cell.robot.name.clone(),
+        turntable: cell.turntable.name.clone(),
+        home_rad: cell.home_rad,
+        cycle_secs: steps.iter().map(Step::secs).sum(),
+        steps,
+    }
+}
 
 /// A slow move away from home and back.
 fn job() -> RunJob {
@@ -26,17 +40,7 @@ fn job() -> RunJob {
         step.duration_secs = step.derived_secs(&from, &axes);
         Step::Move(step)
     };
-    let steps = vec![move_to(home, away), move_to(away, home)];
-    let program = Program {
-        plan_sha256: "ab".repeat(32),
-        setup: 0,
-        calibration: None,
-        robot: cell.robot.name.clone(),
-        turntable: cell.turntable.name.clone(),
-        home_rad: home,
-        cycle_secs: steps.iter().map(Step::secs).sum(),
-        steps,
-    };
+    let program = program(&cell, vec![move_to(home, away), move_to(away, home)]);
     let hashes = Hashes { plan: program.plan_sha256.clone(), cell: "cd".repeat(32), compensation: None };
     RunJob::new(program, cell, &scene, None, [hashes.clone(), hashes]).expect("sound")
 }

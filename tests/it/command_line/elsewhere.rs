@@ -68,7 +68,13 @@ fn a_part_that_was_put_elsewhere_is_found_and_compared() {
     let of_finer = ["--mesh", &finer, "--unit", "mm"];
     let ended = run(&[&["plan", &finer, "--unit", "mm", "--out", &other_plan][..], &quick].concat());
     assert_eq!(ended.code, Some(0), "{}", ended.err);
-    let ended = run(&[&["compare", &other_plan, &scans, "--after", &inspection, "--out", &out][..], &of_finer].concat());
+    let ended = run(&[&["compare", &other_plan, &scans, "--out", &out][..], &of_finer].concat());
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    assert!(ended.err.contains("is a scan of another plan") && !at("out").exists(), "{}", ended.err);
+    let other_scans = at("other scans").display().to_string();
+    let ended = run(&[&["sim", "scanner", &other_plan, "--set", "step_px=8", "--out", &other_scans][..], &of_finer].concat());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let ended = run(&[&["compare", &other_plan, &other_scans, "--after", &inspection, "--out", &out][..], &of_finer].concat());
     assert_eq!(ended.code, Some(2), "{}", ended.err);
     assert!(ended.err.contains("is from another part"), "{}", ended.err);
 }

@@ -115,7 +115,11 @@ fn a_plan_without_a_folder_is_written_beside_where_it_is_asked_for() {
 fn fields_given_twice_and_infinite_numbers_of_files_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = [
-        ("twice.json", r#"{"selection": {"target": 0.9}, "selection": {"target": 0.8}}"#, "duplicate field `selection`"),
+        (
+            "twice.json",
+            r#"{"selection": {"target": 0.9}, "selection": {"target": 0.8}}"#,
+            "`selection` is given twice: give it once (line 1, column ",
+        ),
         ("infinite.toml", "[selection]\ntarget = inf\n", "inf is not a finite number"),
     ];
     for (name, text, words) in files {

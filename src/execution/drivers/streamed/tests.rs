@@ -534,17 +534,36 @@ async fn there_is_nothing_to_keep_alive_after_a_stop_and_nothing_wrong_with_that
     assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "it lapsed before the stop");
 }
 
+/// Set points on the way to a target, a desk that has them, and the cycle of the controller.
+fn on_the_way() -> (SetPoints<6>, Shared<6>, Duration) {
+    let mut points = SetPoints::still([0.0; 6]);
+    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
+    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
+    (points, Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) }, Duration::from_millis(CYCLE_MS.into()))
+}
+
+/// Answers the next report; returns false if none comes.
+async fn take_a_turn(link: &mut impl StreamedLink<6>, shared: &Shared<6>) -> bool {
+    let Ok(report) = timeout(Duration::from_millis(100), link.report()).await else { return false };
+    answer_one(link, shared, report.expect("a report"), Duration::from_millis(CYCLE_MS.into())).await.expect("answered");
+    true
+}
+
+/// Bytes of the next datagram that the driver sends to the controller.
+async fn answer_to(controller: &UdpSocket) -> Vec<u8> {
+    let mut answer = vec![0; 4096];
+    let received = timeout(Duration::from_secs(5), controller.recv_from(&mut answer)).await.expect("in time");
+    answer.truncate(received.expect("an answer").0);
+    answer
+}
+
 #[tokio::test]
 async fn of_reports_that_queued_the_newest_alone_is_answered_with_the_travel_of_one_cycle() {
     let address = format!("127.0.0.1:{}", free_port());
     let spec = AbbEgmSpec { address: address.clone(), controller_host: None, cycle_ms: CYCLE_MS, table_axis: 1 };
     let arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
     let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
-    let mut points = SetPoints::still([0.0; 6]);
-    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
-    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
-    let shared = Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) };
-    let cycle = Duration::from_millis(CYCLE_MS.into());
+    let (mut points, shared, cycle) = on_the_way();
     let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
     for time_ms in 1..=5 {
         let report = EgmReport { time_ms, motors: EgmMotors::On, guidance: EgmGuidance::Running, ..EgmReport::default() };
@@ -552,9 +571,8 @@ async fn of_reports_that_queued_the_newest_alone_is_answered_with_the_travel_of_
     }
     let report = StreamedLink::<6>::report(&mut link).await.expect("a report");
     answer_one(&mut link, &shared, report, cycle).await.expect("answered");
-    let mut answer = [0; 4096];
-    let (length, _) = controller.recv_from(&mut answer).await.expect("an answer");
-    let guide = EgmGuide::decode(&answer[..length]).expect("guidance");
+    let answer = answer_to(&controller).await;
+    let guide = EgmGuide::decode(&answer).expect("guidance");
     assert_eq!(guide.time_ms, 5, "to the newest");
     let step_deg = points.advance(cycle)[0].to_degrees();
     assert!((guide.joints_deg[0] - step_deg).abs() < 1e-9, "{guide:?} for {step_deg}°");
@@ -569,25 +587,18 @@ async fn a_telegram_of_rsi_that_comes_again_gets_the_same_set_point_again() {
     let spec: KukaRsiSpec = serde_json::from_value(serde_json::json!({"address": address})).expect("a specification");
     let arm: KukaArm<6> = KukaRsi::arm(&spec, Arc::new(()));
     let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
-    let mut points = SetPoints::still([0.0; 6]);
-    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
-    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
-    let shared = Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) };
-    let cycle = Duration::from_millis(CYCLE_MS.into());
+    let (mut points, shared, cycle) = on_the_way();
     let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
     for (ipoc, is_repeated) in [(5_000, false), (5_000, true), (5_000, true), (5_012, false)] {
         let telegram = RsiReport { ipoc, ..RsiReport::default() }.encode();
         controller.send_to(telegram.as_bytes(), &address).await.expect("sent");
-        let report = timeout(Duration::from_millis(100), StreamedLink::<6>::report(&mut link)).await;
-        assert_eq!(report.is_err(), is_repeated, "a cycle for each telegram, not for each time that it comes: {report:?}");
-        if let Ok(report) = report {
+        let is_answered = take_a_turn(&mut link, &shared).await;
+        assert_eq!(is_answered, !is_repeated, "a cycle for each telegram, not for each time that it comes");
+        if is_answered {
             points.advance(cycle);
-            answer_one(&mut link, &shared, report.expect("a report"), cycle).await.expect("answered");
         }
-        let mut answer = [0; 4096];
-        let received = timeout(Duration::from_secs(5), controller.recv_from(&mut answer)).await.expect("in time");
-        let (length, _) = received.expect("an answer");
-        let correction = RsiCorrection::decode(&answer[..length], &rsi_names()).expect("corrections");
+        let answer = answer_to(&controller).await;
+        let correction = RsiCorrection::decode(&answer, &rsi_names()).expect("corrections");
         let wanted_deg = points.at_rad()[0].to_degrees();
         assert_eq!(correction.ipoc, ipoc);
         assert!((correction.axes_deg[0] - wanted_deg).abs() < 1e-5, "{correction:?} for {wanted_deg}°");
@@ -601,27 +612,20 @@ async fn a_report_of_egm_that_comes_again_gets_the_same_set_point_again() {
     let spec = AbbEgmSpec { address: address.clone(), controller_host: None, cycle_ms: CYCLE_MS, table_axis: 1 };
     let arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
     let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
-    let mut points = SetPoints::still([0.0; 6]);
-    points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
-    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
-    let shared = Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) };
-    let cycle = Duration::from_millis(CYCLE_MS.into());
+    let (mut points, shared, cycle) = on_the_way();
     let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
     for (sequence, number, is_repeated) in [(7, 1, false), (7, 1, true), (7, 1, true), (8, 2, false)] {
         let time_ms = sequence * CYCLE_MS;
         let report =
             EgmReport { sequence, time_ms, motors: EgmMotors::On, guidance: EgmGuidance::Running, ..EgmReport::default() };
         controller.send_to(&report.encode(), &address).await.expect("sent");
-        let report = timeout(Duration::from_millis(100), StreamedLink::<6>::report(&mut link)).await;
-        assert_eq!(report.is_err(), is_repeated, "a cycle for each report, not for each time that it comes: {report:?}");
-        if let Ok(report) = report {
+        let is_answered = take_a_turn(&mut link, &shared).await;
+        assert_eq!(is_answered, !is_repeated, "a cycle for each report, not for each time that it comes");
+        if is_answered {
             points.advance(cycle);
-            answer_one(&mut link, &shared, report.expect("a report"), cycle).await.expect("answered");
         }
-        let mut answer = [0; 4096];
-        let received = timeout(Duration::from_secs(5), controller.recv_from(&mut answer)).await.expect("in time");
-        let (length, _) = received.expect("an answer");
-        let guide = EgmGuide::decode(&answer[..length]).expect("guidance");
+        let answer = answer_to(&controller).await;
+        let guide = EgmGuide::decode(&answer).expect("guidance");
         let wanted_deg = points.at_rad()[0].to_degrees();
         assert_eq!((guide.sequence, guide.time_ms), (number, time_ms));
         assert!((guide.joints_deg[0] - wanted_deg).abs() < 1e-9, "{guide:?} for {wanted_deg}°");
