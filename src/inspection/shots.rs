@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::ingest::merged::{MergedImage, merged_images};
+use super::ingest::{CleanOptions, IngestWorld, PlannedCapture};
 use super::rehearsal::in_context;
 use super::{PixelGrid, ViewScan};
 use crate::cell::Scanner;
@@ -47,9 +48,18 @@ pub(super) fn merged(scans: &[ViewScan], scanner: &Scanner, mesh: &Mesh) -> Vec<
         scan.scanner_cloud.finite().map(point).collect()
     };
     let part_mm: Vec<[f32; 3]> = scans.iter().flat_map(placed).collect();
-    let views: Vec<_> = scans.iter().map(|scan| (scan.viewpoint, scan.part_from_scanner)).collect();
-    let images =
-        in_context(|ctx| merged_images(&part_mm, &views, scanner, &NearestFace::new(mesh), ctx)).expect("nobody cancels");
+    let capture = |scan: &ViewScan| PlannedCapture {
+        viewpoint: scan.viewpoint,
+        part_from_scanner: scan.part_from_scanner,
+        scanner_from_cloud: None,
+        part_from_plate: None,
+        part_from_table: None,
+        part_from_base: None,
+    };
+    let captures: Vec<PlannedCapture> = scans.iter().map(capture).collect();
+    let nearest = NearestFace::new(mesh);
+    let world = IngestWorld { scanner, nearest: &nearest, captures: &captures, fixtures: &[] };
+    let images = in_context(|ctx| merged_images(&part_mm, &world, &CleanOptions::default(), ctx)).expect("nobody cancels");
     let scan = |(scan, image): (&ViewScan, MergedImage)| ViewScan { scanner_cloud: image.scanner_cloud, ..scan.clone() };
     scans.iter().zip(images).map(scan).collect()
 }

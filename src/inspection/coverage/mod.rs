@@ -127,7 +127,7 @@ pub struct LimitBand {
 /// Measured beside planned coverage. Areas are of asked samples, mm².
 #[derive(Clone, Debug)]
 pub struct MeasuredCoverage {
-    /// Samples that each scan measures, in the order of [`ComparedViews::scanned`]; none of a merged cloud.
+    /// Samples that each scan measures, in the order of [`ComparedViews::scanned`].
     pub by_scan: Vec<SampleSet>,
     /// Samples that some view was to measure.
     pub planned: SampleSet,

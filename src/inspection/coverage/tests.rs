@@ -120,7 +120,7 @@ fn a_cloud_without_a_grid_is_put_into_cells() {
     assert!(differs.abs() < 0.1, "{differs} points");
 }
 
-/// Of the gearbox housing 69 % were once told in place of 87 %: points of all other surfaces showed through between those of the nearest.
+/// The gearbox housing was once told as 69 % measured in place of 87 %: points of all other surfaces showed through between those of the nearest.
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn a_merged_cloud_is_known_to_about_a_point() {

@@ -186,7 +186,7 @@ fn cut_surroundings(
 }
 
 /// Height up to which points are the plate's, by the part at its planned place.
-struct PlateCut<'a> {
+pub(super) struct PlateCut<'a> {
     nearest: &'a NearestFace<'a>,
     part_from_plate: Pose<Part, Plate>,
     /// Frame of the part, with a margin.
@@ -198,7 +198,7 @@ struct PlateCut<'a> {
 
 impl<'a> PlateCut<'a> {
     /// Half of the part's height at most: the part's top and the plate are then equally far from the cut.
-    fn new(nearest: &'a NearestFace<'a>, part_from_plate: Pose<Part, Plate>, plate_mm: f64) -> Self {
+    pub(super) fn new(nearest: &'a NearestFace<'a>, part_from_plate: Pose<Part, Plate>, plate_mm: f64) -> Self {
         let (mesh, plate_from_part) = (nearest.mesh(), part_from_plate.inverse());
         let height_mm = |corner: &Point3<f64>| plate_from_part.point(corner).z;
         let top_mm = mesh.vertices_mm.iter().map(height_mm).fold(f64::NEG_INFINITY, f64::max);
@@ -219,7 +219,7 @@ impl<'a> PlateCut<'a> {
 
     /// Returns true if a point is the plate's: within the cut, and not above a triangle of the part that faces up, no farther from it than
     /// the cut.
-    fn takes(&self, in_plate: &Point3<f64>) -> bool {
+    pub(super) fn takes(&self, in_plate: &Point3<f64>) -> bool {
         let is_part = || {
             let found = self.nearest.nearest(&self.part_from_plate.point(in_plate), self.cut_mm);
             found.is_some_and(|found| found.is_inside && self.faces_up(found.face as usize))

@@ -344,6 +344,10 @@ impl Ingested {
             let finding = IngestFinding::of(IngestCode::OtherPlan, Some(taken.file), Some(taken.scan.viewpoint));
             self.findings.push(finding);
         }
+        if self.scans.is_empty() {
+            self.mesh_from_stated = Pose::identity();
+            self.findings.retain(|finding| finding.code != IngestCode::PartElsewhere);
+        }
     }
 
     /// Finds the part where it lies elsewhere than planned: by all scans together, and where that comes to nothing, by those that lie
@@ -578,8 +582,7 @@ fn take_merged(
     let (mut cloud, removed, longest_mm) = prepared(file, &best, first);
     let points = cloud.finite().count() + removed.total();
     frames::transform(&mut cloud.points_mm, first.part_from_scanner.isometry());
-    let views: Vec<_> = world.captures.iter().map(|capture| (capture.viewpoint, capture.part_from_scanner)).collect();
-    let images = merged_images(&cloud.points_mm, &views, world.scanner, world.nearest, ctx)?;
+    let images = merged_images(&cloud.points_mm, world, &options.clean, ctx)?;
     for (capture, image) in world.captures.iter().zip(images) {
         let mut own = Removed { is_projected: true, ..removed.clone() };
         own.count(RemovedBecause::OutsideImage, image.outside);

@@ -357,7 +357,7 @@ fn a_declared_unit_is_tried_though_it_is_not_guessed() {
     assert_eq!((scan.unit, scan.frame, scan.scan.viewpoint), (LengthUnit::Centimetre, ScanFrame::Scanner, 3));
 }
 
-/// To take scans in, and the search for the view that one fits, could once not be cancelled.
+/// Reading scans, and the search for the view that one fits, could once not be cancelled.
 #[test]
 fn scans_are_not_taken_in_once_that_is_cancelled() {
     let cell = Cell::new();
