@@ -80,6 +80,7 @@ pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
     args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;
+    args.run.warn_of_missing(record.as_ref(), &scanned.plan);
     check_plan_of_scans(&scans, &scanned.plan_sha256)?;
     let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before, date: Some(now()) };
     let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
@@ -131,7 +132,7 @@ fn check_plan_of_scans(scans: &[ScanSource], plan_sha256: &str) -> Result<(), Cl
         if sha256_of(&bytes) == file.sha256 {
             return Err(CliError::BadInput(format!(
                 "{}: is a scan of another plan: {RECORD_FILE} beside it names the plan with SHA-256 {other}, and the plan given \
-                 has {plan_sha256}\n  → give the plan that the scans were taken with",
+                 has {plan_sha256}\n  → give the plan that the scans were taken with, or scan this one with `vantage sim scanner`",
                 scan.path.display()
             )));
         }

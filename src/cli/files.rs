@@ -462,7 +462,7 @@ pub(super) fn toml_fault(text: &str, error: &toml::de::Error) -> String {
     let found = error.span().and_then(|span| text.get(span.start..)).and_then(|rest| rest.split(['=', ']', '\n']).next());
     if let Some(key) = found.filter(|_| message == "duplicate key") {
         let place = place.map(|(line, column)| format!(" (line {line}, column {column})"));
-        return format!("{}{}", given_twice(key.trim()), place.unwrap_or_default());
+        return format!("{}{}", given_twice(key.trim().trim_matches('"')), place.unwrap_or_default());
     }
     let place = place.map(|(line, column)| format!(" at line {line} column {column}"));
     let advice = if has_decimal_comma(text, error) { "; use a point as decimal separator" } else { "" };

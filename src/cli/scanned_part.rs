@@ -11,14 +11,14 @@ use utoipa::ToSchema;
 use super::check::fixture_of;
 use super::given_params::insert;
 use super::plan::{load_cell, load_mesh, load_scanner};
-use super::{CliError, files, set_value};
+use super::{CliError, files, output, set_value};
 use crate::cell::{Cell, Scanner, did_you_mean};
 use crate::geometry::{LengthUnit, Mesh};
-use crate::service::inspect_job::InspectedPart;
+use crate::service::inspect_job::{InspectedPart, viewpoints_without_scan};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::service::rescan_job::RESCAN_STATE_FILE;
 use crate::wire::decode;
-use crate::wire::inspection::RescanState;
+use crate::wire::inspection::{RescanState, ranges};
 use crate::wire::plan::PlanDocument;
 use crate::wire::run::{RunMode, RunRecordDocument};
 
@@ -69,6 +69,20 @@ impl RecordArgs {
             _ => Ok(()),
         }
     }
+
+    /// Warns of views that the run did not scan: their planned poses are taken.
+    pub(super) fn warn_of_missing(&self, record: Option<&RunRecordDocument>, plan: &PlanDocument) {
+        if let Some((path, detail)) = self.record.as_ref().zip(record.and_then(|record| missing_scans(record, plan))) {
+            output::warning(&path.display().to_string(), "/steps", &detail, "give the record of the run that took these scans");
+        }
+    }
+}
+
+/// Views of a plan that a run did not scan, in a clause; `None` where it scanned all.
+fn missing_scans(record: &RunRecordDocument, plan: &PlanDocument) -> Option<String> {
+    let missing = viewpoints_without_scan(plan, record);
+    let words = if missing.len() == 1 { "viewpoint" } else { "viewpoints" };
+    (!missing.is_empty()).then(|| format!("has no scan of {words} {}: the poses of the plan are taken there", ranges(&missing)))
 }
 
 /// A plan that was read, with part and hardware.
@@ -313,6 +327,10 @@ mod tests {
         let record = of_run.load().expect("a record");
         of_run.check_plan(record.as_ref(), "ab").expect("its plan");
         refused(of_run.check_plan(record.as_ref(), "ef"), ["run.json", "of another plan", "this one's program"]);
+        // The poses of the plan were taken without a word for views that a run had not scanned.
+        let plan: PlanDocument = serde_json::from_value(plan_of_two_views()).expect("a plan");
+        let missing = record.and_then(|record| missing_scans(&record, &plan)).expect("no scan at all");
+        assert_eq!(missing, "has no scan of viewpoints 0 to 1: the poses of the plan are taken there");
         let none = RecordArgs { record: None };
         none.check_plan(none.load().expect("nothing to read").as_ref(), "ef").expect("the poses of the plan");
     }

@@ -66,6 +66,7 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     let as_built = as_built.map(|(read, _)| read.mesh);
     let record = args.run.load()?;
     args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;
+    args.run.warn_of_missing(record.as_ref(), &scanned.plan);
     let planned = PlannedViews::new(&scanned.plan, record.as_ref(), scanned.cell.as_ref());
     let names: Vec<String> = planned.views.iter().map(|view| scan_file(view.viewpoint)).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).chain([TRUTH_FILE]).collect();

@@ -360,6 +360,13 @@ impl PlannedViews {
     }
 }
 
+/// Viewpoints of a plan that a run was to scan and did not: nobody knows where their scans were taken from.
+#[must_use]
+pub fn viewpoints_without_scan(plan: &PlanDocument, record: &RunRecordDocument) -> Vec<u32> {
+    let taken = plan.viewpoints.iter().filter(|view| view.rejected.is_none());
+    taken.map(|view| view.id).filter(|id| scan_of(&record.steps, *id).is_none()).collect()
+}
+
 /// Step of a run that scanned a viewpoint; not the capture before it by which the part was located, from elsewhere.
 fn scan_of(steps: &[RunStepRecord], viewpoint: u32) -> Option<&RunStepRecord> {
     steps.iter().find(|step| step.op == RunStepOp::Scan && step.viewpoint == Some(viewpoint))

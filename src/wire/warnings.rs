@@ -409,15 +409,20 @@ fn refuted_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarnin
     }
 }
 
-/// Features of a finer tolerance than the noise allows, by their names and the parameters of their tolerances: `"bore"
-/// (regions.features.0.tolerance_mm)`. Empty if there are none.
+/// Features of a finer tolerance than the noise allows, by their names and the parameters of their tolerances: `the feature "bore"
+/// (regions.features.0.tolerance_mm)`, of several those that overlap a region. Empty if there are none.
 fn too_fine_features(params: &PlanParams, regions: &[RegionCoverageDocument]) -> String {
     let named = |index: usize| {
         let region = regions.get(params.regions.interest.len() + index);
         let name = region.map_or_else(String::new, |region| format!("{:?} ", region.name));
         format!("{name}(regions.features.{index}.tolerance_mm)")
     };
-    params.regions.beyond_noise().map(|(index, _)| named(index)).collect::<Vec<_>>().join(" or ")
+    let named: Vec<String> = params.regions.beyond_noise().map(|(index, _)| named(index)).collect();
+    match &named[..] {
+        [] => String::new(),
+        [feature] => format!("the feature {feature}"),
+        features => format!("each of the features {} that overlaps it", features.join(", ")),
+    }
 }
 
 /// Warning on a region that misses its target; `too_fine` are the features that have too fine a tolerance where the region has
@@ -427,7 +432,7 @@ fn unmet_region(pointer: &str, region: &RegionCoverageDocument, too_fine: &str) 
     let is_own = region.tolerance_mm.zip(region.min_tolerance_mm).is_some_and(|(own_mm, min_mm)| own_mm < min_mm);
     let remedy = if region.beyond_noise_area_mm2 > 0.5 * missed_mm2 {
         // The strictest of all regions that hold a point applies there.
-        let whose = if is_own || too_fine.is_empty() { String::new() } else { format!("for the feature {too_fine}, ") };
+        let whose = if is_own || too_fine.is_empty() { String::new() } else { format!("for {too_fine}, ") };
         whose + &remedy_for_noise()
     } else {
         "see the fixes for the largest missed spots, in the report and under missed in the plan; exclude what cannot be measured \

@@ -396,8 +396,8 @@ pub(crate) const HOME_REMEDY: &str =
     "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)";
 
 /// Remedy of area that more views would measure in a plan that was left short of its target by views without a path.
-pub(crate) const WITHOUT_PATH: &str = "views to which no collision-free path leads were left out, and a higher target does not \
-     replace them; lay the part otherwise or higher (part.table_from_part), or plan with a smaller motion.clearance_mm";
+pub(crate) const WITHOUT_PATH: &str = "views to which no collision-free path was found were left out; more views \
+     (selection.target, selection.max_views) may measure some of it, and a smaller motion.clearance_mm may free a path";
 
 /// Advice on how to keep two bodies apart, in a sentence.
 #[must_use]

@@ -3,7 +3,7 @@
 
 use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
-use utoipa::openapi::{OpenApi, RefOr, Required, ResponseBuilder};
+use utoipa::openapi::{OpenApi, RefOr, Required, Response};
 
 /// Tags of the routes that send stored results.
 const TAGS: [&str; 2] = ["results", "inspections"];
@@ -13,8 +13,8 @@ const HEADERS: [(&str, &str); 2] = [
     ("If-Range", "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
 ];
 
-/// Adds the headers and the answer. A part of a document does not follow its schema, so the answer has none; 416 is among the
-/// problems.
+/// Adds the headers and the answer, with the content of the whole: a part of a text or of bytes is one as well. A part of a JSON document
+/// follows no schema, and clients that are made from the document would take it for another result. 416 is among the problems.
 pub(super) fn add(openapi: &mut OpenApi) {
     let operations = openapi.paths.paths.values_mut().filter_map(|item| item.get.as_mut());
     for operation in operations.filter(|operation| sends_result(operation)) {
@@ -28,14 +28,19 @@ pub(super) fn add(openapi: &mut OpenApi) {
                 .schema(Some(ObjectBuilder::new().schema_type(Type::String)));
             parameters.push(RefOr::T(parameter.build()));
         }
-        let part = ResponseBuilder::new().description("The requested part of the result, in the media type of the whole.");
-        operation.responses.responses.insert("206".to_owned(), part.build().into());
+        let Some(RefOr::T(whole)) = operation.responses.responses.get("200") else { continue };
+        let mut part = whole.clone();
+        "The requested part of the result.".clone_into(&mut part.description);
+        operation.responses.responses.insert("206".to_owned(), part.into());
     }
 }
 
-/// Returns true for a route of a stored result, which has a tag and may be known to the client, that does not list parts itself.
+/// Returns true for a route of a stored result that is not JSON: it has a tag and may be known to the client, and does not list parts
+/// itself.
 fn sends_result(operation: &Operation) -> bool {
     let has = |status: &str| operation.responses.responses.contains_key(status);
     let is_tagged = operation.tags.iter().flatten().any(|tag| TAGS.contains(&tag.as_str()));
-    is_tagged && has("304") && !has("206")
+    let is_json =
+        |whole: &RefOr<Response>| matches!(whole, RefOr::T(whole) if whole.content.keys().any(|media| media.ends_with("json")));
+    is_tagged && has("304") && !has("206") && !operation.responses.responses.get("200").is_some_and(is_json)
 }

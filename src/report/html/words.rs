@@ -96,7 +96,7 @@ fn limit(limits: &LimitParams, device: &OpticalDevice) -> String {
 pub(super) fn remedy(remedy: &Remedy, rules: ChoiceRules) -> String {
     let kind = match remedy.kind {
         RemedyKind::View if rules.left_out_views() => {
-            return format!("<b>No path</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy, rules)));
+            return format!("<b>Views left out</b><br/><span class=\"soft\">{}</span>", escape(&fix_sentence(remedy, rules)));
         }
         RemedyKind::View if remedy.views.len() > 1 => {
             return told(&format!("{} more views", remedy.views.len()), remedy, rules);

@@ -89,7 +89,7 @@ fn tried(attempts: &[FrameAttempt]) -> String {
 }
 
 /// Numbers of viewpoints in ranges, such as `0 to 4, 6`.
-fn ranges(viewpoints: &[u32]) -> String {
+pub(crate) fn ranges(viewpoints: &[u32]) -> String {
     let words = |run: &[u32]| match run {
         [first, .., last] => format!("{first} to {last}"),
         run => run.iter().map(u32::to_string).collect(),

@@ -21,6 +21,7 @@ pub use deviation::{
     RegionDeviationDocument, StatisticsDocument, excluded_sentence, open_poses_sentence,
 };
 pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
+pub(crate) use files::ranges;
 pub use files::{IngestFindingDocument, RemovedDocument, TakenScanDocument};
 pub use learned::{
     DeviceLimitDocument, EstimateDocument, LearnedDocument, OfferedChangeDocument, RateBinDocument, WithheldDocument,

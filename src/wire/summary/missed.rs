@@ -87,8 +87,8 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
     })
 }
 
-/// The fixes of a plan, each as one group of all the spots that it is for, whatever they are missed for: it measures them all at
-/// once.
+/// The fixes of a plan, each as one group of all the spots that one command is for, whatever they are missed for: it measures them
+/// all at once.
 pub(super) fn fixes(plan: &Plan) -> Vec<MissedGroup> {
     let mut fixable = spots_of_fixes(plan);
     let is_fix = |fix: &Fix| fix.kind != RemedyKind::None && !is_without_path(plan, fix.kind);

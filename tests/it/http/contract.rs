@@ -171,8 +171,19 @@ fn names_times_and_answers_to_conditional_requests_are_in_the_document() {
     for (path, item) in items {
         assert_eq!(lists_range(item), item["get"]["responses"]["206"].is_object(), "{path}");
     }
-    let of_inspections = items.iter().filter(|(path, item)| path.starts_with("/api/v1/inspections/") && lists_range(item));
-    assert_eq!((of_inspections.count(), items.values().filter(|item| lists_range(item)).count()), (5, 28));
+    // Parts of JSON follow no schema: clients made from the document would take them for another result.
+    let stored = items.iter().filter(|(_, item)| {
+        let tags = item["get"]["tags"].as_array().into_iter().flatten();
+        tags.into_iter().any(|tag| tag == "results" || tag == "inspections") && item["get"]["responses"]["304"].is_object()
+    });
+    let mut listed = 0;
+    for (path, item) in stored {
+        let media = item["get"]["responses"]["200"]["content"].as_object().into_iter().flat_map(|content| content.keys());
+        let is_json = media.into_iter().any(|media| media.ends_with("json"));
+        assert_ne!(lists_range(item), is_json, "{path}");
+        listed += usize::from(!is_json);
+    }
+    assert!(listed > 8, "{listed}");
 }
 
 /// Those of inspections and of their rescans were not listed.
@@ -238,8 +249,9 @@ async fn every_result_has_a_route_with_one_media_type() {
             asked += 1;
             let part = api.send("GET", &url, &[("range", "bytes=0-0")], "").await;
             assert_eq!((part.status.as_u16(), &part.bytes[..]), (206, &answer.bytes[..1]), "{url}");
-            assert!(item["get"]["responses"]["206"].is_object(), "{path}");
-            for header in ["Range", "If-Range"] {
+            let is_json = media_type.ends_with("json");
+            assert_ne!(item["get"]["responses"]["206"].is_object(), is_json, "{path}");
+            for header in ["Range", "If-Range"].iter().filter(|_| !is_json) {
                 parameter(&document, path, "get", header);
             }
             if let Some(form) = &form {
