@@ -82,7 +82,7 @@ pub(in crate::inspection) fn merged_images(
     images(Some(&Sight::new(part_mm, world, options, *mesh_from_stated.isometry(), ctx)?))
 }
 
-/// What explains a point.
+/// Face or body that explains a point.
 #[derive(Clone, Copy)]
 enum Explained {
     /// A face within [`REACH_MM`], and its distance, mm.

@@ -174,8 +174,8 @@ mod tests {
         let (goal, ended_by) = (SelectionGoal::FewestViews, StopReason::NoPath);
         let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left: None, min_gain_mm2: 0.0 });
         let told = remedy(&views, rules);
-        assert!(told.starts_with("<b>No path</b>") && !told.contains("more views"), "{told}");
-        assert!(told.contains("motion.clearance_mm") && !told.contains("selection.target"), "{told}");
+        assert!(told.starts_with("<b>Views left out</b>") && told.contains("motion.clearance_mm"), "{told}");
+        assert!(!told.contains("73") && !told.contains("so that candidate"), "no figure is promised: {told}");
     }
 
     /// "None found" and "no fix found" were told of one spot.
