@@ -130,18 +130,15 @@ mod tests {
     use crate::planning::plan::{CandidateId, RemedyView, StopReason};
     use crate::wire::words::PlanRules;
 
+    fn view() -> RemedyView {
+        let (part_from_scanner, candidate) = (Pose::identity(), CandidateId(4));
+        RemedyView { candidate, roll_rad: 0.0, tilt_rad: 0.0, standoff_mm: 480.0, part_from_scanner, area_mm2: 10.0 }
+    }
+
     #[test]
     fn a_fix_of_several_views_says_so_in_its_heading() {
-        let view = RemedyView {
-            candidate: CandidateId(4),
-            roll_rad: 0.0,
-            tilt_rad: 0.0,
-            standoff_mm: 480.0,
-            part_from_scanner: Pose::identity(),
-            area_mm2: 10.0,
-        };
         let of_goal = |views: usize, goal: SelectionGoal| {
-            let views = vec![view.clone(); views];
+            let views = vec![view(); views];
             let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
             let (kind, area_mm2, of_spot, tried) = (RemedyKind::View, 9.5, 0.95, 30);
             let (ended_by, views_left) = (StopReason::MaxViews, Some(0));
@@ -160,16 +157,8 @@ mod tests {
     /// "73 % of it: 5 more views" headed a spot of a plan that views without a path were left out of.
     #[test]
     fn more_views_are_not_promised_where_views_without_a_path_were_left_out() {
-        let view = RemedyView {
-            candidate: CandidateId(4),
-            roll_rad: 0.0,
-            tilt_rad: 0.0,
-            standoff_mm: 480.0,
-            part_from_scanner: Pose::identity(),
-            area_mm2: 10.0,
-        };
         let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
-        let (kind, views, area_mm2, of_spot, tried) = (RemedyKind::View, vec![view; 5], 7.3, 0.73, 30);
+        let (kind, views, area_mm2, of_spot, tried) = (RemedyKind::View, vec![view(); 5], 7.3, 0.73, 30);
         let views = Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried };
         let (goal, ended_by) = (SelectionGoal::FewestViews, StopReason::NoPath);
         let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left: None, min_gain_mm2: 0.0 });
