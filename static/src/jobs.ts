@@ -17,22 +17,26 @@ export const ENDED = ["succeeded", "failed", "cancelled"];
 
 export const jobSignal = (id: string): Signal<Job> | undefined => jobs.get(id);
 
-export function keepJob(job: Job): Signal<Job> {
+/** Jobs that were deleted: an answer that was on its way by then does not bring them back. */
+const deleted = new Set<string>();
+
+const newestFirst = (): void => { jobIds.value = [...jobs.keys()].sort().reverse(); };
+
+function store(job: Job): void {
   const known = jobs.get(job.id);
-  if (known) {
-    // Lists lack what only the whole job has.
-    known.value = { ...known.peek(), ...job };
-    return known;
-  }
-  const made = signal(job);
-  jobs.set(job.id, made);
-  const ids = jobIds.peek();
-  const at = ids.findIndex((id) => id < job.id);
-  jobIds.value = at < 0 ? [...ids, job.id] : [...ids.slice(0, at), job.id, ...ids.slice(at)];
-  return made;
+  // Lists lack what only the whole job has.
+  if (known) known.value = { ...known.peek(), ...job };
+  else if (!deleted.has(job.id)) jobs.set(job.id, signal(job));
+}
+
+export function keepJob(job: Job): void {
+  const isNew = !jobs.has(job.id);
+  store(job);
+  if (isNew) newestFirst();
 }
 
 export function forgetJob(id: string): void {
+  deleted.add(id);
   jobs.delete(id);
   jobIds.value = jobIds.peek().filter((other) => other !== id);
 }
@@ -85,22 +89,17 @@ let filter = "";
 
 /** Reads the newest page that fits a filter, or the one after `token`. */
 async function listJobs(asked: string, token?: string): Promise<void> {
+  const before = jobIds.peek();
   const page = await ask<Page<Job>>(`/jobs?page_size=${PAGE_SIZE}${asked}${token ? `&page_token=${encodeURIComponent(token)}` : ""}`);
   const items = page.items;
   const oldest = items.at(-1)?.id;
   if (!token && !asked) {
     // What the list no longer has was deleted while nobody listened.
     const listed = new Set(items.map((job) => job.id));
-    jobIds.peek().filter((id) => !listed.has(id) && (!oldest || id > oldest)).forEach(forgetJob);
+    before.filter((id) => !listed.has(id) && (!oldest || id > oldest)).forEach(forgetJob);
   }
-  const ids = new Set(jobIds.peek());
-  items.forEach((job) => {
-    const known = jobs.get(job.id);
-    if (known) known.value = { ...known.peek(), ...job };
-    else jobs.set(job.id, signal(job));
-    ids.add(job.id);
-  });
-  jobIds.value = [...ids].sort().reverse();
+  items.forEach(store);
+  newestFirst();
   if (asked === filter) listed.value = { token: page.next_page_token ?? null, last: oldest ?? "" };
 }
 

@@ -4,7 +4,7 @@ import { chromium } from "playwright-core";
 
 /** Time for one wait: tests beside it may have all cores, and what hangs is ended by who started the script. */
 export const SLOW = 600_000;
-const SHOWN = 4000;
+const SHOWN = 1500;
 const [begun, steps] = [Date.now(), []];
 let opened = null;
 
