@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use super::given_params::named_by_sets;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{now, pool};
 use super::ranges::whole;
 use super::scanned_part::{RecordArgs, ScannedPartArgs, read_state, with_sets};
-use super::{CliError, files, output, params};
+use super::{CliError, FileFinding, files, output, params};
+use crate::cell::FieldError;
 use crate::geometry::LengthUnit;
 use crate::inspection::InspectionParams;
 use crate::inspection::ingest::ScanFrame;
@@ -71,8 +73,7 @@ pub struct CompareArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let params: InspectionParams = with_sets(&args.sets)?;
-    params.check().map_err(|errors| files::findings("parameters", &errors))?;
+    let params = with_sets(&args.sets, InspectionParams::check)?;
     let scans = sources(args)?;
     let record = args.run.load()?;
     let before = args.after.as_deref().map(read_state).transpose()?;
@@ -85,15 +86,23 @@ pub fn run(args: &CompareArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let job = InspectJob { plan: scanned.plan_bytes.clone(), scans, params, record, before, date: Some(now()) };
     let progress = |share: f64| output::note(format_args!("{:3.0} %", 100.0 * share));
     let inspected = pool.install(|| job.inspect(&scanned.part(), &progress, &Context::new(cancel, &Silent)));
-    let inspected = inspected.map_err(to_cli_error)?;
+    let inspected = inspected.map_err(|error| to_cli_error(error, &args.sets))?;
     folder.replace(&inspected.files, &FileOrigin { plan_sha256: Some(scanned.plan_sha256.clone()), made_from: None })?;
     output::result(&inspected.document, inspection_text(&inspected.document, &scanned.name))
 }
 
-fn to_cli_error(error: InspectError) -> CliError {
+/// Error of the command for an error of an inspection: at the option that gave a parameter that does not suit the plan.
+fn to_cli_error(error: InspectError, sets: &[String]) -> CliError {
+    let finding = |error: &FieldError| {
+        let (file, pointer) = match error.pointer.strip_prefix("/params/") {
+            Some(key) => ("parameters", format!("/{key}")),
+            None => ("the inspection", error.pointer.clone()),
+        };
+        FileFinding { file: file.to_owned(), pointer, detail: error.detail.clone() }
+    };
     match error {
         InspectError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
-        InspectError::Refused(errors) => files::findings("the inspection", &errors),
+        InspectError::Refused(errors) => named_by_sets(CliError::Findings(errors.iter().map(finding).collect()), sets),
         InspectError::Damaged(reason) => CliError::BadInput(reason),
     }
 }
@@ -196,6 +205,18 @@ mod tests {
         assert!(wanted.iter().all(|words| told.contains(*words)), "{told}");
         write("a scan of the real part");
         assert_eq!(check("ef"), Ok(()), "the record is not of this file");
+    }
+
+    /// A region that the plan does not have was told as `the inspection: /params/align/region`.
+    #[test]
+    fn a_parameter_that_does_not_suit_the_plan_is_told_at_its_option() {
+        let refused = |pointer: &str| {
+            let error = FieldError { pointer: pointer.to_owned(), detail: "is wrong".to_owned() };
+            to_cli_error(InspectError::Refused(vec![error]), &["align.region=rim".to_owned()]).to_string()
+        };
+        assert_eq!(refused("/params/align/region"), "--set align.region=rim: is wrong");
+        assert_eq!(refused("/params/align/method"), "parameters: /align/method: is wrong", "a default");
+        assert_eq!(refused("/scans/0"), "the inspection: /scans/0: is wrong");
     }
 
     /// The results' folder was made and the part read before a scan was missed, in the words of the operating system.

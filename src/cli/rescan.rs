@@ -54,8 +54,7 @@ pub struct RescanArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let params: RescanParams = with_sets(&args.sets)?;
-    params.check().map_err(|errors| files::findings("parameters", &errors))?;
+    let params = with_sets(&args.sets, RescanParams::check)?;
     let state = read_state(&args.inspection)?;
     let shown = args.inspection.display().to_string();
     state.check_found().map_err(|error| files::findings(&shown, &[error]))?;

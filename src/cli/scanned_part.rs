@@ -9,10 +9,10 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::check::fixture_of;
-use super::given_params::insert;
+use super::given_params::{insert, named_by_sets};
 use super::plan::{load_cell, load_mesh, load_scanner};
 use super::{CliError, files, output, set_value};
-use crate::cell::{Cell, Scanner, did_you_mean};
+use crate::cell::{Cell, FieldError, Scanner, did_you_mean};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::service::inspect_job::{InspectedPart, viewpoints_without_scan};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
@@ -175,8 +175,8 @@ impl ScannedPart {
     }
 }
 
-/// Parameters with defaults, changed by every `--set KEY=VALUE`.
-pub(super) fn with_sets<T>(sets: &[String]) -> Result<T, CliError>
+/// Parameters with defaults, changed by every `--set KEY=VALUE`, and checked.
+pub(super) fn with_sets<T>(sets: &[String], check: impl Fn(&T) -> Result<(), Vec<FieldError>>) -> Result<T, CliError>
 where
     T: Default + Serialize + DeserializeOwned + ToSchema + 'static,
 {
@@ -195,7 +195,12 @@ where
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
-    files::from_value(value, "parameters")
+    let read: Result<T, CliError> = files::from_value(value, "parameters");
+    let checked = read.and_then(|params| match check(&params) {
+        Ok(()) => Ok(params),
+        Err(errors) => Err(files::findings("parameters", &errors)),
+    });
+    checked.map_err(|error| named_by_sets(error, sets))
 }
 
 /// Keys of a value that are no tables.
@@ -231,6 +236,7 @@ mod tests {
     use crate::cli::planned_block::plan_of_two_views;
     use crate::geometry::mesh_io::write_stl;
     use crate::inspection::InspectionParams;
+    use crate::planning::params::RescanParams;
     use crate::testing::{box_mesh, nominal_scanner};
     use crate::wire::run::RUN_RECORD_SCHEMA;
 
@@ -283,12 +289,30 @@ mod tests {
     /// A misspelled parameter was told every parameter, and not the one that was meant.
     #[test]
     fn a_misspelled_parameter_is_told_the_nearest() {
-        let told = |set: &str| with_sets::<InspectionParams>(&[set.to_owned()]).map(drop).expect_err(set).to_string();
+        let told = |set: &str| with_sets(&[set.to_owned()], InspectionParams::check).map(drop).expect_err(set).to_string();
         let misspelled = told("compare.tolerance=0.3");
         let nearest = "--set compare.tolerance=0.3: compare.tolerance is not a parameter; did you mean compare.tolerance_mm? (";
         assert!(misspelled.starts_with(nearest) && misspelled.contains("align.method, "), "{misspelled}");
         let bare = told("compare.tolerance_mm");
         assert!(bare.contains("not of the form KEY=VALUE; the parameters are align.method, "), "{bare}");
+    }
+
+    /// The message named `parameters: /compare/tolerance_mm`, which nobody had typed.
+    #[test]
+    fn a_value_that_is_refused_is_told_at_the_option_that_gave_it() {
+        let told = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            with_sets(&sets, InspectionParams::check).map(drop).expect_err("refused").to_string()
+        };
+        for set in ["compare.tolerance_mm=-1", "compare.tolerance_mm=wide", "align.method=somehow"] {
+            let told = told(&[set]);
+            assert!(told.starts_with(&format!("--set {set}: ")) && !told.contains("parameters"), "{told}");
+        }
+        let later = told(&["align.prior_mm=0.1", "align.prior_mm=1e9"]);
+        assert!(later.starts_with("--set align.prior_mm=1e9: is "), "the one that counts: {later}");
+        let rescan = |set: &str| with_sets(&[set.to_owned()], RescanParams::check).map(drop).expect_err(set).to_string();
+        assert!(rescan("max_views=0").starts_with("--set max_views=0: is 0"), "{}", rescan("max_views=0"));
+        assert!(rescan("max_views=many").starts_with("--set max_views=many: "), "{}", rescan("max_views=many"));
     }
 
     /// The missing file was told, and not which folder is meant.

@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use super::given_params::named_by_sets;
 use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_mesh, pool};
 use super::ranges::whole;
 use super::scanned_part::{RecordArgs, ScannedPartArgs, with_sets};
-use super::{CliError, files, output, params};
+use super::{CliError, output, params};
 use crate::cell::FieldError;
 use crate::geometry::LengthUnit;
 use crate::inspection::simulated_scanner::SimulationParams;
@@ -58,8 +57,7 @@ pub(super) struct SimScannerArgs {
 /// # Errors
 /// [`CliError`].
 pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let sim: SimulationParams = with_sets(&args.sets)?;
-    sim.check().map_err(|errors| named_by_option(&errors, &args.sets))?;
+    let sim = with_sets(&args.sets, check)?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
     let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(args.as_built_unit), cancel)).transpose()?;
@@ -88,14 +86,13 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     output::result(&document(folder.path(), &written), words)
 }
 
-/// Findings of a check at the options that gave the parameters. Pointers of a simulation's check begin with `/sim`.
-fn named_by_option(errors: &[FieldError], sets: &[String]) -> CliError {
-    let of_option = |error: &FieldError| FieldError {
+/// Checks every range. Pointers of a simulation's check begin with `/sim`, which no option names.
+fn check(sim: &SimulationParams) -> Result<(), Vec<FieldError>> {
+    let of_option = |error: FieldError| FieldError {
         pointer: error.pointer.strip_prefix("/sim").unwrap_or(&error.pointer).to_owned(),
-        detail: error.detail.clone(),
+        detail: error.detail,
     };
-    let errors: Vec<FieldError> = errors.iter().map(of_option).collect();
-    named_by_sets(files::findings("parameters", &errors), sets)
+    sim.check().map_err(|errors| errors.into_iter().map(of_option).collect())
 }
 
 /// The folder and its files, as `--json` prints them. A path that is not UTF-8 is no value of JSON, but its text for people is.
@@ -111,8 +108,7 @@ mod tests {
     #[test]
     fn a_value_out_of_range_is_told_at_the_option_that_gave_it() {
         let sets = ["step_px=0".to_owned()];
-        let sim: SimulationParams = with_sets(&sets).expect("a number");
-        let told = named_by_option(&sim.check().expect_err("out of range"), &sets).to_string();
+        let told = with_sets(&sets, check).map(drop).expect_err("out of range").to_string();
         assert!(told.contains("--set step_px=0") && !told.contains("/sim"), "{told}");
     }
 

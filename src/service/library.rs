@@ -29,7 +29,7 @@ const MAX_NAMES: u32 = 50;
 type StoredMesh = (MeshSource, Option<String>, Option<(PartSize, FacesInFile)>);
 
 /// Faces of a mesh's file, as far as its stored report tells them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FacesInFile {
     /// Number of triangles: no fewer than there are faces.
     pub(super) triangles: usize,
@@ -37,13 +37,17 @@ pub(super) struct FacesInFile {
     pub(super) may_be_polygons: bool,
     /// True if there may be named groups.
     pub(super) may_be_grouped: bool,
+    /// Names of all groups, where they are known.
+    pub(super) group_names: Option<Vec<String>>,
 }
 
 impl FacesInFile {
     fn new(health: &MeshHealthReport) -> Self {
         let is = |format: MeshFormat| health.format == format.as_str();
         let is_stl = is(MeshFormat::StlBinary) || is(MeshFormat::StlAscii);
-        Self { triangles: health.triangles_in_file, may_be_polygons: !is_stl, may_be_grouped: !is_stl && !is(MeshFormat::Ply) }
+        let may_be_grouped = !is_stl && !is(MeshFormat::Ply);
+        let (triangles, group_names) = (health.triangles_in_file, health.group_names.clone());
+        Self { triangles, may_be_polygons: !is_stl, may_be_grouped, group_names }
     }
 }
 

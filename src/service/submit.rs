@@ -307,7 +307,7 @@ fn resolve(
     let (used, built_cell) = (std::mem::take(&mut lookup.used), lookup.built_cell.take());
     let beyond = scanner.as_ref().map(|scanner| limits_beyond(request, scanner, &errors));
     errors.extend(beyond.into_iter().flatten());
-    let absent = library.faces_in_file(request.mesh_id).map(|file| regions::absent(&request.params, file, &errors));
+    let absent = library.faces_in_file(request.mesh_id).map(|file| regions::absent(&request.params, &file, &errors));
     errors.extend(absent.into_iter().flatten());
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {

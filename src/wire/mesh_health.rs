@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::geometry::FaceGroup;
 use crate::geometry::mesh_io::ReadMesh;
 
 /// Facts of a mesh, and warnings to read before planning on it. Polygons count as the triangles that they were split into.
@@ -48,8 +49,23 @@ pub struct MeshHealthReport {
     pub inconsistent_edges: usize,
     /// Number of closed bodies that were inside out and have been flipped.
     pub flipped_bodies: usize,
+    /// Names of the groups of faces in the file (OBJ), which regions may name; `null` if there are more than 500, if they take more
+    /// than 16 KiB together, or in a report of an earlier release.
+    #[serde(default)]
+    pub group_names: Option<Vec<String>>,
     /// Warnings, the most serious first.
     pub warnings: Vec<MeshNote>,
+}
+
+/// Max number of names of groups in a report, and their bytes together: a list of meshes has the reports of all of them.
+const MAX_GROUP_NAMES: usize = 500;
+const MAX_GROUP_NAMES_BYTES: usize = 16 << 10;
+
+/// Names of the groups of a mesh; `None` if they are too many for a report.
+fn group_names(groups: &[FaceGroup]) -> Option<Vec<String>> {
+    let bytes: usize = groups.iter().map(|group| group.name.len()).sum();
+    let is_listed = groups.len() <= MAX_GROUP_NAMES && bytes <= MAX_GROUP_NAMES_BYTES;
+    is_listed.then(|| groups.iter().map(|group| group.name.clone()).collect())
 }
 
 /// Format of a mesh file.
@@ -122,7 +138,26 @@ impl MeshHealthReport {
             non_manifold_edges: health.non_manifold_edges,
             inconsistent_edges: health.inconsistent_edges,
             flipped_bodies: health.flipped_bodies,
+            group_names: group_names(&read.mesh.groups),
             warnings: health.warnings().into_iter().map(note).collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A list of meshes would have had a million names.
+    #[test]
+    fn names_of_groups_are_left_out_of_a_report_where_they_are_too_many_or_too_long() {
+        let told = |count: usize, length: usize| {
+            let name = |number: usize| format!("{number:0length$}");
+            let groups: Vec<FaceGroup> =
+                (0..count).map(|number| FaceGroup { name: name(number), source_faces: vec![0] }).collect();
+            group_names(&groups).map(|names| names.len())
+        };
+        assert_eq!([told(0, 1), told(MAX_GROUP_NAMES, 8), told(16, 1000)], [Some(0), Some(MAX_GROUP_NAMES), Some(16)]);
+        assert_eq!([told(MAX_GROUP_NAMES + 1, 8), told(17, 1000)], [None, None]);
     }
 }

@@ -399,6 +399,10 @@ pub(crate) const HOME_REMEDY: &str =
 pub(crate) const WITHOUT_PATH: &str = "views to which no collision-free path was found were left out; more views \
      (selection.target, selection.max_views) may measure some of it, and a smaller motion.clearance_mm may free a path";
 
+/// That remedy for further views, which take no parameters of a plan and end at its target.
+pub(crate) const RESCAN_WITHOUT_PATH: &str = "views to which no collision-free path was found were left out; plan the part again: \
+     more views (selection.target) may measure some of it, and a smaller motion.clearance_mm may free a path";
+
 /// Advice on how to keep two bodies apart, in a sentence.
 #[must_use]
 pub fn advice_sentence(advice: &Advice) -> String {
@@ -560,9 +564,18 @@ impl ChoiceRules {
     }
 
     /// Returns true if views without a path were left out of a plan, which therefore misses its target: no rule that ends the
-    /// choice mends that ([`WITHOUT_PATH`]).
+    /// choice mends that.
     pub(crate) fn left_out_views(self) -> bool {
-        matches!(self, Self::Plan(PlanRules { ended_by: StopReason::NoPath, .. }))
+        self.without_path().is_some()
+    }
+
+    /// Remedy of area that more views would measure, where views without a path were left out; `None` where none were.
+    pub(crate) fn without_path(self) -> Option<&'static str> {
+        match self {
+            Self::Plan(PlanRules { ended_by: StopReason::NoPath, .. }) => Some(WITHOUT_PATH),
+            Self::Rescan(StopReason::NoPath) => Some(RESCAN_WITHOUT_PATH),
+            Self::Plan(_) | Self::Rescan(_) => None,
+        }
     }
 
     /// The rules as they are to be changed for the views of a remedy; `None` where that does not help.
@@ -572,7 +585,8 @@ impl ChoiceRules {
             Self::Rescan(StopReason::Target) => "plan the part again with a higher selection.target, at which the rescan ends,",
             Self::Rescan(StopReason::MaxViews) => "raise max_views of the rescan",
             Self::Rescan(StopReason::Growth) => "lower min_gain of the rescan",
-            Self::Rescan(StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet) => {
+            Self::Rescan(StopReason::NoPath) => return None,
+            Self::Rescan(StopReason::NoGain | StopReason::RegionsUnmet) => {
                 "raise max_views of the rescan, or lower its min_gain,"
             }
         };
@@ -616,7 +630,7 @@ pub fn fix_sentence(remedy: &Remedy, rules: ChoiceRules) -> String {
     let mut text = match remedy.kind {
         RemedyKind::View => match rules.to_change(remedy) {
             Some(change) => format!("{change} so that candidate {candidate} is chosen too"),
-            None => return WITHOUT_PATH.to_owned(),
+            None => return rules.without_path().unwrap_or_default().to_owned(),
         },
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),

@@ -221,7 +221,7 @@ pub(super) fn share_on_part(cloud: &PointCloud, mesh_from_scanner: &Pose<Part, S
     near.iter().filter(|near| **near).count() as f64 / near.len().max(1) as f64
 }
 
-fn is_near(nearest: &NearestFace<'_>, point: &Point3<f64>) -> bool {
+pub(super) fn is_near(nearest: &NearestFace<'_>, point: &Point3<f64>) -> bool {
     nearest.nearest(point, NEAR_PART_MM).is_some()
 }
 

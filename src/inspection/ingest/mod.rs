@@ -6,6 +6,7 @@ mod clean;
 mod frames;
 mod holes;
 pub(in crate::inspection) mod merged;
+mod one_view;
 mod organise;
 mod swapped;
 #[cfg(test)]
@@ -27,6 +28,7 @@ pub use clean::{CleanOptions, PlateZone, Removed, RemovedBecause};
 pub use frames::{FrameAttempt, PlannedCapture, ScanFrame};
 use frames::{best_of, try_all};
 use merged::merged_images;
+pub use one_view::MAX_UNSEEN_SHARE;
 
 closed_list! {
     /// Findings about the files of a scan.
@@ -104,7 +106,7 @@ pub struct IngestFinding {
     pub code: IngestCode,
     /// File and, for E57, the name of the scan in it; none for a view without a file.
     pub file: Option<String>,
-    /// Number of the view; of [`IngestCode::ViewUnknown`] and [`IngestCode::Merged`] that of the file, which is no view of the plan.
+    /// Number of the view; of [`IngestCode::ViewUnknown`] and [`IngestCode::Merged`] that of the file, which is not of such a view.
     pub viewpoint: Option<u32>,
     /// View that the file fits better, or whose scan holds the same points.
     pub fits_viewpoint: Option<u32>,
@@ -112,7 +114,7 @@ pub struct IngestFinding {
     pub tried: Vec<FrameAttempt>,
     /// Longest triangle that was dropped, mm.
     pub longest_mm: Option<f64>,
-    /// Views that the plan takes, ascending, of a file that is of none of them by its number; else empty.
+    /// Views that the plan takes, ascending, of a file that is of none of them alone; else empty.
     pub viewpoints: Vec<u32>,
 }
 
@@ -439,16 +441,21 @@ fn read_file(
 ) -> Result<ReadFile, Cancelled> {
     let number = file.viewpoint.or_else(|| number_of(file.cloud.name.as_deref().unwrap_or(&file.file)));
     let capture = number.and_then(|number| world.captures.iter().find(|capture| capture.viewpoint == number));
+    let is_alone = clouds == 1 && file.viewpoint.is_none();
+    let is_of_several = match capture {
+        Some(named) if is_alone && world.captures.len() > 1 => one_view::is_of_several(&file, named, world, ctx)?,
+        Some(_) | None => false,
+    };
     // The only file is of the only view, whatever its name, unless it is declared to be of another one.
-    let is_only = world.captures.len() == 1 && clouds == 1 && file.viewpoint.is_none();
-    let capture = capture.or_else(|| world.captures.first().filter(|_| is_only));
+    let is_only = world.captures.len() == 1 && is_alone;
+    let capture = capture.filter(|_| !is_of_several).or_else(|| world.captures.first().filter(|_| is_only));
     let viewpoint = capture.map(|capture| capture.viewpoint);
     let print = swapped::fingerprint(&file.cloud);
     let (name, fit) = (label(&file), ViewFit::OnPart);
     let mut read = ReadFile { name, viewpoint, scans: Vec::new(), findings: Vec::new(), fit, print };
     match capture {
         Some(capture) => take_view(file, capture, world, options, &mut read),
-        None if clouds == 1 && file.viewpoint.is_none() => take_merged(file, number, world, (options, ctx), &mut read)?,
+        None if is_alone => take_merged(file, number, world, (options, ctx), &mut read)?,
         None => {
             let finding = IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), None);
             read.findings.push(finding.with_number(number, world));
@@ -553,7 +560,7 @@ fn diagnosis(
     }
 }
 
-/// A cloud of all views, put into the image of each. A number in its name may be that of the part, or that of a view that does not exist.
+/// A cloud of all views, put into the image of each. A number in its name may be that of the part, be it also one of a view.
 fn take_merged(
     file: ScanFile,
     number: Option<u32>,

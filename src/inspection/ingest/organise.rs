@@ -26,10 +26,7 @@ pub(super) fn project(points_mm: &[[f32; 3]], scanner: &Scanner, removed: &mut R
     let missing = points_mm.iter().zip(&pixels).filter(|(point, pixel)| !point[0].is_nan() && pixel.is_none()).count();
     removed.count(RemovedBecause::OutsideImage, missing);
     removed.is_projected = true;
-    let mut grids = CELL_PIXELS.map(|step_px| PixelGrid::new(scanner, step_px)).into_iter();
-    let largest = PixelGrid::new(scanner, CELL_PIXELS[CELL_PIXELS.len() - 1]);
-    let places = || pixels.iter().flatten().map(|(pixel, _)| *pixel);
-    let grid = grids.find(|grid| fill(&occupied(places(), grid), grid) >= DENSE_SHARE).unwrap_or(largest);
+    let grid = filled_grid(&pixels, scanner);
     let mut depth = vec![f32::INFINITY; grid.cells()];
     let mut cells = vec![[f32::NAN; 3]; grid.cells()];
     for (point, pixel) in points_mm.iter().zip(&pixels) {
@@ -39,6 +36,14 @@ pub(super) fn project(points_mm: &[[f32; 3]], scanner: &Scanner, removed: &mut R
         }
     }
     PointCloud { points_mm: cells, grid: Some(grid.size) }
+}
+
+/// Grid of the smallest cells that images of points, with their depths, fill; of the largest where they fill none.
+pub(super) fn filled_grid(images: &[Option<([f32; 2], f32)>], scanner: &Scanner) -> PixelGrid {
+    let mut grids = CELL_PIXELS.map(|step_px| PixelGrid::new(scanner, step_px)).into_iter();
+    let largest = PixelGrid::new(scanner, CELL_PIXELS[CELL_PIXELS.len() - 1]);
+    let places = || images.iter().flatten().map(|(pixel, _)| *pixel);
+    grids.find(|grid| fill(&occupied(places(), grid), grid) >= DENSE_SHARE).unwrap_or(largest)
 }
 
 /// Returns true if most points of a cloud are imaged near their cells of a grid of its size. Else it is organised by another image, such as
@@ -54,7 +59,8 @@ pub(super) fn is_in_cells(cloud: &PointCloud, grid: &PixelGrid) -> bool {
     2 * near.iter().filter(|is_near| **is_near).count() >= near.len()
 }
 
-fn pixel_of(point: &[f32; 3], image: &PixelGrid) -> Option<([f32; 2], f32)> {
+/// Place of a point's image in the left camera, pixels, and its depth, mm; `None` outside of the image.
+pub(super) fn pixel_of(point: &[f32; 3], image: &PixelGrid) -> Option<([f32; 2], f32)> {
     let (pixel, depth) = image.image_of(&Point3::from(point.map(f64::from)))?;
     Some((pixel.map(|value| value as f32), depth as f32))
 }

@@ -20,7 +20,7 @@ const MIN_POINTS: usize = 100;
 const PRINTED_POINTS: usize = 100_000;
 
 /// Frames in which the points lie on the part whatever view they are said to be of.
-const FRAMES_OF_PART: [ScanFrame; 4] = [ScanFrame::Base, ScanFrame::Table, ScanFrame::Plate, ScanFrame::Part];
+pub(super) const FRAMES_OF_PART: [ScanFrame; 4] = [ScanFrame::Base, ScanFrame::Table, ScanFrame::Plate, ScanFrame::Part];
 
 /// Fingerprint of the points of a cloud; none of a few points. Noise makes those of two captures differ.
 pub(super) fn fingerprint(cloud: &StoredCloud) -> Option<u64> {

@@ -390,6 +390,37 @@ fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
     }
 }
 
+/// It was taken for the scan of that view, and the other views were told to lack theirs.
+#[test]
+fn a_merged_cloud_whose_name_has_the_number_of_a_view_is_taken_as_merged_and_a_scan_of_that_view_is_not() {
+    let cell = Cell::new();
+    let mut all = cell.file(0, LengthUnit::Millimetre, ScanFrame::Part, "part_4.ply");
+    for view in 1..4 {
+        all.cloud.points.extend(cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, "").cloud.points);
+    }
+    all.cloud.points.retain(|point| !point[0].is_nan());
+    all.cloud.grid = None;
+    let taken = cell.ingest(vec![all.clone()]);
+    assert_eq!(codes(&taken), [IngestCode::Merged], "{:?}", taken.findings);
+    assert_eq!((taken.scans.len(), taken.findings[0].viewpoint), (4, Some(4)));
+    assert!(taken.scans.iter().all(|scan| scan.is_approximate));
+    // Its user may say that it is the view's.
+    let declared = cell.ingest(vec![ScanFile { viewpoint: Some(4), ..all }]);
+    assert!(!codes(&declared).contains(&IngestCode::Merged), "{:?}", declared.findings);
+    // The scan of that view alone, the half of it, and every seventh point of it, in the frame that a merged cloud has too.
+    for (keep, every) in [(1.0, 1), (0.5, 1), (1.0, 7)] {
+        let mut own = cell.file(3, LengthUnit::Millimetre, ScanFrame::Part, "part_4.ply");
+        own.cloud.points.retain(|point| !point[0].is_nan());
+        own.cloud.grid = None;
+        let count = own.cloud.points.len();
+        own.cloud.points.truncate((keep * count as f64) as usize);
+        own.cloud.points = own.cloud.points.into_iter().step_by(every).collect();
+        let taken = cell.ingest(vec![own]);
+        let [scan] = &taken.scans[..] else { panic!("{keep}, {every}: {:?}", taken.findings) };
+        assert_eq!((scan.scan.viewpoint, scan.is_approximate), (4, false), "{keep}, {every}: {:?}", taken.findings);
+    }
+}
+
 #[test]
 fn a_merged_cloud_that_is_a_speck_beside_the_part_is_refused() {
     let cell = Cell::new();

@@ -43,7 +43,7 @@ use super::sequence::{Ordered, Sequence, straight_secs};
 use super::setups::Setup;
 use super::stations::Station;
 use super::visibility::{Row, SampleSet};
-use crate::cell::Cell;
+use crate::cell::{Cell, Configuration};
 use crate::geometry::{Part, Pose, RayScene, Table};
 use more_views::MoreViews;
 
@@ -205,7 +205,7 @@ pub(super) fn of(
     scope: &AdviceScope<'_>,
     ctx: &Context<'_>,
 ) -> Result<Vec<PlanAdvice>, PlanError> {
-    let more_views = basis.more_views.as_ref().and_then(|more| more.advice(basis, outcome));
+    let more_views = basis.more_views.as_ref().and_then(|more| more.advice(basis, outcome, scope.input.cell));
     let turn_over = turn_over::advice(&Basis::of_outcome(outcome), outcome, scope, ctx)?;
     let mut advice: Vec<PlanAdvice> = turn_over.into_iter().chain(more_views).collect();
     // Stable: of equal ones the order above stays.
@@ -266,24 +266,70 @@ fn quickest_secs(cell: &Cell, motion: &MotionParams, [from, to]: [&[Station]; 2]
 
 /// Cycle time of a plan with so many more views, the moves of which take `added_secs`, and without its views that do not stay;
 /// `None` without a cell.
-fn cycle_secs(outcome: &Outcome, stays: impl Fn(ViewId) -> bool, (added_views, added_secs): (usize, f64)) -> Option<f64> {
-    let (plan, scan) = (&outcome.plan, &outcome.plan.params.scan);
-    plan.sequences().next()?;
+///
+/// The estimate assumes that the views which stay keep their stations and their order ([`moving_secs`]); `added_secs` has the
+/// moves of each further setup, from home and back too. Each view settles once; a further one is captured as often as those of
+/// the plan on average. A plan with the advised parameters chooses its views and their order anew.
+fn cycle_secs(
+    outcome: &Outcome,
+    cell: Option<&Cell>,
+    stays: impl Fn(ViewId) -> bool,
+    (added_views, added_secs): (usize, f64),
+) -> Option<f64> {
+    let (plan, scan, motion) = (&outcome.plan, &outcome.plan.params.scan, &outcome.plan.params.motion);
+    let axes = cell?.axes();
+    let secs_between = |from: &Configuration, to: &Configuration| straight_secs(&axes, from, to, motion);
     let staying: Vec<ViewId> = plan.visits().map(|(view, _)| *view).filter(|view| stays(*view)).collect();
+    // A view may be captured at two levels of brightness.
     let captures_of = |view: &ViewId| plan.views.get(view.index()).map_or(1, |view| view.levels(scan).len());
-    // A view may be captured at two levels of brightness; a further one is taken to be captured once.
-    let captures: usize = staying.iter().map(captures_of).sum();
-    let counts = [staying.len(), captures].map(|count| (count + added_views) as f64);
-    let moving_secs: f64 = plan.sequences().map(|sequence| moving_secs(sequence, &stays)).sum();
-    Some(moving_secs + added_secs + counts[0] * scan.settle_secs + counts[1] * scan.capture_secs)
+    let captures = staying.iter().map(captures_of).sum::<usize>() as f64
+        + captures_of_further(added_views, plan.captures(), plan.visits().count());
+    let moving_secs: f64 = plan.sequences().map(|sequence| moving_secs(sequence, &stays, secs_between)).sum();
+    let settling_secs = (staying.len() + added_views) as f64 * scan.settle_secs;
+    Some(moving_secs + added_secs + settling_secs + captures * scan.capture_secs)
 }
 
-/// Time of the moves through the views of a sequence that stay. One that loses some is taken to lose as large a share of its
-/// moves, of which there is one to each view and one home.
-fn moving_secs(sequence: &Sequence, stays: impl Fn(ViewId) -> bool) -> f64 {
-    let staying = sequence.visits.iter().filter(|(view, _)| stays(*view)).count();
-    let moves = if staying == 0 { 0 } else { staying + 1 };
-    sequence.motion_secs() * moves as f64 / (sequence.visits.len() + 1) as f64
+/// Captures of further views: each has as many as the views of a plan have on average, one where the plan has none.
+fn captures_of_further(further: usize, captures: usize, views: usize) -> f64 {
+    let of_each = if views == 0 { 1.0 } else { captures as f64 / views as f64 };
+    further as f64 * of_each
+}
+
+/// Time of the moves through the views of a sequence that stay, at their stations and in their order. A move between two that
+/// follow each other takes as long as planned; one past views that drop out is taken to be straight, without a detour. Fewer
+/// views lie further apart: a share of the time of all moves, or as many of average length, would be far too short.
+fn moving_secs(
+    sequence: &Sequence,
+    stays: impl Fn(ViewId) -> bool,
+    secs_between: impl Fn(&Configuration, &Configuration) -> f64,
+) -> f64 {
+    let visits = sequence.visits.iter().map(|(view, leg)| (stays(*view), leg));
+    let (mut from, mut is_past_others, mut secs) = (sequence.return_home.target.configuration(), false, 0.0);
+    for (is_kept, leg) in visits.chain([(true, &sequence.return_home)]) {
+        if is_kept {
+            let to = leg.target.configuration();
+            secs += if is_past_others { secs_between(&from, &to) } else { leg.duration_secs };
+            from = to;
+        }
+        is_past_others = !is_kept;
+    }
+    secs
+}
+
+/// Time by which a further sequence in the same setup lengthens a plan's own. The two are taken to be run as one, with a straight
+/// move from an end of one to an end of the other in place of a way home and one from there: both can be run backwards.
+fn lengthening_secs(own: &Sequence, further: &Sequence, secs_between: impl Fn(&Configuration, &Configuration) -> f64) -> f64 {
+    let (own, further_ends) = (ends(own), ends(further));
+    let pairs = own.iter().flatten().flat_map(|own| further_ends.iter().flatten().map(move |further| (own, further)));
+    let saved_secs = pairs.map(|((a, home_a_secs), (b, home_b_secs))| home_a_secs + home_b_secs - secs_between(a, b));
+    further.motion_secs() - saved_secs.fold(0.0, f64::max)
+}
+
+/// First and last stop of a sequence, each with the time of the move between it and home; `None` without views.
+fn ends(sequence: &Sequence) -> Option<[(Configuration, f64); 2]> {
+    let ((_, first), (_, last)) = (sequence.visits.first()?, sequence.visits.last()?);
+    let return_secs = sequence.return_home.duration_secs;
+    Some([(first.target.configuration(), first.duration_secs), (last.target.configuration(), return_secs)])
 }
 
 /// Returns true if a plan that limits its views cannot take so many, whatever its limit: the range of the limit ends before.
@@ -306,20 +352,52 @@ mod tests {
     use super::*;
     use crate::planning::sequence::Leg;
 
-    #[test]
-    fn a_sequence_that_loses_views_loses_as_large_a_share_of_its_moves() {
-        let leg = |duration_secs: f64| {
-            let target = Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] };
+    /// A sequence from home, at 0, through stations at these angles of the first joint, each with the time of the move to it.
+    fn sequence(stops: &[(f64, f64)], return_secs: f64) -> Sequence {
+        let leg = |joint_rad: f64, duration_secs: f64| {
+            let target = Station { table_angle_rad: 0.0, joints_rad: [joint_rad, 0.0, 0.0, 0.0, 0.0, 0.0] };
             Leg { via_rad: Vec::new(), target, duration_secs, passed_within_rad: None, turning_secs: 0.0 }
         };
-        let sequence = Sequence {
-            visits: [4.0, 2.0, 3.0].into_iter().enumerate().map(|(view, secs)| (ViewId::at(view), leg(secs))).collect(),
-            return_home: leg(3.0),
-            ordered_secs: 12.0,
+        let visits = stops.iter().enumerate().map(|(view, (joint_rad, secs))| (ViewId::at(view), leg(*joint_rad, *secs)));
+        Sequence {
+            visits: visits.collect(),
+            return_home: leg(0.0, return_secs),
+            ordered_secs: 0.0,
             lower_bound_secs: 0.0,
             moving_lower_secs: 0.0,
-        };
-        let with_first = |kept: usize| moving_secs(&sequence, |view| view.index() < kept);
-        assert_eq!([0, 1, 2, 3].map(with_first), [0.0, 6.0, 9.0, 12.0]);
+        }
+    }
+
+    /// The first joint turns by 1 rad/s, without ramps.
+    fn secs_between(from: &Configuration, to: &Configuration) -> f64 {
+        (from.joints_rad[0] - to.joints_rad[0]).abs()
+    }
+
+    /// Far from home and near to each other: with an even share of all moves one view took 12.25 s, two took 18.375 s.
+    #[test]
+    fn a_sequence_that_loses_views_keeps_the_way_from_home_and_back() {
+        // The way to the first has a detour.
+        let sequence = sequence(&[(10.0, 10.5), (11.0, 1.0), (12.0, 1.0)], 12.0);
+        let with = |kept: &[u32]| moving_secs(&sequence, |view| kept.contains(&view.0), secs_between);
+        assert_eq!([with(&[]), with(&[0]), with(&[1]), with(&[2])], [0.0, 20.5, 22.0, 24.0]);
+        assert_eq!([with(&[0, 1]), with(&[0, 2]), with(&[1, 2]), with(&[0, 1, 2])], [22.5, 24.5, 24.0, 24.5]);
+    }
+
+    /// The way from home and back counted twice: 24 s.
+    #[test]
+    fn further_views_in_a_setup_of_the_plan_are_taken_on_one_way_from_home() {
+        let further = sequence(&[(11.0, 11.0), (12.0, 1.0)], 12.0);
+        let beside =
+            |stops: &[(f64, f64)], return_secs: f64| lengthening_secs(&sequence(stops, return_secs), &further, secs_between);
+        // 0, 10, 11, 12, 0 takes 24 s, of which 20 s were there; 0, 13, 12, 11, 0 takes 26 s as before.
+        assert_eq!([beside(&[(10.0, 10.0)], 10.0), beside(&[(13.0, 13.0)], 13.0)], [4.0, 0.0]);
+        // On the other side of home it is as far; so it is beside no view at all.
+        assert_eq!([beside(&[(-5.0, 5.0)], 5.0), beside(&[], 0.0)], [24.0, 24.0]);
+    }
+
+    /// They were captured once, where each view of the plan is captured twice.
+    #[test]
+    fn further_views_are_captured_as_often_as_those_of_the_plan() {
+        assert_eq!([captures_of_further(3, 8, 4), captures_of_further(3, 6, 4), captures_of_further(3, 0, 0)], [6.0, 4.5, 3.0]);
     }
 }

@@ -6,7 +6,7 @@ use super::turn_over::raised_limit;
 use super::{
     Basis, MAX_VIEWS, Wanted, choose as choose_rows, cycle_secs, exceeds_every_limit, quickest_secs, starting_params, views_of,
 };
-use crate::cell::Configuration;
+use crate::cell::{Cell, Configuration};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex};
 use crate::planning::params::{Registration, SelectionGoal, SelectionParams};
@@ -173,7 +173,7 @@ impl MoreViews {
     }
 
     /// The advice to choose them; `None` where no parameter asks for them.
-    pub(super) fn advice(&self, basis: &Basis, outcome: &Outcome) -> Option<PlanAdvice> {
+    pub(super) fn advice(&self, basis: &Basis, outcome: &Outcome, cell: Option<&Cell>) -> Option<PlanAdvice> {
         let (plan, params) = (&outcome.plan, &outcome.plan.params);
         let views = views_of(outcome) + self.added;
         if exceeds_every_limit(params.selection.max_views, views) {
@@ -191,7 +191,7 @@ impl MoreViews {
             views,
             measured_area_mm2: self.measured_mm2.max(basis.measured_mm2()),
             visible_area_mm2: plan.coverage.visible_area_mm2,
-            cycle_secs: cycle_secs(outcome, |_| true, (self.added, self.moving_secs)),
+            cycle_secs: cycle_secs(outcome, cell, |_| true, (self.added, self.moving_secs)),
             regions_met: Vec::new(),
         })
     }

@@ -5,17 +5,18 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use super::turn_over::WantedRegion;
-use super::{Basis, Wanted, choose, quickest_secs, starting_params, within};
+use super::{Basis, Wanted, choose, lengthening_secs, quickest_secs, starting_params, within};
 use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, ViewId};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Outcome, SetupId, SetupPlan};
+use crate::planning::plan::{Outcome, Plan, SetupId, SetupPlan};
 use crate::planning::problem::{EvaluatedCandidates, TriedSetup};
 use crate::planning::registration::{SharedSurface, shared, union_of};
 use crate::planning::scene::PlanningScene;
 use crate::planning::selection::{self, CoverProblem};
+use crate::planning::sequence::straight_secs;
 use crate::planning::stations::Station;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::MIN_RESISTANCE;
@@ -256,17 +257,18 @@ impl<'a> Trial<'a> {
         links.join(&self.measured_by_setup(links))
     }
 
-    /// Orders the views that were chosen, and drops those without a path. Returns the time of their moves, 0 without a cell.
-    pub(super) fn order(&mut self, ctx: &Context<'_>) -> Result<f64, Cancelled> {
+    /// Orders the views that were chosen, and drops those without a path. Returns the time that their moves add to a plan:
+    /// in a setup of its own that is among the tried ones all of its views stay. 0 without a cell.
+    pub(super) fn order(&mut self, plan: &Plan, ctx: &Context<'_>) -> Result<f64, Cancelled> {
         let mut moving_secs = 0.0;
         for setup in 0..self.setups.len() {
-            moving_secs += self.order_setup(setup, ctx)?;
+            moving_secs += self.order_setup(setup, plan, ctx)?;
         }
         Ok(moving_secs)
     }
 
-    fn order_setup(&mut self, setup: usize, ctx: &Context<'_>) -> Result<f64, Cancelled> {
-        let TriedSetup { surface, scene, .. } = self.setups[setup];
+    fn order_setup(&mut self, setup: usize, plan: &Plan, ctx: &Context<'_>) -> Result<f64, Cancelled> {
+        let TriedSetup { table_from_part, surface, scene, .. } = self.setups[setup];
         let own: Vec<usize> = self.chosen.iter().copied().filter(|place| self.setup_of[*place] == setup).collect();
         let Some(scene) = scene.filter(|_| !own.is_empty()) else { return Ok(0.0) };
         let views: Vec<(ViewId, &[Station])> = ViewId::number(own.iter().map(|place| self.stations[*place])).collect();
@@ -279,7 +281,11 @@ impl<'a> Trial<'a> {
         self.table_rad.extend(visits.map(|(view, leg)| (own[view.index()], leg.target.table_angle_rad)));
         let no_path: Vec<usize> = ordered.no_path.iter().map(|view| own[view.index()]).collect();
         self.chosen.retain(|place| !no_path.contains(place));
-        Ok(ordered.sequence.motion_secs())
+        let own = plan.setups.iter().find(|own| own.table_from_part == table_from_part);
+        let Some(own) = own.and_then(|own| own.sequence.as_ref()) else { return Ok(ordered.sequence.motion_secs()) };
+        let axes = scene.cell().axes();
+        let secs_between = |from: &Configuration, to: &Configuration| straight_secs(&axes, from, to, &plan.params.motion);
+        Ok(lengthening_secs(own, &ordered.sequence, secs_between))
     }
 
     /// Samples of a surface that the chosen views measure, past the obstacles of the cell.

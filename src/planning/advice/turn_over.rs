@@ -97,7 +97,7 @@ struct Recovered {
     enough_mm2: f64,
     /// Views that were chosen in the further setups.
     chosen_views: usize,
-    /// Time of their moves, 0 without a cell.
+    /// Time that their moves add, 0 without a cell.
     moving_secs: f64,
 }
 
@@ -327,7 +327,7 @@ fn attempted(
     if !trial.has_views_where(is_new) || !trial.join(links.as_ref(), ctx)? {
         return Ok(None);
     }
-    let moving_secs = trial.order(ctx)?;
+    let moving_secs = trial.order(&outcome.plan, ctx)?;
     // Views without a path were dropped.
     if !trial.has_views_where(is_new) || links.is_some_and(|links| !trial.is_joined(&links)) {
         return Ok(None);
@@ -494,7 +494,7 @@ fn into_advice(
         views,
         measured_area_mm2: measured_mm2,
         visible_area_mm2: plan.coverage.visible_area_mm2 + freed_mm2(start, choice),
-        cycle_secs: cycle_secs(outcome, |view| staying_views.contains(&view), (chosen_views, moving_secs)),
+        cycle_secs: cycle_secs(outcome, scope.input.cell, |view| staying_views.contains(&view), (chosen_views, moving_secs)),
         regions_met,
     })
 }

@@ -224,7 +224,8 @@ impl<'a> RemedySearch<'a> {
         Ok(raised.unwrap_or_else(|| self.fallback.into_remedy(self.tried)))
     }
 
-    /// Candidates that measure it and could have been chosen.
+    /// Candidates that measure it and could have been chosen. They have stations, but a path is known to those alone that were
+    /// chosen: the cell is asked for the ones that would be told.
     fn left_out(&mut self, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         if self.spot.cause != Cause::NotChosen {
             return Ok(None);
@@ -237,7 +238,8 @@ impl<'a> RemedySearch<'a> {
         let choosable: Vec<CandidateIndex> =
             analysis.candidates.indices().filter(|candidate| analysis.choosable[candidate.index()]).collect();
         let bits: Vec<u64> = choosable.iter().map(bits).collect();
-        let Some(pick) = self.pick(&bits, |_| Ok(true))? else { return Ok(None) };
+        let can_execute = |i: usize| self.can_execute(&source.as_is(choosable[i]));
+        let Some(pick) = self.pick(&bits, can_execute)? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| source.as_is(choosable[*i])).collect();
         let remedy = self.confirmed(RemedyKind::View, &views, &self.context.optics, analysis.occluders.rays(), source);
         Ok(self.fallback.unless_works(remedy))
@@ -376,26 +378,21 @@ impl<'a> RemedySearch<'a> {
         let shortlist = bases::shortlist(&context.poses, choosable, &self.samples, &context.widest, rays, self.ctx)?;
         let as_is: Vec<Proposal> = shortlist.iter().map(|(candidate, _)| source.as_is(*candidate)).collect();
         self.tried += as_is.len();
-        if let Some(remedy) = self.smallest_limit(&as_is, true, source)? {
+        if let Some(remedy) = self.smallest_limit(&as_is, source)? {
             return Ok(Some(remedy));
         }
         let moved: Vec<Proposal> = tried.iter().map(|tried| tried.proposal.clone()).collect();
-        self.smallest_limit(&moved, false, source)
+        self.smallest_limit(&moved, source)
     }
 
-    fn smallest_limit(
-        &mut self,
-        proposals: &[Proposal],
-        taken: bool,
-        source: &ProposalSource<'_>,
-    ) -> Result<Option<Remedy>, Cancelled> {
+    fn smallest_limit(&mut self, proposals: &[Proposal], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let needs = |proposal: &Proposal| {
             self.ctx.check()?;
             Ok(Needs::of(&self.samples, &Probe::new(&context.widest, &proposal.pose, rays)))
         };
         let needs = parallel::try_map::<_, _, Cancelled>(proposals, needs)?;
-        let mut answers: Vec<Option<bool>> = vec![taken.then_some(true); proposals.len()];
+        let mut answers: Vec<Option<bool>> = vec![None; proposals.len()];
         // Few samples that views last measured which did not do on all samples.
         let mut refuted = None;
         for limits_deg in context.limits.steps_deg() {

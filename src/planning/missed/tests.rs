@@ -1,10 +1,16 @@
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::{Point3, Vector3};
 
-use super::spots;
+use super::{CanExecute, MissAnalysis, explain, spots};
 use crate::geometry::Mesh;
-use crate::planning::params::{PartParams, RegionParams};
-use crate::planning::plan::{Cause, Grade, Verdict};
+use crate::planning::PlanInput;
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::{PartParams, PlanParams, RegionParams, Strategy};
+use crate::planning::plan::{Cause, Grade, Remedy, RemedyKind, Verdict};
+use crate::planning::problem::{EvaluatedSetups, SampledPart};
 use crate::planning::surface::{self, Surface};
+use crate::testing::{box_mesh, nominal_scanner};
 
 /// A square plate of two triangles, 60 mm wide, in patches of at most 4 mm.
 fn plate() -> (Mesh, Surface) {
@@ -50,4 +56,70 @@ fn causes_are_apart_in_their_order() {
     assert_eq!(causes, [Cause::Facing, Cause::NotChosen]);
     let area_mm2: f64 = found.iter().map(|spot| spot.area_mm2).sum();
     assert!((area_mm2 - 3600.0).abs() < 1e-6);
+}
+
+/// Parameters with candidates all around a part, on few samples.
+fn all_around() -> PlanParams {
+    let mut params = PlanParams::default();
+    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.2), Some(1000.0));
+    (params.candidates.strategies, params.candidates.even_directions) = (vec![Strategy::Even], Some(60));
+    params
+}
+
+/// The remedy of the top of a block, which is missed for a cause, in a cell that can execute some of the views.
+fn remedy_of_top(params: &PlanParams, cause: Cause, can_execute: &CanExecute<'_>) -> Remedy {
+    let (mesh, scanner, cancel) = (box_mesh([-30.0; 3], [30.0; 3]), nominal_scanner(), AtomicBool::new(false));
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+    let ctx = Context::new(&cancel, &Silent);
+    let sampled = SampledPart::new(&input, params, &ctx).expect("samples");
+    let setups = sampled.setups(&input, &ctx).expect("a setup");
+    let EvaluatedSetups { on, evaluated, .. } = sampled.evaluate(&input, &setups, &ctx).expect("candidates");
+    let part_alone = sampled.part_alone(&input, &setups, &ctx).expect("not cancelled");
+    let poses: Vec<_> = setups.iter().map(|setup| setup.table_from_part).collect();
+    let analysis = MissAnalysis {
+        input: &input,
+        sampled: &sampled,
+        mesh: &mesh,
+        surface: &on.surface,
+        scanner: &scanner,
+        params: &sampled.params,
+        setups: &poses,
+        first: poses[0],
+        occluders: sampled.occluders(&setups),
+        part_alone: &part_alone,
+        candidates: &evaluated.candidates,
+        rows: &evaluated.matrix.rows,
+        choosable: vec![true; evaluated.candidates.remaining.len()],
+        can_execute: Some(can_execute),
+    };
+    let verdict = |sample| {
+        let is_top = on.surface.patch_of(sample).normal.z > 0.9;
+        if is_top { Verdict::Missed(cause) } else { Verdict::Measured(Grade::A) }
+    };
+    let verdicts: Vec<Verdict> = on.surface.samples().map(verdict).collect();
+    let missed = explain(&analysis, &verdicts, &ctx).expect("not cancelled");
+    missed[0].spots[0].remedy.clone().expect("one was looked for")
+}
+
+/// It was told as the remedy, though no path leads to it.
+#[test]
+fn a_view_that_was_left_out_is_no_remedy_where_the_cell_cannot_execute_it() {
+    let params = all_around();
+    let remedy = remedy_of_top(&params, Cause::NotChosen, &|_| Ok(true));
+    assert_eq!((remedy.kind, remedy.works()), (RemedyKind::View, true), "{remedy:?}");
+    let refused = remedy.views[0].part_from_scanner;
+    let other = remedy_of_top(&params, Cause::NotChosen, &|pose| Ok(*pose != refused));
+    assert_eq!(other.kind, RemedyKind::View, "{other:?}");
+    assert!(other.views.iter().all(|view| view.part_from_scanner != refused), "{other:?}");
+    let none = remedy_of_top(&params, Cause::NotChosen, &|_| Ok(false));
+    assert_eq!((none.kind, none.views.len()), (RemedyKind::None, 0), "{none:?}");
+}
+
+/// A larger limit for candidates as they are was told, though no path leads to any.
+#[test]
+fn a_larger_limit_is_no_remedy_where_the_cell_cannot_execute_any_view() {
+    let mut params = all_around();
+    (params.limits.camera_deg, params.limits.projector_deg) = (Some(60.0), Some(55.0));
+    let remedy = remedy_of_top(&params, Cause::IncidenceLeft, &|_| Ok(false));
+    assert_eq!((remedy.kind, remedy.views.len()), (RemedyKind::None, 0), "{remedy:?}");
 }

@@ -135,7 +135,7 @@ impl<'a> Solution<'a> {
             missed,
             stopped_because: stopped_because(
                 chosen.selection.stopped_because,
-                !self.all_excluded.is_empty(),
+                self.given_up(),
                 &coverage,
                 &problem.params.selection,
             ),
@@ -147,6 +147,16 @@ impl<'a> Solution<'a> {
             advice: Vec::new(),
             coverage,
             params: problem.params.clone(),
+        }
+    }
+
+    fn given_up(&self) -> GivenUp {
+        if !self.no_path.is_empty() {
+            GivenUp::Views
+        } else if self.all_excluded.is_empty() {
+            GivenUp::Nothing
+        } else {
+            GivenUp::Candidates
         }
     }
 
@@ -304,16 +314,33 @@ fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateIndex) -> Row {
     visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, problem.row(candidate))
 }
 
+/// What was given up for want of a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum GivenUp {
+    /// Nothing.
+    Nothing,
+    /// Candidates; every view that was chosen in place of them has a path.
+    Candidates,
+    /// Views among those that were chosen last, which are not executed.
+    Views,
+}
+
 /// The rule that ended the selection, held against what came of it ([`crate::planning::method::selection`]).
 ///
 /// A selection that met its target among the views that have a path has not met it when what the given-up views would have
 /// measured counts too, as it does in the coverable area. One that met its target, or could gain nothing more, still leaves
 /// regions unmet whose measured share of the asked area is below their own target.
-fn stopped_because(ended_by: StopReason, gave_up_views: bool, coverage: &Coverage, params: &SelectionParams) -> StopReason {
+///
+/// The target of further views is met together with earlier scans, whatever their share of the open area is: views in place of those
+/// that were given up are expected to meet it. They are chosen at all only where something can be gained, so that nothing can be gained
+/// any more once views are given up.
+fn stopped_because(ended_by: StopReason, given_up: GivenUp, coverage: &Coverage, params: &SelectionParams) -> StopReason {
     let is_short = !coverage.reaches_target(params);
     let leaves_unmet = coverage.regions.iter().any(RegionCoverage::is_unmet);
+    let lacks_views = given_up == GivenUp::Views || given_up == GivenUp::Candidates && !coverage.is_of_open;
     match ended_by {
-        StopReason::Target if gave_up_views && is_short => StopReason::NoPath,
+        StopReason::Target if lacks_views && is_short => StopReason::NoPath,
+        StopReason::NoGain if coverage.is_of_open && given_up != GivenUp::Nothing => StopReason::NoPath,
         StopReason::Target | StopReason::NoGain if leaves_unmet => StopReason::RegionsUnmet,
         StopReason::Growth if leaves_unmet && !is_short => StopReason::RegionsUnmet,
         StopReason::Target
@@ -398,19 +425,22 @@ mod tests {
 
     #[test]
     fn a_target_met_without_the_given_up_views_is_not_called_met() {
-        let ended = |ended_by, measured_mm2| stopped_because(ended_by, true, &covered(measured_mm2), &SelectionParams::default());
+        let ended = |ended_by, measured_mm2| {
+            stopped_because(ended_by, GivenUp::Candidates, &covered(measured_mm2), &SelectionParams::default())
+        };
         assert_eq!(ended(StopReason::Target, 98.5), StopReason::Target);
         assert_eq!(ended(StopReason::Target, 95.0), StopReason::NoPath);
         assert_eq!(ended(StopReason::Growth, 95.0), StopReason::Growth);
-        let kept_all = stopped_because(StopReason::Target, false, &covered(95.0), &SelectionParams::default());
-        assert_eq!(kept_all, StopReason::Target, "no view was given up");
+        let of_plan = |given_up| stopped_because(StopReason::Target, given_up, &covered(95.0), &SelectionParams::default());
+        assert_eq!(of_plan(GivenUp::Nothing), StopReason::Target, "no view was given up");
+        assert_eq!(of_plan(GivenUp::Views), StopReason::NoPath, "some are not executed");
     }
 
     #[test]
     fn a_target_met_with_a_region_below_its_own_is_not_called_met() {
         let ended = |ended_by, measured_mm2, of_region_mm2| {
             let coverage = Coverage { regions: vec![region(10.0), region(of_region_mm2)], ..covered(measured_mm2) };
-            stopped_because(ended_by, true, &coverage, &SelectionParams::default())
+            stopped_because(ended_by, GivenUp::Candidates, &coverage, &SelectionParams::default())
         };
         // Nothing of the region is coverable: it asks nothing of the selection, and all the more of the outcome.
         assert_eq!(ended(StopReason::Target, 99.0, 0.0), StopReason::RegionsUnmet);
@@ -432,8 +462,24 @@ mod tests {
         coverage::ask_for_open_alone(&mut coverage);
         assert!(coverage.is_of_open);
         assert!(coverage.regions.iter().all(|region| region.is_met().is_none() && !region.is_unmet()), "{:?}", coverage.regions);
-        let ended = stopped_because(StopReason::Target, false, &coverage, &SelectionParams::default());
+        let ended = stopped_because(StopReason::Target, GivenUp::Nothing, &coverage, &SelectionParams::default());
         assert_eq!(ended, StopReason::Target, "no region is unmet");
+    }
+
+    /// A rescan whose views all have a path was told to miss a target that they are expected to reach together with the earlier scans;
+    /// one that was left without any view worth taking was told to raise `max_views` or lower `min_gain`.
+    #[test]
+    fn further_views_lack_a_path_only_where_none_came_in_place_of_those_that_were_given_up() {
+        let coverage = Coverage { is_of_open: true, ..covered(50.0) };
+        let ended = |ended_by, given_up| stopped_because(ended_by, given_up, &coverage, &SelectionParams::default());
+        assert_eq!(ended(StopReason::Target, GivenUp::Candidates), StopReason::Target);
+        assert_eq!(ended(StopReason::Target, GivenUp::Views), StopReason::NoPath);
+        assert_eq!(ended(StopReason::NoGain, GivenUp::Candidates), StopReason::NoPath);
+        assert_eq!(ended(StopReason::NoGain, GivenUp::Nothing), StopReason::NoGain);
+        // Rules that a user can ease come first.
+        for rule in [StopReason::MaxViews, StopReason::Growth] {
+            assert_eq!(ended(rule, GivenUp::Views), rule);
+        }
     }
 
     #[test]

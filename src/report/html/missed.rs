@@ -7,15 +7,15 @@ use super::pictures::{self, SIDES};
 use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, together, unmeasured};
 use super::words;
-use crate::geometry::SimdLevel;
+use crate::geometry::{Part, Pose, SimdLevel, Table};
 use crate::planning::params::SelectionGoal;
-use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
+use crate::planning::plan::{Cause, MissedSpot, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
 use crate::report::text::{UNSTABLE_POSE_KEPT, home_remedy, keeps_unstable_pose};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::summary::{further_setup, own_plan_remark, stop_rules, turned_setup};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{ChoiceRules, WITHOUT_PATH, asked_name, counted, rounded_down_deg, turn_phrase};
+use crate::wire::words::{ChoiceRules, RESCAN_WITHOUT_PATH, WITHOUT_PATH, asked_name, counted, rounded_down_deg, turn_phrase};
 
 /// Spots that one fix mends.
 struct FixGroup<'a> {
@@ -25,6 +25,8 @@ struct FixGroup<'a> {
     options: String,
     /// True if it mends anything; groups that do not come last.
     is_help: bool,
+    /// Pose into which it turns the part: two may be turned to in the same words.
+    table_from_part: Option<&'a Pose<Table, Part>>,
     numbers: Vec<usize>,
     area_mm2: f64,
     /// Remedies of the spots, as far as one was searched for.
@@ -98,14 +100,10 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let mut groups: Vec<FixGroup<'_>> = Vec::new();
     for spot in spots {
         let home = home_remedy(spot.cause, input.warnings).map(|remedy| (words::capitalised(&remedy), String::new(), true));
-        let (action, options, is_help) = home.unwrap_or_else(|| fix(spot, plan));
-        let at = groups.iter().position(|group| group.action == action).unwrap_or_else(|| {
-            groups.push(FixGroup { action, options, is_help, numbers: Vec::new(), area_mm2: 0.0, remedies: Vec::new() });
-            groups.len() - 1
-        });
-        groups[at].numbers.push(spot.number);
-        groups[at].remedies.extend(spot.spot.remedy.as_ref());
-        groups[at].area_mm2 += spot.spot.area_mm2;
+        let remedy = spot.spot.remedy.as_ref().filter(|_| home.is_none());
+        let table_from_part = remedy.and_then(|remedy| remedy.table_from_part.as_ref());
+        let fix = home.unwrap_or_else(|| fix(spot, plan));
+        add(&mut groups, (spot.number, spot.spot), fix, table_from_part);
     }
     // Stable: equal ones stay in the order of their largest spots.
     groups.sort_by(|a, b| b.is_help.cmp(&a.is_help).then(b.area_mm2.total_cmp(&a.area_mm2)));
@@ -127,6 +125,24 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
          <th class=\"n\">Number</th><th class=\"n\">Of {asked}</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{}",
         unnumbered(input, spots)
     )
+}
+
+/// Adds a numbered spot to the group of those that the same action mends, with the part in the same pose.
+fn add<'a>(
+    groups: &mut Vec<FixGroup<'a>>,
+    (number, spot): (usize, &'a MissedSpot),
+    (action, options, is_help): (String, String, bool),
+    table_from_part: Option<&'a Pose<Table, Part>>,
+) {
+    let is_same = |group: &FixGroup<'_>| group.action == action && group.table_from_part == table_from_part;
+    let at = groups.iter().position(is_same).unwrap_or(groups.len());
+    if at == groups.len() {
+        let (numbers, remedies) = (Vec::new(), Vec::new());
+        groups.push(FixGroup { action, options, is_help, table_from_part, numbers, area_mm2: 0.0, remedies });
+    }
+    groups[at].numbers.push(number);
+    groups[at].remedies.extend(spot.remedy.as_ref());
+    groups[at].area_mm2 += spot.area_mm2;
 }
 
 /// Sentence on the spots without a number; empty if all have one.
@@ -179,7 +195,7 @@ fn fix(spot: &NumberedSpot<'_>, plan: &Plan) -> (String, String, bool) {
         },
         None if matches!(spot.cause, Cause::ExcludedResting | Cause::FacesTable) => {
             let action = "Turn the part over: it stands on this surface, or the surface faces the table";
-            (action.to_owned(), options(&further_setup(plan, None)), true)
+            (action.to_owned(), options(&further_setup(plan, None, None)), true)
         }
         None => (unsearched(spot.cause, plan.params.missed.remedies).to_owned(), String::new(), false),
     }
@@ -195,7 +211,7 @@ fn posed(action: &str, is_of_open: bool) -> String {
 fn more_views(rules: ChoiceRules) -> String {
     let rules = match rules {
         ChoiceRules::Plan(rules) => rules,
-        ChoiceRules::Rescan(stop) => return more_further_views(stop).to_owned(),
+        ChoiceRules::Rescan(stop) => return more_further_views(stop),
     };
     let action = match rules.ended_by {
         StopReason::NoPath => return words::capitalised(WITHOUT_PATH),
@@ -217,15 +233,17 @@ fn more_views(rules: ChoiceRules) -> String {
 }
 
 /// Action by which a rescan chooses more views: it changes the rule that ended the choice.
-fn more_further_views(stop: StopReason) -> &'static str {
-    match stop {
+fn more_further_views(stop: StopReason) -> String {
+    let action = match stop {
+        StopReason::NoPath => return words::capitalised(RESCAN_WITHOUT_PATH),
         StopReason::Target => "Choose more views: plan the part again with a higher selection.target, at which the rescan ends",
         StopReason::MaxViews => "Choose more views: raise max_views of the rescan",
         StopReason::Growth => "Choose more views: lower min_gain of the rescan, as each is expected to add less than that",
-        StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => {
+        StopReason::NoGain | StopReason::RegionsUnmet => {
             "Choose more views: raise max_views of the rescan, or lower its min_gain"
         }
-    }
+    };
+    action.to_owned()
 }
 
 /// Says why no fix was searched for a spot.
@@ -300,6 +318,8 @@ fn ranges(numbers: &[usize]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{Point3, UnitQuaternion, Vector3};
+
     use super::*;
     use crate::wire::words::PlanRules;
 
@@ -341,6 +361,8 @@ mod tests {
             let told = further(stop);
             assert!(!told.contains("selection.max_views") && !told.contains("selection.min_growth"), "{told}");
         }
+        let pathless = further(StopReason::NoPath);
+        assert!(pathless.eq_ignore_ascii_case(RESCAN_WITHOUT_PATH), "none of its rules brings a path: {pathless}");
         let posed = [true, false].map(|is_of_open| posed("Add tilted views", is_of_open));
         assert_eq!(posed[0], "Add tilted views: plan the part again with their poses in candidates.poses");
         assert_eq!(posed[1], "Add tilted views: put their poses into candidates.poses");
@@ -358,6 +380,37 @@ mod tests {
         let (action, options, _) = limits(&remedy, true);
         assert_eq!(options, "", "a rescan takes none");
         assert_eq!(action, "Allow a larger angle of incidence: plan the part again with --set limits.camera_deg=60.0");
+    }
+
+    /// Spots that two poses show were one row, with the options of the first pose.
+    #[test]
+    fn a_turn_in_the_same_words_into_another_pose_is_another_fix() {
+        let turned = |x_mm: f64| MissedSpot {
+            area_mm2: 10.0,
+            centre_mm: Point3::origin(),
+            extent_mm: Vector3::zeros(),
+            source_faces: Vec::new(),
+            remedy: Some(Remedy {
+                kind: RemedyKind::Setup,
+                views: Vec::new(),
+                table_from_part: Some(Pose::from_parts(Vector3::new(x_mm, 0.0, 0.0), UnitQuaternion::identity())),
+                turn: None,
+                camera_deg: None,
+                projector_deg: None,
+                area_mm2: 10.0,
+                of_spot: 1.0,
+                tried: 3,
+            }),
+        };
+        let spots = [turned(1.0), turned(2.0), turned(1.0)];
+        let mut groups = Vec::new();
+        for (number, spot) in (1..).zip(&spots) {
+            let table_from_part = spot.remedy.as_ref().and_then(|remedy| remedy.table_from_part.as_ref());
+            let fix = ("Stand it on its back and scan again".to_owned(), String::new(), true);
+            add(&mut groups, (number, spot), fix, table_from_part);
+        }
+        let numbers: Vec<&[usize]> = groups.iter().map(|group| group.numbers.as_slice()).collect();
+        assert_eq!(numbers, [&[1, 3][..], &[2]]);
     }
 
     #[test]

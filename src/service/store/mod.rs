@@ -101,6 +101,14 @@ pub enum OpenError {
         /// The file.
         path: String,
     },
+    /// A file lies where a folder above the folder is to be.
+    #[error("{path} is a file, and the data folder {data} cannot lie below it; name another with --data, or move the file away")]
+    BelowFile {
+        /// The file.
+        path: String,
+        /// The folder.
+        data: String,
+    },
     /// The folder has files but no database.
     #[error(
         "{path} has the files of a store, but its database vantage.db is missing or empty; nothing was changed. Put the database \
@@ -179,6 +187,9 @@ impl Store {
         let folder = |source| OpenError::Folder { path: data.display().to_string(), source };
         if data.is_file() {
             return Err(OpenError::NoFolder { path: data.display().to_string() });
+        }
+        if let Some(file) = data.ancestors().find(|above| above.is_file()) {
+            return Err(OpenError::BelowFile { path: file.display().to_string(), data: data.display().to_string() });
         }
         files::create_folder(data).map_err(folder)?;
         let in_use = lock(data)?;

@@ -285,6 +285,11 @@ async fn a_file_in_the_place_of_the_data_folder_is_told() {
     let told = Store::open(&data).await.err().expect("no folder").to_string();
     assert!(told.starts_with(&format!("{} is a file, and", data.display())) && told.contains("--data"), "{told}");
     assert_eq!(std::fs::read(&data).expect("the file"), b"notes");
+    // Below a file it was "Not a directory".
+    let below = data.join("sub/store");
+    let told = Store::open(&below).await.err().expect("no folder").to_string();
+    let wanted = format!("{} is a file, and the data folder {} cannot lie below it", data.display(), below.display());
+    assert!(told.starts_with(&wanted) && told.contains("name another with --data"), "{told}");
 }
 
 #[tokio::test]

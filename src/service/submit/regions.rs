@@ -6,7 +6,7 @@ use crate::planning::params::{PlanParams, Region};
 use crate::service::library::FacesInFile;
 
 /// Errors on faces and groups that the part's file certainly does not have, except for fields with errors that are known.
-pub(super) fn absent(params: &PlanParams, file: FacesInFile, known: &[FieldError]) -> Vec<FieldError> {
+pub(super) fn absent(params: &PlanParams, file: &FacesInFile, known: &[FieldError]) -> Vec<FieldError> {
     let regions = &params.regions;
     let exclude = regions.exclude.iter().enumerate().map(|(i, region)| (format!("/params/regions/exclude/{i}"), region));
     let interest =
@@ -21,7 +21,7 @@ pub(super) fn absent(params: &PlanParams, file: FacesInFile, known: &[FieldError
 }
 
 /// The error on a region, in the words of the planner.
-fn error_on(region: &Region, at: &str, file: FacesInFile) -> Option<FieldError> {
+fn error_on(region: &Region, at: &str, file: &FacesInFile) -> Option<FieldError> {
     match region {
         Region::Faces { faces } => {
             let beyond = faces.iter().find(|face| **face as usize >= file.triangles)?;
@@ -29,8 +29,22 @@ fn error_on(region: &Region, at: &str, file: FacesInFile) -> Option<FieldError> 
             let detail = format!("names face {beyond}; the file's faces are 0 to {}{at_most}", file.triangles.saturating_sub(1));
             Some(FieldError { pointer: format!("{at}/faces"), detail })
         }
-        Region::Name { name } => (!file.may_be_grouped)
-            .then(|| FieldError { pointer: format!("{at}/name"), detail: format!("is {name:?}; the file has no named groups") }),
+        Region::Name { name } => {
+            let none = || "the file has no named groups".to_owned();
+            let groups = match &file.group_names {
+                Some(groups) if groups.contains(name) => return None,
+                Some(groups) if !groups.is_empty() => format!("the file's groups are {}", first_names(groups)),
+                Some(_) => none(),
+                None if file.may_be_grouped => return None,
+                None => none(),
+            };
+            Some(FieldError { pointer: format!("{at}/name"), detail: format!("is {name:?}; {groups}") })
+        }
         Region::Box { .. } | Region::Sphere { .. } | Region::HalfSpace { .. } | Region::Plane { .. } => None,
     }
+}
+
+/// The first names of groups, as many as the planner tells.
+fn first_names(groups: &[String]) -> String {
+    groups.iter().map(String::as_str).take(20).collect::<Vec<_>>().join(", ")
 }

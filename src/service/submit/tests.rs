@@ -1,12 +1,14 @@
 //! Names in requests that stand for nothing usable, and keys of requests for further views.
 
 use super::*;
+use crate::geometry::LengthUnit;
 use crate::inspection::InspectionParams;
 use crate::planning::context::Context;
-use crate::planning::params::PlanParams;
-use crate::service::Options;
+use crate::planning::params::{PlanParams, Region};
+use crate::service::library::FacesInFile;
 use crate::service::store::Precondition;
 use crate::service::tests::{ended_job, options, service};
+use crate::service::{MeshUpload, Options};
 use crate::wire::inspection::RateCurveDocument;
 use crate::wire::{InspectionId, JobId, JobState, SpecCollection};
 
@@ -120,4 +122,40 @@ async fn a_batch_beyond_the_limit_of_the_queue_is_not_told_to_come_again() {
         errors,
         [FieldError { pointer: "/jobs".to_owned(), detail: "has 4 entries; limits.queued_jobs allows 3".to_owned() }]
     );
+}
+
+/// It was refused in the job alone, which may wait for hours before.
+#[tokio::test]
+async fn a_group_that_the_mesh_does_not_have_is_refused_when_the_job_is_submitted() {
+    let (app, _folder) = service().await;
+    let mut upload = app.receive(0).await.expect("room");
+    let obj = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\ng base\nf 1 3 2\ng flange wall\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+    upload.write(obj.into()).await.expect("written");
+    let about = MeshUpload { unit: LengthUnit::Millimetre, name: None };
+    let mesh = app.add_mesh(upload.finish(None).await.expect("a file"), about).await.expect("a mesh");
+    assert_eq!(mesh.health.group_names, Some(["base", "flange", "wall"].map(str::to_owned).to_vec()));
+    let submitted = async |name: &str| {
+        let mut request = JobRequest { cell: Named::Name("none".to_owned()), ..JobRequest::new(mesh.id) };
+        request.params.regions.exclude = vec![Region::Name { name: name.to_owned() }];
+        app.submit(request, Submission::default()).await
+    };
+    let Err(Error::Invalid(errors)) = submitted("flnge").await else { panic!("accepted") };
+    let detail = "is \"flnge\"; the file's groups are base, flange, wall".to_owned();
+    assert_eq!(errors, [FieldError { pointer: "/params/regions/exclude/0/name".to_owned(), detail }]);
+    submitted("flange").await.expect("a group of the file");
+}
+
+/// An earlier release stored no names: those meshes are looked into by the job, as before.
+#[test]
+fn a_group_is_not_refused_where_the_names_are_not_known() {
+    let mut params = PlanParams::default();
+    params.regions.exclude = vec![Region::Name { name: "rim".to_owned() }];
+    let told = |group_names: Option<Vec<String>>, may_be_grouped: bool| {
+        let file = FacesInFile { triangles: 4, may_be_polygons: true, may_be_grouped, group_names };
+        regions::absent(&params, &file, &[]).into_iter().map(|error| error.detail).collect::<Vec<_>>()
+    };
+    assert_eq!(told(None, true), [""; 0]);
+    assert_eq!(told(None, false), ["is \"rim\"; the file has no named groups"]);
+    assert_eq!(told(Some(Vec::new()), true), ["is \"rim\"; the file has no named groups"]);
+    assert_eq!(told(Some(vec!["rim".to_owned()]), true), [""; 0]);
 }

@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::inspection::ingest::{FrameAttempt, IngestCode, IngestFinding, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan};
+use crate::inspection::ingest::{
+    FrameAttempt, IngestCode, IngestFinding, MAX_UNSEEN_SHARE, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan,
+};
 use crate::wire::part_size::unit_text;
 
 /// A scan as it was read.
@@ -45,8 +47,8 @@ pub struct IngestFindingDocument {
     pub code: IngestCode,
     /// File that it is about; `null` for a view without a file.
     pub file: Option<String>,
-    /// Viewpoint of the plan; for `view_unknown` and `merged`, the number that the file gives, which is not a viewpoint of the
-    /// plan.
+    /// Viewpoint of the plan; for `view_unknown` and `merged`, the number that the file gives, which is not the one viewpoint that it
+    /// shows.
     pub viewpoint: Option<u32>,
     /// Sentence for people.
     pub detail: String,
@@ -164,6 +166,19 @@ fn other_plan_sentence(file: &str, view: &str) -> String {
     )
 }
 
+/// End of the sentence for a cloud of several views whose name has a number.
+fn merged_number_sentence(number: u32, viewpoints: &[u32]) -> String {
+    if viewpoints.contains(&number) {
+        return format!(
+            ". Its name has the number of viewpoint {number}, which cannot have seen more than {} of its points on the part: if it \
+             is the scan of one view, export it in the frame of the scanner (--frame scanner; over HTTP, frame=scanner)",
+            percent(MAX_UNSEEN_SHARE)
+        );
+    }
+    let known = ranges(viewpoints);
+    format!(". Its number, {number}, is not a viewpoint of the plan ({known}): if it shows only one view, name that view")
+}
+
 /// Sentence for a finding.
 fn ingest_sentence(finding: &IngestFinding) -> String {
     let file = finding.file.as_deref().unwrap_or("the file");
@@ -182,12 +197,7 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
         IngestCode::SameScan => same_scan_sentence(file, &view, finding.fits_viewpoint),
         IngestCode::OtherPlan => other_plan_sentence(file, &view),
         IngestCode::Merged => {
-            let number = finding.viewpoint.map_or_else(String::new, |number| {
-                let known = ranges(&finding.viewpoints);
-                format!(
-                    ". Its number, {number}, is not a viewpoint of the plan ({known}): if it shows only one view, name that view"
-                )
-            });
+            let number = finding.viewpoint.map_or_else(String::new, |number| merged_number_sentence(number, &finding.viewpoints));
             format!(
                 "{file} holds several views: coverage is known to about one percentage point, and losses by view are not known; \
                  the uncertainty of deviations includes the error of merging only as far as align.prior_mm and align.prior_deg \
@@ -254,6 +264,10 @@ mod tests {
             (&missed, "as a cloud of all views it does not lie on the part either; points near the part: 25 % as mm"),
             (&finding(IngestCode::ViewUnknown, None), "view_99.ply names no viewpoint of the plan, whose numbers are 0 to 3, 5,"),
             (&finding(IngestCode::Merged, Some(99)), "Its number, 99, is not a viewpoint of the plan (0 to 3, 5, 7 to 8): if it"),
+            (
+                &finding(IngestCode::Merged, Some(7)),
+                "has the number of viewpoint 7, which cannot have seen more than 5 % of its points on the part: if it is",
+            ),
         ] {
             let told = ingest_sentence(finding);
             assert!(told.contains(wanted), "{told}");

@@ -8,13 +8,14 @@ use utoipa::ToSchema;
 
 use super::percent;
 use crate::cell::PoseSpec;
+use crate::geometry::{Part, Pose, Table};
 use crate::planning::params::{SelectionGoal, TargetOf};
-use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyKind, RemedyView, StopReason, share};
+use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, PlanAdvice, Remedy, RemedyKind, RemedyView, StopReason, share};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
 use crate::wire::words::{
-    ChoiceRules, WITHOUT_PATH, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_percent, percent_below,
-    rounded_down_deg, turn_phrase,
+    ChoiceRules, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_percent, percent_below, rounded_down_deg,
+    turn_phrase,
 };
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -31,6 +32,9 @@ const MAX_POSES: usize = 2;
 const TARGET: &str = "selection.target";
 const VIEW_LIMIT: &str = "selection.max_views";
 const GROWTH: &str = "selection.min_growth";
+/// Parameters that limit the angle of incidence.
+const CAMERA_LIMIT: &str = "limits.camera_deg";
+const PROJECTOR_LIMIT: &str = "limits.projector_deg";
 /// Fix of area that no view sees from outside.
 const EXCLUDE_ENCLOSED: &str = "no view can see it; exclude it if it need not be measured (regions.exclude)";
 /// Steps of a target in one: three decimals.
@@ -72,6 +76,8 @@ struct Fix {
     kind: RemedyKind,
     works: bool,
     turn: Option<String>,
+    /// Pose into which the part is turned, as options have it: two may be turned to in the same words.
+    lies: Option<String>,
 }
 
 /// Parameters by their dotted names.
@@ -88,12 +94,12 @@ pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
 }
 
 /// The fixes of a plan, each as one group of all the spots that one command is for, whatever they are missed for: it measures them
-/// all at once.
+/// all at once. Of rules and limits, the command has the values that are enough for all.
 pub(super) fn fixes(plan: &Plan) -> Vec<MissedGroup> {
     let mut fixable = spots_of_fixes(plan);
-    let is_fix = |fix: &Fix| fix.kind != RemedyKind::None && !is_without_path(plan, fix.kind);
+    let is_fix = |fix: &Fix| fix.kind != RemedyKind::None && without_path(plan, fix.kind).is_none();
     fixable.retain(|(_, fix, _)| fix.as_ref().is_some_and(is_fix));
-    merged(plan, fixable, |[(_, set), (_, other_set)]| is_same_command(set, other_set))
+    merged(plan, fixable, |[(_, set), (_, other_set)]| is_one_command(set, other_set))
 }
 
 /// Spots of each cause and fix.
@@ -161,53 +167,64 @@ pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str, is_of_ope
 /// Returns true if two groups ask for the same. The rules that end the choice follow from what a group recovers, so they tell two apart
 /// only where there is nothing else to set.
 fn is_same_command(one: &OptionSet, other: &OptionSet) -> bool {
-    let without_rules = |set: &OptionSet| -> OptionSet {
-        let own = set.iter().filter(|(name, _)| ![TARGET, VIEW_LIMIT, GROWTH].contains(&name.as_str()));
-        own.map(|(name, value)| (name.clone(), value.clone())).collect()
-    };
-    let own = without_rules(one);
-    if own.is_empty() { one == other } else { own == without_rules(other) }
+    let [own, other_own] = [one, other].map(|set| without(set, &[TARGET, VIEW_LIMIT, GROWTH]));
+    if own.is_empty() { one == other } else { own == other_own }
+}
+
+/// Returns true if one command can ask for all that two groups of like fixes ask for: rules and limits that are eased for one of them
+/// are eased for the other too.
+fn is_one_command(one: &OptionSet, other: &OptionSet) -> bool {
+    let [own, other_own] = [one, other].map(|set| without(set, &[TARGET, VIEW_LIMIT, GROWTH, CAMERA_LIMIT, PROJECTOR_LIMIT]));
+    own == other_own
+}
+
+/// Parameters without those of some names.
+fn without(set: &OptionSet, names: &[&str]) -> OptionSet {
+    let others = set.iter().filter(|(name, _)| !names.contains(&name.as_str()));
+    others.map(|(name, value)| (name.clone(), value.clone())).collect()
 }
 
 impl Fix {
     fn of(plan: &Plan, remedy: &Remedy) -> Self {
-        let works = remedy.works() && !is_without_path(plan, remedy.kind);
-        Self { kind: remedy.kind, works, turn: remedy.turn.as_ref().map(turn_phrase) }
+        let works = remedy.works() && without_path(plan, remedy.kind).is_none();
+        let lies = remedy.table_from_part.as_ref().map(|pose| json!(rounded(PoseSpec::from(pose))).to_string());
+        Self { kind: remedy.kind, works, turn: remedy.turn.as_ref().map(turn_phrase), lies }
     }
 
-    /// Returns true if two fixes are told alike, whether or not they work.
+    /// Returns true if two fixes are the same to do, whether or not they work.
     fn is_like(one: Option<&Self>, other: Option<&Self>) -> bool {
-        one.zip(other).is_some_and(|(one, other)| one.kind == other.kind && one.turn == other.turn)
+        let is_same = |(one, other): (&Self, &Self)| one.kind == other.kind && one.turn == other.turn && one.lies == other.lies;
+        one.zip(other).is_some_and(is_same)
     }
 }
 
-/// Returns true for more views of a plan that views without a path were left out of: they are no fix ([`WITHOUT_PATH`]).
-fn is_without_path(plan: &Plan, kind: RemedyKind) -> bool {
-    kind == RemedyKind::View && ChoiceRules::of(plan).left_out_views()
+/// Remedy in place of more views of a plan that views without a path were left out of: they are no fix. `None` for any other.
+fn without_path(plan: &Plan, kind: RemedyKind) -> Option<&'static str> {
+    ChoiceRules::of(plan).without_path().filter(|_| kind == RemedyKind::View)
 }
 
 fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) -> MissedGroup {
-    let is_left_out = fix.is_some_and(|fix| is_without_path(plan, fix.kind));
+    let without_path = fix.and_then(|fix| without_path(plan, fix.kind));
     let found = spots.iter().filter_map(|spot| spot.remedy.as_ref());
-    let remedies: Vec<&Remedy> = found.filter(|_| !is_left_out).collect();
+    let remedies: Vec<&Remedy> = found.filter(|_| without_path.is_none()).collect();
     let area_mm2 = total(spots.iter().map(|spot| spot.area_mm2));
     let recovers_mm2 = total(remedies.iter().map(|remedy| remedy.area_mm2));
     let views = views_of(&remedies);
     // Further views of a part are planned with the first plan's parameters, and take none of their own.
     let settable = fix.filter(|_| !plan.coverage.is_of_open);
     let set = settable.map_or_else(OptionSet::new, |fix| settings(plan, fix, &remedies, &views));
-    let fix_words = match fix {
-        Some(Fix { kind: RemedyKind::None, .. }) if cause == Cause::Enclosed => EXCLUDE_ENCLOSED.to_owned(),
-        Some(_) if is_left_out => WITHOUT_PATH.to_owned(),
-        Some(fix) => fix_text(fix, &remedies, views.len()),
-        None => "no fix searched for".to_owned(),
+    let fix_words = match (fix, without_path) {
+        (Some(Fix { kind: RemedyKind::None, .. }), _) if cause == Cause::Enclosed => EXCLUDE_ENCLOSED.to_owned(),
+        (Some(_), Some(instead)) => instead.to_owned(),
+        (Some(fix), None) => fix_text(fix, &remedies, views.len()),
+        (None, _) => "no fix searched for".to_owned(),
     };
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),
         area_mm2,
         of_asked: share(area_mm2, plan.coverage.asked_area_mm2),
-        fix: fix.map(|fix| if is_left_out { RemedyKind::None } else { fix.kind }),
+        fix: fix.map(|fix| if without_path.is_some() { RemedyKind::None } else { fix.kind }),
         fix_known: fix.is_some_and(|fix| fix.works),
         fix_text: fix_words + own_plan_remark(&set),
         recovers_mm2,
@@ -387,14 +404,11 @@ pub(super) fn rounded(pose: PoseSpec) -> PoseSpec {
     }
 }
 
-/// Parameters of one more setup, in which the part is turned as said, or onto any other side: as the advice on the plan has it. Empty
-/// where it is not known how a setup more would turn the part.
-pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> OptionSet {
-    let advised = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
-        let mut turns = document.turn.iter().chain(document.setups.iter().map(|setup| &setup.turn));
-        let turns_so = turn.is_none_or(|turn| turns.any(|advised| advised.text == turn));
-        advice.kind == AdviceKind::TurnOver && turns_so
-    });
+/// Parameters of one more setup, in which the part is turned as said, into this pose if one is known, or onto any other side: as the
+/// advice on the plan has it. Empty where it is not known how a setup more would turn the part.
+pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>, pose: Option<&Pose<Table, Part>>) -> OptionSet {
+    let mut all = plan.advice.iter().zip(AdviceDocument::all_of(plan));
+    let advised = all.find(|(advice, _)| advice.kind == AdviceKind::TurnOver && lays_so(advice, turn, pose));
     let uses_all = plan.setups.len() == plan.params.setups as usize;
     match advised {
         Some((_, document)) => document.set,
@@ -411,12 +425,22 @@ pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>) -> OptionSet {
     }
 }
 
+/// Returns true if advice lays the part in a pose; where one of the two is not known, if it turns the part as said, or at all.
+fn lays_so(advice: &PlanAdvice, turn: Option<&str>, pose: Option<&Pose<Table, Part>>) -> bool {
+    let mut poses = advice.table_from_part.iter().chain(advice.setups.iter().map(|setup| &setup.table_from_part)).peekable();
+    if let Some(pose) = pose.filter(|_| poses.peek().is_some()) {
+        return poses.any(|advised| advised == pose);
+    }
+    let mut turns = advice.turn.iter().chain(advice.setups.iter().map(|setup| &setup.turn));
+    turn.is_none_or(|turn| turns.any(|advised| turn_phrase(advised) == turn))
+}
+
 /// Parameters of a setup in which some remedies turn the part: as the advice on the plan has it, else those of a plan of its
 /// own in that pose. Empty with a fixture, which holds the part in one pose, and for further views of a part.
 pub(crate) fn turned_setup(plan: &Plan, turn: Option<&str>, remedies: &[&Remedy]) -> OptionSet {
-    let advised = further_setup(plan, turn);
-    let is_possible = plan.params.part.fixture_mesh.is_none() && !plan.coverage.is_of_open;
     let pose = remedies.iter().find_map(|remedy| remedy.table_from_part.as_ref());
+    let advised = further_setup(plan, turn, pose);
+    let is_possible = plan.params.part.fixture_mesh.is_none() && !plan.coverage.is_of_open;
     let Some(pose) = pose.filter(|_| advised.is_empty() && is_possible) else { return advised };
     let mut set = BTreeMap::from([(LIES.to_owned(), json!(rounded(PoseSpec::from(pose))))]);
     if plan.params.setups > 1 {
@@ -435,7 +459,7 @@ fn limits(remedies: &[&Remedy]) -> OptionSet {
     let largest = |limit: fn(&Remedy) -> Option<f64>| {
         remedies.iter().filter_map(|remedy| limit(remedy)).max_by(f64::total_cmp).map(rounded_down_deg)
     };
-    let camera = largest(|remedy| remedy.camera_deg).map(|deg| ("limits.camera_deg".to_owned(), json!(deg)));
-    let projector = largest(|remedy| remedy.projector_deg).map(|deg| ("limits.projector_deg".to_owned(), json!(deg)));
+    let camera = largest(|remedy| remedy.camera_deg).map(|deg| (CAMERA_LIMIT.to_owned(), json!(deg)));
+    let projector = largest(|remedy| remedy.projector_deg).map(|deg| (PROJECTOR_LIMIT.to_owned(), json!(deg)));
     camera.into_iter().chain(projector).collect()
 }

@@ -15,7 +15,7 @@ use crate::planning::plan::{
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::warnings::{FieldWarning, WarningCode};
-use crate::wire::words::WITHOUT_PATH;
+use crate::wire::words::{RESCAN_WITHOUT_PATH, WITHOUT_PATH};
 
 /// Coverage of 1000 mm² asked for, of which 800 can be measured and so many are.
 fn coverage(measured_mm2: f64) -> Coverage {
@@ -954,6 +954,112 @@ fn a_fix_counts_for_all_spots_that_it_is_for_whatever_they_are_missed_for() {
     nearly.missed = vec![missed(Cause::FacesTable, vec![turned(None, 1.0, 4); 2])];
     let to_of_asked = Summary::of(&nearly).action.expect("a fix").to_of_asked;
     assert!((to_of_asked - 1.0).abs() < 1e-12, "no more than is missing: {to_of_asked}");
+}
+
+/// Each group had a limit of views of its own, and neither came before a fix that recovers less than both together.
+#[test]
+fn more_views_for_several_causes_are_one_action_with_the_limit_that_is_enough_for_all() {
+    let mut plan = Plan { stopped_because: StopReason::MaxViews, ..plan(16, 0, 700.0) };
+    plan.params.selection.max_views = Some(16);
+    let fix = |kind, of_spot, views: &[u32]| Some(remedy(kind, of_spot, views));
+    plan.missed = vec![
+        missed(Cause::NotChosen, vec![fix(RemedyKind::View, 1.0, &[20, 21])]),
+        missed(Cause::ShadowLeft, vec![fix(RemedyKind::View, 1.0, &[20, 21, 22, 23])]),
+        missed(Cause::Depth, vec![fix(RemedyKind::Standoff, 0.75, &[30]); 2]),
+    ];
+    let summary = Summary::of(&plan);
+    let line = |cause: Cause| summary.missed.iter().find(|group| group.reason == cause).and_then(MissedGroup::command);
+    assert_eq!(line(Cause::NotChosen).as_deref(), Some("--set selection.max_views=18"));
+    assert_eq!(line(Cause::ShadowLeft).as_deref(), Some("--set selection.max_views=20"));
+    let action = summary.action.expect("a fix");
+    assert_eq!(action.text, "4 more views: --set selection.max_views=20; estimated effect: 70.0 → 72.0 % of asked");
+    // Other views for the second cause come on top of those for the first.
+    plan.missed[1] = missed(Cause::ShadowLeft, vec![fix(RemedyKind::View, 1.0, &[24, 25, 26, 27])]);
+    let action = Summary::of(&plan).action.expect("a fix");
+    assert_eq!((json!(action.set), action.added_views), (json!({"selection.max_views": 22}), 6));
+}
+
+/// A larger limit of incidence measures what a smaller one does too.
+#[test]
+fn limits_of_several_values_are_one_action_with_the_largest() {
+    let mut plan = plan(3, 0, 700.0);
+    let limit =
+        |camera_deg, projector_deg| vec![Some(Remedy { camera_deg, projector_deg, ..remedy(RemedyKind::Limit, 1.0, &[4]) })];
+    plan.missed = vec![
+        missed(Cause::IncidenceLeft, limit(Some(60.0), None)),
+        missed(Cause::IncidenceRight, limit(Some(62.0), None)),
+        missed(Cause::IncidenceProjector, limit(None, Some(50.0))),
+    ];
+    let action = Summary::of(&plan).action.expect("a fix");
+    assert_eq!(json!(action.set), json!({"limits.camera_deg": 62.0, "limits.projector_deg": 50.0}));
+    assert!(action.text.ends_with("; estimated effect: 70.0 → 73.0 % of asked"), "{}", action.text);
+}
+
+/// Remedy that turns the part into a pose, in the same words whatever the pose is.
+fn turned_into(x_mm: f64) -> Option<Remedy> {
+    let pose = Pose::from_parts(Vector3::new(x_mm, 0.0, 0.0), nalgebra::UnitQuaternion::identity());
+    Some(Remedy { table_from_part: Some(pose), ..remedy(RemedyKind::Setup, 1.0, &[4]) })
+}
+
+/// "70.0 → 73.0 % of the open area" was told of a turn, of which one pose recovers 2 points and another, told alike, 1 point.
+#[test]
+fn turns_in_the_same_words_into_several_poses_are_several_fixes() {
+    let mut plan = plan(3, 0, 700.0);
+    plan.missed = vec![
+        missed(Cause::FacesTable, vec![turned_into(1.0), turned_into(2.0)]),
+        missed(Cause::ShadowLeft, vec![turned_into(1.0)]),
+    ];
+    let told = |change: &dyn Fn(&mut Plan)| {
+        let mut plan = plan.clone();
+        change(&mut plan);
+        let summary = Summary::of(&plan);
+        assert_eq!(summary.missed.len(), 3, "{:?}", summary.missed);
+        let action = summary.action.expect("a fix");
+        (action.text.split_once("; estimated effect: ").expect("an effect").1.to_owned(), action.set)
+    };
+    let (effect, set) = told(&|_: &mut Plan| ());
+    assert_eq!(effect, "70.0 → 72.0 % of asked, up to +1 view");
+    assert_eq!(set["part.table_from_part"]["translation_mm"], json!([1.0, 0.0, 0.0]), "that of both");
+    let (effect, set) = told(&|plan: &mut Plan| plan.coverage.is_of_open = true);
+    assert_eq!((effect.as_str(), set.len()), ("70.0 → 72.0 % of the open area, up to +1 view", 0));
+    let (effect, set) = told(&|plan: &mut Plan| plan.params.part.fixture_mesh = Some("clamp.stl".to_owned()));
+    assert_eq!((effect.as_str(), set.len()), ("70.0 → 72.0 % of asked, up to +1 view", 0));
+}
+
+/// The options of the advice were told of a spot that another pose shows, into which the part is turned in the same words.
+#[test]
+fn a_turn_has_the_options_of_the_advice_only_in_the_pose_of_the_advice() {
+    let mut plan = plan(3, 0, 700.0);
+    let table_from_part = turned_into(1.0).and_then(|remedy| remedy.table_from_part);
+    plan.advice = vec![PlanAdvice { table_from_part, ..advice() }];
+    let set_of = |x_mm: f64| {
+        let missed = vec![missed(Cause::FacesTable, vec![turned_into(x_mm)])];
+        group_of(&Plan { missed, ..plan.clone() }).set
+    };
+    assert_eq!(json!(set_of(1.0)), json!({"setups": 2, "registration": "markers"}));
+    assert_eq!(set_of(2.0)["part.table_from_part"]["translation_mm"], json!([2.0, 0.0, 0.0]));
+    let advised = |x_mm: f64| AdvisedSetup {
+        table_from_part: Pose::from_parts(Vector3::new(x_mm, 0.0, 0.0), nalgebra::UnitQuaternion::identity()),
+        turn: Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: std::f64::consts::PI },
+    };
+    let setups = vec![advised(1.0), advised(3.0)];
+    plan.advice = vec![PlanAdvice { turn: None, setups, ..advice() }];
+    let missed = vec![missed(Cause::FacesTable, vec![turned_into(3.0), turned_into(2.0)])];
+    let groups = Summary::of(&Plan { missed, ..plan }).missed;
+    let in_advice: Vec<bool> = groups.iter().map(|group| group.set.contains_key("setups")).collect();
+    assert_eq!(in_advice.iter().filter(|is_in| **is_in).count(), 1, "{groups:?}");
+}
+
+/// "1 more view" was told of a rescan that was left short of its target by views without a path.
+#[test]
+fn more_views_are_no_fix_of_a_rescan_that_left_out_views_without_a_path() {
+    let mut plan = Plan { stopped_because: StopReason::NoPath, ..plan(4, 1, 700.0) };
+    plan.coverage.is_of_open = true;
+    plan.missed = vec![missed(Cause::NotChosen, vec![Some(remedy(RemedyKind::View, 1.0, &[4]))])];
+    let group = group_of(&plan);
+    assert_eq!(group.text, format!("1 spot, 1.00 % of the open area, measurable, but no view chosen: {RESCAN_WITHOUT_PATH}"));
+    assert_eq!((group.fix, group.fix_known, group.added_views), (Some(RemedyKind::None), false, 0));
+    assert_eq!(Summary::of(&plan).action, None);
 }
 
 /// "5 more views; recovers 73 %" was told of a plan that was left short of its target since 18 of its 86 views had no path.

@@ -1,7 +1,7 @@
 use super::{
-    ChoiceRules, PlanRules, WITHOUT_PATH, advice_sentence, apart_mm, area_mm2, at_risk_sentence, by_thousands, changed_params,
-    first_lie, fix_sentence, fixed, fixed_nonzero, headline, independent_share, lie_phrase, no_plan_sentence, percent_below,
-    percents_apart, region_verdict, stability_sentence, turn_phrase,
+    ChoiceRules, PlanRules, RESCAN_WITHOUT_PATH, WITHOUT_PATH, advice_sentence, apart_mm, area_mm2, at_risk_sentence,
+    by_thousands, changed_params, first_lie, fix_sentence, fixed, fixed_nonzero, headline, independent_share, lie_phrase,
+    no_plan_sentence, percent_below, percents_apart, region_verdict, stability_sentence, turn_phrase,
 };
 use crate::cell::PoseSpec;
 use crate::geometry::Pose;
@@ -308,8 +308,29 @@ fn a_view_that_a_rescan_did_not_choose_is_had_by_the_rules_of_the_rescan() {
     assert_eq!(told(StopReason::Growth), "lower min_gain of the rescan");
     let at_target = "plan the part again with a higher selection.target, at which the rescan ends,";
     assert_eq!(told(StopReason::Target), at_target);
-    for stop in StopReason::ALL {
+    for stop in StopReason::ALL.into_iter().filter(|stop| *stop != StopReason::NoPath) {
         assert!(!told(stop).contains("selection.max_views") && !told(stop).contains("min_growth"), "{stop:?}");
+    }
+}
+
+/// "raise max_views of the rescan, or lower its min_gain, so that candidate 7 is chosen too" was told where views had no path.
+#[test]
+fn where_a_rescan_left_out_views_without_a_path_none_of_its_rules_is_told_to_mend_that() {
+    let rules = ChoiceRules::Rescan(StopReason::NoPath);
+    assert!(rules.left_out_views() && !ChoiceRules::Rescan(StopReason::Target).left_out_views());
+    for of_spot in [0.73, 1.0] {
+        assert_eq!(fix_sentence(&Remedy { kind: RemedyKind::View, ..tilt(of_spot) }, rules), RESCAN_WITHOUT_PATH);
+    }
+    let [of_plan, of_rescan] = [WITHOUT_PATH, RESCAN_WITHOUT_PATH].map(|told| told.split_once("; ").expect("a remedy"));
+    assert_eq!(of_plan.0, of_rescan.0, "the same is found");
+    let ends = "and a smaller motion.clearance_mm may free a path";
+    assert!(
+        of_plan.1.ends_with(ends) && of_rescan.1.ends_with(ends) && of_rescan.1.starts_with("plan the part again: "),
+        "{}",
+        of_rescan.1
+    );
+    for of_no_use in ["max_views", "min_gain", "min_growth", "%"] {
+        assert!(!RESCAN_WITHOUT_PATH.contains(of_no_use), "{of_no_use} mends nothing: {RESCAN_WITHOUT_PATH}");
     }
 }
 
