@@ -90,7 +90,8 @@ crate::cell::closed_list! {
         MaxViews = "max_views",
         /// No candidate's score is positive.
         NoGain = "no_gain",
-        /// The target was met only of the area that views with a path measure; others were tried in place of those without.
+        /// The target was met only of the area that views with a path measure; others were tried in place of those without. Of further
+        /// views: no view with a path gains anything in place of those without, or some of the last choice have none.
         NoPath = "no_path",
         /// The target was met, or nothing more could be gained, but of a region or feature with a target of its own a smaller share
         /// of the asked area is measured.
