@@ -18,7 +18,7 @@ pub const MAX_UNSEEN_SHARE: f64 = 0.05;
 /// Least distance behind the nearest point of a cell from which on a point is taken to lie behind it, mm: a pose that is a little off moves
 /// edges by less.
 const BEHIND_MM: f64 = 5.0;
-/// The same in cells: a surface that is seen more flatly than 76° alone is that deep within one.
+/// Least such distance in widths of a cell: a surface that is seen more flatly than 76° alone is that deep within one.
 const BEHIND_CELLS: f64 = 4.0;
 /// Points that are judged.
 const JUDGED_POINTS: usize = 10_000;

@@ -314,7 +314,7 @@ fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateIndex) -> Row {
     visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, problem.row(candidate))
 }
 
-/// What was given up for want of a path.
+/// Views or candidates that were given up for want of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum GivenUp {
     /// Nothing.
