@@ -421,6 +421,29 @@ fn a_merged_cloud_whose_name_has_the_number_of_a_view_is_taken_as_merged_and_a_s
     }
 }
 
+/// At rims and bores, points of a thinned scan share cells of the image with nearer ones: these were taken for those of other views.
+#[test]
+fn a_scan_of_a_view_that_a_filter_thinned_to_a_point_each_so_many_mm_is_not_taken_as_merged() {
+    let cell = Cell::new();
+    let fine = Shots::of(&cell.mesh, 4);
+    for (view, capture) in cell.captures.iter().enumerate() {
+        let cloud = fine.cloud(&capture.part_from_scanner, 0.0, 1);
+        for voxel_mm in [1.0, 1.5, 2.0] {
+            let mut taken_voxels = std::collections::BTreeSet::new();
+            let in_part = cloud.finite().map(|(_, point)| capture.part_from_scanner.point(&point));
+            let thinned =
+                in_part.filter(|point| taken_voxels.insert(point.coords.map(|mm| (mm / voxel_mm).floor() as i64).data.0));
+            let points = thinned.map(|point| point.coords.map(|mm| mm as f32).into()).collect();
+            let cloud = StoredCloud { points, ..StoredCloud::default() };
+            let file = format!("part_{}.ply", capture.viewpoint);
+            let taken = cell.ingest(vec![ScanFile { file, cloud, unit: None, frame: None, viewpoint: None }]);
+            let [scan] = &taken.scans[..] else { panic!("{view}, {voxel_mm}: {:?}", taken.findings) };
+            let told = (scan.scan.viewpoint, scan.is_approximate);
+            assert_eq!(told, (capture.viewpoint, false), "{voxel_mm}: {:?}", taken.findings);
+        }
+    }
+}
+
 #[test]
 fn a_merged_cloud_that_is_a_speck_beside_the_part_is_refused() {
     let cell = Cell::new();

@@ -171,7 +171,7 @@ fn merged_number_sentence(number: u32, viewpoints: &[u32]) -> String {
     if viewpoints.contains(&number) {
         return format!(
             ". Its name has the number of viewpoint {number}, which cannot have seen more than {} of its points on the part: if it \
-             is the scan of one view, export it in the frame of the scanner (--frame scanner; over HTTP, frame=scanner)",
+             is the scan of one view, export it in the frame of the scanner (over HTTP, name the viewpoint)",
             percent(MAX_UNSEEN_SHARE)
         );
     }
@@ -198,8 +198,10 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
         IngestCode::OtherPlan => other_plan_sentence(file, &view),
         IngestCode::Merged => {
             let number = finding.viewpoint.map_or_else(String::new, |number| merged_number_sentence(number, &finding.viewpoints));
+            let is_of_view = finding.viewpoint.is_some_and(|number| finding.viewpoints.contains(&number));
+            let holds = if is_of_view { "seems to hold" } else { "holds" };
             format!(
-                "{file} holds several views: coverage is known to about one percentage point, and losses by view are not known; \
+                "{file} {holds} several views: coverage is known to about one percentage point, and losses by view are not known; \
                  the uncertainty of deviations includes the error of merging only as far as align.prior_mm and align.prior_deg \
                  state it; export single shots{number}"
             )
@@ -266,7 +268,7 @@ mod tests {
             (&finding(IngestCode::Merged, Some(99)), "Its number, 99, is not a viewpoint of the plan (0 to 3, 5, 7 to 8): if it"),
             (
                 &finding(IngestCode::Merged, Some(7)),
-                "has the number of viewpoint 7, which cannot have seen more than 5 % of its points on the part: if it is",
+                "has the number of viewpoint 7, which cannot have seen more than 3 % of its points on the part: if it is",
             ),
         ] {
             let told = ingest_sentence(finding);
