@@ -63,6 +63,17 @@ impl Cell {
         ScanFile { file: file.into(), cloud, unit: None, frame: None, viewpoint: None }
     }
 
+    /// The points of all views in the part's frame, mm.
+    fn merged(&self, file: &str) -> ScanFile {
+        let mut all = self.file(0, LengthUnit::Millimetre, ScanFrame::Part, file);
+        for view in 1..4 {
+            all.cloud.points.extend(self.file(view, LengthUnit::Millimetre, ScanFrame::Part, "").cloud.points);
+        }
+        all.cloud.points.retain(|point| !point[0].is_nan());
+        all.cloud.grid = None;
+        all
+    }
+
     fn ingest(&self, files: Vec<ScanFile>) -> Ingested {
         let nearest = NearestFace::new(&self.mesh);
         let world = IngestWorld { scanner: &self.scanner, nearest: &nearest, captures: &self.captures, fixtures: &[] };
@@ -374,12 +385,7 @@ fn scans_are_not_taken_in_once_that_is_cancelled() {
 #[test]
 fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
     let cell = Cell::new();
-    let mut all = cell.file(0, LengthUnit::Millimetre, ScanFrame::Part, "all.ply");
-    for view in 1..4 {
-        all.cloud.points.extend(cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, "").cloud.points);
-    }
-    all.cloud.points.retain(|point| !point[0].is_nan());
-    all.cloud.grid = None;
+    let all = cell.merged("all.ply");
     let taken = cell.ingest(vec![all]);
     assert_eq!(codes(&taken), [IngestCode::Merged]);
     assert_eq!(taken.scans.len(), 4);
@@ -394,12 +400,7 @@ fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
 #[test]
 fn a_merged_cloud_whose_name_has_the_number_of_a_view_is_taken_as_merged_and_a_scan_of_that_view_is_not() {
     let cell = Cell::new();
-    let mut all = cell.file(0, LengthUnit::Millimetre, ScanFrame::Part, "part_4.ply");
-    for view in 1..4 {
-        all.cloud.points.extend(cell.file(view, LengthUnit::Millimetre, ScanFrame::Part, "").cloud.points);
-    }
-    all.cloud.points.retain(|point| !point[0].is_nan());
-    all.cloud.grid = None;
+    let all = cell.merged("part_4.ply");
     let taken = cell.ingest(vec![all.clone()]);
     assert_eq!(codes(&taken), [IngestCode::Merged], "{:?}", taken.findings);
     assert_eq!((taken.scans.len(), taken.findings[0].viewpoint), (4, Some(4)));
