@@ -221,11 +221,13 @@ export interface Summary {
   level: string; title: string; verdict: string; verdict_text: string; views: number; views_text: string;
   coverage: Record<"of_asked" | "of_coverable" | "of_total" | "of_visible", number>;
   coverage_text: string; grades: Record<string, number>; cycle_secs: number | null; cycle_text: string | null;
-  /** Cycle of the program that the robot runs; `command` is there where it takes another time than the motion as planned. */
-  program_cycle?: { cycle_secs: number; command?: string | null } | null;
+  /** Cycle of the program that the robot runs; with `set`, where there is a `command`, the plan's own motion takes the same time. */
+  program_cycle?: { cycle_secs: number; set: Record<string, unknown>; command?: string | null } | null;
   cycle_parts: { moving_secs: number; settling_secs: number; scanning_secs: number; turning_secs: number } | null;
   action: { text: string; set: Record<string, unknown>; to_of_asked: number; from_of_asked: number } | null;
   missed: MissedGroup[]; missed_text: string; setups: number;
+  /** True of further views: shares are of the area that earlier scans left open. */
+  of_open?: boolean;
 }
 
 export interface Region {
@@ -330,6 +332,8 @@ export interface Run {
   detail: string | null; notice: string; objections: string[]; speed_override: number; time_factor: number; single_step: boolean;
   armed_by: string | null; submitted_by: string | null; coverage: { measured_of_asked: number; planned_of_asked: number } | null;
   jitter: Record<string, number> | null; from_step: number;
+  /** Where a run that is over left arm and table; absent in runs of earlier releases. */
+  last_measured?: RunSample["measured"] | null;
 }
 
 export interface RunSample {

@@ -8,7 +8,7 @@ export interface Line { label: string; values: (number | null)[]; colour?: strin
 
 interface Props {
   title: string; x: number[]; lines: Line[]; xLabel: string; yLabel: string; height?: number; percent?: boolean;
-  yRange?: [number, number]; cursor?: number; onPick?: (x: number) => void; points?: boolean; legend?: boolean;
+  yRange?: [number, number]; /** What is 0 or more is drawn from 0 to this at least. */ least?: number; cursor?: number; onPick?: (x: number) => void; points?: boolean; legend?: boolean;
   /** What is counted along x has no halves. */
   isCounted?: boolean;
 }
@@ -19,6 +19,7 @@ const COUNTS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 const shortest = (value: number): string => (value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential() : String(value));
 
 function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
+  const { least } = props;
   const ink = dark ? "#a9b6c4" : "#4a5563";
   const grid = { stroke: dark ? "#2b343f" : "#e2e6eb", width: 1 };
   const axis = { stroke: ink, grid, ticks: grid, font: "11px system-ui, sans-serif", labelFont: "11px system-ui, sans-serif", labelSize: 16 };
@@ -27,7 +28,7 @@ function optionsOf(props: Props, width: number, dark: boolean): uPlot.Options {
     width, height: props.height ?? 190,
     legend: { show: props.legend ?? props.lines.length > 1, live: false },
     cursor: { y: false, drag: { x: false, y: false } },
-    scales: { x: { time: false }, y: props.yRange ? { range: props.yRange } : {} },
+    scales: { x: { time: false }, y: props.yRange ? { range: props.yRange } : least ? { range: (_: uPlot, __: number | null, most: number | null) => [0, Math.max(least, 1.1 * (most ?? 0))] } : {} },
     axes: [
       { ...axis, label: props.xLabel, size: 28, ...(props.isCounted && { incrs: COUNTS }) },
       { ...axis, label: props.yLabel, size: 44, values: (_: uPlot, ticks: number[]) =>

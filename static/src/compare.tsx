@@ -10,7 +10,7 @@ import { jobIds, jobSignal, keepJob, listed, listMore, partName } from "./jobs";
 import { coverageBytes, preview, type Preview } from "./mesh";
 import { css, DIFFERENCES, LINES, type Rgb } from "./palette";
 import { apiDocument, changesOf } from "./schema";
-import { area, goTo, hrefOf, percent, points, when, zone } from "./settings";
+import { area, fixed, goTo, hrefOf, percent, points, when, zone } from "./settings";
 import { PartMesh, Stage, STANDARD_VIEWS } from "./stage";
 import { text } from "./text";
 import { Button, Pending, Problem, Select, Swatch, useLoaded } from "./widgets";
@@ -56,7 +56,7 @@ export function measuredBy(one: number, two: number): keyof typeof DIFFERENCES {
 }
 
 /** Areas by which plan measures them. */
-function DifferenceLegend({ drawn }: { drawn: Promise<Drawn> }) {
+function DifferenceLegend({ drawn, isOfOpen }: { drawn: Promise<Drawn>; isOfOpen: boolean }) {
   const { value } = useLoaded(() => drawn, [drawn]);
   const areas = useMemo(() => {
     const sums = Object.fromEntries(Object.keys(DIFFERENCES).map((key) => [key, 0]));
@@ -68,7 +68,7 @@ function DifferenceLegend({ drawn }: { drawn: Promise<Drawn> }) {
   return (
     <div class="legend" tabIndex={0} role="group" aria-label={text.plan.legend}>
       <table aria-label={text.plan.legend}><tbody>{Object.entries(DIFFERENCES).filter(([key]) => areas[key]! > 0).map(([key, colour]) => (
-        <tr key={key} data-key={key} data-mm2={areas[key]}><th scope="row"><Swatch colour={css(colour)} /> {words.measuredBy[key]}</th>
+        <tr key={key} data-key={key} data-mm2={areas[key]}><th scope="row"><Swatch colour={css(colour)} /> {key === "not_asked" && isOfOpen ? text.plan.notOpen : words.measuredBy[key]}</th>
           <td class="number">{area(areas[key]!)}</td><td class="number">{percent(areas[key]! / total)}</td></tr>
       ))}</tbody></table>
     </div>
@@ -87,19 +87,23 @@ function figuresOf(summary: Summary, isProgram: boolean): Record<string, { value
   };
 }
 
+/** True of further views, whose shares are of the area that earlier scans left open. */
+const isOpen = ({ job }: Side): boolean => job.summary?.of_open === true;
+
 function FigureTable({ sides }: { sides: [Side, Side] }) {
+  const [areOpen, hasOtherWhole] = [sides.every(isOpen), sides.some(isOpen) && !sides.every(isOpen)];
   const isProgram = sides.some(({ job }) => hasOwnCycle(job.summary!));
   const [one, two] = sides.map(({ job }) => figuresOf(job.summary!, isProgram)) as [ReturnType<typeof figuresOf>, ReturnType<typeof figuresOf>];
   const show = (value: number | null, isShare: boolean, name: string): string =>
-    (value === null ? text.none : isShare ? percent(value, 2) : name === "cycle" || name === "program" ? `${value.toFixed(1)} s` : String(value));
+    (value === null ? text.none : isShare ? percent(value, 2) : name === "cycle" || name === "program" ? `${fixed(value, 1)}\u00a0s` : fixed(value, 0));
   return (
     <table>
       <thead><tr><th scope="col">{words.figure}</th><th scope="col">{words.first}</th><th scope="col">{words.second}</th><th scope="col">{words.difference}</th></tr></thead>
       <tbody>{Object.entries(one).map(([name, { value, isShare }]) => {
         const other = two[name]!.value;
-        const difference = value === null || other === null ? null : other - value;
+        const difference = value === null || other === null || (isShare && hasOtherWhole) ? null : other - value;
         return (
-          <tr key={name}><th scope="row">{words.figures[name]}</th><td class="number">{show(value, isShare, name)}</td><td class="number">{show(other, isShare, name)}</td>
+          <tr key={name}><th scope="row">{(areOpen && words.openFigures[name]) || words.figures[name]}</th><td class="number">{show(value, isShare, name)}</td><td class="number">{show(other, isShare, name)}</td>
             <td class="number">{difference === null ? text.none : isShare ? words.points(points(difference)) : `${difference > 0 ? "+" : ""}${show(difference, false, name)}`}</td></tr>
         );
       })}</tbody>
@@ -158,16 +162,16 @@ function Pair({ sides }: { sides: [Side, Side] }) {
           <div class="view3d">
             <p>{words.map}</p>
             <PartView drawn={both} paint={({ bytes }, face) => DIFFERENCES[measuredBy(bytes[0]![face]!, bytes[1]![face]!)]} label={words.map} name="compare-difference" onStage={couple(2)}>
-              <DifferenceLegend drawn={both} />
+              <DifferenceLegend drawn={both} isOfOpen={sides.some(isOpen)} />
             </PartView>
           </div>
         )}
       </div>
       <p class="soft">{words.coupled} {!isSamePart && words.otherPart}</p>
       <div class="pair">
-        <section><FigureTable sides={sides} /></section>
+        <section><FigureTable sides={sides} />{sides.map((side, i) => isOpen(side) && <p key={side.job.id} class="soft">{words.open(i ? words.second : words.first)}</p>)}</section>
         <section>
-          <Chart title={text.plan.curve} x={x} lines={lines} xLabel={text.plan.views} yLabel={text.jobs.asked} percent yRange={[0, 1]} points />
+          <Chart title={text.plan.curve} x={x} lines={lines} xLabel={text.plan.views} yLabel={sides.every(isOpen) ? text.jobs.open : text.jobs.asked} percent yRange={[0, 1]} points />
           <h2>{words.settings}</h2><SettingsTable sides={sides} />
         </section>
       </div>

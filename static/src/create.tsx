@@ -1,6 +1,6 @@
 // A new plan: a mesh is dropped and looked at before anything is sent, its unit asked for, its size held against the scanner's
 // field and the plate; then cell, parameters and placement; or all of that taken from a job and changed.
-import { useSignal, type Signal } from "@preact/signals";
+import { batch, effect, signal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Box3, Euler, Group, Matrix4, Vector3 } from "three";
 import { ask, idempotencyKey, post, uploadMesh, type Cell, type Job, type Mesh, type Page, type Pose, type ScannerSpec, type Turntable } from "./api";
@@ -31,6 +31,34 @@ interface Placement { roll: number; pitch: number; yaw: number; x: number; y: nu
 const idOf = ({ name, size, lastModified }: File): string => [name, size, lastModified].join();
 const AS_IN_FILE: Placement = { roll: 0, pitch: 0, yaw: 0, x: 0, y: 0, z: 0 };
 interface Choice { cell: string; scanner: string; partNumber: string; serial: string; labels: string; priority: number }
+
+/** What the reader has given for a plan. */
+interface Form {
+  entries: Signal<Entry[]>; unit: Signal<string>; params: Signal<Record<string, unknown>>; place: Signal<Placement | null>; choice: Signal<Choice>;
+  /** Uploads and starts under way, for which the unit stays as it is. */
+  sending: Signal<number>;
+}
+
+const NO_NUMBERS = { partNumber: "", serial: "", labels: "", priority: 0 };
+const newForm = (): Form => ({
+  entries: signal([]), unit: signal(""), params: signal({}), place: signal(null), choice: signal({ cell: "", scanner: "", ...NO_NUMBERS }), sending: signal(0),
+});
+
+/** The form of a new plan, which is there again when the reader comes back to it; one that is based on a job begins from that. */
+const draft = newForm();
+
+/** Clears a form whose jobs were started; the hardware is that of the next one too. */
+const clear = ({ entries, unit, params, place, choice }: Form): void => batch(() => {
+  [entries.value, unit.value, params.value, place.value, choice.value] = [[], "", {}, null, { ...choice.peek(), ...NO_NUMBERS }];
+});
+
+/** Asks the reader before the page is left with a form that is filled. */
+const warn = (event: BeforeUnloadEvent): void => event.preventDefault();
+effect(() => {
+  const { partNumber, serial, labels, priority } = draft.choice.value;
+  const isFilled = draft.entries.value.length > 0 || Object.keys(draft.params.value).length > 0 || Boolean(partNumber || serial || labels || priority);
+  (isFilled ? addEventListener : removeEventListener)("beforeunload", warn);
+});
 
 /** The hardware that sizes are held against. */
 interface Bounds { field: [number, number, number] | null; plate: Turntable | null }
@@ -377,13 +405,8 @@ function showField(name: string): void {
 }
 
 export function Create({ from, set, at: field }: { from: string | null; set: string | null; at: string | null }) {
-  const entries = useSignal<Entry[]>([]);
-  const unit = useSignal("");
-  /** Uploads and starts under way, for which the unit stays as it is. */
-  const sending = useSignal(0);
-  const params = useSignal<Record<string, unknown>>({});
-  const place = useSignal<Placement | null>(null);
-  const choice = useSignal<Choice>({ cell: "", scanner: "", partNumber: "", serial: "", labels: "", priority: 0 });
+  const form = useMemo(() => (from ? newForm() : draft), [from]);
+  const { entries, unit, params, place, choice, sending } = form;
   const [base, setBase] = useState<Base | null>(null);
   const offered = offeredBy(set);
   const [bounds, setBounds] = useState<Bounds>({ field: null, plate: null });
@@ -491,6 +514,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
       entries.value = entries.value.filter((entry) => !entry.isStarted);
       throw new Error([...problems, ...(jobs.length > 0 ? [text.create.othersStarted(jobs.length)] : [])].join("\n"));
     }
+    if (form === draft) clear(draft);
     return hrefOf(jobs.length === 1 ? ["jobs", jobs[0]!.id] : ["jobs"]);
   };
   const { cell, labels } = choice.value;

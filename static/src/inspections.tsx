@@ -12,7 +12,7 @@ import { hasDeviation, lostWords, whyNotFound } from "./located";
 import { jobSignal, keepJob, partName, readJob, scannerName } from "./jobs";
 import { css, lossColour } from "./palette";
 import { Rounds, ScanMap, type Pin } from "./scanmap";
-import { area, areaIn, count, degrees, fileSize, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, points, setQuery, unit, when, zoned } from "./settings";
+import { area, areaIn, count, degrees, fileSize, fine, fixed, hrefOf, length, lengthIn, lengthUnit, percent, place, point, points, sentence, setQuery, unit, when, zoned } from "./settings";
 import { text } from "./text";
 import { Button, ConfirmButton, CopyLink, Cut, known, NumberInput, Pending, Problem, Swatch, useLoaded, useNewest } from "./widgets";
 
@@ -417,7 +417,7 @@ function Teach({ job, planned }: { job: InspectionJob; planned: Job }) {
   return (
     <>
       <p class="soft">{words.teachHint}</p>
-      {(learned.withheld ?? []).map(({ reason, detail }) => <p key={reason} class="soft">{detail[0]!.toUpperCase() + detail.slice(1)}.</p>)}
+      {(learned.withheld ?? []).map(({ reason, detail }) => <p key={reason} class="soft">{sentence(detail)}</p>)}
       {!(learned.withheld?.length && learned.offers.length === 0) && <Offers offers={learned.offers} planned={planned} job={job} />}
       <table aria-label={words.estimates}>
         <thead><tr>{[words.figure, words.value, words.interval, words.from].map((name, i) => <th key={name} scope="col" class={i ? "number" : ""}>{name}</th>)}</tr></thead>
@@ -443,6 +443,13 @@ function Rates({ title, bins, unit: shown, of = (value) => value }: { title: str
   return plot.x.length < 2 ? null : <Chart title={title} {...plot} xLabel={shown} yLabel={words.rate} percent yRange={[0, 1]} height={140} />;
 }
 
+/** What a change is offered for: the figure that was found, with its interval, and the values in use and suggested, which may be beyond it. */
+function basis({ parameter, in_scanner: [field = ""], identified, from, to }: Offer): string {
+  const unit = /deg$/.test(parameter ?? field) ? "°" : /mm\b/.test(parameter ?? field) ? "\u00a0mm" : "";
+  const show = (value: number): string => `${Number(value.toPrecision(4))}${unit}`;
+  return words.offer(show(identified.value), identified.interval.map(show).join(" … "), count(identified.count), from === null ? text.none : show(from), show(to));
+}
+
 /** Changes that are offered; each is taken over only by a new plan that the reader starts. */
 function Offers({ offers, planned, job }: { offers: Offer[]; planned: Job; job: InspectionJob }) {
   if (offers.length === 0) return <p class="good">{words.noOffers}</p>;
@@ -454,7 +461,7 @@ function Offers({ offers, planned, job }: { offers: Offer[]; planned: Job; job: 
       <ul class="offers">{offers.map((offer) => (
         <li key={offer.field}>
           <p>{offer.detail}</p>
-          <p class="soft">{words.offer(offer.from === null ? text.none : String(offer.from), String(offer.to), offer.identified.interval.map((value) => Number(value.toPrecision(4))).join(" … "), count(offer.identified.count))}</p>
+          <p class="soft">{basis(offer)}</p>
           <p class="actions">{offer.parameter
             ? <a class="button" href={plan([offer])}>{words.planWith(`${offer.parameter} = ${offer.to}`)}</a>
             : <a class="button" href={hrefOf(["specs", "scanners", scanner])}>{words.setIn(offer.in_scanner.join(", "), scanner)}</a>}</p>

@@ -1,8 +1,8 @@
 // One job: its head with verdict and actions, and its parts: plan, cell, results.
-import { useSignal } from "@preact/signals";
+import { useComputed, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { apiPath, askAhead, type Job, type Note, type Region } from "./api";
-import { jobSignal, partName, readJob, retries, stream } from "./jobs";
+import { jobIds, jobSignal, partName, readJob, retries, stream } from "./jobs";
 import { facts, JobActions, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
 import { area, fine, goTo, hrefOf, nonzero, percent, place, setQuery, unit, withoutOptions } from "./settings";
 import { StartRun } from "./startrun";
@@ -20,11 +20,13 @@ export function Remedy({ job, label, set }: { job: Job; label: string; set: Reco
 export function Sentences({ job }: { job: Job }) {
   const summary = job.summary;
   if (!summary) return null;
-  const sentences = [summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text].filter((sentence) => sentence !== null);
+  const sentences = [summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text && withoutOptions(summary.cycle_text)].filter((sentence) => sentence !== null);
+  const program = summary.program_cycle;
   return (
     <>
       <ul class="summary" aria-label={text.job.summary}>{sentences.map((sentence) => <li key={sentence}>{sentence}</li>)}</ul>
       <UnitNote of={sentences} />
+      {program?.command && <p class="actions"><Remedy job={job} label={text.job.asProgram} set={program.set} /></p>}
     </>
   );
 }
@@ -125,8 +127,10 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
       [read.value, problem.value] = [job, ""];
     }, (error) => { problem.value = error.message; });
   }, [id, isLost, retries.value]);
+  // A job that is deleted elsewhere leaves the list of those that are known, not its signal.
+  const isKnown = useComputed(() => jobIds.value.includes(id));
   // `read` only says that the job is there; its state comes from the live signal.
-  const job = read.value && jobSignal(id)?.value;
+  const job = read.value && isKnown.value ? jobSignal(id)?.value : undefined;
   if (problem.value || !job) return <Pending error={problem.value || (read.value && text.notFound)} />;
   const isReady = job.state === "succeeded" && job.params !== undefined;
   const props = { job, query: place.value.query, setQuery };

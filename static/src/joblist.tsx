@@ -147,7 +147,11 @@ export function JobActions({ job, onLabels }: { job: Job; onLabels?: () => void 
       <a class="button" href={hrefOf(["new"], { from: job.id })}>{text.jobs.clone}</a>
       {onLabels && <Button onClick={onLabels}>{text.jobs.labels}</Button>}
       {ENDED.includes(job.state) && <ConfirmButton label={text.jobs.remove} sure={text.sure(text.jobs.results([partName(job)]))}
-        onConfirm={async () => { await remove(`/jobs/${job.id}`); forgetJob(job.id); if (place.peek().path[1] === job.id) goTo(hrefOf(["jobs"])); }} />}
+        onConfirm={async () => {
+          await remove(`/jobs/${job.id}`);
+          if (place.peek().path[1] === job.id) goTo(hrefOf(["jobs"]));
+          forgetJob(job.id);
+        }} />}
     </span>
   );
 }
@@ -179,7 +183,8 @@ export function LabelsDialog({ job, onClose }: { job: Job; onClose: () => void }
 }
 
 /** True where the program that the robot runs takes another time than the motion as planned, which its controller cannot carry out. */
-export const hasOwnCycle = ({ program_cycle: program }: Summary): boolean => Boolean(program?.command);
+export const hasOwnCycle = ({ program_cycle: program, cycle_secs: planned }: Summary): boolean =>
+  Boolean(program && planned !== null && seconds(program.cycle_secs) !== seconds(planned));
 
 function Figures({ job }: { job: Job }) {
   const summary = job.summary;
@@ -188,8 +193,8 @@ function Figures({ job }: { job: Job }) {
   return (
     <div class="figures">
       {figure(String(summary.views), summary.views === 1 ? text.jobs.view : text.plan.views)}
-      {figure(percent(summary.coverage.of_visible), text.jobs.coverage)}
-      {figure(percent(summary.coverage.of_asked), text.jobs.asked)}
+      {figure(percent(summary.coverage.of_visible), summary.of_open ? text.jobs.visibleOpen : text.jobs.coverage)}
+      {figure(percent(summary.coverage.of_asked), summary.of_open ? text.jobs.open : text.jobs.asked)}
       {hasOwnCycle(summary) ? figure(seconds(summary.program_cycle!.cycle_secs), text.jobs.cycleProgram)
         : summary.cycle_secs !== null && figure(seconds(summary.cycle_secs), text.jobs.cycle)}
     </div>
@@ -258,13 +263,20 @@ async function deleteJobs(ids: string[]): Promise<void> {
   message.value = text.jobs.kept(held, going);
 }
 
+/** Names of jobs; those that are not the only ones of their name with part number and time. */
+function namesOf(jobs: Job[]): string[] {
+  const names = jobs.map(partName);
+  return jobs.map((job, i) => (names.indexOf(names[i]!) === names.lastIndexOf(names[i]!) ? names[i]!
+    : text.jobs.nameWith(names[i]!, [job.part_number, when(job.created_at)].filter(Boolean).join(", "))));
+}
+
 function Chosen({ ids, onDone }: { ids: string[]; onDone: () => void }) {
   if (ids.length === 0) return <p class="soft">{text.jobs.compareHint} {text.times(zone)}</p>;
   return (
     <p class="actions">
       <span>{text.jobs.chosen(ids.length)}</span>
       {ids.length === 2 && <a class="button primary" href={hrefOf(["compare", ids[0]!, ids[1]!])}>{text.jobs.compare}</a>}
-      <ConfirmButton label={text.jobs.remove} sure={text.sure(text.jobs.results(ids.map((id) => partName(jobSignal(id)!.value))))} onConfirm={() => deleteJobs(ids).then(onDone)} />
+      <ConfirmButton label={text.jobs.remove} sure={text.sure(text.jobs.results(namesOf(ids.map((id) => jobSignal(id)!.value))))} onConfirm={() => deleteJobs(ids).then(onDone)} />
     </p>
   );
 }
@@ -321,7 +333,7 @@ export function JobList() {
           <Row key={id} id={id} fits={fits} chosen={chosen.value.includes(id)} onChoose={choose} />
         ))}
       </ul>
-      <p class="soft" role="status">{reached && text.jobs.listed(shown.length, ids.length)}</p>
+      <p id="listed" class="soft" role="status">{reached && !isPart && (reached.token ? text.cut(shown.length) : text.jobs.listed(shown.length, ids.length))}</p>
       {findMore.value && <Button onClick={findMore.value}>{text.jobs.olderFound}</Button>}
       {reached?.token && <button id="more" type="button" onClick={() => void guarded(listMore)}>{text.jobs.older}</button>}
     </section>

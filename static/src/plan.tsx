@@ -233,10 +233,10 @@ function Loaded({ model, query, setQuery }: { model: Model } & Query) {
       </div>
       <aside class="side">
         <Tabs label={text.plan.panels.summary!} names={text.plan.panels} chosen={panel} onChoose={(name) => setQuery({ panel: name === "summary" ? undefined : name })} />
-        {state.spot.value && panel !== "regions" && <SpotPanel state={state} spot={state.spot.value} />}
+        {state.spot.value && panel !== "regions" && <SpotPanel state={state} spot={state.spot.value} mode={mode} />}
         {panel === "summary" && <SummaryPanel state={state} />}
         {panel === "views" && <ViewsPanel state={state} />}
-        {panel === "misses" && <MissesPanel state={state} onSpot={(spot, reason) => void state.showSpot(spot, reason).then(reveal)} />}
+        {panel === "misses" && <MissesPanel state={state} mode={mode} onSpot={(spot, reason) => void state.showSpot(spot, reason).then(reveal)} />}
         {panel === "regions" && <RegionsPanel state={state} />}
         {panel === "charts" && <ChartsPanel state={state} />}
       </aside>

@@ -1,7 +1,7 @@
 // Panels beside the plan in 3D: summary, views, misses, regions, charts, and the spot that was asked for.
 import { useSignal, type Signal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
-import type { Spot } from "./api";
+import type { MissedListing, Spot } from "./api";
 import { isGrade } from "./bytes";
 import { Chart } from "./chart";
 import { RegionTable, Remedy, Sentences, UnitNote, Warnings } from "./job";
@@ -15,11 +15,15 @@ import { Button, Select, Slider, Swatch } from "./widgets";
 
 const words = text.plan;
 const causeName = (cause: string): string => text.causes[cause] ?? cause;
+/** Name of the area that a plan is not for: of further views, also what earlier scans measured. */
+const notAsked = ({ model }: Plan3d): string => (model.job.summary?.of_open ? words.notOpen : words.notAsked);
+/** Cause in words, and in its colour where causes colour the part: in other modes the same colours are grades. */
+const Cause = ({ cause, mode }: { cause: string; mode: Colouring }) => <>{mode === "cause" && <><Swatch colour={css(causeColour(cause))} /> </>}{causeName(cause)}</>;
 
 export function Legend({ state, mode, areas }: { state: Plan3d; mode: Colouring; areas: Map<string, number> }) {
   const scores = state.scores.value;
   const rows = useMemo(() => legendOf(state.model, mode, scores, areas, {
-    causes: text.causes, grades: words.gradeNames, missed: words.notMeasured, measured: words.measured, notAsked: words.notAsked, views: text.jobs.views,
+    causes: text.causes, grades: words.gradeNames, missed: words.notMeasured, measured: words.measured, notAsked: notAsked(state), views: text.jobs.views,
   }), [mode, scores, areas]);
   const total = [...areas.values()].reduce((sum, value) => sum + value, 0);
   return (
@@ -42,6 +46,7 @@ export function SummaryPanel({ state }: { state: Plan3d }) {
   const { job, plan } = state.model;
   // The figures of the verdict, on samples that the choice of views did not know.
   const coverage = job.summary?.coverage ?? plan.coverage;
+  const denominator = job.summary?.of_open ? words.openDenominator : words.denominator;
   const shares = (["of_visible", "of_asked", "of_coverable"] as const).map((name) => [name, coverage[name]] as const);
   return (
     <div>
@@ -50,8 +55,8 @@ export function SummaryPanel({ state }: { state: Plan3d }) {
       <dl class="shares">
         {shares.map(([name, share]) => (
           <div key={name}>
-            <dt><strong>{percent(share, 2)}</strong><meter min={0} max={1} value={share} aria-label={words.denominator[name]} /></dt>
-            <dd>{words.denominator[name]}</dd>
+            <dt><strong>{percent(share, 2)}</strong><meter min={0} max={1} value={share} aria-label={denominator[name]} /></dt>
+            <dd>{denominator[name]}</dd>
           </div>
         ))}
       </dl>
@@ -63,7 +68,7 @@ export function SummaryPanel({ state }: { state: Plan3d }) {
 
 const CAUSE_ORDER = Object.keys(text.causes);
 
-export function SpotPanel({ state, spot }: { state: Plan3d; spot: SpotState }) {
+export function SpotPanel({ state, spot, mode }: { state: Plan3d; spot: SpotState; mode: Colouring }) {
   const views = state.views.value;
   const rows = spot.judgements.map((judgement, i) => ({ judgement, view: views[i] })).filter((row) => row.view?.isUsed);
   const seen = rows.filter((row) => !row.judgement.cause).sort((a, b) => b.judgement.quality - a.judgement.quality);
@@ -77,7 +82,7 @@ export function SpotPanel({ state, spot }: { state: Plan3d; spot: SpotState }) {
   const isMeasured = isGrade(spot.meaning);
   // Views that were changed by hand are not those that the plan judged.
   const isDisputed = isMeasured !== (seen.length > 0) && spot.meaning !== "not_asked" && !isEdited(views);
-  const verdict = isMeasured ? words.gradeNames[spot.meaning]! : causeName(spot.meaning);
+  const verdict = isMeasured ? words.gradeNames[spot.meaning]! : spot.meaning === "not_asked" ? notAsked(state) : causeName(spot.meaning);
   return (
     <section class="spot" aria-label={words.spot} ref={panel}>
       <div class="head"><h3>{seen.length ? words.seenBy(seen.length) : words.unseen}</h3><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></div>
@@ -97,7 +102,7 @@ export function SpotPanel({ state, spot }: { state: Plan3d; spot: SpotState }) {
         <details open={seen.length === 0}>
           <summary>{words.whyNot}</summary>
           <ul class="causes">{[...groups].sort(([a], [b]) => CAUSE_ORDER.indexOf(b) - CAUSE_ORDER.indexOf(a)).map(([cause, ids]) => (
-            <li key={cause}><Swatch colour={css(causeColour(cause))} /> {causeName(cause)}: {ids.map((id) => (
+            <li key={cause}><Cause cause={cause} mode={mode} />: {ids.map((id) => (
               <button key={id} type="button" class="link" onClick={() => state.chooseView(id)}>{id}</button>
             ))}</li>
           ))}</ul>
@@ -204,12 +209,22 @@ export function ViewsPanel({ state }: { state: Plan3d }) {
 }
 
 const MAX_SPOTS = 60;
+/** Spots that the report numbers for their size (`src/report/html/spots.rs`); those with a remedy have a number too. */
+const NUMBERED = 20;
 
-export function MissesPanel({ state, onSpot }: { state: Plan3d; onSpot: (spot: Spot, reason: string) => void }) {
+interface MissedSpot { reason: string; spot: Spot; number: number | null }
+
+/** All missed spots, largest first, with their numbers in the report. */
+function numbered({ missed }: MissedListing): MissedSpot[] {
+  const all = missed.flatMap(({ reason, listing }) => listing.map((spot) => ({ reason, spot }))).sort((a, b) => b.spot.area_mm2 - a.spot.area_mm2);
+  let last = 0;
+  return all.map((one, rank) => ({ ...one, number: rank < NUMBERED || one.spot.remedy ? (last += 1) : null }));
+}
+
+export function MissesPanel({ state, mode, onSpot }: { state: Plan3d; mode: Colouring; onSpot: (spot: Spot, reason: string) => void }) {
   const { job, missed } = state.model;
   const fixes = (job.summary?.missed ?? []).filter((group) => Object.keys(group.set).length > 0);
-  const spots = useMemo(() => missed.missed.flatMap(({ reason, listing }) => listing.map((spot) => ({ reason, spot })))
-    .sort((a, b) => b.spot.area_mm2 - a.spot.area_mm2).slice(0, MAX_SPOTS), [missed]);
+  const spots = useMemo(() => numbered(missed).slice(0, MAX_SPOTS), [missed]);
   const all = missed.missed.reduce((sum, { listing }) => sum + listing.length, 0);
   if (all === 0) return <p class="good">{words.noMisses}</p>;
   return (
@@ -217,16 +232,17 @@ export function MissesPanel({ state, onSpot }: { state: Plan3d; onSpot: (spot: S
       {fixes.length > 0 && <h3>{words.fixes}</h3>}
       <ul class="fixes">
         {fixes.map((group) => (
-          <li key={group.text}><Swatch colour={css(causeColour(group.reason))} /> {words.missCount(group.spots)}, {percent(group.of_asked, 2)}: {causeName(group.reason)}.
+          <li key={group.text}>{words.missCount(group.spots)}, {percent(group.of_asked, 2)}: <Cause cause={group.reason} mode={mode} />.
             {" "}{group.fix_text} ({area(group.recovers_mm2)}) <Remedy job={job} label={text.job.apply} set={group.set} /></li>
         ))}
       </ul>
       <h3>{words.misses}{all > spots.length && ` (${spots.length} ${text.runs.of} ${all})`}</h3>
+      <p class="soft">{words.numbered}</p>
       <UnitNote of={spots.map(({ spot }) => spot.remedy?.text)} />
       <ul class="spots">
-        {spots.map(({ reason, spot }, i) => (
+        {spots.map(({ reason, spot, number }, i) => (
           <li key={i}><button type="button" class="row" onClick={() => onSpot(spot, reason)}>
-            <span><Swatch colour={css(causeColour(reason))} /> {causeName(reason)}</span><span class="number">{area(spot.area_mm2)}</span>
+            <span>{number !== null && <strong>{number}{" "}</strong>}<Cause cause={reason} mode={mode} /></span><span class="number">{area(spot.area_mm2)}</span>
             <span class="soft">{spot.remedy?.text ?? ""}</span></button></li>
         ))}
       </ul>
@@ -320,9 +336,9 @@ export function ChartsPanel({ state }: { state: Plan3d }) {
   const parts = job.summary?.cycle_parts;
   return (
     <div>
-      <Chart title={[words.curve, plan.bound && words.lower(plan.bound.views_lower), typeof upper === "number" && words.upper(percent(upper, 2))].filter(Boolean).join("; ")} x={x} lines={lines} xLabel={words.views} yLabel={text.jobs.asked} percent points yRange={[0, 1]}
+      <Chart title={[words.curve, plan.bound && plan.bound.views_lower > 0 && words.lower(plan.bound.views_lower), typeof upper === "number" && words.upper(percent(upper, 2))].filter(Boolean).join("; ")} x={x} lines={lines} xLabel={words.views} yLabel={job.summary?.of_open ? text.jobs.open : text.jobs.asked} percent points yRange={[0, 1]}
         onPick={(at) => { const view = plan.viewpoints[Math.max(0, Math.round(at) - 1)]; if (view) state.chooseView(view.id); }} />
-      <Bars title={words.grades} rows={Object.entries(plan.coverage.grades).map(([grade, share]) => ({ name: words.gradeNames[grade] ?? grade, value: share, show: percent(share), colour: css(GRADES[grade]!) }))} />
+      <Bars title={job.summary?.of_open ? words.gradesOpen : words.grades} rows={Object.entries(plan.coverage.grades).map(([grade, share]) => ({ name: words.gradeNames[grade] ?? grade, value: share, show: percent(share), colour: css(GRADES[grade]!) }))} />
       {parts && <Bars title={words.cycle} rows={[
         { name: words.moving, value: parts.moving_secs, show: seconds(parts.moving_secs) }, { name: words.scanning, value: parts.scanning_secs, show: seconds(parts.scanning_secs) },
         { name: words.settling, value: parts.settling_secs, show: seconds(parts.settling_secs) }]} />}

@@ -1,6 +1,6 @@
 // Runs: what moves, by whose leave, where it is against where it should be; and what to do when it stops.
 import { useSignal, type Signal } from "@preact/signals";
-import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 import { apiPath, ask, askSeen, post, Refused, remove, type Job, type Plan, type Program, type Run, type RunSample, type StepRecord } from "./api";
 import { CellScene, cellModelOf } from "./cellscene";
 import { programsOf } from "./cell";
@@ -11,7 +11,7 @@ import { giveBack, lease, takeLease, withToken } from "./lease";
 import { giveWay, Stream, type LiveEvent } from "./live";
 import { coverageBytes, fixtureOf, preview } from "./mesh";
 import { LINES } from "./palette";
-import { hrefOf, percent, seconds, when, zoned } from "./settings";
+import { hrefOf, percent, seconds, sentence, when, zoned } from "./settings";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { StartRun } from "./startrun";
 import { text } from "./text";
@@ -94,6 +94,8 @@ function pointsOf(record: StepRecord[]): Point[] {
   return record.map(({ step, actual_secs: spent, axis_deviation_deg, measured }) => ({ secs: (secs += spent), step, deviation_deg: axis_deviation_deg, measured }));
 }
 const MAX_LOG = 300;
+/** Distance from the end of the log at which a reader is still at its end, pixels. */
+const LOG_SLACK_PX = 12;
 
 /** Live state of a run: its document, samples and events. */
 function useRun(first: Run) {
@@ -166,8 +168,10 @@ function Live({ first }: { first: Run }) {
   const [stage, setStage] = useState<Stage | null>(null);
   const program = programs[run.value.setup] ?? programs[0];
   const last = samples.value.at(-1);
-  // Where a run that did not finish came to rest is known only to a page that saw it.
-  const isCut = ["stopped", "failed"].includes(run.value.state) && (!last || last.step <= recorded.current);
+  const { last_measured: left } = run.value;
+  // Without it, where a run came to rest is known only to a page that saw it; the record has the ends of its steps.
+  const isSeen = last !== undefined && last.step > recorded.current;
+  const shown = !OVER.includes(run.value.state) ? words.ghost : left || isSeen ? words.lastMeasured : last ? words.lastStep : words.neverMeasured;
   useEffect(() => { window.vantage.run = { scene, run, samples }; }, []);
   useEffect(() => {
     if (!stage || !scenery) return undefined;
@@ -180,16 +184,17 @@ function Live({ first }: { first: Run }) {
     return () => { made.dispose(); scene.current = null; };
   }, [stage, scenery]);
   useEffect(() => {
-    if (last) scene.current?.pose([...last.measured.joints_deg, last.measured.table_angle_deg]);
+    const measured = left ?? last?.measured;
+    if (measured) scene.current?.pose([...measured.joints_deg, measured.table_angle_deg]);
     const target = program && targetOf(program, run.value.step);
     scene.current?.showGhost(OVER.includes(run.value.state) ? null : target ?? null);
-  }, [stage, scenery, program, last, run.value.step, run.value.state]);
+  }, [stage, scenery, program, left, last, run.value.step, run.value.state]);
   return (
     <div class="runview">
       <div class="left">
         {scenery ? <View3d label={text.cell.scene} name="run" box={() => scene.current?.box() ?? null} onStage={setStage} />
           : problem ? <p class="empty" role="alert">{problem}</p> : <p class="empty" role="status">{text.loading}</p>}
-        <p class="soft">{isCut ? words.lastStep : words.ghost}</p>
+        <p id="shown" class="soft">{shown}</p>
       </div>
       <aside class="side">
         <h1>{job ? <a href={hrefOf(["jobs", job.id])}>{partName(job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
@@ -199,12 +204,25 @@ function Live({ first }: { first: Run }) {
         <RunFacts run={run.value} program={program} elapsed={OVER.includes(run.value.state) ? run.value.elapsed_secs : last?.secs ?? run.value.elapsed_secs} />
         <Plots samples={samples} />
         <h3>{zoned(words.log)}</h3>
-        <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (
-          <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
-        ))}</ol>
+        <Log entries={log.value} />
         <Files run={run.value} />
       </aside>
     </div>
+  );
+}
+
+/** Events, of which the newest is in view as long as the reader is at the end. */
+function Log({ entries }: { entries: LogEntry[] }) {
+  const list = useRef<HTMLOListElement>(null);
+  const isAtEnd = useRef(true);
+  useLayoutEffect(() => { if (isAtEnd.current) list.current!.scrollTop = list.current!.scrollHeight; }, [entries]);
+  return (
+    <ol class="log" tabIndex={0} aria-label={words.log} ref={list}
+      onScroll={({ currentTarget: { scrollTop, scrollHeight, clientHeight } }) => { isAtEnd.current = scrollHeight - scrollTop - clientHeight < LOG_SLACK_PX; }}>
+      {entries.map((entry, i) => (
+        <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
+      ))}
+    </ol>
   );
 }
 
@@ -278,9 +296,9 @@ function Controls({ run, setups, read }: Commanded & { setups: number }) {
     const timer = setTimeout(() => { said.value = words.stopLate; }, STOP_ANSWER_MS);
     const stopped = guarded(() => post(`/runs/${id}/stop`));
     giveWay();
-    await stopped;
+    const isSent = (await stopped) !== undefined;
     clearTimeout(timer);
-    said.value = "";
+    said.value = isSent ? "" : words.stopLate;
     await read();
   };
   return (
@@ -306,7 +324,8 @@ function Reason({ run }: { run: Run }) {
   const help = words.help[run.reason];
   return (
     <p class={run.state === "failed" ? "problem" : "warning"}>
-      {words.reason}: {run.reason.replaceAll("_", " ")}{run.detail ? `. ${run.detail}` : ""}{help && <><br />→ {help}</>}
+      {sentence(run.detail ? `${stateName(run.state)}: ${run.detail}` : stateName(run.state))}
+      {help && <><br />→ {help}</>}{run.mode === "live" && OVER.includes(run.state) && <><br />→ {words.liveOverApi}</>}
     </p>
   );
 }
@@ -332,6 +351,8 @@ function RunFacts({ run, program, elapsed }: { run: Run; program: Program | unde
 }
 
 const PLOTTED = 600;
+/** Deviations of less than the plot's height at least, degrees: rounding alone is not spread over it. */
+const LEAST_DEVIATION_DEG = 0.01;
 
 function Plots({ samples }: { samples: Signal<Point[]> }) {
   const all = samples.value;
@@ -349,7 +370,7 @@ function Plots({ samples }: { samples: Signal<Point[]> }) {
   return (
     <>
       <Chart title={words.speed} x={x} lines={joints} xLabel="s" yLabel="°" height={170} />
-      <Chart title={words.deviation} x={x} lines={deviation} xLabel="s" yLabel="°" height={120} />
+      <Chart title={words.deviation} x={x} lines={deviation} xLabel="s" yLabel="°" height={120} least={LEAST_DEVIATION_DEG} />
     </>
   );
 }

@@ -3,7 +3,6 @@ import { signal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { ask } from "./api";
 import { text } from "./text";
-import { NumberInput } from "./widgets";
 
 export interface Schema {
   $ref?: string; type?: string | string[]; enum?: (string | number)[]; properties?: Record<string, Schema>; required?: string[];
@@ -45,10 +44,13 @@ interface FieldProps { api: Api; schema: Schema; name: string; value: unknown; o
 /** A description of the API as plain text: without backticks and line breaks. */
 const prose = (words = ""): string => words.replaceAll("`", "").replaceAll("\n", " ");
 
+/** Range of a number; empty where it has none. */
+const rangeOf = ({ minimum: from, maximum: to }: Schema): string =>
+  (from !== undefined && to !== undefined ? `${from} to ${to}` : from !== undefined ? `≥ ${from}` : to !== undefined ? `≤ ${to}` : "");
+
 /** Range, default and unit, which descriptions end with. */
 function hint(schema: Schema, fallback: unknown): string {
-  const { minimum: from, maximum: to } = schema;
-  const range = from !== undefined && to !== undefined ? `${from} to ${to}` : from !== undefined ? `≥ ${from}` : to !== undefined ? `≤ ${to}` : "";
+  const range = rangeOf(schema);
   const standard = fallback === undefined || fallback === null ? "" : `${text.create.default} ${JSON.stringify(fallback)}`;
   return [range, standard].filter(Boolean).join(" · ");
 }
@@ -92,22 +94,52 @@ function JsonField({ value, onChange, label, rows = 2 }: { value: unknown; onCha
   );
 }
 
+const NUMBER = /^[-−+]?(\d+\.?\d*|\.\d+)(e[-−+]?\d+)?$/i;
+const numberOf = (given: string): number => Number(given.replaceAll("−", "-"));
+
+/** What keeps a text from being a number that a schema allows; empty where nothing does. */
+function numberFault(given: string, schema: Schema): string {
+  const { minimum: from, maximum: to } = schema;
+  if (given === "") return "";
+  if (given.includes(",")) return text.create.comma;
+  if (!NUMBER.test(given)) return text.create.noNumber;
+  const value = numberOf(given);
+  if (typeOf(schema) === "integer" && !Number.isInteger(value)) return text.create.noInteger;
+  return value < (from ?? -Infinity) || value > (to ?? Infinity) ? text.create.allowed(rangeOf(schema)) : "";
+}
+
+/** Field of a number, as text: fields that browsers have for numbers drop a decimal comma without a word. What is no number or out of its
+ *  range is marked, and not told. */
 function NumberField({ schema, value, onChange, label, fallback }: {
-  schema: Schema; value: unknown; onChange: (value: unknown) => void; label: string; fallback?: unknown;
+  schema: Schema; value: unknown; onChange: (value: number | undefined) => void; label: string; fallback?: unknown;
 }) {
+  // As typed, until the field is left with a number in it.
+  const [draft, setDraft] = useState<string | null>(null);
+  const field = useRef<HTMLInputElement>(null);
+  const fault = draft === null ? "" : numberFault(draft.trim(), schema);
+  useUnread(label, fault !== "");
+  useEffect(() => { if (document.activeElement !== field.current) setDraft(null); }, [value]);
+  const take = (given: string): void => {
+    setDraft(given);
+    if (numberFault(given.trim(), schema) === "") onChange(given.trim() === "" ? undefined : numberOf(given.trim()));
+  };
   return (
-    <NumberInput aria-label={label} {...(typeOf(schema) === "integer" && { step: 1 })} min={schema.minimum} max={schema.maximum}
-      value={typeof value === "number" ? value : undefined} placeholder={fallback === undefined || fallback === null ? "" : String(fallback)} onNumber={onChange} />
+    <>
+      <input ref={field} type="text" inputMode="decimal" autocomplete="off" aria-label={label} aria-invalid={fault !== ""}
+        value={draft ?? (typeof value === "number" ? String(value) : "")} placeholder={fallback === undefined || fallback === null ? "" : String(fallback)}
+        onInput={(event) => take(event.currentTarget.value)} onBlur={() => { if (!fault) setDraft(null); }} />
+      {fault && <span class="problem" role="alert">{fault}</span>}
+    </>
   );
 }
 
-function Numbers({ value, onChange, label, count }: { value: unknown; onChange: (value: unknown) => void; label: string; count: number }) {
+function Numbers({ value, onChange, label, count, items }: { value: unknown; onChange: (value: unknown) => void; label: string; count: number; items: Schema }) {
   const numbers = Array.isArray(value) ? (value as number[]) : Array<number>(count).fill(0);
   return (
     <span class="numbers">
       {numbers.map((number, i) => (
-        <NumberInput key={i} aria-label={`${label} ${i + 1}`} value={number}
-          onNumber={(given) => { if (given !== undefined) onChange(numbers.map((old, at) => (at === i ? given : old))); }} />
+        <NumberField key={i} schema={items} label={`${label} ${i + 1}`} value={number}
+          onChange={(given) => { if (given !== undefined) onChange(numbers.map((old, at) => (at === i ? given : old))); }} />
       ))}
     </span>
   );
@@ -152,7 +184,7 @@ function Control(props: FieldProps) {
   }
   const isFixed = schema.minItems !== undefined && schema.minItems === schema.maxItems && schema.minItems <= 7;
   if (type === "array" && isFixed && ["number", "integer"].includes(typeOf(items ?? {}))) {
-    return <Numbers value={value} onChange={onChange} label={name} count={schema.minItems!} />;
+    return <Numbers value={value} onChange={onChange} label={name} count={schema.minItems!} items={items!} />;
   }
   return <JsonField value={value} onChange={onChange} label={name} />;
 }

@@ -76,9 +76,12 @@ export function goTo(hash: string): void {
 
 const MM_PER_INCH = 25.4;
 
+/** A number as text with the sign that reports have. */
+const signed = (shown: string): string => shown.replace("-", "−");
+
 /** A number with the thousands apart, as reports have it. */
 export const count = (value: number, places = 0): string =>
-  value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places }).replaceAll(",", "\u202f");
+  signed(value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places, signDisplay: "negative" }).replaceAll(",", "\u202f"));
 
 /** Digits that a reader can use: three significant ones below a thousand. */
 function digits(value: number, decimals: number): string {
@@ -91,51 +94,54 @@ export const lengthUnit = (): string => (unit.value === "mm" ? "mm" : "in");
 export const fromShown = (value: number): number => (unit.value === "mm" ? value : value * MM_PER_INCH);
 export const areaIn = (mm2: number): number => (unit.value === "mm" ? mm2 : mm2 / MM_PER_INCH ** 2);
 /** A point, without its unit. */
-export const point = (mm: readonly number[]): string => mm.map((value) => lengthIn(value).toFixed(unit.value === "mm" ? 1 : 3)).join(", ");
-export const length = (mm: number): string => `${digits(lengthIn(mm), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}`;
+export const point = (mm: readonly number[]): string => mm.map((value) => fixed(lengthIn(value), unit.value === "mm" ? 1 : 3)).join(", ");
+export const length = (mm: number): string => `${digits(lengthIn(mm), unit.value === "mm" ? 1 : 3)}\u00a0${lengthUnit()}`;
 /** Decimals of a number, of which 0 has no sign. */
 export function fixed(value: number, decimals: number): string {
   const shown = value.toFixed(decimals);
-  return Number(shown) === 0 ? shown.replace("-", "") : shown;
+  return Number(shown) === 0 ? shown.replace("-", "") : signed(shown);
 }
 /** A length that is compared with a tolerance. */
-export const fine = (mm: number): string => `${fixed(lengthIn(mm), unit.value === "mm" ? 3 : 4)} ${lengthUnit()}`;
+export const fine = (mm: number): string => `${fixed(lengthIn(mm), unit.value === "mm" ? 3 : 4)}\u00a0${lengthUnit()}`;
 export const area = (mm2: number): string =>
-  `${digits(areaIn(mm2), unit.value === "mm" ? 1 : 3)} ${lengthUnit()}²`;
+  `${digits(areaIn(mm2), unit.value === "mm" ? 1 : 3)}\u00a0${lengthUnit()}²`;
 export const sizes = (mm: readonly number[]): string =>
   `${mm.map((value) => digits(lengthIn(value), unit.value === "mm" ? 1 : 3)).join(" × ")} ${lengthUnit()}`;
 /** Decimals of a number; with as many more, at most twelve, as show two digits where it would be shown as 0 and is not. */
 export function nonzero(value: number, decimals: number): string {
   const shown = fixed(value, decimals);
-  return value === 0 || Number(shown) !== 0 ? shown : fixed(value, Math.min(12, 1 - Math.floor(Math.log10(Math.abs(value)))));
+  return value === 0 || Number(value.toFixed(decimals)) !== 0 ? shown : fixed(value, Math.min(12, 1 - Math.floor(Math.log10(Math.abs(value)))));
 }
 /** What may be lacking of a whole, or be left of nothing: sums of areas are not exact to the last bit. */
 const SUM_SLACK = 1e-9;
 /** A share, as the server's sentences have it (`wire/words.rs`): above 0 it is not shown as 0, below a limit not as that. */
 export function percent(share: number, decimals = 1, limit = 1): string {
   const [shown, ofLimit] = [fixed(100 * share, decimals), fixed(100 * limit, decimals)];
-  if (share > SUM_SLACK && Number(shown) === 0) return `${nonzero(100 * share, decimals)} %`;
+  if (share > SUM_SLACK && Number(shown) === 0) return `${nonzero(100 * share, decimals)}\u00a0%`;
   const steps = 10 ** decimals;
-  return share < limit - SUM_SLACK && shown === ofLimit ? `${fixed(Math.floor(100 * share * steps) / steps, decimals)} %` : `${shown} %`;
+  return share < limit - SUM_SLACK && shown === ofLimit ? `${fixed(Math.floor(100 * share * steps) / steps, decimals)}\u00a0%` : `${shown}\u00a0%`;
 }
 /** Difference of shares, percentage points. */
 export function points(difference: number): string {
   const shown = fixed(100 * difference, 2);
-  return Number(shown) > 0 ? `+${shown}` : shown;
+  return difference > 0 && Number(shown) !== 0 ? `+${shown}` : shown;
 }
 export const seconds = (secs: number): string => {
-  if (secs < 90) return `${secs < 10 ? secs.toFixed(1) : secs.toFixed(0)} s`;
+  if (secs < 90) return `${secs < 10 ? secs.toFixed(1) : secs.toFixed(0)}\u00a0s`;
   const [all, isLong] = [Math.round(secs < 3600 ? secs : secs / 60), secs >= 3600];
-  return `${Math.floor(all / 60)} ${isLong ? "h" : "min"} ${all % 60} ${isLong ? "min" : "s"}`;
+  return [Math.floor(all / 60), isLong ? "h" : "min", all % 60, isLong ? "min" : "s"].join("\u00a0");
 };
 export const fileSize = (bytes: number | null | undefined): string =>
   (bytes == null ? text.none : bytes < 1e6 ? `${count(bytes / 1e3, bytes < 1e4 ? 1 : 0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
-export const degrees = (deg: number): string => `${deg.toFixed(1)}°`;
+export const degrees = (deg: number): string => `${fixed(deg, 1)}°`;
 export const when = (time: string): string => new Date(time).toLocaleString();
 /** Time zone of the browser, in which times are shown. */
 export const zone = new Intl.DateTimeFormat().resolvedOptions().timeZone;
 /** A time, or the heading above times, with their zone. */
 export const zoned = (shown: string): string => `${shown} (${zone})`;
 
+/** A clause of the server as a sentence of its own. */
+export const sentence = (clause: string): string => `${clause.charAt(0).toUpperCase()}${clause.slice(1)}${/[.!?]$/.test(clause) ? "" : "."}`;
+
 /** A sentence of the server without the options of the command line, which a button stands for here. */
-export const withoutOptions = (sentence: string): string => sentence.replace(/:?(?: --set (?:'[^']*'|[^\s;]+))+| \(--up [^)]*\)/g, "");
+export const withoutOptions = (sentence: string): string => sentence.replace(/(?:; to plan for that)?:?(?: --set (?:'[^']*'|[^\s;]+))+| \(--up [^)]*\)/g, "");

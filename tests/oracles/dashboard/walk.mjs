@@ -283,7 +283,7 @@ async function regions(id) {
       await page.waitForTimeout(400);
     }
     assert.ok((await marked()) > 0, `${tool} marks faces`);
-    await page.waitForFunction(() => !/^0\.0 /.test(document.querySelector("#marked-area").innerText));
+    await page.waitForFunction(() => !/^0\.0\s/.test(document.querySelector("#marked-area").innerText));
   }
   await picture("region");
   await page.locator(".drawing .primary").click();
@@ -380,8 +380,8 @@ async function startInspection() {
 function percent(share) {
   const value = 100 * share;
   const shown = value.toFixed(2);
-  if (share > 1e-9 && shown === "0.00") return `${value.toFixed(1 - Math.floor(Math.log10(value)))} %`;
-  return share < 1 - 1e-9 && shown === "100.00" ? "99.99 %" : `${shown} %`;
+  if (share > 1e-9 && shown === "0.00") return `${value.toFixed(1 - Math.floor(Math.log10(value)))}\u00a0%`;
+  return `${share < 1 - 1e-9 && shown === "100.00" ? "99.99" : shown}\u00a0%`;
 }
 const inspectionMap = () => page.waitForFunction(() => window.vantage.inspection?.scene?.stage.frames > 0);
 
@@ -390,7 +390,7 @@ async function inspection(id) {
   const { coverage, losses } = await api(`/inspections/${id}/result`);
   const shown = Object.fromEntries(await page.locator("#verdict [data-figure]").evaluateAll((all) => all.map((one) => [one.dataset.figure, one.querySelector("strong").textContent])));
   assert.deepEqual([shown.planned, shown.measured, shown.lost, shown.gained], [coverage.planned_of_asked, coverage.measured_of_asked, coverage.lost_of_asked, coverage.gained_of_asked].map(percent));
-  assert.ok(Math.abs(Number(shown.difference) - 100 * (coverage.measured_of_asked - coverage.planned_of_asked)) < 0.0051, shown.difference);
+  assert.ok(Math.abs(Number(shown.difference.replace("−", "-")) - 100 * (coverage.measured_of_asked - coverage.planned_of_asked)) < 0.0051, shown.difference);
   assert.deepEqual(await page.locator(".losses [data-cause]").evaluateAll((all) => all.map((one) => [one.dataset.cause, one.querySelector(".number").textContent])),
     losses.map(({ cause, of_asked: share }) => [cause, percent(share)]));
   await inspectionMap();
@@ -472,6 +472,7 @@ async function inspectScans(id, part) {
   const further = (await made.getAttribute("href")).split("/")[2];
   const job = await jobEnded(further);
   assert.deepEqual([job.state, job.labels.rescan_of], ["succeeded", first], JSON.stringify(job.problem));
+  await ofOpen(further, job.summary);
   const second = await scanned(further, part, async (files) => {
     assert.ok(files.length <= 2);
     await uploadScans(further, files);
@@ -485,6 +486,18 @@ async function inspectScans(id, part) {
   await page.waitForFunction(() => [...window.vantage.stages].filter((stage) => stage.frames > 0).length === 3);
   await check("rounds");
   return { first, second, before: coverage.measured_in_all_of_asked, after: after.measured_in_all_of_asked, colours };
+}
+
+/** Shares of further views are of what earlier scans left open, and named so; the cycle is that of the robot's program. */
+async function ofOpen(id, { of_open: isOpen, cycle_secs: planned, program_cycle: program }) {
+  assert.ok(isOpen && Math.abs(program.cycle_secs - planned) > 1, JSON.stringify(program));
+  await page.goto(`${base}#/jobs`);
+  const row = page.locator(`#job-${id} .figures`);
+  await row.waitFor();
+  assert.match(await row.innerText(), /of open area\s[\d.]+\ss\s+robot program cycle time/);
+  await page.goto(`${base}#/jobs/${id}/plan`);
+  assert.match(await page.locator(".shares").innerText(), /Of open: share of the area that earlier scans left open/);
+  await page.locator(".legend [data-key=not_asked]", { hasText: "measured by earlier scans" }).waitFor();
 }
 
 /** Of a part that was not found, no deviation is shown as if it were one. The page is told so of scans that fit; of an earlier release, in
@@ -529,6 +542,15 @@ async function older() {
   await isListed(all.length);
   assert.equal(await page.locator(".cut").count(), 0);
   await page.unrouteAll();
+  const jobs = /\/api\/v1\/jobs\?page_size=\d+$/;
+  await page.route(jobs, async (route) => {
+    const response = await route.fetch();
+    await route.fulfill({ response, json: { ...await response.json(), next_page_token: "more" } });
+  });
+  await page.goto(`${base}#/jobs`);
+  await page.reload();
+  await page.locator("#listed", { hasText: /^The newest \d+ are listed/ }).waitFor();
+  await page.unroute(jobs);
 }
 
 /** A calibration from a file of observations, by the keyboard but for the system's own dialog of files. */
@@ -544,7 +566,7 @@ async function calibrate() {
   const done = page.locator(".calibration[data-state=succeeded] .observations tbody tr");
   await done.first().waitFor();
   assert.equal(await done.count(), request.data.observations.length);
-  assert.match(await page.locator("#verdict").innerText(), /A scanned point is known to [0-9.e-]+ mm/);
+  assert.match(await page.locator("#verdict").innerText(), /A scanned point is known to [0-9.e-]+\smm/);
   // Charts are drawn after the table.
   await page.locator(".calibration .chart canvas").nth(3).waitFor();
   assert.equal(await page.locator(".calibration .chart canvas").count(), 4);
@@ -821,9 +843,13 @@ async function typed() {
     await page.keyboard.type(words);
     assert.deepEqual(await field.evaluate((field) => [field.value, field === document.activeElement]), [words, true]);
   };
-  for (const [name, words] of [["selection.target", "0.97"], ["motion.clearance_mm", "12"], ["dialects.program_name", "part7"]]) {
+  for (const [name, words, fault] of [["selection.target", "1.5", "Allowed: 0 to 1."], ["selection.target", "0,95", "with a point"], ["selection.target", "0.97"], ["selection.max_views", "0", "Allowed: 1 to"], ["selection.max_views", "12"], ["motion.clearance_mm", "12"], ["dialects.program_name", "part7"]]) {
     await find(name);
     await enter(page.locator(`.params input[aria-label="${name}"]`), words);
+    if (!fault) { await page.locator(".params [aria-invalid=true]").waitFor({ state: "detached" }); continue; }
+    await page.locator(`.params input[aria-label="${name}"][aria-invalid=true]`).waitFor();
+    await page.locator(".params .problem", { hasText: fault }).waitFor();
+    await page.locator(".sticky", { hasText: `Correct ${name} first.` }).waitFor();
   }
   await find("part.table_from_part");
   await page.locator(".pose button").click();
@@ -834,6 +860,26 @@ async function typed() {
   await page.locator(".sticky", { hasText: "Correct candidates.rolls_deg first." }).waitFor();
   await page.keyboard.type("]");
   await page.locator(".sticky", { hasNotText: "Correct" }).waitFor();
+  await kept();
+}
+
+/** A form that is filled is there again after another view was shown; who leaves the page is asked. */
+async function kept() {
+  await page.goto(`${base}#/runs`);
+  await page.locator("#runs-title").waitFor();
+  await page.goBack();
+  await page.locator(".create details.group > summary").click();
+  assert.equal(await page.locator('.params input[aria-label="selection.target"]').inputValue(), "0.97");
+  await anew();
+}
+
+/** Reads the page anew, which asks for what is filled in and then forgets it. */
+async function anew() {
+  const asked = page.waitForEvent("dialog");
+  const read = page.reload();
+  const dialog = await asked;
+  assert.equal(dialog.type(), "beforeunload");
+  await Promise.all([dialog.accept(), read]);
 }
 
 /** Of several files, each is let down by its own box, and one that is no mesh is named and holds up none; none is waited for. */
@@ -863,6 +909,7 @@ async function batch() {
   await page.getByRole("button", { name: "Remove none.stl" }).click();
   await page.locator(".drop li").waitFor({ state: "detached" });
   for (const { id } of items) await fetch(`${base}api/v1/jobs/${id}/cancel`, { method: "POST" });
+  await anew();
 }
 
 /** Starts a run of the job that is open. */
@@ -904,6 +951,13 @@ async function control() {
     assert.equal(await page.evaluate(() => document.activeElement.textContent), name, "the button keeps the keyboard");
   }
   await page.locator("#connection[data-connection=live]").waitFor();
+  // A Stop that is not sent says what to do, as long as the run goes on.
+  const unsent = /\/api\/v1\/runs\/[0-9a-f-]{36}\/stop$/;
+  await page.route(unsent, (route) => route.abort());
+  await press("Stop");
+  await page.locator(".runview .problem", { hasText: "Press the cell's emergency stop" }).waitFor();
+  await page.unroute(unsent);
+  forget(null);
   await crowded(async () => {
     // Looked at in the page, right after the click: the run may be over before the page can be asked.
     await page.evaluate(() => {
@@ -919,10 +973,29 @@ async function control() {
   await reload();
   const { step, from_step: from } = await api(`/runs/${await runId()}`);
   assert.equal(from, 1);
+  await leftAt(await runId());
   await page.locator(".controls button", { hasText: "Run in simulation" }).click();
   assert.equal(Number(await page.locator("dialog input[name=from_step]").inputValue()), step);
   assert.equal(Number(await page.locator("dialog input[name=time_factor]").inputValue()), 1);
   await page.keyboard.press("Escape");
+}
+
+/** A run that is over is drawn where arm and table were last measured, also where no step was completed. The page is told of such a one. */
+async function leftAt(id) {
+  const at = (rest) => new RegExp(`/api/v1/runs/${id}${rest}$`);
+  const run = await api(`/runs/${id}`);
+  await page.route(at("(\\?wait=.*)?"), (route) => route.fulfill({ json: { ...run, last_measured: { joints_deg: [10, -40, 70, 5, 40, 0], table_angle_deg: 14.2 } } }));
+  await page.route(at("/record"), (route) => route.fulfill({ json: { steps: [] } }));
+  await page.reload();
+  // Its cell comes by itself.
+  await page.waitForFunction(() => {
+    const scene = window.vantage?.run?.scene.current;
+    if (!scene) return false;
+    const [{ elements: m }, [, , z, w]] = [scene.onPlate.matrix, scene.model.cell.base_from_table.quaternion_xyzw];
+    return Math.abs(Math.atan2(m[1], m[0]) - 2 * Math.atan2(z, w) - (14.2 * Math.PI) / 180) < 1e-6;
+  });
+  assert.match(await page.locator("#shown").innerText(), /last measured/);
+  await page.unrouteAll();
 }
 
 /** A run that pauses after each step is begun and led on by its button. */
@@ -983,6 +1056,11 @@ async function run() {
   const [{ coverage, steps, step: last }, samples] = [await runEnded(id), await page.evaluate(() => window.vantage.run.samples.value.length)];
   assert.equal(last, steps);
   assert.ok(Math.abs(coverage.measured_of_asked - coverage.planned_of_asked) < 0.01);
+  // The newest event is in view, below those that are scrolled past.
+  await page.waitForFunction(() => {
+    const { scrollTop, scrollHeight, clientHeight } = document.querySelector(".log");
+    return scrollTop > 0 && scrollHeight - scrollTop - clientHeight < 2;
+  });
   await reload();
   await page.locator("#run-state.done").waitFor();
   // The curves of a run that is over are drawn from its record.

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-W534JZ3I.js";import"./chunk-WLVDOSYS.js";import"./chunk-ODNM5RAZ.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-HM4RVPPO.js";export{a as drawThumbnail,b as drawTurned};
