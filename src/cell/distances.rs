@@ -161,6 +161,12 @@ impl CellDistances {
             findings.require(!is_above, "--floor", || {
                 format!("is {height_mm} mm; the floor lies below the robot's foot: give a negative height, {} mm", -height_mm)
             });
+            let plate_mm = self.table_at_mm[2];
+            let is_buried = (-10_000.0..=0.0).contains(&height_mm) && plate_mm < height_mm;
+            findings.require(!is_buried, "--floor", || {
+                let plate = format!("the plate, which --table-at puts at a height of {plate_mm} mm");
+                format!("is {height_mm} mm, above {plate}; give a lower floor or a higher plate")
+            });
         }
         let stands = !self.pedestal || self.floor_mm.is_some_and(|height_mm| height_mm < 0.0);
         findings
@@ -297,8 +303,9 @@ mod tests {
     #[test]
     fn distances_out_of_range_are_named_by_their_option() {
         type Change = fn(&mut CellDistances);
-        let cases: [(&str, Change); 8] = [
+        let cases: [(&str, Change); 9] = [
             ("--name", |d| d.name.clear()),
+            ("--floor", |d| d.table_at_mm[2] = -700.0),
             ("--table-at", |d| d.table_at_mm[2] = 20_000.0),
             ("--table-yaw", |d| d.table_yaw_deg = 400.0),
             ("--adapter", |d| d.adapter_mm = -1.0),

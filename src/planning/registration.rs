@@ -16,6 +16,9 @@ pub use super::verdict::Stability;
 use super::visibility::{Row, SampleSet};
 use crate::geometry::parallel;
 
+/// Eigenvalue of the normal matrix, whose trace is 2 at most, that is 0 but for rounding.
+const ROUNDING: f64 = 1e-12;
+
 /// Samples that at least one of some rows' views measures, of so many.
 pub(super) fn union_of<'a>(rows: impl IntoIterator<Item = &'a Row>, samples: usize) -> SampleSet {
     let mut union = SampleSet::none_of(samples);
@@ -67,7 +70,8 @@ impl<'a> SharedSurface<'a> {
         let [turn, shift] = [0, 3].map(|first| motion.fixed_rows::<3>(first).into_owned());
         // An eigenvector has no sign of its own: its largest entry is made positive.
         let sign = if motion[motion.iamax()] < 0.0 { -1.0 } else { 1.0 };
-        let resistance = eigen.eigenvalues[least].max(0.0);
+        // Of a motion that nothing resists rounding leaves some 1e-17.
+        let resistance = Some(eigen.eigenvalues[least]).filter(|value| *value > ROUNDING).unwrap_or_default();
         Stability { shared_area_mm2, resistance, turn: turn * sign, shift: shift * sign, centre_mm }
     }
 

@@ -10,7 +10,7 @@ use vantage::planning::certificate::recheck::{self, TakenView};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
 use vantage::planning::params::{CandidateParams, PlanParams};
-use vantage::planning::plan::{Cause, Outcome, Verdict};
+use vantage::planning::plan::{Cause, Outcome, RemedyKind, Verdict};
 use vantage::planning::{PlanInput, plan};
 use vantage::program::{compile, off_coverage, scan_configurations, scan_poses};
 
@@ -48,9 +48,27 @@ fn quick() -> PlanParams {
 }
 
 fn planned(mesh: &Mesh, cell: &Cell) -> Outcome {
+    planned_with(mesh, cell, &quick())
+}
+
+fn planned_with(mesh: &Mesh, cell: &Cell, params: &PlanParams) -> Outcome {
     let cancel = AtomicBool::new(false);
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell), roadmaps: None };
-    plan(&input, &quick(), &Context::new(&cancel, &Silent)).expect("a plan")
+    plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
+}
+
+/// Wherever the scanner stands, the roof lies between it and some corner of the part's box: no view was told as the remedy of a side
+/// that one more view measures.
+#[test]
+#[ignore = "long: tests/all runs it"]
+fn one_more_view_is_told_where_obstacles_hide_nothing_that_it_measures() {
+    let (mesh, cell) = (block(), cell_with(&[ROOF]));
+    let mut params = quick();
+    (params.selection.max_views, params.missed.remedies) = (Some(1), 8);
+    let outcome = planned_with(&mesh, &cell, &params);
+    let spots = outcome.plan.missed.iter().filter(|missed| missed.cause == Cause::NotChosen).flat_map(|missed| &missed.spots);
+    let remedies: Vec<_> = spots.filter_map(|spot| spot.remedy.as_ref()).map(|remedy| (remedy.kind, remedy.works())).collect();
+    assert!(remedies.contains(&(RemedyKind::View, true)), "{remedies:?}");
 }
 
 /// Returns true if a segment meets a box (slabs).

@@ -67,6 +67,13 @@ pub struct Scanner {
 }
 
 impl Scanner {
+    /// Least distance between neighbouring points of a scan, mm: z_near / f of the coarser camera, on surface that it looks at squarely.
+    #[must_use]
+    pub fn min_point_spacing_mm(&self) -> f64 {
+        let focal_px = self.devices.cameras().into_iter().map(|camera| camera.lens.focal_px()).fold(f64::INFINITY, f64::min);
+        self.near_mm / focal_px
+    }
+
     /// Distance between the cameras' optical centres, mm.
     #[must_use]
     pub fn baseline_mm(&self) -> f64 {

@@ -56,12 +56,28 @@ pub(super) fn rising(bins: &[CountedRate]) -> Vec<[f64; 2]> {
     falling(&mirrored).into_iter().rev().map(|[place, rate]| [-place, rate]).collect()
 }
 
-/// Place at which straight lines through the points of a falling regression first pass below a rate; `None` where they do not.
-pub(super) fn crossing(points: &[[f64; 2]], rate: f64) -> Option<f64> {
+/// Crossing of a rate by straight lines through the points of a regression.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Crossing {
+    /// Its place.
+    pub(super) place: f64,
+    /// Places of the points on either side, ascending; infinite where no point lies on the other side of the rate.
+    pub(super) bracket: [f64; 2],
+}
+
+/// Crossing at which straight lines through the points of a falling regression first pass below a rate; `None` where they do not.
+pub(super) fn bracketed(points: &[[f64; 2]], rate: f64) -> Option<Crossing> {
     let after = points.iter().position(|[_, of]| *of < rate)?;
-    let [place, below] = points[after];
-    let Some([from, above]) = after.checked_sub(1).map(|before| points[before]) else { return Some(place) };
-    Some(from + (place - from) * (above - rate) / (above - below))
+    let [to, below] = points[after];
+    let Some([from, above]) = after.checked_sub(1).map(|before| points[before]) else {
+        return Some(Crossing { place: to, bracket: [f64::NEG_INFINITY, to] });
+    };
+    Some(Crossing { place: from + (to - from) * (above - rate) / (above - below), bracket: [from, to] })
+}
+
+/// Place of the crossing of [`bracketed()`].
+pub(super) fn crossing(points: &[[f64; 2]], rate: f64) -> Option<f64> {
+    bracketed(points, rate).map(|found| found.place)
 }
 
 #[cfg(test)]
@@ -81,6 +97,8 @@ mod tests {
         let at = crossing(&points, 0.75).expect("crossed");
         assert!((at - (30.0 + 20.0 / 7.0)).abs() < 1e-12, "{at}");
         assert_eq!(crossing(&points[..3], 0.75), None);
+        assert_eq!(bracketed(&points, 0.75), Some(Crossing { place: at, bracket: [30.0, 50.0] }));
+        assert_eq!(bracketed(&points[3..], 0.75), Some(Crossing { place: 50.0, bracket: [f64::NEG_INFINITY, 50.0] }));
         let up = rising(&[bin(1.0, 4.0, 1.0), bin(2.0, 4.0, 0.0), bin(3.0, 2.0, 2.0)]);
         assert_eq!(up, [[1.0, 0.125], [2.0, 0.125], [3.0, 1.0]]);
     }

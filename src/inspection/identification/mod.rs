@@ -19,7 +19,7 @@ mod triples;
 
 pub use model::ReturnModel;
 pub use noise::{MIN_TRIPLES, NoiseEstimate, NoiseTriple, noise};
-pub use offer::{Offer, OfferedChange, OfferedField, offers};
+pub use offer::{Offer, OfferedChange, OfferedField, incidence_gap, offers};
 pub use rates::{LearnedReturns, LimitEstimate, RateBin, RateCurve, returns};
 pub use telling::{Telling, TellingInput, Withheld, telling};
 pub use triples::{TripleInput, triples};

@@ -1,19 +1,19 @@
 //! Changes that identified figures ask for in the scanner's specification and in the parameters of the next plan. Data alone: the
 //! sentences are those of the interfaces, and nothing is applied by itself.
 
-use super::{Identified, Learned, LimitEstimate, NoiseEstimate, Withheld};
+use super::{Identified, Learned, LearnedReturns, LimitEstimate, NoiseEstimate, Withheld};
 use crate::cell::{DeviceName, Scanner, closed_list};
 use crate::planning::params::{Knob, NoiseParams};
 
 /// Change of a limit that is worth an offer: degrees, and mm of depth.
 const MIN_CHANGE_DEG: f64 = 1.0;
 const MIN_CHANGE_MM: f64 = 5.0;
-/// Max half width of the intervals of an offered limit of incidence or lobe, and of the value to plan with, degrees. A plan with a limit
-/// that is too strict by 10° needs many more views: a limit that is known no better is no ground for one. There is no source; it is our
-/// choice.
+/// Max half width, to either side, of the intervals of an offered limit of incidence or lobe, and of the value to plan with,
+/// degrees. A plan with a limit that is too strict by 10° needs many more views: a limit that is known no better is no ground for
+/// one. There is no source; it is our choice.
 const MAX_HALF_WIDTH_DEG: f64 = 10.0;
-/// Max half width of the interval of an offered end of the depth, as a share of the scanner's depth range: at 10 % the range that is
-/// left is known to within a tenth. There is no source; it is our choice.
+/// Max half width, to either side, of the interval of an offered end of the depth, as a share of the scanner's depth range: at
+/// 10 % the range that is left is known to within a tenth. There is no source; it is our choice.
 const MAX_HALF_WIDTH_OF_DEPTH: f64 = 0.1;
 /// Change of the noise that is worth an offer, as a share of the noise that is planned with: of 1 + g at the ends of the depth. There is no
 /// source; it is our choice.
@@ -104,8 +104,20 @@ pub struct Offer {
 
 /// Returns true if the interval of a limit and that of the value to plan with are narrow enough and lie within the physical range.
 fn is_known(limit: &LimitEstimate, [min, max]: [f64; 2], max_half_width: f64) -> bool {
-    let is_narrow = |[low, high]: [f64; 2]| low >= min && high <= max && high - low <= 2.0 * max_half_width;
-    is_narrow(limit.limit.interval) && is_narrow(limit.plan_interval)
+    let is_narrow = |value: f64, [low, high]: [f64; 2]| {
+        low >= min && high <= max && value - low <= max_half_width && high - value <= max_half_width
+    };
+    is_narrow(limit.limit.value, limit.limit.interval) && is_narrow(limit.plan_with, limit.plan_interval)
+}
+
+/// Incidences between which nothing was seen and a limit lies, which is for that not known well enough to be offered, degrees: that
+/// of all devices together, or of the first device of which this holds.
+#[must_use]
+pub fn incidence_gap(returns: &LearnedReturns) -> Option<[f64; 2]> {
+    let of_devices = returns.by_device.iter().filter_map(|(_, limit)| *limit);
+    let is_open =
+        |limit: &LimitEstimate| limit.between[0] < limit.between[1] && !is_known(limit, PHYSICAL_DEG, MAX_HALF_WIDTH_DEG);
+    returns.incidence.into_iter().chain(of_devices).find(is_open).map(|limit| limit.between)
 }
 
 /// The value of the parameter's range that is nearest to a value of the noise.

@@ -11,10 +11,13 @@
 //! Intervals are by the jackknife over views (Efron 1982, *The Jackknife, the Bootstrap and Other Resampling Plans*), since the pairs
 //! of one view share pose, material and light, with Student's t of one freedom less than there are views (J. W. Tukey, "Bias and
 //! confidence in not quite large samples", 1958); at least half a bin to either side. A figure that only one view shows is as open as its
-//! axis is long, since nothing tells that view's light or material from the scanner. Cost: O(pairs), and O(views · bins).
+//! axis is long, since nothing tells that view's light or material from the scanner. A part of flat faces may show no pair over a
+//! stretch of the axis in which a limit lies: each place there explains the pairs equally well (C. F. Manski, *Partial
+//! Identification of Probability Distributions*, 2003), so that the interval begins before the stretch and ends beyond it.
+//! Cost: O(pairs), and O(views · bins).
 
 use super::Identified;
-use super::isotonic::{CountedRate, crossing, falling, rising};
+use super::isotonic::{CountedRate, Crossing, bracketed, crossing, falling, rising};
 use super::model::ReturnModel;
 use crate::cell::{DeviceName, Scanner};
 use crate::inspection::coverage::{IdentifiedLimits, Return, Returns};
@@ -68,7 +71,8 @@ pub struct RateCurve {
 }
 
 impl RateCurve {
-    /// Rate at a place: on straight lines through the points, level beyond their ends; 1 where nothing is known.
+    /// Rate at a place: on straight lines through the points, level beyond their ends; 1 where nothing is known. Over a stretch
+    /// without pairs it is the expected rate, if the true one drops at a single place there, all places being equally probable.
     #[must_use]
     pub fn rate(&self, place: f64) -> f64 {
         let after = self.points.partition_point(|[at, _]| *at <= place);
@@ -93,6 +97,8 @@ impl RateCurve {
 pub struct LimitEstimate {
     /// Limit, degrees or mm.
     pub limit: Identified,
+    /// Ends of the stretch without pairs in which the limit lies; the limit twice where there is none.
+    pub between: [f64; 2],
     /// Start of the fall of the rate: a plan had better stay within it.
     pub plan_with: f64,
     /// Ends of its interval of 95 % confidence.
@@ -123,17 +129,19 @@ pub struct LearnedReturns {
 }
 
 impl LearnedReturns {
-    /// Limits by which losses are put down to causes: those of a device that never has the worst incidence are not known.
+    /// Limits by which losses are put down to causes: those of a device that never has the worst incidence are not known. Nothing
+    /// within a stretch without pairs is put down to the limit that lies somewhere in it.
     #[must_use]
     pub fn limits(&self, scanner: &Scanner) -> IdentifiedLimits {
         let of = |device: DeviceName| self.by_device.iter().find(|(name, _)| *name == device).and_then(|(_, limit)| *limit);
-        let incidence_deg = scanner.devices.as_ref().map(|device| of(device.name).map(|limit| limit.limit.value));
-        let end = |limit: Option<LimitEstimate>, own_mm: f64| limit.map_or(own_mm, |limit| limit.limit.value);
+        let incidence_deg = scanner.devices.as_ref().map(|device| of(device.name).map(|limit| limit.between[1]));
         let [near, far] = self.depth;
         IdentifiedLimits {
             incidence_deg,
-            lobe_deg: self.lobe.map(|lobe| lobe.limit.value),
-            depth_mm: near.or(far).map(|_| [end(near, scanner.near_mm), end(far, scanner.far_mm)]),
+            lobe_deg: self.lobe.map(|lobe| lobe.between[0]),
+            depth_mm: near.or(far).map(|_| {
+                [near.map_or(scanner.near_mm, |near| near.between[0]), far.map_or(scanner.far_mm, |far| far.between[1])]
+            }),
         }
     }
 }
@@ -190,24 +198,37 @@ impl Binned {
         (outside.map(|bin| bin.pairs).sum::<f64>() >= MIN_PAIRS_BEYOND).then_some(estimate)
     }
 
-    /// The figure of all pairs with its interval by the jackknife: the whole axis where the views but one do not show it.
-    fn estimate(&self, figure: impl Fn(&[CountedRate]) -> Option<f64>) -> Option<Identified> {
-        let value = figure(&self.all)?;
+    /// Ends of the stretch without pairs in which a crossing lies: the points on either side, or the end of the axis, if farther
+    /// apart than those of two neighbouring bins can be. The place of the crossing twice where there is none.
+    fn between(&self, Crossing { place, bracket: [from, to] }: Crossing) -> [f64; 2] {
+        let between = [from.max(self.start), to.min(self.end())];
+        if between[1] - between[0] > 2.0 * self.width { between } else { [place; 2] }
+    }
+
+    fn end(&self) -> f64 {
+        self.start + self.width * self.all.len() as f64
+    }
+
+    /// The figure of all pairs with its interval by the jackknife, about the stretch without pairs in which it lies, and the ends
+    /// of this stretch. The interval is the whole axis where the views but one do not show the figure.
+    fn estimate(&self, figure: impl Fn(&[CountedRate]) -> Option<Crossing>) -> Option<(Identified, [f64; 2])> {
+        let found = figure(&self.all)?;
+        let (value, between) = (found.place, self.between(found));
         let without = |bins: &Vec<CountedRate>| {
             let mut others = self.all.clone();
             others.iter_mut().zip(bins).for_each(|(bin, of_view)| bin.remove(of_view));
-            figure(&others)
+            figure(&others).map(|found| found.place)
         };
         let told = self.by_view.iter().filter(|bins| bins.iter().any(|bin| bin.pairs > 0.0));
         let Some(left_out) = told.map(without).collect::<Option<Vec<f64>>>() else {
-            return Some(Identified { value, interval: [self.start, self.start + self.width * self.all.len() as f64] });
+            return Some((Identified { value, interval: [self.start, self.end()] }, between));
         };
         let count = left_out.len() as f64;
         let mean = left_out.iter().sum::<f64>() / count;
         let squares: f64 = left_out.iter().map(|without| (without - mean).powi(2)).sum();
         let deviation = ((count - 1.0) / count * squares).sqrt();
         let reach = (student::quantile(left_out.len().saturating_sub(1) as f64) * deviation).max(0.5 * self.width);
-        Some(Identified { value, interval: [value - reach, value + reach] })
+        Some((Identified { value, interval: [between[0] - reach, between[1] + reach] }, between))
     }
 
     fn curve(&self, points: Vec<[f64; 2]>, easy_rate: f64) -> RateCurve {
@@ -268,7 +289,7 @@ fn learned(pairs: &[Vec<Pair>], scanner: &Scanner, easy_rate: f64, is_focused: &
     let incidence = falling_limit(&all, easy_rate);
     let by_device =
         DeviceName::ALL.map(|device| (device, falling_limit(&by_incidence(&|pair| pair.device == device), easy_rate)));
-    let clear_deg = incidence.map_or(90.0, |known| known.limit.value - CLEAR_OF_LIMIT_DEG);
+    let clear_deg = incidence.map_or(90.0, |known| known.between[0].min(known.limit.value - CLEAR_OF_LIMIT_DEG));
     let is_clear = |pair: &Pair| pair.incidence_deg <= clear_deg;
     let mirror = Binned::new(
         pairs,
@@ -314,7 +335,7 @@ fn learned(pairs: &[Vec<Pair>], scanner: &Scanner, easy_rate: f64, is_focused: &
 
 /// Limit where a rate that never rises passes [`LIMIT_RATE`].
 fn falling_limit(binned: &Binned, easy_rate: f64) -> Option<LimitEstimate> {
-    let at = |bins: &[CountedRate], rate: f64| crossing(&falling(bins), rate * easy_rate);
+    let at = |bins: &[CountedRate], rate: f64| bracketed(&falling(bins), rate * easy_rate);
     limit_of(binned, LIMIT_RATE, at, |place, limit| place > limit)
 }
 
@@ -335,21 +356,22 @@ fn lobe_of(binned: &Binned, easy_rate: f64) -> Option<LimitEstimate> {
 fn limit_of(
     binned: &Binned,
     limit_rate: f64,
-    at: impl Fn(&[CountedRate], f64) -> Option<f64>,
+    at: impl Fn(&[CountedRate], f64) -> Option<Crossing>,
     is_outside: impl Fn(f64, f64) -> bool,
 ) -> Option<LimitEstimate> {
     let pairs = binned.pairs();
     if pairs < MIN_PAIRS {
         return None;
     }
-    let limit = binned.estimate(|bins| at(bins, limit_rate))?;
+    let (limit, between) = binned.estimate(|bins| at(bins, limit_rate))?;
     let limit = binned.told_by(limit, is_outside)?;
-    let plan = binned.estimate(|bins| at(bins, limit_rate).map(|limit| at(bins, PLAN_RATE).unwrap_or(limit)))?;
-    Some(LimitEstimate { limit, plan_with: plan.value, plan_interval: plan.interval, pairs: pairs as u64 })
+    let (plan, _) = binned.estimate(|bins| at(bins, limit_rate).map(|limit| at(bins, PLAN_RATE).unwrap_or(limit)))?;
+    Some(LimitEstimate { limit, between, plan_with: plan.value, plan_interval: plan.interval, pairs: pairs as u64 })
 }
 
-/// Place at which a rising regression passes a rate; `None` where it begins above it.
-fn last_below(points: &[[f64; 2]], rate: f64) -> Option<f64> {
+/// Crossing at which a rising regression passes a rate; `None` where it begins above it.
+fn last_below(points: &[[f64; 2]], rate: f64) -> Option<Crossing> {
     let mirrored: Vec<[f64; 2]> = points.iter().rev().map(|[place, rate]| [-place, *rate]).collect();
-    crossing(&mirrored, rate).map(|place| -place)
+    let found = bracketed(&mirrored, rate);
+    found.map(|Crossing { place, bracket: [from, to] }| Crossing { place: -place, bracket: [-to, -from] })
 }

@@ -60,6 +60,8 @@ closed_list! {
         FilteredPoints = "filtered_points",
         /// Most of the surface that would tell is in views that kept their stated poses, and may not lie there.
         MisplacedViews = "misplaced_views",
+        /// The limit of incidence lies between angles at which nothing was seen: it is not determined well enough to be offered.
+        IncidenceGap = "incidence_gap",
         /// The points that tell the noise lie at about one distance from the best focus, or too few elsewhere: its increase with
         /// depth is not determined.
         OneDepth = "one_depth",

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::cell::{DeviceName, PerDevice, Presets, Scanner, SpecLibrary};
-use crate::inspection::coverage::{Return, Returns};
+use crate::inspection::coverage::{IdentifiedLimits, Return, Returns};
 use crate::planning::ids::SampleId;
 use crate::planning::params::NoiseParams;
 
@@ -382,4 +382,78 @@ fn noise_is_offered_where_it_is_plausible_known_and_worth_it() {
     assert!(offered(at_one_depth(0.007)).is_empty(), "away from it");
     let determined = NoiseEstimate { is_gain_determined: true, ..at_one_depth(0.007) };
     assert!(offered(determined).is_empty(), "its interval spans a factor of 70, and it was offered");
+}
+
+/// Returns of which some pairs tell nothing, as those of a part whose flat faces no view sees so.
+fn without(returns: &Returns, is_gone: impl Fn(&Return) -> bool) -> Returns {
+    let mut left = Returns::default();
+    for view in 0..returns.views() {
+        let pair = |pair: Return| Return { is_expected: pair.is_expected && !is_gone(&pair), ..pair };
+        left.push_view(returns.of_view(view).map(pair));
+    }
+    left
+}
+
+/// Fields that are offered, with the limits by which losses are put down to causes.
+fn told_without(is_gone: impl Fn(&Return) -> bool) -> (LearnedReturns, Vec<OfferedField>, IdentifiedLimits) {
+    let truth = Truth { ramp_deg: [60.0, 61.0], far_mm: 540.0, ..THESIS };
+    let known = returns(&without(&returns_of(&truth, 20, 11), is_gone), &scanner()).expect("enough");
+    let learned = Learned { noise: None, returns: Some(known.clone()) };
+    let offer = offers(&learned, &scanner(), &NoiseParams::default());
+    let limits = known.limits(&scanner());
+    (known, offer.changes.iter().map(|change| change.field).collect(), limits)
+}
+
+fn is_worst_within(pair: &Return, [from_deg, to_deg]: [f64; 2]) -> bool {
+    (from_deg..to_deg).contains(&pair.worst_incidence().1.to_degrees())
+}
+
+/// Of a scanner with a limit of 60°, a part without pairs between 37° and 69° taught one of 44.7 ± 0.5°; 38° was offered.
+#[test]
+fn a_limit_where_no_pair_lies_is_known_no_better_than_where_pairs_begin_again() {
+    use OfferedField::{CameraLimit, DepthFar, Lobe};
+    let (known, fields, limits) = told_without(|pair| is_worst_within(pair, [37.0, 69.0]));
+    let by_device = known.by_device.iter().filter_map(|(_, limit)| *limit);
+    let told: Vec<LimitEstimate> = by_device.chain(known.incidence).collect();
+    assert_eq!(told.len(), 3, "two cameras, and all devices: {known:?}");
+    for limit in told {
+        for [low, high] in [limit.limit.interval, limit.plan_interval] {
+            assert!((35.5..37.0).contains(&low) && (69.0..70.5).contains(&high), "{limit:?}");
+        }
+    }
+    assert_eq!(fields, [Lobe, DepthFar]);
+    // A loss there is not put down to a limit that may lie beyond it.
+    let of_cameras = [limits.incidence_deg.left, limits.incidence_deg.right];
+    assert!(of_cameras.iter().all(|deg| deg.is_some_and(|deg| deg > 69.0)), "{limits:?}");
+    let (_, fields, _) = told_without(|pair| is_worst_within(pair, [55.0, 69.0]));
+    assert_eq!(fields, [Lobe, DepthFar], "a plan with 55° may be too strict by 14°");
+    let (_, fields, _) = told_without(|pair| is_worst_within(pair, [58.0, 64.0]));
+    assert_eq!(fields, [CameraLimit, Lobe, DepthFar], "it is known to a few degrees");
+}
+
+/// A camera that has the worst incidence only where nothing returns was told a limit at the least of these: it may be any below.
+#[test]
+fn a_camera_all_of_whose_pairs_are_lost_may_have_any_limit_up_to_them() {
+    let is_gone = |pair: &Return| pair.worst_incidence().0 == DeviceName::Right && is_worst_within(pair, [0.0, 69.0]);
+    let (known, fields, limits) = told_without(is_gone);
+    let (_, right) = known.by_device.iter().find(|(name, _)| *name == DeviceName::Right).expect("listed");
+    let [low, high] = right.expect("a limit").limit.interval;
+    assert!(low <= 0.0 && (69.0..70.5).contains(&high), "{right:?}");
+    assert!(limits.incidence_deg.right.is_some_and(|deg| deg > 69.0), "{limits:?}");
+    assert!(limits.incidence_deg.left.is_some_and(|deg| (deg - 60.0).abs() < 1.0), "{limits:?}");
+    assert!(fields.contains(&OfferedField::CameraLimit), "the other camera's: {fields:?}");
+}
+
+/// A cone of 4° was told as one of 11.0 ± 0.3°, and a far depth of 540 mm as one of 513.8 ± 2.5 mm.
+#[test]
+fn a_cone_and_a_depth_where_no_pair_lies_are_not_offered() {
+    use OfferedField::{CameraLimit, DepthFar, Lobe};
+    let (known, fields, limits) = told_without(|pair| (2.0..20.0).contains(&pair.mirror_rad.to_degrees()));
+    let [low, high] = known.lobe.expect("a cone").limit.interval;
+    assert!(low < 2.0 && high > 20.0 && limits.lobe_deg.is_some_and(|deg| deg <= 2.0), "{:?} {limits:?}", known.lobe);
+    assert_eq!(fields, [CameraLimit, DepthFar]);
+    let (known, fields, limits) = told_without(|pair| (500.0..560.0).contains(&pair.depth_mm));
+    let [low, high] = known.depth[1].expect("a limit").limit.interval;
+    assert!(low < 500.0 && high > 560.0 && limits.depth_mm.is_some_and(|[_, far]| far >= 560.0), "{:?} {limits:?}", known.depth);
+    assert_eq!(fields, [CameraLimit, Lobe]);
 }

@@ -57,9 +57,11 @@ closed_list! {
         FilledHoles = "filled_holes",
         /// A view of the plan has no file.
         ViewMissing = "view_missing",
+        /// The run that took the scans has no scan of some views: their planned poses are taken.
+        PlannedPose = "planned_pose",
         /// A file's number is no view of the plan.
         ViewUnknown = "view_unknown",
-        /// Two files have the number of one view; the first is taken.
+        /// Two files have the number of one view; the first by its name is taken.
         ViewDouble = "view_double",
     }
 }
@@ -79,7 +81,7 @@ impl IngestCode {
             | Self::SymmetricPart
             | Self::ViewUnknown
             | Self::ViewDouble => true,
-            Self::Merged | Self::PartElsewhere | Self::FilledHoles | Self::ViewMissing => false,
+            Self::Merged | Self::PartElsewhere | Self::FilledHoles | Self::ViewMissing | Self::PlannedPose => false,
         }
     }
 }
@@ -108,20 +110,23 @@ pub struct IngestFinding {
     pub file: Option<String>,
     /// Number of the view; of [`IngestCode::ViewUnknown`] and [`IngestCode::Merged`] that of the file, which is not of such a view.
     pub viewpoint: Option<u32>,
+    /// File that is taken in place of a second one of its view.
+    pub taken_file: Option<String>,
     /// View that the file fits better, or whose scan holds the same points.
     pub fits_viewpoint: Option<u32>,
     /// Units and frames that were tried, and the shares of the points that then lie where they should.
     pub tried: Vec<FrameAttempt>,
     /// Longest triangle that was dropped, mm.
     pub longest_mm: Option<f64>,
-    /// Views that the plan takes, ascending, of a file that is of none of them alone; else empty.
+    /// Views that the plan takes, ascending, of a file that is of none of them alone; of [`IngestCode::PlannedPose`] the views without a
+    /// scan; else empty.
     pub viewpoints: Vec<u32>,
 }
 
 impl IngestFinding {
     fn of(code: IngestCode, file: Option<String>, viewpoint: Option<u32>) -> Self {
         let (tried, viewpoints) = (Vec::new(), Vec::new());
-        Self { code, file, viewpoint, fits_viewpoint: None, tried, longest_mm: None, viewpoints }
+        Self { code, file, viewpoint, taken_file: None, fits_viewpoint: None, tried, longest_mm: None, viewpoints }
     }
 
     /// Names the number of a file that is no view of the plan, and the views that are: of findings that tell them.
@@ -165,6 +170,15 @@ pub struct Ingested {
     pub mesh_from_stated: Pose<Part, Part>,
     /// Findings, in the order of files, then of views.
     pub findings: Vec<IngestFinding>,
+}
+
+impl Ingested {
+    /// Says of `viewpoints` that their planned poses are taken, since the run has no scan of them; nothing where there are none.
+    pub fn note_planned_poses(&mut self, viewpoints: Vec<u32>) {
+        if !viewpoints.is_empty() {
+            self.findings.push(IngestFinding { viewpoints, ..IngestFinding::of(IngestCode::PlannedPose, None, None) });
+        }
+    }
 }
 
 /// Knobs of the ingest.
@@ -218,9 +232,11 @@ pub fn ingest(
             ViewFit::OnPart => &[&ingested.scans],
             ViewFit::OffPart | ViewFit::OtherView => &[&ingested.scans, &astray, &swapped],
         };
-        let is_of = |viewpoint: u32| others.iter().copied().flatten().any(|other| other.scan.viewpoint == viewpoint);
-        if file.viewpoint.is_some_and(is_of) {
-            ingested.findings.push(IngestFinding::of(IngestCode::ViewDouble, Some(file.name), file.viewpoint));
+        let of = |viewpoint: u32| others.iter().copied().flatten().find(|other| other.scan.viewpoint == viewpoint);
+        if let Some(taken) = file.viewpoint.and_then(of) {
+            let taken_file = Some(taken.file.clone());
+            let double = IngestFinding::of(IngestCode::ViewDouble, Some(file.name), file.viewpoint);
+            ingested.findings.push(IngestFinding { taken_file, ..double });
             continue;
         }
         ingested.findings.extend(file.findings);

@@ -212,6 +212,9 @@ fn swapped_double_and_unknown_views_are_named() {
     // In the part's frame the points of another view lie on the part, but hardly where this view looks.
     let taken = cell.ingest(vec![plain(0, "a/view_01.ply"), plain(1, "b/view_01.ply"), plain(1, "view_77.ply")]);
     assert_eq!(codes(&taken), [IngestCode::ViewDouble, IngestCode::ViewUnknown]);
+    // "The first one is used" did not say which.
+    let double = taken.findings.iter().find(|finding| finding.code == IngestCode::ViewDouble).expect("a double");
+    assert_eq!((double.file.as_deref(), double.taken_file.as_deref()), (Some("b/view_01.ply"), Some("a/view_01.ply")));
     let world_number =
         taken.findings.iter().find(|finding| finding.code == IngestCode::ViewUnknown).and_then(|finding| finding.viewpoint);
     assert_eq!((taken.scans.len(), world_number), (1, Some(77)));

@@ -18,5 +18,5 @@ mod spots;
 #[cfg(test)]
 mod tests;
 
-pub(super) use search::{CanExecute, MissAnalysis, explain};
+pub(super) use search::{CanExecute, HasPath, MissAnalysis, explain};
 pub use spots::{Spot, spots_of};

@@ -33,9 +33,17 @@ const MIN_VIEW_SHARE: f64 = 0.05;
 const MAX_VIEWS: usize = 8;
 /// Views of one kind that the cell is asked for at most.
 const MAX_EXECUTION_CHECKS: usize = 24;
+/// Views that the cell may refuse for the largest spot, over all kinds; for the n-th one an n-th of that. A search for a path that there
+/// is not takes tenths of a second.
+const MAX_REFUSALS: usize = 32;
+/// Views that it may refuse for any spot.
+const MIN_REFUSALS: usize = 3;
 
 /// Returns true if the cell can execute a view.
 pub(in crate::planning) type CanExecute<'a> = dyn Fn(&Pose<Part, ScannerFrame>) -> Result<bool, Cancelled> + Sync + 'a;
+
+/// Returns true if a path leads to a candidate, from the stations at which it is taken.
+pub(in crate::planning) type HasPath<'a> = dyn Fn(CandidateIndex) -> Result<bool, Cancelled> + Sync + 'a;
 
 /// A plan whose misses are looked into.
 pub(in crate::planning) struct MissAnalysis<'a> {
@@ -59,6 +67,8 @@ pub(in crate::planning) struct MissAnalysis<'a> {
     pub(in crate::planning) choosable: Vec<bool>,
     /// Checks of the cell; `None` without one.
     pub(in crate::planning) can_execute: Option<&'a CanExecute<'a>>,
+    /// Checks of the cell for candidates as they are; not asked without one.
+    pub(in crate::planning) has_path: &'a HasPath<'a>,
 }
 
 /// Missed area by cause, in the order of [`Cause`], each in spots, largest first; the largest of all with remedies.
@@ -96,9 +106,11 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
     }
     let context = RemedyContext::new(analysis, ctx)?;
     let done = AtomicUsize::new(0);
-    let found = parallel::try_map(&largest, |spot| {
-        let remedy = RemedySearch::new(&context, &spots[*spot], ctx).remedy()?;
-        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, largest.len());
+    let ranked: Vec<(usize, usize)> = largest.into_iter().enumerate().collect();
+    let found = parallel::try_map(&ranked, |(rank, spot)| {
+        let max_refusals = (MAX_REFUSALS / (rank + 1)).max(MIN_REFUSALS);
+        let remedy = RemedySearch::new(&context, &spots[*spot], max_refusals, ctx).remedy()?;
+        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, ranked.len());
         Ok::<_, Cancelled>((*spot, remedy))
     })?;
     let mut remedies = vec![None; spots.len()];
@@ -172,13 +184,17 @@ struct RemedySearch<'a> {
     samples: SpotSamples,
     ctx: &'a Context<'a>,
     tried: usize,
+    /// Views that the cell has refused.
+    refusals: AtomicUsize,
+    max_refusals: usize,
     fallback: Fallback,
 }
 
 impl<'a> RemedySearch<'a> {
-    fn new(context: &'a RemedyContext<'a>, spot: &'a Spot, ctx: &'a Context<'a>) -> Self {
+    fn new(context: &'a RemedyContext<'a>, spot: &'a Spot, max_refusals: usize, ctx: &'a Context<'a>) -> Self {
         let samples = SpotSamples::few(context.analysis.surface, &spot.samples);
-        Self { context, spot, samples, ctx, tried: 0, fallback: Fallback::default() }
+        let (refusals, fallback) = (AtomicUsize::new(0), Fallback::default());
+        Self { context, spot, samples, ctx, tried: 0, refusals, max_refusals, fallback }
     }
 
     fn remedy(mut self) -> Result<Remedy, Cancelled> {
@@ -225,7 +241,7 @@ impl<'a> RemedySearch<'a> {
     }
 
     /// Candidates that measure it and could have been chosen. They have stations, but a path is known to those alone that were
-    /// chosen: the cell is asked for the ones that would be told.
+    /// chosen: the cell is asked for a path to the ones that would be told.
     fn left_out(&mut self, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         if self.spot.cause != Cause::NotChosen {
             return Ok(None);
@@ -238,8 +254,11 @@ impl<'a> RemedySearch<'a> {
         let choosable: Vec<CandidateIndex> =
             analysis.candidates.indices().filter(|candidate| analysis.choosable[candidate.index()]).collect();
         let bits: Vec<u64> = choosable.iter().map(bits).collect();
-        let can_execute = |i: usize| self.can_execute(&source.as_is(choosable[i]));
-        let Some(pick) = self.pick(&bits, can_execute)? else { return Ok(None) };
+        let has_path = |i: usize| match analysis.can_execute {
+            Some(_) => Ok(self.counted((analysis.has_path)(choosable[i])?)),
+            None => Ok(true),
+        };
+        let Some(pick) = self.pick(&bits, has_path)? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| source.as_is(choosable[*i])).collect();
         let remedy = self.confirmed(RemedyKind::View, &views, &self.context.optics, analysis.occluders.rays(), source);
         Ok(self.fallback.unless_works(remedy))
@@ -307,7 +326,16 @@ impl<'a> RemedySearch<'a> {
     }
 
     fn can_execute(&self, proposal: &Proposal) -> Result<bool, Cancelled> {
-        self.context.analysis.can_execute.map_or(Ok(true), |can_execute| can_execute(&proposal.pose))
+        match self.context.analysis.can_execute {
+            Some(can_execute) => Ok(self.counted(can_execute(&proposal.pose)?)),
+            None => Ok(true),
+        }
+    }
+
+    /// The answer of the cell, counted where it refuses.
+    fn counted(&self, accepts: bool) -> bool {
+        self.refusals.fetch_add(usize::from(!accepts), Ordering::Relaxed);
+        accepts
     }
 
     /// Greedy over what each view measures of the few samples, among those that `accept` lets through; `None` when that
@@ -318,7 +346,8 @@ impl<'a> RemedySearch<'a> {
         if !enough(bits.iter().fold(0, |all, bits| all | bits)) {
             return Ok(None);
         }
-        while pick.len() < MAX_VIEWS && refused.len() < MAX_EXECUTION_CHECKS {
+        let may_ask = || self.refusals.load(Ordering::Relaxed) < self.max_refusals;
+        while pick.len() < MAX_VIEWS && refused.len() < MAX_EXECUTION_CHECKS && may_ask() {
             let gain_mm2 = |i: usize| self.samples.area_mm2(bits[i] & !covered);
             let open = (0..bits.len()).filter(|i| !refused.contains(i)).map(|i| (i, gain_mm2(i)));
             let best = open.fold((0, 0.0), |best, one| if one.1 > best.1 { one } else { best });

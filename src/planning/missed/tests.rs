@@ -6,6 +6,7 @@ use super::{CanExecute, MissAnalysis, explain, spots};
 use crate::geometry::Mesh;
 use crate::planning::PlanInput;
 use crate::planning::context::{Context, Silent};
+use crate::planning::ids::CandidateIndex;
 use crate::planning::params::{PartParams, PlanParams, RegionParams, Strategy};
 use crate::planning::plan::{Cause, Grade, Remedy, RemedyKind, Verdict};
 use crate::planning::problem::{EvaluatedSetups, SampledPart};
@@ -66,8 +67,9 @@ fn all_around() -> PlanParams {
     params
 }
 
-/// The remedy of the top of a block, which is missed for a cause, in a cell that can execute some of the views.
-fn remedy_of_top(params: &PlanParams, cause: Cause, can_execute: &CanExecute<'_>) -> Remedy {
+/// The remedy of the top of a block, which is missed for a cause, in a cell that can execute some of the views, and has a path to some
+/// of the candidates.
+fn remedy_of_top(params: &PlanParams, cause: Cause, (can_execute, has_path_to): (&CanExecute<'_>, &CanExecute<'_>)) -> Remedy {
     let (mesh, scanner, cancel) = (box_mesh([-30.0; 3], [30.0; 3]), nominal_scanner(), AtomicBool::new(false));
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let ctx = Context::new(&cancel, &Silent);
@@ -76,6 +78,7 @@ fn remedy_of_top(params: &PlanParams, cause: Cause, can_execute: &CanExecute<'_>
     let EvaluatedSetups { on, evaluated, .. } = sampled.evaluate(&input, &setups, &ctx).expect("candidates");
     let part_alone = sampled.part_alone(&input, &setups, &ctx).expect("not cancelled");
     let poses: Vec<_> = setups.iter().map(|setup| setup.table_from_part).collect();
+    let has_path = |candidate: CandidateIndex| has_path_to(&evaluated.candidates[candidate].part_from_scanner);
     let analysis = MissAnalysis {
         input: &input,
         sampled: &sampled,
@@ -91,6 +94,7 @@ fn remedy_of_top(params: &PlanParams, cause: Cause, can_execute: &CanExecute<'_>
         rows: &evaluated.matrix.rows,
         choosable: vec![true; evaluated.candidates.remaining.len()],
         can_execute: Some(can_execute),
+        has_path: &has_path,
     };
     let verdict = |sample| {
         let is_top = on.surface.patch_of(sample).normal.z > 0.9;
@@ -105,13 +109,15 @@ fn remedy_of_top(params: &PlanParams, cause: Cause, can_execute: &CanExecute<'_>
 #[test]
 fn a_view_that_was_left_out_is_no_remedy_where_the_cell_cannot_execute_it() {
     let params = all_around();
-    let remedy = remedy_of_top(&params, Cause::NotChosen, &|_| Ok(true));
+    // What else the cell can execute says nothing of a candidate that has stations: it was refused for lines of sight to the part's
+    // whole box.
+    let remedy = remedy_of_top(&params, Cause::NotChosen, (&|_| Ok(false), &|_| Ok(true)));
     assert_eq!((remedy.kind, remedy.works()), (RemedyKind::View, true), "{remedy:?}");
     let refused = remedy.views[0].part_from_scanner;
-    let other = remedy_of_top(&params, Cause::NotChosen, &|pose| Ok(*pose != refused));
+    let other = remedy_of_top(&params, Cause::NotChosen, (&|_| Ok(false), &|pose| Ok(*pose != refused)));
     assert_eq!(other.kind, RemedyKind::View, "{other:?}");
     assert!(other.views.iter().all(|view| view.part_from_scanner != refused), "{other:?}");
-    let none = remedy_of_top(&params, Cause::NotChosen, &|_| Ok(false));
+    let none = remedy_of_top(&params, Cause::NotChosen, (&|_| Ok(false), &|_| Ok(false)));
     assert_eq!((none.kind, none.views.len()), (RemedyKind::None, 0), "{none:?}");
 }
 
@@ -120,6 +126,6 @@ fn a_view_that_was_left_out_is_no_remedy_where_the_cell_cannot_execute_it() {
 fn a_larger_limit_is_no_remedy_where_the_cell_cannot_execute_any_view() {
     let mut params = all_around();
     (params.limits.camera_deg, params.limits.projector_deg) = (Some(60.0), Some(55.0));
-    let remedy = remedy_of_top(&params, Cause::IncidenceLeft, &|_| Ok(false));
+    let remedy = remedy_of_top(&params, Cause::IncidenceLeft, (&|_| Ok(false), &|_| Ok(true)));
     assert_eq!((remedy.kind, remedy.views.len()), (RemedyKind::None, 0), "{remedy:?}");
 }

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::candidates::Rejection;
 use super::context::{Cancelled, Context, NoPlan};
 use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
-use super::missed::{self, CanExecute, MissAnalysis};
+use super::missed::{self, CanExecute, HasPath, MissAnalysis};
 use super::params::SelectionParams;
 use super::plan::{
     CandidateCounts, CandidateFate, Cause, Coverage, Fate, MissedCause, Obstruction, Outcome, PartFacts, Plan, PlannedView,
@@ -26,6 +26,7 @@ use super::sequence::Ordered;
 use super::setups::Setup;
 use super::stations::StationFailure;
 use super::visibility::{self, Occluders, Row, SampleSet};
+use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel};
 
 /// A solved problem: chosen views, with what became of each.
@@ -83,7 +84,8 @@ pub(super) fn assemble(
     coverage.at_risk = at_risk::area(&solution, &risks);
     let exposures = exposure::of(&solution, surroundings.setups, ctx)?;
     coverage.exposure = exposures.as_ref().map(|exposures| exposures.loss);
-    let missed = missed::explain(&solution.miss_analysis(surroundings), &verdicts, ctx)?;
+    let has_path = |candidate: CandidateIndex| solution.has_path(candidate, surroundings.setups, ctx);
+    let missed = missed::explain(&solution.miss_analysis(surroundings, &has_path), &verdicts, ctx)?;
     let weakest_links = solution.weakest_links(ctx)?;
     let mut plan = solution.plan(ordered, coverage, missed, &weakest_links);
     let brightness = exposures.into_iter().flat_map(|exposures| exposures.views);
@@ -270,7 +272,15 @@ impl<'a> Solution<'a> {
         problem.candidates.indices().map(fate).collect()
     }
 
-    fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>) -> MissAnalysis<'c> {
+    /// Returns true if a path leads from home to a candidate, from stations at which obstacles hide nothing that it measures.
+    fn has_path(&self, candidate: CandidateIndex, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<bool, Cancelled> {
+        let (problem, ctx) = (self.problem, &ctx.silent());
+        let Some(scene) = &setups[problem.candidates[candidate].setup.index()].scene else { return Ok(true) };
+        let in_sight = |_: ViewId, station: &Configuration| problem.is_in_sight(scene, candidate, station, ctx);
+        Ok(scene.order(&[(ViewId(0), problem.stations(candidate))], false, &in_sight, ctx)?.no_path.is_empty())
+    }
+
+    fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>, has_path: &'c HasPath<'c>) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
         let Surroundings { sampled, occluders, part: part_alone, setups, can_execute, .. } = *surroundings;
         let can_execute: Option<&'c CanExecute<'c>> = match can_execute {
@@ -294,6 +304,7 @@ impl<'a> Solution<'a> {
             rows: &problem.matrix.rows,
             choosable: problem.candidates.indices().map(is_choosable).collect(),
             can_execute,
+            has_path,
         }
     }
 }

@@ -38,6 +38,8 @@ fn a_corner_fixes_all_freedoms_and_a_face_none_along_itself() {
     // The four walls around z resist neither a shift along z nor, to either side of their middle, more than a little of a tilt.
     let walls = SharedSurface::new(&surface).stability(&facing(&surface, &[x, y, -x, -y]));
     assert!(walls.resistance < 1e-12 && walls.shift.z > 0.99, "{walls:?}");
+    // Rounding left a resistance of 1e-17, and an expected error of metres.
+    assert_eq!(walls.expected_error_mm(0.01, 0.1), None, "{walls:?}");
     let face = SharedSurface::new(&surface).stability(&facing(&surface, &[z]));
     assert!(face.resistance < 1e-12 && face.shift.z.abs() < 1e-6, "{face:?}");
     let nothing = SharedSurface::new(&surface).stability(&SampleSet::none_of(surface.sample_mm.len()));

@@ -83,7 +83,7 @@ impl<'a> PlanningScene<'a> {
     ) -> Result<Self, PlanError> {
         match scene.placement_contact() {
             Some(contact) => {
-                let detail = format!("lets {contact} meet; move the part, or what it meets");
+                let detail = format!("makes {contact} collide; move the part, or the body that it collides with");
                 Err(PlanError::param("/part/table_from_part", detail))
             }
             None => {

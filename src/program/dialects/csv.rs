@@ -33,7 +33,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     render: |job| Ok(render(job)),
 };
 
-/// `program.csv`.
+/// `program.csv`, and `program-2.csv` for the second setup: the names that a plan gives its tables.
 fn render(job: &Job<'_>) -> Vec<DialectFile> {
     let mut text = format!("{HEADER}\r\n");
     let mut here = job.program.home_rad;
@@ -56,7 +56,8 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
             }
         }
     }
-    vec![DialectFile { name: "program.csv".to_owned(), text }]
+    let number = if job.program.setup == 0 { String::new() } else { format!("-{}", job.program.setup + 1) };
+    vec![DialectFile { name: format!("program{number}.csv"), text }]
 }
 
 impl Row {

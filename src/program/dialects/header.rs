@@ -14,6 +14,10 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
     };
     let checked = match job.checked_with {
         CheckedWith::Part => "Checked in the model of the cell with the part in it: limits, speeds, collisions.",
+        CheckedWith::Board => {
+            "Checked in the model of the cell with the calibration board on the table, WITHOUT a part: limits, speeds, \
+             collisions. Take part and fixture off the table."
+        }
         CheckedWith::CellAlone => {
             "WARNING: checked in the model of the cell WITHOUT the part: what hits the part was not looked for."
         }

@@ -203,6 +203,8 @@ pub enum DialectError {
 pub enum CheckedWith {
     /// The cell with the part in it.
     Part,
+    /// The cell with the calibration board on its table.
+    Board,
     /// The cell alone.
     CellAlone,
 }

@@ -595,6 +595,43 @@ fn every_file_names_its_plan() {
     }
 }
 
+/// The tables of all setups were called `program.csv`.
+#[test]
+fn no_two_files_of_a_plan_of_several_setups_have_one_name() {
+    let cell = cell();
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    for dialect in Dialect::ALL {
+        for program_name in ["vantage", "a-very-long-name-of-a-bracket-for-the-left-side-of-the-line"] {
+            let params = DialectParams { program_name: program_name.to_owned(), ..params() };
+            let names_of = |setup: usize| {
+                let program = Program { setup, ..program(&cell) };
+                let checked = CheckedProgram::new(&program, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+                let files = checked.render(dialect, &params).expect("renders");
+                files.into_iter().map(|file| file.name.to_ascii_lowercase()).collect::<Vec<_>>()
+            };
+            let names: Vec<String> = (0..4).flat_map(names_of).collect();
+            let different: std::collections::BTreeSet<&String> = names.iter().collect();
+            assert_eq!((different.len(), names.len()), (names.len(), 4 * dialect.outputs().len()), "{dialect:?}: {names:?}");
+        }
+    }
+}
+
+/// A program through calibration poses said that it was checked with the part.
+#[test]
+fn the_header_tells_what_stood_in_the_scene() {
+    let cell = cell();
+    let (program, scene) = (program(&cell), CollisionScene::without_part(&cell, 5.0));
+    for (with, told) in [
+        (CheckedWith::Part, "with the part in it"),
+        (CheckedWith::Board, "with the calibration board on the table, WITHOUT a part"),
+        (CheckedWith::CellAlone, "WITHOUT the part"),
+    ] {
+        let checked = CheckedProgram::new(&program, &cell, &scene, None, with).expect("sound");
+        let text = checked.render(Dialect::Urscript, &params()).expect("renders").remove(0).text;
+        assert!(said(&text).contains(told), "{with:?}: {text}");
+    }
+}
+
 #[test]
 fn dialects_are_found_by_name() {
     for dialect in Dialect::ALL {

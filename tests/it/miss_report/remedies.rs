@@ -32,7 +32,14 @@ fn treated(outcome: &Outcome) -> Vec<(Cause, &MissedSpot, &Remedy)> {
 
 /// A remedy in a sentence, of a plan that ended at its target.
 fn sentence(remedy: &Remedy) -> String {
-    let rules = PlanRules { goal: SelectionGoal::FewestViews, ended_by: StopReason::Target, views_left: None, min_gain_mm2: 0.0 };
+    let rules = PlanRules {
+        goal: SelectionGoal::FewestViews,
+        ended_by: StopReason::Target,
+        views_left: None,
+        min_gain_mm2: 0.0,
+        is_priced: false,
+        must_overlap: false,
+    };
     fix_sentence(remedy, ChoiceRules::Plan(rules))
 }
 
