@@ -121,8 +121,8 @@ pub(super) fn content_disposition(disposition: Disposition, name: &str) -> Heade
 
 /// File name of a job's result, by the part: part number and serial number, else the mesh, else `other`.
 pub(super) fn result_name(part: &PartNames, other: &str, file: &str) -> String {
-    let numbers: Vec<&str> = [&part.part_number, &part.serial].into_iter().flatten().map(String::as_str).collect();
-    let numbers = numbers.join("_");
+    let given = [&part.part_number, &part.serial].into_iter().flatten().map(|number| number.trim());
+    let numbers = given.filter(|number| !number.is_empty()).collect::<Vec<_>>().join("_");
     let mesh = part.mesh.as_deref().map(|name| name.rsplit_once('.').map_or(name, |(stem, _)| stem));
     let stem = [Some(numbers.as_str()), mesh].into_iter().flatten().map(str::trim).find(|stem| !stem.is_empty()).unwrap_or(other);
     format!("{}_{file}", shortened(stem))
@@ -228,6 +228,8 @@ mod tests {
         assert_eq!(name(&part(None, Some("S 2"), Some("a.stl"))), "S 2_plan.json");
         assert_eq!(name(&part(None, None, Some("housing.v2.stl"))), "housing.v2_plan.json");
         assert_eq!(name(&part(Some(" "), None, None)), "job_plan.json");
+        assert_eq!(name(&part(Some(""), Some(""), Some("a.stl"))), "a_plan.json", "blank numbers are none");
+        assert_eq!(name(&part(Some(" "), Some("S 2"), Some("a.stl"))), "S 2_plan.json");
         assert_eq!(name(&part(Some(&"x".repeat(128)), None, None)).len(), 80 + "_plan.json".len());
         for (name, value) in [
             ("plan.json", "inline; filename=\"plan.json\""),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
+use std::io;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
@@ -9,7 +10,7 @@ use axum::body::Body;
 use axum::extract::{FromRequest, FromRequestParts, Query, Request};
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, IF_MATCH, IF_NONE_MATCH};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, HeaderName};
+use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt;
 use serde::Serialize;
@@ -93,7 +94,22 @@ async fn read(body: Body, limit: usize, mut rate: BodyRate) -> Result<Vec<u8>, A
 
 /// The error response to a body that broke off.
 pub(super) fn body_error(error: &(dyn std::error::Error + 'static)) -> ApiError {
-    if is_timeout(error) { request_timeout() } else { ApiError::new(Code::BadBody, "the body ended early") }
+    if is_timeout(error) {
+        return request_timeout();
+    }
+    let said = if is_malformed(error) {
+        "the body has a malformed chunk; let the client write Transfer-Encoding: chunked itself (RFC 9112, section 7.1)"
+    } else {
+        "the body ended early"
+    };
+    ApiError::new(Code::BadBody, said)
+}
+
+/// True if the bytes that came were not chunks; a connection that ended early is an error of another kind.
+fn is_malformed(error: &(dyn std::error::Error + 'static)) -> bool {
+    std::iter::successors(Some(error), |error| error.source())
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|cause| matches!(cause.kind(), io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput))
 }
 
 /// True if the body stalled for longer than `body_idle_timeout`.
@@ -258,6 +274,16 @@ impl FromRequestParts<ApiState> for Precondition {
 /// Splits a list of entity tags. Ours contain no comma; a malformed tag matches none.
 fn split_tags(tags: &str) -> Vec<String> {
     tags.split(',').map(|tag| tag.trim().to_owned()).collect()
+}
+
+/// Refuses a request to read whose `If-Match` does not list this tag (strong comparison; RFC 9110, section 13.1.1).
+pub(super) fn check_if_match(headers: &HeaderMap, etag: &str) -> Result<(), ApiError> {
+    let is_listed = |tags: &str| tags.trim() == "*" || split_tags(tags).iter().any(|tag| tag == etag);
+    let lists = |value: &HeaderValue| value.to_str().is_ok_and(is_listed);
+    if headers.contains_key(IF_MATCH) && !headers.get_all(IF_MATCH).iter().any(lists) {
+        return Err(Error::PreconditionFailed(Some(etag.to_owned())).into());
+    }
+    Ok(())
 }
 
 /// True if `If-None-Match` lists the tag (weak comparison): the client has the current version.

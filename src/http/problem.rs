@@ -63,7 +63,7 @@ codes! {
     BadRequest "bad_request" BAD_REQUEST "The request is malformed" "The request violates HTTP, or one of its headers is malformed.";
     BadQuery "bad_query" BAD_REQUEST "The query is invalid" "A query parameter is unknown, missing or out of range; `errors` names it.";
     BadJson "bad_json" BAD_REQUEST "The body is not valid JSON" "The body is not a valid JSON document.";
-    BadBody "bad_body" BAD_REQUEST "The body cannot be read" "The body ended early, is empty, or is not a valid multipart message.";
+    BadBody "bad_body" BAD_REQUEST "The body cannot be read" "The body ended early, is empty, has a malformed chunk, or is not a valid multipart message.";
     UnexpectedBody "unexpected_body" BAD_REQUEST "The route takes no body" "A body was sent to a route that takes none, so nothing was done; `detail` says what to send instead. Empty bodies, white space, `{}` and `null` are accepted.";
     BadDigest "bad_digest" BAD_REQUEST "The digest is malformed" "`Content-Digest` is not `sha-256=:…:` (RFC 9530).";
     BadIdempotencyKey "bad_idempotency_key" BAD_REQUEST "The Idempotency-Key is invalid" "An `Idempotency-Key` must be 1 to 255 visible ASCII characters.";
@@ -80,7 +80,7 @@ codes! {
     ScanNotFound "scan_not_found" NOT_FOUND "No such scan" "No scan has this id.";
     InspectionNotFound "inspection_not_found" NOT_FOUND "No such inspection" "No inspection has this id.";
     LeaseNotFound "lease_not_found" NOT_FOUND "No such lease" "No lease has this id: it was given back or not renewed in time. Take a new one.";
-    ResultNotFound "result_not_found" NOT_FOUND "No such result" "The job, the inspection or the run has no such file; a job without a cell, for example, has no program.";
+    ResultNotFound "result_not_found" NOT_FOUND "No such result" "The job, the inspection or the run has no such file: `GET /api/v1/jobs/{id}/program` of a job planned without a cell, or `GET /api/v1/jobs/{id}/program-2` of one with a single setup, for example. To start a run of such a program is `no_program`.";
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
     NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
     RangeNotSatisfiable "range_not_satisfiable" RANGE_NOT_SATISFIABLE "The range lies beyond the end" "No byte of the requested `Range` exists; `Content-Range` states the length.";
@@ -96,7 +96,7 @@ codes! {
     LiveDisabled "live_disabled" FORBIDDEN "Live runs are switched off" "The setting `execution.live` does not allow runs to move arms and tables; rehearse with the mode `simulate` or `dry_run`.";
     NoControllers "no_controllers" CONFLICT "The cell has no controllers" "None of the operator's cell files (`execution.cells`) names the controllers of this cell; run the program in the mode `simulate`.";
     OtherCell "other_cell" CONFLICT "The cell differs from the planned one" "The operator's cell differs from the cell that the job was planned in; plan the part again in the operator's cell.";
-    NoProgram "no_program" CONFLICT "The job has no such program" "The job was planned without a cell, or has fewer setups.";
+    NoProgram "no_program" CONFLICT "The job has no such program" "`POST /api/v1/runs` names a job planned without a cell, or a setup that the job does not have. To read such a program is `result_not_found`.";
     CalibrationNotEnded "calibration_not_ended" CONFLICT "The calibration has not ended" "Only an ended calibration can be deleted; cancel it first, or wait.";
     CalibrationNotQueued "calibration_not_queued" CONFLICT "The calibration has ended" "Only a queued or running calibration can be cancelled; one that has ended never changes.";
     NoCalibration "no_calibration" CONFLICT "The calibration has no result" "The calibration has not succeeded, or cannot be written into a cell; `detail` says which.";
@@ -134,7 +134,7 @@ codes! {
     QueueFull "queue_full" SERVICE_UNAVAILABLE "The queue is full" "The maximum number of jobs is queued; try again after `Retry-After` seconds.";
     TooManyRuns "too_many_runs" SERVICE_UNAVAILABLE "Too many runs are open" "The number of runs that have not ended has reached `execution.max_runs`; stop one, or try again after `Retry-After` seconds.";
     Stopping "stopping" SERVICE_UNAVAILABLE "The server is shutting down" "The server accepts no new work; try again after `Retry-After` seconds.";
-    NotReady "not_ready" SERVICE_UNAVAILABLE "The server is not ready" "`errors` lists the failed checks.";
+    NotReady "not_ready" SERVICE_UNAVAILABLE "The server is not ready" "`errors` lists the failed checks, each with the reason and what to do.";
     TooSlow "too_slow" SERVICE_UNAVAILABLE "The response took too long" "The server did not respond in time; try again after `Retry-After` seconds.";
     StorageFull "storage_full" INSUFFICIENT_STORAGE "The disk is full" "The server's disk has no room left, or the rest is reserved for running jobs; try again after `Retry-After` seconds, or delete jobs and meshes.";
 }

@@ -163,14 +163,17 @@ impl App {
         &self.0.options
     }
 
-    /// Conditions for taking work, each with its current state.
-    pub async fn readiness(&self) -> Vec<ReadinessCheck> {
-        let check = |name: &str, ok: bool| ReadinessCheck { name: name.to_owned(), ok };
+    /// Conditions for taking work; each that does not hold with what is wrong, and what to do.
+    pub async fn readiness(&self) -> Vec<(ReadinessCheck, Option<String>)> {
+        let check = |name: &str, fault: Option<String>| (ReadinessCheck { name: name.to_owned(), ok: fault.is_none() }, fault);
+        let unless = |holds: bool, fault: &str| (!holds).then(|| fault.to_owned());
+        let stopping = "the server is shutting down; send the request again once it has been restarted";
+        let unusable = "the store cannot be read or written; the server's log gives the cause";
         vec![
-            check("not_stopping", !self.0.stopping.is_cancelled()),
-            check("storage", self.is_usable().await),
-            check("free_space", self.check_space(0).is_ok()),
-            check("planning", self.0.runner.is_alive()),
+            check("not_stopping", unless(!self.0.stopping.is_cancelled(), stopping)),
+            check("storage", unless(self.is_usable().await, unusable)),
+            check("free_space", self.check_space(0).err().map(|error| error.to_string())),
+            check("planning", unless(self.0.runner.is_alive(), "no planning thread is left; restart the server")),
         ]
     }
 
@@ -243,8 +246,9 @@ mod tests {
         sqlx::query("ALTER TABLE job RENAME TO gone").execute(&mut other).await.expect("renamed");
         // What is written by a probe is still there.
         app.0.store.probe().await.expect("written");
-        let storage = app.readiness().await.into_iter().find(|check| check.name == "storage");
-        assert!(!storage.expect("a check").ok);
+        let storage = app.readiness().await.into_iter().find(|(check, _)| check.name == "storage");
+        let (check, fault) = storage.expect("a check");
+        assert!(!check.ok && fault.is_some_and(|fault| fault.contains("the server's log")));
         assert!(!is_known(&app.open_jobs().await));
     }
 }

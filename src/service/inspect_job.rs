@@ -274,10 +274,11 @@ impl InspectJob {
         let nearest = NearestFace::new(part.mesh);
         let fixtures = fixtures_on_plate(part, &setups);
         let world = IngestWorld { scanner: part.scanner, nearest: &nearest, captures: &captures, fixtures: &fixtures };
-        let taken = ingest(files, &world, &IngestOptions::default(), ctx).map_err(PlanError::from)?;
+        let mut taken = ingest(files, &world, &IngestOptions::default(), ctx).map_err(PlanError::from)?;
         if taken.scans.is_empty() {
             return Err(InspectError::Refused(InspectedFiles::new(&taken).refusals()));
         }
+        taken.note_planned_poses(self.record.as_ref().map_or_else(Vec::new, |record| viewpoints_without_scan(&plan, record)));
         progress(0.2);
         let input = InspectionInput {
             part: part.mesh,

@@ -141,7 +141,7 @@ impl App {
         if errors.is_empty() { Ok(chosen) } else { Err(Error::Invalid(errors)) }
     }
 
-    /// Refuses a run that is not there, one of another job, and a dry run.
+    /// Refuses a run that is not there, one of another job, a dry run, and one that has taken no scan.
     async fn check_run(&self, job: JobId, id: RunId) -> Result<(), Error> {
         let run = self.run(id).await.map_err(of_missing_run)?;
         if run.job_id != Some(job) {
@@ -150,6 +150,11 @@ impl App {
         if run.mode == RunMode::DryRun {
             let detail = "a dry run, which moves nothing and takes no scans; name the run in which they were taken, or leave it out, so \
                           that the poses of the plan count";
+            return Err(of_run(format!("is {id}, {detail}")));
+        }
+        if run.scans == 0 {
+            let detail = "a run that has taken no scan; name the run in which the scans were taken, or leave it out, so that the poses of \
+                          the plan count";
             return Err(of_run(format!("is {id}, {detail}")));
         }
         Ok(())

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use super::app::App;
 use super::error::Error;
-use super::metrics;
 use super::runs::{LogSizes, log_sizes};
 use super::space::share_a_disk;
 use super::store::{Due, Policy, blocking};
@@ -120,7 +119,6 @@ impl App {
         log("pruning old events of runs", store.prune_run_events(options.event_retention_hours).await);
         let swept = store.sweep(hours(options.orphan_hours), hours(options.swept_hours)).await;
         log("sweeping orphaned files", swept.map(drop));
-        metrics::record(|metrics| metrics.store_damaged.set(store.damage().len() as f64));
     }
 
     /// Sizes of all audit logs that can be read; the server's log tells of the others.

@@ -1,5 +1,6 @@
 //! Planning of a part in a cell, with all result files: shared by the server's jobs and the command line.
 
+mod fixture_fit;
 mod refused;
 
 use std::borrow::Cow;
@@ -31,7 +32,7 @@ use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, StandingRemedy, Summary};
 use crate::wire::warnings::{
-    FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_home, of_poses,
+    FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_fixture, of_home, of_poses,
 };
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
@@ -261,6 +262,15 @@ impl PlanJob<'_> {
         })
     }
 
+    /// Warning on a fixture that runs into the part, or is the part itself; `at` is the pointer to the parameters.
+    #[must_use]
+    pub fn fixture_warning(&self, outcome: &Outcome, at: &str) -> Option<FieldWarning> {
+        let fixture = self.fixture?;
+        let is_part = self.fixture_sha256 == Some(self.part_sha256);
+        let overlaps = is_part || fixture_fit::overlap(self.mesh, fixture, &outcome.surface.sample_mm);
+        overlaps.then(|| of_fixture(is_part, fixture_fit::MAX_DEPTH_MM, at))
+    }
+
     /// Warnings on a home that the part of a plan leaves no way out of; `at` is the pointer to the cell.
     #[must_use]
     pub fn home_warnings(&self, outcome: &Outcome, at: &str) -> Vec<FieldWarning> {
@@ -375,6 +385,7 @@ impl PlanJob<'_> {
         document.warnings.extend(size_warnings.iter().cloned());
         document.warnings.extend(self.empty_region_warnings(outcome, "/params"));
         document.warnings.extend(self.standing_warnings(outcome, "/params", &Poll::new(&stop))?);
+        document.warnings.extend(self.fixture_warning(outcome, "/params"));
         document.warnings.extend(self.home_warnings(outcome, "/cell"));
         document.warnings = by_cause(document.warnings);
         Ok(document)

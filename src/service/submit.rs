@@ -82,7 +82,7 @@ struct StoredInput {
     cell: Option<CellSpec>,
     scanner: ScannerSpec,
     body_meshes: BTreeMap<String, MeshFile>,
-    /// Warnings on the part's size and on the cell, found when the job was submitted.
+    /// Warnings on the part's size, on the cell and on the scanner, found when the job was submitted.
     #[serde(default)]
     warnings: Vec<FieldWarning>,
     /// State after scans, of a job that plans what they lack.
@@ -320,7 +320,7 @@ fn resolve(
     }
 }
 
-/// Warnings on the size of a job's part, and on its cell.
+/// Warnings on the size of a job's part, on its cell, and on what its features ask of the scanner.
 fn warnings_on(request: &JobRequest, built: Option<&BuiltCell>, scanner: &ScannerSpec, library: &Library) -> Vec<FieldWarning> {
     let cell = built.map(|built| &built.cell);
     let alone = if cell.is_none() { scanner.build().ok() } else { None };
@@ -328,7 +328,10 @@ fn warnings_on(request: &JobRequest, built: Option<&BuiltCell>, scanner: &Scanne
     let size = scanner.zip(library.part_size(request.mesh_id)).map(|(scanner, size)| {
         size.warnings(request.params.part.table_from_part.as_ref(), &SizeLimits::new(scanner, cell), "/mesh_id")
     });
-    size.into_iter().flatten().chain(built.into_iter().flat_map(|built| built.warnings.iter().cloned())).collect()
+    let spacing = scanner.map(|scanner| warnings::of_spacing(&request.params, scanner, "/params"));
+    let of_cell = built.into_iter().flat_map(|built| built.warnings.iter().cloned());
+    let goal = warnings::of_goal(&request.params, built.is_some(), "/params");
+    size.into_iter().flatten().chain(of_cell).chain(spacing.into_iter().flatten()).chain(goal).collect()
 }
 
 /// Limits of incidence beyond the scanner's own, except for values that are known to be out of range.

@@ -101,9 +101,9 @@ pub struct StoreSettings {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetentionSettings {
-    /// Age at which ended jobs are deleted, days; 0 keeps them.
+    /// Age at which ended jobs are deleted with their results, scans and inspections, days; 0 keeps them.
     pub job_days: u32,
-    /// Number of ended jobs kept per part; 0 keeps all.
+    /// Number of ended jobs kept per part; the others are deleted with their results, scans and inspections. 0 keeps all.
     pub jobs_per_part: u32,
     /// Time after the upload at which unused meshes are deleted, days; 0 keeps them.
     pub unused_mesh_days: u32,

@@ -11,6 +11,9 @@ use crate::cell::AbbEgmSpec;
 use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmRapid, EgmReport, ExternalAxes};
 
+/// Time by which a report that another overtook may be older, ms. What is older still is of another start of the controller.
+const MAX_OVERTAKEN_MS: u32 = 1000;
+
 /// An arm by ABB, with the table in place 7 where `N` is 7.
 pub type AbbArm<const N: usize> = Streamed<N, AbbEgm>;
 
@@ -70,11 +73,21 @@ impl AbbEgmLink {
         Ok(axes_rad)
     }
 
-    /// Waits for a report that has no answer yet. One that comes again, by its number and its time, gets its answer again: the
-    /// set point of a further cycle would take the arm twice as far in this one.
+    /// Returns true if a report was sent before the latest that was answered, by its number and its time: its cycle is over.
+    fn is_overtaken(&self, report: &EgmReport) -> bool {
+        let [numbers, ms] = [(self.latest.sequence, report.sequence), (self.latest.time_ms, report.time_ms)]
+            .map(|(latest, of)| latest.wrapping_sub(of));
+        self.answered.is_some() && (1..=u32::MAX / 2).contains(&numbers) && (1..=MAX_OVERTAKEN_MS).contains(&ms)
+    }
+
+    /// Waits for a report that has no answer yet, and skips those that were overtaken. One that comes again, by its number and its
+    /// time, gets its answer again: the set point of a further cycle would take the arm twice as far in this one.
     async fn unanswered(&mut self) -> Result<EgmReport, DeviceError> {
         loop {
             let report = EgmReport::decode(self.datagrams.receive().await?)?;
+            if self.is_overtaken(&report) {
+                continue;
+            }
             let is_repeated = (report.sequence, report.time_ms) == (self.latest.sequence, self.latest.time_ms);
             match self.answered.as_ref().filter(|_| is_repeated) {
                 Some(answered) => self.datagrams.send(&answered.encode()).await?,

@@ -209,7 +209,7 @@ const fn is_lost(error: &DeviceError) -> bool {
 impl fmt::Display for StopCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Client => write!(f, "a client asked for it"),
+            Self::Client => write!(f, "a stop was requested"),
             Self::HeartbeatLost { after } => write!(
                 f,
                 "no heartbeat of the client for {} ms; see whether it still runs, then start a new run from the step that was \
@@ -327,7 +327,7 @@ impl fmt::Display for RunReason {
             Self::AwaitsArm => write!(f, "waits for an operator to arm it"),
             Self::AwaitsStart => write!(f, "is armed and waits for its first step"),
             Self::UnderWay => write!(f, "carries out its steps"),
-            Self::Paused(PauseCause::Client) => write!(f, "a client asked for it; resume to go on"),
+            Self::Paused(PauseCause::Client) => write!(f, "a pause was requested; resume to go on"),
             Self::Paused(PauseCause::SingleStep) => write!(f, "takes steps one by one; step or resume to go on"),
             Self::Paused(PauseCause::Trigger { step, view, error }) => {
                 write!(f, "the capture of viewpoint {view} (step {step}) was not acknowledged: {error}; resume to take it again")
@@ -344,6 +344,14 @@ impl fmt::Display for RunReason {
 mod tests {
     use super::*;
     use crate::execution::session::lease::Fence;
+
+    /// Ctrl-C on the command line was told as "a client asked for it".
+    #[test]
+    fn a_stop_and_a_pause_on_request_are_told_alike_whoever_asks() {
+        let [stop, pause] = [RunReason::Ended(StopCause::Client), RunReason::Paused(PauseCause::Client)];
+        assert_eq!((stop.to_string().as_str(), stop.code()), ("a stop was requested", "by_client"));
+        assert_eq!((pause.to_string().as_str(), pause.code()), ("a pause was requested; resume to go on", "by_client"));
+    }
 
     /// The axis of the table was "axis 7", and what to do next was left open.
     #[test]

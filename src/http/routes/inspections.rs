@@ -8,7 +8,7 @@ use axum::response::Response;
 use super::job_id;
 use super::jobs::{duration, refer};
 use super::results::respond;
-use crate::http::download::{Disposition, content_disposition};
+use crate::http::download::{Disposition, content_disposition, result_name};
 use crate::http::extract::{Json, Params};
 use crate::http::negotiate::{Representation, choose};
 use crate::http::prefix::Prefix;
@@ -228,12 +228,13 @@ async fn answer(
     params.deny_unknown()?;
     let id = inspection_id(id)?;
     // The inspection is looked up before the representation is chosen: an unknown one is 404, whatever the representation.
-    state.app.inspection(id).await?;
+    let job = state.app.inspection(id).await?.job_id;
     let chosen = choose(headers, format.as_deref().map(|form| ("format", form)), offered)?;
     let file = state.app.inspection_result(id, &chosen.file).await?;
     let shown = [JSON, HTML, TEXT].contains(&chosen.media_type);
     let disposition = if shown { Disposition::Inline } else { Disposition::Attachment };
-    let disposition = content_disposition(disposition, &format!("{id}_{}", chosen.file));
+    let name = result_name(&state.app.part_names(job).await?, &id.to_string(), &chosen.file);
+    let disposition = content_disposition(disposition, &name);
     respond(state, &file, headers, chosen.media_type, disposition).await
 }
 

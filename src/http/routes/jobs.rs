@@ -190,8 +190,9 @@ pub(in crate::http) async fn create_batch(
 
 /// Delete several ended jobs and their results
 ///
-/// Deletes the jobs that match all given fields; at least one field must be given. Jobs that have not ended, and jobs with the
-/// hold label, are kept and counted.
+/// Deletes the jobs that match all given fields; at least one field must be given. The results, the uploaded scans and the
+/// inspections of a job are deleted with it; its runs are kept. Jobs that have not ended, and jobs with the hold label, are kept
+/// and counted.
 #[utoipa::path(
     post,
     path = "/jobs/delete",
@@ -382,6 +383,8 @@ pub(in crate::http) async fn put_labels(
 }
 
 /// Delete an ended job and its results
+///
+/// Its uploaded scans and its inspections are deleted with it; its runs are kept. A job with the hold label is not deleted.
 #[utoipa::path(
     delete,
     path = "/jobs/{id}",

@@ -197,7 +197,7 @@ pub(in crate::http) async fn preview(
     let form = choose(&headers, None, &PREVIEW)?;
     let (sha256, bytes) = state.app.preview(id).await?;
     let vary = [(VARY, HeaderValue::from_static("accept"))];
-    if let Some(response) = not_modified(&headers, &sha256) {
+    if let Some(response) = not_modified(&headers, &sha256)? {
         return Ok((vary, response).into_response());
     }
     let length = bytes.len() as u64;

@@ -31,7 +31,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 
 use super::download::{AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range};
-use super::extract::etag_matches;
+use super::extract::{check_if_match, etag_matches};
 use super::pacer::Pacer;
 use super::problem::{ApiError, Code};
 use super::router::ApiState;
@@ -63,10 +63,12 @@ fn version(sha256: &str) -> [(HeaderName, HeaderValue); 2] {
 }
 
 /// The 304 response, if the client has the current version. A cache takes its headers over, so they are those of the 200 response
-/// (RFC 9110, section 15.4.5); of a resource with several representations, the caller adds the rest.
-fn not_modified(headers: &HeaderMap, sha256: &str) -> Option<Response> {
-    let is_current = etag_matches(headers, &format!("\"{sha256}\""));
-    is_current.then(|| (StatusCode::NOT_MODIFIED, version(sha256)).into_response())
+/// (RFC 9110, section 15.4.5); of a resource with several representations, the caller adds the rest. A request for
+/// another version only is refused.
+fn not_modified(headers: &HeaderMap, sha256: &str) -> Result<Option<Response>, ApiError> {
+    let etag = format!("\"{sha256}\"");
+    check_if_match(headers, &etag)?;
+    Ok(etag_matches(headers, &etag).then(|| (StatusCode::NOT_MODIFIED, version(sha256)).into_response()))
 }
 
 /// A file that a client uploaded.
@@ -85,7 +87,7 @@ async fn uploaded(
     open: impl Future<Output = Result<File, Error>>,
 ) -> Result<Response, ApiError> {
     let UploadedFile { sha256, size_bytes, name } = *about;
-    if let Some(response) = not_modified(headers, sha256) {
+    if let Some(response) = not_modified(headers, sha256)? {
         return Ok(response);
     }
     let bytes = match asked_part(headers, &format!("\"{sha256}\""), size_bytes) {

@@ -166,7 +166,7 @@ pub(super) async fn respond(
     media_type: &'static str,
     disposition: HeaderValue,
 ) -> Result<Response, ApiError> {
-    let mut response = match not_modified(headers, file.sha256()) {
+    let mut response = match not_modified(headers, file.sha256())? {
         Some(response) => response,
         None => with_bytes(state, file, headers, media_type, disposition).await?,
     };

@@ -70,9 +70,6 @@ pub(in crate::http) async fn upload(
         ));
     }
     let (finished, file_name) = uploads::received(&state, request).await?;
-    if finished.size_bytes() == 0 {
-        return Err(ApiError::new(Code::BadBody, "the file is empty"));
-    }
     let about = ScanUpload { view, name: name.or(file_name), unit: unit.map(|unit| unit.as_str().to_owned()), frame };
     let scan = state.app.add_scan(job, finished, about).await?;
     Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/scans/{}", scan.id)))], Json(scan)))

@@ -11,7 +11,7 @@ macro_rules! collection {
             use axum::response::{IntoResponse, Response};
 
             use crate::cell::$spec;
-            use crate::http::extract::{Json, Params, etag_matches};
+            use crate::http::extract::{Json, Params, check_if_match, etag_matches};
             use crate::http::problem::ApiError;
             use crate::http::router::ApiState;
             use crate::service::{Precondition, SpecEntry};
@@ -53,6 +53,7 @@ macro_rules! collection {
             ) -> Result<Response, ApiError> {
                 params.deny_unknown()?;
                 let entry = state.app.spec(SpecCollection::$variant, &name).await?;
+                check_if_match(&headers, &entry.etag)?;
                 if etag_matches(&headers, &entry.etag) {
                     return Ok((StatusCode::NOT_MODIFIED, tag(&entry)).into_response());
                 }

@@ -40,8 +40,9 @@ pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Pa
 
 /// Apply retention now
 ///
-/// Deletes the jobs, meshes and runs that the policy selects. The server also does this by itself every hour. Each deleted job
-/// gets an event with the reason as `code`. A run is not deleted with its job but at its own age, together with its audit log.
+/// Deletes the jobs, meshes and runs that the policy selects. The server also does this by itself every hour. A job is deleted
+/// with its results, its uploaded scans and its inspections, and gets an event with the reason as `code`. A run is not deleted
+/// with its job but at its own age, together with its audit log.
 #[utoipa::path(
     post,
     path = "/retention",

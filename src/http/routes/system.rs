@@ -27,7 +27,8 @@ pub(in crate::http) async fn healthz() -> Json<Health> {
 
 /// Check readiness
 ///
-/// Ready means that the server accepts jobs; the check includes a write to the store. A 503 lists the failed checks.
+/// Ready means that the server accepts jobs; the check includes a write to the store. A 503 lists the failed checks, each
+/// with the reason.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -36,9 +37,11 @@ pub(in crate::http) async fn healthz() -> Json<Health> {
     responses((status = 200, description = "The server is ready.", body = Readiness))
 )]
 pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<Json<Readiness>, ApiError> {
-    let checks = state.app.readiness().await;
-    let failed = |name: &str| ProblemField { pointer: name.to_owned(), detail: "failed".to_owned() };
-    let errors: Vec<_> = checks.iter().filter(|check| !check.ok).map(|check| failed(&check.name)).collect();
+    let (mut checks, mut errors) = (Vec::new(), Vec::new());
+    for (check, fault) in state.app.readiness().await {
+        errors.extend(fault.map(|detail| ProblemField { pointer: check.name.clone(), detail }));
+        checks.push(check);
+    }
     if errors.is_empty() {
         return Ok(Json(Readiness { status: "ready".to_owned(), checks }));
     }

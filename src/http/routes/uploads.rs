@@ -35,10 +35,15 @@ pub(super) async fn received(state: &ApiState, request: Request) -> Result<(Fini
     check_length(request.headers(), state.app.options().max_upload_bytes)?;
     let announced = announced_sha256(request.headers())?;
     let upload = state.app.receive(announced_length(request.headers())).await?;
-    if is_multipart(request.headers()) {
-        return receive_form(upload, request, state, announced.as_deref()).await;
+    let (file, name) = if is_multipart(request.headers()) {
+        receive_form(upload, request, state, announced.as_deref()).await?
+    } else {
+        (receive_body(upload, request.into_body(), state, announced.as_deref()).await?, None)
+    };
+    if file.size_bytes() == 0 {
+        return Err(ApiError::new(Code::BadBody, "the file is empty; send its bytes"));
     }
-    Ok((receive_body(upload, request.into_body(), state, announced.as_deref()).await?, None))
+    Ok((file, name))
 }
 
 /// The `Content-Length` of the body; 0 if there is none.

@@ -1,7 +1,7 @@
 //! Leases of cells as clients see them: an id that only the holder knows, and the fencing token that commands name. Tokens rise
 //! over restarts too.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::time::Instant;
@@ -121,9 +121,11 @@ impl App {
         }
         self.with_library(None, move |library| match library.cell(&cell) {
             Err(NotFound::Unknown) => {
-                let names: Vec<String> = operated.into_iter().chain(library.names(SpecKind::Cell)).collect();
+                // The operator's cell may have the name of a stored one or of a preset.
+                let names: BTreeSet<String> = operated.into_iter().chain(library.names(SpecKind::Cell)).collect();
                 let question = did_you_mean(&cell, names.iter().map(String::as_str));
-                let detail = format!("no cell is named {cell:?}; known names are {}{question}", names.join(", "));
+                let names = Vec::from_iter(names).join(", ");
+                let detail = format!("no cell is named {cell:?}; known names are {names}{question}");
                 Err(Error::Invalid(vec![FieldError { pointer: "/cell".to_owned(), detail }]))
             }
             Ok(_) | Err(NotFound::Unusable(_)) => Ok(()),
@@ -253,11 +255,14 @@ mod tests {
             "arm": {"protocol": "hans", "address": "10.0.0.1:10003"},
             "table": {"protocol": "minas_a6", "address": "tcp://10.0.0.2:502", "units_per_turn": 1_600_000, "gear_ratio": 40},
         });
-        options.execution.cells.push(OperatorCell {
-            name: "line-3".to_owned(),
-            cell_sha256: "00".to_owned(),
-            controllers: serde_json::from_value(controllers).expect("controllers"),
-        });
+        // The second has the name of a preset.
+        for name in ["line-3", "e05-transcan"] {
+            options.execution.cells.push(OperatorCell {
+                name: name.to_owned(),
+                cell_sha256: "00".to_owned(),
+                controllers: serde_json::from_value(controllers.clone()).expect("controllers"),
+            });
+        }
         let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
         let app = App::open_with(options, planner, None).await.expect("a service");
         let take = async |cell: &str| app.take_lease(LeaseRequest { cell: cell.to_owned(), holder: String::new() }).await;
@@ -268,6 +273,7 @@ mod tests {
         assert_eq!(errors[0].pointer, "/cell");
         let told = &errors[0].detail;
         assert!(told.starts_with("no cell is named \"e5-transcan\"") && told.ends_with("did you mean e05-transcan?"), "{told}");
+        assert_eq!(told.matches(" e05-transcan").count(), 2, "it is listed once, and asked about: {told}");
         let Err(Error::Invalid(errors)) = take("line3").await else { panic!("no cell has this name") };
         assert!(errors[0].detail.ends_with("did you mean line-3?"), "{}", errors[0].detail);
         assert_eq!(app.leases().items.len(), 2);

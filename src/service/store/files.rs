@@ -15,6 +15,7 @@ use std::time::{Duration, Instant, SystemTime};
 use sha2::{Digest, Sha256};
 use tempfile::{NamedTempFile, TempPath};
 
+use super::scrub::KnownDamage;
 use crate::service::error::{Error, is_read_failure};
 use crate::service::failpoint;
 use crate::wire::hex;
@@ -40,6 +41,7 @@ pub(crate) struct Files {
     swept: PathBuf,
     checked: Arc<Mutex<HashMap<String, Checked>>>,
     suspects: Arc<Mutex<BTreeSet<String>>>,
+    pub(super) damage: KnownDamage,
 }
 
 /// Time, size and modification time of a file at its last check.
@@ -92,7 +94,7 @@ impl Files {
     /// Files below `data`; changes nothing on the disk.
     pub(crate) fn at(data: &Path) -> Self {
         let (files, unfinished, swept) = (data.join("files"), data.join("unfinished"), data.join("swept"));
-        Self { files, unfinished, swept, checked: Arc::default(), suspects: Arc::default() }
+        Self { files, unfinished, swept, checked: Arc::default(), suspects: Arc::default(), damage: KnownDamage::default() }
     }
 
     /// Begins to receive a file.
@@ -126,7 +128,7 @@ impl Files {
     }
 
     /// Renames a received file to its hash, in place of an existing file: that one may be damaged, also where a check that is not
-    /// [`CHECK_LIFETIME`] old found it whole, and its readers keep it.
+    /// [`CHECK_LIFETIME`] old found it whole, and its readers keep it. Known damage of it is repaired.
     pub(crate) fn persist(&self, received: Received) -> Result<PathBuf, Error> {
         let path = self.path(&received.sha256);
         let folder = path.parent().unwrap_or(&self.files);
@@ -135,6 +137,7 @@ impl Files {
         self.lock().remove(&received.sha256);
         File::open(folder)?.sync_all()?;
         File::open(&self.files)?.sync_all()?;
+        self.damage.set(format!("file {}", received.sha256), None);
         Ok(path)
     }
 

@@ -11,6 +11,7 @@ use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, now};
 use crate::service::error::{Error, InternalError};
+use crate::service::rescan_job::RESCAN_STATE_FILE;
 use crate::wire::inspection::{InspectionJob, InspectionPage, InspectionSelection, Scan};
 use crate::wire::{InspectionId, JobFile, JobState};
 
@@ -91,6 +92,7 @@ impl Store {
             let (sha256, size_bytes) = (Some(result.sha256.clone()), Some(result.size_bytes));
             job.files.push(JobFile { name: result.name.clone(), sha256, size_bytes });
         }
+        let mut job = listed(job);
         job.files.sort_by(|a, b| a.name.cmp(&b.name));
         sqlx::query("UPDATE inspection SET state = ?2, body = ?3, ended_at = ?4 WHERE id = ?1")
             .bind(id.to_string())
@@ -105,7 +107,7 @@ impl Store {
 
     /// One inspection.
     pub(crate) async fn inspection(&self, id: InspectionId) -> Result<InspectionJob, Error> {
-        self.column_of_inspection(id, "SELECT body AS document FROM inspection WHERE id = ?1").await
+        self.column_of_inspection(id, "SELECT body AS document FROM inspection WHERE id = ?1").await.map(listed)
     }
 
     /// Input of an inspection.
@@ -138,7 +140,7 @@ impl Store {
     /// A page of inspections, newest first. Rows that cannot be read are left out.
     pub(crate) async fn inspections(&self, selection: &InspectionSelection, page: &Page) -> Result<InspectionPage, Error> {
         let rows = query(selection, page).build().fetch_all(&self.reader).await?;
-        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, read)))?;
+        let (items, next_page_token) = page.cut(rows.iter().map(|row| entry(row, |row| read(row).map(listed))))?;
         Ok(InspectionPage { items, next_page_token })
     }
 
@@ -178,7 +180,13 @@ async fn check_scans(tx: &mut SqliteConnection, scans: &[Scan]) -> Result<(), Er
 async fn job_of(tx: &mut SqliteConnection, id: InspectionId) -> Result<InspectionJob, Error> {
     let row =
         sqlx::query("SELECT body AS document FROM inspection WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
-    read(&row.ok_or(Error::InspectionNotFound(id))?)
+    read(&row.ok_or(Error::InspectionNotFound(id))?).map(listed)
+}
+
+/// The inspection as clients see it: the file that further views are planned from is stored with it, and no route serves it.
+fn listed(mut job: InspectionJob) -> InspectionJob {
+    job.files.retain(|file| file.name != RESCAN_STATE_FILE);
+    job
 }
 
 /// State of an inspection. An unreadable one counts as failed, so that the inspection can be deleted.

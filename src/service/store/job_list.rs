@@ -13,7 +13,9 @@ use super::pages::{Page, Place};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, artifacts, summaries};
 use crate::service::error::Error;
-use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSelection, JobSort, JobSortKey, JobState, UtcTime, parse};
+use crate::wire::{
+    JobFile, JobId, JobListItem, JobPage, JobSelection, JobSort, JobSortKey, JobState, UtcTime, parse, unless_blank,
+};
 
 /// Filters and order of a job listing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -210,8 +212,8 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
         cell: text("cell").unwrap_or_default(),
         scanner: text("scanner").unwrap_or_default(),
         labels: text("labels").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
-        part_number: text("part_number"),
-        serial: text("serial"),
+        part_number: unless_blank(text("part_number")),
+        serial: unless_blank(text("serial")),
         priority: row.try_get("priority").unwrap_or_default(),
         stage: text("stage"),
         fraction: row.try_get("fraction").unwrap_or_default(),

@@ -9,7 +9,7 @@ use super::{artifacts, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::jobs::failure;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, parse, warnings};
+use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, parse, unless_blank, warnings};
 
 /// `SELECT` of everything that [`read`] needs.
 macro_rules! select_job {
@@ -86,8 +86,8 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         // Sent again as they are shown, they are those of the same plan: with its defaults a preset would be refused.
         params: request.params.preset.apply(&request.params),
         labels: text("labels").and_then(|json| parse(json.as_bytes()).ok()).unwrap_or_default(),
-        part_number: text("part_number"),
-        serial: text("serial"),
+        part_number: unless_blank(text("part_number")),
+        serial: unless_blank(text("serial")),
         priority: row.try_get("priority")?,
         stage: text("stage"),
         fraction: row.try_get("fraction")?,

@@ -19,7 +19,7 @@ use crate::wire::{JobId, MeshId, RetentionReason, RunId};
 pub(crate) struct Policy {
     /// Age at which ended jobs are deleted, days; 0 keeps them.
     pub job_days: u32,
-    /// Ended jobs kept for each part (its part number, else its mesh); 0 keeps all.
+    /// Ended jobs kept for each part (its part number, without one or with a blank one its mesh); 0 keeps all.
     pub jobs_per_part: u32,
     /// Age at which meshes that no job refers to are deleted, days since their upload; 0 keeps them.
     pub unused_mesh_days: u32,
@@ -137,7 +137,7 @@ impl Store {
         // Jobs are in the order in which they were inserted, whatever the clock said: their ids and times follow it. A job that ended
         // while the clock was behind is no older than the newest one before it.
         let rows = sqlx::query(concat!(
-            "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
+            "SELECT id, CASE WHEN trim(part_number) <> '' THEN 'n' || part_number ELSE 'm' || mesh_id END AS part,
                 ?1 > 0 AND max(ended_at, newest) < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
                 (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id)
                     + (SELECT coalesce(sum(size_bytes), 0) FROM

@@ -2,7 +2,7 @@
 //! not match their hash. Findings are logged and kept for the storage report.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use sqlx::Row;
@@ -12,6 +12,7 @@ use super::meshes::read_health;
 use super::stored::{read_leniently, text};
 use super::{Store, blocking};
 use crate::service::error::Error;
+use crate::service::metrics;
 use crate::wire::JobRequest;
 
 /// Rows read per query.
@@ -32,9 +33,9 @@ pub(crate) struct Damage {
     pub reason: String,
 }
 
-/// Known damage, by name.
-#[derive(Debug, Default)]
-pub(super) struct KnownDamage(Mutex<BTreeMap<String, String>>);
+/// Known damage, by name. Its copies share it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct KnownDamage(Arc<Mutex<BTreeMap<String, String>>>);
 
 impl KnownDamage {
     fn lock(&self) -> std::sync::MutexGuard<'_, BTreeMap<String, String>> {
@@ -42,7 +43,8 @@ impl KnownDamage {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn set(&self, name: String, reason: Option<String>) {
+    /// Records what is wrong with an item, or that nothing is, and counts the damaged ones anew.
+    pub(super) fn set(&self, name: String, reason: Option<String>) {
         let mut found = self.lock();
         match reason {
             None => drop(found.remove(&name)),
@@ -52,13 +54,14 @@ impl KnownDamage {
             }
             Some(_) => {}
         }
+        metrics::record(|metrics| metrics.store_damaged.set(found.len() as f64));
     }
 }
 
 impl Store {
     /// Known damage, by name.
     pub(crate) fn damage(&self) -> Vec<Damage> {
-        self.damage.lock().iter().map(|(name, reason)| Damage { name: name.clone(), reason: reason.clone() }).collect()
+        self.files.damage.lock().iter().map(|(name, reason)| Damage { name: name.clone(), reason: reason.clone() }).collect()
     }
 
     /// Checks that every row can be read and that every file that rows refer to exists. Damage to what has been deleted, and
@@ -71,7 +74,7 @@ impl Store {
         let existing: std::collections::HashSet<_> = found.into_iter().map(|file| file.sha256).collect();
         for sha256 in &referenced {
             if !existing.contains(sha256) {
-                self.damage.set(format!("file {sha256}"), Some(MISSING.to_owned()));
+                self.files.damage.set(format!("file {sha256}"), Some(MISSING.to_owned()));
             }
         }
         for Damage { name, reason } in self.damage() {
@@ -82,7 +85,7 @@ impl Store {
                 _ => false,
             };
             if is_gone {
-                self.damage.set(name, None);
+                self.files.damage.set(name, None);
             }
         }
         Ok(())
@@ -115,7 +118,7 @@ impl Store {
     }
 
     fn record(&self, checked: Vec<(String, Option<String>)>) {
-        checked.into_iter().for_each(|(name, reason)| self.damage.set(name, reason));
+        checked.into_iter().for_each(|(name, reason)| self.files.damage.set(name, reason));
     }
 
     async fn scrub_meshes(&self) -> Result<(), Error> {
@@ -167,12 +170,12 @@ impl Store {
     async fn scrub_file(&self, sha256: &str) -> Result<(), Error> {
         let (files, hash) = (self.files.clone(), sha256.to_owned());
         match blocking(move || files.open_compared(&hash).map(drop)).await {
-            Ok(()) => self.damage.set(format!("file {sha256}"), None),
+            Ok(()) => self.files.damage.set(format!("file {sha256}"), None),
             Err(Error::FileDamaged { missing, .. }) => {
                 // The file may have been deleted since it was listed or read.
                 let is_referenced = self.is_referenced(sha256).await?;
                 let reason = if missing { MISSING } else { "has bytes that cannot be read or do not match its hash" };
-                self.damage.set(format!("file {sha256}"), is_referenced.then(|| reason.to_owned()));
+                self.files.damage.set(format!("file {sha256}"), is_referenced.then(|| reason.to_owned()));
             }
             Err(error) => return Err(error),
         }

@@ -11,11 +11,15 @@ use sqlx::{QueryBuilder, Sqlite};
 
 use super::*;
 use crate::cell::Named;
+use crate::inspection::InspectionParams;
 use crate::planning::params::{PlanParams, Preset};
 use crate::service::planner::Artifact;
+use crate::service::rescan_job::RESCAN_STATE_FILE;
 use crate::service::store::specs::Precondition;
+use crate::wire::inspection::InspectionJob;
 use crate::wire::{
-    EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection, UploadedMesh, hex,
+    EventKind, InspectionId, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection,
+    UploadedMesh, hex,
 };
 
 struct Opened {
@@ -540,4 +544,38 @@ async fn of_results_that_cannot_all_be_stored_none_is_left() {
     let artifacts = artifacts.map(|bytes| Artifact { name: "coverage.bin".into(), bytes });
     store.put_artifacts(Arc::new(artifacts.into())).await.expect_err("no folder for the last");
     assert_eq!(stored_files(&opened), 1, "what was there before stays");
+}
+
+/// It was listed with its hash and size, and no route gave it.
+#[tokio::test]
+async fn the_file_that_further_views_are_planned_from_is_stored_and_not_listed() {
+    let opened = open().await;
+    let store = &opened.store;
+    let running = InspectionJob {
+        id: InspectionId::generate(),
+        job_id: submit(store, add_mesh(store, b"one").await.id).await,
+        state: JobState::Running,
+        scans: Vec::new(),
+        run_id: None,
+        params: InspectionParams::default(),
+        fraction: 0.0,
+        submitted_by: None,
+        created_at: String::new(),
+        ended_at: None,
+        summary: None,
+        // As earlier releases stored it.
+        files: vec![JobFile { name: RESCAN_STATE_FILE.to_owned(), sha256: None, size_bytes: None }],
+        problem: None,
+    };
+    let id = running.id;
+    store.insert_inspection(&running, &StoredInspection { scans: Vec::new() }, None, 10).await.expect("an inspection");
+    assert_eq!(store.inspection(id).await.expect("it").files, []);
+    let files = [RESCAN_STATE_FILE, "inspection.json"].map(|name| Artifact { name: name.into(), bytes: b"{}".to_vec() });
+    let stored = store.put_artifacts(Arc::new(files.into())).await.expect("files");
+    let end = |job: &mut InspectionJob| job.state = JobState::Succeeded;
+    let ended = store.change_inspection(id, &[JobState::Running], end, Some(&stored)).await.expect("an end");
+    let names: Vec<&str> = ended.files.iter().map(|file| file.name.as_str()).collect();
+    assert_eq!(names, ["inspection.json"]);
+    assert_eq!(store.inspection(id).await.expect("it"), ended);
+    store.inspection_file(id, RESCAN_STATE_FILE).await.expect("what further views need");
 }

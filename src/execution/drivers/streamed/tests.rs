@@ -632,6 +632,34 @@ async fn a_report_of_egm_that_comes_again_gets_the_same_set_point_again() {
     }
 }
 
+/// A report that came after a later one took the arm as far as a further cycle does.
+#[tokio::test]
+async fn a_report_of_egm_that_was_overtaken_gets_no_answer() {
+    let address = format!("127.0.0.1:{}", free_port());
+    let spec = AbbEgmSpec { address: address.clone(), controller_host: None, cycle_ms: CYCLE_MS, table_axis: 1 };
+    let arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
+    let (_, mut link) = StreamedProtocol::<6>::open(&arm.protocol).await.expect("bound");
+    let (mut points, shared, cycle) = on_the_way();
+    let controller = UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+    let report = |sequence: u32, time_ms: u32| {
+        EgmReport { sequence, time_ms, motors: EgmMotors::On, guidance: EgmGuidance::Running, ..EgmReport::default() }.encode()
+    };
+    // The last two: the guidance was started anew, then the controller.
+    for (sequence, time_ms) in [(8, 5_000), (9, 5_012), (0, 5_024), (0, 20)] {
+        controller.send_to(&report(sequence, time_ms), &address).await.expect("sent");
+        assert!(take_a_turn(&mut link, &shared).await, "report {sequence} of {time_ms} ms");
+        let guide = EgmGuide::decode(&answer_to(&controller).await).expect("guidance");
+        let wanted_deg = points.advance(cycle)[0].to_degrees();
+        assert_eq!(guide.time_ms, time_ms);
+        assert!((guide.joints_deg[0] - wanted_deg).abs() < 1e-9, "{guide:?} for {wanted_deg}°");
+        if sequence == 9 {
+            controller.send_to(&report(8, 5_000), &address).await.expect("sent");
+            let turn = timeout(Duration::from_millis(50), StreamedLink::<6>::report(&mut link));
+            assert!(turn.await.is_err(), "its cycle is over");
+        }
+    }
+}
+
 /// Drivers and twin told it in three ways, one of which spoke of a watchdog that nobody had set.
 #[test]
 fn an_arm_that_was_never_armed_is_told_as_by_every_driver() {

@@ -416,6 +416,8 @@ async fn damage_that_a_reader_finds_is_told_at_once() {
     store.scrub_suspects().await.expect("a look");
     let names: Vec<String> = store.damage().into_iter().map(|damage| damage.name).collect();
     assert_eq!(names, [format!("file {}", mesh.sha256)]);
+    add_mesh(store, b"one").await;
+    assert!(store.damage().is_empty(), "the same upload repairs it: {:?}", store.damage());
 }
 
 #[tokio::test]

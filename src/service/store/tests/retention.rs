@@ -47,6 +47,22 @@ async fn old_many_and_large_go_the_oldest_first() {
     assert_eq!(store.job(waiting).await.expect("it").state, JobState::Queued);
 }
 
+/// An empty one counted as a part of its own, so that jobs of different parts deleted each other.
+#[tokio::test]
+async fn jobs_with_a_blank_part_number_belong_to_their_meshes() {
+    let opened = open().await;
+    let store = &opened.store;
+    let [one, two, three] =
+        [add_mesh(store, b"one").await.id, add_mesh(store, b"two").await.id, add_mesh(store, b"three").await.id];
+    let (first, second) = (ended(store, one, Some(""), 10).await, ended(store, two, Some(""), 10).await);
+    ended(store, three, Some("  "), 10).await;
+    assert_eq!(due(store, Policy { jobs_per_part: 1, ..policy() }).await, []);
+    ended(store, one, None, 10).await;
+    ended(store, two, Some("  "), 10).await;
+    assert_eq!(due(store, Policy { jobs_per_part: 1, ..policy() }).await, [(first, Count), (second, Count)]);
+    assert_eq!(store.job(first).await.expect("it").part_number, None);
+}
+
 /// They were deleted first, with their problem and their events, and left as little room as before.
 #[tokio::test]
 async fn a_job_without_files_is_not_deleted_for_room() {
