@@ -4,6 +4,7 @@ mod brightness;
 mod cell;
 mod check;
 mod part;
+mod pose_files;
 mod poses;
 pub mod scanner;
 

@@ -55,9 +55,9 @@ made without a cell with --cell none. A fixture must be the one that the plan wa
 fixture as well as the part.
 
 The line for a plan or program says what was checked and what was not; --json lists every statement that was verified, and every \
-one that was not, with the reason. An option that applies to none of the files is refused. For an incomplete file, all missing \
-fields are listed. Warnings, such as a tolerance too fine for the scanner's noise or a home position that looks like radians, \
-are errors only with --strict.
+one that was not, with the reason. An option that applies to none of the files is refused. Missing and unknown fields and \
+values of the wrong type are listed first, all of them; ranges are checked once there are none. Warnings, such as a tolerance \
+too fine for the scanner's noise or a home position that looks like radians, are errors only with --strict.
 
 Exit codes: 0 no errors; 2 errors.")]
 pub struct CheckArgs {
@@ -248,8 +248,20 @@ impl<'a> CheckInput<'a> {
         let of_last = of_files.pop().unwrap_or_default();
         let is_for_none = |beside: Beside| of_files.iter().all(|of_file| of_file.iter().any(|(other, _)| *other == beside));
         match of_last.into_iter().find(|(beside, _)| is_for_none(*beside)) {
-            None => Ok(()),
+            None => self.refuse_temperature(),
             Some((beside, reason)) => Err(CliError::BadInput(format!("{}: {reason}", option_of(beside)))),
+        }
+    }
+
+    /// Refuses a temperature beside a cell that has no calibration to hold against it.
+    fn refuse_temperature(&self) -> Result<(), CliError> {
+        let is_given = self.args.reference.temperature.is_some();
+        match self.cell.as_ref().filter(|cell| is_given && cell.calibrated.is_none()) {
+            None => Ok(()),
+            Some(cell) => Err(CliError::BadInput(format!(
+                "--temperature: does not apply: cell {} is not calibrated; leave it out, or give the calibrated cell",
+                cell.name
+            ))),
         }
     }
 

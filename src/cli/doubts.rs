@@ -3,17 +3,17 @@
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 use std::path::Path;
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::check::warn;
 use super::files::{self, FileLibrary};
 use crate::cell::{
-    ArmControllerSpec, ControllersSpec, JointThreeOrigin, KinematicsSpec, PoseSpec, Presets, RobotSpec, ScannerSpec, SpecKind,
-    SpecLibrary, TriggerSpec, metres_in_mm,
+    ArmControllerSpec, BodySpec, ControllersSpec, JointThreeOrigin, KinematicsSpec, PoseSpec, Presets, RobotSpec, ScannerSpec,
+    ShapeSpec, SpecKind, SpecLibrary, TriggerSpec, metres_in_mm,
 };
 use crate::check::kind_of;
-use crate::geometry::{Base, Table};
+use crate::geometry::{Aabb, Base, Table};
 use crate::program::Program;
 use crate::wire::program::ProgramDocument;
 use crate::wire::warnings::{FieldWarning, WarningCode};
@@ -29,6 +29,8 @@ const ROUNDED_RAD: f64 = 0.01;
 const MIN_OBSTACLE_MM: f64 = 10.0;
 /// Smallest distance of the foot of a hanging robot from the face of the plate, mm: arm and scanner go in between.
 const MIN_HANGING_MM: f64 = 300.0;
+/// Depth of a plate below the floor up to which the two are level, mm.
+const LEVEL_MM: f64 = 0.5;
 /// Share of the common field by which a practical volume may exceed it, for rounding.
 const VOLUME_ROUNDING: f64 = 0.01;
 
@@ -167,6 +169,7 @@ fn of_cell(cell: &Value, doubts: &mut Vec<FieldWarning>) {
     }
     let plate: Option<PoseSpec> = decode(&cell["base_from_table"]).ok();
     doubts.extend(plate.and_then(|plate| upside_down(&plate, cell["floor_mm"].is_number())));
+    doubts.extend(plate.zip(cell["floor_mm"].as_f64()).and_then(|(plate, floor_mm)| below_floor(&plate, floor_mm)));
     for kind in [SpecKind::Scanner, SpecKind::Robot] {
         let device = &cell[kind.as_str()];
         let read = device.as_str().and_then(|name| file_of(kind, name));
@@ -197,6 +200,15 @@ fn upside_down(plate: &PoseSpec, has_floor: bool) -> Option<FieldWarning> {
     })
 }
 
+/// Doubt about a plate below the floor. A part that stands well above its plate may still be scanned, so that it is no error.
+fn below_floor(plate: &PoseSpec, floor_mm: f64) -> Option<FieldWarning> {
+    let plate_mm = plate.pose::<Base, Table>().origin_mm().z;
+    (plate_mm < floor_mm - LEVEL_MM).then(|| {
+        let detail = format!("is {floor_mm} mm, above the plate, whose centre base_from_table puts at a height of {plate_mm} mm");
+        doubt("/floor_mm", detail, "give the height of the floor, or of the plate, both as seen from the robot's foot, in mm")
+    })
+}
+
 /// Content of the file that gives a device or a cell; `None` for a preset, and for a pipe, which is read once.
 fn file_of(kind: SpecKind, name: &str) -> Option<Value> {
     let is_preset = Presets.names(kind).iter().any(|preset| preset == name);
@@ -221,7 +233,37 @@ fn of_scanner(scanner: &Value, at: &str, doubts: &mut Vec<FieldWarning>) {
         doubts.extend(incidence(&scanner[device]["incidence_max_deg"], format!("{at}/{device}/incidence_max_deg")));
     }
     let spec: Option<ScannerSpec> = decode(scanner).ok();
-    doubts.extend(spec.and_then(|spec| large_volume(&spec, at)));
+    doubts.extend(spec.iter().flat_map(|spec| [large_volume(spec, at), small_housing(spec, at)]).flatten());
+}
+
+/// Doubt about a housing that is shorter than the distance between the cameras in it.
+fn small_housing(spec: &ScannerSpec, at: &str) -> Option<FieldWarning> {
+    let baseline_mm = spec.build().ok()?.baseline_mm();
+    let around = spec.body.iter().try_fold(Aabb::empty(), |around, body| around_body(body, around))?;
+    let longest_mm = around.extent_mm().max();
+    (!spec.body.is_empty() && longest_mm < baseline_mm).then(|| {
+        let detail = format!(
+            "is {longest_mm:.0} mm long, shorter than the distance of {baseline_mm:.0} mm between the cameras: collisions with \
+             the rest of the scanner are not seen"
+        );
+        doubt(format!("{at}/body"), detail, "give the housing with both cameras in it, in mm")
+    })
+}
+
+/// The box around `around` and a body; `None` for a mesh, whose size its file has.
+fn around_body(body: &BodySpec, around: Aabb) -> Option<Aabb> {
+    let size_mm = match body.shape {
+        ShapeSpec::Box { size_mm } => size_mm,
+        ShapeSpec::Cylinder { radius_mm, height_mm } => [2.0 * radius_mm, 2.0 * radius_mm, height_mm],
+        ShapeSpec::Capsule { radius_mm, length_mm } => [2.0 * radius_mm, 2.0 * radius_mm, length_mm + 2.0 * radius_mm],
+        ShapeSpec::Mesh { .. } => return None,
+    };
+    let (half_mm, pose) = (Vector3::from(size_mm) * 0.5, body.owner_from_body.pose::<(), ()>());
+    let corners = (0..8_u8).map(|corner| {
+        let side = |axis: u8| if (corner >> axis) & 1 == 0 { -1.0 } else { 1.0 };
+        pose.point(&Point3::from(half_mm.component_mul(&Vector3::new(side(0), side(1), side(2)))))
+    });
+    Some(corners.fold(around, |around, corner| around.with(&corner)))
 }
 
 /// Doubt about a practical volume that the devices do not have in common, not even at the far end of the working depth.
@@ -452,6 +494,43 @@ mod tests {
         assert_eq!(of_document(&cell), []);
         cell["base_from_table"]["translation_mm"] = json!([400.0, 0.0, -200.0]);
         assert_eq!(only(&cell).0, "/base_from_table", "the plate faces away from the foot");
+    }
+
+    /// The plan blamed the part.
+    #[test]
+    fn a_plate_below_the_floor_is_doubted() {
+        let mut cell = preset(SpecKind::Cell, "e05-transcan");
+        cell["base_from_table"] = json!({"translation_mm": [900.0, 0.0, -700.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]});
+        cell["floor_mm"] = json!(-600.0);
+        let (pointer, detail, _) = only(&cell);
+        assert!(pointer == "/floor_mm" && detail.contains("is -600 mm") && detail.contains("-700 mm"), "{pointer}: {detail}");
+        cell["floor_mm"] = json!(-700.0);
+        assert_eq!(of_document(&cell), [], "level");
+    }
+
+    /// A housing in centimetres passed without a word, and nothing stood where the scanner is.
+    #[test]
+    fn a_housing_that_is_shorter_than_the_baseline_is_doubted() {
+        let mut scanner = preset(SpecKind::Scanner, "transcan-c-nominal");
+        scanner["body"][0]["shape"]["size_mm"] = json!([30.0, 13.0, 11.0]);
+        let (pointer, detail, _) = only(&scanner);
+        assert_eq!(pointer, "/body");
+        assert!(detail.starts_with("is 30 mm long, shorter than the distance of 202 mm"), "{detail}");
+        // One body for each camera is as long as both are apart.
+        let half = |x_mm: f64| {
+            let (shape, at) = (json!({"kind": "box", "size_mm": [60.0, 60.0, 60.0]}), json!([x_mm, 0.0, 0.0]));
+            json!({"name": "camera", "owner_from_body": {"translation_mm": at, "rpy_deg": [0.0, 0.0, 0.0]}, "shape": shape})
+        };
+        scanner["body"] = json!([half(-101.0), half(101.0)]);
+        assert_eq!(of_document(&scanner), []);
+        // Turned, it is as long along another axis.
+        scanner["body"] = json!([{
+            "name": "post", "owner_from_body": {"translation_mm": [0.0, 0.0, 0.0], "rpy_deg": [0.0, 90.0, 0.0]},
+            "shape": {"kind": "cylinder", "radius_mm": 50.0, "height_mm": 300.0},
+        }]);
+        assert_eq!(of_document(&scanner), []);
+        scanner["body"] = json!([{"name": "mesh", "shape": {"kind": "mesh", "mesh": "housing.stl"}}]);
+        assert_eq!(of_document(&scanner), [], "the size of a mesh is not known here");
     }
 
     #[test]

@@ -193,12 +193,14 @@ impl OutputFolder {
         timings: Option<&dyn Fn() -> Artifact>,
         origin: &FileOrigin,
     ) -> Result<(), CliError> {
+        self.refuse_one_name_twice(artifacts)?;
         let old = self.old_files()?;
         self.refuse_another_plan(&old, origin)?;
         let written: BTreeSet<&str> =
             artifacts.iter().map(|artifact| &*artifact.name).chain(timings.map(|_| TIMINGS_FILE)).collect();
         let goes = |file: &&RecordedFile| written.contains(file.name.as_str()) || self.writer.replaces(file, origin);
         let (gone, kept): (Vec<&RecordedFile>, Vec<&RecordedFile>) = old.files.iter().partition(|file| goes(file));
+        self.refuse_program_of_another_plan(&gone, origin)?;
         let touched = written.iter().copied().chain(gone.iter().map(|file| file.name.as_str())).collect();
         self.refuse_files_of_the_user(&old, &touched)?;
         let staging = self.path.join(STAGING);
@@ -232,6 +234,16 @@ impl OutputFolder {
         }
     }
 
+    /// Refuses two new files of one name, capital letters apart: the second would replace the first, or be missing at the end.
+    fn refuse_one_name_twice(&self, artifacts: &[Artifact]) -> Result<(), CliError> {
+        let mut names = BTreeSet::new();
+        let Some(twice) = artifacts.iter().find(|artifact| !names.insert(artifact.name.to_ascii_lowercase())) else {
+            return Ok(());
+        };
+        let what = "would be written twice; this is a fault of Vantage: please report it";
+        Err(CliError::Failed(format!("--out {}: {} {what}", self.path.display(), twice.name)))
+    }
+
     /// Refuses to put a program beside the results of another plan.
     fn refuse_another_plan(&self, old: &OldFiles, origin: &FileOrigin) -> Result<(), CliError> {
         let is_other = |file: &RecordedFile| {
@@ -242,6 +254,22 @@ impl OutputFolder {
         }
         let what = "holds the results of another plan, not of the program's; name another folder";
         Err(CliError::BadInput(format!("--out {}: {what}", self.path.display())))
+    }
+
+    /// Refuses to replace a program that was made from another plan in another place: both are wanted, and have one name.
+    fn refuse_program_of_another_plan(&self, gone: &[&RecordedFile], origin: &FileOrigin) -> Result<(), CliError> {
+        let is_other = |file: &&&RecordedFile| {
+            let is_elsewhere = file.made_from.is_some() && file.made_from != origin.made_from;
+            let is_of_another = file.plan_sha256.is_some() && file.plan_sha256 != origin.plan_sha256;
+            file.written_by == OutputWriter::Program.name() && is_elsewhere && is_of_another
+        };
+        let Some(other) = gone.iter().find(is_other).filter(|_| self.writer == OutputWriter::Program) else { return Ok(()) };
+        let (name, made_from) = (&other.name, other.made_from.as_deref().unwrap_or_default());
+        let what = "name this program otherwise with --set dialects.program_name=NAME, or name another folder";
+        Err(CliError::BadInput(format!(
+            "--out {}: {name} is a program made from another plan, {made_from}; {what}",
+            self.path.display()
+        )))
     }
 
     /// Refuses names under which a file of the user stands: one that Vantage did not write, or that was changed since.

@@ -94,7 +94,7 @@ pub struct PlanArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. CSV example: a header line
-    /// `name,region,tolerance_mm,point_spacing_mm`, then `bore,sphere 10 20 30 5,0.05,0.2` (centre and radius in mm).
+    /// `name,region,tolerance_mm,point_spacing_mm`, then `bore,sphere 10 20 30 5,0.2,0.2` (centre and radius in mm).
     #[arg(long)]
     features: Option<PathBuf>,
     /// Folder for the results; created if it does not exist [default: NAME_plan for NAME.stl, `plans` for several parts].
@@ -194,11 +194,13 @@ impl<'a> PartPlanner<'a> {
         warn("parameters", &warnings::of_params(&params, ""));
         let cell = load_cell(&args.cell, args.scanner.as_deref())?;
         let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
+        warn("parameters", &warnings::of_spacing(&params, &scanner, ""));
+        warn("parameters", warnings::of_goal(&params, cell.is_some(), "").as_slice());
         cell.iter().for_each(|cell| warn(&args.cell, &warnings::of_cell(cell, "")));
         doubts::warn_of_file(SpecKind::Cell, &args.cell);
         args.scanner.iter().for_each(|name| doubts::warn_of_file(SpecKind::Scanner, name));
         params.check_limits(&scanner).map_err(|errors| named_by_sets(files::findings("parameters", &errors), &args.sets))?;
-        let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
+        let echo = Echo::given(labels(&args.labels)?, args.part_number.clone(), args.serial.clone());
         echo.check().map_err(|errors| files::findings("--label, --part-number, --serial", &errors))?;
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
         let (fixture, fixture_sha256) = (None, None);
@@ -315,6 +317,7 @@ impl<'a> PartPlanner<'a> {
     /// blocks, and of poses in which the part would tip over. Returns the warnings on regions.
     fn warn_of_plan(&self, job: &PlanJob<'_>, outcome: &Outcome, artifacts: &[Artifact]) -> Vec<FieldWarning> {
         warn("parameters", left_out_candidates(artifacts, "").as_slice());
+        warn("parameters", job.fixture_warning(outcome, "").as_slice());
         warn(&self.args.cell, &job.home_warnings(outcome, ""));
         let empty_regions = job.empty_region_warnings(outcome, "");
         warn("parameters", &empty_regions);
@@ -383,8 +386,9 @@ fn shown_report(artifacts: &[Artifact]) -> Option<&'static str> {
 
 /// Refuses `--up` beside parameters that say how the part lies.
 pub(super) fn check_up(up: Option<UpAxis>, params: &PlanParams) -> Result<(), CliError> {
-    let refuse =
-        |what: &str| Err(CliError::BadInput(format!("--up: {what} already says how the part lies; give only one of the two")));
+    let refuse = |what: &str| {
+        Err(CliError::BadInput(format!("--up: {what} already says how the part lies; leave --up out, or that parameter")))
+    };
     match up {
         None => Ok(()),
         Some(_) if params.part.table_from_part.is_some() => refuse("part.table_from_part"),
@@ -451,9 +455,9 @@ fn not_met(region: &RegionCoverageDocument) -> Option<String> {
     Some(format!("{name}: {reached} % on the samples that views were chosen on, but on {samples} others {independent}"))
 }
 
-/// Refuses a plan of which no chosen view is carried out.
-fn require_a_view(executed: usize, chosen: usize) -> Result<(), CliError> {
-    if executed > 0 || chosen == 0 {
+/// Refuses a plan of which no view is executed. One without views has given up the last for want of a path.
+pub(super) fn require_a_view(executed: usize, chosen: usize) -> Result<(), CliError> {
+    if executed > 0 {
         return Ok(());
     }
     Err(CliError::NoPlan(format!(
@@ -614,7 +618,9 @@ mod tests {
         let refused = require_a_view(0, 10).expect_err("no view is carried out");
         assert_eq!(refused.exit_code(), 3);
         assert!(refused.to_string().contains("10 views chosen"), "{refused}");
-        assert_eq!((require_a_view(1, 10), require_a_view(0, 0)), (Ok(()), Ok(())));
+        assert_eq!(require_a_view(1, 10), Ok(()));
+        let refused = require_a_view(0, 0).expect_err("the last view was given up");
+        assert_eq!(refused.exit_code(), 3);
     }
 
     /// Such a region was a warning alone, and exit code 0.

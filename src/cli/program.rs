@@ -33,7 +33,7 @@ the file that the plan names. Without --mesh, collisions with the part are not c
 
 Signals and names come from `params.dialects` of the plan; --set overrides them. A KUKA program has two files, and each setup \
 has its own program: give --out a folder for these. Programs made from the same source and an earlier plan are removed from the \
-folder.")]
+folder; a program made from another plan elsewhere is never replaced.")]
 pub struct ProgramArgs {
     /// Program: a folder that `vantage plan` wrote, or a program.json.
     from: PathBuf,
@@ -79,7 +79,7 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     let from = args.from.display();
     job.reference.check_placed().map_err(|reason| unplaced(&from, reason))?;
     let params = params(job.reference.plan.as_ref().map(|(plan, _)| plan), &args.sets)?;
-    let (mut rendered, mut rendered_from) = (Vec::new(), Vec::new());
+    let (mut rendered, mut rendered_from, mut renamed) = (Vec::new(), Vec::new(), Vec::new());
     let mut plan_sha256: Option<String> = None;
     let paths = programs(&args.from)?;
     for path in &paths {
@@ -87,7 +87,9 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
         let kind = ("a program", Some(DocumentKind::Program));
         let document: ProgramDocument = files::of_kind(files::value(path)?, kind, &shown)?;
         let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
-        rendered.extend(job.render(&program, &params, &shown)?);
+        let files = job.render(&program, &params, &shown)?;
+        renamed.extend(renaming(dialect, &params.program_name, program.setup, &files));
+        rendered.extend(files);
         rendered_from.push(program.clone());
         let first = plan_sha256.get_or_insert_with(|| program.plan_sha256.clone());
         if *first != program.plan_sha256 {
@@ -101,12 +103,27 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     job.reference.check_scanner(&job.cell).map_err(|errors| files::findings(&args.cell, &errors))?;
     let made_from = std::fs::canonicalize(&args.from).unwrap_or_else(|_| args.from.clone());
     let origin = FileOrigin { plan_sha256, made_from: Some(made_from.display().to_string()) };
+    // Before a file of this name is refused.
+    renamed.into_iter().for_each(output::note);
     let written: Vec<String> = write(&args.out, rendered, &origin)?.iter().map(|path| path.display().to_string()).collect();
     let work = dialect.before_first_run_of(&rendered_from);
     let lines: String = written.iter().map(|path| format!("{path}\n")).collect();
     output::result(&serde_json::json!({ "files": written, "before_first_run": work }), lines)?;
     work.into_iter().for_each(|work| output::note(format!("Before the first run: {work}")));
     Ok(())
+}
+
+/// Says that a program has another name than the one asked for, capital letters apart; `None` where it has that.
+fn renaming(dialect: Dialect, asked: &str, setup: usize, files: &[DialectFile]) -> Option<String> {
+    let (stem, _) = files.first()?.name.rsplit_once('.')?;
+    let wanted = if setup == 0 { asked.to_owned() } else { format!("{asked}_{}", setup + 1) };
+    // Tables are named as by a plan, whatever the program.
+    if dialect == Dialect::Csv || stem.eq_ignore_ascii_case(&wanted) {
+        return None;
+    }
+    let longer = "; give dialects.fanuc_name_chars if the controller takes longer names";
+    let longer = if dialect == Dialect::Fanuc { longer } else { "" };
+    Some(format!("the program is named {stem}, because {} programs cannot be named {wanted:?}{longer}", dialect.as_str()))
 }
 
 /// The language asked for, else the robot's own.

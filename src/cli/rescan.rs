@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, programs};
-use super::plan::{now, pool, print_summary, to_cli_error, warn_of_refused};
+use super::plan::{now, pool, print_summary, require_a_view, to_cli_error, warn_of_refused};
 use super::progress::{Course, Progress};
 use super::ranges::whole;
 use super::scanned_part::{ScannedPartArgs, read_state, with_sets};
@@ -29,7 +29,7 @@ that no view recovers, such as concave corners, is left out. Vantage stops at ma
 expected to add less than min_gain (0.002 of the asked area), when all further views together would add less than min_left \
 (0.005 of it), or after max_rounds (2). The result is a plan like that of `vantage plan`, with its program.
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no further view worth taking, 4 interrupted.")]
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no further view worth taking or none that has a path, 4 interrupted.")]
 pub struct RescanArgs {
     /// Inspection: the folder that `vantage compare` wrote, or its rescan.json.
     #[arg(value_name = "INSPECTION")]
@@ -92,13 +92,15 @@ pub fn run(args: &RescanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let planned = || {
         let ctx = Context::new(cancel, &progress).with_allowance(args.limits.allowance(rayon::current_num_threads()));
         let outcome = job.plan(&ctx)?;
-        Ok(job.render(&outcome, Reports::Html, &ctx)?)
+        let views = (outcome.plan.executed_views(), outcome.plan.views.len());
+        Ok((job.render(&outcome, Reports::Html, &ctx)?, views))
     };
     let planned = args.limits.within(cancel, || pool.install(planned).map_err(to_cli_error));
     let _ = progress.finish();
-    let artifacts = planned?;
+    let (artifacts, (executed, chosen)) = planned?;
     let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
     folder.replace(&artifacts, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
     warn_of_refused(scanned.cell.as_ref(), &artifacts, folder.path());
-    print_summary(output::is_json(), folder.path(), &artifacts)
+    print_summary(output::is_json(), folder.path(), &artifacts)?;
+    require_a_view(executed, chosen)
 }

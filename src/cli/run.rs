@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 use tokio_util::sync::CancellationToken;
 
 use self::outcome::{RecordFile, RunOutcome};
-use self::watch::{RunWatch, lines_of_stdin};
+use self::watch::{LineEffect, RunWatch, lines_of_stdin};
 use super::check::{ReferenceArgs, warn};
 use super::files::{self, FileLibrary};
 use super::program::{plan_beside, unplaced, without_program};
@@ -58,9 +58,11 @@ and the fixture if the plan has one: --fixture, or the file that the plan names.
 section of the cell file and reads their state, but sends no motion. `live` moves arm and table: the operator types the name of \
 the cell, or --armed-by names the operator who releases the motion. The speed never exceeds `first_run_speed` of the cell file.
 
-With --step, each line on standard input, from a terminal or a pipe, starts one step. Ctrl-C stops the run in a controlled way \
-and reports when the stop was sent, when it was acknowledged, and when arm and table were at rest; a second ctrl-c ends the \
-process at once. Closing the terminal stops the run in the same controlled way.
+With --step, each line on standard input, from a terminal or a pipe, starts one step. Lines of a pipe wait until the step before \
+is done; a line that is typed during a step is ignored. When the input ends, the run stops after the step that is under way.
+
+Ctrl-C stops the run in a controlled way and reports when the stop was sent, when it was acknowledged, and when arm and table \
+were at rest; a second ctrl-c ends the process at once. Closing the terminal stops the run in the same controlled way.
 
 Vantage is not safety-rated, and its stop is not an emergency stop. Guards, emergency stops and speed limits are the cell's own.
 
@@ -181,17 +183,22 @@ fn operator(armed_by: Option<&str>, cell: &str) -> Result<String, CliError> {
     Err(CliError::BadInput(format!("{:?} is not the name of the cell, {cell:?}; nothing moved", line.trim())))
 }
 
+/// Part of the reference that a live run needs and that is not given, with the way to give it.
+fn missing(reference: &Reference) -> Option<(&'static str, &'static str)> {
+    match (&reference.plan, &reference.part) {
+        (None, _) => Some(("its plan, against which cell and part are checked", "keep plan.json beside it, or give --plan")),
+        (Some(_), None) => {
+            Some(("the part, which the check for collisions needs", "give --mesh and --unit, and the fixture if there is one"))
+        }
+        (Some(_), Some(_)) => None,
+    }
+}
+
 /// Says what a program cannot be checked against, and refuses to move an arm with it.
 fn check_known(mode: RunMode, shown: &str, reference: &Reference) -> Result<(), CliError> {
     // A twin hurts nothing, and its part lies where the plan says.
-    let missing = match (&reference.plan, &reference.part) {
-        (Some(_), None) if mode == RunMode::Simulate => return Ok(()),
-        (None, _) => ("its plan, against which cell and part are checked", "keep plan.json beside it, or give --plan"),
-        (_, None) => {
-            ("the part, which the check for collisions needs", "give --mesh and --unit, and the fixture if there is one")
-        }
-        (Some(_), Some(_)) => return Ok(()),
-    };
+    let is_harmless = mode == RunMode::Simulate && reference.plan.is_some();
+    let Some(missing) = missing(reference).filter(|_| !is_harmless) else { return Ok(()) };
     if mode == RunMode::Live {
         return Err(CliError::BadInput(format!("{shown}: a live run needs {}; {}", missing.0, missing.1)));
     }
@@ -310,8 +317,9 @@ impl PreparedRun {
         .map_err(CliError::Failed)?;
         let token = lease.as_ref().map(|lease| lease.token);
         let heart = tokio::spawn(beat(leases, self.cell.name.clone(), token, handle.clone()));
-        let lines = if args.step { Some(lines_of_stdin()?) } else { None };
-        let watch = RunWatch::new(handle.clone(), (self.job.program(), args.mode), stop.clone(), token, lines);
+        let effect = if stdin().is_terminal() { LineEffect::StepsIfAwaited } else { LineEffect::StepsInTurn };
+        let steps_by = if args.step { Some((lines_of_stdin()?, effect)) } else { None };
+        let watch = RunWatch::new(handle.clone(), (self.job.program(), args.mode), stop.clone(), token, steps_by);
         let gave_up = watch.until_the_end().await;
         let record = handle.ended().await;
         heart.abort();

@@ -27,7 +27,8 @@ The model has pinhole lenses without distortion. Both cameras aim at the centre 
 cover all of it. Once the scanner is calibrated, replace the nominal lenses and poses (`vantage calibrate scanner --like`). \
 Lengths are in millimetres, angles in degrees.")]
 pub struct ScannerArgs {
-    /// Field of view at the working distance, WIDTHxHEIGHT in mm, 1 to 10000 each; the width is along the baseline.
+    /// Field of view at the working distance, WIDTHxHEIGHT in mm, each from 1 mm to three times --at; the width is along the
+    /// baseline.
     #[arg(long, value_name = "WxH")]
     field: Dimensions<f64>,
     /// Working distance, mm, 1 to 10000: from the midpoint between the cameras to best focus.

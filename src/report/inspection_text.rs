@@ -2,9 +2,11 @@
 
 use std::fmt::Write;
 
+use crate::inspection::losses::LossCause;
 use crate::inspection::registration::PartNotFound;
 use crate::wire::inspection::{
-    AlignmentDocument, InspectionDocument, RegionDeviationDocument, excluded_sentence, open_poses_sentence, remedy_words,
+    AlignmentDocument, InspectionDocument, RegionDeviationDocument, excluded_sentence, loss_phrase, open_poses_sentence,
+    remedy_words,
 };
 use crate::wire::words::{counted, percent_below};
 
@@ -26,7 +28,7 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
     }
     for loss in &document.losses {
         let remedy = loss.largest.first().map_or("none", |spot| remedy_words(spot.remedy));
-        line(loss_words(loss.of_asked, loss.cause.as_str(), &counted(loss.spots, "spot"), remedy));
+        line(loss_words(loss.of_asked, loss.cause, &counted(loss.spots, "spot"), remedy));
     }
     line(format!("\nDeviation: {}", excluded_sentence(&document.deviation)));
     document.deviation.regions.iter().for_each(|region| line(region_words(region)));
@@ -58,8 +60,8 @@ fn place_words(alignment: &AlignmentDocument) -> String {
 }
 
 /// A loss: its share of the asked area, its cause, its spots and the remedy of the largest.
-fn loss_words(of_asked: f64, cause: &str, spots: &str, remedy: &str) -> String {
-    format!("  {:>6} %  {:<20} {spots}; remedy: {remedy}", percent_below(of_asked, 1.0, 2), cause.replace('_', " "))
+fn loss_words(of_asked: f64, cause: LossCause, spots: &str, remedy: &str) -> String {
+    format!("  {:>6} %  {:<27} {spots}; remedy: {remedy}", percent_below(of_asked, 1.0, 2), loss_phrase(cause))
 }
 
 /// Verdict of a region, and what it leaves out.
@@ -111,9 +113,9 @@ mod tests {
 
     #[test]
     fn a_small_loss_is_not_told_as_none() {
-        let told = |of_asked: f64| loss_words(of_asked, "view_missing", "1 spot", "add a view");
-        assert_eq!(told(0.25), "   25.00 %  view missing         1 spot; remedy: add a view");
-        assert_eq!(told(0.000_03), "  0.0030 %  view missing         1 spot; remedy: add a view");
+        let told = |of_asked: f64| loss_words(of_asked, LossCause::ViewMissing, "1 spot", "add a view");
+        assert_eq!(told(0.25), "   25.00 %  no scan of the view         1 spot; remedy: add a view");
+        assert_eq!(told(0.000_03), "  0.0030 %  no scan of the view         1 spot; remedy: add a view");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 use super::echo::Echo;
@@ -35,18 +35,28 @@ pub struct JobRequest {
     /// 256 characters.
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
-    /// Part number, copied like the labels.
-    #[serde(default)]
+    /// Part number, copied like the labels. A blank one is the same as none.
+    #[serde(default, deserialize_with = "read_number")]
     #[schema(max_length = 128)]
     pub part_number: Option<String>,
-    /// Serial number, copied like the labels.
-    #[serde(default)]
+    /// Serial number, copied like the labels. A blank one is the same as none.
+    #[serde(default, deserialize_with = "read_number")]
     #[schema(max_length = 128)]
     pub serial: Option<String>,
     /// Priority, -100 to 100; jobs with a higher one start first. Default 0.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     pub priority: i32,
+}
+
+/// Reads a part number or a serial number.
+fn read_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
+    Option::deserialize(deserializer).map(unless_blank)
+}
+
+/// The part number or serial number, unless it is blank: that is the same as none.
+pub(crate) fn unless_blank(number: Option<String>) -> Option<String> {
+    number.filter(|number| !number.trim().is_empty())
 }
 
 fn default_cell() -> Named<CellSpec> {
@@ -78,7 +88,7 @@ impl JobRequest {
     /// The fields that are copied to the plan and the program.
     #[must_use]
     pub fn echo(&self) -> Echo {
-        Echo { labels: self.labels.clone(), part_number: self.part_number.clone(), serial: self.serial.clone() }
+        Echo::given(self.labels.clone(), self.part_number.clone(), self.serial.clone())
     }
 
     /// Checks the ranges of all fields and parameters. The service checks that the mesh, cell and scanner exist.
@@ -96,6 +106,12 @@ impl JobRequest {
 }
 
 impl Echo {
+    /// Labels and numbers that were given; a blank number is the same as none.
+    #[must_use]
+    pub fn given(labels: BTreeMap<String, String>, part_number: Option<String>, serial: Option<String>) -> Self {
+        Self { labels, part_number: unless_blank(part_number), serial: unless_blank(serial) }
+    }
+
     /// Checks the lengths and the characters of labels and numbers.
     ///
     /// # Errors

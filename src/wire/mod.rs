@@ -52,6 +52,7 @@ pub use check::{CheckReport, CheckRequest, DocumentKind, UnverifiedStatement};
 pub use event::{EventKind, JobEvent};
 pub use hex::hex;
 pub use ids::{CalibrationId, InspectionId, JobId, LeaseId, MeshId, RunId, ScanId};
+pub(crate) use job::unless_blank;
 pub use job::{Job, JobFile, JobListItem, JobPage, JobRequest, JobState, LabelsRequest, MAX_LABELS, label_filter_fault};
 pub use job_sort::{JobSort, JobSortKey};
 pub(crate) use json::{Distinct, given_twice, json_error};

@@ -62,9 +62,10 @@ impl RetentionReason {
 /// Retention policy, from the server's settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RetentionPolicy {
-    /// Days after which ended jobs are deleted; 0 keeps them.
+    /// Days after which ended jobs are deleted, with their results, scans and inspections; 0 keeps them.
     pub job_days: u32,
-    /// Max number of ended jobs kept for each part (by its part number, else by its mesh); 0 keeps all.
+    /// Max number of ended jobs kept for each part (by its part number, else by its mesh); the others are deleted with their
+    /// results, scans and inspections. 0 keeps all. A blank part number is the same as none.
     pub jobs_per_part: u32,
     /// Days after upload at which meshes that no job and no specification refers to are deleted; 0 keeps them.
     pub unused_mesh_days: u32,

@@ -327,6 +327,10 @@ fn registered(registration: Registration) -> &'static str {
 fn no_path(plan: &Plan) -> Option<String> {
     let chosen = plan.views.len();
     let without_path = chosen - plan.executed_views();
+    // Where nothing is left to choose, all that measures something has been given up.
+    if chosen == 0 {
+        return Some("no collision-free path leads to any view that is worth taking".to_owned());
+    }
     (without_path > 0).then(|| format!("no collision-free path leads to {without_path} of {}", counted(chosen, "chosen view")))
 }
 

@@ -140,6 +140,16 @@ fn jobs_are_not_selected_by_a_label_without_a_key() {
 }
 
 /// Lists find jobs by `?label=key=value`, and take what follows the first `=` for the value.
+/// They named a part of their own, and a file without a name.
+#[test]
+fn blank_numbers_of_a_part_are_none() {
+    let body = format!(r#"{{"mesh_id": "{MESH}", "part_number": "", "serial": " "}}"#);
+    let request: JobRequest = parse(body.as_bytes()).expect("a request");
+    assert_eq!((request.part_number, request.serial), (None, None));
+    let echo = echo::Echo::given(std::collections::BTreeMap::new(), Some(" ".to_owned()), Some(" S".to_owned()));
+    assert_eq!((echo.part_number, echo.serial.as_deref()), (None, Some(" S")));
+}
+
 #[test]
 fn a_label_that_no_list_would_find_is_refused() {
     let checked = |key: &str| LabelsRequest { labels: [(key.to_owned(), "a=b".to_owned())].into() }.check();

@@ -8,7 +8,7 @@ use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{
     HOME_REMEDY, area_mm2, asked_name, counted, fixed, independent_share, percent_below, pose_error_sizes, rounded_up_mm,
 };
-use crate::cell::{Cell, CollisionScene, Contact, closed_list};
+use crate::cell::{Cell, CollisionScene, Contact, Scanner, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams, SelectionGoal};
 use crate::planning::plan::Robust;
@@ -22,6 +22,8 @@ closed_list! {
     pub enum WarningCode {
         /// The tolerance of a feature is finer than the scanner's noise can serve anywhere.
         ToleranceBeyondNoise = "tolerance_beyond_noise",
+        /// The point spacing of a feature is finer than this scanner's points can be.
+        SpacingBeyondScanner = "spacing_beyond_scanner",
         /// A smaller share of the region or feature is measured than its target.
         RegionUnmet = "region_unmet",
         /// The region or feature reaches its target on the samples that views were chosen on, and misses it on others by more than the
@@ -51,6 +53,10 @@ closed_list! {
         ExclusionEmpty = "exclusion_empty",
         /// A region of interest or a feature holds none of the part's surface: it may lie elsewhere, or be in another unit.
         RegionEmpty = "region_empty",
+        /// Fixture and part run into each other, or are the same file: one of the two may lie elsewhere, or be in another unit.
+        FixtureOverlapsPart = "fixture_overlaps_part",
+        /// The goal is the shortest time, and no cell is given whose time could be shortened.
+        GoalNeedsCell = "goal_needs_cell",
         /// The list of every candidate was asked for and is left out: it would be too large.
         CandidatesLeftOut = "candidates_left_out",
         /// The value is accepted, and hardly what was meant: it looks like metres or radians, or turns something upside down.
@@ -70,8 +76,11 @@ impl WarningCode {
             | Self::HomeBlocked
             | Self::ExclusionEmpty
             | Self::RegionEmpty
+            | Self::FixtureOverlapsPart
             | Self::CandidatesLeftOut => true,
             Self::ToleranceBeyondNoise
+            | Self::SpacingBeyondScanner
+            | Self::GoalNeedsCell
             | Self::PartSmall
             | Self::PartLargerThanPlate
             | Self::HomeInRadians
@@ -272,6 +281,54 @@ pub fn of_params(params: &PlanParams, at: &str) -> Vec<FieldWarning> {
         remedy: remedy_for_noise(),
     };
     params.regions.beyond_noise().map(|(index, feature)| (index, feature.tolerance_mm)).map(warning).collect()
+}
+
+/// Warnings on features whose points are to lie closer than those of the scanner ever do; `at` is the pointer to the parameters.
+#[must_use]
+pub fn of_spacing(params: &PlanParams, scanner: &Scanner, at: &str) -> Vec<FieldWarning> {
+    let min_mm = scanner.min_point_spacing_mm();
+    let spacings =
+        params.regions.features.iter().enumerate().filter_map(|(index, feature)| Some((index, feature.point_spacing_mm?)));
+    let warning = |(index, spacing_mm): (usize, f64)| FieldWarning {
+        code: WarningCode::SpacingBeyondScanner,
+        pointer: format!("{at}/regions/features/{index}/point_spacing_mm"),
+        detail: format!(
+            "is {spacing_mm} mm; points of this scanner are never closer than {} mm, at its nearest distance and perpendicular to the \
+             surface, so none of the feature will count as measured",
+            rounded_up_mm(min_mm)
+        ),
+        remedy: "give a coarser point_spacing_mm, or plan with a scanner of more pixels or a smaller field".to_owned(),
+    };
+    spacings.filter(|(_, spacing_mm)| *spacing_mm < min_mm).map(warning).collect()
+}
+
+/// Warning on a goal that is none without a cell; `at` is the pointer to the parameters.
+#[must_use]
+pub fn of_goal(params: &PlanParams, has_cell: bool, at: &str) -> Option<FieldWarning> {
+    (params.selection.goal == SelectionGoal::MinTime && !has_cell).then(|| FieldWarning {
+        code: WarningCode::GoalNeedsCell,
+        pointer: format!("{at}/selection/goal"),
+        detail: "is min_time, and there is no cell whose time could be shortened: the fewest views are chosen".to_owned(),
+        remedy: "give a cell, or leave the goal out".to_owned(),
+    })
+}
+
+/// Warning on a fixture that runs deeper than this into the part, or that is the part's own file; `at` is the pointer to the parameters.
+#[must_use]
+pub fn of_fixture(is_part: bool, max_depth_mm: f64, at: &str) -> FieldWarning {
+    let detail = if is_part {
+        "is the file of the part itself, which hides nothing that the part does not hide".to_owned()
+    } else {
+        format!(
+            "runs more than {max_depth_mm} mm deep into the part, or holds it in its material: what lies in it counts as hidden"
+        )
+    };
+    FieldWarning {
+        code: WarningCode::FixtureOverlapsPart,
+        pointer: format!("{at}/part/fixture_mesh"),
+        detail,
+        remedy: "see whether it is the right file, in the coordinates and the unit of the part's".to_owned(),
+    }
 }
 
 /// Sources of the values that are the defaults.

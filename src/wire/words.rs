@@ -9,7 +9,7 @@ pub(crate) use crate::geometry::counted;
 use crate::geometry::{Part, Pose, Table};
 use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
-use crate::planning::params::{Corners, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
+use crate::planning::params::{Corners, OverlapParams, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
 use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, Plan, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason,
     StopReason, Turn, TurnKind,
@@ -545,6 +545,10 @@ pub struct PlanRules {
     pub views_left: Option<usize>,
     /// Asked area that a view has to add.
     pub min_gain_mm2: f64,
+    /// True where the time of a view counts against its area.
+    pub is_priced: bool,
+    /// True where views have to share surface.
+    pub must_overlap: bool,
 }
 
 impl ChoiceRules {
@@ -560,6 +564,8 @@ impl ChoiceRules {
             ended_by: choice_ended_by(plan),
             views_left: selection.max_views.map(|limit| (limit as usize).saturating_sub(plan.views.len())),
             min_gain_mm2: selection.min_growth * plan.coverage.asked_area_mm2,
+            is_priced: selection.view_cost_mm2_per_s > 0.0,
+            must_overlap: selection.overlap != OverlapParams::default(),
         })
     }
 
@@ -595,6 +601,17 @@ impl ChoiceRules {
 }
 
 impl PlanRules {
+    /// Change with which views are chosen that gained too little, in a clause.
+    pub(crate) fn for_gain(self) -> &'static str {
+        match (self.is_priced, self.must_overlap) {
+            (true, true) => "lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap),",
+            (true, false) => "lower selection.view_cost_mm2_per_s",
+            (false, true) => "ask for less shared surface (selection.overlap)",
+            // They add nothing on the samples that views are chosen on.
+            (false, false) => "choose views on more samples (part.samples_per_mm2)",
+        }
+    }
+
     /// The rule that ended the choice, and those that would end it before the views of a remedy are chosen, as they are to be
     /// changed; `None` where views without a path were left out. A plan for the best coverage heeds no target.
     fn to_change(self, remedy: &Remedy) -> Option<String> {
@@ -605,10 +622,7 @@ impl PlanRules {
             StopReason::NoPath => return None,
             StopReason::MaxViews => max_views = true,
             StopReason::Growth => (max_views, min_growth) = (false, true),
-            StopReason::NoGain => {
-                let change = "lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap),";
-                return Some(change.to_owned());
-            }
+            StopReason::NoGain => return Some(self.for_gain().to_owned()),
         }
         max_views |= self.views_left.is_some_and(|left| left < remedy.views.len());
         min_growth |= remedy.views.iter().any(|view| view.area_mm2 < self.min_gain_mm2);

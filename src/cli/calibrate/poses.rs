@@ -1,9 +1,10 @@
 //! `vantage calibrate poses`: the poses from which observations tell most.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 
+use super::pose_files::PoseFiles;
 use crate::cell::calibration::data::Sigma;
 use crate::cell::calibration::poses::{PlannedBoard, PlannedPose, PosePlan, PosePlanner, board_on_plate};
 use crate::cell::calibration::refine::Square;
@@ -19,11 +20,10 @@ use crate::planning::params::PlanParams;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
 use crate::program::{Program, compile};
 use crate::service::calibration_poses::{RoutedPoses, TooFewPoses, expected, route};
-use crate::service::plan_job::{PLAN_FILE, plan_sha256};
+use crate::service::plan_job::plan_sha256;
 use crate::wire::calibration::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
 use crate::wire::echo::Echo;
 use crate::wire::json_file_bytes;
-use crate::wire::output_record::RECORD_FILE;
 use crate::wire::program::ProgramDocument;
 use crate::wire::words::counted;
 
@@ -52,7 +52,7 @@ pub(super) struct PosesArgs {
     #[arg(long, value_name = "MM", value_parser = number)]
     clearance: Option<f64>,
     /// JSON file to write the poses to [default: standard output]. A checked program.json that moves to them is written beside
-    /// it.
+    /// it; programs of the poses that were in the file before are replaced or removed.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Controller language, such as urscript, in which to write the program too, beside program.json.
@@ -102,6 +102,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
     if !(0.0..=1000.0).contains(&args.height) {
         return Err(CliError::BadInput(format!("--height: is {} mm; allowed is 0 to 1000 mm", args.height)));
     }
+    let place = args.out.as_deref().map(PoseFiles::at).transpose()?;
     let params = params(args.clearance)?;
     let cell = cell(&args.cell)?;
     let BoardSize(size_mm) = args.board;
@@ -128,10 +129,12 @@ ask for fewer",
     let document = document(&routed.plan, &planner, &cell, hold_out);
     let bytes = json_file_bytes(&document);
     let program = Linted::new(&planner, &scene, &routed, &plan_sha256(&bytes), &params)?;
-    if let Some(path) = &args.out {
-        program.write(path, &bytes, args.program)?;
-    }
-    output::result(&document, text(&document))
+    let written = place.as_ref().map_or(Ok(Vec::new()), |place| program.write(place, &bytes, args.program))?;
+    let lines: String = written.iter().map(|path| format!("{}\n", path.display())).collect();
+    output::result(&document, text(&document) + &lines)?;
+    let work = args.program.and_then(|dialect| dialect.before_first_run_of([&program.program]));
+    work.into_iter().for_each(|work| output::note(format!("Before the first run: {work}")));
+    Ok(())
 }
 
 /// Parameters with the clearance that `--clearance` gives, which is in the range of plans.
@@ -162,27 +165,21 @@ impl Linted {
     ) -> Result<Self, CliError> {
         let program = compile(&routed.sequence, 0, planner.cell, plan_sha256, params);
         let expected = expected(planner, &routed.plan, plan_sha256);
-        let checked = CheckedProgram::new(&program, planner.cell, scene, Some(&expected), CheckedWith::Part);
+        let checked = CheckedProgram::new(&program, planner.cell, scene, Some(&expected), CheckedWith::Board);
         let checked = checked.map_err(|found| files::findings("program.json", &field_errors(&found)))?;
         let files = Dialect::ALL.map(|dialect| (dialect, checked.render(dialect, &params.dialects).map_err(|e| e.to_string())));
         Ok(Self { files: files.into(), program })
     }
 
-    /// Writes poses and program into one folder; a folder with a plan or with programs in it has files of the same names.
-    fn write(&self, path: &Path, poses: &[u8], dialect: Option<Dialect>) -> Result<(), CliError> {
-        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if [PLAN_FILE, RECORD_FILE].iter().any(|name| folder.join(name).is_file()) {
-            return Err(CliError::BadInput(format!(
-                "--out {}: its folder has a plan or programs, whose files have the same names; name a file in another folder",
-                path.display()
-            )));
-        }
+    /// Writes poses and program into one folder, and the program in a language that is asked for. Returns the paths written.
+    fn write(&self, place: &PoseFiles<'_>, poses: &[u8], dialect: Option<Dialect>) -> Result<Vec<PathBuf>, CliError> {
         let asked = self.files.iter().find(|(known, _)| Some(*known) == dialect).map(|(_, files)| files);
         let rendered = asked
             .map_or(Ok(&[][..]), |files| files.as_deref().map_err(|error| CliError::BadInput(format!("--program: {error}"))))?;
-        files::write(path, poses)?;
-        files::write(&folder.join("program.json"), &ProgramDocument::new(&self.program, Echo::default()).to_bytes())?;
-        rendered.iter().try_for_each(|file| files::write(&folder.join(&file.name), file.text.as_bytes()))
+        let known = self.files.iter().filter_map(|(_, files)| files.as_ref().ok()).flatten();
+        let known: Vec<&str> = known.map(|file| file.name.as_str()).collect();
+        let program = ProgramDocument::new(&self.program, Echo::default()).to_bytes();
+        place.write((poses, &program), rendered, &known)
     }
 }
 
@@ -236,7 +233,9 @@ and {:.4}°, table axis {:.3} mm\n",
 
 #[cfg(test)]
 mod tests {
-    use super::{BoardSize, CalibrationPosesDocument, Square, params, text, worst_sd};
+    use clap::Parser;
+
+    use super::{BoardSize, CalibrationPosesDocument, PosesArgs, Square, params, run, text, worst_sd};
     use crate::cell::PoseSpec;
     use crate::wire::calibration::CALIBRATION_POSES_SCHEMA;
 
@@ -260,6 +259,33 @@ mod tests {
         let (worst_rotation_sd_deg, worst_translation_sd_mm) = (Some(0.001_5), Some(0.041));
         let told = text(&CalibrationPosesDocument { worst_rotation_sd_deg, worst_translation_sd_mm, ..document });
         assert!(told.ends_with("table axis 0.021 mm\nIn the worst direction: scanner 0.041 mm and 0.0015°\n"), "{told}");
+    }
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: PosesArgs,
+    }
+
+    /// The program was said to be checked with the part in the cell, and stayed beside the poses of a later run.
+    #[test]
+    fn the_program_tells_of_the_board_and_goes_with_its_poses() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [out, script, program] = ["poses.json", "vantage.cps", "program.json"].map(|name| folder.path().join(name));
+        let planned = |options: &[&str]| {
+            let shown = out.display().to_string();
+            let fixed = ["poses", "--count", "4", "--hold-out", "0", "--out", &shown];
+            run(&Line::try_parse_from([&fixed[..], options].concat()).unwrap_or_else(|error| panic!("{error}")).args)
+        };
+        planned(&["--program", "hans"]).expect("files");
+        let told = std::fs::read_to_string(&script).expect("the script");
+        assert!(told.contains("calibration board") && !told.contains("with the part in it"), "{told}");
+        planned(&[]).expect("files");
+        assert!(program.is_file() && !script.exists(), "the script is of the earlier run");
+        std::fs::write(&program, "mine").expect("a file");
+        let refused = planned(&[]).expect_err("a file of the user");
+        assert!(refused.exit_code() == 2 && refused.to_string().contains("program.json beside it"), "{refused}");
+        assert_eq!(std::fs::read_to_string(&program).expect("there"), "mine");
     }
 
     #[test]

@@ -395,8 +395,13 @@ fn an_option_that_no_file_is_checked_with_is_refused_by_name() {
     let scanner = folder.file("scanner.toml", preset_text(SpecKind::Scanner, "transcan-c").expect("preset"));
     let params = folder.file("params.toml", "[motion]\nclearance_mm = 3.0\n");
     let plan = folder.file("plan.json", &plan_of_two_views().to_string());
-    let [scanner, params, plan] = [scanner, params, plan].map(|path| path.display().to_string());
+    let program = folder.file("program.json", "{\"schema\": \"vantage.program/1\"}");
+    let [scanner, params, plan, program] = [scanner, params, plan, program].map(|path| path.display().to_string());
     for (args, told) in [
+        (
+            &[&*program, "--cell", "e05-transcan", "--temperature", "60"][..],
+            "--temperature: does not apply: cell e05-transcan is not calibrated; leave it out",
+        ),
         (&[&*scanner, "--cell", "e05-transcan"][..], "--cell: does not apply to a scanner, which is checked by itself"),
         (&[&params, "--temperature", "20"], "--temperature: does not apply to parameters"),
         (&[&plan, "--cell", "e05-transcan"], "--cell: does not apply: the plan was made without a cell; leave it out, or give"),

@@ -125,6 +125,19 @@ fn a_run_that_fails_leaves_the_earlier_files_as_they_were() {
     assert_eq!((found(folder.path()), record(folder.path())), before);
 }
 
+/// It took the old files away, and said "No such file or directory".
+#[test]
+fn two_files_of_one_name_are_refused_before_anything_changes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), OutputWriter::Plan, &[("plan.json", "1"), ("program.csv", "of 1")], &plan_of("aa")).expect("written");
+    let before = (found(folder.path()), record(folder.path()));
+    for twice in [[("program.csv", "1"), ("program.csv", "2")], [("Scan.csv", "1"), ("scan.csv", "2")]] {
+        let refused = write(folder.path(), OutputWriter::Program, &twice, &plan_of("aa")).expect_err("one name");
+        assert!(refused.to_string().contains("would be written twice"), "{refused}");
+        assert_eq!((found(folder.path()), record(folder.path())), before);
+    }
+}
+
 /// A kill between two renames.
 #[test]
 fn a_folder_that_was_left_half_written_is_refused_and_the_next_run_makes_it_whole() {

@@ -3,12 +3,12 @@ use std::path::Path;
 use clap::Parser;
 use serde_json::{Value, json};
 
-use super::{ProgramArgs, run, write};
+use super::{ProgramArgs, renaming, run, write};
 use crate::cell::{Named, Presets, SpecLibrary};
 use crate::cli::out::FileOrigin;
 use crate::cli::planned_block::bytes_of_two_views;
 use crate::geometry::mesh_io::write_stl;
-use crate::program::dialects::DialectFile;
+use crate::program::dialects::{Dialect, DialectFile};
 use crate::service::plan_job::plan_sha256;
 use crate::testing::box_mesh;
 use crate::wire::output_record::RECORD_FILE;
@@ -89,6 +89,41 @@ fn files_have_the_names_that_controllers_want() {
         assert!(dialect == "csv" || text.contains("WITHOUT the part") || dialect == "krl" || dialect == "fanuc", "{text}");
         assert_eq!(text.contains("WARNING: FORCED"), !["hans", "robodk", "csv"].contains(&dialect), "{text}");
     }
+}
+
+/// The second replaced the first without a word: both names are cut to eight characters.
+#[test]
+fn a_program_does_not_replace_one_of_another_plan() {
+    let folder = tempfile::tempdir().expect("folder");
+    let [left, right, out] = ["left", "right", "robot"].map(|name| folder.path().join(name));
+    for (from, digits) in [(&left, "aa"), (&right, "bb")] {
+        std::fs::create_dir(from).expect("a folder");
+        planned_from(from, &digits.repeat(32), 1.5);
+    }
+    let shown = out.display().to_string();
+    let told = |from: &Path, name: &str| {
+        let set = format!("dialects.program_name={name}");
+        written(from, &["--dialect", "fanuc", "--force", "--out", &shown, "--set", &set])
+    };
+    let one = Ok(vec!["BRACKET.ls".to_owned()]);
+    assert_eq!(told(&left, "bracket_left"), one);
+    let first = std::fs::read_to_string(out.join("BRACKET.ls")).expect("reads");
+    let refused = told(&right, "bracket_right").expect_err("one name");
+    assert!(refused.contains("BRACKET.ls is a program made from another plan, "), "{refused}");
+    assert_eq!(std::fs::read_to_string(out.join("BRACKET.ls")).expect("reads"), first);
+    planned_from(&left, &"cc".repeat(32), 1.5);
+    assert_eq!(told(&left, "bracket_left"), one, "planned again in its place");
+}
+
+#[test]
+fn a_name_that_the_controller_does_not_take_is_told() {
+    let file = |name: &str| [DialectFile { name: name.to_owned(), text: String::new() }];
+    let told = renaming(Dialect::Fanuc, "bracket_left", 0, &file("BRACKET.ls")).expect("cut");
+    assert!(told.contains("named BRACKET,") && told.contains("\"bracket_left\"") && told.contains("fanuc_name_chars"), "{told}");
+    let told = renaming(Dialect::Urscript, "Gehäuse", 1, &file("Geh_use_2.script")).expect("changed");
+    assert!(told.contains("named Geh_use_2,") && told.ends_with("\"Gehäuse_2\""), "{told}");
+    assert_eq!(renaming(Dialect::Krl, "bracket", 0, &file("BRACKET.src")), None);
+    assert_eq!(renaming(Dialect::Csv, "bracket", 0, &file("program.csv")), None);
 }
 
 #[test]

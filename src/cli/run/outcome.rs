@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use super::missing;
 use crate::cell::Cell;
 use crate::check::Reference;
 use crate::cli::{CliError, files, output};
@@ -46,6 +47,8 @@ pub(super) struct RunOutcome {
     pub(super) document: RunRecordDocument,
     /// Reason for which the command stopped it though nobody asked for that.
     pub(super) gave_up: Option<String>,
+    /// Need of a live run that is not met, with the way to meet it.
+    pub(super) lacks: Option<(&'static str, &'static str)>,
 }
 
 impl RunOutcome {
@@ -60,7 +63,8 @@ impl RunOutcome {
             run.coverage = covered.map_err(|error| CliError::Failed(format!("coverage at the measured poses: {error}")))?;
         }
         let steps = record.steps.iter().map(RunStepRecord::from).collect();
-        Ok(Self { document: RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps }, gave_up: None })
+        let document = RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps };
+        Ok(Self { document, gave_up: None, lacks: missing(reference) })
     }
 
     /// Prints how it ended.
@@ -98,7 +102,7 @@ impl RunOutcome {
     fn words(&self) -> String {
         let RunRecordDocument { run, steps, .. } = &self.document;
         let mut words = match run.mode {
-            RunMode::DryRun => words_of_reading(run),
+            RunMode::DryRun => words_of_reading(run, self.lacks),
             RunMode::Simulate | RunMode::Live => format!(
                 "{}: {} of {} steps, {}, {:.1} s\n",
                 run.state.as_str(),
@@ -137,13 +141,13 @@ impl RunOutcome {
 }
 
 /// Words of a dry run, which takes no step of the program.
-fn words_of_reading(run: &Run) -> String {
-    let how = match () {
-        () if run.state != ReportedState::Done => "ended before arm and table were read; nothing was moved",
-        () if run.objections.is_empty() => {
-            "arm and table were read, and nothing was moved; nothing stands against a run with --mode live"
-        }
-        () => "arm and table were read, and nothing was moved; mend what would refuse motion before a run with --mode live",
+fn words_of_reading(run: &Run, lacks: Option<(&str, &str)>) -> String {
+    let read = "arm and table were read, and nothing was moved";
+    let how = match lacks {
+        _ if run.state != ReportedState::Done => "ended before arm and table were read; nothing was moved".to_owned(),
+        _ if !run.objections.is_empty() => format!("{read}; mend what would refuse motion before a run with --mode live"),
+        Some((what, remedy)) => format!("{read}; no objection was found, but a run with --mode live also needs {what}; {remedy}"),
+        None => format!("{read}; nothing stands against a run with --mode live"),
     };
     format!("{}: {how}\n", run.state.as_str())
 }
@@ -177,7 +181,7 @@ mod tests {
         let objections = objections.iter().map(ToString::to_string).collect();
         let run = Run { state, detail: Some("the arm is silent".to_owned()), objections, ..run };
         let document = RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps: Vec::new() };
-        RunOutcome { document, gave_up: None }
+        RunOutcome { document, gave_up: None, lacks: None }
     }
 
     /// "done: 0 of 28 steps" read as a program that was not carried out.
@@ -189,6 +193,11 @@ mod tests {
         let objected = told(ReportedState::Done, &["the arm moves already"]);
         assert!(objected.starts_with(read) && objected.ends_with("\nwould refuse motion: the arm moves already\n"), "{objected}");
         assert!(objected.contains("mend what would refuse motion before a run with --mode live"), "{objected}");
+        let lacks = Some(("the part, which the check for collisions needs", "give --mesh"));
+        let without_part = RunOutcome { lacks, ..outcome(RunMode::DryRun, ReportedState::Done, &[]) }.words();
+        assert!(without_part.starts_with(read) && !without_part.contains("nothing stands against"), "{without_part}");
+        let wanted = "--mode live also needs the part, which the check for collisions needs; give --mesh\n";
+        assert!(without_part.ends_with(wanted), "{without_part}");
         let failed = told(ReportedState::Failed, &[]);
         assert!(failed.starts_with("failed: ended before arm and table were read") && failed.ends_with(unmoved), "{failed}");
         for (mode, wanted) in [

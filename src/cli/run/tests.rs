@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use super::watch::RunWatch;
+use super::watch::{LineEffect, RunWatch};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
 use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, RunState, StopCause, simulate};
 use crate::geometry::Pose;
@@ -52,9 +52,10 @@ fn a_signal_stops_the_run_while_its_progress_cannot_be_printed() {
     let (job, stop) = (job(), CancellationToken::new());
     let handle = runtime.block_on(async { simulate(job.clone(), RunOptions::default()) });
     let (_typing, lines) = mpsc::channel(1);
+    let steps_by = Some((lines, LineEffect::StepsInTurn));
     std::thread::scope(|scope| {
         let paused = std::io::stderr().lock();
-        let watch = RunWatch::new(handle.clone(), (job.program(), RunMode::Simulate), stop.clone(), None, Some(lines));
+        let watch = RunWatch::new(handle.clone(), (job.program(), RunMode::Simulate), stop.clone(), None, steps_by);
         scope.spawn(|| runtime.block_on(watch.until_the_end()));
         let record = runtime.block_on(async {
             let mut status = handle.watch_status();
@@ -66,4 +67,52 @@ fn a_signal_stops_the_run_while_its_progress_cannot_be_printed() {
         assert_eq!(record.status.reason, RunReason::Ended(StopCause::Client));
         drop(paused);
     });
+}
+
+/// Lines of a pipe were read while a step was under way, and lost; their end stopped the run in the middle of a step.
+#[test]
+fn each_line_of_a_pipe_takes_a_step_and_their_end_stops_the_run_between_two() {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().expect("a runtime");
+    for (given, state, steps) in [(2, RunState::Done, 2), (1, RunState::Stopped, 1), (0, RunState::Stopped, 0)] {
+        let job = job();
+        let (sender, lines) = mpsc::channel(2);
+        (0..given).for_each(|_| sender.try_send(()).expect("room"));
+        drop(sender);
+        let record = runtime.block_on(async {
+            let handle = simulate(job.clone(), RunOptions { single_step: true, time_factor: 10.0, ..RunOptions::default() });
+            let steps_by = Some((lines, LineEffect::StepsInTurn));
+            let mode = (job.program(), RunMode::Simulate);
+            let watch = RunWatch::new(handle.clone(), mode, CancellationToken::new(), None, steps_by);
+            tokio::time::timeout(Duration::from_secs(30), watch.until_the_end()).await.expect("it ends");
+            handle.ended().await
+        });
+        assert_eq!((record.status.state, record.steps.len()), (state, steps), "{given} lines: {}", record.status.reason);
+    }
+}
+
+/// Whoever presses Enter twice wants one step.
+#[test]
+fn a_line_that_is_typed_while_a_step_is_under_way_starts_no_other() {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().expect("a runtime");
+    let (job, (sender, lines)) = (job(), mpsc::channel(2));
+    let record = runtime.block_on(async {
+        let handle = simulate(job.clone(), RunOptions { single_step: true, ..RunOptions::default() });
+        let steps_by = Some((lines, LineEffect::StepsIfAwaited));
+        let mode = (job.program(), RunMode::Simulate);
+        let watch = RunWatch::new(handle.clone(), mode, CancellationToken::new(), None, steps_by);
+        let typing = async {
+            let mut status = handle.watch_status();
+            status.wait_for(|status| status.state == RunState::Armed).await.expect("it waits");
+            // The watch learns of it by an event.
+            tokio::time::sleep(Duration::from_millis(200)).await;
+            sender.send(()).await.expect("heard");
+            status.wait_for(|status| status.state == RunState::Running).await.expect("it moves");
+            sender.send(()).await.expect("heard");
+            drop(sender);
+        };
+        let both = async { tokio::join!(watch.until_the_end(), typing) };
+        tokio::time::timeout(Duration::from_secs(30), both).await.expect("it ends");
+        handle.ended().await
+    });
+    assert_eq!((record.status.state, record.steps.len()), (RunState::Stopped, 1), "{}", record.status.reason);
 }

@@ -13,6 +13,17 @@ use crate::execution::session::{Fence, LiveEvent, RunHandle, RunReason, RunState
 use crate::program::{Program, Step};
 use crate::wire::run::RunMode;
 
+/// Effect of a line of standard input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LineEffect {
+    /// Goes on after a pause. At another moment it is no order.
+    Resumes,
+    /// Takes one step, where the run waits for that. A line that is typed at another moment is no order.
+    StepsIfAwaited,
+    /// Takes one step. Lines of a pipe wait until the run does.
+    StepsInTurn,
+}
+
 /// A run that is watched.
 pub(super) struct RunWatch {
     handle: RunHandle,
@@ -20,8 +31,9 @@ pub(super) struct RunWatch {
     stop: CancellationToken,
     token: Option<Fence>,
     lines: Option<mpsc::Receiver<()>>,
-    /// True where a line goes on after a pause; false where each takes the run one step on.
-    resumes: bool,
+    effect: LineEffect,
+    /// True while the run waits for a line: from when it is armed or pauses until a line takes it on.
+    awaits_line: bool,
     bar: ProgressBar,
     told: Option<(RunState, Option<usize>)>,
     last_id: u64,
@@ -36,13 +48,13 @@ impl RunWatch {
         (program, mode): (&Program, RunMode),
         stop: CancellationToken,
         token: Option<Fence>,
-        lines: Option<mpsc::Receiver<()>>,
+        steps_by: Option<(mpsc::Receiver<()>, LineEffect)>,
     ) -> Self {
-        // Read from the start, so that a line from before a pause is no answer to it.
-        let resumes = lines.is_none() && stdin().is_terminal();
+        let (lines, effect) = steps_by.map_or((None, LineEffect::Resumes), |(lines, effect)| (Some(lines), effect));
         // A dry run takes no step, and a bar over the steps would stay at none.
-        let has_bar = lines.is_none() && mode != RunMode::DryRun;
-        let lines = if resumes { lines_of_stdin().ok() } else { lines };
+        let has_bar = effect == LineEffect::Resumes && mode != RunMode::DryRun;
+        // Read from the start, so that a line from before a pause is no answer to it.
+        let lines = lines.or_else(|| stdin().is_terminal().then(lines_of_stdin).and_then(Result::ok));
         let steps: Vec<String> = program.steps.iter().map(words_of).collect();
         // Log lines and JSON would be torn by a bar, and so would the lines that take steps.
         let has_bar = !output::is_quiet() && !output::is_json() && output::verbosity() == 0 && has_bar;
@@ -51,7 +63,7 @@ impl RunWatch {
         if let Ok(style) = ProgressStyle::with_template("{prefix:>9} [{bar:30}] {pos}/{len}  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { handle, steps, stop, token, lines, resumes, bar, told: None, last_id: 0, gave_up: None }
+        Self { handle, steps, stop, token, lines, effect, awaits_line: false, bar, told: None, last_id: 0, gave_up: None }
     }
 
     /// Watches until the run has ended; returns the reason for which it was stopped where nobody asked for that.
@@ -75,26 +87,46 @@ impl RunWatch {
                     is_stopping = true;
                     output::note("stopping in a controlled way; ctrl-c again ends the process at once");
                 }
-                line = next_line(&mut self.lines) => match line {
-                    // A line at another moment is no order.
-                    Some(()) if self.resumes => {
-                        if self.handle.status().state == RunState::Paused {
-                            drop(self.handle.resume(self.token).await);
-                        }
-                    }
-                    Some(()) => drop(self.handle.step(self.token).await),
-                    None if self.resumes && self.handle.status().state != RunState::Paused => self.lines = None,
-                    None => {
-                        self.lines = None;
-                        self.handle.stop(StopCause::Client);
-                        output::note("standard input has ended; the run stops");
-                    }
+                line = next_line(&mut self.lines), if self.reads_lines() => match line {
+                    Some(()) => self.take_line().await,
+                    None => self.take_end_of_input(),
                 },
             }
         }
         stopper.abort();
         self.bar.finish_and_clear();
         self.gave_up
+    }
+
+    /// Returns true if a line would be heard now: those of a pipe are not read before the run waits for one.
+    fn reads_lines(&self) -> bool {
+        self.awaits_line || self.effect != LineEffect::StepsInTurn
+    }
+
+    async fn take_line(&mut self) {
+        match self.effect {
+            LineEffect::Resumes if self.handle.status().state == RunState::Paused => drop(self.handle.resume(self.token).await),
+            // Until it has left this pause, no other line is meant for it.
+            LineEffect::StepsIfAwaited | LineEffect::StepsInTurn if self.awaits_line => {
+                self.awaits_line = self.handle.step(self.token).await.is_err();
+            }
+            LineEffect::Resumes | LineEffect::StepsIfAwaited | LineEffect::StepsInTurn => {}
+        }
+    }
+
+    /// Stops a run that waits for a line; the step that is under way is done first.
+    fn take_end_of_input(&mut self) {
+        let is_paused = self.handle.status().state == RunState::Paused;
+        match self.effect {
+            LineEffect::Resumes if !is_paused => self.lines = None,
+            // It is read again where the run waits.
+            LineEffect::StepsIfAwaited if !self.awaits_line => self.effect = LineEffect::StepsInTurn,
+            LineEffect::Resumes | LineEffect::StepsIfAwaited | LineEffect::StepsInTurn => {
+                self.lines = None;
+                self.handle.stop(StopCause::Client);
+                output::note("standard input has ended; the run stops");
+            }
+        }
     }
 
     /// A pause that nobody asked for: standard input decides how it goes on, and without somebody there it does not.
@@ -105,7 +137,9 @@ impl RunWatch {
         }
         self.bar.suspend(|| output::note(&paused));
         match &self.lines {
-            Some(_) if self.resumes => self.bar.suspend(|| output::prompt("press Enter to resume, ctrl-c to stop\n")),
+            Some(_) if self.effect == LineEffect::Resumes => {
+                self.bar.suspend(|| output::prompt("press Enter to resume, ctrl-c to stop\n"));
+            }
             Some(_) => {}
             None => {
                 output::note("nobody can resume: standard input is not a terminal; the run stops");
@@ -123,6 +157,9 @@ impl RunWatch {
         }
         let is_new_state = self.told.is_none_or(|(before, _)| before != state);
         self.told = now;
+        if is_new_state {
+            self.awaits_line = matches!(state, RunState::Armed | RunState::Paused);
+        }
         if is_new_state && state == RunState::Paused {
             self.ask(&event.status.reason);
         }

@@ -21,7 +21,7 @@ use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     AlignmentDocument, EstimateDocument, InspectionDocument, LearnedDocument, LossDocument, MeasuredCoverageDocument,
     RateBinDocument, RegionDeviationDocument, StatisticsDocument, TakenScanDocument, ViewCoverageDocument, colour_limit_mm,
-    deviation_step, excluded_sentence, remedy_words,
+    deviation_step, excluded_sentence, loss_phrase, remedy_words,
 };
 
 /// Plot: width, height and margins, px.
@@ -350,7 +350,7 @@ fn losses(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let of_cause = |loss: &LossDocument| {
         let remedy = loss.largest.first().map_or("", |spot| remedy_words(spot.remedy));
         row(&[
-            format!("<b>{}</b>", escape(&loss.cause.as_str().replace('_', " "))),
+            format!("<b>{}</b>", loss_phrase(loss.cause)),
             percent(loss.of_asked),
             area(loss.area_mm2),
             number(loss.spots as f64, 0),

@@ -217,10 +217,7 @@ fn more_views(rules: ChoiceRules) -> String {
         StopReason::NoPath => return words::capitalised(WITHOUT_PATH),
         StopReason::Growth => "Choose more views: lower selection.min_growth, as each adds less than that",
         StopReason::MaxViews => "Choose more views: raise selection.max_views",
-        StopReason::NoGain => {
-            "Choose more views: none of these was worth its cost (selection.view_cost_mm2_per_s) with the required overlap \
-             (selection.overlap)"
-        }
+        StopReason::NoGain => return format!("Choose more views: {}", rules.for_gain().trim_end_matches(',')),
         StopReason::Target | StopReason::RegionsUnmet => match rules.goal {
             SelectionGoal::BestCoverage => "Choose more views: raise selection.max_views",
             SelectionGoal::FewestViews | SelectionGoal::MinTime if rules.views_left == Some(0) => {
@@ -332,12 +329,21 @@ mod tests {
     #[test]
     fn more_views_are_asked_for_by_the_rule_that_ended_the_choice() {
         let told = |goal: SelectionGoal, ended_by: StopReason, views_left: Option<usize>| {
-            more_views(ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 }))
+            more_views(ChoiceRules::Plan(PlanRules {
+                goal,
+                ended_by,
+                views_left,
+                min_gain_mm2: 0.0,
+                is_priced: true,
+                must_overlap: true,
+            }))
         };
         let fewest = |ended_by: StopReason| told(SelectionGoal::FewestViews, ended_by, None);
         assert!(fewest(StopReason::Growth).contains("selection.min_growth"), "{}", fewest(StopReason::Growth));
         assert_eq!(fewest(StopReason::MaxViews), "Choose more views: raise selection.max_views");
         assert_eq!(fewest(StopReason::Target), "Choose more views: raise selection.target");
+        let gained = "Choose more views: lower selection.view_cost_mm2_per_s, or ask for less shared surface (selection.overlap)";
+        assert_eq!(fewest(StopReason::NoGain), gained);
         let full = told(SelectionGoal::MinTime, StopReason::Target, Some(0));
         assert_eq!(full, "Choose more views: raise selection.target and selection.max_views");
         for stopped_because in [StopReason::NoGain, StopReason::RegionsUnmet] {

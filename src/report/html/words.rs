@@ -142,7 +142,14 @@ mod tests {
             let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
             let (kind, area_mm2, of_spot, tried) = (RemedyKind::View, 9.5, 0.95, 30);
             let (ended_by, views_left) = (StopReason::MaxViews, Some(0));
-            let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 });
+            let rules = ChoiceRules::Plan(PlanRules {
+                goal,
+                ended_by,
+                views_left,
+                min_gain_mm2: 0.0,
+                is_priced: true,
+                must_overlap: true,
+            });
             remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried }, rules)
         };
         let fix = |views: usize| of_goal(views, SelectionGoal::FewestViews);
@@ -161,7 +168,14 @@ mod tests {
         let (kind, views, area_mm2, of_spot, tried) = (RemedyKind::View, vec![view(); 5], 7.3, 0.73, 30);
         let views = Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried };
         let (goal, ended_by) = (SelectionGoal::FewestViews, StopReason::NoPath);
-        let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left: None, min_gain_mm2: 0.0 });
+        let rules = ChoiceRules::Plan(PlanRules {
+            goal,
+            ended_by,
+            views_left: None,
+            min_gain_mm2: 0.0,
+            is_priced: true,
+            must_overlap: true,
+        });
         let told = remedy(&views, rules);
         assert!(told.starts_with("<b>Views left out</b>") && told.contains("motion.clearance_mm"), "{told}");
         assert!(!told.contains("73") && !told.contains("so that candidate"), "no figure is promised: {told}");

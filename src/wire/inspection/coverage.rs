@@ -221,6 +221,29 @@ pub fn loss_sentence(cause: LossCause) -> &'static str {
     }
 }
 
+/// Phrase for a cause of loss, as the dashboard has it.
+#[must_use]
+pub fn loss_phrase(cause: LossCause) -> &'static str {
+    match cause {
+        LossCause::ViewMissing => "no scan of the view",
+        LossCause::OutsideFile => "cut off in the file",
+        LossCause::Pose => "view taken from elsewhere",
+        LossCause::UnmodelledOccluder => "hidden by an object that is not in the model",
+        LossCause::PartDeviates => "part deviates",
+        LossCause::Grazing => "too oblique for this scanner",
+        LossCause::Specular => "glare",
+        LossCause::Edge => "near an edge",
+        LossCause::Concave => "concave corner",
+        LossCause::Dark => "too dark",
+        LossCause::Saturated => "too bright",
+        LossCause::DepthBlur => "outside the usable depth",
+        LossCause::Sparse => "too few points",
+        LossCause::Noisy => "too noisy",
+        LossCause::Filtered => "removed in cleaning",
+        LossCause::Unexplained => "unexplained",
+    }
+}
+
 /// Words for a remedy.
 #[must_use]
 pub fn remedy_words(remedy: LossRemedy) -> &'static str {

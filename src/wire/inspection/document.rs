@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::alignment::AlignmentDocument;
-use super::coverage::{LossDocument, MeasuredCoverageDocument};
+use super::coverage::{LossDocument, MeasuredCoverageDocument, loss_phrase};
 use super::deviation::{DeviationDocument, StatisticsDocument};
 use super::files::{IngestFindingDocument, TakenScanDocument};
 use super::learned::OfferedChangeDocument;
@@ -149,12 +149,8 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         percent(coverage.measured_of_asked),
         percent(coverage.planned_of_asked)
     );
-    let named: Vec<String> = document
-        .losses
-        .iter()
-        .take(3)
-        .map(|loss| format!("{} {}", percent(loss.of_asked), loss.cause.as_str().replace('_', " ")))
-        .collect();
+    let named: Vec<String> =
+        document.losses.iter().take(3).map(|loss| format!("{} {}", percent(loss.of_asked), loss_phrase(loss.cause))).collect();
     if !named.is_empty() {
         text += &format!(" Planned but not measured: {} ({})", percent(coverage.lost_of_asked), named.join(", "));
         text += if document.losses.len() > named.len() { ", and smaller losses." } else { "." };

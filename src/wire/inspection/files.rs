@@ -158,6 +158,21 @@ fn same_scan_sentence(file: &str, view: &str, original: Option<u32>) -> String {
     format!("{file} holds the same points as the scan of {original}, and is left out: give the one taken from viewpoint {view}")
 }
 
+/// Sentence for a second file of a view.
+fn second_scan_sentence(finding: &IngestFinding, file: &str, view: &str) -> String {
+    let taken = finding.taken_file.as_deref().unwrap_or("the other one");
+    format!(
+        "{file} is a second scan of viewpoint {view}, and is left out; {taken} is used, the first by its name: leave out the wrong one \
+         (over HTTP, name in scans those to compare)"
+    )
+}
+
+/// Sentence of the views of which a run has no scan.
+fn planned_pose_sentence(viewpoints: &[u32]) -> String {
+    let words = if viewpoints.len() == 1 { "viewpoint" } else { "viewpoints" };
+    format!("the run has no scan of {words} {}: the poses of the plan are taken there", ranges(viewpoints))
+}
+
 /// Sentence for a file that fits its view where most of the others do not.
 fn other_plan_sentence(file: &str, view: &str) -> String {
     format!(
@@ -233,8 +248,9 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
             format!("triangles of {file} up to {longest:.0} mm long fill holes; they were not measured and are left out")
         }
         IngestCode::ViewMissing => format!("there is no scan of viewpoint {view}"),
+        IngestCode::PlannedPose => planned_pose_sentence(&finding.viewpoints),
         IngestCode::ViewUnknown => unknown_view_sentence(finding, file),
-        IngestCode::ViewDouble => format!("{file} is a second scan of viewpoint {view}; the first one is used"),
+        IngestCode::ViewDouble => second_scan_sentence(finding, file, &view),
     }
 }
 
@@ -250,6 +266,7 @@ mod tests {
             code,
             file: Some("view_99.ply".to_owned()),
             viewpoint,
+            taken_file: None,
             fits_viewpoint: None,
             tried: Vec::new(),
             longest_mm: None,
@@ -287,6 +304,7 @@ mod tests {
                 code,
                 file: Some("view_3.ply".to_owned()),
                 viewpoint: Some(3),
+                taken_file: None,
                 fits_viewpoint: None,
                 tried: vec![attempt(LengthUnit::Millimetre, 0.0), attempt(LengthUnit::Inch, on_part)],
                 longest_mm: None,
@@ -311,6 +329,7 @@ mod tests {
                 code,
                 file: Some("view_7.ply".to_owned()),
                 viewpoint: Some(7),
+                taken_file: (code == IngestCode::ViewDouble).then(|| "again.ply".to_owned()),
                 fits_viewpoint,
                 tried: Vec::new(),
                 longest_mm: None,
@@ -321,6 +340,11 @@ mod tests {
             (IngestCode::WrongView, Some(0), "viewpoint 7 sees. It fits viewpoint 0: were files swapped? Name its own"),
             (IngestCode::WrongView, None, "fits no other viewpoint: is it a scan of this part and this plan? Compare it"),
             (IngestCode::SameScan, Some(0), "holds the same points as the scan of viewpoint 0, and is left out: give the one"),
+            (
+                IngestCode::ViewDouble,
+                None,
+                "second scan of viewpoint 7, and is left out; again.ply is used, the first by its name",
+            ),
             (IngestCode::OtherPlan, None, "view_7.ply fits viewpoint 7, but most files of its setup do not fit theirs, so"),
         ] {
             let told = told(code, fits_viewpoint);

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use crate::cell::DeviceName;
 use crate::inspection::identification::{
     Identified, Learned, LearnedReturns, LimitEstimate, Offer, OfferedChange, OfferedField, RateBin, RateCurve, Withheld,
+    incidence_gap,
 };
 
 /// Schema name of the findings.
@@ -99,13 +100,14 @@ pub struct WithheldDocument {
 }
 
 impl WithheldDocument {
-    fn new(reason: Withheld, kept_views: [usize; 2]) -> Self {
-        Self { reason, detail: withheld_sentence(reason, kept_views) }
+    fn new(reason: Withheld, kept_views: [usize; 2], gap_deg: [f64; 2]) -> Self {
+        Self { reason, detail: withheld_sentence(reason, kept_views, gap_deg) }
     }
 }
 
-/// Sentence for a reason; `kept_views` are the views that kept their stated poses, and all views.
-fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2]) -> String {
+/// Sentence for a reason, with the views that kept their stated poses and all views, and the incidences between which nothing was
+/// seen and the limit lies, degrees.
+fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2], [from_deg, to_deg]: [f64; 2]) -> String {
     let sentence = match reason {
         Withheld::MergedCloud => {
             "the scanner's limits are not judged: in a merged cloud the view of a point is unknown; give one file for each view"
@@ -117,6 +119,12 @@ fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2]) -> String {
         Withheld::FilteredPoints => {
             "the scanner's limits are judged on little of the surface: most points were removed near plate and \
              fixture, at edges or as specks"
+        }
+        Withheld::IncidenceGap => {
+            return format!(
+                "no limit of incidence is suggested: it lies between {from_deg:.0}° and {to_deg:.0}°, and no surface was seen at \
+                 angles in between; add views that see surface at such angles"
+            );
         }
         Withheld::OneDepth => {
             "the increase of the noise with depth is not determined, and the noise at best focus only within its interval: all \
@@ -214,6 +222,8 @@ impl LearnedDocument {
         let gain = noise.filter(|noise| noise.is_gain_determined);
         let one_depth = noise.filter(|noise| !noise.is_gain_determined).map(|_| Withheld::OneDepth);
         let returns = learned.and_then(|learned| learned.returns.as_ref());
+        let is_told = offer.changes.iter().any(|change| change.field == OfferedField::CameraLimit);
+        let gap_deg = returns.filter(|_| !is_told).and_then(incidence_gap);
         let limit =
             |of: fn(&LearnedReturns) -> Option<LimitEstimate>| returns.and_then(of).as_ref().map(EstimateDocument::of_limit);
         let rates = |of: fn(&LearnedReturns) -> &RateCurve| returns.map(|returns| bins(of(returns))).unwrap_or_default();
@@ -238,8 +248,9 @@ impl LearnedDocument {
                 .withheld
                 .iter()
                 .copied()
+                .chain(gap_deg.map(|_| Withheld::IncidenceGap))
                 .chain(one_depth)
-                .map(|reason| WithheldDocument::new(reason, offer.kept_views))
+                .map(|reason| WithheldDocument::new(reason, offer.kept_views, gap_deg.unwrap_or_default()))
                 .collect(),
         }
     }
@@ -248,7 +259,37 @@ impl LearnedDocument {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inspection::identification::NoiseEstimate;
+    use crate::inspection::identification::{NoiseEstimate, ReturnModel};
+
+    #[test]
+    fn a_limit_that_lies_where_nothing_was_seen_is_told_as_such() {
+        let interval = [36.0, 70.0];
+        let limit = LimitEstimate {
+            limit: Identified { value: 44.7, interval },
+            between: [36.6, 69.4],
+            plan_with: 38.2,
+            plan_interval: interval,
+            pairs: 7_000,
+        };
+        let of = |incidence: LimitEstimate| {
+            let returns = LearnedReturns {
+                pairs: 7_000,
+                views: 20,
+                easy_rate: 1.0,
+                incidence: Some(incidence),
+                by_device: Vec::new(),
+                lobe: None,
+                depth: [None; 2],
+                model: ReturnModel::default(),
+            };
+            LearnedDocument::new(Some(&Learned { noise: None, returns: Some(returns) }), &Offer::default(), "").withheld
+        };
+        let open = of(limit);
+        assert_eq!(open.iter().map(|withheld| withheld.reason).collect::<Vec<_>>(), [Withheld::IncidenceGap]);
+        assert!(open[0].detail.contains("between 37° and 69°"), "{open:?}");
+        let dense = LimitEstimate { between: [44.7; 2], ..limit };
+        assert!(of(dense).is_empty(), "no stretch without surface keeps it from being known");
+    }
 
     /// A gain with an interval of all that it can be was told as a figure.
     #[test]

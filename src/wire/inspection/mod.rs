@@ -14,7 +14,8 @@ mod tables;
 
 pub use alignment::{AlignmentDocument, RigidSdDocument, ViewAlignmentDocument};
 pub use coverage::{
-    LossDocument, LossListing, LostSpotDocument, MeasuredCoverageDocument, ViewCoverageDocument, loss_sentence, remedy_words,
+    LossDocument, LossListing, LostSpotDocument, MeasuredCoverageDocument, ViewCoverageDocument, loss_phrase, loss_sentence,
+    remedy_words,
 };
 pub use deviation::{
     DeviationDocument, DeviationSpotDocument, ExcludedSharesDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument,

@@ -11,7 +11,8 @@ use crate::wire::{InspectionId, JobFile, JobId, JobProblem, JobState, RunId, Sca
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct InspectionRequest {
-    /// Scans that are compared with the plan. Default: all of the job.
+    /// Scans that are compared with the plan. Default: all of the job; of two scans of one viewpoint the first by its name counts, and a
+    /// finding (`view_double`) names both.
     #[schema(max_items = 10000)]
     pub scans: Option<Vec<ScanId>>,
     /// Run in which the scans were taken; its measured poses are then used. Default: the poses of the plan.

@@ -12,7 +12,7 @@ use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::UpAxis;
 use crate::planning::params::RobustParams;
-use crate::planning::plan::{Plan, RemedyKind, share};
+use crate::planning::plan::{Plan, RegionCoverage, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
 use crate::wire::words::{counted, fixed, of_asked_phrase, percents_apart, pose_error_sizes};
 
@@ -53,6 +53,10 @@ pub enum StandingRemedy {
     InPosesOfPlanner,
 }
 
+/// Share of the asked area that the fix of missed spots recovers at least to be the best action, unless a region misses its target: our
+/// choice.
+const MIN_GAIN: f64 = 0.001;
+
 /// The best action for a plan; `None` where none is known. Of a plan that reaches its targets, an action that gains no more than pose
 /// errors cost comes after the choice of views that stand them.
 pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -> Option<SummaryAction> {
@@ -61,7 +65,10 @@ pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -
         // Of two that recover the same area, the one that mends its spots whole.
         let by_area =
             |a: &MissedGroup, b: &MissedGroup| a.recovers_mm2.total_cmp(&b.recovers_mm2).then(a.fix_known.cmp(&b.fix_known));
-        fixes(plan).into_iter().max_by(by_area).map(|group| fixed_group(plan, &group))
+        let best = fixes(plan).into_iter().max_by(by_area).map(|group| fixed_group(plan, &group));
+        // A small gain may be all that a region lacks.
+        let lacks_region = plan.coverage.regions.iter().any(RegionCoverage::misses_target);
+        best.filter(|action| lacks_region || action.to_of_asked - action.from_of_asked >= MIN_GAIN)
     };
     let tolerant = fragile_loss(plan).filter(|_| meets_targets(verdict)).and_then(|loss| Some((loss, robust(plan)?)));
     if let Some((loss, tolerant)) = tolerant {

@@ -6,7 +6,7 @@ use crate::cell::Dialect;
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
-use crate::planning::params::{PlanParams, PoseErrorParams, Registration, SelectionGoal};
+use crate::planning::params::{PlanParams, PoseErrorParams, Registration, SelectionGoal, TargetOf};
 use crate::planning::plan::{
     AdviceKind, AdvisedSetup, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Drawn, Independent, IndependentRegion,
     MeasuredArea, MissedCause, MissedSpot, ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage,
@@ -315,6 +315,22 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     );
 }
 
+/// "Can be scanned, with gaps" headed plans without a view, the last of which had been given up for want of a path.
+#[test]
+fn a_plan_without_views_cannot_be_scanned() {
+    let of_part = Plan { stopped_because: StopReason::NoPath, ..plan(0, 0, 0.0) };
+    let mut further = of_part.clone();
+    further.coverage.is_of_open = true;
+    for plan in [&of_part, &further] {
+        let summary = Summary::of(plan);
+        assert_eq!((summary.level, summary.verdict), (PlanLevel::NotExecutable, PlanVerdict::ViewsWithoutPath));
+        assert_eq!(summary.title, "Cannot be scanned: no collision-free path leads to any view");
+        let clause = "no collision-free path leads to any view that is worth taking";
+        assert!(summary.verdict_text.starts_with(&format!("No view is executed: {clause}; 0.00 % ")), "{}", summary.verdict_text);
+        assert_eq!(summary.views_text, format!("0 views in 1 setup; {clause}"));
+    }
+}
+
 #[test]
 fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
     let text = |stopped_because, without_path| {
@@ -329,9 +345,17 @@ fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
     };
     assert_eq!(text(StopReason::Growth, 0), "the next best view would add less than 0.01 % of asked");
     assert_eq!([1e-9, 0.25, 0.0].map(|growth| super::verdict::shortest(100.0 * growth)), ["0.0000001", "25", "0"]);
-    assert_eq!(text(StopReason::NoGain, 0), "no further view adds anything worth its cost");
+    assert_eq!(text(StopReason::NoGain, 0), "no further view adds anything");
     assert_eq!(text(StopReason::NoPath, 3), "no collision-free path leads to 3 of 4 chosen views");
     assert_eq!(text(StopReason::NoPath, 0), "no collision-free path was found to some candidates");
+    let mut priced = Plan { stopped_because: StopReason::NoGain, ..plan(4, 0, 400.0) };
+    priced.params.selection.view_cost_mm2_per_s = 1.0;
+    let told = Summary::of(&priced).verdict_text;
+    assert!(told.ends_with(": no further view adds anything worth its cost"), "{told}");
+    // Views are not worth their cost, it said, of a plan that measures all that can be measured.
+    priced.params.selection.target_of = TargetOf::Asked;
+    let told = Summary::of(&priced).verdict_text;
+    assert!(told.ends_with(": no view of this plan measures more: 80.00 % at most can be measured"), "{told}");
     // A limit of views that is reached together with the target is no fault.
     let enough = Plan { stopped_because: StopReason::MaxViews, ..plan(4, 0, 788.0) };
     assert_eq!(PlanVerdict::of(&enough), PlanVerdict::PartlyMeasured);
@@ -925,6 +949,11 @@ fn without_advice_the_best_action_is_the_fix_that_recovers_the_largest_area() {
     // 790 of 800 mm² are 98.75 %, which three decimals give as 98.7.
     assert_eq!(action.text, "1 more view: --set selection.target=0.987; estimated effect: 78.0 → 79.0 % of asked");
     assert_eq!((action.added_views, action.added_cycle_secs), (1, None));
+    // "83.919 → 83.922 % of asked" was the one next action of a plan.
+    plan.coverage.asked_area_mm2 = 20_000.0;
+    assert_eq!(Summary::of(&plan).action, None, "0.05 % of asked");
+    plan.coverage.regions = vec![region("bore", 0.5)];
+    assert!(Summary::of(&plan).action.is_some(), "it may be all that a region lacks");
     plan.missed.remove(0);
     assert_eq!(Summary::of(&plan).action, None);
 }

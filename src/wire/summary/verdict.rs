@@ -49,8 +49,10 @@ closed_list! {
 
 impl PlanLevel {
     pub(super) fn of(plan: &Plan, verdict: PlanVerdict) -> Self {
+        if plan.executed_views() == 0 {
+            return Self::NotExecutable;
+        }
         match verdict {
-            PlanVerdict::ViewsWithoutPath if plan.executed_views() == 0 => Self::NotExecutable,
             PlanVerdict::TargetMet => Self::Ready,
             PlanVerdict::BestCoverage if is_asked_measured(plan) => Self::Ready,
             PlanVerdict::TargetMissed
@@ -71,9 +73,8 @@ impl PlanVerdict {
         // The larger loss is told first; the other is a clause.
         let is_missing_more = |loss: f64| is_partly_measured && 1.0 - plan.coverage.of_asked() > loss;
         let is_fragile = fragile_loss(plan).is_some_and(|loss| !is_missing_more(loss));
-        let is_nothing_executed = plan.executed_views() == 0 && !plan.views.is_empty();
         let verdicts = [
-            (is_nothing_executed, Self::ViewsWithoutPath),
+            (plan.executed_views() == 0, Self::ViewsWithoutPath),
             (has_target(plan) && !is_target_met(plan), Self::TargetMissed),
             (plan.coverage.regions.iter().any(RegionCoverage::misses_target), Self::RegionsUnmet),
             (plan.executed_views() < plan.views.len(), Self::ViewsWithoutPath),
@@ -158,7 +159,8 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
             )
         }
         PlanVerdict::ViewsWithoutPath => {
-            format!("Not every view is executed: {}; {reached}", no_path(plan).unwrap_or_default())
+            let executed = if plan.executed_views() == 0 { "No view is executed" } else { "Not every view is executed" };
+            format!("{executed}: {}; {reached}", no_path(plan).unwrap_or_default())
         }
         PlanVerdict::Fragile => {
             let found = if has_target(plan) { target_met(plan) } else { "Best coverage found" };
@@ -241,12 +243,22 @@ fn reason(plan: &Plan) -> String {
                 raised_target(plan).map_or_else(String::new, |set| format!(" (a higher target adds views: {})", options(&set)));
             format!("views were chosen to tolerate pose errors, and on the samples of that choice they reach it{higher}")
         }
-        StopReason::Target | StopReason::NoGain | StopReason::RegionsUnmet => {
-            let overlaps = selection.overlap != OverlapParams::default();
-            let overlapping = if overlaps { " and overlaps the others as selection.overlap requires" } else { "" };
-            format!("no further view adds anything worth its cost{overlapping}")
-        }
+        StopReason::Target | StopReason::NoGain | StopReason::RegionsUnmet => no_gain(plan),
     }
+}
+
+/// Reason for which nothing could be gained any more, in a clause: all that can be measured falls short of the target, or no view is
+/// worth what it costs.
+fn no_gain(plan: &Plan) -> String {
+    let (coverage, selection) = (&plan.coverage, &plan.params.selection);
+    let coverable = share(coverage.coverable_area_mm2, coverage.whole_mm2(selection.target_of));
+    if coverable < selection.target {
+        return format!("no view of this plan measures more: {} at most can be measured", percent(coverable));
+    }
+    let cost = if selection.view_cost_mm2_per_s > 0.0 { " worth its cost" } else { "" };
+    let overlaps = selection.overlap != OverlapParams::default();
+    let overlapping = if overlaps { " and overlaps the others as selection.overlap requires" } else { "" };
+    format!("no further view adds anything{cost}{overlapping}")
 }
 
 /// Causes for which most of the asked area is missed, with their shares of it.

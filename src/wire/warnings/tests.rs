@@ -64,6 +64,34 @@ fn a_tolerance_beyond_the_noise_is_told_with_the_finest_that_is_served_and_what_
     }
 }
 
+/// It was planned without a word, and nothing of the feature could be measured.
+#[test]
+fn points_that_are_to_lie_closer_than_the_scanner_has_them_are_told_with_the_least_distance() {
+    let scanner = Presets.scanner("transcan-c-nominal").expect("a preset").build().expect("sound");
+    let min_mm =
+        scanner.near_mm / scanner.devices.cameras().map(|camera| camera.lens.focal_px()).into_iter().fold(f64::MAX, f64::min);
+    let mut params = params(&[0.5, 0.5, 0.5]);
+    for (feature, spacing_mm) in params.regions.features.iter_mut().zip([None, Some(0.9 * min_mm), Some(1.1 * min_mm)]) {
+        feature.point_spacing_mm = spacing_mm;
+    }
+    let found = of_spacing(&params, &scanner, "/params");
+    assert_eq!(found.len(), 1, "{found:#?}");
+    let place = "/params/regions/features/1/point_spacing_mm";
+    assert_eq!((found[0].code, found[0].pointer.as_str()), (WarningCode::SpacingBeyondScanner, place));
+    assert!(found[0].detail.contains(&format!("never closer than {} mm", rounded_up_mm(min_mm))), "{found:#?}");
+}
+
+/// A plan without a cell took the goal without a word.
+#[test]
+fn the_shortest_time_needs_a_cell() {
+    let mut params = PlanParams::default();
+    assert_eq!(of_goal(&params, false, ""), None);
+    params.selection.goal = SelectionGoal::MinTime;
+    assert_eq!(of_goal(&params, true, ""), None);
+    let told = of_goal(&params, false, "/params").expect("a warning");
+    assert_eq!((told.code, told.pointer.as_str()), (WarningCode::GoalNeedsCell, "/params/selection/goal"));
+}
+
 #[test]
 fn knobs_of_the_noise_move_the_finest_tolerance_and_own_values_have_no_source_of_ours() {
     let mut params = params(&[0.05]);
@@ -344,6 +372,7 @@ fn warnings_of_a_plan_are_those_that_no_job_has_before() {
             "home_blocked",
             "exclusion_empty",
             "region_empty",
+            "fixture_overlaps_part",
             "candidates_left_out"
         ]
     );

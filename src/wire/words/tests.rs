@@ -233,7 +233,16 @@ fn at_target() -> ChoiceRules {
 }
 
 fn ended_by(ended_by: StopReason, goal: SelectionGoal, views_left: Option<usize>) -> ChoiceRules {
-    ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0 })
+    ended_with(ended_by, goal, views_left, [true; 2])
+}
+
+fn ended_with(
+    ended_by: StopReason,
+    goal: SelectionGoal,
+    views_left: Option<usize>,
+    [is_priced, must_overlap]: [bool; 2],
+) -> ChoiceRules {
+    ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2: 0.0, is_priced, must_overlap })
 }
 
 /// Tells the change with which a view that a plan has as a candidate is chosen.
@@ -261,8 +270,17 @@ fn a_view_that_was_not_chosen_is_had_by_the_rule_that_ended_the_choice() {
         assert_eq!(full, "raise selection.target and raise selection.max_views");
     }
     let (goal, min_gain_mm2) = (SelectionGoal::FewestViews, 1e4);
-    let rules = ChoiceRules::Plan(PlanRules { goal, ended_by: StopReason::Target, views_left: None, min_gain_mm2 });
+    let (ended_by, views_left, is_priced, must_overlap) = (StopReason::Target, None, false, false);
+    let rules = ChoiceRules::Plan(PlanRules { goal, ended_by, views_left, min_gain_mm2, is_priced, must_overlap });
     assert_eq!(change(rules), "raise selection.target and lower selection.min_growth");
+    // A lower cost was advised where it was 0, and less shared surface where none was asked for.
+    for (asks, told) in [
+        ([true, false], "lower selection.view_cost_mm2_per_s"),
+        ([false, true], "ask for less shared surface (selection.overlap)"),
+        ([false, false], "choose views on more samples (part.samples_per_mm2)"),
+    ] {
+        assert_eq!(change(ended_with(StopReason::NoGain, goal, None, asks)), told);
+    }
 }
 
 /// Raising the target was advised where the goal ignores it.

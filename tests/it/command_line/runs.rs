@@ -155,6 +155,23 @@ fn lines_take_it_step_by_step_and_their_end_stops_it() {
     assert!(rest.iter().any(|line| line.contains("standard input has ended")), "{rest:?}");
 }
 
+/// All of them were read while the first step was under way, and none was left for the others.
+#[test]
+#[ignore = "long: tests/all runs it"]
+fn lines_that_are_there_from_the_start_take_it_to_its_end() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [_, plan] = planned(folder.path());
+    let lines = folder.path().join("lines");
+    std::fs::write(&lines, "\n".repeat(200)).expect("a file");
+    let ended = vantage()
+        .args(["run", &plan, "--cell", "e05-transcan", "--speed", "100", "--step"])
+        .stdin(std::fs::File::open(&lines).expect("the file"))
+        .output()
+        .expect("a process");
+    let told = String::from_utf8_lossy(&ended.stdout);
+    assert!(ended.status.code() == Some(0) && told.starts_with("done: "), "{told}{}", String::from_utf8_lossy(&ended.stderr));
+}
+
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn controllers_are_asked_for_and_checked() {

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::api::{Api, http_options};
+use super::api::{Api, http_options, service_options};
 
 /// Holds `api/<name>` against what the code says; `UPDATE_GOLDEN=1` writes it anew.
 #[track_caller]
@@ -107,6 +107,21 @@ fn every_operation_says_what_can_go_wrong() {
             assert!(ids.insert(id.to_owned()), "{id} stands there twice");
             assert!(operation["summary"].as_str().is_some_and(|summary| !summary.is_empty()), "{method} {path}");
         }
+    }
+}
+
+/// No document said that scans and inspections go with their job.
+#[test]
+fn what_is_deleted_with_a_job_is_in_the_document() {
+    let document = document();
+    let told = |place: &serde_json::Value| place["description"].as_str().expect("a description").to_owned();
+    for (path, method) in [("/api/v1/jobs/{id}", "delete"), ("/api/v1/jobs/delete", "post"), ("/api/v1/retention", "post")] {
+        let told = told(&document["paths"][path][method]);
+        assert!(told.contains("uploaded scans") && told.contains("inspections"), "{method} {path}: {told}");
+    }
+    for setting in ["job_days", "jobs_per_part"] {
+        let told = told(&document["components"]["schemas"]["RetentionPolicy"]["properties"][setting]);
+        assert!(told.contains("scans and inspections"), "{setting}: {told}");
     }
 }
 
@@ -401,6 +416,16 @@ async fn the_server_tells_about_itself() {
     let metrics = api.get("/metrics").await.text();
     assert!(metrics.contains("vantage_jobs{state=\"queued\"} 0"), "{metrics}");
     assert!(metrics.contains("vantage_http_requests_total{method=\"GET\",route=\"/healthz\",status=\"200\"}"), "{metrics}");
+}
+
+/// It said "failed", while a refused upload was told the figures and what to do.
+#[tokio::test]
+async fn a_server_short_of_disk_space_gives_the_figures_and_says_what_to_do() {
+    let short = vantage::service::Options { min_free_bytes: u64::MAX, min_free_share: 1.0, ..service_options() };
+    let api = Api::start_with(short, http_options()).await;
+    let problem = api.get("/readyz").await.problem_at("not_ready", &["free_space"]);
+    let detail = problem["errors"][0]["detail"].as_str().expect("text");
+    assert!(detail.contains("bytes left") && detail.contains("delete jobs or meshes"), "{problem}");
 }
 
 #[tokio::test]

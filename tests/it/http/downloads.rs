@@ -46,6 +46,13 @@ async fn every_file_comes_in_parts() {
         assert_eq!((current.status.as_u16(), current.bytes.len()), (206, 5), "{path}");
         let known = api.send("GET", &path, &[("range", "bytes=0-4"), ("if-none-match", &etag)], "").await;
         assert_eq!(known.status, 304, "{path}");
+        // Whoever asks for another version only gets none.
+        for (if_match, status) in
+            [("\"other\"", 412), (&*format!("W/{etag}"), 412), ("*", 200), (&*format!("\"a\", {etag}"), 200)]
+        {
+            let answer = api.send("GET", &path, &[("if-match", if_match)], "").await;
+            assert_eq!((answer.status.as_u16(), answer.header("etag")), (status, etag.as_str()), "{path} {if_match}");
+        }
         let beyond = part(&api, &path, &format!("bytes={length}-")).await;
         beyond.problem_at("range_not_satisfiable", &["Range"]);
         assert_eq!(beyond.header("content-range"), format!("bytes */{length}"), "{path}");
@@ -81,6 +88,7 @@ async fn downloads_are_named_after_the_part() {
     };
     let numbered = start(serde_json::json!({"part_number": "Gehäuse/7", "serial": "S 2"})).await;
     let plain = start(serde_json::json!({})).await;
+    let blank = start(serde_json::json!({"part_number": "", "serial": " "})).await;
     let named = async |path: String| api.get(&format!("/api/v1/{path}")).await.header("content-disposition").to_owned();
     let numbers = |kind: &str, file: &str| {
         format!("{kind}; filename=\"Geh_use_7_S 2_{file}\"; filename*=UTF-8''Geh%C3%A4use_7_S%202_{file}")
@@ -90,6 +98,9 @@ async fn downloads_are_named_after_the_part() {
     assert_eq!(named(format!("jobs/{numbered}/files/plan.json")).await, numbers("attachment", "plan.json"));
     assert_eq!(named(format!("jobs/{numbered}/program/rapid")).await, numbers("attachment", "program.mod"));
     assert_eq!(named(format!("jobs/{plain}/coverage.csv")).await, "attachment; filename=\"cube_coverage.csv\"");
+    assert_eq!(named(format!("jobs/{blank}/plan")).await, "inline; filename=\"cube_plan.json\"");
+    let job = api.get(&format!("/api/v1/jobs/{blank}")).await.ok(200);
+    assert!(job["part_number"].is_null() && job["serial"].is_null(), "blank numbers are none: {job}");
     assert_eq!(named(format!("meshes/{mesh}/preview.glb")).await, "inline; filename=\"cube_preview.glb\"");
     // Without its mesh the job's own id is left.
     assert_eq!(api.send("DELETE", &format!("/api/v1/meshes/{mesh}"), &[], "").await.status, 204);

@@ -38,7 +38,8 @@ async fn planned(api: &Api) -> String {
     });
     // As many labels as there may be: a rescan then has no room for its own.
     let labels: serde_json::Map<String, Value> = (0..32).map(|i| (format!("l{i}"), json!(""))).collect();
-    let request = json!({"mesh_id": mesh["id"], "cell": "e05-transcan", "params": params, "labels": labels});
+    let request =
+        json!({"mesh_id": mesh["id"], "cell": "e05-transcan", "params": params, "labels": labels, "part_number": "PN-7"});
     let job = api.post_json("/api/v1/jobs", &request).await.ok(202)["id"].as_str().expect("an id").to_owned();
     let ended = api.get(&format!("/api/v1/jobs/{job}?wait=60s")).await.ok(200);
     assert_eq!(ended["state"], "succeeded", "{ended}");
@@ -127,6 +128,7 @@ async fn a_part_is_planned_run_scanned_inspected_and_scanned_again() {
     assert!(api.get(&format!("{path}/deviation?format=csv")).await.text().starts_with("face,"));
     let report = api.get(&format!("{path}/report?format=html")).await;
     assert!(report.header("content-security-policy").contains("sandbox") && report.text().contains("Losses"));
+    assert_eq!(report.header("content-disposition"), "inline; filename=\"PN-7_inspection.html\"");
 
     let rescan = api.post_json(&format!("{path}/rescans"), &json!({"params": {"min_gain": 0.001}})).await;
     let second = rescan.ok(202)["id"].as_str().expect("an id").to_owned();

@@ -48,6 +48,12 @@ async fn a_form_is_taken_by_its_field() {
     let named = api.send("POST", "/api/v1/meshes?unit=mm&name=housing", &headers, body.clone()).await.ok(201);
     assert_eq!(named["name"], "housing");
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, "--x--\r\n").await.problem_at("bad_body", &["file"]);
+    // An empty file is the same as an empty body, and as an empty scan.
+    let empty = body.replace(&cube(10.0), "");
+    for (headers, body) in [(&headers[..], empty), (&[], String::new())] {
+        let problem = api.send("POST", "/api/v1/meshes?unit=mm", headers, body).await.problem("bad_body");
+        assert!(problem["detail"].as_str().expect("text").contains("is empty"), "{problem}");
+    }
     // A unit in the form would else be passed over without a word.
     let unit = "--x\r\ncontent-disposition: form-data; name=\"unit\"\r\n\r\nmm\r\n";
     let (before, after) = (format!("{unit}{body}"), body.replace("--x--\r\n", &format!("{unit}--x--\r\n")));
@@ -131,7 +137,7 @@ async fn a_body_that_drips_is_given_up() {
 #[tokio::test]
 async fn what_is_no_mesh_is_refused() {
     let api = Api::start_with(vantage::service::Options { max_triangles: 11, ..service_options() }, http_options()).await;
-    for body in ["", "nonsense", "solid x\nfacet", "ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n", &cube(1.0)] {
+    for body in ["nonsense", "solid x\nfacet", "ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n", &cube(1.0)] {
         let answer = api.send("POST", "/api/v1/meshes?unit=mm", &[], body.to_owned()).await;
         answer.problem("mesh_unreadable");
     }

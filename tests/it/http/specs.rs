@@ -29,6 +29,9 @@ async fn a_specification_is_stored_replaced_and_deleted() {
         assert_eq!((got.ok(200), got.header("etag")), (spec.clone(), created.header("etag")));
         assert_eq!(api.send("GET", &path, &[("if-none-match", got.header("etag"))], "").await.status, 304);
 
+        api.send("GET", &path, &[("if-match", "\"0\"")], "").await.problem("precondition_failed");
+        api.send("GET", &path, &[("if-match", got.header("etag"))], "").await.ok(200);
+
         let required = put(&api, &path, &spec, &[]).await;
         required.problem("precondition_required");
         assert_eq!(required.header("etag"), created.header("etag"));

@@ -129,6 +129,11 @@ fn broken_requests_are_refused_and_never_the_server_s_fault() {
         let status = answer.split(' ').nth(1).unwrap_or_default();
         assert!(statuses.contains(&status), "{:?}: {answer:?}", String::from_utf8_lossy(&request[..request.len().min(80)]));
     }
+    // Bodies that are no chunks were said to have ended early.
+    for (request, _) in &cases[16..] {
+        let answer = server.raw(request);
+        assert!(answer.contains("\"code\":\"bad_body\"") && answer.contains("malformed chunk"), "{answer}");
+    }
     assert_eq!(server.get("/healthz").expect("well")["status"], "ok");
 }
 

@@ -155,8 +155,16 @@ fn a_damaged_mesh_file_is_refused_with_the_reason_until_it_is_uploaded_again() {
     let job = server.submit(&server.get(&format!("/api/v1/meshes/{mesh}")).expect("it"), QUICK).expect("a job");
     let job = server.ended(job["id"].as_str().expect("an id"));
     assert_eq!((&job["state"], &job["problem"]["code"]), (&"failed".into(), &"file_damaged".into()), "{job}");
+    let damage = || {
+        let listed = server.get("/api/v1/storage").expect("the store")["damaged"].as_array().expect("a list").len();
+        let metrics = ureq::get(server.url("/metrics")).call().expect("metrics").body_mut().read_to_string().expect("text");
+        let counted = metrics.lines().find_map(|line| line.strip_prefix("vantage_store_damaged ")).expect("a number").to_owned();
+        (listed, counted)
+    };
+    assert_eq!(damage(), (1, "1".to_owned()));
     // The same upload puts it right.
     assert_eq!(server.upload().expect("the mesh")["id"], mesh.as_str());
+    assert_eq!(damage(), (0, "0".to_owned()));
     assert_eq!(server.ask("GET", &format!("/api/v1/meshes/{mesh}/file"), b"").0, 200);
 }
 
