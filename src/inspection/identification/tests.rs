@@ -408,7 +408,7 @@ fn is_worst_within(pair: &Return, [from_deg, to_deg]: [f64; 2]) -> bool {
     (from_deg..to_deg).contains(&pair.worst_incidence().1.to_degrees())
 }
 
-/// Of a scanner with a limit of 60°, a part without pairs between 37° and 69° taught one of 44.7 ± 0.5°; 38° was offered.
+/// A limit of 44.7 ± 0.5° was learned of a scanner that has 60°, from a part without pairs between 37° and 69°; 38° was offered.
 #[test]
 fn a_limit_where_no_pair_lies_is_known_no_better_than_where_pairs_begin_again() {
     use OfferedField::{CameraLimit, DepthFar, Lobe};
