@@ -58,8 +58,8 @@ and the fixture if the plan has one: --fixture, or the file that the plan names.
 section of the cell file and reads their state, but sends no motion. `live` moves arm and table: the operator types the name of \
 the cell, or --armed-by names the operator who releases the motion. The speed never exceeds `first_run_speed` of the cell file.
 
-With --step, each line on standard input, from a terminal or a pipe, starts one step. Lines of a pipe wait until the step before \
-is done; a line that is typed during a step is ignored. When the input ends, the run stops after the step that is under way.
+With --step, each line on standard input, from a terminal or a pipe, starts one step, and takes a capture again that was not \
+acknowledged. Lines of a pipe wait until the step before is done; a line that is typed during a step is ignored. When the input ends, the run stops after the step that is under way.
 
 Ctrl-C stops the run in a controlled way and reports when the stop was sent, when it was acknowledged, and when arm and table \
 were at rest; a second ctrl-c ends the process at once. Closing the terminal stops the run in the same controlled way.

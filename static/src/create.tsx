@@ -49,7 +49,9 @@ const draft = newForm();
 
 /** Clears a form whose jobs were started; the hardware is that of the next one too. */
 const clear = ({ entries, unit, params, place, choice }: Form): void => batch(() => {
-  [entries.value, unit.value, params.value, place.value, choice.value] = [[], "", {}, null, { ...choice.peek(), ...NO_NUMBERS }];
+  entries.value = entries.peek().filter((entry) => !entry.isStarted);
+  // What was added meanwhile is the next plan.
+  if (!entries.value.length) [unit.value, params.value, place.value, choice.value] = ["", {}, null, { ...choice.peek(), ...NO_NUMBERS }];
 });
 
 /** Asks the reader before the page is left with a form that is filled. */
@@ -59,6 +61,9 @@ effect(() => {
   const isFilled = draft.entries.value.length > 0 || Object.keys(draft.params.value).length > 0 || Boolean(partNumber || serial || labels || priority);
   (isFilled ? addEventListener : removeEventListener)("beforeunload", warn);
 });
+
+/** What a form said as it was sent. */
+type Given = [params: Record<string, unknown>, place: Placement | null, choice: Choice];
 
 /** The hardware that sizes are held against. */
 interface Bounds { field: [number, number, number] | null; plate: Turntable | null }
@@ -487,22 +492,24 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
     params.value = { ...params.value, part: rest };
   };
   /** Starts the plan of one mesh; a placement by hand is that of its own box. */
-  const startOne = async (positions: Float32Array | undefined, send: () => Promise<Mesh>): Promise<Job> => {
-    let all = params.value;
-    if (place.value) {
+  const startOne = async ([params, place, choice]: Given, positions: Float32Array | undefined, send: () => Promise<Mesh>): Promise<Job> => {
+    let all = params;
+    if (place) {
       if (!positions) throw new Error(text.create.notPlaced);
-      all = { ...all, part: { ...part, table_from_part: poseOfPlaced(positions, scale, place.value) } };
+      all = { ...all, part: { ...part, table_from_part: poseOfPlaced(positions, scale, place) } };
     }
-    const job = await post<Job>("/jobs", requestOf(await send(), choice.value, all, base?.job), idempotencyKey());
+    const job = await post<Job>("/jobs", requestOf(await send(), choice, all, base?.job), idempotencyKey());
     keepJob(job);
     return job;
   };
   const start = async (): Promise<string> => {
-    const jobs: Job[] = base ? [await startOne(base.shape.positions, async () => base.mesh)] : [];
+    // What the form says while the meshes are sent is for the next plan.
+    const given: Given = [params.value, place.value, choice.value];
+    const jobs: Job[] = base ? [await startOne(given, base.shape.positions, async () => base.mesh)] : [];
     const problems: string[] = [];
     for (const entry of entries.value) {
       try {
-        jobs.push(await startOne((await entry.reading)?.positions, () => upload(entry)));
+        jobs.push(await startOne(given, (await entry.reading)?.positions, () => upload(entry)));
         replace(entry, { isStarted: true });
       } catch (error) {
         const problem = (error as Error).message;
@@ -519,7 +526,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
   };
   const { cell, labels } = choice.value;
   const fault = toCorrect() || (base && labels === written(base.job) ? "" : labelFault(labels)) || (first && !unit.value ? text.create.readFirst : "");
-  const canStart = Boolean(base ?? first) && Boolean(cell) && !fault;
+  const canStart = Boolean(base ?? first) && Boolean(cell) && !fault && sending.value === 0;
   const meshShown = base?.mesh ?? first?.mesh;
 
   return (

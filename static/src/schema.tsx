@@ -116,18 +116,22 @@ function NumberField({ schema, value, onChange, label, fallback }: {
   // As typed, until the field is left with a number in it.
   const [draft, setDraft] = useState<string | null>(null);
   const field = useRef<HTMLInputElement>(null);
+  // Of "0,95", the "0" was a number on the way: what is no number leaves the value as it was when the field was entered.
+  const before = useRef(value);
   const fault = draft === null ? "" : numberFault(draft.trim(), schema);
   useUnread(label, fault !== "");
   useEffect(() => { if (document.activeElement !== field.current) setDraft(null); }, [value]);
   const take = (given: string): void => {
     setDraft(given);
-    if (numberFault(given.trim(), schema) === "") onChange(given.trim() === "" ? undefined : numberOf(given.trim()));
+    const typed = given.trim();
+    if (numberFault(typed, schema) !== "") onChange(before.current as number | undefined);
+    else onChange(typed === "" ? undefined : numberOf(typed));
   };
   return (
     <>
       <input ref={field} type="text" inputMode="decimal" autocomplete="off" aria-label={label} aria-invalid={fault !== ""}
         value={draft ?? (typeof value === "number" ? String(value) : "")} placeholder={fallback === undefined || fallback === null ? "" : String(fallback)}
-        onInput={(event) => take(event.currentTarget.value)} onBlur={() => { if (!fault) setDraft(null); }} />
+        onFocus={() => { before.current = value; }} onInput={(event) => take(event.currentTarget.value)} onBlur={() => { if (!fault) setDraft(null); }} />
       {fault && <span class="problem" role="alert">{fault}</span>}
     </>
   );

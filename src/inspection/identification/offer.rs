@@ -110,14 +110,18 @@ fn is_known(limit: &LimitEstimate, [min, max]: [f64; 2], max_half_width: f64) ->
     is_narrow(limit.limit.value, limit.limit.interval) && is_narrow(limit.plan_with, limit.plan_interval)
 }
 
-/// Incidences between which nothing was seen and a limit lies, which is for that not known well enough to be offered, degrees: that
-/// of all devices together, or of the first device of which this holds.
+/// Incidences between which nothing was seen and a camera's limit lies, which is for that not known well enough to be offered, degrees:
+/// that of all devices together, or of the first camera of which this holds; `None` where the limits of both cameras are known.
 #[must_use]
 pub fn incidence_gap(returns: &LearnedReturns) -> Option<[f64; 2]> {
-    let of_devices = returns.by_device.iter().filter_map(|(_, limit)| *limit);
-    let is_open =
-        |limit: &LimitEstimate| limit.between[0] < limit.between[1] && !is_known(limit, PHYSICAL_DEG, MAX_HALF_WIDTH_DEG);
-    returns.incidence.into_iter().chain(of_devices).find(is_open).map(|limit| limit.between)
+    let of_cameras = returns.by_device.iter().filter(|(device, _)| *device != DeviceName::Projector);
+    let of_cameras: Vec<LimitEstimate> = of_cameras.filter_map(|(_, limit)| *limit).collect();
+    let is_known = |limit: &LimitEstimate| is_known(limit, PHYSICAL_DEG, MAX_HALF_WIDTH_DEG);
+    if of_cameras.len() == 2 && of_cameras.iter().all(is_known) {
+        return None;
+    }
+    let is_open = |limit: &LimitEstimate| limit.between[0] < limit.between[1] && !is_known(limit);
+    returns.incidence.into_iter().chain(of_cameras).find(is_open).map(|limit| limit.between)
 }
 
 /// The value of the parameter's range that is nearest to a value of the noise.

@@ -255,6 +255,7 @@ impl<'a> RemedySearch<'a> {
             analysis.candidates.indices().filter(|candidate| analysis.choosable[candidate.index()]).collect();
         let bits: Vec<u64> = choosable.iter().map(bits).collect();
         let has_path = |i: usize| match analysis.can_execute {
+            Some(_) if !self.may_ask() => Ok(false),
             Some(_) => Ok(self.counted((analysis.has_path)(choosable[i])?)),
             None => Ok(true),
         };
@@ -327,9 +328,15 @@ impl<'a> RemedySearch<'a> {
 
     fn can_execute(&self, proposal: &Proposal) -> Result<bool, Cancelled> {
         match self.context.analysis.can_execute {
+            Some(_) if !self.may_ask() => Ok(false),
             Some(can_execute) => Ok(self.counted(can_execute(&proposal.pose)?)),
             None => Ok(true),
         }
+    }
+
+    /// Returns true while the cell is asked: after too many refusals nothing more of this spot can be executed, as far as is known.
+    fn may_ask(&self) -> bool {
+        self.refusals.load(Ordering::Relaxed) < self.max_refusals
     }
 
     /// The answer of the cell, counted where it refuses.
@@ -346,8 +353,7 @@ impl<'a> RemedySearch<'a> {
         if !enough(bits.iter().fold(0, |all, bits| all | bits)) {
             return Ok(None);
         }
-        let may_ask = || self.refusals.load(Ordering::Relaxed) < self.max_refusals;
-        while pick.len() < MAX_VIEWS && refused.len() < MAX_EXECUTION_CHECKS && may_ask() {
+        while pick.len() < MAX_VIEWS && refused.len() < MAX_EXECUTION_CHECKS {
             let gain_mm2 = |i: usize| self.samples.area_mm2(bits[i] & !covered);
             let open = (0..bits.len()).filter(|i| !refused.contains(i)).map(|i| (i, gain_mm2(i)));
             let best = open.fold((0, 0.0), |best, one| if one.1 > best.1 { one } else { best });

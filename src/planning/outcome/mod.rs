@@ -275,7 +275,12 @@ impl<'a> Solution<'a> {
     /// Returns true if a path leads from home to a candidate, from stations at which obstacles hide nothing that it measures.
     fn has_path(&self, candidate: CandidateIndex, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let (problem, ctx) = (self.problem, &ctx.silent());
-        let Some(scene) = &setups[problem.candidates[candidate].setup.index()].scene else { return Ok(true) };
+        let setup = &setups[problem.candidates[candidate].setup.index()];
+        let Some(scene) = &setup.scene else { return Ok(true) };
+        // Paths need not be searched where none leaves home.
+        if is_home_blocked(setup) {
+            return Ok(false);
+        }
         let in_sight = |_: ViewId, station: &Configuration| problem.is_in_sight(scene, candidate, station, ctx);
         Ok(scene.order(&[(ViewId(0), problem.stations(candidate))], false, &in_sight, ctx)?.no_path.is_empty())
     }

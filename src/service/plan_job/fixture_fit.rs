@@ -20,10 +20,19 @@ pub(super) fn overlap(part: &Mesh, fixture: &Mesh, sample_mm: &[Point3<f64>]) ->
 }
 
 fn lie_deep(points_mm: &[Point3<f64>], body: &Mesh) -> bool {
-    let (scene, nearest, aabb) = (RayScene::new([body]), NearestFace::new(body), body.aabb());
-    let step = points_mm.len().div_ceil(MAX_POINTS).max(1);
-    let is_deep = |p: &&Point3<f64>| aabb.holds(p) && scene.encloses(p) && nearest.nearest(p, MAX_DEPTH_MM).is_none();
-    points_mm.iter().step_by(step).filter(is_deep).take(MIN_POINTS).count() == MIN_POINTS
+    let (aabb, step) = (body.aabb(), points_mm.len().div_ceil(MAX_POINTS).max(1));
+    // Each step takes longer than the one before, and leaves less for the next.
+    let mut points_mm: Vec<&Point3<f64>> = points_mm.iter().step_by(step).filter(|p| aabb.holds(p)).collect();
+    if points_mm.len() < MIN_POINTS {
+        return false;
+    }
+    let scene = RayScene::new([body]);
+    points_mm.retain(|p| scene.encloses(p));
+    if points_mm.len() < MIN_POINTS {
+        return false;
+    }
+    let nearest = NearestFace::new(body);
+    points_mm.into_iter().filter(|p| nearest.nearest(p, MAX_DEPTH_MM).is_none()).take(MIN_POINTS).count() == MIN_POINTS
 }
 
 #[cfg(test)]

@@ -66,9 +66,10 @@ pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -
         let by_area =
             |a: &MissedGroup, b: &MissedGroup| a.recovers_mm2.total_cmp(&b.recovers_mm2).then(a.fix_known.cmp(&b.fix_known));
         let best = fixes(plan).into_iter().max_by(by_area).map(|group| fixed_group(plan, &group));
-        // A small gain may be all that a region lacks.
+        // A small gain may be all that a region or the plan lacks.
         let lacks_region = plan.coverage.regions.iter().any(RegionCoverage::misses_target);
-        best.filter(|action| lacks_region || action.to_of_asked - action.from_of_asked >= MIN_GAIN)
+        let is_enough = |action: &SummaryAction| verdict == PlanVerdict::TargetMissed && reaches_target(plan, action);
+        best.filter(|action| lacks_region || is_enough(action) || action.to_of_asked - action.from_of_asked >= MIN_GAIN)
     };
     let tolerant = fragile_loss(plan).filter(|_| meets_targets(verdict)).and_then(|loss| Some((loss, robust(plan)?)));
     if let Some((loss, tolerant)) = tolerant {
@@ -78,6 +79,14 @@ pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -
         return advised.filter(gains_more).or_else(|| fixed().filter(gains_more)).or(Some(tolerant));
     }
     advised.or_else(fixed).or_else(|| higher_target(plan))
+}
+
+/// Returns true if a plan reaches its target with what an action recovers.
+fn reaches_target(plan: &Plan, action: &SummaryAction) -> bool {
+    let (coverage, selection) = (&plan.coverage, &plan.params.selection);
+    let gained_mm2 = (action.to_of_asked - action.from_of_asked) * coverage.asked_area_mm2;
+    let gained = share(gained_mm2, coverage.whole_mm2(selection.target_of));
+    coverage.of_target(selection.target_of) + gained >= selection.target
 }
 
 /// Returns true if nothing comes before what is not measured and what pose errors cost.

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-TTT4WQZK.js";import"./chunk-WLVDOSYS.js";import"./chunk-ASDGP5YH.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-EVUZAXY4.js";export{a as drawThumbnail,b as drawTurned};
