@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-JHZYZQVW.js";import"./chunk-WLVDOSYS.js";import"./chunk-4M57PP2T.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-W2Y7N4L4.js";export{a as drawThumbnail,b as drawTurned};
