@@ -141,7 +141,7 @@ fn inspect_shows_a_mesh_in_all_units() {
 fn the_page_has_no_unit_chosen() {
     let page = include_str!("../../static/src/create.tsx");
     assert!(
-        page.contains("const unit = useSignal(\"\");") && page.contains("[\"\", text.create.unitChoose]"),
+        page.contains("unit: signal(\"\")") && page.contains("[\"\", text.create.unitChoose]"),
         "the first choice is none"
     );
     let without_unit = "(first && !unit.value ? text.create.readFirst : \"\")";
