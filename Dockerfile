@@ -1,6 +1,6 @@
 # syntax=docker/dockerfile:1
 # Vantage's server. Build: docker build -t vantage .
-# Run: docker run -p 8080:8080 -v vantage-data:/data -e VANTAGE_SERVER__API_KEY="$(openssl rand -hex 24)" vantage
+# Run: docker run --stop-timeout 35 -p 8080:8080 -v vantage-data:/data -e VANTAGE_SERVER__API_KEY="$(openssl rand -hex 24)" vantage
 
 FROM rust:1.95-slim-bookworm AS build
 WORKDIR /src
@@ -34,7 +34,8 @@ USER 65532:65532
 VOLUME ["/data"]
 EXPOSE 8080
 STOPSIGNAL SIGTERM
-HEALTHCHECK --interval=15s --timeout=5s --start-period=10s --retries=3 \
+# A large database takes minutes to open; a success before the period ends counts at once.
+HEALTHCHECK --interval=15s --timeout=5s --start-period=10m --retries=3 \
     CMD ["/usr/local/bin/vantage", "healthcheck", "--url", "http://127.0.0.1:8080"]
 # Listens on every address of the container, which the program refuses without a bearer key: give it in the environment.
 ENTRYPOINT ["/usr/local/bin/vantage"]

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::field_error::Findings;
+use super::field_ranges;
 
 /// Converts to degrees, rounded to 10⁻⁹: this moves a scanner at 1 m by 2·10⁻⁸ mm, and 30° is written as 30.
 #[must_use]
@@ -47,6 +48,12 @@ impl Configuration {
     pub fn axes_rad(&self) -> [f64; 7] {
         let [j1, j2, j3, j4, j5, j6] = self.joints_rad;
         [j1, j2, j3, j4, j5, j6, self.table_rad]
+    }
+
+    /// Angles of all axes for people to read, degrees rounded to a tenth: joints 1 to 6, then the table.
+    #[must_use]
+    pub fn axes_tenths_deg(&self) -> [f64; 7] {
+        self.axes_rad().map(|angle| (angle.to_degrees() * 10.0).round() / 10.0)
     }
 
     /// Turn of each axis from here to another configuration.
@@ -113,17 +120,25 @@ pub struct AxisSpec {
     pub max_acceleration_deg_per_s2: f64,
 }
 
+field_ranges! {
+    AxisSpec {
+        MIN_DEG = "min_deg", [-ANGLE_DEG, ANGLE_DEG] "°";
+        MAX_DEG = "max_deg", [-ANGLE_DEG, ANGLE_DEG] "°";
+        MAX_SPEED = "max_speed_deg_per_s", [0.1, 3600.0] "°/s";
+        MAX_ACCELERATION = "max_acceleration_deg_per_s2", [0.1, 1e5] "°/s²";
+    }
+}
+
 impl AxisSpec {
     /// Records what is wrong with this axis, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
-        findings.range(format!("{pointer}/min_deg"), self.min_deg, -ANGLE_DEG, ANGLE_DEG, "°");
-        findings.range(format!("{pointer}/max_deg"), self.max_deg, -ANGLE_DEG, ANGLE_DEG, "°");
+        Self::MIN_DEG.check(pointer, &self.min_deg, findings);
+        Self::MAX_DEG.check(pointer, &self.max_deg, findings);
         findings.require(self.min_deg < self.max_deg, format!("{pointer}/min_deg"), || {
             format!("is {}°, not below max_deg {}°", self.min_deg, self.max_deg)
         });
-        findings.range(format!("{pointer}/max_speed_deg_per_s"), self.max_speed_deg_per_s, 0.1, 3600.0, "°/s");
-        let acceleration = self.max_acceleration_deg_per_s2;
-        findings.range(format!("{pointer}/max_acceleration_deg_per_s2"), acceleration, 0.1, 1e5, "°/s²");
+        Self::MAX_SPEED.check(pointer, &self.max_speed_deg_per_s, findings);
+        Self::MAX_ACCELERATION.check(pointer, &self.max_acceleration_deg_per_s2, findings);
     }
 
     /// The axis in radians.

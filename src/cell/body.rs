@@ -18,7 +18,7 @@ pub struct Body {
     pub name: String,
     /// Pose in the owner's frame, mm.
     pub owner_from_body: Isometry3<f64>,
-    /// Its shape.
+    /// Shape of the body.
     pub shape: Shape,
 }
 

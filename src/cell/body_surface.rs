@@ -13,7 +13,7 @@ const SIDES: u32 = 90;
 const BALL_RINGS: u32 = 12;
 
 impl Body {
-    /// Its surface in its owner's frame. Round shapes are enclosed by plane sides.
+    /// Surface of the body in its owner's frame. Round shapes are enclosed by plane sides.
     #[must_use]
     pub fn surface(&self) -> Mesh {
         let mut mesh = match &self.shape {

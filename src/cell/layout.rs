@@ -12,6 +12,7 @@ use super::body::{Body, LinkBody, Shape, not_found};
 use super::body_meshes::{self, BodyMeshes};
 use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
+use super::field_ranges;
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::{PoseInput, PoseSpec, metres_in_mm};
 use super::provenance::{CalibrationObjection, CalibrationProvenance, UseConditions};
@@ -107,6 +108,14 @@ pub struct Cell {
     pub calibrated: Option<CalibrationProvenance>,
 }
 
+field_ranges! {
+    CellSpec {
+        MOUNT_MASS_KG = "mount_mass_kg", [0.0, 1000.0] "kg";
+        HOME_DEG = "home_deg", [-3600.0, 3600.0] "°";
+        FLOOR_MM = "floor_mm", [-10_000.0, 10_000.0] "mm";
+    }
+}
+
 impl CellSpec {
     /// Finds what the specification names, checks every field and builds the cell.
     ///
@@ -176,10 +185,8 @@ impl CellSpec {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the cell".into());
         self.base_from_table.check("/base_from_table", findings);
         self.flange_from_scanner.check("/flange_from_scanner", findings);
-        findings.range("/mount_mass_kg", self.mount_mass_kg, 0.0, 1000.0, "kg");
-        for (axis, angle) in self.home_deg.iter().enumerate() {
-            findings.range(format!("/home_deg/{axis}"), *angle, -3600.0, 3600.0, "°");
-        }
+        Self::MOUNT_MASS_KG.check("", &self.mount_mass_kg, findings);
+        Self::HOME_DEG.check("", &self.home_deg, findings);
         for (field, bodies) in [("mount", &self.mount), ("obstacles", &self.obstacles)] {
             for (index, body) in bodies.iter().enumerate() {
                 body.check(&format!("/{field}/{index}"), findings);
@@ -188,9 +195,7 @@ impl CellSpec {
         for (index, body) in self.cable.iter().enumerate() {
             body.check(&format!("/cable/{index}"), findings);
         }
-        if let Some(height_mm) = self.floor_mm {
-            findings.range("/floor_mm", height_mm, -10_000.0, 10_000.0, "mm");
-        }
+        Self::FLOOR_MM.check("", &self.floor_mm, findings);
         if let Some(calibrated) = &self.calibrated {
             calibrated.check("/calibrated", findings);
         }
@@ -339,9 +344,9 @@ impl Cell {
     }
 
     fn check_home(&self, findings: &mut Findings) {
-        let hint = self
-            .home_in_radians()
-            .map_or_else(String::new, |home_deg| format!("; is home in radians? In degrees it would be {home_deg:?}"));
+        let hint = self.home_in_radians().map_or_else(String::new, |home| {
+            format!("; is home in radians? In degrees it would be {:?}", home.axes_tenths_deg())
+        });
         let hint = hint + &self.metres_hint();
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad.axes_rad()).enumerate() {
             if self.robot.has_limits_in_radians(index) && !axis.allows(angle) {
@@ -378,17 +383,17 @@ impl Cell {
         in_mm.map(|(name, mm)| format!("; is {name} in metres? In mm its translation would be {mm:?}")).collect()
     }
 
-    /// Home with its numbers read as radians, degrees, where they look like radians: every one within ±2π, one of them 0.3 or more,
+    /// Home with its numbers read as radians, where they look like radians: every one within ±2π, one of them 0.3 or more,
     /// two or more of them no whole numbers, and all axes allow what they would mean. People write degrees as whole numbers, and a
     /// pose of the arm within 6° of all zeros is no place to begin from.
     #[must_use]
-    pub fn home_in_radians(&self) -> Option<[f64; 7]> {
+    pub fn home_in_radians(&self) -> Option<Configuration> {
         let written = self.home_rad.axes_rad().map(f64::to_degrees);
         let largest = written.iter().fold(0.0, |largest: f64, angle| largest.max(angle.abs()));
         let broken = written.iter().filter(|angle| (*angle - angle.round()).abs() > WHOLE_NUMBER).count();
         let looks_so = (0.3..=TAU + WHOLE_NUMBER).contains(&largest) && broken >= 2;
-        let is_allowed = || self.axes().allow(&Configuration::from_axes_rad(written));
-        (looks_so && is_allowed()).then(|| written.map(|angle| (angle.to_degrees() * 10.0).round() / 10.0))
+        let read = Configuration::from_axes_rad(written);
+        (looks_so && self.axes().allow(&read)).then_some(read)
     }
 
     /// Smallest distance of the robot's shoulder from the room above the plate, as high as the plate is wide, and an upper bound of

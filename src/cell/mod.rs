@@ -14,6 +14,7 @@ mod decode_message;
 mod dialect;
 mod distances;
 mod field_error;
+mod field_ranges;
 mod halton;
 mod home;
 pub mod kinematics;
@@ -43,8 +44,10 @@ pub use controllers::{
 };
 pub use decode_message::{expected_value, found_value};
 pub use dialect::Dialect;
+pub(crate) use dialect::dialect_table;
 pub use distances::CellDistances;
 pub use field_error::{FieldError, Findings};
+pub use field_ranges::{FieldRange, RangeGroup, Ranged, field_ranges};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};

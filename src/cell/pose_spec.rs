@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 use super::field_error::Findings;
+use super::field_ranges;
 use crate::geometry::Pose;
 
 /// Largest difference of a written quaternion's norm from 1.
@@ -38,6 +39,13 @@ pub struct EulerPoseSpec {
     /// URDF; R = Rz(yaw) · Ry(pitch) · Rx(roll).
     #[schema(min_items = 3, max_items = 3)]
     pub rpy_deg: [f64; 3],
+}
+
+field_ranges! {
+    EulerPoseSpec {
+        TRANSLATION_MM = "translation_mm", [-REACH_MM, REACH_MM] "mm";
+        RPY_DEG = "rpy_deg", [-MAX_EULER_DEG, MAX_EULER_DEG] "°";
+    }
 }
 
 /// A pose as it may be given: with a quaternion or with Euler angles. Answers have the quaternion.
@@ -105,9 +113,8 @@ impl PoseSpec {
 
     /// Records what is wrong with this pose, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
-        for (axis, value) in self.translation_mm.iter().enumerate() {
-            findings.range(format!("{pointer}/translation_mm/{axis}"), *value, -REACH_MM, REACH_MM, "mm");
-        }
+        // The range is that of poses that are given. Answers have this shape too, and may tell of places farther away.
+        EulerPoseSpec::TRANSLATION_MM.check(pointer, &self.translation_mm, findings);
         let norm = self.quaternion_xyzw.iter().map(|c| c * c).sum::<f64>().sqrt();
         findings.require((norm - 1.0).abs() <= UNIT_TOLERANCE, format!("{pointer}/quaternion_xyzw"), || {
             format!("has norm {norm}; a rotation needs a unit quaternion (norm 1 ± {UNIT_TOLERANCE})")

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 
 use super::closed_list;
 use super::field_error::Findings;
+use super::field_ranges;
 use super::pose_spec::PoseSpec;
 use crate::geometry::{Flange, Pose, ScannerFrame};
 
@@ -88,9 +89,9 @@ pub struct CompensationProvenance {
 closed_list! {
     /// Origin of a cell's poses.
     pub enum PoseOrigin {
-        /// Its calibration.
+        /// Calibration of the cell.
         Calibration = "calibration",
-        /// Its compensation.
+        /// Compensation of the cell.
         Compensation = "compensation",
     }
 }
@@ -164,6 +165,29 @@ pub enum CalibrationObjection {
     },
 }
 
+field_ranges! {
+    CalibrationProvenance {
+        RMS_ROTATION_DEG = "rms_rotation_deg", [0.0, 1e4] "°";
+        RMS_TRANSLATION_MM = "rms_translation_mm", [0.0, 1e4] "mm";
+        POINT_SD_MM = "point_sd_mm", [0.0, 1e4] "mm";
+        ROTATION_SD_DEG = "rotation_sd_deg", [0.0, 1e4] "°";
+        TRANSLATION_SD_MM = "translation_sd_mm", [0.0, 1e4] "mm";
+        MAX_AGE_HOURS = "max_age_hours", [0.01, 1e6] "h";
+        MAX_TEMPERATURE_CHANGE_K = "max_temperature_change_k", [0.1, 100.0] "K";
+    }
+}
+
+field_ranges! {
+    CompensationProvenance {
+        ROTATION_DEG = "rotation_deg", [0.0, 180.0] "°";
+        TRANSLATION_MM = "translation_mm", [0.0, 1e4] "mm";
+        MAX_ROTATION_DEG = "max_rotation_deg", [0.0, 20.0] "°";
+        MAX_TRANSLATION_MM = "max_translation_mm", [0.0, 100.0] "mm";
+        MAX_AGE_HOURS = "max_age_hours", [0.01, 1e6] "h";
+        MAX_TEMPERATURE_CHANGE_K = "max_temperature_change_k", [0.1, 100.0] "K";
+    }
+}
+
 impl CalibrationProvenance {
     /// Records what is wrong, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
@@ -179,17 +203,13 @@ impl CalibrationProvenance {
                 format!("is {digest:?}; a SHA-256 has {SHA256_DIGITS} digits, 0 to 9 and a to f")
             });
         }
-        for (field, value) in [
-            ("rms_rotation_deg", self.rms_rotation_deg),
-            ("rms_translation_mm", self.rms_translation_mm),
-            ("point_sd_mm", self.point_sd_mm),
-            ("rotation_sd_deg", self.rotation_sd_deg),
-            ("translation_sd_mm", self.translation_sd_mm),
-        ] {
-            let unit = if field.ends_with("_deg") { "°" } else { "mm" };
-            findings.range(format!("{pointer}/{field}"), value, 0.0, 1e4, unit);
-        }
-        check_bounds(pointer, self.max_age_hours, self.max_temperature_change_k, findings);
+        Self::RMS_ROTATION_DEG.check(pointer, &self.rms_rotation_deg, findings);
+        Self::RMS_TRANSLATION_MM.check(pointer, &self.rms_translation_mm, findings);
+        Self::POINT_SD_MM.check(pointer, &self.point_sd_mm, findings);
+        Self::ROTATION_SD_DEG.check(pointer, &self.rotation_sd_deg, findings);
+        Self::TRANSLATION_SD_MM.check(pointer, &self.translation_sd_mm, findings);
+        Self::MAX_AGE_HOURS.check(pointer, &self.max_age_hours, findings);
+        Self::MAX_TEMPERATURE_CHANGE_K.check(pointer, &self.max_temperature_change_k, findings);
         let is_paired = self.compensation.is_some() == self.compensation_sha256.is_some();
         findings.require(is_paired, format!("{pointer}/compensation"), || {
             "goes with compensation_sha256: give both, as `vantage calibrate check --write-cell` writes them, or none".into()
@@ -222,11 +242,12 @@ impl CalibrationProvenance {
 impl CompensationProvenance {
     fn check(&self, pointer: &str, findings: &mut Findings) {
         self.flange_from_scanner.check(&format!("{pointer}/flange_from_scanner"), findings);
-        findings.range(format!("{pointer}/rotation_deg"), self.rotation_deg, 0.0, 180.0, "°");
-        findings.range(format!("{pointer}/translation_mm"), self.translation_mm, 0.0, 1e4, "mm");
-        findings.range(format!("{pointer}/max_rotation_deg"), self.max_rotation_deg, 0.0, 20.0, "°");
-        findings.range(format!("{pointer}/max_translation_mm"), self.max_translation_mm, 0.0, 100.0, "mm");
-        check_bounds(pointer, Some(self.max_age_hours), Some(self.max_temperature_change_k), findings);
+        Self::ROTATION_DEG.check(pointer, &self.rotation_deg, findings);
+        Self::TRANSLATION_MM.check(pointer, &self.translation_mm, findings);
+        Self::MAX_ROTATION_DEG.check(pointer, &self.max_rotation_deg, findings);
+        Self::MAX_TRANSLATION_MM.check(pointer, &self.max_translation_mm, findings);
+        Self::MAX_AGE_HOURS.check(pointer, &self.max_age_hours, findings);
+        Self::MAX_TEMPERATURE_CHANGE_K.check(pointer, &self.max_temperature_change_k, findings);
     }
 
     /// Objections that concern whose compensation it is, and its size.
@@ -260,15 +281,6 @@ impl CompensationProvenance {
         let age = too_old(origin, conditions.compensation_age_hours, Some(self.max_age_hours));
         let temperatures = [self.temperature_c, conditions.temperature_c];
         age.into_iter().chain(too_far(origin, temperatures, Some(self.max_temperature_change_k)))
-    }
-}
-
-fn check_bounds(pointer: &str, max_age_hours: Option<f64>, max_temperature_change_k: Option<f64>, findings: &mut Findings) {
-    if let Some(hours) = max_age_hours {
-        findings.range(format!("{pointer}/max_age_hours"), hours, 0.01, 1e6, "h");
-    }
-    if let Some(kelvin) = max_temperature_change_k {
-        findings.range(format!("{pointer}/max_temperature_change_k"), kelvin, 0.1, 100.0, "K");
     }
 }
 

@@ -10,6 +10,7 @@ use utoipa::ToSchema;
 use super::axis::{Axis, AxisSpec};
 use super::dialect::Dialect;
 use super::field_error::{FieldError, Findings};
+use super::field_ranges;
 use super::kinematics::{Kinematics, KinematicsSpec, LinkFrames};
 use super::shape_spec::LinkBodySpec;
 use crate::geometry::{Base, Flange, Pose};
@@ -63,6 +64,22 @@ pub struct LinkSpec {
 /// Windings of the joints with which an arm may stand at a pose: four joints of four turns each. All of them are looked at.
 const MAX_WINDINGS: f64 = 256.0;
 
+field_ranges! {
+    RobotSpec {
+        PAYLOAD_KG = "payload_kg", [0.1, 2000.0] "kg";
+        MAX_FLANGE_MOMENT_NM = "max_flange_moment_nm", [0.1, 10_000.0] "N·m";
+    }
+}
+
+field_ranges! {
+    LinkSpec {
+        LINK = "link", [0.0, 6.0] "";
+        FROM_MM = "from_mm", [-5000.0, 5000.0] "mm";
+        TO_MM = "to_mm", [-5000.0, 5000.0] "mm";
+        RADIUS_MM = "radius_mm", [1.0, 1000.0] "mm";
+    }
+}
+
 impl RobotSpec {
     /// Checks every field and builds the robot.
     ///
@@ -85,10 +102,8 @@ impl RobotSpec {
 
     fn check(&self, findings: &mut Findings) {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the robot".into());
-        findings.range("/payload_kg", self.payload_kg, 0.1, 2000.0, "kg");
-        if let Some(moment) = self.max_flange_moment_nm {
-            findings.range("/max_flange_moment_nm", moment, 0.1, 10_000.0, "N·m");
-        }
+        Self::PAYLOAD_KG.check("", &self.payload_kg, findings);
+        Self::MAX_FLANGE_MOMENT_NM.check("", &self.max_flange_moment_nm, findings);
         self.kinematics.check("/kinematics", findings);
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(&format!("/joints/{index}"), findings);
@@ -113,14 +128,11 @@ impl RobotSpec {
 
 impl LinkSpec {
     fn check(&self, pointer: &str, findings: &mut Findings) {
-        findings.range(format!("{pointer}/link"), f64::from(self.link), 0.0, 6.0, "");
+        Self::LINK.check(pointer, &self.link, findings);
         findings.require(!self.name.is_empty(), format!("{pointer}/name"), || "is empty; name the link".into());
-        for (field, ends) in [("from_mm", self.from_mm), ("to_mm", self.to_mm)] {
-            for (axis, value) in ends.iter().enumerate() {
-                findings.range(format!("{pointer}/{field}/{axis}"), *value, -5000.0, 5000.0, "mm");
-            }
-        }
-        findings.range(format!("{pointer}/radius_mm"), self.radius_mm, 1.0, 1000.0, "mm");
+        Self::FROM_MM.check(pointer, &self.from_mm, findings);
+        Self::TO_MM.check(pointer, &self.to_mm, findings);
+        Self::RADIUS_MM.check(pointer, &self.radius_mm, findings);
     }
 
     fn build(&self) -> LinkCapsule {

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::calibration::se3::{exp, twist};
 use super::field_error::Findings;
+use super::field_ranges;
 
 /// Harmonics that a specification may have.
 const MAX_HARMONICS: usize = 8;
@@ -58,6 +59,16 @@ pub struct RunoutHarmonic {
     pub sin: ErrorMotion,
 }
 
+field_ranges! {
+    RunoutSpec {
+        ORDER = "order", [1.0, MAX_ORDER] "";
+        SHIFT_COS_MM = "shift_cos_mm", [-MAX_MM, MAX_MM] "mm";
+        SHIFT_SIN_MM = "shift_sin_mm", [-MAX_MM, MAX_MM] "mm";
+        TILT_COS_DEG = "tilt_cos_deg", [-MAX_DEG, MAX_DEG] "°";
+        TILT_SIN_DEG = "tilt_sin_deg", [-MAX_DEG, MAX_DEG] "°";
+    }
+}
+
 impl RunoutSpec {
     /// Records what is out of range, below `pointer`.
     pub(super) fn check_all(specs: &[Self], pointer: &str, findings: &mut Findings) {
@@ -66,19 +77,13 @@ impl RunoutSpec {
         });
         for (index, spec) in specs.iter().enumerate() {
             let at = format!("{pointer}/{index}");
-            findings.range(format!("{at}/order"), f64::from(spec.order), 1.0, MAX_ORDER, "");
+            Self::ORDER.check(&at, &spec.order, findings);
             let is_first = specs[..index].iter().all(|before| before.order != spec.order);
             findings.require(is_first, format!("{at}/order"), || format!("is {} a second time", spec.order));
-            for (field, values) in [("shift_cos_mm", &spec.shift_cos_mm), ("shift_sin_mm", &spec.shift_sin_mm)] {
-                values.iter().enumerate().for_each(|(axis, mm)| {
-                    findings.range(format!("{at}/{field}/{axis}"), *mm, -MAX_MM, MAX_MM, "mm");
-                });
-            }
-            for (field, values) in [("tilt_cos_deg", &spec.tilt_cos_deg), ("tilt_sin_deg", &spec.tilt_sin_deg)] {
-                values.iter().enumerate().for_each(|(axis, deg)| {
-                    findings.range(format!("{at}/{field}/{axis}"), *deg, -MAX_DEG, MAX_DEG, "°");
-                });
-            }
+            Self::SHIFT_COS_MM.check(&at, &spec.shift_cos_mm, findings);
+            Self::SHIFT_SIN_MM.check(&at, &spec.shift_sin_mm, findings);
+            Self::TILT_COS_DEG.check(&at, &spec.tilt_cos_deg, findings);
+            Self::TILT_SIN_DEG.check(&at, &spec.tilt_sin_deg, findings);
         }
     }
 

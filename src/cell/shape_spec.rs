@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::field_error::Findings;
+use super::field_ranges;
 use super::pose_spec::{PoseInput, PoseSpec};
 
 /// A rigid body and where it is in its owner's frame.
@@ -17,7 +18,7 @@ pub struct BodySpec {
     #[serde(default)]
     #[schema(value_type = PoseInput)]
     pub owner_from_body: PoseSpec,
-    /// Its shape.
+    /// Shape of the body.
     pub shape: ShapeSpec,
 }
 
@@ -64,8 +65,23 @@ pub struct LinkBodySpec {
     #[serde(default)]
     #[schema(value_type = PoseInput)]
     pub owner_from_body: PoseSpec,
-    /// Its shape.
+    /// Shape of the body.
     pub shape: ShapeSpec,
+}
+
+field_ranges! {
+    ShapeSpec {
+        SIZE_MM = "size_mm", [0.01, 1e5] "mm";
+        RADIUS_MM = "radius_mm", [0.01, 1e5] "mm";
+        HEIGHT_MM = "height_mm", [0.01, 1e5] "mm";
+        LENGTH_MM = "length_mm", [0.01, 1e5] "mm";
+    }
+}
+
+field_ranges! {
+    LinkBodySpec {
+        LINK = "link", [0.0, 6.0] "";
+    }
 }
 
 impl LinkBodySpec {
@@ -77,7 +93,7 @@ impl LinkBodySpec {
 
     /// Records what is wrong with this body, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
-        findings.range(format!("{pointer}/link"), f64::from(self.link), 0.0, 6.0, "");
+        Self::LINK.check(pointer, &self.link, findings);
         self.body().check(pointer, findings);
     }
 }
@@ -87,23 +103,19 @@ impl BodySpec {
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
         findings.require(!self.name.is_empty(), format!("{pointer}/name"), || "is empty; name the body".into());
         self.owner_from_body.check(&format!("{pointer}/owner_from_body"), findings);
-        let mut size = |field: &str, value: f64| findings.range(format!("{pointer}/shape/{field}"), value, 0.01, 1e5, "mm");
+        let at = format!("{pointer}/shape");
         match &self.shape {
-            ShapeSpec::Box { size_mm } => {
-                for (axis, edge_mm) in size_mm.iter().enumerate() {
-                    size(&format!("size_mm/{axis}"), *edge_mm);
-                }
-            }
+            ShapeSpec::Box { size_mm } => ShapeSpec::SIZE_MM.check(&at, size_mm, findings),
             ShapeSpec::Cylinder { radius_mm, height_mm } => {
-                size("radius_mm", *radius_mm);
-                size("height_mm", *height_mm);
+                ShapeSpec::RADIUS_MM.check(&at, radius_mm, findings);
+                ShapeSpec::HEIGHT_MM.check(&at, height_mm, findings);
             }
             ShapeSpec::Capsule { radius_mm, length_mm } => {
-                size("radius_mm", *radius_mm);
-                size("length_mm", *length_mm);
+                ShapeSpec::RADIUS_MM.check(&at, radius_mm, findings);
+                ShapeSpec::LENGTH_MM.check(&at, length_mm, findings);
             }
             ShapeSpec::Mesh { mesh } => {
-                findings.require(!mesh.is_empty(), format!("{pointer}/shape/mesh"), || "is empty; name a mesh".into());
+                findings.require(!mesh.is_empty(), format!("{at}/mesh"), || "is empty; name a mesh".into());
             }
         }
     }

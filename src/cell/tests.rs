@@ -301,7 +301,7 @@ fn a_home_in_radians_is_recognised_and_degrees_are_not() {
     let mut cell = cell_spec().build(&Presets).unwrap_or_else(|errors| panic!("{errors:#?}"));
     let mut read = |written: [f64; 7]| {
         cell.home_rad = Configuration::from_axes_rad(written.map(f64::to_radians));
-        cell.home_in_radians()
+        cell.home_in_radians().map(|home| home.axes_tenths_deg())
     };
     let in_degrees = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0];
     assert_eq!(read(in_degrees.map(f64::to_radians)), Some(in_degrees));

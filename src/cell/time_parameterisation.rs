@@ -93,7 +93,7 @@ impl SmoothPath {
         Self { pieces }
     }
 
-    /// Its pieces in order.
+    /// Pieces of the path in order.
     #[must_use]
     pub fn pieces(&self) -> &[Piece] {
         &self.pieces

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::axis::{Axis, AxisSpec};
 use super::field_error::{FieldError, Findings};
+use super::field_ranges;
 use super::runout::{RunoutHarmonic, RunoutSpec, error_motion, max_displacement_mm};
 use super::shape_spec::BodySpec;
 use crate::geometry::{Plate, Pose, Table, table_from_plate};
@@ -52,6 +53,22 @@ pub enum RotationSpec {
     },
 }
 
+field_ranges! {
+    TurntableSpec {
+        PLATE_DIAMETER_MM = "plate_diameter_mm", [1.0, 1e4] "mm";
+        PLATE_THICKNESS_MM = "plate_thickness_mm", [0.1, 1000.0] "mm";
+        MAX_SPEED = "max_speed_deg_per_s", [0.1, 3600.0] "°/s";
+        MAX_ACCELERATION = "max_acceleration_deg_per_s2", [0.1, 1e5] "°/s²";
+    }
+}
+
+field_ranges! {
+    RotationSpec {
+        MIN_DEG = "min_deg", [-3600.0, 3600.0] "°";
+        MAX_DEG = "max_deg", [-3600.0, 3600.0] "°";
+    }
+}
+
 impl TurntableSpec {
     /// Checks every field and builds the turntable.
     ///
@@ -81,15 +98,15 @@ impl TurntableSpec {
 
     fn check(&self, findings: &mut Findings) {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the turntable".into());
-        findings.range("/plate_diameter_mm", self.plate_diameter_mm, 1.0, 1e4, "mm");
-        findings.range("/plate_thickness_mm", self.plate_thickness_mm, 0.1, 1000.0, "mm");
+        Self::PLATE_DIAMETER_MM.check("", &self.plate_diameter_mm, findings);
+        Self::PLATE_THICKNESS_MM.check("", &self.plate_thickness_mm, findings);
         if let RotationSpec::Limited { min_deg, max_deg } = self.rotation {
-            findings.range("/rotation/min_deg", min_deg, -3600.0, 3600.0, "°");
-            findings.range("/rotation/max_deg", max_deg, -3600.0, 3600.0, "°");
+            RotationSpec::MIN_DEG.check("/rotation", &min_deg, findings);
+            RotationSpec::MAX_DEG.check("/rotation", &max_deg, findings);
             findings.require(min_deg < max_deg, "/rotation/min_deg", || format!("is {min_deg}°, not below max_deg {max_deg}°"));
         }
-        findings.range("/max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 3600.0, "°/s");
-        findings.range("/max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e5, "°/s²");
+        Self::MAX_SPEED.check("", &self.max_speed_deg_per_s, findings);
+        Self::MAX_ACCELERATION.check("", &self.max_acceleration_deg_per_s2, findings);
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
         }

@@ -36,7 +36,7 @@ pub(super) enum PlanCoverage {
         /// Statement on the engine that gives another share, if one does.
         other_engine: Option<UnverifiedStatement>,
     },
-    /// No comparison, with the reason or with what to give.
+    /// Coverage that was not compared, with the reason or with what to give.
     Unchecked(String),
 }
 
@@ -51,7 +51,7 @@ pub(super) enum ProgramCoverage {
         /// Statement on the engine that gives another share, if one does.
         other_engine: Option<UnverifiedStatement>,
     },
-    /// No comparison, with the reason or with what to give.
+    /// Coverage that was not compared, with the reason or with what to give.
     Unchecked(&'static str),
 }
 

@@ -76,7 +76,7 @@ impl Present {
 /// A document without findings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sound {
-    /// Its kind.
+    /// Kind of the document.
     pub kind: DocumentKind,
     /// Description in words.
     pub description: String,

@@ -40,7 +40,7 @@ pub fn check_part(plan: &PlanDocument, part: &Mesh, sha256: &str) -> Result<(), 
 /// Holds a part against the document that is checked, if that is a plan; as [`check_part`] otherwise.
 ///
 /// # Errors
-/// Those of [`check_part`]; never one for a document that cannot be read, which [`super::check()`] tells.
+/// Errors of [`check_part`]; never one for a document that cannot be read, which [`super::check()`] tells.
 pub fn check_part_of(document: &Value, part: &Mesh, sha256: &str) -> Result<(), OtherPart> {
     if kind_of(document) != Some(DocumentKind::Plan) {
         return Ok(());
@@ -146,7 +146,7 @@ pub enum FixtureIdentity {
     Told,
     /// File and unit are those of the mesh of this name, which the plan names.
     Planned(String),
-    /// Not known, for this reason.
+    /// Identity that is not known, for this reason.
     Unknown(String),
 }
 

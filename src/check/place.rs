@@ -16,7 +16,7 @@ const SCANNER_OF_JOBS: &str = "transcan-c";
 pub enum CheckPlace<'a> {
     /// A cell.
     Cell(&'a Cell),
-    /// No cell, as a plan of viewpoints alone has; with the scanner, where it is known.
+    /// Surroundings without a cell, as a plan of viewpoints alone has; with the scanner, where it is known.
     NoCell(Option<&'a Scanner>),
 }
 

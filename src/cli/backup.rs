@@ -89,9 +89,11 @@ fn check_names(folders: [(&str, &Path); 2]) -> Result<(), CliError> {
 
 /// Error of a copy: folders that cannot be the ones meant are bad input.
 fn refused(what: &str, error: &BackupError) -> CliError {
-    use BackupError::{NoStore, NotEmpty, OntoItself, OtherStore};
+    use BackupError::{BelowSource, NoStore, NotEmpty, OntoItself, OtherStore};
     match error {
-        NoStore(_) | OntoItself(_) | NotEmpty(_) | OtherStore(_) => CliError::BadInput(format!("{what}: {error}")),
+        NoStore(_) | BelowSource { .. } | OntoItself(_) | NotEmpty(_) | OtherStore(_) => {
+            CliError::BadInput(format!("{what}: {error}"))
+        }
         BackupError::Incomplete(_)
         | BackupError::Damaged(_)
         | BackupError::Busy
@@ -136,7 +138,7 @@ fn summary(report: &BackupReport) -> String {
 mod tests {
     use super::*;
 
-    /// They ended with 1, the code of a system error.
+    /// The commands ended with 1, the code of a system error.
     #[test]
     fn folders_that_cannot_be_the_ones_meant_are_bad_input() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -149,6 +151,7 @@ mod tests {
         for (error, code) in [
             (BackupError::NotEmpty(to.clone()), 2),
             (BackupError::OtherStore(to.clone()), 2),
+            (BackupError::BelowSource { to: to.clone(), from: to.clone() }, 2),
             (BackupError::OntoItself(to), 2),
             (BackupError::Busy, 1),
             (BackupError::Damaged(Vec::new()), 1),

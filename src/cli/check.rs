@@ -30,6 +30,8 @@ use crate::wire::{DocumentKind, UnverifiedStatement, UtcTime, hex};
 
 /// Program of a plan, beside the files in the languages of controllers.
 const PROGRAM_FILE: &str = "program.json";
+/// Beginning of the names of the programs of all setups but the first, as a plan gives them.
+const LATER_PROGRAM: &str = "program-";
 /// Temperatures that a cell may have, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -50.0..=100.0;
 
@@ -145,8 +147,9 @@ fn value_of(path: &Path) -> Result<Value, CliError> {
 
 /// Advice on what to check in place of a text that cannot be checked: the document beside it, if there is one.
 fn instead_of(path: &Path, found: ForeignText) -> String {
+    let program = program_document_of(path);
     let beside = match found {
-        ForeignText::ControllerProgram => Some(PROGRAM_FILE),
+        ForeignText::ControllerProgram => Some(program.as_str()),
         ForeignText::HtmlPage | ForeignText::PlainText => Some(PLAN_FILE),
         ForeignText::Xml | ForeignText::Table => None,
     };
@@ -154,12 +157,18 @@ fn instead_of(path: &Path, found: ForeignText) -> String {
     match (beside, found) {
         (Some(beside), _) => format!("check {}, which lies beside it", beside.display()),
         (None, ForeignText::ControllerProgram) => {
-            format!("check the {PROGRAM_FILE} that it was written from; `vantage plan` and `vantage program` write both")
+            format!("check the {program} that it was written from; `vantage plan` writes it beside its {PLAN_FILE}")
         }
         (None, ForeignText::HtmlPage | ForeignText::PlainText | ForeignText::Xml | ForeignText::Table) => {
             "give a cell, a device, parameters, a plan (plan.json) or a program (program.json)".to_owned()
         }
     }
+}
+
+/// Name of the document that a program in the language of a controller is written from: a plan names both of a setup alike.
+fn program_document_of(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    if stem.starts_with(LATER_PROGRAM) { format!("{stem}.json") } else { PROGRAM_FILE.to_owned() }
 }
 
 /// Plans among the files, each with the SHA-256 of its file. One that cannot be read is told as a finding of its own.
@@ -425,7 +434,7 @@ impl CheckedFile {
     /// Sorts what was found; with `strict` warnings are errors too.
     ///
     /// # Errors
-    /// What concerns no file.
+    /// Errors that concern no file.
     fn new(file: &str, sound: Result<Sound, CliError>, strict: bool) -> Result<Self, CliError> {
         match sound {
             Ok(Sound { description, measured_of_asked, warnings, verified, unverified, .. }) => {

@@ -231,8 +231,8 @@ pub(super) fn foreign_text(path: &Path, text: &str) -> Option<ForeignText> {
     if is_named("csv") || is_named("tsv") {
         return Some(ForeignText::Table);
     }
-    // Many programs write tables named .dat; that of KRL is known by its content.
-    let mut of_controllers = Dialect::ALL.into_iter().flat_map(Dialect::outputs).filter(|output| output.extension != "dat");
+    // Further files of a program are known by their content: many programs write tables named .dat, as KRL's is.
+    let mut of_controllers = Dialect::ALL.into_iter().filter_map(|dialect| dialect.outputs().first());
     if out::is_program_text(text.as_bytes()) || of_controllers.any(|output| is_named(output.extension)) {
         return Some(ForeignText::ControllerProgram);
     }
@@ -309,7 +309,7 @@ pub(super) fn without_byte_order_mark(text: &str) -> &str {
 /// folder.
 ///
 /// # Errors
-/// Those of [`value`] and [`spec_paths::place`].
+/// Errors of [`value`] and [`spec_paths::place`].
 pub(super) fn spec_value(path: &Path) -> Result<Value, CliError> {
     let mut document = value(path)?;
     let is_hardware = kind_of(&document).is_some_and(|kind| match kind {
@@ -355,7 +355,7 @@ pub(super) fn unreadable(path: &Path, error: &std::io::Error) -> CliError {
 /// Refuses the name of a file or folder that is not there.
 ///
 /// # Errors
-/// Those of [`unreadable`].
+/// The error of [`unreadable`].
 pub(super) fn require_existing(path: &Path) -> Result<(), CliError> {
     std::fs::metadata(path).map(drop).map_err(|error| unreadable(path, &error))
 }
@@ -528,7 +528,7 @@ pub fn mesh(path: &Path, unit: Option<LengthUnit>, poll: &Poll<'_>) -> Result<(R
 /// Reads a mesh file as [`mesh`] does; calls `is_read` when its bytes are read and its mesh is to be welded and assessed.
 ///
 /// # Errors
-/// Those of [`mesh`].
+/// Errors of [`mesh`].
 pub(super) fn mesh_in_steps(
     path: &Path,
     unit: Option<LengthUnit>,

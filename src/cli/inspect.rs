@@ -14,7 +14,7 @@ use crate::geometry::{LengthUnit, Poll};
 use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text, unit_text};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{area_mm2, by_thousands, fixed, fixed_nonzero};
-use crate::wire::{DocumentKind, MeshHealthReport};
+use crate::wire::{DocumentKind, MeshHealthReport, MeshNoteCode};
 
 /// Show the size and defects of a mesh, or the field of view and measurement volume of a scanner.
 #[derive(Clone, Debug, clap::Args)]
@@ -51,8 +51,6 @@ struct Inspected<'a> {
 
 /// Fields of the report that are not known without the unit.
 const OF_UNIT: [&str; 3] = ["bbox_mm", "area_mm2", "volume_mm3"];
-/// Code of the warning on a size that no part has.
-const UNIT_SUSPECT: &str = "unit_suspect";
 
 /// Prints the report of the file.
 ///
@@ -81,7 +79,7 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     };
     let mut report = MeshHealthReport::new(&mesh);
     if args.unit.is_none() {
-        report.warnings.retain(|note| note.code != UNIT_SUSPECT);
+        report.warnings.retain(|note| note.code != MeshNoteCode::UnitSuspect.as_str());
     }
     let (size, limits) = (PartSize::new(&mesh.health.aabb, unit), args.limits()?);
     let warnings =

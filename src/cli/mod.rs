@@ -111,7 +111,7 @@ enum Command {
     Healthcheck(healthcheck::HealthcheckArgs),
 }
 
-/// Error that ends a command, with an exit code (contract: 2, 3, 4); 3 stands for every lack of a plan that does what is asked.
+/// Error that ends a command, with its [exit code](Self::exit_code); 3 stands for every lack of a plan that does what is asked.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CliError {
     /// System error: an address in use, a disk that cannot be written to, a server that does not answer.

@@ -177,7 +177,7 @@ impl OutputFolder {
     /// the disk.
     ///
     /// # Errors
-    /// Those of [`OutputFolder::replace`].
+    /// Errors of [`OutputFolder::replace`].
     pub(super) fn replace_timed(
         &self,
         artifacts: &[Artifact],

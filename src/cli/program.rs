@@ -11,7 +11,7 @@ use crate::check::{Reference, field_errors};
 use crate::planning::params::DialectParams;
 use crate::program::Program;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
-use crate::service::plan_job::{Artifact, PLAN_FILE, program_stem};
+use crate::service::plan_job::{Artifact, PLAN_FILE, TEXT_REPORT_FILE, program_stem};
 use crate::wire::DocumentKind;
 use crate::wire::output_record::RECORD_FILE;
 use crate::wire::parameters;
@@ -68,6 +68,8 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     let dialect = dialect(args.dialect, &cell.robot)?;
     let mut reference_args = args.reference.clone();
     let beside = plan_beside(&args.from)?;
+    // First: without a program, neither plan nor part is of use.
+    let paths = programs(&args.from)?;
     reference_args.plan = reference_args.plan.or(beside);
     let job = RenderJob {
         reference: reference_args.load()?,
@@ -81,7 +83,6 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     let params = params(job.reference.plan.as_ref().map(|(plan, _)| plan), &args.sets)?;
     let (mut rendered, mut rendered_from, mut renamed) = (Vec::new(), Vec::new(), Vec::new());
     let mut plan_sha256: Option<String> = None;
-    let paths = programs(&args.from)?;
     for path in &paths {
         let shown = path.display().to_string();
         let kind = ("a program", Some(DocumentKind::Program));
@@ -118,11 +119,11 @@ fn renaming(dialect: Dialect, asked: &str, setup: usize, files: &[DialectFile]) 
     let (stem, _) = files.first()?.name.rsplit_once('.')?;
     let wanted = if setup == 0 { asked.to_owned() } else { format!("{asked}_{}", setup + 1) };
     // Tables are named as by a plan, whatever the program.
-    if dialect == Dialect::Csv || stem.eq_ignore_ascii_case(&wanted) {
+    if dialect.is_table() || stem.eq_ignore_ascii_case(&wanted) {
         return None;
     }
-    let longer = "; give dialects.fanuc_name_chars if the controller takes longer names";
-    let longer = if dialect == Dialect::Fanuc { longer } else { "" };
+    let longer = dialect.name_length_param().map(|param| format!("; give dialects.{param} if the controller takes longer names"));
+    let longer = longer.unwrap_or_default();
     Some(format!("the program is named {stem}, because {} programs cannot be named {wanted:?}{longer}", dialect.as_str()))
 }
 
@@ -219,10 +220,12 @@ pub(super) fn unplaced(program: &impl std::fmt::Display, reason: &str) -> CliErr
     CliError::BadInput(format!("{program}: {reason}\n  → keep plan.json beside it, or name it with --plan"))
 }
 
-/// Error for a folder without a program: a plan that was made without a cell has none.
+/// Error for a folder without a program: a plan that was made without a cell has none, and neither has a part without a plan.
 pub(super) fn without_program(folder: &Path) -> CliError {
     let reason = if folder.join(PLAN_FILE).is_file() {
         "has no program.json: its plan was made without a cell and has only viewpoints; plan with a cell (--cell)"
+    } else if folder.join(TEXT_REPORT_FILE).is_file() {
+        "has neither plan nor program.json; its report.txt says why"
     } else {
         "has no program.json"
     };

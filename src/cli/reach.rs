@@ -13,7 +13,7 @@ use super::{CliError, output};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, mountings, own_layout, reach};
-use crate::report::study::reach::{ReachInput, csv, svg, text};
+use crate::report::study::reach::{ReachInput, csv, mounting_words, svg, text};
 use crate::service::plan_job::Artifact;
 
 /// Default distances from the cell's own layout, mm.
@@ -100,7 +100,7 @@ pub fn run(args: &ReachArgs, cancel: &AtomicBool) -> Result<(), CliError> {
 fn document(results: &ReachInput<'_>, folder: &Path) -> Value {
     let layout = |layout: &Layout| {
         json!({
-            "mounting": results.layouts.mountings[layout.mounting].label,
+            "mounting": mounting_words(&results.layouts.mountings[layout.mounting]),
             "foot_mm": layout.foot_mm,
             "table_mm": layout.table_mm,
             "elevations": layout.reached.map(|reached| reached.elevations),

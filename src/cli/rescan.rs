@@ -9,16 +9,15 @@ use super::plan::{now, pool, print_summary, require_a_view, to_cli_error, warn_o
 use super::progress::{Course, Progress};
 use super::ranges::whole;
 use super::scanned_part::{ScannedPartArgs, read_state, with_sets};
-use super::{CliError, files, output};
+use super::{CliError, files, output, params};
 use crate::planning::context::Context;
 use crate::planning::params::RescanParams;
 use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{PLAN_FILE, PlanJob, Reports, bytes_of, plan_sha256};
 use crate::service::rescan_job::RescanJob;
+use crate::wire::parameters;
 
-/// Plan further views for surface that the scans missed.
-#[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:
+const EXAMPLES: &str = "Examples:
   vantage compare plan scans --mesh part.stl --unit mm --out inspection
   vantage rescan inspection plan --mesh part.stl --unit mm --out plan2
   vantage rescan inspection plan --mesh part.stl --unit mm --set max_views=8 \\
@@ -27,9 +26,14 @@ use crate::service::rescan_job::RescanJob;
 Vantage chooses the views that are expected to add the most area, given the rates at which the scanner returned points. Surface \
 that no view recovers, such as concave corners, is left out. Vantage stops at max_views (default 4), when the best view is \
 expected to add less than min_gain (0.002 of the asked area), when all further views together would add less than min_left \
-(0.005 of it), or after max_rounds (2). The result is a plan like that of `vantage plan`, with its program.
+(0.005 of it), or after max_rounds (2). `vantage rescan --help` lists these parameters with their ranges. The result is a plan \
+like that of `vantage plan`, with its program.
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no further view worth taking or none that has a path, 4 interrupted.")]
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no further view worth taking or none that has a path, 4 interrupted.";
+
+/// Plan further views for surface that the scans missed.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}{}", params::for_help(&parameters::of_rescans())))]
 pub struct RescanArgs {
     /// Inspection: the folder that `vantage compare` wrote, or its rescan.json.
     #[arg(value_name = "INSPECTION")]

@@ -26,7 +26,7 @@ pub(super) fn place(document: &mut Value, file: &Path) -> Result<(), CliError> {
 /// The specification that was read from `file` as it stands there, with its paths as [`place`] puts them.
 ///
 /// # Errors
-/// Those of [`place`].
+/// Errors of [`place`].
 pub(super) fn placed<T: Serialize + DeserializeOwned>(spec: &T, file: &Path) -> Result<T, CliError> {
     changed(spec, file, |document| place(document, file))
 }

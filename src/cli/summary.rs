@@ -5,11 +5,11 @@ use crate::cli::CliError;
 use crate::report::text::{NOTHING_OPEN, reached_percent};
 use crate::service::plan_job::Artifact;
 use crate::wire::parse;
-use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RobustDocument, SetupDocument};
-use crate::wire::summary::{SUMMARY_FILE, Summary};
+use crate::wire::plan::{PlanDocument, RegionCoverageDocument, SetupDocument};
+use crate::wire::summary::{HeadlineDocument, SUMMARY_FILE, Summary};
 use crate::wire::words::{
-    NOTHING_IN_REGION, area_mm2, asked_name, at_risk_sentence, counted, first_lie, percent_below, pose_error_sizes,
-    region_verdict, stability_sentence,
+    MEANING_OF_INDEPENDENT, NOTHING_IN_REGION, area_mm2, at_risk_sentence, counted, first_lie, percent_below, region_verdict,
+    stability_sentence,
 };
 
 /// Lines on a plan, by its files.
@@ -19,6 +19,7 @@ use crate::wire::words::{
 pub(super) fn lines(artifacts: &[Artifact]) -> Result<Vec<String>, CliError> {
     let (summary, plan) = (of(artifacts)?, read::<PlanDocument>(artifacts, "plan.json")?);
     let mut lines = summary.lines();
+    lines.extend(share_lines(&summary.headline));
     lines.extend(details(&plan));
     Ok(lines)
 }
@@ -36,11 +37,20 @@ fn read<T: serde::de::DeserializeOwned>(artifacts: &[Artifact], name: &str) -> R
     parse(bytes).map_err(|error| CliError::Failed(format!("{name}: {error}")))
 }
 
-/// Lines on what the summary leaves to details: area at risk, pose errors, setups, and regions.
+/// Table of the shares that head a plan, with their meanings; nothing without any.
+fn share_lines(headline: &[HeadlineDocument]) -> Vec<String> {
+    let title = (!headline.is_empty()).then(|| format!("Shares (independent: on {MEANING_OF_INDEPENDENT}):"));
+    let row = |HeadlineDocument { name, share, independent, meaning }: &HeadlineDocument| {
+        let on = if *independent { "independent" } else { "" };
+        format!("  {name:<25} {:>6} %  {on:<11}  {meaning}", percent_below(*share, 1.0, 2))
+    };
+    title.into_iter().chain(headline.iter().map(row)).collect()
+}
+
+/// Lines on what the summary leaves to details: area at risk, setups, and regions.
 fn details(plan: &PlanDocument) -> Vec<String> {
     let coverage = &plan.coverage;
     let mut lines: Vec<String> = coverage.at_risk.iter().map(at_risk_sentence).collect();
-    lines.extend(coverage.robust.as_ref().map(|robust| under_pose_errors(robust, coverage.of_open)));
     lines.extend(setup_lines(plan));
     lines.extend(
         plan.setup_links.iter().map(|link| {
@@ -91,42 +101,29 @@ pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
     )
 }
 
-/// Worst shares of the asked area under pose errors, on one line.
-fn under_pose_errors(robust: &RobustDocument, is_of_open: bool) -> String {
-    let worst = |name: &str, drawn: &DrawnDocument, draws: usize| {
-        format!("{} % with {name} off (worst of {})", percent_below(drawn.worst, 1.0, 2), counted(draws, "draw"))
-    };
-    let (part, hand_eye) = (&robust.part, robust.hand_eye.as_ref());
-    let of_part = worst("the part and its support", &part.of_asked, part.draws);
-    let mut cases = vec![worst("each view", &robust.of_asked, robust.draws), of_part];
-    cases.extend(hand_eye.map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked, hand_eye.draws)));
-    let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
-    let asked = asked_name(is_of_open);
-    format!("Coverage of the {asked} area if poses are off by {angle_deg}° and {shift_mm} mm: {}", cases.join(", "))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::params::PoseErrorParams;
-    use crate::wire::plan::MisplacedDocument;
 
+    /// The shares were told on one line, without a word on what they are of.
     #[test]
-    fn each_kind_of_pose_error_is_told_with_its_own_number_of_draws() {
-        let of_asked = |worst: f64| DrawnDocument { nominal: 1.0, worst, p5: 1.0, mean: 1.0 };
-        let robust = RobustDocument {
-            pose_error: PoseErrorParams { angle_deg: 0.004_691, translation_mm: 2.0 },
-            draws: 21,
-            of_asked: of_asked(0.999_96),
-            part: MisplacedDocument { draws: 7, of_asked: of_asked(0.75) },
-            hand_eye: Some(MisplacedDocument { draws: 1, of_asked: of_asked(0.5) }),
+    fn the_table_of_shares_tells_the_meaning_of_each() {
+        let of = |name: &str, independent| HeadlineDocument {
+            name: name.to_owned(),
+            share: 0.999_96,
+            independent,
+            meaning: "visible: it can be seen".to_owned(),
         };
-        let told = "99.99 % with each view off (worst of 21 draws), 75.00 % with the part and its support off (worst of 7 draws), \
-                    50.00 % with the hand-eye calibration off (worst of 1 draw)";
-        let line = under_pose_errors(&robust, false);
-        let begins = "Coverage of the asked area if poses are off by 0.00469° and 2 mm: ";
-        assert!(line.ends_with(told) && line.starts_with(begins), "{line}");
-        assert!(under_pose_errors(&robust, true).starts_with("Coverage of the open area if "), "of further views");
+        let told = share_lines(&[of("measured of visible", true), of("measured of coverable", false)]);
+        assert_eq!(
+            told,
+            [
+                "Shares (independent: on samples that were not used to choose views):",
+                "  measured of visible        99.99 %  independent  visible: it can be seen",
+                "  measured of coverable      99.99 %               visible: it can be seen",
+            ]
+        );
+        assert!(share_lines(&[]).is_empty());
     }
 
     /// "0.00 %, no target" was told of a region beside the part.

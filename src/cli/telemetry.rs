@@ -7,6 +7,7 @@ use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use tracing::Level;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
@@ -29,27 +30,41 @@ static QUEUE: OnceLock<LogQueue> = OnceLock::new();
 
 /// Starts the log of a server: as set, more with `--verbose`, errors only with `--quiet`.
 pub(super) fn start(settings: &TelemetrySettings) -> Result<DetachedLog, CliError> {
-    let filter = match (output::is_quiet(), output::verbosity()) {
-        (true, _) => "error",
-        (false, 0) => settings.log.as_str(),
-        (false, 1) => "debug",
-        (false, _) => "trace",
-    };
+    let filter = if output::is_quiet() { "error".to_owned() } else { server_filter(&settings.log, output::verbosity()) };
     let format = if output::is_json() { LogFormat::Json } else { settings.format };
     let log = detach()?;
-    start_with(filter, format)?;
+    start_with(&filter, format)?;
     Ok(log)
+}
+
+/// Filter of a server's log. `--verbose` adds the server's own details to what is set, not those of every library: a line for
+/// each statement to the database would bury them. Modules of the server that the setting names keep their levels.
+fn server_filter(set: &str, verbosity: u8) -> String {
+    let own = match verbosity {
+        0 => return set.to_owned(),
+        1 => Level::DEBUG,
+        2 => Level::TRACE,
+        _ => return "trace".to_owned(),
+    };
+    let is_told = targets(set).is_ok_and(|set| set.would_enable("vantage", &own));
+    // Without a level for all others, a filter has errors alone.
+    if is_told { set.to_owned() } else { format!("error,{set},vantage={own}") }
 }
 
 /// Starts the log of any other command, which has none without `--verbose`.
 pub(super) fn start_if_verbose() -> Result<(), CliError> {
-    let filter = match output::verbosity() {
-        0 => return Ok(()),
-        1 => "info",
-        2 => "debug",
-        _ => "trace",
-    };
+    let Some(filter) = command_filter(output::verbosity()) else { return Ok(()) };
     start_with(filter, if output::is_json() { LogFormat::Json } else { LogFormat::Text })
+}
+
+/// Filter of the log of any other command. As with a server's, the details are the program's own at first.
+fn command_filter(verbosity: u8) -> Option<&'static str> {
+    match verbosity {
+        0 => None,
+        1 => Some("info"),
+        2 => Some("info,vantage=debug"),
+        _ => Some("trace"),
+    }
 }
 
 fn start_with(filter: &str, format: LogFormat) -> Result<(), CliError> {
@@ -247,6 +262,39 @@ mod tests {
         );
         assert!(targets("[span]=debug").expect_err("no module").contains("names a span or a field"));
         assert!(targets("everything").is_err());
+    }
+
+    /// Each line of the database was a line of the log, and the levels that were set were gone.
+    #[test]
+    fn a_verbose_server_tells_its_own_details_and_keeps_the_levels_that_are_set() {
+        let told = |set: &str, verbosity: u8, module: &str| {
+            let filter = targets(&server_filter(set, verbosity)).expect("a filter");
+            let levels = [Level::ERROR, Level::WARN, Level::INFO, Level::DEBUG, Level::TRACE];
+            levels.into_iter().filter(|level| filter.would_enable(module, level)).count()
+        };
+        let set = "warn,vantage::http=error";
+        assert_eq!([0, 1, 2, 3].map(|verbosity| told(set, verbosity, "vantage::service")), [2, 4, 5, 5]);
+        assert_eq!([0, 1, 2, 3].map(|verbosity| told(set, verbosity, "vantage_core::planning")), [2, 4, 5, 5]);
+        assert_eq!([0, 1, 2, 3].map(|verbosity| told(set, verbosity, "vantage::http::events")), [1, 1, 1, 5]);
+        assert_eq!([0, 1, 2, 3].map(|verbosity| told("info", verbosity, "sqlx::query")), [3, 3, 3, 5]);
+        assert_eq!(told("trace", 1, "vantage::service"), 5, "no less than is set");
+        assert_eq!([0, 1].map(|verbosity| told(" ", verbosity, "sqlx::query")), [1, 1]);
+    }
+
+    /// Each step of a library was a line of the log.
+    #[test]
+    fn a_verbose_command_tells_its_own_details_before_those_of_libraries() {
+        assert_eq!(command_filter(0), None);
+        let told = |verbosity: u8, module: &str| {
+            let filter = targets(command_filter(verbosity).expect("a log")).expect("a filter");
+            [Level::INFO, Level::DEBUG, Level::TRACE].map(|level| filter.would_enable(module, &level))
+        };
+        for module in ["vantage::cli", "vantage_core::planning"] {
+            let wanted = [[true, false, false], [true, true, false], [true; 3], [true; 3]];
+            assert_eq!([1, 2, 3, 4].map(|verbosity| told(verbosity, module)), wanted, "{module}");
+        }
+        let wanted = [[true, false, false], [true, false, false], [true; 3], [true; 3]];
+        assert_eq!([1, 2, 3, 4].map(|verbosity| told(verbosity, "sqlx::query")), wanted);
     }
 
     #[test]

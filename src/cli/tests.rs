@@ -416,6 +416,21 @@ fn the_help_of_a_comparison_names_every_file_and_every_parameter() {
     assert!(parameters.contains("compare.tolerance_mm = 0.15    (0.001 to 100 mm)\n    Distance"), "{parameters}");
 }
 
+/// The help told the defaults of parameters alone.
+#[test]
+fn the_help_of_a_rescan_names_every_parameter_with_its_range() {
+    let command = <Cli as clap::CommandFactory>::command();
+    let rescan = command.find_subcommand("rescan").expect("a command");
+    let help = rescan.get_after_long_help().map(ToString::to_string).unwrap_or_default();
+    let (_, parameters) = help.split_once("Parameters for --set:").expect("parameters");
+    for told in
+        ["max_views = 4    (1 to 1000 views)\n", "min_gain = 0.002    (0 to 1)\n", "max_rounds = 2    (1 to 100 rounds)\n"]
+    {
+        assert!(parameters.contains(told), "{told} is not in\n{parameters}");
+    }
+    assert!(parameters.contains("min_left = 0.005    (0 to 1)\n"), "{parameters}");
+}
+
 #[test]
 fn a_dash_is_no_file_and_no_standard_input() {
     let file = std::path::Path::new("-");

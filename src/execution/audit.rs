@@ -61,7 +61,7 @@ pub struct AuditHead {
 /// Break of a chain.
 #[derive(Debug, thiserror::Error)]
 pub enum AuditBreach {
-    /// Not to be read.
+    /// A log that cannot be read.
     #[error("{file} cannot be read: {error}")]
     Unreadable {
         /// File.

@@ -38,21 +38,21 @@ pub type TableState = DeviceState<1>;
 /// Condition of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Condition {
-    /// Its drives have power.
+    /// True if the drives have power.
     pub powered: bool,
-    /// Its brakes are open.
+    /// True if the brakes are open.
     pub brakes_open: bool,
-    /// It moves.
+    /// True if the device moves.
     pub moving: bool,
-    /// It says that it is where it was sent.
+    /// True if the device says that it is where it was sent.
     pub in_position: bool,
     /// An emergency stop is pressed or not yet reset.
     pub emergency_stop: bool,
     /// A guard is open.
     pub guard_open: bool,
-    /// It is guided by hand.
+    /// True if the device is guided by hand.
     pub hand_guided: bool,
-    /// Its controller holds the motion, or a program on it.
+    /// True if the controller holds the motion, or a program on it.
     pub paused: bool,
     /// Fault that it reports.
     pub fault: Option<FaultCode>,
@@ -96,9 +96,9 @@ pub struct Target<const N: usize> {
 /// Times at which a stop went out and the controller said that it had it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StopAcknowledged {
-    /// Its last byte was handed to the wire.
+    /// Time at which the last byte of the stop was handed to the wire.
     pub sent_at: Instant,
-    /// Its answer was read.
+    /// Time at which the answer to the stop was read.
     pub acknowledged_at: Instant,
 }
 
@@ -253,7 +253,7 @@ pub enum DeviceError {
         /// Words of the operating system.
         reason: String,
     },
-    /// No answer in time.
+    /// The device did not answer in time.
     #[error("no answer within {} ms; check its network and whether another client holds it", waited.as_millis())]
     Silent {
         /// Time waited.
@@ -268,17 +268,17 @@ pub enum DeviceError {
     /// The device says no.
     #[error("it refused with code {code} ({text}); clear that at the device, then try again")]
     Refused {
-        /// Its number.
+        /// Number that the device gives.
         code: i64,
-        /// Its words.
+        /// Words of the device.
         text: String,
     },
     /// The device has a fault.
     #[error("the device is in fault {code} ({text}); clear it at the device, then arm again")]
     Fault {
-        /// Its number.
+        /// Number of the fault.
         code: u32,
-        /// Its words.
+        /// Words for the fault.
         text: String,
     },
     /// The device cannot take motion now.

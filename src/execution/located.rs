@@ -86,7 +86,7 @@ pub enum Misplaced {
         /// Words for how to put it right.
         how: String,
     },
-    /// Not free, or not sound.
+    /// The program is not free of collisions, or not sound, with the part there.
     #[error("with the part {mm:.1} mm and {deg:.1}° off the program is not sound ({finding}); {how}")]
     Unsound {
         /// First finding of the linter.
@@ -402,8 +402,8 @@ impl<'a> Search<'a> {
         Self { cell, scene, motion: MotionParams { table, ..MotionParams::default() }, ctx }
     }
 
-    /// These points, or others where the way through them is not free; these too where no other way is found, for the linter to
-    /// say what is in the way.
+    /// Returns these points, or others where the way through them is not free; these too where no other way is found, for the
+    /// linter to say what is in the way.
     fn free(
         &self,
         from: &Configuration,

@@ -79,7 +79,7 @@ pub struct StepRecord {
     pub commanded: Configuration,
     /// Measured configuration at its end; of a capture, when it was triggered.
     pub measured: Configuration,
-    /// Their distance.
+    /// Distance of the measured configuration from the commanded one.
     pub deviation: PoseDeviation,
     /// Predicted time, at the program's speed.
     pub planned_secs: f64,

@@ -23,7 +23,7 @@ pub enum Planted {
     HandGuided,
     /// Paused at its controller.
     Held,
-    /// No power.
+    /// Drives without power.
     PowerLost,
     /// Brakes closed.
     BrakesClosed,

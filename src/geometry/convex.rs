@@ -45,9 +45,9 @@ impl HalfSpace {
 pub struct ConvexPolytope {
     /// Half-spaces whose intersection it is, without repetitions; some may not touch it.
     pub half_spaces: Vec<HalfSpace>,
-    /// Its corners, in no particular order.
+    /// Corners of the polytope, mm, in no particular order.
     pub vertices_mm: Vec<Point3<f64>>,
-    /// Its volume.
+    /// Volume of the polytope, mm³.
     pub volume_mm3: f64,
 }
 

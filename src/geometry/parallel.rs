@@ -31,7 +31,7 @@ pub(crate) fn try_map<T: Sync, R: Send, E: Send>(items: &[T], work: impl Fn(&T) 
 /// Results of `work` for 0 … `count` − 1, in order. Once one has failed, no other is begun.
 ///
 /// # Errors
-/// As [`try_map`].
+/// The first error in the order of the items, of those that were met, as of [`try_map`].
 pub(crate) fn try_map_range<R: Send, E: Send>(count: usize, work: impl Fn(usize) -> Result<R, E> + Sync) -> Result<Vec<R>, E> {
     let has_failed = AtomicBool::new(false);
     let of_block = |block: Range<usize>| {
@@ -51,7 +51,7 @@ pub(crate) fn try_map_range<R: Send, E: Send>(count: usize, work: impl Fn(usize)
 /// Results of `work` for chunks of `length` items, the last of which may be shorter, in order. Once one has failed, no other is begun.
 ///
 /// # Errors
-/// As [`try_map`].
+/// The first error in the order of the chunks, of those that were met, as of [`try_map`].
 pub(crate) fn try_map_chunks<T: Sync, R: Send, E: Send>(
     items: &[T],
     length: usize,

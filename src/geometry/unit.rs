@@ -47,7 +47,7 @@ impl LengthUnit {
         }
     }
 
-    /// Its name in files, queries and options.
+    /// Name of the unit in files, queries and options.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         self.names()[0]

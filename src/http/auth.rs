@@ -55,7 +55,7 @@ impl ApiKey {
         same(&self.digest(), &digest_of(presented))
     }
 
-    /// Its SHA-256.
+    /// SHA-256 of the key.
     pub(super) fn digest(&self) -> KeyDigest {
         digest_of(&self.0)
     }

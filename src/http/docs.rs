@@ -138,7 +138,7 @@ fn start_page(html: &[u8]) -> Vec<u8> {
 const MOUNT_POINT: &str = "<div id=\"swagger-ui\"></div>";
 /// Other pages of the server, relative to the folder of Swagger UI.
 const SEE_ALSO: &str = "<nav style=\"max-width: 1460px; margin: 1rem auto 0; padding: 0 20px; font-family: sans-serif\">\
-    <a href=\"../\">Dashboard</a> · <a href=\"../parameters\">Parameters of a plan</a> · <a href=\"../problems\">Problems</a></nav>\n";
+    <a href=\"../\">Dashboard</a> · <a href=\"../parameters\">Parameters</a> · <a href=\"../problems\">Problems</a></nav>\n";
 
 /// Forms of the list of problems.
 static PROBLEMS: [Representation; 2] = [

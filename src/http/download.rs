@@ -17,7 +17,7 @@ use crate::service::PartNames;
 pub(super) enum AskedPart {
     /// All of it.
     Whole,
-    /// These bytes.
+    /// A range of bytes.
     Bytes(Range<u64>),
     /// Bytes beyond the end.
     BeyondEnd,

@@ -119,7 +119,11 @@ pub(super) fn is_timeout(error: &(dyn std::error::Error + 'static)) -> bool {
 
 /// The 408 response to a body that arrives too slowly.
 pub(super) fn request_timeout() -> ApiError {
-    ApiError::new(Code::RequestTimeout, "the body arrived too slowly")
+    let detail = format!(
+        "the body arrived too slowly: it stalled for longer than server.body_idle_timeout_secs, or brought less than \
+         {MIN_BODY_RATE} bytes a second on average"
+    );
+    ApiError::new(Code::RequestTimeout, detail)
 }
 
 /// Check of a body's average rate. A few bytes now and then keep a connection alive; for a body, which holds one of the client's

@@ -72,8 +72,9 @@ struct ReadFile {
 impl Keys {
     /// The keys of a server.
     pub(super) fn open(options: &ServerOptions) -> Self {
-        let of_settings = options.api_key.as_ref().map(|key| NamedKey::new(OF_SETTINGS, key.digest()));
-        Self { of_settings, file: options.api_keys_file.clone().map(KeysFile::open), wrong: Mutex::default() }
+        let of_settings = options.api_key.as_ref().map(NamedKey::of_settings);
+        let file = options.api_keys_file.clone().map(|path| KeysFile::open(path, of_settings.as_ref()));
+        Self { of_settings, file, wrong: Mutex::default() }
     }
 
     /// True if requests need a key, also where none is right at the moment.
@@ -100,7 +101,7 @@ impl Keys {
 
     /// Name of the key with this digest, if it is still one of ours.
     pub(super) fn name_of(&self, digest: &KeyDigest, now: Instant) -> Option<KeyName> {
-        let in_file = self.file.as_ref().map(|file| file.keys(now));
+        let in_file = self.file.as_ref().map(|file| file.keys(now, self.of_settings.as_ref()));
         let all = self.of_settings.iter().chain(in_file.iter().flat_map(|keys| keys.iter()));
         // Every key is compared whole, so that the time tells nothing.
         all.fold(None, |found, key| if key.has(digest) { found.or_else(|| Some(key.name.clone())) } else { found })
@@ -112,15 +113,19 @@ impl NamedKey {
         Self { name: KeyName(name.into()), digest }
     }
 
+    fn of_settings(key: &ApiKey) -> Self {
+        Self::new(OF_SETTINGS, key.digest())
+    }
+
     fn has(&self, digest: &KeyDigest) -> bool {
         same(&self.digest, digest)
     }
 }
 
 impl KeysFile {
-    fn open(path: PathBuf) -> Self {
+    fn open(path: PathBuf, of_settings: Option<&NamedKey>) -> Self {
         let version = version_of(&path);
-        let keys = read(&path).unwrap_or_else(|reason| {
+        let keys = read(&path, of_settings).unwrap_or_else(|reason| {
             tracing::error!(reason, "the keys in server.api_keys_file cannot be read; none of them is accepted");
             Vec::new()
         });
@@ -128,7 +133,7 @@ impl KeysFile {
     }
 
     /// The keys, read again if the file has changed.
-    fn keys(&self, now: Instant) -> Arc<[NamedKey]> {
+    fn keys(&self, now: Instant, of_settings: Option<&NamedKey>) -> Arc<[NamedKey]> {
         // Whole after every operation, also where a thread died in between.
         let mut state = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         if now.saturating_duration_since(state.looked) >= LOOK_INTERVAL {
@@ -136,7 +141,7 @@ impl KeysFile {
             let version = version_of(&self.path);
             if version != state.version {
                 state.version = version;
-                let read = read_changed(&self.path);
+                let read = read_changed(&self.path, of_settings);
                 // A typing error must not lock everybody out, but a key that was to be revoked is in force as long as it stands.
                 metrics::record(|metrics| metrics.api_keys_file_unreadable.set(if read.is_err() { 1.0 } else { 0.0 }));
                 match read {
@@ -160,33 +165,33 @@ fn version_of(path: &Path) -> Option<(SystemTime, u64)> {
     Some((about.modified().ok()?, about.len()))
 }
 
-/// Checks a file of keys.
+/// Checks a file of keys, beside the key in the settings.
 ///
 /// # Errors
 /// The reason why it cannot be used; no key is in it.
-pub fn check_keys_file(path: &Path) -> Result<(), String> {
-    read(path).map(drop)
+pub fn check_keys_file(path: &Path, api_key: Option<&ApiKey>) -> Result<(), String> {
+    read(path, api_key.map(NamedKey::of_settings).as_ref()).map(drop)
 }
 
-fn read(path: &Path) -> Result<Vec<NamedKey>, String> {
-    parse(path, &text_of(path)?)
+fn read(path: &Path, of_settings: Option<&NamedKey>) -> Result<Vec<NamedKey>, String> {
+    parse(path, &text_of(path)?, of_settings)
 }
 
 /// Reads a file of keys that has changed. One that is empty is not what somebody wrote who revokes keys: an editor or a full disk has
 /// cut it off, which must not lock everybody out.
-fn read_changed(path: &Path) -> Result<Vec<NamedKey>, String> {
+fn read_changed(path: &Path, of_settings: Option<&NamedKey>) -> Result<Vec<NamedKey>, String> {
     let text = text_of(path)?;
     if text.trim().is_empty() {
         return Err(format!("{}: is empty; to revoke every key, leave a comment in it, such as \"# none\"", path.display()));
     }
-    parse(path, &text)
+    parse(path, &text, of_settings)
 }
 
 fn text_of(path: &Path) -> Result<String, String> {
     std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-fn parse(path: &Path, text: &str) -> Result<Vec<NamedKey>, String> {
+fn parse(path: &Path, text: &str, of_settings: Option<&NamedKey>) -> Result<Vec<NamedKey>, String> {
     // The error's own text would show the line, and the key in it.
     let keys: BTreeMap<String, ApiKey> = toml::from_str(text)
         .map_err(|error| format!("{}: {}; allowed are lines of the form name = \"key\"", path.display(), error.message()))?;
@@ -202,7 +207,23 @@ fn parse(path: &Path, text: &str) -> Result<Vec<NamedKey>, String> {
             path.display()
         )),
     });
-    named.collect()
+    let named = named.collect::<Result<Vec<NamedKey>, String>>()?;
+    check_distinct(&named, of_settings).map_err(|reason| format!("{}: {reason}", path.display()))?;
+    Ok(named)
+}
+
+/// Refuses one key under two names: whoever revokes one of them would leave its holder in under the other.
+fn check_distinct(keys: &[NamedKey], of_settings: Option<&NamedKey>) -> Result<(), String> {
+    for (index, key) in keys.iter().enumerate() {
+        let KeyName(name) = &key.name;
+        if of_settings.is_some_and(|other| other.has(&key.digest)) {
+            return Err(format!("the key of {name:?} is that of server.api_key too; give each a key of its own"));
+        }
+        if let Some(NamedKey { name: KeyName(other), .. }) = keys[..index].iter().find(|other| other.has(&key.digest)) {
+            return Err(format!("{other:?} and {name:?} have the same key; give each name a key of its own"));
+        }
+    }
+    Ok(())
 }
 
 /// SHA-256 of a presented key.
@@ -265,6 +286,40 @@ mod tests {
         assert_eq!(name(&keys, MES, 4), None);
     }
 
+    /// Someone whose key is removed from one of the two lines would stay in.
+    #[test]
+    fn one_key_under_two_names_is_refused_at_the_start_and_keeps_the_earlier_keys_in_force_later() {
+        let twice = format!("alice = \"{MES}\"\nbob = \"{MES}\"\n");
+        let (keys, file) = opened(&twice);
+        assert_eq!(name(&keys, MES, 0), None);
+        let reason = check_keys_file(file.path(), None).expect_err("one key");
+        assert!(reason.contains("\"alice\" and \"bob\"") && !reason.contains(MES), "{reason}");
+        std::fs::write(file.path(), format!("alice = \"{MES}\"\n")).expect("written");
+        assert_eq!(name(&keys, MES, 2).as_deref(), Some("alice"));
+        let api_key = |text: &str| serde_json::from_value::<ApiKey>(text.into()).expect("a key");
+        let reason = check_keys_file(file.path(), Some(&api_key(MES))).expect_err("one key");
+        assert!(reason.contains("\"alice\"") && reason.contains("server.api_key") && !reason.contains(MES), "{reason}");
+        assert_eq!(check_keys_file(file.path(), Some(&api_key(LINE))), Ok(()));
+        std::fs::write(file.path(), twice).expect("written");
+        assert_eq!(name(&keys, MES, 4).as_deref(), Some("alice"), "the earlier keys");
+    }
+
+    /// Whoever revokes the name in the file would leave its holder in under `api_key`.
+    #[test]
+    fn a_file_that_brings_the_key_of_the_settings_is_refused_and_keeps_the_earlier_keys_in_force() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        std::fs::write(file.path(), format!("line-3 = \"{LINE}\"\n")).expect("written");
+        let api_key = serde_json::from_value(MES.into()).expect("a key");
+        let api_keys_file = Some(file.path().to_owned());
+        let keys = Keys::open(&ServerOptions { api_key: Some(api_key), api_keys_file, ..ServerOptions::for_tests() });
+        let names = |secs| [MES, LINE].map(|key| name(&keys, key, secs));
+        assert_eq!(names(0), [Some("api_key".to_owned()), Some("line-3".to_owned())]);
+        std::fs::write(file.path(), format!("mes = \"{MES}\"\n")).expect("written");
+        assert_eq!(names(2), [Some("api_key".to_owned()), Some("line-3".to_owned())], "the earlier keys");
+        std::fs::write(file.path(), "# none any more\n").expect("written");
+        assert_eq!(names(4), [Some("api_key".to_owned()), None]);
+    }
+
     #[test]
     fn the_log_is_told_of_wrong_keys_now_and_then() {
         let (keys, _file) = opened("# nobody yet\n");
@@ -291,10 +346,10 @@ mod tests {
             ("[mes]\nkey = \"0123456789abcdef-mes\"", "name = \"key\""),
         ] {
             let (_, file) = opened(text);
-            let reason = check_keys_file(file.path()).expect_err("a fault");
+            let reason = check_keys_file(file.path(), None).expect_err("a fault");
             assert!(reason.contains(said) && !reason.contains("012345"), "{text}: {reason}");
         }
         let (keys, file) = opened("# nobody yet\n");
-        assert_eq!((check_keys_file(file.path()), keys.are_required()), (Ok(()), true));
+        assert_eq!((check_keys_file(file.path(), None), keys.are_required()), (Ok(()), true));
     }
 }

@@ -16,7 +16,8 @@ use utoipa::openapi::{ContentBuilder, OpenApi, PathItem, Ref, RefOr, ResponseBui
 use utoipa::{PartialSchema, ToSchema};
 
 use super::fields;
-use super::problem::PROBLEM_JSON;
+use super::problem::{Code, PROBLEM_JSON};
+use crate::planning::context::Stage;
 use crate::program::dialects::Dialect;
 use crate::wire::{self, parameters};
 
@@ -32,7 +33,9 @@ use crate::wire::{self, parameters};
                        example of `POST /meshes` has been sent. `Accept` or the query parameter `format` (`dialect` for \
                        programs) selects another representation of a result; each also has a route of its own. There are no \
                        webhooks: wait with `?wait=`, or follow `GET /events`. All files can be fetched in parts (`Range`, RFC \
-                       9110).",
+                       9110).\n\nThe planning method is that of X. Wang, *Quality-Based Path Planning: Algorithm Development for \
+                       Automated 3D Inspection Using 3D Scanners* (University of Stuttgart, Institute of Industrial Automation \
+                       and Software Engineering), which descriptions call the thesis.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
         contact()
     ),
@@ -54,6 +57,7 @@ use crate::wire::{self, parameters};
         wire::JobSort,
         wire::run::RunEventDocument,
         wire::run::RunSample,
+        Code,
         ProgramDialect
     ))
 )]
@@ -71,6 +75,33 @@ pub(super) struct PageToken(String);
 #[expect(dead_code, reason = "only its schema is used; forms are chosen by name")]
 pub(super) enum JsonForm {
     Json,
+}
+
+/// Form of the losses of an inspection.
+#[derive(ToSchema)]
+#[schema(rename_all = "lowercase")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by name")]
+pub(super) enum LossesForm {
+    Json,
+    Csv,
+}
+
+/// Form of the deviation of the surface.
+#[derive(ToSchema)]
+#[schema(rename_all = "lowercase")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by name")]
+pub(super) enum DeviationForm {
+    Csv,
+    Ply,
+}
+
+/// Form of the report of an inspection.
+#[derive(ToSchema)]
+#[schema(rename_all = "lowercase")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by name")]
+pub(super) enum ReportForm {
+    Html,
+    Text,
 }
 
 /// Languages of a robot program, as text; KUKA's has two files.
@@ -96,7 +127,7 @@ pub(super) struct Bytes(Vec<u8>);
 /// Seconds spent in each stage, by the name of the stage.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "only its schema is used; the file is written by the service")]
-pub(super) struct StageSeconds(BTreeMap<String, f64>);
+pub(super) struct StageSeconds(BTreeMap<Stage, f64>);
 
 /// Any existing version.
 #[derive(ToSchema)]
@@ -156,6 +187,7 @@ pub(super) fn complete(openapi: &mut OpenApi) {
     let session = ApiKeyValue::with_description(super::auth::COOKIE_NAME, about);
     components.add_security_scheme("session", SecurityScheme::ApiKey(ApiKey::Cookie(session)));
     parameters::add_ranges(&mut components.schemas);
+    list_problem_codes(&mut components.schemas);
     components.schemas.values_mut().for_each(drop_links);
     components.schemas.values_mut().for_each(describe_object_defaults);
     let combined: Vec<String> = components.schemas.values().flat_map(combined_names).collect();
@@ -165,6 +197,17 @@ pub(super) fn complete(openapi: &mut OpenApi) {
         }
     }
     variants::name_variants(&mut components.schemas);
+}
+
+/// Lists the codes of problems, which the room of the document does not know.
+fn list_problem_codes(schemas: &mut BTreeMap<String, RefOr<Schema>>) {
+    let Some(RefOr::T(Schema::Object(problem))) = schemas.get_mut("Problem") else { return };
+    let Some(code) = problem.properties.get_mut("code") else { return };
+    if let RefOr::T(Schema::Object(text)) = code {
+        let mut reference = Ref::from_schema_name(Code::name());
+        reference.description = text.description.take().unwrap_or_default();
+        *code = reference.into();
+    }
 }
 
 /// Drops links into the source from the descriptions of a schema.

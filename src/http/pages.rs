@@ -1,11 +1,10 @@
-//! Pages for users of the API: one for each kind of problem, to which its `type` leads, their list, and the list of the parameters
-//! of a plan. Links are relative.
+//! Pages for users of the API: one for each kind of problem, to which its `type` leads, their list, and the lists of parameters.
+//! Links are relative.
 
 use std::fmt::Write as _;
 
 use super::problem::Code;
-use crate::service::FAILURE_CODES;
-use crate::wire::parameters;
+use crate::wire::{FailureCode, parameters};
 
 /// Media type of the pages.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
@@ -32,15 +31,18 @@ fn kinds() -> impl Iterator<Item = Kind> {
         meaning: code.meaning(),
     });
     let is_new = |code: &str| Code::ALL.iter().all(|other| other.as_str() != code);
-    let of_jobs = FAILURE_CODES.iter().filter(move |(code, _)| is_new(code));
-    of_responses.chain(of_jobs.map(|&(code, title)| Kind { code, title, status: None, meaning: OF_A_JOB }))
+    let of_jobs = FailureCode::ALL.into_iter().filter(move |failure| is_new(failure.as_str()));
+    let of_job = |failure: FailureCode| Kind { code: failure.as_str(), title: failure.title(), status: None, meaning: OF_A_JOB };
+    of_responses.chain(of_jobs.map(of_job))
 }
 
 /// Page of one kind of problem; `None` if there is none with this code.
 pub(super) fn problem(code: &str) -> Option<String> {
     let Kind { code, title, status, meaning } = kinds().find(|kind| kind.code == code)?;
     let also = match status {
-        Some(_) if FAILURE_CODES.iter().any(|(failure, _)| *failure == code) => " A job that failed can carry this problem too.",
+        Some(_) if FailureCode::ALL.iter().any(|failure| failure.as_str() == code) => {
+            " A job that failed can carry this problem too."
+        }
         _ => "",
     };
     let status = status.map_or("none: the problem of a job that failed".to_owned(), |status| status.to_string());
@@ -76,24 +78,33 @@ pub(super) fn problems() -> String {
     document("Problems", "", &body)
 }
 
-/// List of the parameters of a plan with defaults and ranges.
+/// Lists of the parameters with defaults and ranges.
 pub(super) fn parameters() -> String {
     let mut body = String::from(
-        "<h2>Parameters of a plan</h2>\n<p>The fields of <code>params</code> in a job; a dot in a key stands for a nested \
-         object, <code>[]</code> for each entry of a list. The command line takes the same names: <code>--set \
-         KEY=VALUE</code>.</p>\n<div class=\"regions\"><table>\n<thead><tr><th scope=\"col\">Key</th><th \
-         scope=\"col\">Default</th><th scope=\"col\">Range</th><th scope=\"col\">Meaning</th></tr></thead>\n<tbody>\n",
+        "<p>A dot in a key stands for a nested object, <code>[]</code> for each entry of a list. The command line takes the same \
+         names: <code>--set KEY=VALUE</code>.</p>\n",
     );
-    for parameter in parameters::list() {
-        let (key, default) = (escaped(&parameter.key), escaped(&parameter.default_text()));
-        let (range, meaning) = (escaped(&parameter.range_text()), marked(&parameter.description));
+    for (title, place, parameters) in parameters::lists() {
         let _ = writeln!(
             body,
-            "<tr id=\"{key}\"><td><code>{key}</code></td><td><code>{default}</code></td><td>{range}</td><td>{meaning}</td></tr>"
+            "<h2>{}</h2>\n<p>{}.</p>\n<div class=\"regions\"><table>\n<thead><tr><th scope=\"col\">Key</th><th \
+             scope=\"col\">Default</th><th scope=\"col\">Range</th><th scope=\"col\">Meaning</th></tr></thead>\n<tbody>",
+            escaped(title),
+            marked(place)
         );
+        for parameter in parameters {
+            let (key, default) = (escaped(&parameter.key), escaped(&parameter.default_text()));
+            let (range, meaning) = (escaped(&parameter.range_text()), marked(&parameter.description));
+            let _ = writeln!(
+                body,
+                "<tr id=\"{key}\"><td><code>{key}</code></td><td><code>{default}</code></td><td>{range}</td>\
+                 <td>{meaning}</td></tr>"
+            );
+        }
+        body.push_str("</tbody>\n</table></div>\n");
     }
-    body.push_str("</tbody>\n</table></div>\n<p><a href=\"docs/\">API</a></p>");
-    document("Parameters of a plan", "", &body)
+    body.push_str("<p><a href=\"docs/\">API</a></p>");
+    document("Parameters", "", &body)
 }
 
 /// A page; `root` is the way to the folder of the dashboard.

@@ -4,17 +4,21 @@
 //! turns errors of the framework (no such route, no such method, a rejected header) into problems, so that every error
 //! response has the same format. The client gets what it can act on; the log gets the whole chain of causes.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 use axum::body::Body;
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG, RETRY_AFTER};
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::prefix::Prefix;
 use crate::cell::FieldError;
-use crate::service::{Error, FAILURE_CODES};
-use crate::wire::{self, ParseError, ProblemField, problem_type};
+use crate::service::Error;
+use crate::wire::{self, FailureCode, ParseError, ProblemField, problem_type};
 
 /// Media type of problems.
 pub(super) const PROBLEM_JSON: &str = "application/problem+json";
@@ -84,13 +88,13 @@ codes! {
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
     NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
     RangeNotSatisfiable "range_not_satisfiable" RANGE_NOT_SATISFIABLE "The range lies beyond the end" "No byte of the requested `Range` exists; `Content-Range` states the length.";
-    RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body arrived too slowly" "The body stalled, or arrived below the minimum rate.";
+    RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body arrived too slowly" "The body stalled for longer than `server.body_idle_timeout_secs`, or arrived at less than 1024 bytes a second on average; send it over a faster connection.";
     MeshInUse "mesh_in_use" CONFLICT "The mesh is in use" "A job that has not ended needs the mesh, or a stored specification uses it as a body.";
     JobNotEnded "job_not_ended" CONFLICT "The job has not ended" "Only an ended job can be deleted; cancel it first.";
     JobInUse "job_in_use" CONFLICT "The job is in use" "An inspection or a run of the job has not ended; cancel or stop it first, or wait.";
     JobEnded "job_ended" CONFLICT "The job has ended" "A job that succeeded or failed cannot be cancelled.";
     JobNotQueued "job_not_queued" CONFLICT "The job is not queued" "Only a queued job can get another priority.";
-    JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
+    JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it, its scans, its inspections and its runs from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
     NoResults "no_results" CONFLICT "The job has no results" "The job has not succeeded; `detail` gives its state.";
     ForeignDialect "foreign_dialect" CONFLICT "The language is for another maker's robots" "The robot's specification names another language, which `detail` states; request that one, `csv` or `robodk`, or send `force=true`.";
     LiveDisabled "live_disabled" FORBIDDEN "Live runs are switched off" "The setting `execution.live` does not allow runs to move arms and tables; rehearse with the mode `simulate` or `dry_run`.";
@@ -137,6 +141,22 @@ codes! {
     NotReady "not_ready" SERVICE_UNAVAILABLE "The server is not ready" "`errors` lists the failed checks, each with the reason and what to do.";
     TooSlow "too_slow" SERVICE_UNAVAILABLE "The response took too long" "The server did not respond in time; try again after `Retry-After` seconds.";
     StorageFull "storage_full" INSUFFICIENT_STORAGE "The disk is full" "The server's disk has no room left, or the rest is reserved for running jobs; try again after `Retry-After` seconds, or delete jobs and meshes.";
+}
+
+impl PartialSchema for Code {
+    fn schema() -> RefOr<Schema> {
+        ObjectBuilder::new()
+            .schema_type(Type::String)
+            .description(Some("Code of a problem that a response has, for programs."))
+            .enum_values(Some(Self::ALL.iter().map(|code| code.as_str())))
+            .into()
+    }
+}
+
+impl ToSchema for Code {
+    fn name() -> Cow<'static, str> {
+        Cow::Borrowed("ProblemCode")
+    }
 }
 
 /// An error response, before its request is known.
@@ -422,8 +442,14 @@ fn log(error: &ApiError, path: &str) {
             tracing::warn!(code, path, error = cause as &dyn std::error::Error, "request failed");
         }
         Some(cause) => tracing::error!(code, path, error = cause as &dyn std::error::Error, "request failed"),
-        None => tracing::warn!(code, path, detail = error.detail, "request failed"),
+        None => tracing::warn!(code, path, detail = error.detail, errors = told(&error.errors), "request failed"),
     }
+}
+
+/// Fields of a problem with what is wrong with each, for the log; `None` without any.
+fn told(errors: &[ProblemField]) -> Option<String> {
+    let told: Vec<String> = errors.iter().map(|field| format!("{}: {}", field.pointer, field.detail)).collect();
+    (!told.is_empty()).then(|| told.join("; "))
 }
 
 /// Renders `api/problems.md`: every problem code, for people.
@@ -451,10 +477,25 @@ pub fn document() -> String {
         "\nA job that failed carries a `problem` with `type`, `title`, `detail`, `code` and `errors`:\n\n\
          | code | meaning |\n| --- | --- |\n",
     );
-    for (code, title) in FAILURE_CODES {
+    for failure in FailureCode::ALL {
+        let (code, title) = (failure.as_str(), failure.title());
         let anchor =
             if Code::ALL.iter().any(|other| other.as_str() == code) { String::new() } else { format!("<a id=\"{code}\"></a>") };
         let _ = writeln!(text, "| {anchor}`{code}` | {title}. |");
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The log told only that the server was not ready.
+    #[test]
+    fn the_log_is_told_which_check_failed_and_why() {
+        let field = |pointer: &str, detail: &str| ProblemField { pointer: pointer.to_owned(), detail: detail.to_owned() };
+        let errors = [field("storage", "the store cannot be written"), field("free_space", "12 bytes are free")];
+        assert_eq!(told(&errors).as_deref(), Some("storage: the store cannot be written; free_space: 12 bytes are free"));
+        assert_eq!(told(&[]), None);
+    }
 }

@@ -25,9 +25,9 @@ use crate::planning::surface::{Surface, requirements};
 use crate::planning::visibility::Row;
 use crate::planning::{PlanInput, plate};
 
-/// Spots that are listed as the worst.
-const WORST_SPOTS: usize = 20;
-/// Least standard deviations of a view's pose that a calibration is believed, the repeatability of an arm: degrees and mm.
+/// Number of spots that are listed as the worst.
+const MAX_SPOTS: usize = 20;
+/// Minimum standard deviations of a view's pose that a calibration is believed, the repeatability of an arm: degrees and mm.
 const MIN_PRIOR_DEG: f64 = 0.002;
 const MIN_PRIOR_MM: f64 = 0.02;
 /// Classes of the histogram.
@@ -38,9 +38,9 @@ const CLASSES: usize = 41;
 pub struct InspectedView {
     /// Number of its viewpoint.
     pub viewpoint: u32,
-    /// Its setup, from 0.
+    /// Setup of the view, from 0.
     pub setup: usize,
-    /// Its pose.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Angle of the table, by which obstacles of the cell may hide what it looks at.
     pub table_rad: Option<f64>,
@@ -380,7 +380,7 @@ impl Judged<'_> {
             histogram: histogram(samples, surface, limit_mm, CLASSES),
             extents: aligned.deviation.extents(&nominal),
             regions: regions.iter().map(|region| aligned.judge(&nominal, region, &options)).collect(),
-            worst: aligned.deviation.worst_spots(&nominal, &options, WORST_SPOTS),
+            worst: aligned.deviation.worst_spots(&nominal, &options, MAX_SPOTS),
         };
         Ok((aligned, figures))
     }

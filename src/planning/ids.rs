@@ -6,6 +6,7 @@
 //! | [`CandidateIndex`] | a candidate that no filter dropped | [`CandidateSet::remaining`], rows of the visibility matrix, reach |
 //! | [`RowIndex`] | a candidate that may be chosen | [`CoverProblem::rows`], a part of the candidates |
 //! | [`ViewId`] | a chosen view | [`Plan::views`], [`Outcome::measured_by_view`]; files show it |
+//! | [`PoseIndex`] | a pose of the part that may be planned in | the pool that the poses are chosen from |
 //! | [`SetupIndex`] | a pose of the part that is planned in | the poses in which candidates are generated |
 //! | [`SetupId`] | a setup of the plan | [`Plan::setups`], a part of those poses; files show it |
 //! | [`SampleId`] | a sample | [`Surface::sample_mm`], [`Outcome::verdicts`], bits of a [`Row`] |
@@ -70,6 +71,8 @@ numbers! {
     RowIndex;
     /// Dense number of a chosen view, in the order chosen, from 0.
     ViewId;
+    /// Place of a pose of the part among those that may be planned in, of which some are chosen.
+    PoseIndex;
     /// Place of a pose of the part among those that are planned in.
     SetupIndex;
     /// Number of a setup of the plan, from 0: of the poses that were planned in, those in which views are taken.

@@ -178,7 +178,7 @@ pub enum Roll {
     /// Any with which the views measure no less.
     #[default]
     Free,
-    /// That of the candidates.
+    /// Roll of the candidates.
     Fixed,
 }
 

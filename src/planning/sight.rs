@@ -4,6 +4,7 @@
 //! Base frame, millimetres. Cost: a test of a few points for each obstacle where none comes near; else three rays for each sample
 //! that a view measures.
 
+pub(super) mod sky;
 #[cfg(test)]
 mod tests;
 

@@ -114,7 +114,7 @@ pub enum Fault {
         /// Highest allowed.
         max_deg: f64,
     },
-    /// No share of the rated speed.
+    /// A value that is not a share of the rated speed.
     #[error("speed_fraction is {0}; allowed is above 0 to 1")]
     SpeedFraction(f64),
     /// Quicker than the axes allow, or slower than needed.
@@ -166,7 +166,7 @@ pub enum Fault {
     /// A second capture of one view.
     #[error("viewpoint {0} is scanned a second time")]
     Twice(u32),
-    /// No capture of a view of the plan.
+    /// A view of the plan that is never captured.
     #[error("viewpoint {0} of the plan is never scanned")]
     NeverScanned(u32),
     /// The scans together measure something else than the plan says.
@@ -226,7 +226,7 @@ pub enum Fault {
         /// Levels of the plan, in order.
         planned: Vec<u8>,
     },
-    /// No such level.
+    /// A brightness level that does not exist.
     #[error("brightness is {0}; allowed is 0 to {MAX_BRIGHTNESS}")]
     Brightness(u8),
     /// A time that is none.
@@ -563,7 +563,8 @@ impl Linter<'_> {
                 self.findings.push(Finding { step: None, fault: Fault::NeverScanned(view.0) });
             }
         }
-        let (stated, derived) = (program.cycle_secs, program.steps.iter().map(Step::secs).sum::<f64>());
+        // Adding 0 turns −0, the sum of no steps, into 0.
+        let (stated, derived) = (program.cycle_secs, program.steps.iter().map(Step::secs).sum::<f64>() + 0.0);
         // A cycle time that is no number agrees with nothing.
         let agrees = (stated - derived).abs() <= ROUNDING_SECS;
         if !agrees {

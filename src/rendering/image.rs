@@ -22,7 +22,7 @@ impl Image {
     /// Encodes the picture as a PNG file.
     ///
     /// # Errors
-    /// None in practice: writing to memory cannot fail.
+    /// Never in practice: writing to memory cannot fail.
     pub fn png(&self) -> Result<Vec<u8>, EncodingError> {
         let indexed = quantise(&self.rgba);
         let mut bytes = Vec::new();

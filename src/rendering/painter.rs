@@ -167,7 +167,7 @@ impl<'a> Painter<'a> {
     }
 }
 
-/// No triangle.
+/// Index that stands for no triangle.
 pub(super) const NOTHING: usize = usize::MAX;
 
 /// A sample of the picture.

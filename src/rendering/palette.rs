@@ -70,7 +70,7 @@ pub enum Ink {
     Unmeasured,
     /// Missed, in a picture of causes.
     Missed(MissGroup),
-    /// Not asked for.
+    /// Surface that was not asked for.
     NotAsked,
     /// The inner side of an open surface.
     Back,

@@ -9,16 +9,22 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::{Corners, Objective, PlanParams, SelectionGoal, Solver};
-use crate::planning::plan::{Bound, Cause, Coverage, MissedCause, Obstruction, Plan, RiskReason, SetupId, Stability, share};
+use crate::planning::plan::{
+    Bound, Cause, Coverage, MissedCause, Obstruction, Plan, Remedy, RemedyKind, RiskReason, SetupId, SetupLink, SetupPlan,
+    Stability, share,
+};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
-use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument};
+use crate::wire::plan::{
+    AdviceDocument, AtRiskDocument, CoverageDocument, RegionCoverageDocument, RobustDocument, StabilityDocument,
+};
 use crate::wire::summary::{Summary, rescan_ended};
 use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
-    ChoiceRules, NOTHING_IN_REGION, advice_sentence, apart_mm, area_mm2, asked_name, at_risk_sentence, bounded_moves,
-    changed_params, counted, first_lie, fix_sentence, fixed, fixed_nonzero, freedom, headline, lie_phrase, noise_remark,
-    of_asked_phrase, order_claim, percent_below, pose_error_sizes, region_verdict, risk_meaning, treated_spots,
+    ChoiceRules, MEANING_OF_INDEPENDENT, MEANING_OF_REACH_IGNORED, MEASURED_OF_COVERABLE, NOTHING_IN_REGION, advice_sentence,
+    apart_mm, area_mm2, asked_name, at_risk_sentence, bounded_moves, cause_phrase, changed_params, counted, first_lie,
+    fix_sentence, fixed, fixed_nonzero, headline, lie_phrase, noise_remark, of_asked_phrase, order_claim, path_remedy,
+    percent_below, pose_error_sizes, region_verdict, risk_meaning, stability_sentence, treated_spots,
 };
 
 /// Words on a region of which earlier scans left nothing open.
@@ -65,12 +71,12 @@ fn write_plan(out: &mut String, plan: &Plan, summary: &Summary, warnings: &[Fiel
     write_part(out, plan)?;
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
-    write_coverage(out, &plan.coverage, plan.table_from_part.is_some())?;
+    write_coverage(out, &plan.coverage, &plan.missed, plan.table_from_part.is_some())?;
     write_at_risk(out, plan)?;
     write_warnings(out, plan)?;
     write_regions(out, &plan.coverage)?;
     write_setups(out, plan)?;
-    write_links(out, plan)?;
+    write_links(out, &plan.setup_links, &plan.setups)?;
     let ended = rescan_ended(plan).unwrap_or_else(|| plan.stopped_because.as_str().to_owned());
     writeln!(out, "\nstopped because: {ended}")?;
     write_bound(out, &plan.bound, &plan.params)?;
@@ -118,27 +124,19 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 /// Lists what setups, and the two worst joined views of each, share for a registration.
-fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
-    let told = |stability: &Stability| {
-        let (shared, weakest) = (area_mm2(stability.shared_area_mm2), freedom(stability));
-        let verdict = if stability.is_fixed() {
-            "all six degrees of freedom constrained"
-        } else {
-            "not all six degrees of freedom constrained"
-        };
-        format!("share {shared} mm²; weakest motion: {weakest}, resistance {}: {verdict}", fixed_nonzero(stability.resistance, 3))
-    };
-    if !plan.setup_links.is_empty() || plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
+fn write_links(out: &mut String, links: &[SetupLink], setups: &[SetupPlan]) -> fmt::Result {
+    let told = |stability: &Stability| stability_sentence(&StabilityDocument::from(stability));
+    if !links.is_empty() || setups.iter().any(|setup| setup.weakest_link.is_some()) {
         writeln!(out, "\nregistration by shared surface")?;
     }
-    for link in &plan.setup_links {
+    for link in links {
         let [a, b] = link.setups.map(|setup| setup.0 + 1);
         writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;
     }
-    if plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
+    if setups.iter().any(|setup| setup.weakest_link.is_some()) {
         writeln!(out, "  views of one setup share one frame, so their links need not constrain every degree of freedom")?;
     }
-    for (number, setup) in plan.setups.iter().enumerate() {
+    for (number, setup) in setups.iter().enumerate() {
         if let Some(([a, b], stability)) = &setup.weakest_link {
             writeln!(out, "  weakest link of the views of setup {}: {} and {} {}", number + 1, a.0, b.0, told(stability))?;
         }
@@ -161,16 +159,21 @@ fn write_candidates(out: &mut String, plan: &Plan) -> fmt::Result {
     counts.rejected.iter().try_for_each(|(reason, count)| writeln!(out, "  rejected, {}: {count}", reason.as_str()))
 }
 
-fn write_coverage(out: &mut String, coverage: &Coverage, has_cell: bool) -> fmt::Result {
+fn write_coverage(out: &mut String, coverage: &Coverage, missed: &[MissedCause], has_cell: bool) -> fmt::Result {
     let asked = asked_name(coverage.is_of_open);
     writeln!(out, "\ncoverage{}", if coverage.is_of_open { " of what earlier scans left open" } else { "" })?;
-    let reach_ignored = has_cell.then_some(("coverable, reach ignored", coverage.optically_coverable_area_mm2));
-    let seen =
-        [("whole surface", coverage.total_area_mm2), (asked, coverage.asked_area_mm2), ("visible", coverage.visible_area_mm2)];
+    // What is asked and not visible comes between the two.
+    let is_unseen = |missed: &&MissedCause| matches!(missed.cause, Cause::ExcludedResting | Cause::Enclosed);
+    let unseen = missed.iter().filter(is_unseen).map(|missed| (cause_phrase(missed.cause), missed.area_mm2));
+    let seen = [("whole surface", coverage.total_area_mm2), (asked, coverage.asked_area_mm2)].into_iter().chain(unseen);
+    let mut seen = seen.chain([("visible", coverage.visible_area_mm2)]);
     let measured = [("coverable", coverage.coverable_area_mm2), ("measured", coverage.measured.area_mm2)];
-    for (name, mm2) in seen.into_iter().chain(reach_ignored).chain(measured) {
-        writeln!(out, "  {name:<24} {:>12} mm²", area_mm2(mm2))?;
+    seen.try_for_each(|(name, mm2)| writeln!(out, "  {name:<24} {:>12} mm²", area_mm2(mm2)))?;
+    if has_cell {
+        let mm2 = area_mm2(coverage.optically_coverable_area_mm2);
+        writeln!(out, "  {:<24} {mm2:>12} mm²  {MEANING_OF_REACH_IGNORED}", "coverable, reach ignored")?;
     }
+    measured.into_iter().try_for_each(|(name, mm2)| writeln!(out, "  {name:<24} {:>12} mm²", area_mm2(mm2)))?;
     let shares = [(asked, coverage.of_asked()), ("coverable", coverage.of_coverable()), ("total", coverage.of_total())];
     for (whole, fraction) in shares {
         let name = format!("measured of {whole}");
@@ -229,7 +232,7 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     let independent = &coverage.independent;
     writeln!(
         out,
-        "\nindependent check, on {} samples that were not used to choose views (except \"measured of coverable\"): quote these figures",
+        "\nindependent check, on {} {MEANING_OF_INDEPENDENT} (except \"{MEASURED_OF_COVERABLE}\"): quote these figures",
         independent.samples
     )?;
     for figure in headline(&CoverageDocument::from(coverage)) {
@@ -382,19 +385,27 @@ fn write_missed(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt
             None => writeln!(out)?,
         }
     }
-    write_spots(out, missed, ChoiceRules::of(plan), warnings)
+    write_spots(out, plan, warnings)
 }
 
 /// Fix of area that is missed for want of a path where the home of the cell is blocked, in plain text: the home, whatever else was
 /// tried. `None` for other causes, and where the home is free.
-pub(super) fn home_remedy(cause: Cause, warnings: &[FieldWarning]) -> Option<String> {
+fn home_remedy(cause: Cause, warnings: &[FieldWarning]) -> Option<String> {
     let blocked = warnings.iter().find(|warning| warning.code == WarningCode::HomeBlocked)?;
     (cause == Cause::NoPath).then(|| blocked.remedy.replace('`', ""))
 }
 
+/// Fix of area that is missed for want of a path, in plain text: what mends the home where that is blocked; else, where no remedy helps,
+/// what keeps most candidates from a path. `None` for other causes.
+pub(super) fn cell_remedy(plan: &Plan, missed: (Cause, Option<&Remedy>), warnings: &[FieldWarning]) -> Option<String> {
+    let (cause, remedy) = missed;
+    let mends_nothing = remedy.is_none_or(|remedy| remedy.kind == RemedyKind::None);
+    home_remedy(cause, warnings).or_else(|| path_remedy(plan, cause).filter(|_| mends_nothing))
+}
+
 /// The largest spots of all with what would cure them.
-fn write_spots(out: &mut String, missed: &[MissedCause], rules: ChoiceRules, warnings: &[FieldWarning]) -> fmt::Result {
-    let treated = treated_spots(missed);
+fn write_spots(out: &mut String, plan: &Plan, warnings: &[FieldWarning]) -> fmt::Result {
+    let (treated, rules) = (treated_spots(&plan.missed), ChoiceRules::of(plan));
     if !treated.is_empty() {
         writeln!(out, "\nlargest missed spots, with the fixes that were tried")?;
     }
@@ -402,8 +413,8 @@ fn write_spots(out: &mut String, missed: &[MissedCause], rules: ChoiceRules, war
         write!(out, "  {:<20} {:>10} mm²", cause.as_str(), area_mm2(spot.area_mm2))?;
         let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
         writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
-        let home = home_remedy(cause, warnings);
-        writeln!(out, "       {}", home.unwrap_or_else(|| fix_sentence(remedy, rules)))?;
+        let of_cell = cell_remedy(plan, (cause, Some(remedy)), warnings);
+        writeln!(out, "       {}", of_cell.unwrap_or_else(|| fix_sentence(remedy, rules)))?;
     }
     Ok(())
 }
@@ -459,9 +470,40 @@ mod tests {
     use super::*;
     use crate::cell::{Configuration, Contact};
     use crate::planning::params::PoseErrorParams;
-    use crate::planning::plan::RegionCoverage;
-    use crate::planning::plan::{Advice, Drawn, IndependentRegion, RegionKind, Robust};
+    use crate::planning::plan::{Advice, Drawn, IndependentRegion, RegionCoverage, RegionKind, Robust, ViewId};
     use crate::wire::words::MEANING_OF_OPEN;
+
+    /// The report told no error of a registration; the command line and the other report did.
+    #[test]
+    fn links_of_setups_and_of_views_are_told_with_the_expected_error() {
+        let stability = Stability {
+            shared_area_mm2: 1200.0,
+            resistance: 0.05,
+            turn_in_part: Vector3::zeros(),
+            shift_in_part: Vector3::z(),
+            centre_in_part_mm: Point3::origin(),
+            expected_error_mm: Some(0.000_42),
+        };
+        let link = SetupLink { setups: [SetupId(0), SetupId(1)], stability };
+        let setup = SetupPlan {
+            table_from_part: Pose::identity(),
+            views: Vec::new(),
+            coverable_area_mm2: 0.0,
+            measured_area_mm2: 0.0,
+            sequence: None,
+            weakest_link: Some(([ViewId(3), ViewId(7)], Stability { expected_error_mm: None, ..stability })),
+        };
+        let mut out = String::new();
+        write_links(&mut out, &[link], &[setup]).expect("a String takes all");
+        let told = stability_sentence(&StabilityDocument::from(&stability));
+        assert!(told.contains("expected error at least 0.4 µm (1 σ, "), "{told}");
+        assert!(out.contains(&format!("  setups 1 and 2 {told}\n")), "{out}");
+        assert!(out.contains("setup 1: 3 and 7 share ") && out.ends_with("expected error unbounded\n"), "{out}");
+        let coverage = Coverage { optically_coverable_area_mm2: 7.0, ..Coverage::default() };
+        let mut out = String::new();
+        write_coverage(&mut out, &coverage, &[], true).expect("a String takes all");
+        assert!(out.contains("  7.00 mm²  at least one viewpoint measures it, whether the robot reaches that or not\n"), "{out}");
+    }
 
     /// 4.96 mm were told as 5.0 mm apart, which is the clearance that they miss.
     #[test]
@@ -569,7 +611,7 @@ mod tests {
         assert!(out.ends_with(" mm² measured, 21.81 % of the open area\n"), "{out}");
         assert!(!out.contains("NOT MET") && !out.contains(NOTHING_IN_REGION), "{out}");
         let mut out = String::new();
-        write_coverage(&mut out, &coverage, true).expect("a String takes all");
+        write_coverage(&mut out, &coverage, &[], true).expect("a String takes all");
         assert!(out.starts_with("\ncoverage of what earlier scans left open\n") && out.contains(MEANING_OF_OPEN), "{out}");
         assert!(out.contains("\n  measured of open ") && !out.contains("of asked"), "asked is what the job asks for: {out}");
         assert!(!out.contains("every face outside excluded regions"), "{out}");
@@ -587,7 +629,22 @@ mod tests {
         assert_eq!((warned_of_plan(&[warning]).as_str(), warned_of_plan(&[]).as_str()), (told, ""));
     }
 
-    /// It listed a move home of 0 s, and bounds of 0 s that it met.
+    /// The list of areas had nothing between what is asked and what is visible.
+    #[test]
+    fn areas_that_are_asked_and_never_visible_are_listed_apart() {
+        let missed = |cause, area_mm2| MissedCause { cause, area_mm2, spots: Vec::new() };
+        let coverage = Coverage { asked_area_mm2: 100.0, visible_area_mm2: 45.0, ..Coverage::default() };
+        let all = [missed(Cause::ExcludedResting, 15.0), missed(Cause::Enclosed, 40.0), missed(Cause::Facing, 5.0)];
+        let mut out = String::new();
+        write_coverage(&mut out, &coverage, &all, false).expect("a String takes all");
+        let listed: Vec<&str> = out.lines().skip(3).take(4).map(str::trim).collect();
+        let row = |name: &str, area: &str| format!("{name:<24} {area:>12} mm²");
+        let expected =
+            [("asked", "100.0"), ("the part stands on it", "15.0"), ("enclosed by the part", "40.0"), ("visible", "45.0")];
+        assert_eq!(listed, expected.map(|(name, area)| row(name, area)));
+    }
+
+    /// The report listed a move home of 0 s, and bounds of 0 s that it met.
     #[test]
     fn a_tour_without_views_is_told_as_none() {
         let target = Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] };

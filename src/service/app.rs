@@ -21,7 +21,7 @@ use super::planner::{JobInput, Planner, plan_files};
 use super::runs::Runs;
 use super::size::{Sizer, size_of};
 use super::store::{OpenError, Store};
-use crate::wire::{JobState, ReadinessCheck};
+use crate::wire::{JobState, ReadinessCheck, ReadinessSubject as Subject};
 
 /// Max requests whose cells and meshes are resolved at the same time; others wait.
 const MAX_RESOLVING: usize = 4;
@@ -165,15 +165,15 @@ impl App {
 
     /// Conditions for taking work; each that does not hold with what is wrong, and what to do.
     pub async fn readiness(&self) -> Vec<(ReadinessCheck, Option<String>)> {
-        let check = |name: &str, fault: Option<String>| (ReadinessCheck { name: name.to_owned(), ok: fault.is_none() }, fault);
+        let check = |name: Subject, fault: Option<String>| (ReadinessCheck { name, ok: fault.is_none() }, fault);
         let unless = |holds: bool, fault: &str| (!holds).then(|| fault.to_owned());
         let stopping = "the server is shutting down; send the request again once it has been restarted";
-        let unusable = "the store cannot be read or written; the server's log gives the cause";
+        let unusable = "the store cannot be read or written; the server's log gives the cause, the data folder and what to check";
         vec![
-            check("not_stopping", unless(!self.0.stopping.is_cancelled(), stopping)),
-            check("storage", unless(self.is_usable().await, unusable)),
-            check("free_space", self.check_space(0).err().map(|error| error.to_string())),
-            check("planning", unless(self.0.runner.is_alive(), "no planning thread is left; restart the server")),
+            check(Subject::NotStopping, unless(!self.0.stopping.is_cancelled(), stopping)),
+            check(Subject::Storage, unless(self.is_usable().await, unusable)),
+            check(Subject::FreeSpace, self.check_space(0).err().map(|error| error.to_string())),
+            check(Subject::Planning, unless(self.0.runner.is_alive(), "no planning thread is left; restart the server")),
         ]
     }
 
@@ -191,7 +191,13 @@ impl App {
             Err(error) => Err(error),
         };
         if let Err(error) = &result {
-            tracing::warn!(error = error as &dyn std::error::Error, "the store cannot be read or written");
+            let (error, folder) = (error as &dyn std::error::Error, self.data_dir().display());
+            tracing::warn!(
+                error,
+                %folder,
+                "the store in the data folder cannot be read or written: check that its disk is mounted, has room and no errors, \
+                 and that the server may write to the folder"
+            );
         }
         *probed = Some((Instant::now(), result.is_ok()));
         result.is_ok()
@@ -246,7 +252,7 @@ mod tests {
         sqlx::query("ALTER TABLE job RENAME TO gone").execute(&mut other).await.expect("renamed");
         // What is written by a probe is still there.
         app.0.store.probe().await.expect("written");
-        let storage = app.readiness().await.into_iter().find(|(check, _)| check.name == "storage");
+        let storage = app.readiness().await.into_iter().find(|(check, _)| check.name == Subject::Storage);
         let (check, fault) = storage.expect("a check");
         assert!(!check.ok && fault.is_some_and(|fault| fault.contains("the server's log")));
         assert!(!is_known(&app.open_jobs().await));

@@ -27,7 +27,7 @@ use crate::wire::calibration::{
 };
 use crate::wire::hex;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{CalibrationId, JobProblem, ProblemField};
+use crate::wire::{CalibrationId, FailureCode, JobProblem, ProblemField};
 
 /// Longest wait for a computation to hear of its cancellation: stages take less.
 const CANCEL_WAIT: Duration = Duration::from_secs(5);
@@ -200,7 +200,7 @@ impl App {
     /// Report of a calibration, a page.
     ///
     /// # Errors
-    /// Those of [`App::calibration_result`].
+    /// Errors of [`App::calibration_result`].
     pub async fn calibration_report(&self, id: CalibrationId) -> Result<String, Error> {
         self.calibration_result(id).await.map(|document| calibration_html(&document))
     }
@@ -208,7 +208,7 @@ impl App {
     /// The cell of a calibration with the poses that it found. A preset, which cannot be replaced, gets a name of its own.
     ///
     /// # Errors
-    /// Those of [`App::calibration_result`], [`Error::NotOnFlange`].
+    /// Errors of [`App::calibration_result`]; [`Error::NotOnFlange`].
     pub async fn calibrated_cell(&self, id: CalibrationId) -> Result<CellSpec, Error> {
         let document = self.calibration_result(id).await?;
         let input = self.0.store.calibration_input(id).await?;
@@ -438,17 +438,17 @@ fn ended(computed: Result<Computed, String>) -> Result<CalibrationDocument, (Job
         Ok(Err(CalibrationError::Fields(errors))) => {
             let detail = "the observations cannot be read".to_owned();
             let errors = errors.into_iter().map(|error| ProblemField::from(error.below("/data"))).collect();
-            Err((failure("job_input_invalid", detail, errors), Vec::new()))
+            Err((failure(FailureCode::JobInputInvalid, detail, errors), Vec::new()))
         }
         Ok(Err(CalibrationError::Cancelled)) => {
-            Err((failure("no_calibration_possible", "it was cancelled".to_owned(), Vec::new()), Vec::new()))
+            Err((failure(FailureCode::NoCalibrationPossible, "it was cancelled".to_owned(), Vec::new()), Vec::new()))
         }
         Ok(Err(CalibrationError::Findings(findings))) => {
             let findings: Vec<FindingDocument> = findings.iter().map(FindingDocument::from).collect();
             let detail = findings.iter().map(|finding| finding.detail.clone()).collect::<Vec<_>>().join("; ");
-            Err((failure("no_calibration_possible", detail, Vec::new()), findings))
+            Err((failure(FailureCode::NoCalibrationPossible, detail, Vec::new()), findings))
         }
-        Err(panic) => Err((failure("job_panicked", format!("internal error: {panic}"), Vec::new()), Vec::new())),
+        Err(panic) => Err((failure(FailureCode::JobPanicked, format!("internal error: {panic}"), Vec::new()), Vec::new())),
     }
 }
 

@@ -46,7 +46,7 @@ impl KeptCells {
     /// name, which `library` reads.
     ///
     /// # Errors
-    /// Those of [`CellSpec::build`].
+    /// Errors of [`CellSpec::build`].
     pub fn built(
         &self,
         spec: &CellSpec,

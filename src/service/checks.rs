@@ -49,7 +49,7 @@ impl Surroundings {
 }
 
 /// A request with everything that it names.
-struct Resolved {
+struct ResolvedCheck {
     document: Value,
     surroundings: Option<Surroundings>,
     reference: Reference,
@@ -64,7 +64,7 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
     if !errors.is_empty() {
         return Err(Error::Invalid(errors));
     }
-    let Resolved { document, surroundings, reference, is_part_known, fixture } = resolved;
+    let ResolvedCheck { document, surroundings, reference, is_part_known, fixture } = resolved;
     let kind = check::kind_of(&document);
     let place = surroundings.as_ref().map(Surroundings::place);
     let ctx = Context::new(library.abandoned(), &Silent).with_allowance(app.0.runner.allowance());
@@ -107,7 +107,7 @@ fn told(kind: Option<DocumentKind>, checked: Result<Sound, Vec<FieldError>>) -> 
 }
 
 /// Finds everything that a request names, and holds it against each other and against the document.
-fn resolve(request: CheckRequest, library: &Library, errors: &mut Vec<FieldError>) -> Resolved {
+fn resolve(request: CheckRequest, library: &Library, errors: &mut Vec<FieldError>) -> ResolvedCheck {
     let CheckRequest { document, cell, scanner, plan, mesh_id, fixture_mesh_id, temperature_c } = request;
     let document = Value::Object(document);
     let mut lookup = Lookup::new(library, errors);
@@ -152,12 +152,13 @@ fn resolve(request: CheckRequest, library: &Library, errors: &mut Vec<FieldError
     let is_part_known = part.as_ref().is_some_and(|(part, sha256)| hold_part(&document, of_plan, part, sha256, &mut lookup));
     let given_fixture = fixture_mesh_id.zip(fixture.as_ref());
     let identity = given_fixture.and_then(|fixture| identity_of(fixture, &document, of_plan, &mut lookup, library));
-    if let Some(celsius) = temperature_c.filter(|celsius| !(-50.0..=100.0).contains(celsius)) {
-        lookup.refuse("/temperature_c", format!("is {celsius} °C; allowed is -50 to 100 °C"));
+    let [min, max] = CheckRequest::TEMPERATURE_C.range;
+    if let Some(celsius) = temperature_c.filter(|celsius| !(min..=max).contains(celsius)) {
+        lookup.refuse("/temperature_c", format!("is {celsius} °C; allowed is {min} to {max} °C"));
     }
     let present = Present { now: Some(UtcTime::of(SystemTime::now())), temperature_c };
     let reference = Reference { plan, part: part.map(|(mesh, _)| mesh), fixture: fixture.map(|(mesh, _)| mesh), present };
-    Resolved { document, surroundings, reference, is_part_known, fixture: identity }
+    ResolvedCheck { document, surroundings, reference, is_part_known, fixture: identity }
 }
 
 /// Field of a request that gives something beside the document.

@@ -20,9 +20,9 @@ pub enum Error {
     /// The specification does not exist.
     #[error("there is no {} {name:?}", kind.as_str())]
     SpecNotFound {
-        /// Its kind.
+        /// Kind of the specification.
         kind: SpecCollection,
-        /// Its name.
+        /// Name of the specification.
         name: String,
     },
     /// The job succeeded without this result.
@@ -40,7 +40,7 @@ pub enum Error {
     NoResults {
         /// The job.
         job: JobId,
-        /// Its state.
+        /// State of the job.
         state: JobState,
         /// Problem that it failed with and where to read on, in brackets; empty unless it failed.
         reason: String,
@@ -56,7 +56,7 @@ pub enum Error {
     CalibrationNotEnded {
         /// The calibration.
         calibration: CalibrationId,
-        /// Its state.
+        /// State of the calibration.
         state: CalibrationState,
     },
     /// The calibration has ended.
@@ -64,7 +64,7 @@ pub enum Error {
     CalibrationNotQueued {
         /// The calibration.
         calibration: CalibrationId,
-        /// Its state.
+        /// State of the calibration.
         state: CalibrationState,
     },
     /// The calibration has no result.
@@ -72,7 +72,7 @@ pub enum Error {
     NoCalibration {
         /// The calibration.
         calibration: CalibrationId,
-        /// Its state.
+        /// State of the calibration.
         state: CalibrationState,
     },
     /// The calibration cannot be written into a cell.
@@ -95,7 +95,7 @@ pub enum Error {
     InspectionNotEnded {
         /// The inspection.
         inspection: InspectionId,
-        /// Its state.
+        /// State of the inspection.
         state: JobState,
     },
     /// The inspection has ended: there is nothing to cancel.
@@ -103,7 +103,7 @@ pub enum Error {
     InspectionEnded {
         /// The inspection.
         inspection: InspectionId,
-        /// Its state.
+        /// State of the inspection.
         state: JobState,
     },
     /// The inspection has no result.
@@ -111,7 +111,7 @@ pub enum Error {
     NoInspection {
         /// The inspection.
         inspection: InspectionId,
-        /// Its state.
+        /// State of the inspection.
         state: JobState,
     },
     /// The inspection succeeded without this file.
@@ -173,7 +173,7 @@ pub enum Error {
     RunNotEnded {
         /// The run.
         run: RunId,
-        /// Its state.
+        /// State of the run.
         state: ReportedState,
     },
     /// The run was deleted, and its audit log is still there.
@@ -194,7 +194,7 @@ pub enum Error {
     RunStateRefused {
         /// The run.
         run: RunId,
-        /// Its state.
+        /// State of the run.
         state: ReportedState,
         /// Deed that was asked for, as a participle.
         deed: &'static str,
@@ -209,13 +209,13 @@ pub enum Error {
         cell: String,
         /// The other run.
         run: RunId,
-        /// Its mode.
+        /// Mode of the other run.
         mode: RunMode,
     },
     /// Limit of open runs reached.
     #[error("{open} runs have not ended, as many as execution.max_runs allows; stop one")]
     TooManyRuns {
-        /// Their number.
+        /// Number of runs that have not ended.
         open: u64,
     },
     /// Fields that are out of range or inconsistent.
@@ -248,15 +248,15 @@ pub enum Error {
         mesh: MeshId,
         /// Kind of the specification.
         kind: String,
-        /// Its name.
+        /// Name of the specification.
         name: String,
     },
     /// A stored cell names the specification.
     #[error("the stored cell {cell:?} names the {} {name:?}; change or delete that first", kind.as_str())]
     SpecInUse {
-        /// Its kind.
+        /// Kind of the specification.
         kind: SpecCollection,
-        /// Its name.
+        /// Name of the specification.
         name: String,
         /// Name of the cell.
         cell: String,
@@ -266,7 +266,7 @@ pub enum Error {
     JobNotEnded {
         /// The job.
         job: JobId,
-        /// Its state.
+        /// State of the job.
         state: JobState,
     },
     /// An inspection or a run of the job has not ended.
@@ -277,7 +277,7 @@ pub enum Error {
     JobEnded {
         /// The job.
         job: JobId,
-        /// Its state.
+        /// State of the job.
         state: JobState,
     },
     /// The job does not wait in the queue: its priority means nothing any more.
@@ -285,25 +285,25 @@ pub enum Error {
     JobNotQueued {
         /// The job.
         job: JobId,
-        /// Its state.
+        /// State of the job.
         state: JobState,
     },
     /// Presets cannot be changed.
     #[error("{} {name:?} is a preset and cannot be changed; store yours under another name", kind.as_str())]
     SpecIsPreset {
-        /// Its kind.
+        /// Kind of the specification.
         kind: SpecCollection,
-        /// Its name.
+        /// Name of the specification.
         name: String,
     },
     /// A replacement without a precondition.
     #[error("the {} {name:?} already exists; to replace this version, send If-Match: {etag}", kind.as_str())]
     PreconditionRequired {
-        /// Its kind.
+        /// Kind of the specification.
         kind: SpecCollection,
-        /// Its name.
+        /// Name of the specification.
         name: String,
-        /// Its current entity tag.
+        /// Current entity tag of the specification.
         etag: String,
     },
     /// The precondition failed: someone else changed the specification.
@@ -346,13 +346,16 @@ pub enum Error {
     #[error("file {sha256} of the store is {}; upload the mesh again, plan the job again, or restore a backup",
         if *missing { "missing" } else { "damaged" })]
     FileDamaged {
-        /// Its name: the hash of its original bytes.
+        /// Name of the file: the hash of its original bytes.
         sha256: String,
         /// True if the file does not exist.
         missing: bool,
     },
-    /// The job's hold label protects it from deletion.
-    #[error("job {job} has the label {label:?}, which protects it from deletion; remove the label first")]
+    /// The job's hold label protects it, its scans, its inspections and its runs from deletion.
+    #[error(
+        "job {job} has the label {label:?}, which protects it, its scans, its inspections and its runs from deletion; remove \
+         the label first"
+    )]
     JobHeld {
         /// The job.
         job: JobId,
@@ -373,9 +376,10 @@ pub enum Error {
 /// A run that is not there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MissingRun {
-    /// Its id.
+    /// Id of the run.
     pub run: RunId,
-    /// Its deletion, while the event of that is kept (`store.event_retention_hours`); `None` after that, and for a run that never was.
+    /// Deletion of the run, while its event is kept (`store.event_retention_hours`); `None` after that, and for a run that never
+    /// was.
     pub deletion: Option<RunDeletion>,
 }
 
@@ -410,7 +414,10 @@ pub enum InternalError {
     #[error("the database failed")]
     Database(#[source] Arc<sqlx::Error>),
     /// A file could not be read or written.
-    #[error("a file of the store could not be read or written")]
+    #[error(
+        "a file of the store could not be read or written; check that the disk of the data folder is mounted and has no errors, \
+         and that the server may write to the folder"
+    )]
     File(#[source] Arc<std::io::Error>),
     /// A row cannot be read.
     #[error("a row of the store cannot be read: {0}")]

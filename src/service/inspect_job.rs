@@ -70,7 +70,7 @@ pub struct ScanSource {
     pub path: PathBuf,
     /// SHA-256 of the file, lower-case hexadecimal; empty where it is not known.
     pub sha256: String,
-    /// Its name, as people know it.
+    /// Name of the file, as people know it.
     pub name: String,
     /// False if its name is its id, which tells nothing of the view.
     pub is_named: bool,
@@ -129,7 +129,7 @@ impl ScanSource {
 /// Reasons why an inspection has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum InspectError {
-    /// It was cancelled.
+    /// The inspection was cancelled.
     #[error("cancelled")]
     Cancelled,
     /// Files or parameters that cannot be used.
@@ -377,7 +377,7 @@ impl InspectedPart<'_> {
     /// Refuses part, fixture and hardware that the plan was not made with.
     ///
     /// # Errors
-    /// What differs from the plan.
+    /// Every difference from the plan.
     pub fn check(&self, plan: &PlanDocument) -> Result<(), Vec<FieldError>> {
         let mut errors = Vec::new();
         if plan.scanner.name != self.scanner.name {

@@ -25,7 +25,7 @@ use crate::wire::inspection::{
     InspectionJob, InspectionPage, InspectionRequest, InspectionSelection, InspectionSummary, RescanRequest, Scan,
 };
 use crate::wire::run::{RunMode, RunRecordDocument};
-use crate::wire::{InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId, parse};
+use crate::wire::{FailureCode, InspectionId, Job, JobId, JobProblem, JobState, ProblemField, RunId, ScanId, parse};
 
 /// Max number of inspections that wait.
 const MAX_QUEUED: u64 = 1000;
@@ -246,13 +246,18 @@ impl App {
         }
     }
 
-    /// Deletes an ended inspection.
+    /// Deletes an ended inspection of a job that is not held.
     ///
     /// # Errors
-    /// [`Error::InspectionNotFound`], [`Error::InspectionNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::InspectionNotFound`], [`Error::InspectionNotEnded`], [`Error::JobHeld`], [`Error::StorageBusy`],
+    /// [`Error::Internal`].
     pub async fn delete_inspection(&self, id: InspectionId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_inspection(id)).await }).await
+        self.run_to_completion(async move {
+            let hold = &app.0.options.retention.hold_label;
+            app.freeing(|| app.0.store.delete_inspection(id, hold)).await
+        })
+        .await
     }
 
     /// Begins again what an earlier process left.
@@ -369,7 +374,7 @@ impl App {
             }
             Ok(Err(error)) => self.end_inspection(id, problem_of(error)).await,
             Err(panic) => {
-                let problem = failure("job_panicked", format!("internal error: {panic}"), Vec::new());
+                let problem = failure(FailureCode::JobPanicked, format!("internal error: {panic}"), Vec::new());
                 self.end_inspection(id, Some(problem)).await
             }
         }
@@ -475,9 +480,9 @@ fn problem_of(error: InspectError) -> Option<JobProblem> {
     match error {
         InspectError::Cancelled => None,
         InspectError::Refused(errors) => {
-            Some(failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect()))
+            Some(failure(FailureCode::JobInputInvalid, detail, errors.into_iter().map(ProblemField::from).collect()))
         }
-        InspectError::Damaged(_) => Some(failure("file_damaged", detail, Vec::new())),
+        InspectError::Damaged(_) => Some(failure(FailureCode::FileDamaged, detail, Vec::new())),
     }
 }
 

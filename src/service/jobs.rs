@@ -16,7 +16,6 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use tokio::sync::mpsc;
 
-pub use self::failure::FAILURE_CODES;
 use self::failure::{AttemptError, input_invalid, job_problem, unstored};
 pub(super) use self::failure::{failure, problem_of_error};
 pub(super) use self::runner::JobRunner;
@@ -34,8 +33,8 @@ use super::size::JobSize;
 use super::store::{Attempt, AttemptOutcome, blocking};
 use super::submit::job_input;
 use crate::wire::summary::{SUMMARY_FILE, Summary};
-use crate::wire::warnings::FieldWarning;
-use crate::wire::{JobId, JobProblem, JobState, hex, parse};
+use crate::wire::warnings::{FieldWarning, WarningCode};
+use crate::wire::{FailureCode, JobId, JobProblem, JobState, hex, parse};
 
 /// Jobs of the queue that are looked at for one that may start.
 const LOOKED_AT: u32 = 64;
@@ -101,7 +100,7 @@ impl App {
         let attempts = self.0.options.max_attempts;
         let detail =
             format!("the process died in each of {attempts} attempts; the job may need more memory than the machine has");
-        failure("job_attempts_exhausted", detail, Vec::new())
+        failure(FailureCode::JobAttemptsExhausted, detail, Vec::new())
     }
 
     /// Starts the first job of the queue that may, or finds out the size of one; false if nothing is left to do.
@@ -229,7 +228,7 @@ impl App {
             Ok(input) => input,
             Err(error) => {
                 tracing::error!(error = &error as &dyn std::error::Error, "a stored job cannot be read; it fails");
-                let problem = failure("job_unreadable", error.to_string(), Vec::new());
+                let problem = failure(FailureCode::JobUnreadable, error.to_string(), Vec::new());
                 return (Attempted::Ended(AttemptOutcome::Failed(problem, Vec::new())), BTreeMap::new());
             }
         };
@@ -256,7 +255,7 @@ impl App {
                 Attempted::Files(report, Some(input_invalid(errors)))
             }
             Err(AttemptError::Job(JobError::NoPlan { reasons, report })) if !report.is_empty() => {
-                Attempted::Files(report, Some(failure("no_plan", reasons, Vec::new())))
+                Attempted::Files(report, Some(failure(FailureCode::NoPlan, reasons, Vec::new())))
             }
             Err(error @ (AttemptError::Job(_) | AttemptError::Panicked(_) | AttemptError::TimedOut(_))) => {
                 Attempted::Ended(AttemptOutcome::Failed(job_problem(error), Vec::new()))
@@ -281,7 +280,11 @@ impl App {
             }
         }
         let (summary, warnings, artifacts) = (summary_of(&artifacts), warnings_of(&artifacts), Arc::new(artifacts));
-        let put = || self.0.store.put_artifacts(Arc::clone(&artifacts));
+        let put = || async {
+            let stored = self.0.store.put_artifacts(Arc::clone(&artifacts)).await;
+            self.0.runner.set_waiting(id, stored.as_ref().is_err_and(Error::is_transient));
+            stored
+        };
         // Held until the rows are written: it pins the files.
         let stored = self.retried("storing the results of a job", || cancel.load(Ordering::Relaxed), put).await;
         let outcome = match (&stored, problem) {
@@ -343,8 +346,27 @@ impl App {
     }
 
     async fn end_attempt(&self, id: JobId, outcome: &AttemptOutcome, timings: &str) -> Result<JobState, Error> {
-        let end = || self.0.store.end_attempt(id, outcome, timings);
+        let end = || async {
+            let ended = self.0.store.end_attempt(id, outcome, timings).await;
+            self.0.runner.set_waiting(id, ended.as_ref().is_err_and(Error::is_transient));
+            ended
+        };
         self.retried("recording the outcome of a job", || false, end).await
+    }
+}
+
+/// Warning on a job whose planning has ended and whose results or end cannot be stored yet.
+pub(super) fn results_wait() -> FieldWarning {
+    FieldWarning {
+        code: WarningCode::ResultsWait,
+        pointer: String::new(),
+        detail: "planning has ended, but the results or the end of the job cannot be stored yet: the disk is full, or the store \
+                 is temporarily unavailable"
+            .into(),
+        remedy:
+            "free space on the disk of the data folder, or see the server's log for another cause; the job ends as soon as that \
+                 is possible"
+                .into(),
     }
 }
 

@@ -251,10 +251,9 @@ impl App {
     /// Deletes runs that are due, with their audit logs; returns those that it deleted. A log that cannot be removed keeps nothing else
     /// from being deleted: the next round tries again.
     async fn retire_runs(&self, due: SizedRuns) -> Result<SizedRuns, Error> {
-        let hold = &self.0.options.retention.hold_label;
         let mut deleted = Vec::new();
         for (run, size_bytes) in due {
-            match self.delete_run_row(run, Some(hold.as_str())).await {
+            match self.delete_run_row(run, true).await {
                 Ok(()) => {
                     // Once its events are pruned, the server's log alone tells that this record is gone.
                     tracing::info!(%run, size_bytes, "run deleted by the retention policy, for its age");

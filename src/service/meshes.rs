@@ -62,7 +62,7 @@ impl FinishedUpload {
 pub struct MeshUpload {
     /// Unit of its coordinates.
     pub unit: LengthUnit,
-    /// Its name.
+    /// Name of the mesh.
     pub name: Option<String>,
 }
 

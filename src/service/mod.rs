@@ -46,7 +46,6 @@ pub use error::{Error, InternalError, MissingRun, RunDeletion};
 pub use events::EventStream;
 pub use failpoint::NAMES as FAILPOINTS;
 pub(crate) use hashing_reader::HashingReader;
-pub use jobs::FAILURE_CODES;
 pub use meshes::{FinishedUpload, MeshUpload, Upload};
 pub use options::{ExecutionOptions, OperatorCell, Options, RetentionOptions};
 pub use planner::Planner;

@@ -79,7 +79,7 @@ pub struct OperatorCell {
     pub name: String,
     /// Digest of the cell, as [`super::runs::cell_sha256`] has it.
     pub cell_sha256: String,
-    /// Its controllers, checked.
+    /// Controllers of the cell, checked.
     pub controllers: ControllersSpec,
 }
 

@@ -60,11 +60,11 @@ pub const REPORT_DRAFT_FILE: &str = "report.draft";
 closed_list! {
     /// Reports that `vantage plan` writes.
     pub enum Reports {
-        /// None.
+        /// A plan without reports.
         None = "none",
-        /// The one in plain text.
+        /// The report in plain text.
         Text = "text",
-        /// That, and the one with pictures.
+        /// The report in plain text and the one with pictures.
         Html = "html",
     }
 }
@@ -90,9 +90,9 @@ impl std::fmt::Display for Reports {
 /// Reports to render, and how far.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Rendered {
-    /// These, with their pictures.
+    /// Reports that are rendered with their pictures.
     Whole(Reports),
-    /// Both, with a draft of the pictures.
+    /// Both reports, with a draft of the pictures.
     Draft,
 }
 
@@ -101,7 +101,7 @@ enum Rendered {
 enum ForeignPrograms {
     /// Written under a name of their own, with a warning in the header, for who asks for them all the same.
     Kept,
-    /// Not written.
+    /// Programs that are not written.
     LeftOut,
 }
 
@@ -113,9 +113,9 @@ type CheckedOrFindings<'a> = Result<CheckedProgram<'a>, String>;
 /// A result file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Artifact {
-    /// Its name.
+    /// Name of the file.
     pub name: Cow<'static, str>,
-    /// Its bytes.
+    /// Bytes of the file.
     pub bytes: Vec<u8>,
 }
 
@@ -162,7 +162,7 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn execute(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Whole(Reports::Html), ctx)?)
+        Ok(self.report(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Whole(Reports::Html), ctx)?)
     }
 
     /// Plans and renders every file as [`PlanJob::execute`] does, but [`REPORT_DRAFT_FILE`] in place of [`REPORT_FILE`]: few reports
@@ -171,7 +171,7 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn execute_with_draft(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Draft, ctx)?)
+        Ok(self.report(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Draft, ctx)?)
     }
 
     /// Plans.
@@ -305,7 +305,18 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`Cancelled`].
     pub fn render(&self, outcome: &Outcome, reports: Reports, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
-        self.files(outcome, ForeignPrograms::LeftOut, Rendered::Whole(reports), ctx)
+        self.report(outcome, ForeignPrograms::LeftOut, Rendered::Whole(reports), ctx)
+    }
+
+    /// Stage report: every file.
+    fn report(
+        &self,
+        outcome: &Outcome,
+        foreign: ForeignPrograms,
+        reports: Rendered,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Artifact>, Cancelled> {
+        ctx.stage(Stage::Report, || self.files(outcome, foreign, reports, ctx))
     }
 
     fn files(
@@ -315,7 +326,6 @@ impl PlanJob<'_> {
         reports: Rendered,
         ctx: &Context<'_>,
     ) -> Result<Vec<Artifact>, Cancelled> {
-        ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let size_warnings = self.size_warnings("/part/bbox_mm");
         let document = self.document(outcome, &size_warnings, ctx)?;
@@ -401,17 +411,18 @@ impl PlanJob<'_> {
         reports: Reports,
         ctx: &Context<'_>,
     ) -> Result<Vec<Artifact>, Cancelled> {
-        ctx.begin(Stage::Report)?;
-        let size_warnings = self.size_warnings("/part/bbox_mm");
-        let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, reason };
-        let mut files = Vec::new();
-        if reports != Reports::None {
-            files.push((TEXT_REPORT_FILE, warned(&size_warnings) + &no_plan_text(&input)));
-        }
-        if reports == Reports::Html {
-            files.push((REPORT_FILE, html::render_no_plan(&input, ctx)?));
-        }
-        Ok(files.into_iter().map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).collect())
+        ctx.stage(Stage::Report, || {
+            let size_warnings = self.size_warnings("/part/bbox_mm");
+            let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, reason };
+            let mut files = Vec::new();
+            if reports != Reports::None {
+                files.push((TEXT_REPORT_FILE, warned(&size_warnings) + &no_plan_text(&input)));
+            }
+            if reports == Reports::Html {
+                files.push((REPORT_FILE, html::render_no_plan(&input, ctx)?));
+            }
+            Ok(files.into_iter().map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).collect())
+        })
     }
 
     fn subject<'a>(&'a self, size_warnings: &'a [FieldWarning]) -> ReportSubject<'a> {
@@ -460,7 +471,8 @@ impl PlanJob<'_> {
         rendered: &[Vec<DialectProgram>],
     ) -> Summary {
         let Some(dialect) = self.cell.and_then(|cell| cell.robot.dialect) else { return summary };
-        match own_cycle(dialect, programs, checked, rendered) {
+        let own = own_cycle(dialect, programs, checked, rendered);
+        match own.map(|cycle| cycle.map(|cycle| cycle.beside_corners(self.params.motion.corners))) {
             Ok(program_cycle) if self.rescan.is_some() => summary.with_program(program_cycle.map(ProgramCycle::without_options)),
             Ok(program_cycle) => summary.with_program(program_cycle),
             Err(reason) => summary.with_refused_program(dialect, &reason, REFUSED_FILE),

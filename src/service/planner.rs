@@ -19,7 +19,7 @@ use crate::cell::{Cell, CellSpec, FieldError, NotFound, RobotSpec, Scanner, Scan
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
-use crate::planning::context::{Context, Stage};
+use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::PlanParams;
 use crate::report::html::NoPlanReason;
 use crate::wire::echo::Echo;
@@ -100,6 +100,12 @@ pub enum JobError {
     /// The machine is temporarily short of a resource; another attempt may succeed.
     #[error("{0}")]
     Unavailable(String),
+}
+
+impl From<Cancelled> for JobError {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
 }
 
 impl From<PlanError> for JobError {
@@ -254,8 +260,7 @@ pub(super) fn opened_with(
 /// # Errors
 /// [`JobError`].
 pub fn plan_files(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
-    ctx.begin(Stage::Reading).map_err(PlanError::from)?;
-    let (meshes, hardware) = opened(input, cells, &|| ctx.check().is_err())?;
+    let (meshes, hardware) = ctx.stage(Stage::Reading, || opened(input, cells, &|| ctx.check().is_err()))?;
     let job = PlanJob {
         mesh: &meshes.mesh,
         fixture: meshes.fixture.as_ref(),

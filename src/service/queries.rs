@@ -9,6 +9,7 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
+use super::jobs::results_wait;
 use super::plan_job::dialect_of;
 use super::presets::PRESETS;
 use super::store::{FileEncoding, JobQuery, PartNames, ResultFile};
@@ -24,7 +25,11 @@ impl App {
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn job(&self, id: JobId) -> Result<Job, Error> {
-        Ok(self.with_regions(self.0.store.job(id).await?).await)
+        let mut job = self.with_regions(self.0.store.job(id).await?).await;
+        if !job.state.is_ended() && self.0.runner.is_waiting(id) {
+            job.warnings.push(results_wait());
+        }
+        Ok(job)
     }
 
     /// State of a job.

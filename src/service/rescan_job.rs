@@ -47,7 +47,7 @@ impl RescanJob {
     /// The plan of the further views.
     ///
     /// # Errors
-    /// Those of [`RescanJob::rescan`]; [`NoPlan::NoFurtherView`] where no view is worth it.
+    /// Errors of [`RescanJob::rescan`]; [`NoPlan::NoFurtherView`] where no view is worth it.
     pub fn plan(&self, input: &PlanInput<'_>, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
         let found = self.rescan(input, ctx)?;
         found.outcome.ok_or(PlanError::NoPlan(NoPlan::NoFurtherView {

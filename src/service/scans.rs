@@ -51,7 +51,7 @@ impl App {
     /// Number of viewpoints of a job's plan, which are numbered from 0; `None` where its summary cannot be read.
     ///
     /// # Errors
-    /// Those of [`App::check_planned`].
+    /// Errors of [`App::check_planned`].
     pub async fn planned_views(&self, job: JobId) -> Result<Option<usize>, Error> {
         self.check_planned(job).await?;
         Ok(self.job(job).await?.summary.map(|summary| summary.views_chosen))
@@ -83,12 +83,16 @@ impl App {
         blocking(move || files.open_checked(&sha256)).await
     }
 
-    /// Deletes a scan, unless an inspection of its job has not ended.
+    /// Deletes a scan, unless its job is held or an inspection of its job has not ended.
     ///
     /// # Errors
-    /// [`Error::ScanNotFound`], [`Error::ScanInUse`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::ScanNotFound`], [`Error::JobHeld`], [`Error::ScanInUse`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_scan(&self, id: ScanId) -> Result<(), Error> {
         let app = self.clone();
-        self.run_to_completion(async move { app.freeing(|| app.0.store.delete_scan(id)).await }).await
+        self.run_to_completion(async move {
+            let hold = &app.0.options.retention.hold_label;
+            app.freeing(|| app.0.store.delete_scan(id, hold)).await
+        })
+        .await
     }
 }

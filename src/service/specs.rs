@@ -15,9 +15,9 @@ use crate::wire::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 /// A specification as clients receive it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpecEntry {
-    /// Its JSON.
+    /// JSON of the specification.
     pub body: String,
-    /// Its strong entity tag, quotes included.
+    /// Strong entity tag of the specification, quotes included.
     pub etag: String,
     /// True if it was just created.
     pub created: bool,

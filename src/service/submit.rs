@@ -48,7 +48,7 @@ impl Submission {
 }
 
 /// A request with everything that it names.
-struct Resolved {
+struct ResolvedJob {
     request: JobRequest,
     /// Planning input, every name resolved, as JSON.
     input: String,
@@ -57,7 +57,7 @@ struct Resolved {
     warnings: Vec<FieldWarning>,
 }
 
-impl Resolved {
+impl ResolvedJob {
     fn new(mut request: JobRequest, input: &StoredInput, meshes: Vec<MeshId>) -> Result<Self, Error> {
         // The job shows the scanner that it plans with.
         let of_cell = input.cell.as_ref().map(|_| Named::Name(input.scanner.name.clone()));
@@ -123,7 +123,7 @@ impl App {
         }
         let resolve = move |library: &Library| {
             let (input, meshes) = resolve(&request, library, None).map_err(Error::Invalid)?;
-            Resolved::new(request, &input, meshes)
+            ResolvedJob::new(request, &input, meshes)
         };
         let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
         let app = self.clone();
@@ -140,7 +140,7 @@ impl App {
     /// has as many labels as it may have.
     ///
     /// # Errors
-    /// Those of [`App::submit`]; [`Error::JobNotFound`]; [`Error::Invalid`] also where the scans do not fit the part.
+    /// Errors of [`App::submit`]; [`Error::JobNotFound`]; [`Error::Invalid`] also where the scans do not fit the part.
     pub(super) async fn submit_rescan(
         &self,
         from: &InspectionJob,
@@ -170,7 +170,7 @@ impl App {
             let (mut input, meshes) = resolve(&request, library, Some(&input))
                 .map_err(|errors| Error::Invalid(errors.into_iter().map(of_scanned_job).collect()))?;
             input.rescan = Some(rescan);
-            Resolved::new(request, &input, meshes)
+            ResolvedJob::new(request, &input, meshes)
         };
         let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
         let job = NewJob { scanned: Some(of), ..job };
@@ -186,7 +186,7 @@ impl App {
     /// Accepts several jobs, or none of them. Findings have pointers such as `/jobs/3/cell`. For the rest as [`App::submit`].
     ///
     /// # Errors
-    /// Those of [`App::submit`].
+    /// Errors of [`App::submit`].
     pub async fn submit_batch(&self, batch: JobBatchRequest, submission: Submission) -> Result<JobBatch, Error> {
         batch.check().map_err(Error::Invalid)?;
         let idempotency = submission.idempotency(&format!("POST /api/v1/jobs/batch {}", serde_json::to_string(&batch)?));
@@ -268,11 +268,11 @@ fn of_scanned_job(error: FieldError) -> FieldError {
 }
 
 /// Resolves and checks everything that the requests of a batch name; findings of all of them together.
-fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<Resolved>, Error> {
+fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<ResolvedJob>, Error> {
     let (mut resolved, mut errors) = (Vec::with_capacity(jobs.len()), Vec::new());
     for (index, request) in jobs.into_iter().enumerate() {
         match resolve(&request, library, None) {
-            Ok((input, meshes)) => resolved.push(Resolved::new(request, &input, meshes)?),
+            Ok((input, meshes)) => resolved.push(ResolvedJob::new(request, &input, meshes)?),
             Err(found) => errors.extend(found.into_iter().map(|error| error.below(&format!("/jobs/{index}")))),
         }
     }

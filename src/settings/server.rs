@@ -93,7 +93,8 @@ impl ServerSettings {
                 "must be 16 to 256 visible ASCII characters, without ; and ,".to_owned()
             });
         }
-        if let Some(reason) = self.api_keys_file.as_ref().and_then(|file| http::check_keys_file(file).err()) {
+        let keys_file = self.api_keys_file.as_ref();
+        if let Some(reason) = keys_file.and_then(|file| http::check_keys_file(file, self.api_key.as_ref()).err()) {
             findings.push("/server/api_keys_file", format!("cannot be used: {reason}"));
         }
         if let Some(host) = self.hosts.iter().find(|host| !is_host_name(host)) {

@@ -211,7 +211,7 @@ fn variables_that_are_not_utf_8_are_refused_if_they_are_settings_and_passed_over
     assert_eq!(error.to_string(), "VANTAGE_STORE__DATA_DIR (the environment): is not UTF-8");
 }
 
-/// Their author would believe them set: an address, or a key.
+/// The author of such variables would believe them set: an address, or a key.
 #[test]
 fn variables_with_too_few_underscores_are_answered_with_those_that_were_meant() {
     for (name, meant) in [

@@ -215,7 +215,7 @@ fn entries(table: &Value) -> BTreeMap<&str, &Value> {
 #[derive(Clone, Copy)]
 struct Written<'a> {
     value: &'a ValueKind,
-    /// It is a string for want of another kind: in an environment variable or a flag.
+    /// True if the value is a string for want of another kind: in an environment variable or a flag.
     is_text: bool,
 }
 

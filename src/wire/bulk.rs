@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ids::{JobId, MeshId};
-use super::job::{Job, JobRequest, JobState, label_filter_fault};
+use super::job::{Job, JobRequest, JobState, MAX_PRIORITY, label_filter_fault};
 use super::utc_time::UtcTime;
-use crate::cell::{FieldError, Findings};
+use crate::cell::{FieldError, Findings, field_ranges};
 
 /// Several planning jobs, of which all are accepted or none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -46,8 +46,13 @@ pub struct JobBatch {
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct JobUpdate {
     /// New priority, -100 to 100; jobs with a higher one start first.
-    #[schema(minimum = -100, maximum = 100)]
     pub priority: i32,
+}
+
+field_ranges! {
+    JobUpdate {
+        PRIORITY = "priority", [-MAX_PRIORITY, MAX_PRIORITY] "";
+    }
 }
 
 impl JobUpdate {
@@ -57,7 +62,7 @@ impl JobUpdate {
     /// The finding.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
-        findings.range("/priority", f64::from(self.priority), -100.0, 100.0, "");
+        Self::PRIORITY.check("", &self.priority, &mut findings);
         findings.into_result()
     }
 }

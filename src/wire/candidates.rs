@@ -12,6 +12,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::schema_name::schema_name;
 use super::total::total;
 use crate::cell::PoseSpec;
 use crate::geometry::Mesh;
@@ -34,10 +35,13 @@ const QUALITY_STEPS: f32 = 1e4;
 /// Bytes of a patch in the file, at least about.
 const PATCH_BYTES: usize = 20;
 
+schema_name!(CandidatesSchema, CANDIDATES_SCHEMA);
+
 /// Every candidate, with the matrices of visibility and of quality (`candidates.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CandidateListing {
     /// Schema name, `vantage.candidates/1`.
+    #[schema(value_type = CandidatesSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
     #[serde(default)]

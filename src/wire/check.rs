@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::ids::MeshId;
 use super::problem::ProblemField;
 use super::warnings::FieldWarning;
-use crate::cell::{CellSpec, Named, ScannerSpec, closed_list};
+use crate::cell::{CellSpec, Named, ScannerSpec, closed_list, field_ranges};
 
 closed_list! {
     /// Kind of a document.
@@ -62,8 +62,13 @@ pub struct CheckRequest {
     /// Temperature in the cell now, °C, -50 to 100. For a program, a calibration that is valid only at other temperatures is a
     /// finding.
     #[serde(default)]
-    #[schema(minimum = -50, maximum = 100)]
     pub temperature_c: Option<f64>,
+}
+
+field_ranges! {
+    CheckRequest {
+        TEMPERATURE_C = "temperature_c", [-50.0, 100.0] "°C";
+    }
 }
 
 /// Statement of a document that a check did not verify.

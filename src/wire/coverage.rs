@@ -11,10 +11,13 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::csv::Csv;
 use super::plan::CoverageDocument;
+use super::schema_name::schema_name;
 use super::tally::{Tally, by_group};
 use crate::geometry::{Mesh, NOT_DRAWN, Preview};
 use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
@@ -34,10 +37,13 @@ const ROWS_TOGETHER: usize = 4096;
 /// Share from which on a part of a face counts as all of it: sums over samples are not exact to the last bit.
 const WHOLE: f64 = 1.0 - 1e-9;
 
+schema_name!(CoverageSchema, COVERAGE_SCHEMA);
+
 /// Coverage of the part, with counts of its faces (`coverage.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CoverageListing {
     /// Schema name, `vantage.coverage/1`.
+    #[schema(value_type = CoverageSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
     #[serde(default)]
@@ -71,8 +77,24 @@ pub struct ByteMeaning {
     /// Value of the byte.
     pub byte: u8,
     /// Grade `A` to `D`, cause of a miss, or `not_asked`.
+    #[schema(value_type = FaceMeaning)]
     pub meaning: String,
 }
+
+/// Meanings of a byte, for the API document.
+struct FaceMeaning;
+
+impl PartialSchema for FaceMeaning {
+    fn schema() -> RefOr<Schema> {
+        ObjectBuilder::new()
+            .schema_type(Type::String)
+            .description(Some("Grade of a face, cause of a miss, or that the face is not asked for."))
+            .enum_values(Some(byte_meanings().into_iter().map(|meaning| meaning.meaning)))
+            .into()
+    }
+}
+
+impl ToSchema for FaceMeaning {}
 
 /// Builds the document of an outcome; `plan_sha256` is the hash of the plan's file.
 #[must_use]

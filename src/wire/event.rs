@@ -1,10 +1,14 @@
 //! Events of planning jobs.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::ids::JobId;
 use super::job::JobState;
+use super::problem::FailureCode;
+use super::storage::RetentionReason;
 use super::summary::Summary;
 use crate::cell::closed_list;
 
@@ -41,6 +45,23 @@ impl EventKind {
     }
 }
 
+/// Code of an event, for the API document.
+struct EventCode;
+
+impl PartialSchema for EventCode {
+    fn schema() -> RefOr<Schema> {
+        let of_failures = FailureCode::ALL.map(FailureCode::as_str);
+        let of_deletions = RetentionReason::ALL.map(RetentionReason::code);
+        ObjectBuilder::new()
+            .schema_type(Type::String)
+            .description(Some("Code of the problem of a job that failed, or reason for which retention deleted it."))
+            .enum_values(Some(of_failures.into_iter().chain(of_deletions)))
+            .into()
+    }
+}
+
+impl ToSchema for EventCode {}
+
 /// An event of a job. Ids increase by one over the events of all jobs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobEvent {
@@ -62,6 +83,7 @@ pub struct JobEvent {
     pub fraction: f64,
     /// Code of the problem if the job failed, or reason of the deletion if retention deleted it; absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<EventCode>)]
     pub code: Option<String>,
     /// Summary of the plan if the job succeeded; absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -12,7 +12,7 @@ use super::plan::RegionCoverageDocument;
 use super::problem::JobProblem;
 use super::summary::Summary;
 use super::warnings::FieldWarning;
-use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec};
+use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec, field_ranges};
 use crate::planning::params::PlanParams;
 
 /// A request for a planning job. Unknown fields are refused.
@@ -45,8 +45,16 @@ pub struct JobRequest {
     pub serial: Option<String>,
     /// Priority, -100 to 100; jobs with a higher one start first. Default 0.
     #[serde(default)]
-    #[schema(minimum = -100, maximum = 100)]
     pub priority: i32,
+}
+
+/// Largest priority of a job; the lowest is its negative.
+pub(super) const MAX_PRIORITY: f64 = 100.0;
+
+field_ranges! {
+    JobRequest {
+        PRIORITY = "priority", [-MAX_PRIORITY, MAX_PRIORITY] "";
+    }
 }
 
 /// Reads a part number or a serial number.
@@ -98,7 +106,7 @@ impl JobRequest {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut errors = self.echo().check().err().unwrap_or_default();
         let mut findings = Findings::default();
-        findings.range("/priority", f64::from(self.priority), -100.0, 100.0, "");
+        Self::PRIORITY.check("", &self.priority, &mut findings);
         errors.extend(findings.into_result().err().into_iter().flatten());
         errors.extend(self.params.check().err().into_iter().flatten().map(|e| below("/params", e)));
         if errors.is_empty() { Ok(()) } else { Err(errors) }
@@ -262,11 +270,13 @@ pub struct Job {
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
+    #[schema(value_type = BTreeMap<crate::planning::context::Stage, f64>)]
     pub timings: BTreeMap<String, f64>,
     /// Warnings on what was accepted: a part whose size suggests a wrong unit (`/mesh_id`), a doubtful cell, tolerances too fine
     /// for the scanner's noise. Once the job has succeeded, also those of its plan: regions and features that miss their target,
     /// reach it only on the samples that views were chosen on, or contain nothing of the part; excluded regions that contain
     /// nothing of it; views that do not tolerate pose errors; and a list of all candidates that was asked for but is too large.
+    /// Before the job has ended, also that its results or its end cannot be stored yet.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Coverage of each region of interest and each feature, once the job has succeeded.
@@ -338,6 +348,7 @@ pub struct JobListItem {
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
+    #[schema(value_type = BTreeMap<crate::planning::context::Stage, f64>)]
     pub timings: BTreeMap<String, f64>,
     /// Warnings on what was accepted and, once the job has succeeded, those of its plan.
     #[serde(default)]

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::ids::MeshId;
 use super::mesh_health::MeshHealthReport;
 
-/// Unit of length of a mesh file.
+/// Unit of length of a file of a mesh or of scans.
 #[derive(ToSchema)]
 #[schema(rename_all = "lowercase")]
 pub enum MeshUnit {

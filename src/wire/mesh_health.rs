@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::geometry::FaceGroup;
+use crate::cell::closed_list;
 use crate::geometry::mesh_io::ReadMesh;
+use crate::geometry::{FaceGroup, MeshWarning};
 
 /// Facts of a mesh, and warnings to read before planning on it. Polygons count as the triangles that they were split into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -88,10 +89,59 @@ pub struct BoxMm {
     pub max: [f64; 3],
 }
 
+closed_list! {
+    /// Kind of a warning about a mesh.
+    pub enum MeshNoteCode {
+        /// The size is not that of a part to scan: the unit may be wrong.
+        UnitSuspect = "unit_suspect",
+        /// The surface has holes.
+        OpenSurface = "open_surface",
+        /// More than two triangles meet at an edge.
+        NonManifoldEdges = "non_manifold_edges",
+        /// Neighbouring triangles are wound against each other.
+        InconsistentWinding = "inconsistent_winding",
+        /// Closed bodies run into each other.
+        BodiesOverlap = "bodies_overlap",
+        /// Closed bodies lie within the material of others.
+        BodiesNested = "bodies_nested",
+        /// Polygons cross themselves or are too large, and were not cut into triangles that lie beside each other.
+        PolygonsNotCut = "polygons_not_cut",
+        /// Triangles without area were dropped.
+        DegenerateTrianglesDropped = "degenerate_triangles_dropped",
+        /// Triangles repeat others.
+        DuplicateTriangles = "duplicate_triangles",
+        /// Bodies were inside out and have been flipped.
+        BodiesFlipped = "bodies_flipped",
+        /// The nesting of bodies is too deep to tell which are inside out.
+        OrientationUnresolved = "orientation_unresolved",
+        /// The stored report cannot be read.
+        HealthUnreadable = "health_unreadable",
+    }
+}
+
+impl From<MeshWarning> for MeshNoteCode {
+    fn from(warning: MeshWarning) -> Self {
+        match warning {
+            MeshWarning::Size { .. } => Self::UnitSuspect,
+            MeshWarning::Open { .. } => Self::OpenSurface,
+            MeshWarning::NonManifold { .. } => Self::NonManifoldEdges,
+            MeshWarning::Inconsistent { .. } => Self::InconsistentWinding,
+            MeshWarning::Overlap { .. } => Self::BodiesOverlap,
+            MeshWarning::Nested { .. } => Self::BodiesNested,
+            MeshWarning::Uncut { .. } => Self::PolygonsNotCut,
+            MeshWarning::Degenerate { .. } => Self::DegenerateTrianglesDropped,
+            MeshWarning::Duplicate { .. } => Self::DuplicateTriangles,
+            MeshWarning::Flipped { .. } => Self::BodiesFlipped,
+            MeshWarning::Unresolved { .. } => Self::OrientationUnresolved,
+        }
+    }
+}
+
 /// A warning about a mesh.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct MeshNote {
     /// Stable code, for programs.
+    #[schema(value_type = MeshNoteCode)]
     pub code: String,
     /// Description of the finding.
     pub detail: String,
@@ -104,7 +154,7 @@ impl MeshHealthReport {
     #[must_use]
     pub fn unreadable(reason: &str) -> Self {
         let note = MeshNote {
-            code: "health_unreadable".to_owned(),
+            code: MeshNoteCode::HealthUnreadable.as_str().to_owned(),
             detail: format!("the stored health report cannot be read: {reason}"),
             remedy: "delete the mesh and upload it again for a new report; jobs read its file, not the report".to_owned(),
         };
@@ -115,8 +165,8 @@ impl MeshHealthReport {
     #[must_use]
     pub fn new(read: &ReadMesh) -> Self {
         let health = &read.health;
-        let note = |warning: crate::geometry::MeshWarning| MeshNote {
-            code: warning.code().to_owned(),
+        let note = |warning: MeshWarning| MeshNote {
+            code: MeshNoteCode::from(warning).as_str().to_owned(),
             detail: warning.to_string(),
             remedy: warning.remedy().to_owned(),
         };

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{MissedDocument, RemedyDocument};
+use super::schema_name::schema_name;
 use super::total::total;
 use super::words::ChoiceRules;
 use crate::planning::plan::{MissedCause, MissedSpot, Plan};
@@ -11,10 +12,13 @@ use crate::planning::plan::{MissedCause, MissedSpot, Plan};
 /// Schema name in the document.
 pub const MISSED_SCHEMA: &str = "vantage.missed/1";
 
+schema_name!(MissedSchema, MISSED_SCHEMA);
+
 /// Missed surface by cause, with every spot (`missed.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MissedListing {
     /// Schema name, `vantage.missed/1`.
+    #[schema(value_type = MissedSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
     #[serde(default)]

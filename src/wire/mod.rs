@@ -35,6 +35,7 @@ pub mod regions;
 pub mod run;
 pub mod scanner_calibration;
 pub mod scanner_facts;
+mod schema_name;
 mod shape;
 mod spec;
 mod storage;
@@ -59,12 +60,12 @@ pub(crate) use json::{Distinct, given_twice, json_error};
 pub use json::{ParseError, decode, parse, parse_document, pointer_of};
 pub use json_file::json_file_bytes;
 pub use mesh::{MeshPage, MeshUnit, UploadedMesh};
-pub use mesh_health::MeshHealthReport;
-pub use problem::{JobProblem, Problem, ProblemField, problem_type};
+pub use mesh_health::{MeshHealthReport, MeshNoteCode};
+pub use problem::{FailureCode, JobProblem, Problem, ProblemField, problem_type};
 pub use shape::from_value;
 pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 pub use storage::{DamagedItem, Retention, RetentionPolicy, RetentionReason, RetiredJob, RetiredMesh, RetiredRun, Storage};
-pub use system::{Health, Readiness, ReadinessCheck, VERSION_LINE, Version};
+pub use system::{Health, HealthStatus, Readiness, ReadinessCheck, ReadinessStatus, ReadinessSubject, VERSION_LINE, Version};
 pub use utc_time::UtcTime;
 
 #[cfg(test)]

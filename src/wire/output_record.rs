@@ -28,7 +28,7 @@ pub struct OutputRecord {
 /// A file that a command wrote.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedFile {
-    /// Its name in the folder.
+    /// Name of the file in the folder.
     pub name: String,
     /// SHA-256 of its bytes, lower-case hexadecimal.
     pub sha256: String,

@@ -31,6 +31,7 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 use super::angle::degrees;
 use super::echo::Echo;
 use super::part_size::size_text;
+use super::schema_name::schema_name;
 use super::warnings::{self, FieldWarning};
 use super::words::ChoiceRules;
 use crate::cell::{CalibratedScannerSpec, CalibrationProvenance, FieldError, OpticalDevice, PoseSpec, Scanner};
@@ -41,11 +42,14 @@ use crate::planning::plan::{Bound, Cause, ChosenOn, Outcome, Plan, PlannedView, 
 /// Schema name in the document.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
 
+schema_name!(PlanSchema, PLAN_SCHEMA);
+
 /// A plan (`plan.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct PlanDocument {
     /// Schema name, `vantage.plan/1`.
+    #[schema(value_type = PlanSchema)]
     pub schema: String,
     /// Version of the planner.
     pub version: String,
@@ -167,7 +171,7 @@ pub struct BoxDocument {
 }
 
 impl BoxDocument {
-    /// Its size along x, y and z, mm.
+    /// Size of the box along x, y and z, mm.
     #[must_use]
     pub fn extent_mm(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.max[axis] - self.min[axis])
@@ -215,6 +219,7 @@ pub struct DepthDocument {
 #[serde(expecting = "an object")]
 pub struct DeviceDocument {
     /// `left`, `right` or `projector`.
+    #[schema(value_type = crate::cell::DeviceName)]
     pub name: String,
     /// Pose of the device in the scanner frame.
     pub scanner_from_device: PoseSpec,
@@ -346,6 +351,7 @@ pub struct StationDocument {
     pub joints_deg: [f64; 6],
     /// Arm configuration: shoulder, elbow and wrist, such as `front, elbow up, no flip`.
     #[serde(default)]
+    #[schema(value_type = crate::cell::Posture)]
     pub posture: String,
     /// Distance from singularity: smallest singular value of the flange's Jacobian, lengths relative to the arm's; 0 at a
     /// singularity.
@@ -432,8 +438,8 @@ impl PlanDocument {
             },
             coverage: CoverageDocument::from(&plan.coverage),
             setups: setups(plan),
-            setup_links: registration::setup_links(plan, scanner),
-            view_links: registration::view_links(plan, scanner),
+            setup_links: SetupLinkDocument::all_of(plan),
+            view_links: ViewLinkDocument::all_of(plan),
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
             motion: MotionDocument::of(plan),

@@ -6,12 +6,15 @@ use utoipa::ToSchema;
 use super::angle;
 use super::echo::Echo;
 use super::json_file_bytes;
+use super::schema_name::schema_name;
 use crate::cell::{Configuration, FieldError, Findings};
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, ProgramCalibration, Step};
 
 /// Schema name in the document.
 pub const PROGRAM_SCHEMA: &str = "vantage.program/1";
+
+schema_name!(ProgramSchema, PROGRAM_SCHEMA);
 
 /// Max angle that a program may contain, degrees.
 const MAX_ANGLE_DEG: f64 = 3600.0;
@@ -23,6 +26,7 @@ const MAX_SECS: f64 = 86_400.0;
 #[serde(expecting = "an object")]
 pub struct ProgramDocument {
     /// Schema name, `vantage.program/1`.
+    #[schema(value_type = ProgramSchema)]
     pub schema: String,
     /// Labels, part number and serial number, as given with the job.
     #[serde(flatten)]

@@ -43,7 +43,7 @@ closed_list! {
 closed_list! {
     /// State of a run.
     pub enum ReportedState {
-        /// Its program is checked, its devices are connected.
+        /// The program is checked, the devices are connected.
         Preparing = "preparing",
         /// Waits to be armed by the operator.
         Ready = "ready",
@@ -207,8 +207,8 @@ pub struct Run {
     pub scans: usize,
     /// Predicted time of the whole program at full speed, s.
     pub planned_secs: f64,
-    /// Time that the steps have taken so far, s; of the twin's clock in the mode `simulate`, with the host's own
-    /// work at its real duration.
+    /// Time that the finished steps have taken, s; not that of a step under way or cut short. Of the twin's clock in the mode
+    /// `simulate`, with the host's own work at its real duration.
     pub elapsed_secs: f64,
     /// Stop that ended it; `null` if there was none.
     pub stop: Option<RunStop>,

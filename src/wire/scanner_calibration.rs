@@ -66,11 +66,11 @@ pub struct ScannerCalibration {
 pub struct RigFigures {
     /// Distance between the optical centres.
     pub baseline_mm: f64,
-    /// Its standard deviation; `null` if it is not known.
+    /// Standard deviation of the distance; `null` if it is not known.
     pub baseline_sigma_mm: Option<f64>,
     /// Angle between the optical axes.
     pub axes_angle_deg: f64,
-    /// Its standard deviation; `null` if it is not known.
+    /// Standard deviation of the angle; `null` if it is not known.
     pub axes_angle_sigma_deg: Option<f64>,
     /// Boards that the pose is the mean of; `null` if it was given or estimated.
     pub boards: Option<usize>,
@@ -136,7 +136,7 @@ pub struct PitchFigures {
 /// One view.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct ViewFigures {
-    /// Its name.
+    /// Name of the view.
     pub id: String,
     /// Residual of the left camera, root mean square; `null` where it does not see the board.
     pub left_rms_px: Option<f64>,
@@ -172,7 +172,7 @@ pub struct FieldCheck {
 pub struct DepthOriginFigures {
     /// Depth of that plane along z of the scanner.
     pub origin_mm: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the depth.
     pub sigma_mm: f64,
     /// Measured length of a stated millimetre.
     pub scale: f64,

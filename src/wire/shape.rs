@@ -18,11 +18,13 @@ use crate::cell::{ControllersSpec, FieldError, closest, with_suggestion};
 const MAX_FINDINGS: usize = 100;
 /// Values beyond which no more are looked at: a body of two megabytes may hold a million.
 const MAX_VALUES: usize = 10_000;
+/// Schema that allows every value.
+const ANYTHING: &Value = &Value::Null;
 
 /// Converts a value to `T`.
 ///
 /// # Errors
-/// What serde refuses, and every field that is missing, unknown or of another kind.
+/// The finding of serde, and every field that is missing, unknown or of another kind.
 pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Result<T, Vec<FieldError>> {
     decode(value).map_err(|first| refused::<T>(value, first))
 }
@@ -234,25 +236,25 @@ struct Walk<'s> {
 
 /// An object's schema, those of which it is put together joined.
 #[derive(Clone, Default)]
-struct ObjectShape {
-    properties: BTreeMap<String, Value>,
-    required: BTreeSet<String>,
-    /// No other properties are allowed.
+struct ObjectShape<'s> {
+    properties: BTreeMap<&'s str, &'s Value>,
+    required: BTreeSet<&'s str>,
+    /// True if no other properties are allowed.
     is_closed: bool,
 }
 
-impl ObjectShape {
-    fn missing<'s>(&'s self, object: &'s Map<String, Value>) -> impl Iterator<Item = &'s String> {
-        self.required.iter().filter(move |name| !object.contains_key(*name))
+impl<'s> ObjectShape<'s> {
+    fn missing(&self, object: &Map<String, Value>) -> impl Iterator<Item = &'s str> {
+        self.required.iter().copied().filter(|name| !object.contains_key(*name))
     }
 
-    fn unknown<'s>(&'s self, object: &'s Map<String, Value>) -> impl Iterator<Item = &'s String> {
-        object.keys().filter(move |name| self.is_closed && !self.properties.contains_key(*name))
+    fn unknown<'o>(&self, object: &'o Map<String, Value>) -> impl Iterator<Item = &'o str> {
+        object.keys().map(String::as_str).filter(|name| self.is_closed && !self.properties.contains_key(name))
     }
 
     /// Properties that have one value only: they tell a variant from the others.
-    fn tags(&self) -> impl Iterator<Item = (&String, &str)> {
-        self.properties.iter().filter_map(|(name, schema)| match schema["enum"].as_array()?.as_slice() {
+    fn tags(&self) -> impl Iterator<Item = (&'s str, &'s str)> {
+        self.properties.iter().filter_map(|(&name, &schema)| match schema["enum"].as_array()?.as_slice() {
             [only] if self.required.contains(name) => Some((name, only.as_str()?)),
             _ => None,
         })
@@ -263,19 +265,19 @@ impl ObjectShape {
     }
 }
 
-impl Walk<'_> {
-    fn resolve(&self, schema: &Value) -> Value {
+impl<'s> Walk<'s> {
+    fn resolve(&self, schema: &'s Value) -> &'s Value {
         let name = schema["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
-        name.map_or_else(|| schema.clone(), |name| self.components.get(name).cloned().unwrap_or_default())
+        name.map_or(schema, |name| self.components.get(name).unwrap_or(ANYTHING))
     }
 
-    fn value(&mut self, value: &Value, schema: &Value, at: &str) {
+    fn value(&mut self, value: &Value, schema: &'s Value, at: &str) {
         self.values += 1;
         if self.is_done() {
             return;
         }
         let schema = self.resolve(schema);
-        if let Some(detail) = self.other_kind(value, &schema) {
+        if let Some(detail) = self.other_kind(value, schema) {
             if value.is_array() {
                 self.lists.push(at.to_owned());
             }
@@ -284,16 +286,16 @@ impl Walk<'_> {
         }
         match value {
             Value::Object(object) => {
-                if let Some(shape) = self.shape_for(object, &schema, at) {
+                if let Some(shape) = self.shape_for(object, schema, at) {
                     self.object(object, &shape, at);
                 }
             }
-            Value::Array(_) if self.is_object(&schema) => {
+            Value::Array(_) if self.is_object(schema) => {
                 self.lists.push(at.to_owned());
                 self.findings.push(FieldError { pointer: at.to_owned(), detail: "is a list; expected an object".to_owned() });
             }
             Value::Array(items) => {
-                let schema = self.variants(&schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or_default();
+                let schema = self.variants(schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or(ANYTHING);
                 let length = items.len() as u64;
                 let [min, max] = ["minItems", "maxItems"].map(|limit| schema[limit].as_u64());
                 if let Some(allowed) = max.filter(|max| length > *max).or(min.filter(|min| length < *min)) {
@@ -309,9 +311,9 @@ impl Walk<'_> {
 
     /// Finding for a value of a kind, or a name, that its schema does not have; `None` where the schema leaves it open. A list in the
     /// place of an object is told elsewhere.
-    fn other_kind(&self, value: &Value, schema: &Value) -> Option<String> {
+    fn other_kind(&self, value: &Value, schema: &'s Value) -> Option<String> {
         let variants = self.variants(schema);
-        let kinds = variants.iter().map(kinds_of).collect::<Option<Vec<_>>>()?.concat();
+        let kinds = variants.iter().copied().map(kinds_of).collect::<Option<Vec<_>>>()?.concat();
         if !kinds.iter().any(|kind| is_of_kind(value, kind)) {
             let is_told = value.is_array() && self.is_object(schema);
             return (!is_told).then(|| format!("is {}; expected {}", found(value), expected(&kinds)));
@@ -325,19 +327,19 @@ impl Walk<'_> {
     }
 
     /// A schema's variants, resolved; itself, if it has none.
-    fn variants(&self, schema: &Value) -> Vec<Value> {
-        let Some(variants) = schema["oneOf"].as_array() else { return vec![schema.clone()] };
-        variants.iter().flat_map(|variant| self.variants(&self.resolve(variant))).collect()
+    fn variants(&self, schema: &'s Value) -> Vec<&'s Value> {
+        let Some(variants) = schema["oneOf"].as_array() else { return vec![schema] };
+        variants.iter().flat_map(|variant| self.variants(self.resolve(variant))).collect()
     }
 
     /// The shape that an object is meant to have: of several variants the one that its tag names, else the one that it misses
     /// least of. `None` where it is not known.
-    fn shape_for(&mut self, object: &Map<String, Value>, schema: &Value, at: &str) -> Option<ObjectShape> {
-        let mut shapes: Vec<ObjectShape> =
-            self.variants(schema).iter().filter_map(|variant| self.object_shape(variant)).collect();
+    fn shape_for(&mut self, object: &Map<String, Value>, schema: &'s Value, at: &str) -> Option<ObjectShape<'s>> {
+        let mut shapes: Vec<ObjectShape<'s>> =
+            self.variants(schema).into_iter().filter_map(|variant| self.object_shape(variant)).collect();
         let tag = common_tag(&shapes).filter(|_| shapes.len() > 1);
         if let Some((tag, values)) = &tag {
-            if !object.contains_key(tag) {
+            if !object.contains_key(*tag) {
                 self.push(format!("{at}/{}", escape(tag)), format!("is missing: one of {}", values.join(", ")));
                 return None;
             }
@@ -347,12 +349,11 @@ impl Walk<'_> {
         let fitting = shapes.iter().filter(|shape| !shape.contradicts(object));
         let mut best = fitting.min_by_key(|shape| shape.missing(object).count() + shape.unknown(object).count())?.clone();
         // A field of another variant is not unknown: serde says what is wrong with it.
-        let others: Vec<(String, Value)> = shapes.iter().flat_map(|shape| shape.properties.clone()).collect();
         if tag.is_none() {
-            for (name, schema) in others {
-                let known = best.properties.entry(name).or_default();
+            for (&name, &schema) in shapes.iter().flat_map(|shape| &shape.properties) {
+                let known = best.properties.entry(name).or_insert(ANYTHING);
                 if *known != schema {
-                    *known = Value::Null;
+                    *known = ANYTHING;
                 }
             }
         }
@@ -360,26 +361,26 @@ impl Walk<'_> {
     }
 
     /// Shape of a schema of objects that names fields.
-    fn object_shape(&self, schema: &Value) -> Option<ObjectShape> {
+    fn object_shape(&self, schema: &'s Value) -> Option<ObjectShape<'s>> {
         let mut shape = ObjectShape::default();
         self.join(schema, &mut shape);
         (!shape.properties.is_empty()).then_some(shape)
     }
 
-    fn join(&self, schema: &Value, shape: &mut ObjectShape) {
+    fn join(&self, schema: &'s Value, shape: &mut ObjectShape<'s>) {
         let schema = self.resolve(schema);
         for part in schema["allOf"].as_array().into_iter().flatten() {
             self.join(part, shape);
         }
         for (name, property) in schema["properties"].as_object().into_iter().flatten() {
-            shape.properties.insert(name.clone(), property.clone());
+            shape.properties.insert(name, property);
         }
         let required = schema["required"].as_array().into_iter().flatten();
-        shape.required.extend(required.filter_map(|name| name.as_str().map(str::to_owned)));
+        shape.required.extend(required.filter_map(Value::as_str));
         shape.is_closed |= schema["additionalProperties"] == Value::Bool(false);
     }
 
-    fn object(&mut self, object: &Map<String, Value>, shape: &ObjectShape, at: &str) {
+    fn object(&mut self, object: &Map<String, Value>, shape: &ObjectShape<'s>, at: &str) {
         for name in shape.missing(object) {
             let meaning = shape.properties.get(name).map(|property| self.description(property)).unwrap_or_default();
             let meaning = if meaning.is_empty() { String::new() } else { format!(": {meaning}") };
@@ -395,13 +396,13 @@ impl Walk<'_> {
                 self.push(format!("{at}/{name}"), detail.to_owned());
                 continue;
             }
-            let known: Vec<&str> = shape.properties.keys().map(String::as_str).collect();
+            let known: Vec<&str> = shape.properties.keys().copied().collect();
             let meant = closest(name, known.iter().copied()).map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
             let detail = format!("unknown field `{name}`; allowed are {}{meant}", known.join(", "));
             self.push(format!("{at}/{}", escape(name)), detail);
         }
         for (name, value) in object {
-            if let Some(property) = shape.properties.get(name) {
+            if let Some(property) = shape.properties.get(name.as_str()) {
                 self.value(value, property, &format!("{at}/{}", escape(name)));
             }
         }
@@ -409,14 +410,14 @@ impl Walk<'_> {
 
     /// Description of a field in one sentence; that of its type where the field has none, or where the type's says more of the
     /// same.
-    fn description(&self, property: &Value) -> String {
-        let (own, of_type) = (first_sentence(property), first_sentence(&self.resolve(property)));
+    fn description(&self, property: &'s Value) -> String {
+        let (own, of_type) = (first_sentence(property), first_sentence(self.resolve(property)));
         if of_type.starts_with(own.as_str()) { of_type } else { own }
     }
 
     /// Returns true if every variant of a schema is an object.
-    fn is_object(&self, schema: &Value) -> bool {
-        self.variants(schema).iter().all(|variant| {
+    fn is_object(&self, schema: &'s Value) -> bool {
+        self.variants(schema).into_iter().all(|variant| {
             let is_joined = variant["allOf"].is_array() && self.object_shape(variant).is_some();
             (variant["type"] == "object" || is_joined) && variant["items"].is_null()
         })
@@ -435,11 +436,11 @@ impl Walk<'_> {
 }
 
 /// The tag that all variants have, with its value in each.
-fn common_tag(shapes: &[ObjectShape]) -> Option<(String, Vec<String>)> {
+fn common_tag<'s>(shapes: &[ObjectShape<'s>]) -> Option<(&'s str, Vec<&'s str>)> {
     let (name, _) = shapes.first()?.tags().next()?;
-    let value_in = |shape: &ObjectShape| shape.tags().find(|(tag, _)| *tag == name).map(|(_, value)| value.to_owned());
-    let values: Option<Vec<String>> = shapes.iter().map(value_in).collect();
-    values.map(|values| (name.clone(), values))
+    let value_in = |shape: &ObjectShape<'s>| shape.tags().find(|(tag, _)| *tag == name).map(|(_, value)| value);
+    let values: Option<Vec<&str>> = shapes.iter().map(value_in).collect();
+    values.map(|values| (name, values))
 }
 
 /// First sentence of a schema's description, and its range, on one line and without links.

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ids::{JobId, MeshId, RunId};
+use crate::cell::closed_list;
 
 /// Free space, sizes and damage of the store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -35,16 +36,16 @@ pub struct DamagedItem {
     pub reason: String,
 }
 
-/// Reason for which retention deletes a job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum RetentionReason {
-    /// The job ended longer ago than `retention.job_days`.
-    Age,
-    /// The job is not among the newest `retention.jobs_per_part` ended jobs of its part.
-    Count,
-    /// Stored files and audit logs take more than `retention.max_disk_share` of the disk.
-    Disk,
+closed_list! {
+    /// Reason for which retention deletes a job.
+    pub enum RetentionReason {
+        /// The job ended longer ago than `retention.job_days`.
+        Age = "age",
+        /// The job is not among the newest `retention.jobs_per_part` ended jobs of its part.
+        Count = "count",
+        /// Stored files and audit logs take more than `retention.max_disk_share` of the disk.
+        Disk = "disk",
+    }
 }
 
 impl RetentionReason {

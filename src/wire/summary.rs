@@ -20,19 +20,26 @@ pub(crate) use missed::{choice_ended_by, further_setup, own_plan_remark, stop_ru
 pub(crate) use verdict::rescan_ended;
 pub use verdict::{PlanLevel, PlanVerdict};
 
-use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
+use super::plan::{CoverageDocument, DrawnDocument, GradesDocument, MotionDocument, RobustDocument, SetupLinkDocument};
+use super::schema_name::schema_name;
 use super::warnings::{FieldWarning, WarningCode};
-use super::words::{MEANING_OF_OPEN, asked_name, counted, headline, of_asked_phrase, percent_below};
+use super::words::{
+    HeadlineShare, MEANING_OF_OPEN, asked_name, counted, headline, of_asked_phrase, percent_below, pose_error_sizes, shortfall,
+};
 use crate::cell::Dialect;
-use crate::planning::params::{Registration, SelectionGoal};
-use crate::planning::plan::{Plan, RegionCoverage};
+use crate::planning::params::{PoseErrorParams, Registration, SelectionGoal};
+use crate::planning::plan::{Plan, RegionCoverage, RegionKind};
 
 /// Schema name in the document.
 pub const SUMMARY_SCHEMA: &str = "vantage.summary/1";
+/// Regions and features that a summary lists; the plan has all.
+const REGIONS_LISTED: usize = 20;
 /// Groups of missed spots that have a line of their own.
 const GROUPS_SHOWN: usize = 6;
 /// Name of the file.
 pub const SUMMARY_FILE: &str = "summary.json";
+
+schema_name!(SummarySchema, SUMMARY_SCHEMA);
 
 /// Summary of a plan (`summary.json`), short enough for a row of a table. Texts are sentences without a full stop, the same in
 /// every output.
@@ -40,6 +47,7 @@ pub const SUMMARY_FILE: &str = "summary.json";
 #[serde(expecting = "an object")]
 pub struct Summary {
     /// Schema name, `vantage.summary/1`.
+    #[schema(value_type = SummarySchema)]
     pub schema: String,
     /// Level of the verdict: whether the part can be scanned as planned.
     pub level: PlanLevel,
@@ -62,10 +70,16 @@ pub struct Summary {
     pub setups: usize,
     /// Views and setups in a sentence.
     pub views_text: String,
+    /// Registration of every two setups to each other by the surface that both measure. Absent for a single setup.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub setup_links: Vec<SetupLinkDocument>,
     /// Shares that head the plan.
     pub coverage: SummaryShares,
-    /// These shares in a sentence.
+    /// Shares of `coverage` in a sentence.
     pub coverage_text: String,
+    /// Shares that head the plan with their meanings, the one to read first at the top: the table of every output.
+    #[serde(default)]
+    pub headline: Vec<HeadlineDocument>,
     /// Shares of the asked area by grade, on the samples that views are chosen on: their sum differs a little from
     /// `coverage.of_asked`, which is on independent samples.
     pub grades: GradesDocument,
@@ -84,6 +98,9 @@ pub struct Summary {
     pub regions_with_target: usize,
     /// Number of these that miss their target, on the samples that views were chosen on or on independent ones.
     pub regions_unmet: usize,
+    /// Regions of interest and features, those that miss their targets first: at most 20. `plan.json` has all (`coverage.regions`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub regions: Vec<SummaryRegion>,
     /// Missed share of the asked area, on the samples that views are chosen on.
     pub missed_of_asked: f64,
     /// Number of missed spots.
@@ -96,6 +113,68 @@ pub struct Summary {
     pub action: Option<SummaryAction>,
     /// SHA-256 of `plan.json`, of which this is the summary; `null` before that is written.
     pub plan_sha256: Option<String>,
+}
+
+/// Share that heads a plan, with its meaning.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct HeadlineDocument {
+    /// Name, with the area that the share is of, such as "measured of visible".
+    pub name: String,
+    /// The share, 0 to 1.
+    pub share: f64,
+    /// True if it is on independent samples, which were not used to choose views.
+    pub independent: bool,
+    /// Meaning, in a sentence without a full stop.
+    pub meaning: String,
+}
+
+impl From<HeadlineShare> for HeadlineDocument {
+    fn from(HeadlineShare { name, share, is_independent, meaning }: HeadlineShare) -> Self {
+        Self { name: name.to_owned(), share, independent: is_independent, meaning: meaning.to_owned() }
+    }
+}
+
+/// A region of interest or a feature: what was asked, what was reached, and why not more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct SummaryRegion {
+    /// Name of the region.
+    pub name: String,
+    /// Kind of the region.
+    pub kind: RegionKind,
+    /// Target for the measured share of its asked area; `null` without one.
+    pub target: Option<f64>,
+    /// Measured share of its asked area, on the samples that views are chosen on.
+    pub of_asked: f64,
+    /// Measured share on independent samples; `null` if it has none of them.
+    pub independent_of_asked: Option<f64>,
+    /// False if the target is missed on the samples that views are chosen on, or by more than the standard error on independent ones;
+    /// `null` without a target.
+    pub met: Option<bool>,
+    /// Reasons for which the target is missed, in words, those of most area first; `null` if it is not missed.
+    pub why_unmet: Option<String>,
+}
+
+impl SummaryRegion {
+    /// The regions that a summary lists, those that miss their targets first.
+    fn listed(regions: &[RegionCoverage]) -> Vec<Self> {
+        let (missing, others): (Vec<_>, Vec<_>) = regions.iter().partition(|region| region.misses_target());
+        missing.into_iter().chain(others).take(REGIONS_LISTED).map(Self::of).collect()
+    }
+
+    fn of(region: &RegionCoverage) -> Self {
+        let refuted = || "reached on the samples that views were chosen on, but not on independent ones".to_owned();
+        Self {
+            name: region.name.clone(),
+            kind: region.kind,
+            target: region.target,
+            of_asked: region.of_asked(),
+            independent_of_asked: region.independent.map(|independent| independent.of_asked()),
+            met: region.target.map(|_| !region.misses_target()),
+            why_unmet: shortfall(region).or_else(|| region.is_refuted().then(refuted)),
+        }
+    }
 }
 
 /// Headline shares of a plan. They are on independent samples, except the share of the coverable area, which is only known on the
@@ -118,6 +197,36 @@ pub struct SummaryShares {
     pub of_coverable: f64,
     /// Measured share of the whole surface.
     pub of_total: f64,
+    /// Lowest measured shares of the asked area under pose errors; `null` if none are evaluated (`robust.pose_error`), and in summaries
+    /// from before they were introduced.
+    #[serde(default)]
+    pub under_pose_errors: Option<SharesUnderPoseErrors>,
+}
+
+/// Lowest measured shares of the asked area under pose errors, on independent samples.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct SharesUnderPoseErrors {
+    /// Size of the errors.
+    pub pose_error: PoseErrorParams,
+    /// Lowest share, over all draws.
+    pub of_asked: f64,
+    /// Lowest share with an error of its own of each view.
+    pub each_view: WorstShare,
+    /// Lowest share with one error of the part and its support.
+    pub part: WorstShare,
+    /// Lowest share with one error that every view shares, as a wrong hand-eye calibration causes it; `null` if it was not evaluated.
+    pub hand_eye: Option<WorstShare>,
+}
+
+/// Lowest measured share over the draws of one kind of pose error.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct WorstShare {
+    /// Measured share of the asked area.
+    pub of_asked: f64,
+    /// Number of draws.
+    pub draws: usize,
 }
 
 impl Summary {
@@ -142,7 +251,9 @@ impl Summary {
             views_chosen: plan.views.len(),
             setups: plan.setups.len(),
             views_text: views_text(plan),
+            setup_links: SetupLinkDocument::all_of(plan),
             coverage_text: coverage.text(plan.coverage.is_of_open),
+            headline: headline(&document).map(HeadlineDocument::from).into(),
             coverage,
             grades: document.grades,
             cycle_secs: motion.map(|motion| motion.cycle_secs),
@@ -151,6 +262,7 @@ impl Summary {
             program_cycle: None,
             regions_with_target: regions.iter().filter(|region| region.target.is_some()).count(),
             regions_unmet: regions.iter().filter(|region| region.misses_target()).count(),
+            regions: SummaryRegion::listed(regions),
             missed_of_asked,
             missed_spots,
             missed_text: missed_text([missed_of_asked, 1.0 - coverage.of_asked], missed_spots, plan.coverage.is_of_open),
@@ -243,7 +355,7 @@ impl Summary {
         self.lines_with_rest("in the report")
     }
 
-    /// These lines, with the place where the groups are told that have no line of their own.
+    /// Lines of the summary, with the place where the groups are told that have no line of their own.
     #[must_use]
     pub fn lines_with_rest(&self, place: &str) -> Vec<String> {
         let mut lines = vec![self.title.clone(), self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
@@ -275,7 +387,32 @@ impl From<&CoverageDocument> for SummaryShares {
             of_asked,
             of_coverable,
             of_total,
+            under_pose_errors: coverage.robust.as_ref().map(SharesUnderPoseErrors::from),
         }
+    }
+}
+
+impl From<&RobustDocument> for SharesUnderPoseErrors {
+    fn from(robust: &RobustDocument) -> Self {
+        let worst = |draws: usize, drawn: &DrawnDocument| WorstShare { of_asked: drawn.worst, draws };
+        let each_view = worst(robust.draws, &robust.of_asked);
+        let part = worst(robust.part.draws, &robust.part.of_asked);
+        let hand_eye = robust.hand_eye.map(|off| worst(off.draws, &off.of_asked));
+        let of_asked =
+            [Some(part), hand_eye].into_iter().flatten().fold(each_view.of_asked, |least, kind| least.min(kind.of_asked));
+        Self { pose_error: robust.pose_error, of_asked, each_view, part, hand_eye }
+    }
+}
+
+impl SharesUnderPoseErrors {
+    /// The lowest share in a clause; `is_of_open` of what earlier scans left open.
+    fn text(&self, is_of_open: bool) -> String {
+        let [angle_deg, shift_mm] = pose_error_sizes(&self.pose_error);
+        format!(
+            "if poses are off by {angle_deg}° and {shift_mm} mm, at worst {} {}",
+            percent(self.of_asked),
+            of_asked_phrase(is_of_open)
+        )
     }
 }
 
@@ -283,9 +420,11 @@ impl SummaryShares {
     /// The shares in a sentence; `is_of_open` of what earlier scans left open.
     fn text(&self, is_of_open: bool) -> String {
         let open = if is_of_open { format!(" ({MEANING_OF_OPEN})") } else { String::new() };
+        // On independent samples too, so before the share that is not.
+        let off = self.under_pose_errors.map_or_else(String::new, |shares| format!("; {}", shares.text(is_of_open)));
         format!(
             "Simulated coverage{open}, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} {}, \
-             {} of the whole surface; on the samples that views are chosen on: {} of coverable",
+             {} of the whole surface{off}; on the samples that views are chosen on: {} of coverable",
             percent(self.of_visible),
             percent(self.grades_a_b_of_visible),
             percent(self.within_35_deg_of_visible),

@@ -3,18 +3,50 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::cell::closed_list;
+
+closed_list! {
+    /// Liveness of the process, in a word.
+    pub enum HealthStatus {
+        /// The process responds.
+        Ok = "ok",
+    }
+}
+
 /// Liveness of the process.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Health {
     /// Always `ok`.
-    pub status: String,
+    pub status: HealthStatus,
+}
+
+closed_list! {
+    /// Subject of a check of readiness.
+    pub enum ReadinessSubject {
+        /// The server is not shutting down.
+        NotStopping = "not_stopping",
+        /// The store can be read and written.
+        Storage = "storage",
+        /// The store's disk has room.
+        FreeSpace = "free_space",
+        /// A planning thread is left.
+        Planning = "planning",
+    }
+}
+
+closed_list! {
+    /// Readiness of the server, in a word.
+    pub enum ReadinessStatus {
+        /// The server accepts work.
+        Ready = "ready",
+    }
 }
 
 /// A condition that must hold for the server to accept work.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ReadinessCheck {
     /// Subject of the check.
-    pub name: String,
+    pub name: ReadinessSubject,
     /// True if the check passed.
     pub ok: bool,
 }
@@ -23,7 +55,7 @@ pub struct ReadinessCheck {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Readiness {
     /// Always `ready`; otherwise the response is a problem with status 503.
-    pub status: String,
+    pub status: ReadinessStatus,
     /// Checks that were made.
     pub checks: Vec<ReadinessCheck>,
 }

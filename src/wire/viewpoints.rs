@@ -6,10 +6,13 @@ use utoipa::ToSchema;
 
 use super::csv::Csv;
 use super::plan::ViewpointDocument;
+use super::schema_name::schema_name;
 use crate::planning::plan::{Plan, ViewId};
 
 /// Schema name in the document.
 pub const VIEWPOINTS_SCHEMA: &str = "vantage.viewpoints/1";
+
+schema_name!(ViewpointsSchema, VIEWPOINTS_SCHEMA);
 
 const HEADER: [&str; 24] = [
     "id",
@@ -42,6 +45,7 @@ const HEADER: [&str; 24] = [
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ViewpointsDocument {
     /// Schema name, `vantage.viewpoints/1`.
+    #[schema(value_type = ViewpointsSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
     #[serde(default)]

@@ -59,6 +59,9 @@ closed_list! {
         GoalNeedsCell = "goal_needs_cell",
         /// The list of every candidate was asked for and is left out: it would be too large.
         CandidatesLeftOut = "candidates_left_out",
+        /// Planning has ended, and the results or the end of the job cannot be stored yet: the disk is full, or the store is
+        /// temporarily unavailable.
+        ResultsWait = "results_wait",
         /// The value is accepted, and hardly what was meant: it looks like metres or radians, or turns something upside down.
         DoubtfulValue = "doubtful_value",
     }
@@ -81,6 +84,7 @@ impl WarningCode {
             Self::ToleranceBeyondNoise
             | Self::SpacingBeyondScanner
             | Self::GoalNeedsCell
+            | Self::ResultsWait
             | Self::PartSmall
             | Self::PartLargerThanPlate
             | Self::HomeInRadians
@@ -108,14 +112,14 @@ pub struct FieldWarning {
 /// Warnings on a cell that can be built; `at` is the pointer to it.
 #[must_use]
 pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
-    let home = cell.home_in_radians().map(|home_deg| FieldWarning {
+    let home = cell.home_in_radians().map(|home| FieldWarning {
         code: WarningCode::HomeInRadians,
         pointer: format!("{at}/home_deg"),
         detail: format!(
             "is {:?}; all values are within ±2π, which suggests radians",
             cell.home_rad.axes_rad().map(|angle| fixed_number(angle.to_degrees()))
         ),
-        remedy: format!("if it is in radians, give {home_deg:?} (degrees)"),
+        remedy: format!("if it is in radians, give {:?} (degrees)", home.axes_tenths_deg()),
     });
     let (centre_mm, reach_mm) = cell.plate_centre_distance_mm();
     let plate = (centre_mm > reach_mm).then(|| FieldWarning {

@@ -10,11 +10,11 @@ use crate::geometry::{Part, Pose, Table};
 use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
 use crate::planning::params::{Corners, OverlapParams, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
+use crate::planning::plan::Stability;
 use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, Plan, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason,
-    StopReason, Turn, TurnKind,
+    StopReason, Turn, TurnKind, share,
 };
-use crate::planning::registration::Stability;
 use crate::planning::sequence::bound_gap;
 use crate::planning::verdict::{MIN_RESISTANCE, Rejection};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RegionCoverageDocument, StabilityDocument};
@@ -29,6 +29,8 @@ const MAX_VALUE_CHARS: usize = 160;
 const NAMED_CAUSES: usize = 3;
 /// Reason for which a region without samples does not reach its target.
 pub(crate) const NOTHING_IN_REGION: &str = "it contains none of the asked surface";
+/// Meaning of the expected error of a registration.
+pub(crate) const EXPECTED_ERROR_IS: &str = "from independent noise alone, without errors of calibration and hand-eye";
 /// Share that may be lacking of a whole, or be left of nothing: sums over samples are not exact to the last bit.
 const SUM_SLACK: f64 = 1e-9;
 /// Size from which on a number is told with a power of ten: areas of 1000 m² in mm², of which no cell has more.
@@ -88,10 +90,18 @@ pub struct HeadlineShare {
     pub name: &'static str,
     /// The share, 0 to 1.
     pub share: f64,
+    /// True if it is on samples that were not used to choose views.
+    pub is_independent: bool,
     /// Meaning, in a sentence without a full stop.
     pub meaning: &'static str,
 }
 
+/// Name of the share that is known on the samples that views are chosen on alone.
+pub(crate) const MEASURED_OF_COVERABLE: &str = "measured of coverable";
+/// Meaning of a share that is independent.
+pub(crate) const MEANING_OF_INDEPENDENT: &str = "samples that were not used to choose views";
+/// Meaning of the coverable area where the reach of the cell is ignored.
+pub(crate) const MEANING_OF_REACH_IGNORED: &str = "at least one viewpoint measures it, whether the robot reaches that or not";
 /// Meanings of the shares up to an angle of incidence.
 const MEANING_OF_35_DEG: &str = "measured at 35° or less between the normal and the ray to the origin of the scanner frame";
 const MEANING_OF_60_DEG: &str = "measured at 60° or less between the normal and the ray to the origin of the scanner frame";
@@ -123,10 +133,13 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
         ("within 35° of visible", visible.within_35_deg_of_visible, MEANING_OF_35_DEG),
         ("within 60° of visible", visible.within_60_deg_of_visible, MEANING_OF_60_DEG),
         (if coverage.of_open { "measured of open" } else { "measured of asked" }, of_asked, asked),
-        ("measured of coverable", coverage.of_coverable, coverable_meaning),
+        (MEASURED_OF_COVERABLE, coverage.of_coverable, coverable_meaning),
         ("measured of total", of_total, "total: every face of the part"),
     ]
-    .map(|(name, share, meaning)| HeadlineShare { name, share, meaning })
+    .map(|(name, share, meaning)| {
+        let is_independent = independent.is_some() && name != MEASURED_OF_COVERABLE;
+        HeadlineShare { name, share, is_independent, meaning }
+    })
 }
 
 /// Meanings of the asked, the visible and the coverable area; of further views, that of the open area in place of the asked one.
@@ -306,12 +319,13 @@ fn rescan_stop_phrase(rule: &str) -> &str {
 #[must_use]
 pub fn stability_sentence(stability: &StabilityDocument) -> String {
     let StabilityDocument { shared_area_mm2, fixed: is_fixed, resistance, weakest, expected_error_mm } = stability;
-    let error =
-        expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{} µm (1 σ)", fixed_nonzero(1e3 * error_mm, 1)));
+    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| {
+        format!("at least {} µm (1 σ, {EXPECTED_ERROR_IS})", fixed_nonzero(1e3 * error_mm, 1))
+    });
     let resistance = fixed_nonzero(*resistance, 3);
     format!(
-        "share {} mm², {}; weakest motion: {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), expected error \
-         from noise alone {error}",
+        "share {} mm², {}; weakest motion: {weakest}, resistance {resistance} (at least {MIN_RESISTANCE} needed), expected \
+         error {error}",
         area_mm2(*shared_area_mm2),
         if *is_fixed { "all six degrees of freedom constrained" } else { "not all six degrees of freedom constrained" }
     )
@@ -320,7 +334,7 @@ pub fn stability_sentence(stability: &StabilityDocument) -> String {
 /// Names the motion of one measurement against another that shared surface resists least.
 #[must_use]
 pub fn freedom(stability: &Stability) -> String {
-    let (turn, shift) = (stability.turn, stability.shift);
+    let (turn, shift) = (stability.turn_in_part, stability.shift_in_part);
     let (what, axis) = if turn.norm() > shift.norm() { ("turning about", turn) } else { ("sliding along", shift) };
     let Some(axis) = axis.try_normalize(f64::MIN_POSITIVE) else { return "every motion".to_owned() };
     let [x, y, z] = [axis.x, axis.y, axis.z].map(|part| fixed(part, 2));
@@ -399,7 +413,7 @@ pub(crate) const HOME_REMEDY: &str =
 pub(crate) const WITHOUT_PATH: &str = "views to which no collision-free path was found were left out; more views \
      (selection.target, selection.max_views) may measure some of it, and a smaller motion.clearance_mm may free a path";
 
-/// That remedy for further views, which take no parameters of a plan and end at its target.
+/// Remedy of such area for further views, which take no parameters of a plan and end at its target.
 pub(crate) const RESCAN_WITHOUT_PATH: &str = "views to which no collision-free path was found were left out; plan the part again: \
      more views (selection.target) may measure some of it, and a smaller motion.clearance_mm may free a path";
 
@@ -428,6 +442,20 @@ pub fn advice_sentence(advice: &Advice) -> String {
         Advice::MountScanner => "mount the scanner differently (flange_from_scanner); `vantage study reach` compares mounts",
     };
     text.to_owned()
+}
+
+/// Remedy of area that is missed for want of a path, in a plan that ended for that, in plain text: advice on the two bodies that meet on
+/// the straight move to most candidates. `None` for other causes and plans, and where none meet.
+pub(crate) fn path_remedy(plan: &Plan, cause: Cause) -> Option<String> {
+    if cause != Cause::NoPath || plan.stopped_because != StopReason::NoPath {
+        return None;
+    }
+    let blocking = plan.obstructions.iter().filter(|obstruction| obstruction.without_path > 0);
+    // Of equal ones the last: it is the first of the pairs.
+    let obstruction = blocking.rev().max_by_key(|obstruction| obstruction.without_path)?;
+    let advice = advice_sentence(&obstruction.advice).replace('`', "");
+    let candidates = counted(obstruction.without_path, "candidate");
+    Some(format!("{advice} ({} meet on the straight move to {candidates})", obstruction.bodies))
 }
 
 /// Turn in degrees and shift in mm of a pose error with three significant digits: the error of a calibrated cell is small and not
@@ -510,6 +538,16 @@ pub fn partial_percent(of_spot: f64) -> Option<String> {
 #[must_use]
 pub fn partial_share(of_spot: f64, measured_mm2: f64) -> Option<String> {
     partial_percent(of_spot).map(|percent| format!("only {percent} of it, {} mm²", area_mm2(measured_mm2)))
+}
+
+/// Share and area of some spots that a fix measures which does not work for each of them, to be said before the fix:
+/// `only 54 % of it, 7.50 mm²`.
+pub(crate) fn partial_of_spots(spots: usize, spots_mm2: f64, measured_mm2: f64) -> String {
+    let of_spots = share(measured_mm2, spots_mm2);
+    // What is left of them is not rounded away.
+    let percent = partial_percent(of_spots).unwrap_or_else(|| format!("{} %", percent_below(of_spots, 1.0, 0)));
+    let them = if spots == 1 { "it" } else { "them" };
+    format!("only {percent} of {them}, {} mm²", area_mm2(measured_mm2))
 }
 
 /// The finding that none of so many views tried for a spot helps.

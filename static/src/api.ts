@@ -213,7 +213,7 @@ export interface Mesh {
 }
 
 export interface MissedGroup {
-  reason: string; spots: number; area_mm2: number; of_asked: number; fix_known: boolean; fix_text: string;
+  reason: string; spots: number; area_mm2: number; of_asked: number; fix_known: boolean; fix_text: string; partial_text?: string | null;
   recovers_mm2: number; added_views: number; set: Record<string, unknown>; text: string;
 }
 
@@ -226,6 +226,8 @@ export interface Summary {
   cycle_parts: { moving_secs: number; settling_secs: number; scanning_secs: number; turning_secs: number } | null;
   action: { text: string; set: Record<string, unknown>; to_of_asked: number; from_of_asked: number } | null;
   missed: MissedGroup[]; missed_text: string; setups: number;
+  /** Absent in jobs of earlier releases. */
+  headline?: { name: string; share: number; independent: boolean; meaning: string }[];
   /** True of further views: shares are of the area that earlier scans left open. */
   of_open?: boolean;
 }

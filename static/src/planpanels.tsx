@@ -43,23 +43,20 @@ export function Legend({ state, mode, areas }: { state: Plan3d; mode: Colouring;
 }
 
 export function SummaryPanel({ state }: { state: Plan3d }) {
-  const { job, plan } = state.model;
-  // The figures of the verdict, on samples that the choice of views did not know.
-  const coverage = job.summary?.coverage ?? plan.coverage;
-  const denominator = job.summary?.of_open ? words.openDenominator : words.denominator;
-  const shares = (["of_visible", "of_asked", "of_coverable"] as const).map((name) => [name, coverage[name]] as const);
+  const { job } = state.model;
   return (
     <div>
       <Sentences job={job} />
       <h3>{words.denominators}</h3>
       <dl class="shares">
-        {shares.map(([name, share]) => (
+        {job.summary?.headline?.map(({ name, share, independent, meaning }) => (
           <div key={name}>
-            <dt><strong>{percent(share, 2)}</strong><meter min={0} max={1} value={share} aria-label={denominator[name]} /></dt>
-            <dd>{denominator[name]}</dd>
+            <dt><strong>{percent(share, 2)}</strong><meter min={0} max={1} value={share} aria-label={name} /></dt>
+            <dd><b>{name}</b>{independent && words.independent}<br />{meaning}</dd>
           </div>
         ))}
       </dl>
+      <p class="soft">{words.independence}</p>
       <p class="soft">{words.spotHint}</p>
       <Warnings job={job} />
     </div>
@@ -233,7 +230,7 @@ export function MissesPanel({ state, mode, onSpot }: { state: Plan3d; mode: Colo
       <ul class="fixes">
         {fixes.map((group) => (
           <li key={group.text}>{words.missCount(group.spots)}, {percent(group.of_asked, 2)}: <Cause cause={group.reason} mode={mode} />.
-            {" "}{group.fix_text} ({area(group.recovers_mm2)}) <Remedy job={job} label={text.job.apply} set={group.set} /></li>
+            {" "}{group.partial_text ? `${group.partial_text}: ${group.fix_text}` : `${group.fix_text} (${area(group.recovers_mm2)})`} <Remedy job={job} label={text.job.apply} set={group.set} /></li>
         ))}
       </ul>
       <h3>{words.misses}{all > spots.length && ` (${spots.length} ${text.runs.of} ${all})`}</h3>

@@ -88,16 +88,7 @@ export const text = {
     gradeNames: { A: "A: best", B: "B: good", C: "C: fair", D: "D: poor" } as Record<string, string>,
     panels: { summary: "Summary", views: "Views", misses: "Misses", regions: "Regions", charts: "Charts" } as Record<string, string>,
     denominators: "How coverage is counted",
-    denominator: {
-      of_visible: "Of visible: share of the asked area that can be seen at all: the part neither stands on it nor encloses it.",
-      of_asked: "Of asked: share of the area you asked for. The face that the part rests on counts, although nothing can see it.",
-      of_coverable: "Of coverable: share of what the usable candidates measure. The target refers to this share by default.",
-    },
-    openDenominator: {
-      of_visible: "Of visible: share of the open area that can be seen at all.",
-      of_asked: "Of open: share of the area that earlier scans left open.",
-      of_coverable: "Of coverable: share of it that the usable candidates measure.",
-    },
+    independent: ", independent", independence: "Independent: on samples that were not used to choose views.",
     view: (id: number) => `View ${id}`, adds: (share: string) => `adds ${share}`, rejected: "no collision-free path",
     clearance: (distance: string) => `clearance ${distance}`, depth: "Distance", incidence: "Incidence",
     viewsHint: "Choose a view to show its field of view; untick one to see how much coverage the plan loses.", use: (id: number) => `Use view ${id}`,

@@ -1,7 +1,7 @@
-//! How much of the surface is measured, against dense sampling that shares nothing with the engine but the definition of
-//! method §4: other points (independent uniform ones, 128 a triangle below 200 000 triangles, else 16, and four million
-//! more by area), the definition written out again, and Embree's robust rays for what hides. On every public mesh below a million
-//! triangles, scaled to 120 mm, from the four viewpoints of the rig.
+//! Measured area of the surface, against dense sampling that shares nothing with the engine but the definition in
+//! `vantage::planning::method::visibility`: other points (independent uniform ones, 128 a triangle below 200 000 triangles, else
+//! 16, and four million more by area), the definition written out again, and Embree's robust rays for what hides. On every public
+//! mesh below a million triangles, scaled to 120 mm, from the four viewpoints of the rig.
 
 use std::fs;
 use std::io::Read as _;
@@ -121,7 +121,7 @@ fn dense_area_mm2(mesh: &Mesh, scene: &EmbreeScene, scanner: &Scanner, view: &Po
     tasks.iter().sum()
 }
 
-/// The definition of method §4 for one viewpoint.
+/// The definition in `vantage::planning::method::visibility` for one viewpoint.
 struct Judge<'a> {
     scanner: &'a Scanner,
     eyes: PerDevice<Eye>,
@@ -152,7 +152,7 @@ impl Judge<'_> {
         }));
     }
 
-    /// Whether each point is hidden from no device.
+    /// Tells for each point whether it is hidden from no device.
     fn visible(&self, scene: &EmbreeScene, points: Vec<Point3<f64>>) -> impl Iterator<Item = bool> {
         let mut seen = vec![true; points.len()];
         let mut blocked = vec![false; points.len()];

@@ -164,7 +164,7 @@ impl EmbreeScene {
         }
     }
 
-    /// Whether anything lies on `origin + t·direction`, 0 < t < `end`.
+    /// Finds whether anything lies on `origin + t·direction`, 0 < t < `end`.
     pub(crate) fn blocked(&self, origin: [f32; 3], directions: &[[f32; 3]], end: f32, blocked: &mut [bool]) {
         let mut packet = rays_from(origin);
         for (directions, blocked) in directions.chunks(WIDTH).zip(blocked.chunks_mut(WIDTH)) {

@@ -23,14 +23,14 @@ const SAMPLES: f64 = 4.0;
 
 /// A part made ready for the engine.
 pub(crate) struct Ready {
-    /// Its samples.
+    /// Samples of the part.
     pub(crate) surface: Surface,
     occluders: Occluders,
     params: PlanParams,
 }
 
 impl Ready {
-    /// With so many samples a triangle on average, at least one on each; or with what a plan takes by default.
+    /// A part with so many samples a triangle on average, at least one on each; or with what a plan takes by default.
     pub(crate) fn new(mesh: &Mesh, samples_a_triangle: Option<f64>) -> Self {
         let mut params = PlanParams::default();
         if let Some(samples) = samples_a_triangle {
@@ -41,7 +41,7 @@ impl Ready {
         Self { surface, occluders: Occluders::new([mesh]), params }
     }
 
-    /// What each of `views` measures, on the pool that this runs in.
+    /// Samples that each of `views` measures, computed on the pool that this runs in.
     pub(crate) fn cast(&self, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>], level: SimdLevel) -> VisibilityMatrix {
         let cancel = AtomicBool::new(false);
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
@@ -49,7 +49,7 @@ impl Ready {
         visibility::cast(&self.surface, views, &usable, scanner, &self.occluders, &self.params, &ctx).expect("not cancelled")
     }
 
-    /// Which triangles the devices meet with a pixel from `view`: a bit a device, left camera first.
+    /// Triangles that the devices meet with a pixel from `view`: a bit a device, left camera first.
     pub(crate) fn pixel_set(&self, scanner: &Scanner, view: &Pose<PartFrame, ScannerFrame>, level: SimdLevel) -> Vec<u8> {
         let cancel = AtomicBool::new(false);
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);

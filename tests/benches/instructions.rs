@@ -17,12 +17,12 @@ use crate::packets::END;
 use crate::report::{Report, number};
 use crate::rig::{eyes, scanner, views};
 
-/// What makes this program run a kernel and nothing else.
+/// Argument that makes this program run a kernel and nothing else.
 pub(crate) const WORD: &str = "kernel";
 
 /// Triangles of the part.
 const TRIANGLES: usize = 20_000;
-/// Of the levels, those that valgrind knows.
+/// Levels that valgrind knows.
 const LEVELS: [&str; 2] = ["portable", "avx2"];
 const KERNELS: [(&str, Kernel); 4] = [
     ("any-hit rays", any_hit_rays),
@@ -33,7 +33,7 @@ const KERNELS: [(&str, Kernel); 4] = [
 
 type Kernel = fn(&Scene, SimdLevel);
 
-/// What kernels run on.
+/// Data that kernels run on.
 struct Scene {
     scanner: Scanner,
     mesh: Mesh,
@@ -87,7 +87,7 @@ fn count(kernel: &str, level: &str) -> Result<u64, String> {
     Ok(counted("2")? - counted("1")?)
 }
 
-/// From the projector to the middle of every triangle.
+/// Casts any-hit rays from the projector to the middle of every triangle.
 fn any_hit_rays(scene: &Scene, level: SimdLevel) {
     let PerDevice { projector, .. } = eyes(&scene.scanner, &views(&scene.scanner)[0]);
     let middle = |face: usize| scene.mesh.corners(face).iter().map(|corner| corner.coords / 3.0).sum::<Vector3<f64>>().into();

@@ -1,5 +1,5 @@
-//! What a run costs, and fair comparison: contestants take turns within every round, so that what else the machine does
-//! hits all of them alike; the median over the rounds counts.
+//! Cost of a run, and fair comparison: contestants take turns within every round, so that what else the machine does hits all of
+//! them alike; the median over the rounds counts.
 
 use std::time::{Duration, Instant};
 
@@ -9,14 +9,14 @@ use rustix::time::{ClockId, clock_gettime};
 /// Seconds that one run took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cost {
-    /// By the clock.
+    /// Seconds by the clock.
     pub(crate) wall_s: f64,
-    /// Of all threads of the process that did the work.
+    /// Seconds of all threads of the process that did the work.
     pub(crate) cpu_s: f64,
 }
 
 impl Cost {
-    /// The same for each of `parts` equal parts of the work.
+    /// Cost of each of `parts` equal parts of the work.
     pub(crate) fn over(self, parts: usize) -> Self {
         Self { wall_s: self.wall_s / parts as f64, cpu_s: self.cpu_s / parts as f64 }
     }

@@ -16,7 +16,7 @@ const EXTENT_MM: f64 = 120.0;
 const RELIEF_MM: f64 = 0.15;
 const RELIEF_PERIOD_MM: f64 = 3.0;
 
-/// How fine a part is, which decides what is demanded on it.
+/// Fineness of a part, which decides what is demanded on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Size {
     /// About 70 000 triangles.
@@ -28,7 +28,7 @@ pub(crate) enum Size {
 }
 
 impl Size {
-    /// As it is called in the table of demands.
+    /// Name in the table of demands.
     pub(crate) fn as_str(self) -> &'static str {
         match self {
             Self::Coarse => "70 k",

@@ -18,7 +18,7 @@ use crate::python::{Peer, Python};
 use crate::report::{Demand, number};
 use crate::rig::{Eye, eyes, views};
 
-/// Where an any-hit ray ends, as a share of its length: 3 µm at 480 mm short of the surface that it is to reach.
+/// End of an any-hit ray, as a share of its length: 3 µm at 480 mm short of the surface that it is to reach.
 pub(crate) const END: f32 = 1.0 - 3e-3 / 480.0;
 /// Rays that a thread takes at a time.
 const CHUNK: usize = 8192;
@@ -64,16 +64,16 @@ pub(crate) fn section(bench: &mut Bench, part: &Part) {
 
 /// Rays with a common origin.
 struct Rays {
-    /// What they are called.
+    /// Name of the rays.
     name: &'static str,
-    /// Where they begin, part frame, mm.
+    /// Common origin, part frame, mm.
     origin_mm: [f32; 3],
-    /// Where they go; any-hit rays end at [`END`] times this.
+    /// Directions of the rays; any-hit rays end at [`END`] times this.
     directions_mm: Vec<[f32; 3]>,
-    /// The same for first hits in f64; for any hits the points that they go to, part frame. The other is empty.
+    /// Directions in f64 of first hits; for any hits `targets_mm` has the points that they go to, part frame. The other is empty.
     exact_directions_mm: Vec<Vector3<f64>>,
     targets_mm: Vec<Point3<f64>>,
-    /// Whether the first face is asked for, or only whether there is any.
+    /// True if the first face is asked for, not only whether there is any.
     first: bool,
 }
 
@@ -110,7 +110,7 @@ fn any_hit(name: &'static str, eye: &Eye, targets: impl Iterator<Item = Point3<f
     Rays::new(name, eye, directions_mm, false)
 }
 
-/// Where a line meets the plane of a face.
+/// Point where a line meets the plane of a face.
 fn on_plane(mesh: &Mesh, face: u32, origin: &Point3<f64>, direction: &[f32; 3]) -> Point3<f64> {
     let (normal, direction) = (mesh.scaled_normal(face as usize), Vector3::from(*direction).map(f64::from));
     let along = normal.dot(&(mesh.corners(face as usize)[0] - origin)) / normal.dot(&direction);
@@ -131,7 +131,7 @@ fn samples_facing<'a>(mesh: &'a Mesh, eye: &'a Point3<f64>) -> impl Iterator<Ite
     })
 }
 
-/// What a ray caster answers for an array.
+/// Answers of a ray caster for an array.
 enum Answers {
     /// First faces.
     Faces(Vec<u32>),
@@ -158,9 +158,9 @@ impl Answers {
 
 /// One that casts arrays.
 struct Caster<'a> {
-    /// Its name in the table.
+    /// Name of the caster in the table.
     label: String,
-    /// On how many threads it can run.
+    /// Numbers of threads on which it can run.
     threads: &'static [usize],
     /// Fills in the answers on so many threads; or why it cannot.
     cast: Result<Cast<'a>, String>,

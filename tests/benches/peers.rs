@@ -29,7 +29,7 @@ use python::Python;
 use report::Report;
 use vantage::cell::Scanner;
 
-/// What everyone is measured with.
+/// Tools that everyone is measured with.
 struct Bench {
     rounds: usize,
     scanner: Scanner,

@@ -21,10 +21,10 @@ const THESIS: [&str; 2] = ["candidates.strategies=[\"ellipsoid\"]", "candidates.
 /// Steps that give about a hundred of them.
 const HUNDRED: [&str; 4] = [THESIS[0], THESIS[1], "candidates.step_small_deg=22.5", "candidates.step_large_deg=30"];
 
-/// How often the process is asked what it has needed so far; the high-water mark of its last moments may be missed.
+/// Interval at which the process is asked what it has needed so far; the high-water mark of its last moments may be missed.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
-/// What came of a plan.
+/// Result of a plan.
 struct Planned {
     /// Viewpoints whose visibility was computed.
     candidates: u64,
@@ -85,7 +85,7 @@ pub(crate) fn memory_section(bench: &mut Bench, quick: bool) {
 /// Plans viewpoints for `mesh`, without a cell, with the nominal scanner.
 ///
 /// # Errors
-/// What the program said.
+/// Output of the program, if it fails.
 fn plan(mesh: &Mesh, sets: &[&str]) -> Result<Planned, String> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/target/bench-peers"));
     let (part, out) = (folder.join("part.ply"), folder.join("plan"));

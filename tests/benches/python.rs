@@ -31,7 +31,7 @@ impl Peer {
         }
     }
 
-    /// Its name where it is absent.
+    /// Name of the peer where it is absent.
     pub(crate) fn title(self) -> &'static str {
         match self {
             Self::Open3d => "Open3D",
@@ -56,7 +56,7 @@ pub(crate) struct Python {
     folder: PathBuf,
 }
 
-/// What a whole viewpoint cost, and the share of its steps in wall seconds.
+/// Cost of a whole viewpoint, and the share of its steps in wall seconds.
 pub(crate) struct ViewpointCost {
     /// Everything.
     pub(crate) whole: Cost,
@@ -138,7 +138,7 @@ impl Python {
         cost
     }
 
-    /// Whether anything lies on each of the kept rays up to `end` times its length.
+    /// Finds whether anything lies on each of the kept rays up to `end` times its length.
     pub(crate) fn blocked(&mut self, peer: Peer, name: &str, end: f32, threads: usize, blocked: &mut [bool]) -> Cost {
         let file = self.folder.join("blocked");
         let cost = self.ask_rays("blocked", peer, name, threads, &file, json!({ "end": end }));

@@ -1,6 +1,6 @@
-//! What goes before planning: a file is read, welded and assessed, and its trees are grown. `cargo bench --bench reading --
-//! FILE...` prints a row for each stage of each file: CPU and wall seconds, medians of `ROUNDS` rounds, on all cores; and what a
-//! pass over the memory that the stage leaves takes, as the least that it could.
+//! Cost of the stages before planning: a file is read, welded and assessed, and its trees are grown. `cargo bench --bench reading
+//! -- FILE...` prints a row for each stage of each file: CPU and wall seconds, medians of `ROUNDS` rounds, on all cores; and what
+//! a pass over the memory that the stage leaves takes, as the least that it could.
 
 use std::fs;
 use std::hint::black_box;

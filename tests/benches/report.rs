@@ -1,4 +1,4 @@
-//! What a run found, printed as it comes and kept as Markdown.
+//! Results of a run, printed as they come and kept as Markdown.
 
 use std::fmt::Display;
 
@@ -19,20 +19,20 @@ struct Figure {
     measured: f64,
 }
 
-/// What is demanded of a figure.
+/// Demand on a figure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Demand {
-    /// Which side of the bounds is good.
+    /// Side of the bounds that is good.
     pub(crate) good: Good,
-    /// What is demanded at least.
+    /// Bound that has to be met.
     pub(crate) least: f64,
-    /// What is aimed at, where that is more.
+    /// Bound that is aimed at, where that is more.
     pub(crate) aim: Option<f64>,
-    /// What stands behind the numbers.
+    /// Text after the numbers.
     pub(crate) unit: &'static str,
 }
 
-/// Which side of a bound is good.
+/// Side of a bound that is good.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Good {
     /// A speed.
@@ -42,12 +42,12 @@ pub(crate) enum Good {
 }
 
 impl Demand {
-    /// No less than `least`, and `aim` if it can be.
+    /// Demands `least` or more, and `aim` if it can be.
     pub(crate) fn above(least: f64, aim: f64, unit: &'static str) -> Self {
         Self { good: Good::Above, least, aim: Some(aim), unit }
     }
 
-    /// No more than `least`, and `aim` if it can be.
+    /// Demands `least` or less, and `aim` if it can be.
     pub(crate) fn below(least: f64, aim: f64, unit: &'static str) -> Self {
         Self { good: Good::Below, least, aim: Some(aim), unit }
     }

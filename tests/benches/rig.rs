@@ -1,6 +1,6 @@
-//! The scanner and the viewpoints of the benchmarks: the nominal rig of method §2 with a projector of the cameras'
-//! resolution, so that a viewpoint has 3 × 4000 × 3036 = 36.4 million pixel rays, as the thesis casts; 480 mm from the
-//! part's centre, which is the origin.
+//! The scanner and the viewpoints of the benchmarks: the nominal rig of `vantage::planning::method::scanner` with a projector of
+//! the cameras' resolution, so that a viewpoint has 3 × 4000 × 3036 = 36.4 million pixel rays, as the thesis casts; 480 mm from
+//! the part's centre, which is the origin.
 //!
 //! Pixel (i, j) covers i ≤ u < i + 1, j ≤ v < j + 1; its ray goes through the middle.
 
@@ -104,7 +104,7 @@ impl Eye {
 }
 
 impl PixelBox {
-    /// Its pixels in squares of 4 × 4, so that every sixteen in turn look almost the same way.
+    /// Pixels of the box in squares of 4 × 4, so that every sixteen in turn look almost the same way.
     pub(crate) fn pixels(self) -> impl Iterator<Item = (u32, u32)> {
         let ([left, right], [top, bottom]) = (self.columns, self.rows);
         (top..bottom).step_by(4).flat_map(move |row| {

@@ -35,7 +35,7 @@ use vantage::planning::stations::Station;
 /// Threads that plan.
 const THREADS: usize = 2;
 
-/// What `robotsp.py` writes.
+/// Task that `robotsp.py` writes.
 #[derive(Deserialize)]
 struct Task {
     targets: Vec<Target>,
@@ -64,7 +64,7 @@ struct Published {
     execution_secs: Vec<Option<f64>>,
 }
 
-/// What one column gave.
+/// Results of one column.
 struct Column {
     targets: usize,
     left_out: usize,

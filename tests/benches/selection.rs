@@ -33,7 +33,7 @@ const SAMPLES: usize = 300_000;
 const SOLVERS: [(&str, Solver); 4] =
     [("greedy", Solver::Greedy), ("lazy", Solver::Lazy), ("local", Solver::Local), ("certified", Solver::Certified)];
 
-/// What each candidate measures, and the area of each sample.
+/// Samples that each candidate measures, and the area of each sample.
 struct Table {
     rows: Vec<Row>,
     area_mm2: Vec<f64>,

@@ -1,6 +1,6 @@
-//! How soon the server answers while all cores plan: `cargo bench --bench server`. A store of 20 000 meshes, 10 000 jobs and
-//! 100 000 files is made first; then 16 clients download its largest result while others read, submit and upload, and
-//! 5 000 clients send half a request each. Everything runs on this machine, the clients too.
+//! Time in which the server answers while all cores plan: `cargo bench --bench server`. A store of 20 000 meshes, 10 000 jobs and
+//! 100 000 files is made first; then 16 clients download its largest result while others read, submit and upload, and 5 000
+//! clients send half a request each. Everything runs on this machine, the clients too.
 //!
 //! `cargo bench --bench server -- jobs` measures jobs a second instead: 100 jobs on parts of 20 000 triangles, queued over HTTP, small
 //! ones side by side and, for comparison, one at a time on all threads; then one large job each way.

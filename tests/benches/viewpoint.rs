@@ -21,7 +21,7 @@ use crate::rig::{self, Eye, PixelBox};
 /// Rows of pixels that a thread takes at a time.
 const BAND: u32 = 16;
 
-/// Which triangles each device meets.
+/// Triangles that each device meets.
 type Seen = PerDevice<Vec<bool>>;
 
 /// Bits of the devices in a pixel set.
@@ -134,7 +134,7 @@ fn with_open3d<'a>(bench: &'a Bench, views: &'a [Eyes], mesh: &'a Mesh, steps: &
     }))
 }
 
-/// What Embree's packets meet, on the pool that this runs in.
+/// Triangles that Embree's packets meet, computed on the pool that this runs in.
 fn packets_see(scene: &EmbreeScene, eyes: &Eyes, mesh: &Mesh) -> Seen {
     eyes.as_ref().map(|eye| {
         let seen: Vec<_> = mesh.faces.iter().map(|_| AtomicBool::new(false)).collect();
@@ -153,7 +153,7 @@ fn packets_see(scene: &EmbreeScene, eyes: &Eyes, mesh: &Mesh) -> Seen {
     })
 }
 
-/// How far the answers of the others are from those of Embree's robust packets, over all viewpoints.
+/// Distance of the others' answers from those of Embree's robust packets, over all viewpoints.
 fn agreement(bench: &mut Bench, scene: &EmbreeScene, ready: &Ready, part: &Part) {
     let [mut ours, mut open3d] = [(); 2].map(|()| Difference::default());
     for pose in rig::views(&bench.scanner) {

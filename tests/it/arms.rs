@@ -31,7 +31,7 @@ pub(crate) fn imported(name: &str) -> Option<Imported> {
     Some(import(&text, &options, &mut load).expect("a robot"))
 }
 
-/// What a robot's specification that names the surfaces becomes in a cell.
+/// Bodies that a robot's specification which names the surfaces has in a cell.
 pub(crate) fn link_surfaces(imported: &Imported) -> Vec<LinkBody> {
     let body = |surface: &LinkSurface| Body {
         name: surface.name.clone(),

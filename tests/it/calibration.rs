@@ -69,7 +69,7 @@ fn the_fifty_poses_of_moveit_give_the_known_answer() {
     let start = start_fixed(&sightings).expect("a start");
     let refined = problem.refine_with_sigma(&start, &weighting).expect("refines");
     let left_out: Vec<Twist> = leave_one_out(&refined, &sightings).iter().flatten().map(|left| left.residual).collect();
-    let (found, spread) = (refined.estimate.hand_eye.translation.vector, Spread::of(left_out));
+    let (found, spread) = (refined.estimate.flange_from_cloud.translation.vector, Spread::of(left_out));
     println!(
         "C3 MoveIt: {found:.2?} in {:?}; left out {:.2} mm, {:.3}°",
         began.elapsed(),
@@ -142,7 +142,7 @@ fn of_corners(document: &serde_json::Value) -> CalibrationData {
 
 /// Errors of the scanner on the flange, mm and degrees.
 fn off(task: &Task, truth: &Isometry3<f64>) -> [f64; 2] {
-    let found = task.calibrate().unwrap_or_else(|findings| panic!("{findings:?}")).refined.estimate.hand_eye;
+    let found = task.calibrate().unwrap_or_else(|findings| panic!("{findings:?}")).refined.estimate.flange_from_cloud;
     [(found.translation.vector - truth.translation.vector).norm(), found.rotation.angle_to(&truth.rotation).to_degrees()]
 }
 
@@ -159,16 +159,18 @@ fn from_rows(numbers: &serde_json::Value) -> Isometry3<f64> {
 
 /// Observations of a board that stands still, from random poses of the arm.
 fn random_set(noise: &mut Noise, sigma: &Sigma) -> Vec<Sighting> {
-    let hand_eye = exp(&twist(&noise.vector(), &(noise.vector() * 60.0)));
+    let flange_from_cloud = exp(&twist(&noise.vector(), &(noise.vector() * 60.0)));
     let board = exp(&twist(&(noise.vector() * 0.3), &(noise.vector() * 400.0)));
     let count = 5 + (noise.uniform() * 20.0) as usize;
     (0..count)
         .map(|index| {
             let seen = exp(&twist(&(noise.vector() * 0.4), &(Vector3::z() * 480.0 + noise.vector() * 30.0)));
-            let robot = board * seen.inverse() * hand_eye.inverse() * exp(&noise.twist(sigma.robot_rad, sigma.robot_mm));
-            let seen = seen * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
+            let base_from_flange =
+                board * seen.inverse() * flange_from_cloud.inverse() * exp(&noise.twist(sigma.robot_rad, sigma.robot_mm));
+            let cloud_from_board = seen * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
             let (seen_covariance, points_mm) = (None, Vec::new());
-            Sighting { id: index.to_string(), robot, table_rad: 0.0, seen, seen_covariance, points_mm }
+            let id = index.to_string();
+            Sighting { id, base_from_flange, table_rad: 0.0, cloud_from_board, seen_covariance, points_mm }
         })
         .collect()
 }
@@ -187,8 +189,8 @@ fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
         (0..200).map(|set| (random_set(&mut noise, &sigma), HandEyeSetup::EyeInHand, set < 10)).collect();
     sets.extend(moveit().map(|sightings| (sightings, HandEyeSetup::EyeToHand, true)));
     let ask = |(sightings, setup, refine): &(Vec<Sighting>, HandEyeSetup, bool)| {
-        let frames: Vec<_> = sightings.iter().map(|each| rows(&each.robot)).collect();
-        let seen: Vec<_> = sightings.iter().map(|each| rows(&each.seen)).collect();
+        let frames: Vec<_> = sightings.iter().map(|each| rows(&each.base_from_flange)).collect();
+        let seen: Vec<_> = sightings.iter().map(|each| rows(&each.cloud_from_board)).collect();
         let sigma = refine.then(|| sigma.components());
         format!("{}\n", json!({"frames": frames, "seen": seen, "setup": setup.as_str(), "sigma": sigma}))
     };
@@ -197,7 +199,8 @@ fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
     let mut meet = |place: usize, (rad, mm): (f64, f64)| worst[place] = (worst[place].0.max(rad), worst[place].1.max(mm));
     for ((sightings, setup, _), line) in sets.iter().zip(&theirs) {
         let answer: serde_json::Value = serde_json::from_str(line).expect("an answer");
-        let (frames, seen): (Vec<_>, Vec<_>) = sightings.iter().map(|each| (each.robot, each.seen)).unzip();
+        let (frames, seen): (Vec<_>, Vec<_>) =
+            sightings.iter().map(|each| (each.base_from_flange, each.cloud_from_board)).unzip();
         meet(0, apart(&park_martin(&frames, &seen).expect("found"), &from_rows(&answer["park"])));
         meet(1, apart(&daniilidis(&frames, &seen).expect("found"), &from_rows(&answer["daniilidis"])));
         if !answer["refined"].is_null() {
@@ -207,7 +210,7 @@ fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
             for _ in 0..3 {
                 refined = problem.refine(&refined.estimate, &weighting).expect("refines");
             }
-            meet(2, apart(&refined.estimate.hand_eye, &from_rows(&answer["refined"])));
+            meet(2, apart(&refined.estimate.flange_from_cloud, &from_rows(&answer["refined"])));
         }
     }
     for (name, (rad, mm)) in ["C2 Park", "C2 Daniilidis", "C3 refined"].into_iter().zip(worst) {
@@ -264,9 +267,9 @@ fn a_cell_with_hidden_errors_is_calibrated() {
         exp(&twist(&turn, &shift))
     };
     let truth = ChainEstimate {
-        hand_eye: cell.flange_from_scanner.isometry() * error(1.0, 3.0),
-        table: cell.base_from_table.isometry() * error(0.5, 2.0),
-        board: planner.board.plate_from_board * error(1.0, 5.0),
+        flange_from_cloud: cell.flange_from_scanner.isometry() * error(1.0, 3.0),
+        base_from_table: cell.base_from_table.isometry() * error(0.5, 2.0),
+        plate_from_board: planner.board.plate_from_board * error(1.0, 5.0),
         scale: 1.0,
     };
     let sigma = Sigma::CALIBRATED_ARM;
@@ -278,7 +281,7 @@ fn a_cell_with_hidden_errors_is_calibrated() {
             let configuration = &planned.configuration;
             let flange = cell.robot.base_from_flange(&configuration.joints_rad).isometry()
                 * exp(&noise.twist(sigma.robot_rad, sigma.robot_mm));
-            let seen = truth.hand_eye.inverse() * flange.inverse() * truth.base_from_plate(configuration.table_rad) * truth.board;
+            let seen = truth.flange_from_cloud.inverse() * flange.inverse() * truth.base_from_plate(configuration.table_rad) * truth.plate_from_board;
             let seen = seen * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
             let q = seen.rotation.quaternion();
             json!({"id": format!("p{index:02}"), "joints_deg": configuration.joints_rad.map(f64::to_degrees),
@@ -297,12 +300,13 @@ fn a_cell_with_hidden_errors_is_calibrated() {
         let (joints, angle) = (&planned.configuration.joints_rad, planned.configuration.table_rad);
         let flange = *cell.robot.base_from_flange(joints).isometry();
         // A point of the plate at best focus, seen through the true chain and through the calibrated one.
-        let plate_from_scanner = |chain: &ChainEstimate| chain.base_from_plate(angle).inverse() * flange * chain.hand_eye;
+        let plate_from_scanner =
+            |chain: &ChainEstimate| chain.base_from_plate(angle).inverse() * flange * chain.flange_from_cloud;
         let by = plate_from_scanner(&truth).inverse() * plate_from_scanner(at);
         let axis = (by.rotation * Vector3::z()).angle(&Vector3::z());
         worst_deg = worst_deg.max(axis.to_degrees());
         // Height and zero of the plate are gauge: the point moves along and about the axis by the nominal ones.
-        let gauge = at.table.inverse() * truth.table;
+        let gauge = at.base_from_table.inverse() * truth.base_from_table;
         let height = Vector3::new(0.0, 0.0, gauge.translation.z);
         let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * rotation_of(&log(&gauge)).z);
         let same = |chain: &ChainEstimate, is_true: bool| {
@@ -313,7 +317,7 @@ fn a_cell_with_hidden_errors_is_calibrated() {
     }
     println!("loop: optical axis {worst_deg:.4}°, point at best focus {worst_mm:.3} mm; predicted {:.3} mm", found.point_sd_mm);
     assert!(worst_deg < 0.1 && worst_mm < 0.3, "{worst_deg} {worst_mm}");
-    let by = log(&(at.hand_eye.inverse() * truth.hand_eye));
+    let by = log(&(at.flange_from_cloud.inverse() * truth.flange_from_cloud));
     assert!(translation_of(&by).norm() < 0.3 && rotation_of(&by).norm().to_degrees() < 0.03);
 }
 
@@ -322,12 +326,12 @@ fn simulated(cell: &Cell, plan: &PosePlan, truth: &ChainEstimate, noise: &mut No
     let sigma = Sigma::CALIBRATED_ARM;
     let mut seen_from = |at: &Configuration, on_plate: &Isometry3<f64>| {
         let flange = cell.robot.base_from_flange(&at.joints_rad).isometry() * exp(&noise.twist(sigma.robot_rad, sigma.robot_mm));
-        let seen = truth.hand_eye.inverse() * flange.inverse() * truth.base_from_plate(at.table_rad) * on_plate;
+        let seen = truth.flange_from_cloud.inverse() * flange.inverse() * truth.base_from_plate(at.table_rad) * on_plate;
         seen * exp(&noise.twist(sigma.board_rad, sigma.board_mm))
     };
     let angles = |at: &Configuration| (at.joints_rad.map(f64::to_degrees), at.table_rad.to_degrees());
     let observation = |(index, planned): (usize, &PlannedPose)| {
-        let seen = seen_from(&planned.configuration, &truth.board);
+        let seen = seen_from(&planned.configuration, &truth.plate_from_board);
         let (q, (joints_deg, table_deg)) = (seen.rotation.quaternion(), angles(&planned.configuration));
         json!({"id": format!("p{index:02}"), "joints_deg": joints_deg, "table_angle_deg": table_deg,
             "cloud_from_board": {"translation_mm": <[f64; 3]>::from(seen.translation.vector), "quaternion_xyzw": [q.i, q.j, q.k, q.w]}})
@@ -367,9 +371,9 @@ fn a_cell_with_hidden_errors_and_a_low_plate_is_calibrated() {
         let turn = tilt.rotation.scaled_axis();
         tilt.rotation = UnitQuaternion::from_scaled_axis(Vector3::new(turn.x, turn.y, 0.0));
         let truth = ChainEstimate {
-            hand_eye: cell.flange_from_scanner.isometry() * error(1.0, 3.0),
-            table: cell.base_from_table.isometry() * tilt,
-            board: planner.board.plate_from_board * error(1.0, 5.0),
+            flange_from_cloud: cell.flange_from_scanner.isometry() * error(1.0, 3.0),
+            base_from_table: cell.base_from_table.isometry() * tilt,
+            plate_from_board: planner.board.plate_from_board * error(1.0, 5.0),
             scale: 1.0,
         };
         let data = simulated(&cell, &plan, &truth, &mut noise);
@@ -379,7 +383,8 @@ fn a_cell_with_hidden_errors_and_a_low_plate_is_calibrated() {
         for planned in &plan.poses {
             let (joints, angle) = (&planned.configuration.joints_rad, planned.configuration.table_rad);
             let flange = *cell.robot.base_from_flange(joints).isometry();
-            let plate_from_scanner = |chain: &ChainEstimate| chain.base_from_plate(angle).inverse() * flange * chain.hand_eye;
+            let plate_from_scanner =
+                |chain: &ChainEstimate| chain.base_from_plate(angle).inverse() * flange * chain.flange_from_cloud;
             let (is, found) = (plate_from_scanner(&truth), plate_from_scanner(at));
             worst_deg = worst_deg.max((is.rotation * Vector3::z()).angle(&(found.rotation * Vector3::z())).to_degrees());
             let focus = nalgebra::Point3::new(0.0, 0.0, cell.scanner.best_mm);
@@ -420,9 +425,9 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
     let planner = planner(&cell);
     let plan = planner.choose(&planner.candidates(), 4, 0).expect("enough candidates");
     let nominal = ChainEstimate {
-        hand_eye: *cell.flange_from_scanner.isometry(),
-        table: *cell.base_from_table.isometry(),
-        board: planner.board.plate_from_board,
+        flange_from_cloud: *cell.flange_from_scanner.isometry(),
+        base_from_table: *cell.base_from_table.isometry(),
+        plate_from_board: planner.board.plate_from_board,
         scale: 1.0,
     };
     // What is expected of a cell put up by hand: the scanner open, axis 0.5° and 2 mm, board 0.2° and 1 mm.
@@ -439,9 +444,9 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
             exp(&twist(&turn, &shift))
         };
         let truth = ChainEstimate {
-            hand_eye: nominal.hand_eye * error(1.0, 3.0),
-            table: nominal.table * error(0.5, 2.0),
-            board: nominal.board * error(0.0, 1.0),
+            flange_from_cloud: nominal.flange_from_cloud * error(1.0, 3.0),
+            base_from_table: nominal.base_from_table * error(0.5, 2.0),
+            plate_from_board: nominal.plate_from_board * error(0.0, 1.0),
             scale: 1.0,
         };
         let sigma = Sigma::CALIBRATED_ARM;
@@ -449,8 +454,8 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
             .poses
             .iter()
             .map(|planned| {
-                let seen = truth.predicted(&planned.sighting) * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
-                Sighting { seen, ..planned.sighting.clone() }
+                let cloud_from_board = truth.predicted(&planned.sighting) * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
+                Sighting { cloud_from_board, ..planned.sighting.clone() }
             })
             .collect();
         let weighting = Weighting::new(HandEyeSetup::EyeInHand, sigma);
@@ -460,12 +465,12 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
         let checked = check.check().expect("four poses");
         for planned in &plan.poses {
             let turned = |hand_eye: &Isometry3<f64>, table: &Isometry3<f64>| {
-                table.rotation.inverse() * planned.sighting.robot.rotation * hand_eye.rotation * Vector3::z()
+                table.rotation.inverse() * planned.sighting.base_from_flange.rotation * hand_eye.rotation * Vector3::z()
             };
-            let true_axis = turned(&truth.hand_eye, &truth.table);
-            let off = |hand_eye| turned(hand_eye, &nominal.table).angle(&true_axis).to_degrees();
-            before_deg = before_deg.max(off(&nominal.hand_eye));
-            after_deg = after_deg.max(off(&checked.compensated.hand_eye));
+            let true_axis = turned(&truth.flange_from_cloud, &truth.base_from_table);
+            let off = |hand_eye| turned(hand_eye, &nominal.base_from_table).angle(&true_axis).to_degrees();
+            before_deg = before_deg.max(off(&nominal.flange_from_cloud));
+            after_deg = after_deg.max(off(&checked.compensated.flange_from_cloud));
         }
     }
     println!("compensation alone: {after_deg:.2}°, {before_deg:.2}° without");

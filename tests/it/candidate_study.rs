@@ -1,8 +1,7 @@
-//! Which candidates to take by default, at four sizes of part: how few views of each set measure as much as 98.5 % of what the
-//! thesis's 54 can, how much of the surface they give grade A, and how many candidates measure nothing. The tables in
-//! `src/planning/candidates/DEFAULT.md` are written with
-//! `UPDATE_GOLDEN=1 cargo test --release --test it candidate_study -- --include-ignored --nocapture` (half an hour); a plain run computes two
-//! entries of the default set again.
+//! Study of the candidates to take by default, at four sizes of part: how few views of each set measure as much as 98.5 % of what
+//! the thesis's 54 can, how much of the surface they give grade A, and how many candidates measure nothing. The tables in
+//! `src/planning/candidates/DEFAULT.md` are written with `UPDATE_GOLDEN=1 cargo test --release --test it candidate_study --
+//! --include-ignored --nocapture` (half an hour); a plain run computes two entries of the default set again.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;

@@ -12,9 +12,9 @@ use crate::support::{PARTS, all_asked};
 
 /// Optimum found elsewhere for each of the parts, limits of 85° for cameras and 77.5° for the projector.
 const WIDE: [usize; 9] = [5, 5, 8, 3, 7, 12, 9, 4, 13];
-/// The same for 60° and 55°.
+/// Optimum found elsewhere for each of the parts, limits of 60° for cameras and 55° for the projector.
 const NARROW: [usize; 9] = [9, 12, 16, 6, 12, 22, 21, 7, 18];
-/// What is solved unless all tests are asked for: parts at the narrow limits.
+/// Parts that are solved unless all tests are asked for, at the narrow limits.
 const FEW: [&str; 4] = ["rocker", "cogwheel", "fandisk", "gearbox"];
 
 #[test]

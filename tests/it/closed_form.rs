@@ -29,7 +29,7 @@ pub(crate) fn sampled(mesh: &Mesh, count: f64) -> Surface {
     surface::sample(mesh, &params.part, &params.regions, 0).expect("valid parameters")
 }
 
-/// What each of `poses` measures.
+/// Samples that each of `poses` measures.
 pub(crate) fn rows(
     mesh: &Mesh,
     surface: &Surface,

@@ -1,4 +1,5 @@
-//! `vantage inspect SCANNER.toml` on the presets: the figures of method §2 beside the stated boxes.
+//! `vantage inspect SCANNER.toml` on the presets: the figures of `vantage::planning::method::scanner` beside
+//! the stated boxes.
 
 use vantage::cli::CliError;
 use vantage::cli::inspect_scanner::render;

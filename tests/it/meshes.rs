@@ -41,15 +41,14 @@ fn bytes_of(path: &Path) -> Vec<u8> {
     unpacked
 }
 
-/// In units of the file.
+/// Reads a mesh in units of the file.
 fn load(path: &Path) -> Result<ReadMesh, MeshError> {
     read(&bytes_of(path), Some(LengthUnit::Millimetre), &Limits::default())
 }
 
-/// Where the report rightly differs from the table. The table's reader keeps 108 triangles of this file that collapse
-/// to lines when equal vertices are welded; their sides overload edges, which then connect nothing. Without them the
-/// surface is closed and one body (counted again by a script that shares no code with us: 0 open edges, 1 body; with
-/// them: 73 bodies).
+/// Figures in which the report rightly differs from the table. The table's reader keeps 108 triangles of this file that collapse
+/// to lines when equal vertices are welded; their sides overload edges, which then connect nothing. Without them the surface is
+/// closed and one body (counted again by a script that shares no code with us: 0 open edges, 1 body; with them: 73 bodies).
 const JUSTIFIED: [(&str, &str, &str); 2] =
     [("dragon_871k_ascii.ply.gz", "watertight", "yes"), ("dragon_871k_ascii.ply.gz", "bodies", "1")];
 
@@ -97,7 +96,7 @@ fn every_mesh_agrees_with_the_table() {
     }
 }
 
-/// What becomes of a file where it is not what its class and the table's reader suggest, and why.
+/// Results for files that are not what their class and the table's reader suggest, and why.
 const EXCEPTIONS: [(&str, &str, &str); 10] = [
     ("assimp/OBJ_number_formats.obj", "mesh_syntax line 11", "3.1+e2 is no number in any reading of the format"),
     ("assimp/PLY_issue623.ply", "mesh_syntax line 13", "the line that declares the faces is gone; every vertex lacks its list"),
@@ -111,7 +110,7 @@ const EXCEPTIONS: [(&str, &str, &str); 10] = [
     ("plyrs/floats_shorts.ply", "1", "floats and shorts are legal types"),
 ];
 
-/// What the class of a row asks for: a triangle count, or the beginning of an error.
+/// Result that the class of a row asks for: a triangle count, or the beginning of an error.
 fn wanted(row: &[String]) -> &str {
     if let Some((_, wanted, _)) = EXCEPTIONS.iter().find(|(file, ..)| *file == row[0]) {
         return wanted;

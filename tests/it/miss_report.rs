@@ -1,5 +1,5 @@
-//! Why surface is missed, in closed form: a bowl, blind holes and an L-pocket, whose area by cause can be written down;
-//! and remedies that are applied, to see that the area is then measured.
+//! Causes of missed surface, in closed form: a bowl, blind holes and an L-pocket, whose area by cause can be written down; and
+//! remedies that are applied, to see that the area is then measured.
 
 mod analytic;
 mod bodies;

@@ -22,11 +22,11 @@ use vantage::execution::simulators::ur::UrController;
 use crate::support::oracle_python;
 
 const WATCHDOG: Duration = Duration::from_millis(500);
-/// How long a peer or a device may take, so that one that stands still fails its test and not the whole suite.
+/// Time that a peer or a device may take, so that one that stands still fails its test and not the whole suite.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Largest distance between what two sides hold for an angle: six decimals on the wire.
 const SAME_DEG: f64 = 1e-4;
-/// The same beside RSIPI, which writes hundredths of a degree.
+/// Largest distance between two sides' angles beside RSIPI, which writes hundredths of a degree.
 const SAME_HUNDREDTH_DEG: f64 = 0.0051;
 
 /// A peer that runs beside the test, and ends with it.

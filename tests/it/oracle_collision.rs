@@ -15,14 +15,14 @@ use vantage::cell::{Cell, Presets, SpecLibrary};
 use self::described::{Vendor, described};
 use crate::support::lines_of;
 
-/// What the arm of the default cell is by its vendor.
+/// The vendor's own description of the default cell's arm.
 const ELFIN5: Vendor = Vendor { urdf: "elfin5", base: "elfin_base_link", tip: "elfin_end_link" };
 
 fn default_cell() -> Cell {
     Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
 }
 
-/// How far two bodies are apart, mm, and which.
+/// Distance between two bodies, mm, and their names.
 type Nearest = (f64, [String; 2]);
 
 /// The oracle's word on one way.
@@ -32,9 +32,9 @@ struct Verdict {
     samples: usize,
     /// Some of the contacts.
     contacts: Vec<Touch>,
-    /// How near the nearest two bodies of the arm come, and which; `None` where farther apart than was asked for.
+    /// Distance between the nearest two bodies of the arm, and their names; `None` where farther apart than was asked for.
     own: Option<Nearest>,
-    /// The same of any other two.
+    /// Distance between the nearest two of any others, and their names.
     others: Option<Nearest>,
 }
 

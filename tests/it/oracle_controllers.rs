@@ -137,7 +137,7 @@ fn pymodbus_moves_the_simulated_drive_there_and_back() {
     }
 }
 
-/// What the program of `tests/oracles/hans` prints: words and numbers after each name.
+/// Output of the program of `tests/oracles/hans`: words and numbers after each name.
 fn told_by_libhans(program: &Path, host: &str) -> BTreeMap<String, Vec<String>> {
     let ended = Command::new(program).arg(host).output().expect("the client starts");
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));

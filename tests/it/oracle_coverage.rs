@@ -42,7 +42,7 @@ const PARTS: [&str; 6] = [
     "meshes/gearbox_output_housing_16k.stl",
 ];
 
-/// What the oracle prints.
+/// Output of the oracle.
 #[derive(Debug, Deserialize)]
 struct Answer {
     area_mm2: f64,

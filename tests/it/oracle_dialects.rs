@@ -1,6 +1,7 @@
 //! The RoboDK script run by Python against the vendor's own package: `tests/oracles/dialects_oracle.py` puts a station in place
 //! of the program's, whose robot takes only calls that the package's own class would take, and tells what it was asked to do.
 
+use std::path::Path;
 use std::process::Command;
 
 use serde::Deserialize;
@@ -17,22 +18,47 @@ struct Call {
     arguments: Vec<f64>,
 }
 
+/// Calls of the script of a job; `options` are the oracle's.
+fn calls(python: &Path, job: &Job, params: &DialectParams, options: &[&str]) -> Vec<Call> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let script = folder.path().join("scan.py");
+    std::fs::write(&script, &job.render(Dialect::Robodk, params)[0].text).expect("written");
+    let home: Vec<String> = job.program.home_rad.axes_rad().iter().map(|rad| rad.to_degrees().to_string()).collect();
+    let output = Command::new(python)
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/oracles/dialects_oracle.py"))
+        .args([&script.display().to_string(), &job.cell.robot.name, &home.join(",")])
+        .args(options)
+        .output()
+        .expect("Python runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("calls")
+}
+
+/// An answer that was still on was that of the next capture too. RoboDK's warnings are only printed where the script does not
+/// ask for more.
+#[test]
+fn robodks_script_captures_nothing_while_the_input_stays_on() {
+    let Some(python) = oracle_python() else { return };
+    let calls = calls(&python, &Job::tour(), &DialectParams::default(), &["1"]);
+    assert_eq!(calls.last().map(|call| call.name.as_str()), Some("waitDI"));
+    assert!(calls.iter().all(|call| call.name != "setDO"), "{calls:?}");
+}
+
+#[test]
+fn robodks_script_moves_no_further_while_the_input_stays_off() {
+    let Some(python) = oracle_python() else { return };
+    let calls = calls(&python, &Job::tour(), &DialectParams::default(), &["0"]);
+    let capture = calls.iter().position(|call| call.name == "waitDI").expect("a capture");
+    let names: Vec<&str> = calls[capture..].iter().map(|call| call.name.as_str()).collect();
+    assert_eq!(names, ["waitDI", "setDO", "Pause", "setDO", "waitDI"]);
+}
+
 #[test]
 fn robodks_own_package_takes_every_call() {
     let Some(python) = oracle_python() else { return };
     let params = DialectParams { scan_output: 3, scan_input: 5, ..DialectParams::default() };
     for job in [Job::tour(), Job::planned()] {
-        let folder = tempfile::tempdir().expect("a folder");
-        let script = folder.path().join("scan.py");
-        std::fs::write(&script, &job.render(Dialect::Robodk, &params)[0].text).expect("written");
-        let home: Vec<String> = job.program.home_rad.axes_rad().iter().map(|rad| rad.to_degrees().to_string()).collect();
-        let output = Command::new(&python)
-            .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/oracles/dialects_oracle.py"))
-            .args([&script.display().to_string(), &job.cell.robot.name, &home.join(",")])
-            .output()
-            .expect("Python runs");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let calls: Vec<Call> = serde_json::from_slice(&output.stdout).expect("calls");
+        let calls = calls(&python, &job, &params, &[]);
         let said = said(&calls, &params);
         let wanted = &job.wanted(Dialect::Robodk)[1..];
         assert_eq!(said.len(), wanted.len());
@@ -64,8 +90,9 @@ fn said(calls: &[Call], params: &DialectParams) -> Vec<Said> {
             }
             ("MoveJ", angles) => said.push(Said::Go(angles.try_into().expect("seven angles"))),
             ("Pause", [millis]) => said.push(Said::Wait(millis / 1000.0)),
-            ("setDO", [output, 1.0]) => {
-                assert_eq!(*output, f64::from(params.scan_output));
+            ("waitDI", [input, 0.0, timeout]) => {
+                assert_eq!([*input, *timeout], [f64::from(params.scan_input), 1000.0 * params.timeout_secs]);
+                expect("setDO", &[f64::from(params.scan_output), 1.0]);
                 expect("Pause", &[1000.0 * params.pulse_secs]);
                 expect("setDO", &[f64::from(params.scan_output), 0.0]);
                 expect("waitDI", &[f64::from(params.scan_input), 1.0, 1000.0 * params.timeout_secs]);

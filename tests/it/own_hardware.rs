@@ -140,10 +140,7 @@ fn inspect_shows_a_mesh_in_all_units() {
 #[test]
 fn the_page_has_no_unit_chosen() {
     let page = include_str!("../../static/src/create.tsx");
-    assert!(
-        page.contains("unit: signal(\"\")") && page.contains("[\"\", text.create.unitChoose]"),
-        "the first choice is none"
-    );
+    assert!(page.contains("unit: signal(\"\")") && page.contains("[\"\", text.create.unitChoose]"), "the first choice is none");
     let without_unit = "(first && !unit.value ? text.create.readFirst : \"\")";
     assert!(page.contains(without_unit) && page.contains("&& !fault;"), "nothing begins without a unit");
     let uses = page.matches("unit.value = ").count();

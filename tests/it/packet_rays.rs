@@ -11,7 +11,7 @@ use vantage::geometry::{LengthUnit, Mesh, RayScene, SimdLevel};
 use crate::support::shapes::sphere;
 use crate::support::shared;
 
-/// Where a ray ends before its sample.
+/// Share of a ray's length at which it ends before its sample.
 const SHARE: f64 = 1.0 - 3e-3 / 480.0;
 
 /// Steps of `i` that fill the unit interval evenly.

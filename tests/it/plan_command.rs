@@ -63,7 +63,7 @@ fn a_limit_beyond_the_scanner_s_is_refused_with_2_and_the_range() {
 
 /// A side of the block that is measured, with a target.
 const SIDE: &str = r#"regions.interest=[{"name": "side", "region": {"kind": "faces", "faces": [4, 5]}, "target": 0.9}]"#;
-/// Its top, with a tolerance that the scanner's noise cannot serve.
+/// The top of the block, with a tolerance that the scanner's noise cannot serve.
 const FINE_TOP: &str =
     r#"regions.features=[{"name": "top", "region": {"kind": "faces", "faces": [2, 3]}, "tolerance_mm": 0.05, "target": 0.95}]"#;
 

@@ -257,6 +257,11 @@ fn views_are_rolled_where_moves_are_shorter_then_and_no_less_is_measured() {
     println!("{:.2} s moving, rolled {:.2} s, by {rolls_deg:.1?} degrees", secs(&fixed), secs(&free));
     assert!(secs(&free) < secs(&fixed) - 0.1 && rolls_deg.iter().any(|roll| roll.abs() > 1.0));
     assert!(free.coverage.measured.area_mm2 >= fixed.coverage.measured.area_mm2 - 1e-6);
+    let [of_free, of_fixed] = [&free, &fixed].map(|plan| plan.coverage.measured.grade_area_mm2);
+    for grades in 1..of_free.len() {
+        let [rolled_mm2, fixed_mm2] = [of_free, of_fixed].map(|grade_mm2| grade_mm2[..grades].iter().sum::<f64>());
+        assert!(rolled_mm2 >= fixed_mm2 - 1e-6, "best {grades} grades: {rolled_mm2} mm² rolled, {fixed_mm2} mm² not");
+    }
     let program = compile(free.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &free.params);
     let scene = CollisionScene::new(&cell, &mesh, None, &free.table_from_part.expect("a cell"), 5.0 - 0.01);
     assert_eq!(check(&program, &cell, &scene, None), []);

@@ -142,8 +142,8 @@ fn engines_agree_through_a_lens_that_distorts() {
     }
 }
 
-/// Where facets are no larger than a few pixels, a map may be nearer than a sample's facet by more than elsewhere. Samples are
-/// so many that maps are drawn.
+/// Parts with facets no larger than a few pixels, on which a map may be nearer than a sample's facet by more than elsewhere.
+/// Samples are so many that maps are drawn.
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn engines_agree_on_facets_of_a_few_pixels() {

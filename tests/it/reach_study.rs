@@ -1,6 +1,6 @@
-//! Where to put robot, table and scanner: how much of the viewing hemisphere a layout reaches, collisions included. The
-//! table in `config/cells/REACH.md` is written with `UPDATE_GOLDEN=1 cargo test --release --test it reach_study`; a plain
-//! run recomputes the chosen layout and its neighbours and holds the file and the preset `e05-transcan` to it.
+//! Study of where to put robot, table and scanner: how much of the viewing hemisphere a layout reaches, collisions included. The
+//! table in `config/cells/REACH.md` is written with `UPDATE_GOLDEN=1 cargo test --release --test it reach_study`; a plain run
+//! recomputes the chosen layout and its neighbours and holds the file and the preset `e05-transcan` to it.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -18,14 +18,14 @@ const FOOT_MM: [f64; 6] = [300.0, 350.0, 375.0, 400.0, 450.0, 500.0];
 const TABLE_MM: [f64; 7] = [0.0, -50.0, -100.0, -150.0, -200.0, -250.0, -300.0];
 /// Edge of the cube on the plate.
 const PART_MM: [f64; 2] = [120.0, 300.0];
-/// From the plate down to the floor: plate and housing.
+/// Height of the plate above the floor: plate and housing.
 const TABLE_STANDS_MM: f64 = 180.0;
 /// Adapter between flange and scanner.
 const ADAPTER_MM: f64 = 30.0;
 /// The layout of the preset: foot, table, mount.
 const CHOSEN: (f64, f64, Mount) = (400.0, -200.0, Mount::Top);
 
-/// Which face of the scanner's housing the flange is on. Across the optical axis all but the last.
+/// Face of the scanner's housing that the flange is on. Across the optical axis all but the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mount {
     Top,

@@ -10,6 +10,7 @@ use vantage::geometry::demo_parts::{self, DEFAULT_TRIANGLES};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, PlanParams};
 use vantage::planning::{PlanInput, plan};
+use vantage::program::dialects::Dialect;
 
 use crate::server::process::{Server, vantage};
 use crate::support::{chromium, program};
@@ -195,6 +196,42 @@ fn every_parameter_that_readme_sets_is_one() {
         found += 1;
     }
     assert!(found >= 3, "README shows --set {found} times");
+}
+
+/// Sentences that list languages would go stale where a dialect is added.
+#[test]
+fn every_dialect_stands_where_languages_are_listed() {
+    let quoted = |dialects: &[Dialect]| dialects.iter().map(|dialect| format!("`{}`", dialect.as_str())).collect::<Vec<_>>();
+    let joined = |names: &[String], word: &str| {
+        let (last, others) = names.split_last().expect("two or more");
+        format!("{} {word} {last}", others.join(", "))
+    };
+    let (neutral, of_makers): (Vec<Dialect>, Vec<Dialect>) = Dialect::ALL.into_iter().partition(|dialect| dialect.is_neutral());
+    let sentence = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let wanted = format!(
+        "{} suit every robot. Of {}, Vantage refuses any",
+        joined(&quoted(&neutral), "and"),
+        joined(&quoted(&of_makers), "and")
+    );
+    assert!(sentence(README).contains(&wanted), "README lacks: {wanted}");
+
+    let (_, table) = README.split_once("| language | files | turntable |").expect("the table of languages");
+    let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
+    let cells: Vec<[&str; 2]> = rows.map(|row| [1, 2].map(|column| row.split('|').nth(column).expect("a cell").trim())).collect();
+    let languages: Vec<&str> = cells.iter().flat_map(|[languages, _]| languages.split(", ")).collect();
+    assert_eq!(languages, quoted(&Dialect::ALL));
+    for dialect in Dialect::ALL {
+        let name = format!("`{}`", dialect.as_str());
+        let [_, files] = cells.iter().find(|[languages, _]| languages.contains(&name)).expect("its row");
+        let lacks = dialect.outputs().iter().find(|output| !files.contains(&format!("`.{}`", output.extension)));
+        assert_eq!(lacks, None, "{name}: {files}");
+    }
+
+    let mut neutral = quoted(&neutral);
+    neutral.sort();
+    let neutral = joined(&neutral, "or");
+    assert!(include_str!("../../api/problems.md").contains(&format!("request that one, {neutral}, or")), "{neutral}");
+    assert!(include_str!("../../api/openapi.json").contains(&format!("nor {neutral}, the response")), "{neutral}");
 }
 
 /// A row of README's table for a demo part under the thesis's settings: standing on the table of the default cell, target

@@ -34,7 +34,7 @@ fn quick() -> PlanParams {
     params
 }
 
-/// The same with a top whose tolerance the scanner's noise cannot serve.
+/// Parameters with a top whose tolerance the scanner's noise cannot serve.
 fn with_fine_top() -> PlanParams {
     let mut params = quick();
     params.regions.features = vec![FeatureParams {

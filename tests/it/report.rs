@@ -1,5 +1,5 @@
-//! What a person looks at after a plan, made from a plan whose answers are known in closed form: a sphere seen from
-//! four sides. The text report is held by `tests/golden/plan_report.txt`; `UPDATE_GOLDEN=1` writes it anew.
+//! Reports that a person looks at after a plan, made from a plan whose answers are known in closed form: a sphere seen from four
+//! sides. The text report is held by `tests/golden/plan_report.txt`; `UPDATE_GOLDEN=1` writes it anew.
 
 mod browser;
 pub(crate) mod markup;
@@ -33,7 +33,7 @@ use vantage::wire::{coverage, missed, viewpoints};
 use markup::{data_uris, well_formed};
 
 const RADIUS_MM: f64 = 40.0;
-/// What every derived file names.
+/// Digest of the plan that every derived file names.
 const PLAN_SHA256: &str = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
 /// A view measures what it sees at less than this angle.
 const MEASURED_WITHIN: f64 = 60.0 * std::f64::consts::PI / 180.0;
@@ -281,7 +281,7 @@ fn default_cell() -> Cell {
     Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
 }
 
-/// So many views: those of the sphere again and again, in one sequence.
+/// An outcome with so many views: those of the sphere again and again, in one sequence.
 fn with_views(mut outcome: Outcome, count: usize) -> Outcome {
     let views = outcome.plan.views.len();
     let nth = |view: usize| PlannedView { id: ViewId::at(view), ..outcome.plan.views[view % views].clone() };
@@ -341,7 +341,7 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         "coverage.csv",
         "The largest spots",
         "12.0 × 34.5 × 6.0",
-        "Add tilted views: put their poses into candidates.poses",
+        "Only 75 % of it, 1 013.8 mm²: add tilted views: put their poses into candidates.poses",
         "Turn the part over: it stands on this surface, or the surface faces the table<br/><code>--set setups=2</code>",
         "<code>--set selection.target=0.99</code>",
         "<b>75 % of it: another tilt</b>",

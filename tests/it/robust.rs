@@ -1,7 +1,7 @@
-//! What a plan says of itself: coverage on samples that no view was chosen on beside 200 000 others, and with poses that
-//! are off by 1° and 1 mm, of a plan chosen as ever and of one chosen to bear it. Nominal rig, ellipsoid 54, parts of
-//! 120 mm. The public meshes at full size take minutes:
-//! `cargo test --release --test it measured_by_hand -- --ignored --nocapture` prints their figures.
+//! Robustness that a plan states: coverage on samples that no view was chosen on beside 200 000 others, and with poses that are
+//! off by 1° and 1 mm, of a plan chosen as ever and of one chosen to bear it. Nominal rig, ellipsoid 54, parts of 120 mm. The
+//! public meshes at full size take minutes: `cargo test --release --test it measured_by_hand -- --ignored --nocapture` prints
+//! their figures.
 
 use std::sync::atomic::AtomicBool;
 
@@ -14,7 +14,7 @@ use vantage::wire::summary::{PlanVerdict, Summary};
 
 use crate::support::{nominal_scanner, plan_viewpoints, shapes, shared_mesh_scaled};
 
-/// How much is drawn.
+/// Numbers of samples and draws.
 #[derive(Clone, Copy)]
 struct Effort {
     /// Samples of the plan, and of the check.
@@ -24,7 +24,7 @@ struct Effort {
 }
 
 const QUICK: Effort = Effort { samples: [3_000.0, 30_000.0], draws: 5, engine: Engine::Rays };
-/// As other figures for the same sensor were made with.
+/// Effort with which other figures for the same sensor were made.
 const FULL: Effort = Effort { samples: [20_000.0, 200_000.0], draws: 20, engine: Engine::Raster };
 
 fn params(mesh: &Mesh, [camera_deg, projector_deg]: [f64; 2], effort: Effort, select: bool) -> PlanParams {

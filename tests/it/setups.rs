@@ -112,11 +112,10 @@ fn a_block_is_joined_by_the_sides_that_two_setups_share() {
     let outcome = plan_viewpoints(&mesh, &nominal_scanner(), &quick(2));
     let [link] = outcome.plan.setup_links[..] else { panic!("{:?}", outcome.plan.setup_links) };
     assert!(link.stability.is_fixed() && link.stability.shared_area_mm2 > 1000.0, "{link:?}");
+    assert!(link.stability.expected_error_mm.is_some_and(|error_mm| error_mm > 0.0), "{link:?}");
     let text = vantage::report::text::text(&outcome.plan);
-    assert!(
-        text.contains("setups 1 and 2 share") && text.contains(" % of the asked area (its candidates could measure "),
-        "{text}"
-    );
+    let told = ["setups 1 and 2 share", "expected error at least ", " % of the asked area (its candidates could measure "];
+    assert!(told.iter().all(|told| text.contains(told)), "{text}");
 }
 
 /// Views that join setups count in the bound, and are added where the target alone does not ask for them.

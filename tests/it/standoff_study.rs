@@ -1,6 +1,7 @@
-//! How far to stand off: views and grades with candidates slid to where the visible surface of their block scores highest, beside
-//! the first surface on the axis at the best distance. The table in `src/planning/candidates/STANDOFF.md` is written with
-//! `UPDATE_GOLDEN=1 cargo test --release --test it standoff_study -- --nocapture` (a quarter of an hour); a plain run computes a row again.
+//! Study of how far to stand off: views and grades with candidates slid to where the visible surface of their block scores
+//! highest, beside the first surface on the axis at the best distance. The table in `src/planning/candidates/STANDOFF.md` is
+//! written with `UPDATE_GOLDEN=1 cargo test --release --test it standoff_study -- --nocapture` (a quarter of an hour); a plain
+//! run computes a row again.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;

@@ -332,7 +332,7 @@ fn files_that_are_no_meshes_are_refused_with_the_place() {
     }
 }
 
-/// Not wrong, and hardly what was meant: a warning, no finding.
+/// An input that is not wrong, and hardly what was meant: a warning, no finding.
 #[test]
 fn a_home_in_radians_is_warned_of_where_it_collides_with_nothing() {
     let mut document = as_json(Presets.cell("e05-transcan"));

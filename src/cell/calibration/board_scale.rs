@@ -110,9 +110,9 @@ fn as_rare(freedom: f64) -> f64 {
 
 /// The observation with lengths to the board divided by a ratio.
 fn divided(sighting: &Sighting, ratio: f64) -> Sighting {
-    let mut place = sighting.seen.translation;
+    let mut place = sighting.cloud_from_board.translation;
     place.vector /= ratio;
-    Sighting { seen: Isometry3::from_parts(place, sighting.seen.rotation), ..sighting.clone() }
+    Sighting { cloud_from_board: Isometry3::from_parts(place, sighting.cloud_from_board.rotation), ..sighting.clone() }
 }
 
 /// Relative change of the scale that fits best, and its standard deviation, the other unknowns fitted with it.
@@ -122,7 +122,7 @@ fn step(at: &Refined, sightings: &[Sighting]) -> Option<(f64, f64)> {
     for sighting in sightings {
         let linear = at.linear(sighting)?;
         // A larger scale moves the observation, divided by it, towards the camera, and the residual leads back.
-        let back = sighting.seen.rotation.inverse() * sighting.seen.translation.vector;
+        let back = sighting.cloud_from_board.rotation.inverse() * sighting.cloud_from_board.translation.vector;
         let by_scale = twist(&Vector3::zeros(), &back);
         let weighted = linear.weight * by_scale;
         own += by_scale.dot(&weighted);

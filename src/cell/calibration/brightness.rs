@@ -17,7 +17,7 @@ use crate::geometry::counted;
 
 /// Share of full scale above which a mean grey value tells nothing of the light.
 const SATURATED: f64 = 0.95;
-/// Least step between the logarithms of neighbouring gains: a level is not darker than the one before it.
+/// Minimum step between the logarithms of neighbouring gains: a level is not darker than the one before it.
 const MIN_STEP: f64 = 1e-3;
 /// Fewest levels with a witness: two make a line.
 const MIN_LEVELS: usize = 2;

@@ -52,7 +52,7 @@ pub struct Check<'a> {
     pub sightings: &'a [Sighting],
     /// Calibrated unknowns.
     pub calibrated: ChainEstimate,
-    /// Their covariance, zero for what was held.
+    /// Covariance of the unknowns, zero for what was held.
     pub covariance: &'a Square,
     /// Deviations.
     pub weighting: Weighting,
@@ -99,7 +99,7 @@ impl Check<'_> {
         let threshold = self.sigma_freedom.map_or_else(|| quantile(rate, 6), |known| quantile_estimated(rate, 6, known));
         // The prior tells as many numbers as it leaves unknowns besides the scanner's six.
         let residual_p = self.exceedance(with.cost, 6 * self.sightings.len().saturating_sub(1));
-        let drift = log(&(self.calibrated.hand_eye.inverse() * with.estimate.hand_eye));
+        let drift = log(&(self.calibrated.flange_from_cloud.inverse() * with.estimate.flange_from_cloud));
         let is_small = rotation_of(&drift).norm() <= self.limits.max_rad && translation_of(&drift).norm() <= self.limits.max_mm;
         // A search that has not ended leaves too large a cost, which would hide a drift.
         let verdict = if with.is_converged && statistic <= threshold {

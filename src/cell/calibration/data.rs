@@ -1,7 +1,8 @@
 //! Observations of a calibration and the figures that weigh them. Each observation is one equation of the chain
 //! FK(q) · X · C = B · Rz(s · a) · P with X = flange_from_cloud, C = cloud_from_board, B = base_from_table and
 //! P = plate_from_board; with a board that stands still B · Rz is left out and P is base_from_board. With the scanner standing
-//! still and the board on the flange, X is base_from_cloud, P is flange_from_board and the arm's pose is inverted.
+//! still and the board on the flange, X is base_from_cloud, P is flange_from_board and the arm's pose is inverted: base and flange
+//! change places in the names.
 
 use nalgebra::{Isometry3, Matrix6, Point3, Vector3};
 
@@ -52,12 +53,12 @@ closed_list! {
 pub struct Sighting {
     /// Name in the data.
     pub id: String,
-    /// base_from_flange, or its inverse with the scanner standing still.
-    pub robot: Isometry3<f64>,
+    /// The flange in the base; the base in the flange with the scanner standing still.
+    pub base_from_flange: Isometry3<f64>,
     /// Angle of the table; 0 where the board stands still.
     pub table_rad: f64,
-    /// cloud_from_board.
-    pub seen: Isometry3<f64>,
+    /// The board as it was seen.
+    pub cloud_from_board: Isometry3<f64>,
     /// Covariance of that as a body increment of the board, where its points tell it.
     pub seen_covariance: Option<Matrix6<f64>>,
     /// Points that the pose was fitted to, on the board and in the cloud, mm.
@@ -109,12 +110,12 @@ impl Sigma {
 /// Values of the unknowns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChainEstimate {
-    /// flange_from_cloud, or base_from_cloud with the scanner standing still.
-    pub hand_eye: Isometry3<f64>,
-    /// base_from_table; the identity without a table.
-    pub table: Isometry3<f64>,
-    /// plate_from_board; without a table base_from_board, and flange_from_board with the scanner standing still.
-    pub board: Isometry3<f64>,
+    /// The cloud on the flange; in the base with the scanner standing still.
+    pub flange_from_cloud: Isometry3<f64>,
+    /// The table; the identity without one.
+    pub base_from_table: Isometry3<f64>,
+    /// The board on the plate; without a table in the base, and on the flange with the scanner standing still.
+    pub plate_from_board: Isometry3<f64>,
     /// Ratio of the table's turn to the angle that it reports: 1, or −1 where its sign is the other.
     pub scale: f64,
 }
@@ -123,19 +124,20 @@ impl ChainEstimate {
     /// Plate after the table reports `table_rad`.
     #[must_use]
     pub fn base_from_plate(&self, table_rad: f64) -> Isometry3<f64> {
-        self.table * Isometry3::rotation(Vector3::z() * (self.scale * table_rad))
+        self.base_from_table * Isometry3::rotation(Vector3::z() * (self.scale * table_rad))
     }
 
     /// Pose of the board in the cloud that the chain predicts.
     #[must_use]
     pub fn predicted(&self, sighting: &Sighting) -> Isometry3<f64> {
-        self.hand_eye.inverse() * sighting.robot.inverse() * self.base_from_plate(sighting.table_rad) * self.board
+        let cloud_from_base = self.flange_from_cloud.inverse() * sighting.base_from_flange.inverse();
+        cloud_from_base * self.base_from_plate(sighting.table_rad) * self.plate_from_board
     }
 
     /// Residual: body increment from the board that was seen to the one predicted.
     #[must_use]
     pub fn residual(&self, sighting: &Sighting) -> Twist {
-        super::se3::log(&(sighting.seen.inverse() * self.predicted(sighting)))
+        super::se3::log(&(sighting.cloud_from_board.inverse() * self.predicted(sighting)))
     }
 }
 
@@ -167,8 +169,10 @@ impl Weighting {
     #[must_use]
     pub fn arm_jacobian(&self, at: &ChainEstimate, sighting: &Sighting) -> Matrix6<f64> {
         match self.setup {
-            HandEyeSetup::EyeInHand => adjoint(&(at.hand_eye * sighting.seen).inverse()),
-            HandEyeSetup::EyeToHand => -adjoint(&(sighting.robot * at.hand_eye * sighting.seen).inverse()),
+            HandEyeSetup::EyeInHand => adjoint(&(at.flange_from_cloud * sighting.cloud_from_board).inverse()),
+            HandEyeSetup::EyeToHand => {
+                -adjoint(&(sighting.base_from_flange * at.flange_from_cloud * sighting.cloud_from_board).inverse())
+            }
         }
     }
 

@@ -44,8 +44,8 @@ fn duplicates(sightings: &[Sighting]) -> Vec<CalibrationFinding> {
     let mut found = Vec::new();
     for (index, each) in sightings.iter().enumerate() {
         let twin = sightings[..index].iter().find(|other| {
-            is_same(&other.robot, &each.robot)
-                && is_same(&other.seen, &each.seen)
+            is_same(&other.base_from_flange, &each.base_from_flange)
+                && is_same(&other.cloud_from_board, &each.cloud_from_board)
                 && (other.table_rad - each.table_rad).abs() < SAME_RAD
         });
         if let Some(twin) = twin {
@@ -61,8 +61,8 @@ fn duplicates(sightings: &[Sighting]) -> Vec<CalibrationFinding> {
 fn units(sightings: &[Sighting], best_mm: f64) -> Vec<CalibrationFinding> {
     let mut found = Vec::new();
     for lengths in [
-        sightings.iter().map(|each| each.seen.translation.vector.norm()).collect::<Vec<_>>(),
-        sightings.iter().map(|each| each.robot.translation.vector.norm()).collect(),
+        sightings.iter().map(|each| each.cloud_from_board.translation.vector.norm()).collect::<Vec<_>>(),
+        sightings.iter().map(|each| each.base_from_flange.translation.vector.norm()).collect(),
     ] {
         let mut sorted = lengths.clone();
         sorted.sort_by(f64::total_cmp);
@@ -101,10 +101,10 @@ pub(super) fn other_reading(
 ) -> Option<CalibrationFinding> {
     let transposed = |pose: &Isometry3<f64>| Isometry3::from_parts(pose.translation, pose.rotation.inverse());
     let readings: [Reading<'_>; 4] = [
-        (FindingCode::Inverted, &|each| Sighting { seen: each.seen.inverse(), ..each.clone() }),
-        (FindingCode::OtherSetup, &|each| Sighting { robot: each.robot.inverse(), ..each.clone() }),
-        (FindingCode::Transposed, &|each| Sighting { seen: transposed(&each.seen), ..each.clone() }),
-        (FindingCode::Transposed, &|each| Sighting { robot: transposed(&each.robot), ..each.clone() }),
+        (FindingCode::Inverted, &|each| Sighting { cloud_from_board: each.cloud_from_board.inverse(), ..each.clone() }),
+        (FindingCode::OtherSetup, &|each| Sighting { base_from_flange: each.base_from_flange.inverse(), ..each.clone() }),
+        (FindingCode::Transposed, &|each| Sighting { cloud_from_board: transposed(&each.cloud_from_board), ..each.clone() }),
+        (FindingCode::Transposed, &|each| Sighting { base_from_flange: transposed(&each.base_from_flange), ..each.clone() }),
     ];
     let (as_given_mm, _) = misfit(sightings, base_from_plate)?;
     if as_given_mm < POOR_MM {
@@ -137,13 +137,14 @@ fn is_seen_as_given(sightings: &[Sighting], best_in_cloud_mm: &Vector3<f64>) -> 
         off_mm.sort_by(f64::total_cmp);
         off_mm.get(off_mm.len() / 2).copied().unwrap_or(0.0)
     };
-    median_mm(&|each| each.seen.translation.vector) < median_mm(&|each| each.seen.inverse().translation.vector)
+    median_mm(&|each| each.cloud_from_board.translation.vector)
+        < median_mm(&|each| each.cloud_from_board.inverse().translation.vector)
 }
 
 /// Median distance of the boards from their mean, mm, with the closed form of the hand-eye, and that.
 fn misfit(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> Option<(f64, Isometry3<f64>)> {
-    let frames: Vec<_> = sightings.iter().map(|each| base_from_plate(each.table_rad).inverse() * each.robot).collect();
-    let seen: Vec<_> = sightings.iter().map(|each| each.seen).collect();
+    let frames: Vec<_> = sightings.iter().map(|each| base_from_plate(each.table_rad).inverse() * each.base_from_flange).collect();
+    let seen: Vec<_> = sightings.iter().map(|each| each.cloud_from_board).collect();
     let hand_eye = park_martin(&frames, &seen)?;
     let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * hand_eye * seen).collect();
     let mean = mean_pose(&boards);
@@ -195,7 +196,7 @@ pub(super) fn dropped(refined: &Refined, sightings: &[Sighting], is_used: &[bool
 
 /// Returns true if the residual is half a turn about the board's normal within the board's plane.
 fn flipped(at: &ChainEstimate, sighting: &Sighting) -> bool {
-    let off = sighting.seen.inverse() * at.predicted(sighting);
+    let off = sighting.cloud_from_board.inverse() * at.predicted(sighting);
     let up = off.rotation * Vector3::z();
     let is_half_turn = (off.rotation.angle() - std::f64::consts::PI).abs() < HALF_TURN_RAD;
     is_half_turn && up.z > HALF_TURN_RAD.cos() && off.translation.vector.z.abs() < POOR_MM
@@ -204,7 +205,7 @@ fn flipped(at: &ChainEstimate, sighting: &Sighting) -> bool {
 /// Pairs whose boards fit when they are exchanged.
 fn swapped(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Vec<CalibrationFinding> {
     let fits = |robot: usize, seen: usize| {
-        let exchanged = Sighting { seen: sightings[seen].seen, ..sightings[robot].clone() };
+        let exchanged = Sighting { cloud_from_board: sightings[seen].cloud_from_board, ..sightings[robot].clone() };
         refined.chi2_of_other(&exchanged) < super::chi_squared::quantile(0.0005, 6)
     };
     let mut found = Vec::new();
@@ -227,15 +228,15 @@ fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usiz
     let at = &refined.estimate;
     let board = |index: &usize| {
         let each = &sightings[*index];
-        at.base_from_plate(each.table_rad).inverse() * each.robot * at.hand_eye * each.seen
+        at.base_from_plate(each.table_rad).inverse() * each.base_from_flange * at.flange_from_cloud * each.cloud_from_board
     };
-    let other = ChainEstimate { board: mean_pose(&open.iter().map(board).collect::<Vec<_>>()), ..*at };
+    let other = ChainEstimate { plate_from_board: mean_pose(&open.iter().map(board).collect::<Vec<_>>()), ..*at };
     let bound = super::chi_squared::quantile(0.0005, 6);
     let of_other = Refined { estimate: other, ..refined.clone() };
     if !open.iter().all(|index| of_other.chi2_of_other(&sightings[*index]) < bound) {
         return None;
     }
-    let by = log(&(at.board.inverse() * other.board));
+    let by = log(&(at.plate_from_board.inverse() * other.plate_from_board));
     let figures =
         Figures { length_mm: Some(translation_of(&by).norm()), turn_rad: Some(rotation_of(&by).norm()), ..Figures::default() };
     let about: Vec<_> = open.drain(..).map(|index| sightings[index].id.clone()).collect();

@@ -71,7 +71,7 @@ closed_list! {
 closed_list! {
     /// Weight of a finding.
     pub enum Severity {
-        /// There is no calibration, or none that may be used.
+        /// A calibration is missing, or must not be used.
         Error = "error",
         /// A calibration to be used with care.
         Warning = "warning",
@@ -89,7 +89,7 @@ pub struct CalibrationFinding {
     pub severity: Severity,
     /// Names of the observations that it is about.
     pub observations: Vec<String>,
-    /// Its figures.
+    /// Figures of the finding.
     pub figures: Figures,
 }
 

@@ -64,7 +64,7 @@ pub enum PlacementError {
         /// Ratio.
         ratio: f64,
     },
-    /// No such seat.
+    /// The seat does not exist.
     #[error("no such seat")]
     UnknownSeat,
 }

@@ -71,9 +71,14 @@ pub struct PosePlanner<'a> {
 
 impl PosePlanner<'_> {
     fn nominal(&self) -> ChainEstimate {
-        let hand_eye: Pose<Flange, Cloud> = self.cell.flange_from_scanner * self.scanner_from_cloud;
-        let table = *self.cell.base_from_table.isometry();
-        ChainEstimate { hand_eye: *hand_eye.isometry(), table, board: self.board.plate_from_board, scale: 1.0 }
+        let flange_from_cloud: Pose<Flange, Cloud> = self.cell.flange_from_scanner * self.scanner_from_cloud;
+        let base_from_table = *self.cell.base_from_table.isometry();
+        ChainEstimate {
+            flange_from_cloud: *flange_from_cloud.isometry(),
+            base_from_table,
+            plate_from_board: self.board.plate_from_board,
+            scale: 1.0,
+        }
     }
 
     fn weighting(&self) -> Weighting {
@@ -113,10 +118,11 @@ impl PosePlanner<'_> {
         let home = self.cell.home_rad;
         wound.sort_by(|a, b| home.distance_rad(a).total_cmp(&home.distance_rad(b)));
         let configuration = wound.into_iter().find(|configuration| scene.check(configuration).is_none())?;
-        let seen = *(self.scanner_from_cloud.inverse() * scanner_from_board).isometry();
-        let robot = *self.cell.robot.base_from_flange(&configuration.joints_rad).isometry();
+        let cloud_from_board = *(self.scanner_from_cloud.inverse() * scanner_from_board).isometry();
+        let base_from_flange = *self.cell.robot.base_from_flange(&configuration.joints_rad).isometry();
         let id = format!("candidate {index}");
-        let sighting = Sighting { id, robot, table_rad, seen, seen_covariance: None, points_mm: Vec::new() };
+        let (seen_covariance, points_mm) = (None, Vec::new());
+        let sighting = Sighting { id, base_from_flange, table_rad, cloud_from_board, seen_covariance, points_mm };
         Some(PlannedPose { configuration, scanner_from_board, sighting })
     }
 

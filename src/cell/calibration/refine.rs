@@ -124,17 +124,17 @@ pub(super) struct Linear {
 /// Residual and its derivative by all unknowns, free or not.
 pub(super) fn linearised(at: &ChainEstimate, sighting: &Sighting) -> (Twist, Rows) {
     let predicted = at.predicted(sighting);
-    let residual = log(&(sighting.seen.inverse() * predicted));
+    let residual = log(&(sighting.cloud_from_board.inverse() * predicted));
     let of_body = right_jacobian_inverse(&residual);
     let turn = Isometry3::rotation(Vector3::z() * (at.scale * sighting.table_rad));
     let mut rows = Rows::zeros();
     rows.fixed_view_mut::<6, 6>(0, 0).copy_from(&(-of_body * adjoint(&predicted.inverse())));
-    let of_table = of_body * adjoint(&(turn * at.board).inverse());
+    let of_table = of_body * adjoint(&(turn * at.plate_from_board).inverse());
     for (column, axis) in [0, 1, 3, 4].into_iter().enumerate() {
         rows.set_column(TABLE_COLUMN + column, &of_table.column(axis));
     }
     rows.fixed_view_mut::<6, 6>(0, BOARD_COLUMN).copy_from(&of_body);
-    let of_turn = of_body * adjoint(&at.board.inverse());
+    let of_turn = of_body * adjoint(&at.plate_from_board.inverse());
     rows.set_column(SCALE_COLUMN, &(of_turn.column(2) * sighting.table_rad));
     (residual, rows)
 }
@@ -145,9 +145,9 @@ pub fn moved(at: &ChainEstimate, by: &Increment) -> ChainEstimate {
     let six = |first: usize| by.fixed_rows::<6>(first).into_owned();
     let table = Twist::new(by[6], by[7], 0.0, by[8], by[9], 0.0);
     ChainEstimate {
-        hand_eye: at.hand_eye * exp(&six(0)),
-        table: at.table * exp(&table),
-        board: at.board * exp(&six(BOARD_COLUMN)),
+        flange_from_cloud: at.flange_from_cloud * exp(&six(0)),
+        base_from_table: at.base_from_table * exp(&table),
+        plate_from_board: at.plate_from_board * exp(&six(BOARD_COLUMN)),
         scale: at.scale + by[SCALE_COLUMN],
     }
 }
@@ -156,10 +156,10 @@ pub fn moved(at: &ChainEstimate, by: &Increment) -> ChainEstimate {
 #[must_use]
 pub fn increment(from: &ChainEstimate, to: &ChainEstimate) -> Increment {
     let mut by = Increment::zeros();
-    by.fixed_rows_mut::<6>(0).copy_from(&log(&(from.hand_eye.inverse() * to.hand_eye)));
-    let table = log(&(from.table.inverse() * to.table));
+    by.fixed_rows_mut::<6>(0).copy_from(&log(&(from.flange_from_cloud.inverse() * to.flange_from_cloud)));
+    let table = log(&(from.base_from_table.inverse() * to.base_from_table));
     [0, 1, 3, 4].into_iter().enumerate().for_each(|(column, axis)| by[TABLE_COLUMN + column] = table[axis]);
-    by.fixed_rows_mut::<6>(BOARD_COLUMN).copy_from(&log(&(from.board.inverse() * to.board)));
+    by.fixed_rows_mut::<6>(BOARD_COLUMN).copy_from(&log(&(from.plate_from_board.inverse() * to.plate_from_board)));
     by[SCALE_COLUMN] = to.scale - from.scale;
     by
 }

@@ -69,11 +69,11 @@ pub struct Task {
 /// Part that an observation had.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// It was used.
+    /// The observation was used.
     Used,
-    /// It was dropped; the findings say why.
+    /// The observation was dropped; the findings say why.
     Dropped,
-    /// It was held out.
+    /// The observation was held out.
     HeldOut,
 }
 
@@ -124,8 +124,8 @@ impl Task {
     fn start(&self, sightings: &[Sighting]) -> Option<ChainEstimate> {
         match self.solve {
             Solve::HandEye => start_fixed(sightings),
-            Solve::Table => start_table(sightings, &self.nominal.hand_eye, &self.nominal.table),
-            Solve::Joint => start_joint(sightings, &self.nominal.table),
+            Solve::Table => start_table(sightings, &self.nominal.flange_from_cloud, &self.nominal.base_from_table),
+            Solve::Joint => start_joint(sightings, &self.nominal.base_from_table),
         }
     }
 
@@ -141,7 +141,7 @@ impl Task {
 
     /// Flange seen from where the board rests.
     fn frames(&self) -> Vec<Isometry3<f64>> {
-        self.sightings.iter().map(|each| self.nominal_plate(each.table_rad).inverse() * each.robot).collect()
+        self.sightings.iter().map(|each| self.nominal_plate(each.table_rad).inverse() * each.base_from_flange).collect()
     }
 
     /// Calibrates.
@@ -195,7 +195,7 @@ impl Task {
             }
             let found = identify_runout(&screened.refined, &self.chosen(&screened.is_used));
             let at = screened.refined.estimate;
-            let free = |each: &Sighting| without_runout(&at.table, &found, at.scale, each);
+            let free = |each: &Sighting| without_runout(&at.base_from_table, &found, at.scale, each);
             let task = Self { sightings: self.sightings.iter().map(free).collect(), ..self.clone() };
             let again = if found.is_empty() { None } else { task.screened(&mut Vec::new()).ok() };
             // What makes the observations fit no better is no runout.
@@ -239,7 +239,7 @@ impl Task {
             task.check_motion(findings);
         }
         refuse(findings)?;
-        let (setup, nominal, best_mm) = (task.setup, &task.nominal.hand_eye, &task.best_in_cloud_mm);
+        let (setup, nominal, best_mm) = (task.setup, &task.nominal.flange_from_cloud, &task.best_in_cloud_mm);
         let plate = |angle: f64| task.nominal_plate(angle);
         if let Some(finding) = diagnosis::other_reading(&task.sightings, setup, nominal, best_mm, &plate)
             && task.solve != Solve::Table
@@ -255,7 +255,7 @@ impl Task {
         let sightings = if self.solve == Solve::HandEye {
             self.sightings.clone()
         } else {
-            let free = |each: &Sighting| without_runout(&self.nominal.table, &self.runout, 1.0, each);
+            let free = |each: &Sighting| without_runout(&self.nominal.base_from_table, &self.runout, 1.0, each);
             self.sightings.iter().map(free).collect()
         };
         Self { sightings, ..self }
@@ -337,7 +337,7 @@ impl Task {
         };
         let mut task = self.clone();
         for each in task.sightings.iter_mut().filter(|each| flipped.contains(&each.id)) {
-            each.seen *= diagnosis::half_turn(&middle_mm);
+            each.cloud_from_board *= diagnosis::half_turn(&middle_mm);
         }
         findings.push(CalibrationFinding::new(FindingCode::Flipped, Severity::Note).about(flipped));
         let screened = task.screened(findings)?;

@@ -179,23 +179,32 @@ pub fn table_on_axis(nominal: &Isometry3<f64>, axis: &ScrewAxis) -> Isometry3<f6
 /// Start of the scanner on the flange with a board that stands still.
 #[must_use]
 pub fn start_fixed(sightings: &[Sighting]) -> Option<ChainEstimate> {
-    let (frames, seen): (Vec<_>, Vec<_>) = sightings.iter().map(|each| (each.robot, each.seen)).unzip();
-    let hand_eye = park_martin(&frames, &seen)?;
-    let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * hand_eye * seen).collect();
-    Some(ChainEstimate { hand_eye, table: Isometry3::identity(), board: mean_pose(&boards), scale: 1.0 })
+    let (frames, seen): (Vec<_>, Vec<_>) = sightings.iter().map(|each| (each.base_from_flange, each.cloud_from_board)).unzip();
+    let flange_from_cloud = park_martin(&frames, &seen)?;
+    let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * flange_from_cloud * seen).collect();
+    let (base_from_table, plate_from_board) = (Isometry3::identity(), mean_pose(&boards));
+    Some(ChainEstimate { flange_from_cloud, base_from_table, plate_from_board, scale: 1.0 })
 }
 
 /// Start of the table with the scanner known. The sign is that of the turns measured about the nominal +z.
 #[must_use]
-pub fn start_table(sightings: &[Sighting], hand_eye: &Isometry3<f64>, nominal: &Isometry3<f64>) -> Option<ChainEstimate> {
-    let boards: Vec<_> = sightings.iter().map(|each| each.robot * hand_eye * each.seen).collect();
+pub fn start_table(
+    sightings: &[Sighting],
+    flange_from_cloud: &Isometry3<f64>,
+    nominal: &Isometry3<f64>,
+) -> Option<ChainEstimate> {
+    let boards: Vec<_> = sightings.iter().map(|each| each.base_from_flange * flange_from_cloud * each.cloud_from_board).collect();
     let angles: Vec<f64> = sightings.iter().map(|each| each.table_rad).collect();
     let mut axis = screw_axis(&boards, &angles, &nominal.translation.vector)?;
     let scale = if axis.direction.dot(&(nominal.rotation * Vector3::z())) < 0.0 { -1.0 } else { 1.0 };
     axis.direction = Unit::new_unchecked(axis.direction.into_inner() * scale);
-    let mut estimate =
-        ChainEstimate { hand_eye: *hand_eye, table: table_on_axis(nominal, &axis), board: Isometry3::identity(), scale };
-    estimate.board = mean_board(&estimate, sightings);
+    let mut estimate = ChainEstimate {
+        flange_from_cloud: *flange_from_cloud,
+        base_from_table: table_on_axis(nominal, &axis),
+        plate_from_board: Isometry3::identity(),
+        scale,
+    };
+    estimate.plate_from_board = mean_board(&estimate, sightings);
     Some(estimate)
 }
 
@@ -203,7 +212,9 @@ pub fn start_table(sightings: &[Sighting], hand_eye: &Isometry3<f64>, nominal: &
 fn mean_board(at: &ChainEstimate, sightings: &[Sighting]) -> Isometry3<f64> {
     let boards: Vec<_> = sightings
         .iter()
-        .map(|each| at.base_from_plate(each.table_rad).inverse() * each.robot * at.hand_eye * each.seen)
+        .map(|each| {
+            at.base_from_plate(each.table_rad).inverse() * each.base_from_flange * at.flange_from_cloud * each.cloud_from_board
+        })
         .collect();
     mean_pose(&boards)
 }
@@ -211,19 +222,20 @@ fn mean_board(at: &ChainEstimate, sightings: &[Sighting]) -> Isometry3<f64> {
 /// Start of both: hand-eye and axis in turn, from the nominal table, for either sign of the table; the one that fits better.
 #[must_use]
 pub fn start_joint(sightings: &[Sighting], nominal: &Isometry3<f64>) -> Option<ChainEstimate> {
-    let seen: Vec<_> = sightings.iter().map(|each| each.seen).collect();
+    let seen: Vec<_> = sightings.iter().map(|each| each.cloud_from_board).collect();
     let starts = [1.0, -1.0].into_iter().filter_map(|scale| {
-        let board = Isometry3::identity();
-        let mut at = ChainEstimate { hand_eye: Isometry3::identity(), table: *nominal, board, scale };
+        let identity = Isometry3::identity();
+        let mut at = ChainEstimate { flange_from_cloud: identity, base_from_table: *nominal, plate_from_board: identity, scale };
         for _ in 0..3 {
-            let frames: Vec<_> = sightings.iter().map(|each| at.base_from_plate(each.table_rad).inverse() * each.robot).collect();
-            at.hand_eye = park_martin(&frames, &seen)?;
+            let frames: Vec<_> =
+                sightings.iter().map(|each| at.base_from_plate(each.table_rad).inverse() * each.base_from_flange).collect();
+            at.flange_from_cloud = park_martin(&frames, &seen)?;
             // The axis is told by the turns of the table alone; without any the nominal one stays.
-            if let Some(next) = start_table(sightings, &at.hand_eye, nominal).filter(|next| next.scale * scale > 0.0) {
-                at.table = next.table;
+            if let Some(next) = start_table(sightings, &at.flange_from_cloud, nominal).filter(|next| next.scale * scale > 0.0) {
+                at.base_from_table = next.base_from_table;
             }
         }
-        at.board = mean_board(&at, sightings);
+        at.plate_from_board = mean_board(&at, sightings);
         let cost: f64 = sightings.iter().map(|each| cost_of(&at, each)).sum();
         Some((cost, at))
     });
@@ -233,6 +245,6 @@ pub fn start_joint(sightings: &[Sighting], nominal: &Isometry3<f64>) -> Option<C
 /// Size of a residual that is robust against single bad ones: turns count by the distance of the board.
 fn cost_of(at: &ChainEstimate, sighting: &Sighting) -> f64 {
     let residual = at.residual(sighting);
-    let lever_mm = sighting.seen.translation.vector.norm().max(1.0);
+    let lever_mm = sighting.cloud_from_board.translation.vector.norm().max(1.0);
     (super::se3::rotation_of(&residual) * lever_mm).norm() + super::se3::translation_of(&residual).norm()
 }

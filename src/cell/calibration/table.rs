@@ -114,7 +114,7 @@ pub fn identify_runout(refined: &Refined, sightings: &[Sighting]) -> Vec<RunoutH
         let Some(linear) = refined.linear(sighting) else { return Vec::new() };
         let at = &refined.estimate;
         let angle = at.scale * sighting.table_rad;
-        let plate_from_board = Isometry3::rotation(Vector3::z() * angle) * at.board;
+        let plate_from_board = Isometry3::rotation(Vector3::z() * angle) * at.plate_from_board;
         let of_motion: SMatrix<f64, 6, RUNOUT> = adjoint(&plate_from_board.inverse()) * motion_rows(angle);
         let mut rows = DMatrix::<f64>::zeros(6, CHAIN + RUNOUT);
         rows.columns_mut(0, CHAIN).copy_from(&linear.rows.columns(0, CHAIN));
@@ -171,14 +171,14 @@ pub fn harmonics_of(specs: &[RunoutSpec]) -> Vec<RunoutHarmonic> {
 #[must_use]
 pub fn without_runout(base_from_table: &Isometry3<f64>, runout: &[RunoutHarmonic], sense: f64, sighting: &Sighting) -> Sighting {
     let error = error_motion(runout, sense * sighting.table_rad);
-    let robot = base_from_table * error.inverse() * base_from_table.inverse() * sighting.robot;
-    Sighting { robot, ..sighting.clone() }
+    let base_from_flange = base_from_table * error.inverse() * base_from_table.inverse() * sighting.base_from_flange;
+    Sighting { base_from_flange, ..sighting.clone() }
 }
 
 /// Displacement of the board that was seen from the one predicted, in the table.
 fn displacement(at: &ChainEstimate, sighting: &Sighting) -> Vector3<f64> {
-    let seen = at.table.inverse() * sighting.robot * at.hand_eye * sighting.seen;
-    let predicted = at.table.inverse() * at.base_from_plate(sighting.table_rad) * at.board;
+    let seen = at.base_from_table.inverse() * sighting.base_from_flange * at.flange_from_cloud * sighting.cloud_from_board;
+    let predicted = at.base_from_table.inverse() * at.base_from_plate(sighting.table_rad) * at.plate_from_board;
     seen.translation.vector - predicted.translation.vector
 }
 
@@ -218,8 +218,8 @@ pub fn plate_face(points_mm: &[Point3<f64>]) -> Option<PlateFace> {
 /// Point of the plate's face as it was scanned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FacePoint {
-    /// base_from_flange.
-    pub robot: Isometry3<f64>,
+    /// The flange when it was scanned.
+    pub base_from_flange: Isometry3<f64>,
     /// Angle of the table.
     pub table_rad: f64,
     /// Point in the cloud, mm.
@@ -240,8 +240,9 @@ pub struct LocatedFace {
 pub fn locate_face(refined: &Refined, points: &[FacePoint]) -> Option<LocatedFace> {
     let at = &refined.estimate;
     let height = |at: &ChainEstimate| {
-        let on_plate =
-            |point: &FacePoint| at.base_from_plate(point.table_rad).inverse() * point.robot * at.hand_eye * point.cloud_mm;
+        let on_plate = |point: &FacePoint| {
+            at.base_from_plate(point.table_rad).inverse() * point.base_from_flange * at.flange_from_cloud * point.cloud_mm
+        };
         plate_face(&points.iter().map(on_plate).collect::<Vec<_>>())
     };
     let face = height(at)?;
@@ -262,7 +263,8 @@ pub fn locate_face(refined: &Refined, points: &[FacePoint]) -> Option<LocatedFac
 pub fn lifted(refined: &Refined, height_mm: f64) -> Refined {
     let up = nalgebra::Translation3::new(0.0, 0.0, height_mm);
     let at = &refined.estimate;
-    let estimate = ChainEstimate { table: at.table * up, board: up.inverse() * at.board, ..*at };
+    let estimate =
+        ChainEstimate { base_from_table: at.base_from_table * up, plate_from_board: up.inverse() * at.plate_from_board, ..*at };
     // B exp(ξ) T = B T exp(Ad(T⁻¹) ξ): a tilt about the old origin shifts the new one.
     let mut change = super::refine::Square::identity();
     change[(TABLE_COLUMN + 2, TABLE_COLUMN + 1)] = height_mm;

@@ -60,9 +60,9 @@ fn pose(x: f64, y: f64, z: f64, [roll, pitch, yaw]: [f64; 3]) -> Isometry3<f64> 
 /// The cell as it is: hand-eye like the default cell's, table 500 mm in front of the arm.
 pub(super) fn truth() -> ChainEstimate {
     ChainEstimate {
-        hand_eye: pose(12.0, -3.0, 95.0, [1.0, -2.0, 91.0]),
-        table: pose(560.0, 15.0, 120.0, [0.4, -0.3, 2.0]),
-        board: pose(20.0, -10.0, 25.0, [2.0, -1.0, 30.0]),
+        flange_from_cloud: pose(12.0, -3.0, 95.0, [1.0, -2.0, 91.0]),
+        base_from_table: pose(560.0, 15.0, 120.0, [0.4, -0.3, 2.0]),
+        plate_from_board: pose(20.0, -10.0, 25.0, [2.0, -1.0, 30.0]),
         scale: 1.0,
     }
 }
@@ -79,10 +79,12 @@ pub(super) fn exact(at: &ChainEstimate, count: usize, tilt_deg: f64, turns: bool
             let facing = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
             let rolled = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
             let place = Vector3::new(noise.between(-30.0, 30.0), noise.between(-30.0, 30.0), noise.between(450.0, 510.0));
-            let seen = Isometry3::from_parts(Translation3::from(place), tilted * facing * rolled);
-            let robot = at.base_from_plate(table_rad) * at.board * seen.inverse() * at.hand_eye.inverse();
+            let cloud_from_board = Isometry3::from_parts(Translation3::from(place), tilted * facing * rolled);
+            let base_from_cloud = at.base_from_plate(table_rad) * at.plate_from_board * cloud_from_board.inverse();
+            let base_from_flange = base_from_cloud * at.flange_from_cloud.inverse();
             let (seen_covariance, points_mm) = (None, Vec::new());
-            Sighting { id: format!("p{:02}", index + 1), robot, table_rad, seen, seen_covariance, points_mm }
+            let id = format!("p{:02}", index + 1);
+            Sighting { id, base_from_flange, table_rad, cloud_from_board, seen_covariance, points_mm }
         })
         .collect()
 }
@@ -90,8 +92,8 @@ pub(super) fn exact(at: &ChainEstimate, count: usize, tilt_deg: f64, turns: bool
 /// The arm reports a pose that is off the true one, the scanner a board that is off.
 pub(super) fn disturb(sightings: &mut [Sighting], sigma: &Sigma, noise: &mut Noise) {
     for each in sightings {
-        each.robot *= exp(&-noise.twist(sigma.robot_rad, sigma.robot_mm));
-        each.seen *= exp(&noise.twist(sigma.board_rad, sigma.board_mm));
+        each.base_from_flange *= exp(&-noise.twist(sigma.robot_rad, sigma.robot_mm));
+        each.cloud_from_board *= exp(&noise.twist(sigma.board_rad, sigma.board_mm));
     }
 }
 
@@ -113,27 +115,30 @@ pub(super) fn in_hand(sigma: Sigma) -> Weighting {
 #[test]
 fn without_noise_the_truth_is_found() {
     let (truth, mut noise) = (truth(), Noise(1));
-    let fixed = ChainEstimate { table: Isometry3::identity(), ..truth };
+    let fixed = ChainEstimate { base_from_table: Isometry3::identity(), ..truth };
     let still = exact(&fixed, 12, 40.0, false, &mut noise);
-    let (frames, seen): (Vec<_>, Vec<_>) = still.iter().map(|each| (each.robot, each.seen)).unzip();
+    let (frames, seen): (Vec<_>, Vec<_>) = still.iter().map(|each| (each.base_from_flange, each.cloud_from_board)).unzip();
     let nominal = pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]);
     let turned = exact(&truth, 12, 40.0, true, &mut noise);
     let weighting = in_hand(levels()[1]);
     let problem = Adjustment { sightings: &turned, free: Free::JOINT, prior: None };
     let joint = problem.refine(&start_joint(&turned, &nominal).expect("a start"), &weighting).expect("refines");
     let table = Adjustment { free: Free::TABLE, ..problem };
-    let table = table.refine(&start_table(&turned, &truth.hand_eye, &nominal).expect("a start"), &weighting).expect("refines");
+    let table =
+        table.refine(&start_table(&turned, &truth.flange_from_cloud, &nominal).expect("a start"), &weighting).expect("refines");
     let fixed = start_fixed(&still).expect("a start");
     let park = park_martin(&frames, &seen).expect("found");
     let dual = daniilidis(&frames, &seen).expect("found");
-    for (name, found) in [("Park", park), ("Daniilidis", dual), ("start", fixed.hand_eye), ("joint", joint.estimate.hand_eye)] {
-        let (deg, mm) = off(&found, &truth.hand_eye);
+    for (name, found) in
+        [("Park", park), ("Daniilidis", dual), ("start", fixed.flange_from_cloud), ("joint", joint.estimate.flange_from_cloud)]
+    {
+        let (deg, mm) = off(&found, &truth.flange_from_cloud);
         println!("C1 {name}: {deg:.1e}° {mm:.1e} mm");
         assert!(deg.to_radians() < 1e-9 && mm < 1e-9, "{name}");
     }
-    for (name, found) in [("joint", joint.estimate.table), ("table", table.estimate.table)] {
+    for (name, found) in [("joint", joint.estimate.base_from_table), ("table", table.estimate.base_from_table)] {
         // Height and angle about the axis are not observed: compare axis and point.
-        let (deg, mm) = axis_off(&found, &truth.table);
+        let (deg, mm) = axis_off(&found, &truth.base_from_table);
         println!("C1 axis {name}: {deg:.1e}° {mm:.1e} mm");
         assert!(deg.to_radians() < 1e-9 && mm < 1e-9, "{name}");
     }
@@ -150,7 +155,7 @@ pub(super) fn axis_off(found: &Isometry3<f64>, truth: &Isometry3<f64>) -> (f64, 
 /// Rows C5 and C6 for the hand-eye: median errors of 20 poses, and the mean of the normalised estimation error squared.
 #[test]
 fn errors_at_three_levels_are_as_small_as_stated_and_their_covariance_is_true() {
-    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let goals = [(0.020, 0.003), (0.070, 0.007), (0.36, 0.035)];
     for (level, (goal_mm, goal_deg)) in levels().into_iter().zip(goals) {
         let (mut degrees, mut lengths, mut park, mut nees) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
@@ -161,11 +166,11 @@ fn errors_at_three_levels_are_as_small_as_stated_and_their_covariance_is_true() 
             let start = start_fixed(&sightings).expect("a start");
             let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
             let refined = problem.refine(&start, &in_hand(level)).expect("refines");
-            let (deg, mm) = off(&refined.estimate.hand_eye, &truth.hand_eye);
+            let (deg, mm) = off(&refined.estimate.flange_from_cloud, &truth.flange_from_cloud);
             degrees.push(deg);
             lengths.push(mm);
-            park.push(off(&start.hand_eye, &truth.hand_eye).1);
-            let by = se3::log(&(refined.estimate.hand_eye.inverse() * truth.hand_eye));
+            park.push(off(&start.flange_from_cloud, &truth.flange_from_cloud).1);
+            let by = se3::log(&(refined.estimate.flange_from_cloud.inverse() * truth.flange_from_cloud));
             nees += by.dot(&refined.hand_eye_covariance().cholesky().expect("positive").solve(&by)) / 200.0;
         }
         let (mm, deg) = (quantile_of(lengths.clone(), 0.5), quantile_of(degrees, 0.5));
@@ -194,7 +199,7 @@ fn the_axis_is_found_from_fifteen_poses() {
         let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
         let start = start_joint(&sightings, &nominal).expect("a start");
         let refined = problem.refine(&start, &in_hand(level)).expect("refines");
-        let (deg, mm) = axis_off(&refined.estimate.table, &truth.table);
+        let (deg, mm) = axis_off(&refined.estimate.base_from_table, &truth.base_from_table);
         degrees.push(deg);
         lengths.push(mm);
         let by = truth_increment(&refined.estimate, &truth);
@@ -213,9 +218,13 @@ fn the_axis_is_found_from_fifteen_poses() {
 
 /// Increment to the truth in the gauge of the estimate: height and zero of the table as the estimate has them.
 fn truth_increment(at: &ChainEstimate, truth: &ChainEstimate) -> super::refine::Increment {
-    let seen = at.table.inverse() * truth.table;
+    let seen = at.base_from_table.inverse() * truth.base_from_table;
     let gauge = twist(&Vector3::new(0.0, 0.0, -se3::log(&seen).z), &Vector3::new(0.0, 0.0, -seen.translation.z));
-    let same = ChainEstimate { table: truth.table * exp(&gauge), board: exp(&-gauge) * truth.board, ..*truth };
+    let same = ChainEstimate {
+        base_from_table: truth.base_from_table * exp(&gauge),
+        plate_from_board: exp(&-gauge) * truth.plate_from_board,
+        ..*truth
+    };
     super::refine::increment(at, &same)
 }
 
@@ -223,17 +232,19 @@ fn truth_increment(at: &ChainEstimate, truth: &ChainEstimate) -> super::refine::
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn bad_poses_are_named() {
-    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
     type Spoil = fn(&mut [Sighting], usize);
     let spoils: [(&str, usize, Spoil); 3] = [
         ("swap", 2, |s, _| {
-            let kept = s[2].seen;
-            s[2].seen = s[9].seen;
-            s[9].seen = kept;
+            let kept = s[2].cloud_from_board;
+            s[2].cloud_from_board = s[9].cloud_from_board;
+            s[9].cloud_from_board = kept;
         }),
-        ("bump", 1, |s, index| s[index].seen *= exp(&twist(&Vector3::new(0.003, 0.003, 0.003), &Vector3::new(1.2, 1.2, 1.1)))),
-        ("unit", 1, |s, index| s[index].seen.translation.vector /= 1000.0),
+        ("bump", 1, |s, index| {
+            s[index].cloud_from_board *= exp(&twist(&Vector3::new(0.003, 0.003, 0.003), &Vector3::new(1.2, 1.2, 1.1)))
+        }),
+        ("unit", 1, |s, index| s[index].cloud_from_board.translation.vector /= 1000.0),
     ];
     for (name, per_spoil, spoil) in spoils {
         for count in if per_spoil == 2 { vec![1] } else { vec![1, 2] } {
@@ -258,8 +269,8 @@ fn bad_poses_are_named() {
                 let clean = start_fixed(&good).expect("a start");
                 let problem = Adjustment { sightings: &good, free: Free::HAND_EYE, prior: None };
                 let clean = problem.refine(&clean, &in_hand(level)).expect("refines");
-                let found = off(&screened.refined.estimate.hand_eye, &truth.hand_eye).1;
-                ratio.push(found / off(&clean.estimate.hand_eye, &truth.hand_eye).1);
+                let found = off(&screened.refined.estimate.flange_from_cloud, &truth.flange_from_cloud).1;
+                ratio.push(found / off(&clean.estimate.flange_from_cloud, &truth.flange_from_cloud).1);
             }
             let bad = if per_spoil == 2 { 2 } else { count };
             let (good, ratio) = ((15 - bad) * runs as usize, quantile_of(ratio, 0.5));
@@ -276,7 +287,7 @@ fn bad_poses_are_named() {
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn estimated_deviations_drop_no_good_observations() {
-    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     for (level, count) in levels().into_iter().zip([30, 15, 20]) {
         let (runs, mut dropped, mut named) = (40, 0, 0);
         for run in 0..runs {
@@ -293,7 +304,7 @@ fn estimated_deviations_drop_no_good_observations() {
             dropped += screened(&sightings).is_used.iter().filter(|used| !**used).count();
             // Ten deviations of arm and board together.
             let (turn, shift) = (10.0 * level.robot_rad.hypot(level.board_rad), 10.0 * level.robot_mm.hypot(level.board_mm));
-            sightings[4].seen *= exp(&twist(&(Vector3::x() * turn), &(Vector3::y() * shift)));
+            sightings[4].cloud_from_board *= exp(&twist(&(Vector3::x() * turn), &(Vector3::y() * shift)));
             named += usize::from(!screened(&sightings).is_used[4]);
         }
         let all = runs as usize * count;
@@ -306,16 +317,16 @@ fn estimated_deviations_drop_no_good_observations() {
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn points_are_clustered_by_pose() {
-    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let (arm, runs) = (levels()[1], 150);
     let mut nees = [0.0; 2];
     for run in 0..runs {
         let mut noise = Noise(31_000 + run);
         let mut sightings = exact(&truth, 20, 40.0, false, &mut noise);
         for each in &mut sightings {
-            each.robot *= exp(&-noise.twist(arm.robot_rad, arm.robot_mm));
+            each.base_from_flange *= exp(&-noise.twist(arm.robot_rad, arm.robot_mm));
             // The whole cloud is off by 0.1 mm and 0.01°, and each point by 0.02 mm.
-            let seen = each.seen * exp(&noise.twist(0.01_f64.to_radians(), 0.1));
+            let seen = each.cloud_from_board * exp(&noise.twist(0.01_f64.to_radians(), 0.1));
             let pair = |index: usize| {
                 let board = nalgebra::Point3::new((index % 8) as f64 * 15.0, (index / 8) as f64 * 15.0, 0.0);
                 [board, seen * board]
@@ -323,11 +334,11 @@ fn points_are_clustered_by_pose() {
             let mut pairs: Vec<_> = (0..40).map(pair).collect();
             pairs.iter_mut().for_each(|[_, cloud]| *cloud += noise.twist(0.0, 0.02).fixed_rows::<3>(3).into_owned());
             let fitted = super::placement::from_points(&pairs, Some(0.02)).expect("a pose");
-            (each.seen, each.seen_covariance, each.points_mm) = (fitted.pose, fitted.covariance, pairs);
+            (each.cloud_from_board, each.seen_covariance, each.points_mm) = (fitted.pose, fitted.covariance, pairs);
         }
         for (sigma, nees) in [Some(Sigma { board_mm: 0.02, ..arm }), None].into_iter().zip(&mut nees) {
             let found = task(sightings.clone(), Solve::HandEye, sigma).calibrate().expect("a calibration");
-            let by = se3::log(&(found.refined.estimate.hand_eye.inverse() * truth.hand_eye));
+            let by = se3::log(&(found.refined.estimate.flange_from_cloud.inverse() * truth.flange_from_cloud));
             let covariance = found.refined.hand_eye_covariance();
             *nees += by.dot(&covariance.cholesky().expect("positive").solve(&by)) / f64::from(runs as u32);
         }
@@ -346,7 +357,7 @@ fn leaving_one_out_is_quick_and_right() {
     let mut sightings = exact(&truth, 50, 40.0, true, &mut noise);
     disturb(&mut sightings, &levels()[1], &mut noise);
     let began = std::time::Instant::now();
-    let start = |some: &[Sighting]| start_joint(some, &truth.table);
+    let start = |some: &[Sighting]| start_joint(some, &truth.base_from_table);
     let screening = Screening {
         sightings: &sightings,
         free: Free::JOINT,
@@ -368,7 +379,7 @@ fn leaving_one_out_is_quick_and_right() {
 /// Row C9: motions that leave a freedom open are refused and the freedom named; predicted and actual spread agree elsewhere.
 #[test]
 fn degenerate_motion_is_refused_with_the_freedom_that_is_missing() {
-    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
     let refused = |sightings: Vec<Sighting>| {
         let findings = task(sightings, Solve::HandEye, Some(level)).calibrate().expect_err("refused");
@@ -388,15 +399,15 @@ fn degenerate_motion_is_refused_with_the_freedom_that_is_missing() {
         .enumerate()
         .map(|(index, mut each)| {
             let turn = twist(&(Vector3::z() * (0.2 * index as f64)), &Vector3::zeros());
-            each.seen = exp(&turn) * pose(5.0, -8.0, 480.0, [180.0, 0.0, 0.0]);
-            each.robot = truth.board * each.seen.inverse() * truth.hand_eye.inverse();
+            each.cloud_from_board = exp(&turn) * pose(5.0, -8.0, 480.0, [180.0, 0.0, 0.0]);
+            each.base_from_flange = truth.plate_from_board * each.cloud_from_board.inverse() * truth.flange_from_cloud.inverse();
             each
         })
         .collect();
     let finding = refused(about_z);
     let axis = finding.figures.vector.expect("an axis");
     println!("C9 one axis: {:?} about {axis:.2?}", finding.code.as_str());
-    let along = truth.hand_eye.rotation * Vector3::z();
+    let along = truth.flange_from_cloud.rotation * Vector3::z();
     assert!(finding.code == FindingCode::DegenerateMotion && axis.dot(&along).abs() > 0.999);
     let same = vec![tilted(40.0, 1)[0].clone(); 12];
     let same = same.into_iter().enumerate().map(|(index, each)| Sighting { id: format!("s{index}"), ..each }).collect();
@@ -414,7 +425,7 @@ fn degenerate_motion_is_refused_with_the_freedom_that_is_missing() {
             disturb(&mut sightings, &level, &mut noise);
             let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
             let refined = problem.refine(&start_fixed(&sightings).expect("a start"), &in_hand(level)).expect("refines");
-            squares += off(&refined.estimate.hand_eye, &truth.hand_eye).1.powi(2) / 60.0;
+            squares += off(&refined.estimate.flange_from_cloud, &truth.flange_from_cloud).1.powi(2) / 60.0;
             predicted += refined.hand_eye_covariance().fixed_view::<3, 3>(3, 3).trace() / 60.0;
         }
         let ratio = (squares / predicted).sqrt();
@@ -432,7 +443,7 @@ pub(super) fn task(sightings: Vec<Sighting>, solve: Solve, sigma: Option<Sigma>)
         solve,
         setup: HandEyeSetup::EyeInHand,
         sigma,
-        nominal: ChainEstimate { table: pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]), ..truth() },
+        nominal: ChainEstimate { base_from_table: pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]), ..truth() },
         hold_out: 0,
         best_in_cloud_mm: Vector3::new(0.0, 0.0, 480.0),
         best_mm: 480.0,
@@ -459,7 +470,7 @@ fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
             let refined = problem.refine(&start_joint(&sightings, &nominal).expect("a start"), &in_hand(level)).expect("refines");
             let mut direction = || Vector3::new(noise.normal(), noise.normal(), noise.normal()).normalize();
             let drift = twist(&(direction() * f64::to_radians(drift_deg)), &(direction() * drift_mm));
-            let drifted = ChainEstimate { hand_eye: truth.hand_eye * exp(&drift), ..truth };
+            let drifted = ChainEstimate { flange_from_cloud: truth.flange_from_cloud * exp(&drift), ..truth };
             let mut seen = exact(&drifted, 4, 30.0, true, &mut noise);
             disturb(&mut seen, &level, &mut noise);
             let check = Check {
@@ -473,7 +484,7 @@ fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
             let checked = check.check().expect("four poses");
             claimed += usize::from(checked.verdict != CheckVerdict::Ok);
             recalibrate += usize::from(checked.verdict == CheckVerdict::Recalibrate);
-            left.push(off(&checked.compensated.hand_eye, &drifted.hand_eye).1);
+            left.push(off(&checked.compensated.flange_from_cloud, &drifted.flange_from_cloud).1);
         }
         let left = quantile_of(left, 0.5);
         println!(
@@ -496,11 +507,11 @@ fn a_calibration_of_the_table_alone_finds_a_scanner_that_drifted() {
     let mut sightings = exact(&truth, 20, 40.0, true, &mut noise);
     disturb(&mut sightings, &level, &mut noise);
     let problem = Adjustment { sightings: &sightings, free: Free::TABLE, prior: None };
-    let start = start_table(&sightings, &truth.hand_eye, &nominal).expect("a start");
+    let start = start_table(&sightings, &truth.flange_from_cloud, &nominal).expect("a start");
     let refined = problem.refine(&start, &in_hand(level)).expect("refines");
     let mut verdict = |drift_mm: f64| {
         let drift = twist(&Vector3::zeros(), &Vector3::new(drift_mm, 0.0, 0.0));
-        let drifted = ChainEstimate { hand_eye: truth.hand_eye * exp(&drift), ..truth };
+        let drifted = ChainEstimate { flange_from_cloud: truth.flange_from_cloud * exp(&drift), ..truth };
         let mut seen = exact(&drifted, 4, 30.0, true, &mut noise);
         disturb(&mut seen, &level, &mut noise);
         let (covariance, limits) = (&refined.covariance, CheckLimits::default());
@@ -515,7 +526,7 @@ fn a_calibration_of_the_table_alone_finds_a_scanner_that_drifted() {
 /// false alarm in 1 of 100, 9 did after 6 observations.
 #[test]
 fn a_check_with_estimated_deviations_keeps_its_rate_of_false_alarms() {
-    let (truth, level) = (ChainEstimate { table: Isometry3::identity(), ..truth() }, levels()[1]);
+    let (truth, level) = (ChainEstimate { base_from_table: Isometry3::identity(), ..truth() }, levels()[1]);
     let (runs, freedom) = (60, 8.0);
     let (mut claimed, mut as_known, mut thresholds) = (0, 0, Vec::new());
     for run in 0..runs {
@@ -552,7 +563,7 @@ type Planted<'a> = &'a dyn Fn(&mut Vec<Sighting>);
 /// Faults that people bring, each with its code.
 #[test]
 fn faults_of_the_data_are_named() {
-    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
     let codes = |spoil: &dyn Fn(&mut Vec<Sighting>)| -> Vec<FindingCode> {
         let mut noise = Noise(11);
@@ -565,21 +576,25 @@ fn faults_of_the_data_are_named() {
     };
     assert_eq!(codes(&|_| ()), []);
     let cases: [(FindingCode, Planted<'_>); 9] = [
-        (FindingCode::UnitMismatch, &|s| s[3].seen.translation.vector /= 1000.0),
-        (FindingCode::UnitMismatch, &|s| s.iter_mut().for_each(|each| each.seen.translation.vector /= 1000.0)),
-        (FindingCode::Inverted, &|s| s.iter_mut().for_each(|each| each.seen = each.seen.inverse())),
-        (FindingCode::OtherSetup, &|s| s.iter_mut().for_each(|each| each.robot = each.robot.inverse())),
+        (FindingCode::UnitMismatch, &|s| s[3].cloud_from_board.translation.vector /= 1000.0),
+        (FindingCode::UnitMismatch, &|s| s.iter_mut().for_each(|each| each.cloud_from_board.translation.vector /= 1000.0)),
+        (FindingCode::Inverted, &|s| s.iter_mut().for_each(|each| each.cloud_from_board = each.cloud_from_board.inverse())),
+        (FindingCode::OtherSetup, &|s| s.iter_mut().for_each(|each| each.base_from_flange = each.base_from_flange.inverse())),
         (FindingCode::DuplicatePose, &|s| s[7] = Sighting { id: "twin".into(), ..s[2].clone() }),
         (FindingCode::Swapped, &|s| {
-            let kept = s[4].seen;
-            s[4].seen = s[9].seen;
-            s[9].seen = kept;
+            let kept = s[4].cloud_from_board;
+            s[4].cloud_from_board = s[9].cloud_from_board;
+            s[9].cloud_from_board = kept;
         }),
         (FindingCode::Moved, &|s| {
-            s[11..].iter_mut().for_each(|each| each.seen *= exp(&twist(&Vector3::zeros(), &Vector3::new(2.0, 0.6, 0.0))));
+            s[11..]
+                .iter_mut()
+                .for_each(|each| each.cloud_from_board *= exp(&twist(&Vector3::zeros(), &Vector3::new(2.0, 0.6, 0.0))));
         }),
-        (FindingCode::Flipped, &|s| s[5].seen *= super::diagnosis::half_turn(&Vector3::new(75.0, 52.5, 0.0))),
-        (FindingCode::BadPose, &|s| s[6].seen *= exp(&twist(&Vector3::new(0.01, 0.0, 0.0), &Vector3::new(3.0, 0.0, 0.0)))),
+        (FindingCode::Flipped, &|s| s[5].cloud_from_board *= super::diagnosis::half_turn(&Vector3::new(75.0, 52.5, 0.0))),
+        (FindingCode::BadPose, &|s| {
+            s[6].cloud_from_board *= exp(&twist(&Vector3::new(0.01, 0.0, 0.0), &Vector3::new(3.0, 0.0, 0.0)))
+        }),
     ];
     for (code, spoil) in cases {
         let found = codes(spoil);
@@ -594,9 +609,9 @@ fn faults_of_the_data_are_named() {
 fn a_scanner_that_stands_in_the_cell_is_not_taken_for_inverted_boards() {
     let level = levels()[1];
     let stands = ChainEstimate {
-        hand_eye: pose(900.0, -300.0, 700.0, [175.0, 10.0, 40.0]),
-        table: Isometry3::identity(),
-        board: pose(10.0, 5.0, 120.0, [2.0, -1.0, 30.0]),
+        flange_from_cloud: pose(900.0, -300.0, 700.0, [175.0, 10.0, 40.0]),
+        base_from_table: Isometry3::identity(),
+        plate_from_board: pose(10.0, 5.0, 120.0, [2.0, -1.0, 30.0]),
         scale: 1.0,
     };
     let mut noise = Noise(17);
@@ -605,7 +620,7 @@ fn a_scanner_that_stands_in_the_cell_is_not_taken_for_inverted_boards() {
     disturb(&mut sightings, &level, &mut noise);
     let own = Task { setup: HandEyeSetup::EyeToHand, ..task(sightings.clone(), Solve::HandEye, Some(level)) };
     assert!(own.calibrate().is_ok(), "as they are");
-    sightings.iter_mut().for_each(|each| each.robot = each.robot.inverse());
+    sightings.iter_mut().for_each(|each| each.base_from_flange = each.base_from_flange.inverse());
     let said_to_stand = Task { setup: HandEyeSetup::EyeToHand, ..task(sightings.clone(), Solve::HandEye, Some(level)) };
     let findings = said_to_stand.calibrate().expect_err("the arm's poses are inverted");
     assert_eq!(findings[0].code, FindingCode::OtherSetup);
@@ -614,7 +629,7 @@ fn a_scanner_that_stands_in_the_cell_is_not_taken_for_inverted_boards() {
     let codes: Vec<_> = findings.iter().map(|finding| finding.code).collect();
     assert_eq!(codes, [FindingCode::OtherSetup]);
     let place_mm = findings[0].figures.vector.expect("the scanner's place");
-    assert!((place_mm - stands.hand_eye.translation.vector).norm() < 5.0, "{place_mm}");
+    assert!((place_mm - stands.flange_from_cloud.translation.vector).norm() < 5.0, "{place_mm}");
 }
 
 /// Squares that are smaller than was given put the scanner off along its view by many of its standard deviations, and leave
@@ -624,12 +639,12 @@ fn a_board_of_another_size_than_was_given_is_told_with_its_size() {
     let level = levels()[0];
     for (solve, sigma) in [(Solve::HandEye, Some(level)), (Solve::HandEye, None), (Solve::Joint, Some(level))] {
         let is_still = solve == Solve::HandEye;
-        let at = if is_still { ChainEstimate { table: Isometry3::identity(), ..truth() } } else { truth() };
+        let at = if is_still { ChainEstimate { base_from_table: Isometry3::identity(), ..truth() } } else { truth() };
         for (ratio, is_told) in [(1.0, false), (1.002, true)] {
             let mut noise = Noise(41);
             let mut sightings = exact(&at, 24, 40.0, !is_still, &mut noise);
             disturb(&mut sightings, &level, &mut noise);
-            sightings.iter_mut().for_each(|each| each.seen.translation.vector *= ratio);
+            sightings.iter_mut().for_each(|each| each.cloud_from_board.translation.vector *= ratio);
             let found = task(sightings, solve, sigma).calibrate().unwrap_or_else(|findings| panic!("{findings:?}"));
             let scale = found.board_scale.expect("a scale");
             println!("board × {ratio}, {}: {:.5} ± {:.5}", solve.as_str(), scale.ratio, scale.sd);
@@ -646,10 +661,10 @@ fn a_board_of_another_size_than_was_given_is_told_with_its_size() {
 #[test]
 fn a_scale_of_the_board_that_has_not_converged_tells_no_size() {
     let (level, mut noise) = (levels()[0], Noise(41));
-    let at = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let at = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let mut sightings = exact(&at, 24, 40.0, false, &mut noise);
     disturb(&mut sightings, &level, &mut noise);
-    sightings.iter_mut().for_each(|each| each.seen.translation.vector *= 1.002);
+    sightings.iter_mut().for_each(|each| each.cloud_from_board.translation.vector *= 1.002);
     let task = task(sightings, Solve::HandEye, Some(level));
     let mut scale = task.calibrate().unwrap_or_else(|findings| panic!("{findings:?}")).board_scale.expect("a scale");
     assert!(scale.is_converged && scale.rounds < 10, "{scale:?}");
@@ -666,21 +681,21 @@ fn a_scale_of_the_board_that_has_not_converged_tells_no_size() {
 #[test]
 fn the_shift_by_a_board_of_another_size_is_told_by_the_distance_from_the_scanner() {
     let (level, ratio) = (levels()[0], 1.002);
-    let at = ChainEstimate { table: Isometry3::identity(), ..truth() };
+    let at = ChainEstimate { base_from_table: Isometry3::identity(), ..truth() };
     let cloud_from_scanner = pose(0.0, 0.0, -300.0, [0.0; 3]);
     let mut noise = Noise(41);
     let mut sightings = exact(&at, 24, 40.0, false, &mut noise);
     disturb(&mut sightings, &level, &mut noise);
     for each in &mut sightings {
-        each.seen.translation.vector *= ratio;
-        each.seen = cloud_from_scanner * each.seen;
+        each.cloud_from_board.translation.vector *= ratio;
+        each.cloud_from_board = cloud_from_scanner * each.cloud_from_board;
     }
     let best_in_cloud_mm = Vector3::new(0.0, 0.0, 180.0);
     let of_clouds = Task { best_in_cloud_mm, ..task(sightings, Solve::HandEye, Some(level)) };
     let found = of_clouds.calibrate().unwrap_or_else(|findings| panic!("{findings:?}"));
     let scale = found.board_scale.expect("a scale");
     assert!((scale.ratio - ratio).abs() < 1e-3, "{scale:?}");
-    let (_, shifted_mm) = off(&found.refined.estimate.hand_eye, &(at.hand_eye * cloud_from_scanner.inverse()));
+    let (_, shifted_mm) = off(&found.refined.estimate.flange_from_cloud, &(at.flange_from_cloud * cloud_from_scanner.inverse()));
     assert!((shifted_mm - 0.96).abs() < 0.25, "0.002 of 480 mm: {shifted_mm}");
     assert!((scale.shift_mm() - (scale.ratio - 1.0).abs() * 480.0).abs() < 1e-9, "{scale:?}");
     assert!((scale.shift_sd_mm() - scale.sd * 480.0).abs() < 1e-9, "{scale:?}");
@@ -689,7 +704,7 @@ fn the_shift_by_a_board_of_another_size_is_told_by_the_distance_from_the_scanner
 /// Deviations that nobody gave were told to be estimated, where too few observations left those that an estimate begins with.
 #[test]
 fn deviations_of_few_observations_are_assumed_and_not_estimated() {
-    let (truth, level) = (ChainEstimate { table: Isometry3::identity(), ..truth() }, levels()[1]);
+    let (truth, level) = (ChainEstimate { base_from_table: Isometry3::identity(), ..truth() }, levels()[1]);
     let sources = |count: usize, sigma: Option<Sigma>| {
         let mut noise = Noise(11);
         let mut sightings = exact(&truth, count, 40.0, false, &mut noise);
@@ -739,7 +754,10 @@ fn with_runout(
 ) -> Vec<Sighting> {
     let mut sightings = exact(truth, count, 40.0, true, noise);
     for each in &mut sightings {
-        each.robot = truth.table * error_motion(runout, each.table_rad) * truth.table.inverse() * each.robot;
+        each.base_from_flange = truth.base_from_table
+            * error_motion(runout, each.table_rad)
+            * truth.base_from_table.inverse()
+            * each.base_from_flange;
     }
     disturb(&mut sightings, level, noise);
     sightings
@@ -748,7 +766,11 @@ fn with_runout(
 /// Largest distance of a point on the plate from where it is, in the gauge of the estimate, mm.
 fn plate_off(found: &ChainEstimate, runout: &[RunoutHarmonic], truth: &ChainEstimate, planted: &[RunoutHarmonic]) -> f64 {
     let place = |at: &ChainEstimate, runout: &[RunoutHarmonic], angle: f64| {
-        at.table * error_motion(runout, angle) * Isometry3::rotation(Vector3::z() * angle) * at.board * nalgebra::Point3::origin()
+        at.base_from_table
+            * error_motion(runout, angle)
+            * Isometry3::rotation(Vector3::z() * angle)
+            * at.plate_from_board
+            * nalgebra::Point3::origin()
     };
     let steps = (0..36).map(|step| f64::from(step) * 10.0_f64.to_radians());
     steps.map(|angle| (place(found, runout, angle) - place(truth, planted, angle)).norm()).fold(0.0, f64::max)
@@ -766,7 +788,7 @@ fn runout_is_identified_as_harmonics() {
         let sightings = with_runout(&truth, 30, &planted, &level, &mut noise);
         let found = task(sightings.clone(), Solve::Joint, None).calibrate().expect("a calibration");
         with.push(plate_off(&found.refined.estimate, &found.runout, &truth, &planted));
-        let start = start_joint(&sightings, &truth.table).expect("a start");
+        let start = start_joint(&sightings, &truth.base_from_table).expect("a start");
         let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
         let plain = problem.refine_with_sigma(&start, &in_hand(level)).expect("refines");
         without.push(plate_off(&plain.estimate, &[], &truth, &planted));
@@ -790,21 +812,26 @@ fn the_height_of_the_plate_is_found() {
         disturb(&mut sightings, &level, &mut noise);
         // The nominal height is 1 mm off; the face is scanned from one pose at which the arm is exact.
         let mut task = task(sightings, Solve::Joint, Some(level));
-        task.nominal.table = truth.table * exp(&twist(&Vector3::new(0.004, -0.003, 0.0), &Vector3::new(1.0, -0.5, -1.0)));
+        task.nominal.base_from_table =
+            truth.base_from_table * exp(&twist(&Vector3::new(0.004, -0.003, 0.0), &Vector3::new(1.0, -0.5, -1.0)));
         let seen =
             Isometry3::from_parts(Translation3::new(0.0, 0.0, 480.0), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 3.0));
-        let robot = truth.base_from_plate(0.0) * seen.inverse() * truth.hand_eye.inverse();
+        let base_from_flange = truth.base_from_plate(0.0) * seen.inverse() * truth.flange_from_cloud.inverse();
         task.face = (0..200)
             .map(|_| {
                 let on_plate = nalgebra::Point3::new(noise.between(-80.0, 80.0), noise.between(-80.0, 80.0), 0.0);
-                let cloud_mm = truth.hand_eye.inverse() * robot.inverse() * truth.base_from_plate(0.0) * on_plate;
-                FacePoint { robot, table_rad: 0.0, cloud_mm: cloud_mm + Vector3::new(0.0, 0.0, 0.02 * noise.normal()) }
+                let cloud_mm =
+                    truth.flange_from_cloud.inverse() * base_from_flange.inverse() * truth.base_from_plate(0.0) * on_plate;
+                let cloud_mm = cloud_mm + Vector3::new(0.0, 0.0, 0.02 * noise.normal());
+                FacePoint { base_from_flange, table_rad: 0.0, cloud_mm }
             })
             .collect();
         let found = task.calibrate().expect("a calibration");
         let located = found.face.expect("a face");
         // Height of the true face's middle above the found table.
-        let off = (found.refined.estimate.table.inverse() * nalgebra::Point3::from(truth.table.translation.vector)).z;
+        let off = (found.refined.estimate.base_from_table.inverse()
+            * nalgebra::Point3::from(truth.base_from_table.translation.vector))
+        .z;
         errors.push(off.abs());
         squares += (off / located.height_sd_mm).powi(2) / f64::from(runs as u32);
         // Nothing that was observed changes by the lift.
@@ -822,7 +849,7 @@ fn a_refinement_that_ends_at_its_limit_of_iterations_says_so() {
     let mut sightings = exact(&truth, 12, 40.0, true, &mut noise);
     disturb(&mut sightings, &levels()[1], &mut noise);
     let off = twist(&Vector3::new(0.3, -0.2, 0.1), &Vector3::zeros());
-    let start = ChainEstimate { hand_eye: truth.hand_eye * exp(&off), ..truth };
+    let start = ChainEstimate { flange_from_cloud: truth.flange_from_cloud * exp(&off), ..truth };
     let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
     let weights = problem.weights(&start, &weighting).expect("weights");
     let ended = |iterations| problem.minimise(&start, &weights, iterations).expect("a place").is_converged;

@@ -111,7 +111,7 @@ fn names(contact: &Contact) -> [&str; 2] {
     [&contact.a, &contact.b]
 }
 
-/// These joints, in degrees, the table at angle zero.
+/// Configuration with these joints, in degrees, and the table at angle zero.
 fn at_zero_table(joints_deg: [f64; 6]) -> Configuration {
     Configuration { joints_rad: joints_deg.map(f64::to_radians), table_rad: 0.0 }
 }

@@ -12,7 +12,9 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 pub use chain::{Chain, ChainJointSpec, ChainSpec};
 pub use opw::{Opw, OpwSpec};
@@ -209,6 +211,25 @@ pub struct Posture {
     /// Axis 5 is turned to its negative side.
     pub wrist_flipped: bool,
 }
+
+impl Posture {
+    fn all() -> impl Iterator<Item = Self> {
+        let of_bits = |bits: u8| Self { shoulder_back: bits & 4 != 0, elbow_down: bits & 2 != 0, wrist_flipped: bits & 1 != 0 };
+        (0..8).map(of_bits)
+    }
+}
+
+impl PartialSchema for Posture {
+    fn schema() -> RefOr<Schema> {
+        ObjectBuilder::new()
+            .schema_type(Type::String)
+            .description(Some("Arm configuration: which way shoulder, elbow and wrist are bent."))
+            .enum_values(Some(Self::all().map(|posture| posture.to_string())))
+            .into()
+    }
+}
+
+impl ToSchema for Posture {}
 
 impl std::fmt::Display for Posture {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -14,6 +14,7 @@ use utoipa::ToSchema;
 
 use super::{JointAxes, LinkFrames, principal, shift, turn_z};
 use crate::cell::field_error::Findings;
+use crate::cell::field_ranges;
 use crate::geometry::{Base, Flange, Pose};
 
 /// A cosine this far beyond 1 is rounding at the stretched or folded arm; the wrist centre moves less than 1e-6 mm.
@@ -49,23 +50,35 @@ pub struct OpwSpec {
     pub joint_3_from_ground: bool,
 }
 
+field_ranges! {
+    OpwSpec {
+        A1_MM = "a1_mm", [-5000.0, 5000.0] "mm";
+        A2_MM = "a2_mm", [-5000.0, 5000.0] "mm";
+        B_MM = "b_mm", [-5000.0, 5000.0] "mm";
+        C1_MM = "c1_mm", [-5000.0, 5000.0] "mm";
+        C2_MM = "c2_mm", [1.0, 5000.0] "mm";
+        C3_MM = "c3_mm", [1.0, 5000.0] "mm";
+        C4_MM = "c4_mm", [0.0, 5000.0] "mm";
+        OFFSETS_DEG = "offsets_deg", [-360.0, 360.0] "°";
+    }
+}
+
 impl OpwSpec {
     /// Records what is wrong, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
-        for (name, value) in [("a1_mm", self.a1_mm), ("a2_mm", self.a2_mm), ("b_mm", self.b_mm), ("c1_mm", self.c1_mm)] {
-            findings.range(format!("{pointer}/{name}"), value, -5000.0, 5000.0, "mm");
-        }
-        findings.range(format!("{pointer}/c2_mm"), self.c2_mm, 1.0, 5000.0, "mm");
-        findings.range(format!("{pointer}/c3_mm"), self.c3_mm, 1.0, 5000.0, "mm");
-        findings.range(format!("{pointer}/c4_mm"), self.c4_mm, 0.0, 5000.0, "mm");
+        Self::A1_MM.check(pointer, &self.a1_mm, findings);
+        Self::A2_MM.check(pointer, &self.a2_mm, findings);
+        Self::B_MM.check(pointer, &self.b_mm, findings);
+        Self::C1_MM.check(pointer, &self.c1_mm, findings);
+        Self::C2_MM.check(pointer, &self.c2_mm, findings);
+        Self::C3_MM.check(pointer, &self.c3_mm, findings);
+        Self::C4_MM.check(pointer, &self.c4_mm, findings);
         for (joint, sign) in self.sign_corrections.iter().enumerate() {
             findings.require(matches!(*sign, 1 | -1), format!("{pointer}/sign_corrections/{joint}"), || {
                 format!("is {sign}; allowed is 1 or -1")
             });
         }
-        for (joint, offset) in self.offsets_deg.iter().enumerate() {
-            findings.range(format!("{pointer}/offsets_deg/{joint}"), *offset, -360.0, 360.0, "°");
-        }
+        Self::OFFSETS_DEG.check(pointer, &self.offsets_deg, findings);
     }
 
     /// The solver.

@@ -14,6 +14,7 @@ use utoipa::ToSchema;
 
 use super::{JointAxes, LinkFrames, principal, shift, turn_z};
 use crate::cell::field_error::Findings;
+use crate::cell::field_ranges;
 
 /// A sine or cosine this far beyond 1 is rounding at the edge of the reach.
 pub(super) const SLACK: f64 = 1e-12;
@@ -38,20 +39,26 @@ pub struct UrSpec {
     pub d6_mm: f64,
 }
 
+field_ranges! {
+    UrSpec {
+        D1_MM = "d1_mm", [-5000.0, 5000.0] "mm";
+        A2_MM = "a2_mm", [-5000.0, 5000.0] "mm";
+        A3_MM = "a3_mm", [-5000.0, 5000.0] "mm";
+        D4_MM = "d4_mm", [-5000.0, 5000.0] "mm";
+        D5_MM = "d5_mm", [-5000.0, 5000.0] "mm";
+        D6_MM = "d6_mm", [-5000.0, 5000.0] "mm";
+    }
+}
+
 impl UrSpec {
     /// Records what is wrong, below `pointer`.
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
-        let lengths = [
-            ("d1_mm", self.d1_mm),
-            ("a2_mm", self.a2_mm),
-            ("a3_mm", self.a3_mm),
-            ("d4_mm", self.d4_mm),
-            ("d5_mm", self.d5_mm),
-            ("d6_mm", self.d6_mm),
-        ];
-        for (name, value) in lengths {
-            findings.range(format!("{pointer}/{name}"), value, -5000.0, 5000.0, "mm");
-        }
+        Self::D1_MM.check(pointer, &self.d1_mm, findings);
+        Self::A2_MM.check(pointer, &self.a2_mm, findings);
+        Self::A3_MM.check(pointer, &self.a3_mm, findings);
+        Self::D4_MM.check(pointer, &self.d4_mm, findings);
+        Self::D5_MM.check(pointer, &self.d5_mm, findings);
+        Self::D6_MM.check(pointer, &self.d6_mm, findings);
         for (name, value) in [("a2_mm", self.a2_mm), ("a3_mm", self.a3_mm)] {
             findings.require(value.abs() >= 1.0, format!("{pointer}/{name}"), || {
                 format!("is {value} mm; allowed is at least 1 mm either way")

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::cell::field_error::Findings;
+use crate::cell::{FieldRange, field_ranges};
 
 /// Provenance of calibrated lenses and poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -43,6 +44,16 @@ pub struct ScannerResidualsSpec {
     pub board_pitch_rms_mm: Option<f64>,
 }
 
+field_ranges! {
+    ScannerResidualsSpec {
+        LEFT_RMS_PX = "left_rms_px", [0.0, 1000.0] "px";
+        RIGHT_RMS_PX = "right_rms_px", [0.0, 1000.0] "px";
+        PROJECTOR_RMS_PX = "projector_rms_px", [0.0, 1000.0] "px";
+        EPIPOLAR_RMS_PX = "epipolar_rms_px", [0.0, 1000.0] "px";
+        BOARD_PITCH_RMS_MM = "board_pitch_rms_mm", [0.0, 1000.0] "mm";
+    }
+}
+
 impl CalibratedScannerSpec {
     /// Records what is out of range, below `/calibrated`.
     pub(super) fn check(&self, findings: &mut Findings) {
@@ -59,10 +70,8 @@ impl CalibratedScannerSpec {
             format!("is {:?}; give 64 hexadecimal digits", self.data_sha256.chars().take(80).collect::<String>())
         });
         let Some(residuals) = &self.residuals else { return };
-        for (name, value, unit) in residuals.named() {
-            if let Some(value) = value {
-                findings.range(format!("/calibrated/residuals/{name}"), value, 0.0, 1000.0, unit);
-            }
+        for (range, value) in residuals.in_ranges() {
+            range.check("/calibrated/residuals", &value, findings);
         }
     }
 }
@@ -71,12 +80,17 @@ impl ScannerResidualsSpec {
     /// Names, values and units of the residuals.
     #[must_use]
     pub fn named(&self) -> [(&'static str, Option<f64>, &'static str); 5] {
+        self.in_ranges().map(|(range, value)| (range.field, value, range.unit))
+    }
+
+    /// Residuals, each with its range.
+    fn in_ranges(&self) -> [(FieldRange, Option<f64>); 5] {
         [
-            ("left_rms_px", self.left_rms_px, "px"),
-            ("right_rms_px", self.right_rms_px, "px"),
-            ("projector_rms_px", self.projector_rms_px, "px"),
-            ("epipolar_rms_px", self.epipolar_rms_px, "px"),
-            ("board_pitch_rms_mm", self.board_pitch_rms_mm, "mm"),
+            (Self::LEFT_RMS_PX, self.left_rms_px),
+            (Self::RIGHT_RMS_PX, self.right_rms_px),
+            (Self::PROJECTOR_RMS_PX, self.projector_rms_px),
+            (Self::EPIPOLAR_RMS_PX, self.epipolar_rms_px),
+            (Self::BOARD_PITCH_RMS_MM, self.board_pitch_rms_mm),
         ]
     }
 }

@@ -7,31 +7,19 @@
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
+use crate::cell::closed_list;
 use crate::geometry::{Device, Pose, ScannerFrame};
 
-/// Name of one of the three devices.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum DeviceName {
-    /// Left camera, at −x of the scanner.
-    Left,
-    /// Right camera, at +x.
-    Right,
-    /// Projector.
-    Projector,
-}
-
-impl DeviceName {
-    /// Every device, in the order of [`super::PerDevice`].
-    pub const ALL: [Self; 3] = [Self::Left, Self::Right, Self::Projector];
-
-    /// `left`, `right`, `projector`.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-            Self::Projector => "projector",
-        }
+// In the order of `PerDevice`.
+closed_list! {
+    /// Name of one of the three devices.
+    pub enum DeviceName {
+        /// Left camera, at −x of the scanner.
+        Left = "left",
+        /// Right camera, at +x.
+        Right = "right",
+        /// Projector.
+        Projector = "projector",
     }
 }
 
@@ -63,9 +51,9 @@ pub struct Lens {
 /// One optical device of a scanner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpticalDevice {
-    /// Its name.
+    /// Name of the device.
     pub name: DeviceName,
-    /// Its pose.
+    /// Pose of the device in the scanner frame.
     pub scanner_from_device: Pose<ScannerFrame, Device>,
     /// Intrinsics.
     pub lens: Lens,

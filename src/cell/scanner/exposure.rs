@@ -19,6 +19,7 @@ use utoipa::ToSchema;
 use super::material::Material;
 use crate::cell::closed_list;
 use crate::cell::field_error::Findings;
+use crate::cell::field_ranges;
 
 /// Number of brightness levels.
 pub const LEVELS: usize = 10;
@@ -37,6 +38,11 @@ const ASSUMED_WHITE: f64 = 0.86;
 /// Assumed least modulation as a share of full scale, 16 of 255 grey values: such that dull black of ρ = 0.05 needs level 9 where it
 /// faces the projector and is missed elsewhere, as dark surfaces are in the thesis (§4.2.1). No figure is published.
 const ASSUMED_MIN_MODULATION: f64 = 16.0 / 255.0;
+/// Range of a full scale, grey values: cameras of up to 16 bits.
+const FULL_SCALE: [f64; 2] = [1.0, 65_535.0];
+/// Ranges of W and of the least modulation, as shares of full scale.
+const WHITE: [f64; 2] = [0.01, 100.0];
+const MODULATION: [f64; 2] = [1e-4, 0.4];
 
 /// Brightness levels of the projector and what the cameras make of them. Unknown fields are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -53,8 +59,8 @@ pub struct ExposureSpec {
     /// `full_scale`. Default: 0.86 times `full_scale`, assumed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub white_signal: Option<f64>,
-    /// Least modulation of the fringes that can be decoded, grey values, half the difference between bright and dark; 0.0001 to 0.4
-    /// times `full_scale`. Default: 16/255 of `full_scale`, assumed.
+    /// Minimum modulation of the fringes that can be decoded, grey values, half the difference between bright and dark; 0.0001 to
+    /// 0.4 times `full_scale`. Default: 16/255 of `full_scale`, assumed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_modulation: Option<f64>,
 }
@@ -72,24 +78,32 @@ impl Default for ExposureSpec {
     }
 }
 
+field_ranges! {
+    ExposureSpec {
+        LEVELS = "levels", [1e-4, 1e4] "";
+        FULL_SCALE = "full_scale", [FULL_SCALE[0], FULL_SCALE[1]] "grey values";
+        // The ranges of every full scale; the check is against the scanner's own.
+        WHITE_SIGNAL = "white_signal", [WHITE[0] * FULL_SCALE[0], WHITE[1] * FULL_SCALE[1]] "grey values";
+        MIN_MODULATION = "min_modulation", [MODULATION[0] * FULL_SCALE[0], MODULATION[1] * FULL_SCALE[1]] "grey values";
+    }
+}
+
 impl ExposureSpec {
     pub(super) fn check(&self, pointer: &str, findings: &mut Findings) {
-        for (level, gain) in self.levels.iter().enumerate() {
-            findings.range(format!("{pointer}/levels/{level}"), *gain, 1e-4, 1e4, "");
-        }
+        Self::LEVELS.check(pointer, &self.levels, findings);
         for (level, pair) in (1..).zip(self.levels.windows(2)) {
             findings.require(pair[0] < pair[1], format!("{pointer}/levels/{level}"), || {
                 format!("is {}, not more than {} of the level before; order them from dark to bright", pair[1], pair[0])
             });
         }
-        findings.range(format!("{pointer}/full_scale"), self.full_scale, 1.0, 65_535.0, "grey values");
-        let full_scale = self.full_scale.clamp(1.0, 65_535.0);
+        Self::FULL_SCALE.check(pointer, &self.full_scale, findings);
+        let full_scale = self.full_scale.clamp(FULL_SCALE[0], FULL_SCALE[1]);
         let mut range_of_full = |name: &str, value: Option<f64>, [min, max]: [f64; 2]| {
             let Some(value) = value else { return };
             findings.range(format!("{pointer}/{name}"), value, min * full_scale, max * full_scale, "grey values");
         };
-        range_of_full("white_signal", self.white_signal, [0.01, 100.0]);
-        range_of_full("min_modulation", self.min_modulation, [1e-4, 0.4]);
+        range_of_full("white_signal", self.white_signal, WHITE);
+        range_of_full("min_modulation", self.min_modulation, MODULATION);
     }
 
     /// Builds what was checked; `None` stands for levels that are not known.
@@ -113,7 +127,7 @@ pub struct Exposure {
     pub gains: [f64; LEVELS],
     /// W: signal of a white surface that faces the projector at the best focus, at level 5.
     pub white: f64,
-    /// Least modulation that can be decoded.
+    /// Minimum modulation that can be decoded.
     pub min_modulation: f64,
     /// True if the specification says nothing of it, and figures were assumed.
     pub is_assumed: bool,

@@ -67,7 +67,8 @@ pub struct Scanner {
 }
 
 impl Scanner {
-    /// Least distance between neighbouring points of a scan, mm: z_near / f of the coarser camera, on surface that it looks at squarely.
+    /// Minimum distance between neighbouring points of a scan, mm: z_near / f of the coarser camera, on surface that it looks at
+    /// squarely.
     #[must_use]
     pub fn min_point_spacing_mm(&self) -> f64 {
         let focal_px = self.devices.cameras().into_iter().map(|camera| camera.lens.focal_px()).fold(f64::INFINITY, f64::min);

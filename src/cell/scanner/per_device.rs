@@ -1,6 +1,6 @@
 //! Values that each optical device of a scanner has one of.
 
-use std::ops::Index;
+use std::ops::{Index, IndexMut};
 
 use super::DeviceName;
 
@@ -22,6 +22,12 @@ impl<T> PerDevice<T> {
         T: Clone,
     {
         Self { left: camera.clone(), right: camera, projector }
+    }
+
+    /// Values that `of` makes for each device, in their order.
+    #[inline]
+    pub fn from_fn(mut of: impl FnMut(DeviceName) -> T) -> Self {
+        Self { left: of(DeviceName::Left), right: of(DeviceName::Right), projector: of(DeviceName::Projector) }
     }
 
     /// Values that `of` makes of these, in their order.
@@ -89,6 +95,17 @@ impl<T> Index<DeviceName> for PerDevice<T> {
             DeviceName::Left => &self.left,
             DeviceName::Right => &self.right,
             DeviceName::Projector => &self.projector,
+        }
+    }
+}
+
+impl<T> IndexMut<DeviceName> for PerDevice<T> {
+    #[inline(always)]
+    fn index_mut(&mut self, device: DeviceName) -> &mut T {
+        match device {
+            DeviceName::Left => &mut self.left,
+            DeviceName::Right => &mut self.right,
+            DeviceName::Projector => &mut self.projector,
         }
     }
 }

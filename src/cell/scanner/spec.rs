@@ -12,12 +12,18 @@ use super::per_device::PerDevice;
 use crate::cell::field_error::{FieldError, Findings};
 use crate::cell::pose_spec::{PoseInput, PoseSpec};
 use crate::cell::shape_spec::BodySpec;
+use crate::cell::{FieldRange, field_ranges};
 use crate::geometry::{Device, Pose, ScannerFrame};
 
 /// Largest deviation of the rows of a printed rotation from orthonormal.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 /// Cameras closer than this, along x of the scanner, cannot triangulate.
 const BASELINE_MIN_MM: f64 = 1.0;
+/// Most pixels that an image may have along an edge.
+const MAX_SIZE_PX: f64 = 1e5;
+/// Range of the principal point of a projector along v, in heights of its image: the lens is often shifted, so that its picture
+/// lies above or below its axis.
+const SHIFT: [f64; 2] = [-2.0, 3.0];
 /// Widest angle that a pinhole's image may show, degrees. Fisheyes beyond it need another model; a focal length in millimetres that
 /// was taken for pixels shows nearly 180°.
 const MAX_VIEW_DEG: f64 = 150.0;
@@ -161,6 +167,51 @@ pub struct BoardPoseSpec {
     pub translation_mm: [f64; 3],
 }
 
+field_ranges! {
+    ScannerSpec {
+        MASS_KG = "mass_kg", [0.01, 100.0] "kg";
+        CENTRE_OF_MASS_MM = "centre_of_mass_mm", [-2000.0, 2000.0] "mm";
+        STATED_VOLUME_MM = "stated_volume_mm", [1.0, 1e4] "mm";
+        PRACTICAL_VOLUME_MM = "practical_volume_mm", [1.0, 1e4] "mm";
+        BLOCK_CUBE_MM = "block_cube_mm", [1.0, 1e4] "mm";
+        DEPTH_ORIGIN_MM = "depth_origin_mm", [-1000.0, 1000.0] "mm";
+    }
+}
+
+field_ranges! {
+    DepthSpec {
+        NEAR = "near", [1.0, 1e4] "mm";
+        BEST = "best", [1.0, 1e4] "mm";
+        FAR = "far", [1.0, 1e4] "mm";
+    }
+}
+
+field_ranges! {
+    DeviceSpec {
+        WIDTH_PX = "width_px", [16.0, MAX_SIZE_PX] "px";
+        HEIGHT_PX = "height_px", [16.0, MAX_SIZE_PX] "px";
+        FX = "fx", [1.0, 1e6] "px";
+        FY = "fy", [1.0, 1e6] "px";
+        // The ranges of the largest image; the check is against the device's own.
+        CX = "cx", [0.0, MAX_SIZE_PX] "px";
+        CY = "cy", [SHIFT[0] * MAX_SIZE_PX, SHIFT[1] * MAX_SIZE_PX] "px";
+        SKEW = "skew", [-0.1, 0.1] "";
+        DISTORTION = "distortion", [-10.0, 10.0] "";
+        INCIDENCE_MAX_DEG = "incidence_max_deg", [1.0, 89.9] "°";
+        PIXEL_PITCH_UM = "pixel_pitch_um", [0.1, 100.0] "µm";
+        F_NUMBER = "f_number", [0.5, 64.0] "";
+        CIRCLE_OF_CONFUSION_UM = "circle_of_confusion_um", [0.1, 1000.0] "µm";
+        FOCUS_MM = "focus_mm", [10.0, 1e4] "mm";
+        IN_FOCUS_MM = "in_focus_mm", [1.0, 1e4] "mm";
+    }
+}
+
+field_ranges! {
+    BoardPoseSpec {
+        TRANSLATION_MM = "translation_mm", [-1e5, 1e5] "mm";
+    }
+}
+
 impl ScannerSpec {
     /// Checks every field and builds the scanner.
     ///
@@ -245,9 +296,9 @@ impl ScannerSpec {
     fn check(&self, findings: &mut Findings) {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the scanner".into());
         let DepthSpec { near, best, far } = self.depth_mm;
-        findings.range("/depth_mm/near", near, 1.0, 1e4, "mm");
-        findings.range("/depth_mm/best", best, 1.0, 1e4, "mm");
-        findings.range("/depth_mm/far", far, 1.0, 1e4, "mm");
+        DepthSpec::NEAR.check("/depth_mm", &near, findings);
+        DepthSpec::BEST.check("/depth_mm", &best, findings);
+        DepthSpec::FAR.check("/depth_mm", &far, findings);
         findings.require(near < best && best < far, "/depth_mm", || {
             format!("near {near}, best {best}, far {far}: must be near < best < far")
         });
@@ -270,25 +321,15 @@ impl ScannerSpec {
         if let Some(frame) = &self.scanner_from_cloud {
             frame.check("/scanner_from_cloud", findings);
         }
-        findings.range("/mass_kg", self.mass_kg, 0.01, 100.0, "kg");
-        for (axis, value) in self.centre_of_mass_mm.iter().flatten().enumerate() {
-            findings.range(format!("/centre_of_mass_mm/{axis}"), *value, -2000.0, 2000.0, "mm");
-        }
+        Self::MASS_KG.check("", &self.mass_kg, findings);
+        Self::CENTRE_OF_MASS_MM.check("", &self.centre_of_mass_mm, findings);
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
         }
-        for (axis, value) in self.stated_volume_mm.iter().flatten().enumerate() {
-            findings.range(format!("/stated_volume_mm/{axis}"), *value, 1.0, 1e4, "mm");
-        }
-        for (axis, value) in self.practical_volume_mm.iter().enumerate() {
-            findings.range(format!("/practical_volume_mm/{axis}"), *value, 1.0, 1e4, "mm");
-        }
-        if let Some(edge_mm) = self.block_cube_mm {
-            findings.range("/block_cube_mm", edge_mm, 1.0, 1e4, "mm");
-        }
-        if let Some(origin_mm) = self.depth_origin_mm {
-            findings.range("/depth_origin_mm", origin_mm, -1000.0, 1000.0, "mm");
-        }
+        Self::STATED_VOLUME_MM.check("", &self.stated_volume_mm, findings);
+        Self::PRACTICAL_VOLUME_MM.check("", &self.practical_volume_mm, findings);
+        Self::BLOCK_CUBE_MM.check("", &self.block_cube_mm, findings);
+        Self::DEPTH_ORIGIN_MM.check("", &self.depth_origin_mm, findings);
         if let Some(exposure) = &self.exposure {
             exposure.check("/exposure", findings);
         }
@@ -310,32 +351,28 @@ impl DeviceSpec {
             pose.check(&format!("{pointer}/scanner_from_device"), findings);
         }
         let (width, height) = (f64::from(self.width_px), f64::from(self.height_px));
-        findings.range(format!("{pointer}/width_px"), width, 16.0, 1e5, "px");
-        findings.range(format!("{pointer}/height_px"), height, 16.0, 1e5, "px");
-        self.check_focal_length(&format!("{pointer}/fx"), self.fx, width, findings);
-        self.check_focal_length(&format!("{pointer}/fy"), self.fy, height, findings);
+        Self::WIDTH_PX.check(pointer, &self.width_px, findings);
+        Self::HEIGHT_PX.check(pointer, &self.height_px, findings);
+        self.check_focal_length(&Self::FX, pointer, self.fx, width, findings);
+        self.check_focal_length(&Self::FY, pointer, self.fy, height, findings);
         findings.range(format!("{pointer}/cx"), self.cx, 0.0, width, "px");
-        // The lens of a projector is often shifted, so that its picture lies above or below its axis.
-        let [low, high] = if name == DeviceName::Projector { [-2.0 * height, 3.0 * height] } else { [0.0, height] };
-        findings.range(format!("{pointer}/cy"), self.cy, low, high, "px");
-        findings.range(format!("{pointer}/skew"), self.skew, -0.1, 0.1, "");
-        for (index, k) in self.distortion.iter().enumerate() {
-            findings.range(format!("{pointer}/distortion/{index}"), *k, -10.0, 10.0, "");
-        }
-        findings.range(format!("{pointer}/incidence_max_deg"), self.incidence_max_deg, 1.0, 89.9, "°");
-        if let Some(pitch_um) = self.pixel_pitch_um {
-            findings.range(format!("{pointer}/pixel_pitch_um"), pitch_um, 0.1, 100.0, "µm");
-        }
+        let [low, high] = if name == DeviceName::Projector { SHIFT } else { [0.0, 1.0] };
+        findings.range(format!("{pointer}/cy"), self.cy, low * height, high * height, "px");
+        Self::SKEW.check(pointer, &self.skew, findings);
+        Self::DISTORTION.check(pointer, &self.distortion, findings);
+        Self::INCIDENCE_MAX_DEG.check(pointer, &self.incidence_max_deg, findings);
+        Self::PIXEL_PITCH_UM.check(pointer, &self.pixel_pitch_um, findings);
         self.check_focus(pointer, findings);
     }
 
     /// Records a focal length that is out of range, or with which the image shows more than [`MAX_VIEW_DEG`]: 2·atan(size / 2f).
-    fn check_focal_length(&self, pointer: &str, focal_px: f64, size_px: f64, findings: &mut Findings) {
+    fn check_focal_length(&self, range: &FieldRange, at: &str, focal_px: f64, size_px: f64, findings: &mut Findings) {
         let min_px = 0.5 * size_px / (0.5 * MAX_VIEW_DEG.to_radians()).tan();
         // A size or a length that is out of range has its own finding.
-        let is_wide = (1.0..min_px).contains(&focal_px) && (16.0..=1e5).contains(&size_px);
+        let ([shortest_px, longest_px], [fewest_px, most_px]) = (range.range, Self::WIDTH_PX.range);
+        let is_wide = (shortest_px..min_px).contains(&focal_px) && (fewest_px..=most_px).contains(&size_px);
         if !is_wide {
-            return findings.range(pointer, focal_px, 1.0, 1e6, "px");
+            return range.check(at, &focal_px, findings);
         }
         let view_deg = 2.0 * (0.5 * size_px / focal_px).atan().to_degrees();
         let pitch_um = self.pixel_pitch_um.filter(|pitch_um| *pitch_um > 0.0);
@@ -348,9 +385,9 @@ impl DeviceSpec {
         );
         let min_px = min_px.ceil();
         findings.push(
-            pointer,
+            format!("{at}/{}", range.field),
             format!(
-                "is {focal_px} px, with which {size_px} px show {view_deg:.1} °; allowed is {min_px} to 1000000 px \
+                "is {focal_px} px, with which {size_px} px show {view_deg:.1} °; allowed is {min_px} to {longest_px} px \
                  (up to {MAX_VIEW_DEG} °): {advice}"
             ),
         );
@@ -403,9 +440,7 @@ impl BoardPoseSpec {
                 )
             },
         );
-        for (axis, value) in self.translation_mm.iter().enumerate() {
-            findings.range(format!("{pointer}/translation_mm/{axis}"), *value, -1e5, 1e5, "mm");
-        }
+        Self::TRANSLATION_MM.check(pointer, &self.translation_mm, findings);
     }
 
     /// The pose, with the printed rotation projected onto SO(3) (nearest in the Frobenius norm, by SVD).

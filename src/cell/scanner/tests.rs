@@ -301,7 +301,7 @@ mod volume {
 
     #[test]
     fn practical_box_leaves_the_frusta_at_its_near_face() {
-        // Method §2: the 260 wide practical box leaves the frusta at its near face.
+        // The 260 wide practical box leaves the frusta at its near face.
         for rig in rigs() {
             let [x, _, z] = rig.practical_volume_mm;
             let near = rig.best_mm - z / 2.0;

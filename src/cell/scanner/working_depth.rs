@@ -40,18 +40,11 @@ pub struct DepthBound {
 impl DeviceSpec {
     /// Records what is wrong with the fields of depth of field, below `pointer`.
     pub(super) fn check_focus(&self, pointer: &str, findings: &mut Findings) {
-        if let Some(f_number) = self.f_number {
-            findings.range(format!("{pointer}/f_number"), f_number, 0.5, 64.0, "");
-        }
-        if let Some(circle_um) = self.circle_of_confusion_um {
-            findings.range(format!("{pointer}/circle_of_confusion_um"), circle_um, 0.1, 1000.0, "µm");
-        }
-        if let Some(focus_mm) = self.focus_mm {
-            findings.range(format!("{pointer}/focus_mm"), focus_mm, 10.0, 1e4, "mm");
-        }
+        Self::F_NUMBER.check(pointer, &self.f_number, findings);
+        Self::CIRCLE_OF_CONFUSION_UM.check(pointer, &self.circle_of_confusion_um, findings);
+        Self::FOCUS_MM.check(pointer, &self.focus_mm, findings);
+        Self::IN_FOCUS_MM.check(pointer, &self.in_focus_mm, findings);
         if let Some([near, far]) = self.in_focus_mm {
-            findings.range(format!("{pointer}/in_focus_mm/0"), near, 1.0, 1e4, "mm");
-            findings.range(format!("{pointer}/in_focus_mm/1"), far, 1.0, 1e4, "mm");
             findings
                 .require(near < far, format!("{pointer}/in_focus_mm"), || format!("near {near}, far {far}: must be near < far"));
         }

@@ -16,7 +16,7 @@ const DEFAULT_AXIS: [f64; 3] = [1.0, 0.0, 0.0];
 
 /// Root element of a document.
 pub(super) struct RobotElement {
-    /// Its name; empty where it has none.
+    /// Name of the robot; empty where it has none.
     pub name: String,
     /// Links, in the order of the document.
     pub links: Vec<LinkElement>,
@@ -26,7 +26,7 @@ pub(super) struct RobotElement {
 
 /// Rigid body, or a mere frame.
 pub(super) struct LinkElement {
-    /// Its name.
+    /// Name of the link.
     pub name: String,
     /// True if it has a visual shape.
     pub is_drawn: bool,
@@ -58,7 +58,7 @@ pub(super) enum Geometry {
 
 /// Joint between two links.
 pub(super) struct JointElement {
-    /// Its name.
+    /// Name of the joint.
     pub name: String,
     /// Motion.
     pub kind: JointKind,

@@ -21,6 +21,7 @@ use super::robot::{LinkSpec, RobotSpec};
 use crate::geometry::{Mesh, Pose};
 use capsules::{Capsule, around};
 use document::{Geometry, JointElement, LinkElement};
+pub(super) use remarks::joint_3_of_abb;
 
 const MM_OF_METRE: f64 = 1000.0;
 /// Names that the last link of an arm commonly has, the first preferred.
@@ -62,13 +63,11 @@ pub struct Imported {
 }
 
 impl Imported {
-    /// Sets the language of the robot's controller, and adds the remark on how controllers of that language count joint 3.
+    /// Sets the language of the robot's controller, and adds the remark that controllers of that language call for.
     pub fn set_dialect(&mut self, dialect: Option<Dialect>) {
         self.robot.dialect = dialect;
-        let remark = remarks::joint_3_of_abb();
-        if dialect == Some(Dialect::Rapid) && !self.remarks.contains(&remark) {
-            self.remarks.push(remark);
-        }
+        let remark = dialect.and_then(Dialect::urdf_remark);
+        self.remarks.extend(remark.filter(|remark| !self.remarks.contains(remark)));
     }
 }
 
@@ -101,7 +100,7 @@ closed_list! {
         Continuous = "continuous",
         /// A shift.
         Prismatic = "prismatic",
-        /// None.
+        /// A joint that does not move.
         Fixed = "fixed",
         /// All six freedoms.
         Floating = "floating",
@@ -118,7 +117,7 @@ pub enum UrdfError {
     /// The file is not a URDF.
     #[error("is not a URDF file: {0}")]
     Unreadable(String),
-    /// No link of this name.
+    /// The document has no link of this name.
     #[error("has no link {0:?}")]
     NoLink(String),
     /// A flange that is not carried by the base.
@@ -140,7 +139,7 @@ pub enum UrdfError {
     /// A joint of another kind.
     #[error("joint {joint:?} between {base:?} and {tip:?} is {}; allowed are revolute, continuous and fixed ones", kind.as_str())]
     JointKind {
-        /// Its name.
+        /// Name of the joint.
         joint: String,
         /// Kind of the joint.
         kind: JointKind,
@@ -155,7 +154,7 @@ pub enum UrdfError {
          itself; arms with fewer, such as palletisers, cannot be planned"
     )]
     Mimic {
-        /// Its name.
+        /// Name of the joint.
         joint: String,
         /// Joint that drives it.
         follows: String,
@@ -170,7 +169,7 @@ pub enum UrdfError {
          correct them, or remove the safety_controller"
     )]
     SoftLimits {
-        /// Its name.
+        /// Name of the joint.
         joint: String,
         /// Lower soft limit, rad.
         lower: f64,
@@ -180,7 +179,7 @@ pub enum UrdfError {
     /// A number that cannot be.
     #[error("joint {joint:?} has the {what} {value}")]
     Number {
-        /// Its name.
+        /// Name of the joint.
         joint: String,
         /// Kind of number.
         what: &'static str,
@@ -192,7 +191,7 @@ pub enum UrdfError {
     Mesh {
         /// File as the URDF names it.
         file: String,
-        /// Whose it is.
+        /// Name of the link that the mesh belongs to.
         link: String,
         /// Reason.
         detail: String,
@@ -225,7 +224,7 @@ pub fn import(
     remarks.extend(if options.base_link.is_none() { tree.turned_base(&arm) } else { None });
     remarks.extend(narrowed);
     remarks.extend(remarks::tilted_flange(&arm));
-    remarks.extend(remarks::is_named_abb(&robot.name).then(remarks::joint_3_of_abb));
+    remarks.extend(remarks::is_named_abb(&robot.name).then(joint_3_of_abb));
     let robot = RobotSpec {
         name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
         payload_kg: options.payload_kg,

@@ -14,7 +14,7 @@ pub(super) fn is_named_abb(name: &str) -> bool {
 
 /// Remark on joint 3, which a URDF counts from the upper arm, and ABB's controllers from the ground on arms with a parallel rod.
 /// The preset `abb-irb2400-10` is such an arm.
-pub(super) fn joint_3_of_abb() -> UrdfRemark {
+pub(in crate::cell) fn joint_3_of_abb() -> UrdfRemark {
     UrdfRemark {
         detail: "counts joint 3 from the upper arm, as a URDF does; the controller of an ABB arm with a parallel rod (IRB 2400, \
                  4400, 6400 and others) counts it from the ground, and RAPID programs from this specification are then wrong \

@@ -103,7 +103,7 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
     let (calibrated, covariance, weighting) = calibration.estimate();
     // The calibration's own: the cell may be the one from before it, or have another by now.
     let runout = harmonics_of(&calibration.turntable_runout);
-    let beside = |each: &Sighting| without_runout(&calibrated.table, &runout, calibrated.scale, each);
+    let beside = |each: &Sighting| without_runout(&calibrated.base_from_table, &runout, calibrated.scale, each);
     let sightings: Vec<Sighting> = read.sightings.iter().map(beside).collect();
     let limits = CheckLimits { false_alarm: args.false_alarm, ..CheckLimits::default() };
     let sigma_freedom = calibration.sigma_freedom();
@@ -283,7 +283,7 @@ mod tests {
         assert_eq!(pointers(&spec()), ["/flange_from_scanner", "/base_from_table"], "it is not calibrated");
     }
 
-    /// They were told to be a scanner that had drifted by hundreds of millimetres.
+    /// Such observations were told to be of a scanner that had drifted by hundreds of millimetres.
     #[test]
     fn observations_of_another_mounting_or_frame_are_refused() {
         let cell = spec().build(&Presets).expect("valid");

@@ -135,7 +135,7 @@ mod tests {
         assert!(!script.exists() && folder.path().join("vantage.mod").exists(), "what is not of the poses stays");
     }
 
-    /// They were overwritten without a word.
+    /// Such files were overwritten without a word.
     #[test]
     fn files_of_the_user_are_not_replaced() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -434,7 +434,7 @@ fn another_area_than_the_parameters_ask_for_is_refused() {
     assert!(found.starts_with("/part/bbox_mm/min/0: is -25 mm; that of the part is -30 mm"), "{found}");
 }
 
-/// They counted for nothing, in silence.
+/// Such members counted for nothing, in silence.
 #[test]
 fn members_that_a_plan_or_a_program_does_not_have_are_refused_by_name() {
     let planned = &*PLANNED;
@@ -539,7 +539,7 @@ fn the_clearance_that_a_program_is_checked_with_is_told_with_its_reason() {
     assert!(!sound.description.contains("clearance"), "{}", sound.description);
 }
 
-/// It was told in numbers of lenses.
+/// The refusal spoke in numbers of lenses.
 #[test]
 fn a_program_of_another_scanner_is_refused_by_the_name_of_the_scanner() {
     let planned = &*PLANNED;

@@ -265,7 +265,8 @@ fn what_can_be_checked_instead_of_a_report_is_told() {
     let next = "\n  → give a cell, a device, parameters, a plan (plan.json) or a program (program.json)";
     assert!(found.ends_with(&format!("not a TOML or JSON file{next}")), "{found}");
     let found = folder.check("scan.cps", "movej p1\n").expect_err("a program");
-    assert!(found.contains("\n  → check the program.json that it was written from; `vantage plan` and"), "{found}");
+    let next = "\n  → check the program.json that it was written from; `vantage plan` writes it beside its plan.json";
+    assert!(found.contains(next), "{found}");
     // The errors of programs and of texts named no file to check.
     let (program, plan) = (folder.file("program.json", "{}"), folder.file("plan.json", "{}"));
     for (name, text, beside) in
@@ -274,6 +275,12 @@ fn what_can_be_checked_instead_of_a_report_is_told() {
         let found = folder.check(name, text).expect_err(name);
         assert!(found.ends_with(&format!("\n  → check {}, which lies beside it", beside.display())), "{found}");
     }
+    // The program of the second setup was to be checked by the document of the first.
+    let found = folder.check("program-2.src", "DEF vantage( )\n").expect_err("a program");
+    assert!(found.contains("\n  → check the program-2.json that it was written from;"), "{found}");
+    let second = folder.file("program-2.json", "{}");
+    let found = folder.check("program-2.src", "DEF vantage( )\n").expect_err("a program");
+    assert!(found.ends_with(&format!("\n  → check {}, which lies beside it", second.display())), "{found}");
     // Of a file that is meant for TOML, the place of the error matters.
     let found = folder.check("cell.toml", "name = \n").expect_err("cut off");
     assert!(found.contains(" at line ") && !found.contains('→'), "{found}");
@@ -440,7 +447,7 @@ fn a_program_is_checked_with_a_part_only_beside_its_plan() {
     assert!(found.contains("program.json: is to be checked with the part, but without its plan"), "{found}");
 }
 
-/// It remained a warning, and the exit code was 0.
+/// The doubt remained a warning, and the exit code was 0.
 #[test]
 fn a_part_in_a_doubtful_unit_is_an_error_with_strict() {
     let folder = Folder::new();

@@ -125,7 +125,7 @@ fn a_run_that_fails_leaves_the_earlier_files_as_they_were() {
     assert_eq!((found(folder.path()), record(folder.path())), before);
 }
 
-/// It took the old files away, and said "No such file or directory".
+/// The command took the old files away, and said "No such file or directory".
 #[test]
 fn two_files_of_one_name_are_refused_before_anything_changes() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -72,22 +72,19 @@ fn what_is_no_file_is_not_replaced_by_a_program() {
 fn files_have_the_names_that_controllers_want() {
     let folder = tempfile::tempdir().expect("folder");
     planned(folder.path(), 1.5);
-    for (dialect, wanted) in [
-        ("hans", &["bracket.cps"][..]),
-        ("urscript", &["bracket.script"]),
-        ("rapid", &["bracket.mod"]),
-        ("krl", &["BRACKET.dat", "BRACKET.src"]),
-        ("fanuc", &["BRACKET.ls"]),
-        ("robodk", &["bracket.py"]),
-        ("csv", &["program.csv"]),
-    ] {
-        let out = folder.path().join(dialect).display().to_string();
-        let named = ["--dialect", dialect, "--force", "--out", &out, "--set", "dialects.program_name=bracket"];
+    for dialect in Dialect::ALL {
+        let in_capitals = [Dialect::Krl, Dialect::Fanuc].contains(&dialect);
+        let stem = if dialect.is_table() { "program" } else { "bracket" };
+        let stem = if in_capitals { stem.to_uppercase() } else { stem.to_owned() };
+        let mut wanted: Vec<String> = dialect.outputs().iter().map(|output| format!("{stem}.{}", output.extension)).collect();
+        wanted.sort();
+        let out = folder.path().join(dialect.as_str()).display().to_string();
+        let named = ["--dialect", dialect.as_str(), "--force", "--out", &out, "--set", "dialects.program_name=bracket"];
         let found = written(folder.path(), &named);
         assert_eq!(found.expect("written"), wanted);
-        let text = std::fs::read_to_string(Path::new(&out).join(wanted[0])).expect("reads");
-        assert!(dialect == "csv" || text.contains("WITHOUT the part") || dialect == "krl" || dialect == "fanuc", "{text}");
-        assert_eq!(text.contains("WARNING: FORCED"), !["hans", "robodk", "csv"].contains(&dialect), "{text}");
+        let text = std::fs::read_to_string(Path::new(&out).join(&wanted[0])).expect("reads");
+        assert!(dialect.is_table() || text.contains("WITHOUT the part") || in_capitals, "{text}");
+        assert_eq!(text.contains("WARNING: FORCED"), dialect != Dialect::Hans && !dialect.is_neutral(), "{text}");
     }
 }
 
@@ -157,7 +154,8 @@ fn what_fails_is_not_written() {
     let refused = written(folder.path(), &[&args[..], &["--set", "dialects.table_axis=7"]].concat()).expect_err("no such axis");
     assert!(refused.contains("--set dialects.table_axis=7: is 7; allowed is 1 to 6"), "{refused}");
     let refused = written(folder.path(), &["--dialect", "karel", "--out", "x"]).expect_err("no such dialect");
-    assert!(refused.contains("known are hans, urscript, rapid, krl, fanuc, robodk, csv"), "{refused}");
+    let known = Dialect::ALL.map(Dialect::as_str).join(", ");
+    assert!(refused.contains(&format!("known are {known}")), "{refused}");
 }
 
 /// RAPID for a Han's arm was written without a word.
@@ -167,14 +165,15 @@ fn the_robots_own_language_is_written_and_anothers_is_refused() {
     planned(folder.path(), 1.5);
     let out = folder.path().join("robot");
     let to_out = ["--out", out.to_str().expect("a path")];
-    for dialect in ["rapid", "krl", "fanuc", "urscript"] {
+    let (neutral, of_makers): (Vec<Dialect>, Vec<Dialect>) = Dialect::ALL.into_iter().partition(|dialect| dialect.is_neutral());
+    for dialect in of_makers.into_iter().filter(|dialect| *dialect != Dialect::Hans).map(Dialect::as_str) {
         let refused = written(folder.path(), &[&["--dialect", dialect][..], &to_out].concat()).expect_err("another maker's");
         let wanted = format!("{dialect} is not a language of robot hans-e05, whose specification has dialect = \"hans\"");
         assert!(refused.contains(&wanted) && refused.contains("--force") && !out.exists(), "{refused}");
     }
     assert_eq!(written(folder.path(), &to_out), Ok(vec!["vantage.cps".to_owned()]));
-    for neutral in ["csv", "robodk"] {
-        written(folder.path(), &[&["--dialect", neutral][..], &to_out].concat()).expect("of no maker");
+    for neutral in neutral {
+        written(folder.path(), &[&["--dialect", neutral.as_str()][..], &to_out].concat()).expect("of no maker");
     }
 }
 
@@ -236,6 +235,18 @@ fn a_folder_of_viewpoints_alone_says_how_to_get_a_program() {
     std::fs::write(folder.path().join("plan.json"), "{}").expect("writes");
     let told = super::without_program(folder.path()).to_string();
     assert!(told.contains("has only viewpoints; plan with a cell"), "{told}");
+}
+
+/// "keep plan.json beside it" was told of a folder whose plan was not possible.
+#[test]
+fn a_folder_without_a_plan_and_a_program_points_to_its_report() {
+    let folder = tempfile::tempdir().expect("folder");
+    let part = folder.path().join("part.stl");
+    std::fs::write(&part, write_stl(&box_mesh([-10.0, -10.0, 0.0], [10.0, 10.0, 20.0]))).expect("writes");
+    std::fs::write(folder.path().join("report.txt"), "No plan\n").expect("writes");
+    let out = folder.path().join("robot").display().to_string();
+    let told = written(folder.path(), &["--mesh", part.to_str().expect("a path"), "--out", &out]).expect_err("refused");
+    assert!(told.ends_with("has neither plan nor program.json; its report.txt says why"), "{told}");
 }
 
 #[test]

@@ -104,12 +104,14 @@ impl RunOutcome {
         let mut words = match run.mode {
             RunMode::DryRun => words_of_reading(run, self.lacks),
             RunMode::Simulate | RunMode::Live => format!(
-                "{}: {} of {} steps, {}, {:.1} s\n",
+                "{}: {} of {} steps, {}, {:.1} s{}\n",
                 run.state.as_str(),
                 steps.iter().filter(|step| step.op != RunStepOp::Locate).count(),
                 run.steps,
                 counted(run.scans, "scan"),
-                run.elapsed_secs
+                run.elapsed_secs,
+                // The time of a step that was cut short is not counted.
+                if run.state == ReportedState::Done { "" } else { " in finished steps" }
             ),
         };
         let scans = || steps.iter().filter(|step| step.op == RunStepOp::Scan);
@@ -121,7 +123,7 @@ impl RunOutcome {
             // Strings take every write.
             let _ = writeln!(
                 words,
-                "largest deviation at a scan {axis_deg:.3}° and {position_mm:.2} mm; predicted time {planned:.1} s"
+                "largest deviation at a scan {axis_deg:.3}° and {position_mm:.2} mm; predicted time at full speed {planned:.1} s"
             );
         }
         if let Some(coverage) = &run.coverage {
@@ -184,6 +186,26 @@ mod tests {
         RunOutcome { document, gave_up: None, lacks: None }
     }
 
+    /// A scan at home that was predicted to take so long.
+    fn scan_of(planned_secs: f64) -> RunStepRecord {
+        let home_rad = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("builds").home_rad;
+        RunStepRecord {
+            step: 0,
+            op: RunStepOp::Scan,
+            viewpoint: Some(7),
+            commanded: (&home_rad).into(),
+            measured: (&home_rad).into(),
+            axis_deviation_deg: 0.0,
+            optical_axis_deviation_deg: 0.0,
+            position_deviation_mm: 0.0,
+            planned_secs,
+            actual_secs: planned_secs,
+            attempts: 1,
+            capture_secs: None,
+            capture_id: None,
+        }
+    }
+
     /// "done: 0 of 28 steps" read as a program that was not carried out.
     #[test]
     fn a_dry_run_is_told_by_what_it_read_and_not_by_steps() {
@@ -208,5 +230,22 @@ mod tests {
             assert_eq!(judged.to_string(), wanted);
         }
         assert!(outcome(RunMode::Simulate, ReportedState::Failed, &[]).words().starts_with("failed: 0 of 1 steps"));
+    }
+
+    /// "0.0 s" was told of a run that was stopped in the middle of its first step.
+    #[test]
+    fn the_time_of_a_run_that_did_not_end_is_that_of_its_finished_steps() {
+        let told = |state: ReportedState| outcome(RunMode::Simulate, state, &[]).words();
+        assert_eq!(told(ReportedState::Stopped), "stopped: 0 of 1 steps, 0 scans, 0.0 s in finished steps\n");
+        assert_eq!(told(ReportedState::Done), "done: 0 of 1 steps, 0 scans, 0.0 s\n");
+    }
+
+    /// A run at a tenth of the speed was told beside its time at full speed, as if it had taken six times as long as predicted.
+    #[test]
+    fn the_predicted_time_is_told_as_that_at_full_speed() {
+        let mut slow = outcome(RunMode::Simulate, ReportedState::Done, &[]);
+        slow.document.steps = vec![scan_of(3.6)];
+        let words = slow.words();
+        assert!(words.ends_with("; predicted time at full speed 3.6 s\n"), "{words}");
     }
 }

@@ -221,11 +221,11 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
 /// End of a program that a stop asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ProgramEnd {
-    /// No stop asked for it.
+    /// An end that no stop asked for.
     NotAsked,
     /// Asked for, and not known to have come.
     Asked,
-    /// It came.
+    /// The end came.
     Answered,
 }
 

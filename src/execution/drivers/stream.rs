@@ -62,7 +62,7 @@ pub struct Wiring {
     pub dialer: Arc<dyn Dialer>,
     /// Keeps its bytes.
     pub log: Arc<dyn WireLog>,
-    /// Its name in the log: `arm`, `table` or `trigger`.
+    /// Name of the device in the log: `arm`, `table` or `trigger`.
     pub device: &'static str,
 }
 

@@ -37,7 +37,7 @@ pub enum ScannerTrigger {
     Http(HttpTrigger),
     /// A program.
     Command(CommandTrigger),
-    /// None: the predicted time of the capture is waited out.
+    /// A cell without a trigger: the predicted time of the capture is waited out.
     Wait,
 }
 

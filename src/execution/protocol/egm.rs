@@ -28,10 +28,10 @@ pub struct ExternalAxes {
 /// State of the drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EgmMotors {
-    /// Not said.
+    /// The controller does not tell the state of the drives.
     #[default]
     Unknown,
-    /// On.
+    /// The drives are on.
     On,
     /// Off.
     Off,
@@ -40,12 +40,12 @@ pub enum EgmMotors {
 /// State of the guidance, `mciState`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EgmGuidance {
-    /// Not said.
+    /// The controller does not tell the state of the guidance.
     #[default]
     Unknown,
     /// Error.
     Error,
-    /// Not following.
+    /// Guidance does not follow.
     Stopped,
     /// Following what is sent.
     Running,
@@ -54,7 +54,7 @@ pub enum EgmGuidance {
 /// State of the RAPID program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EgmRapid {
-    /// Not said.
+    /// The controller does not tell the state of the program.
     #[default]
     Unknown,
     /// Stopped.

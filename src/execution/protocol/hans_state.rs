@@ -35,11 +35,11 @@ pub struct HansRealtimeState {
     pub cycle_ms: i32,
     /// Joints asked for, degrees.
     pub target_deg: [f64; 6],
-    /// Their speeds, °/s.
+    /// Joint speeds asked for, °/s.
     pub target_deg_s: [f64; 6],
     /// Joints measured, degrees.
     pub actual_deg: [f64; 6],
-    /// Their speeds, °/s.
+    /// Joint speeds measured, °/s.
     pub actual_deg_s: [f64; 6],
     /// Pose of the tool, measured, mm and degrees.
     pub actual_tool: [f64; 6],

@@ -62,7 +62,7 @@ pub enum PauseCause {
 pub enum StopCause {
     /// A client asked for it.
     Client,
-    /// No heartbeat of the client.
+    /// The client sent no heartbeat in time.
     HeartbeatLost {
         /// Time since the last.
         after: Duration,
@@ -98,7 +98,7 @@ pub enum StopCause {
     Device {
         /// Device.
         device: DeviceRole,
-        /// Its words.
+        /// Error of the device, in words.
         error: DeviceError,
     },
     /// Fault that a device reports.

@@ -178,7 +178,7 @@ pub enum Objection {
     },
     /// Calibrated poses that may not be used, or not any longer.
     Calibration(CalibrationObjection),
-    /// No such step.
+    /// The program has no such step.
     NoSuchStep {
         /// Step asked for, from 0.
         step: usize,

@@ -26,7 +26,7 @@ pub struct Lease {
     pub cell: String,
     /// Name of the holder.
     pub holder: String,
-    /// Its token.
+    /// Token of the lease.
     pub token: Fence,
     /// Time from a renewal to its end.
     pub ttl: Duration,
@@ -48,7 +48,7 @@ pub enum LeaseError {
         /// Time to its end, unless renewed.
         remaining: Duration,
     },
-    /// It ran out.
+    /// The lease ran out.
     #[error("the lease of cell {cell} with token {} ran out; take a new one", token.0)]
     Expired {
         /// Name of the cell.
@@ -64,7 +64,7 @@ pub enum LeaseError {
         /// Token that was shown.
         token: Fence,
     },
-    /// No such time.
+    /// The lease was asked for a time that is not allowed.
     #[error("a lease lasts {} to {} ms, not {} ms", MIN_TTL.as_millis(), MAX_TTL.as_millis(), .0.as_millis())]
     Ttl(Duration),
 }

@@ -57,7 +57,7 @@ impl MachineState {
 pub struct MachineError {
     /// Device.
     pub device: DeviceRole,
-    /// Its error.
+    /// Error of the device.
     pub error: DeviceError,
 }
 

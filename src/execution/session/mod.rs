@@ -48,11 +48,11 @@ const TWIN_WATCHDOG: Duration = Duration::from_secs(60);
 /// Modes of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// On the kinematic twin.
+    /// A run on the kinematic twin.
     Simulate,
-    /// On real devices, which are read and not moved.
+    /// A run on real devices, which are read and not moved.
     DryRun,
-    /// On real devices.
+    /// A run on real devices.
     Live,
 }
 

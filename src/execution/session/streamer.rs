@@ -86,7 +86,7 @@ impl Streamer {
     /// set point, and never waits for anything else.
     ///
     /// # Errors
-    /// No thread to be had.
+    /// The error of the operating system, if it gives no thread.
     pub fn start<F>(name: &str, period: Duration, mut beat: F) -> io::Result<Self>
     where
         F: FnMut(Beat) -> ControlFlow<()> + Send + 'static,

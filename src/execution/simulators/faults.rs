@@ -19,7 +19,7 @@ const MAX_LATE: Duration = Duration::from_secs(60);
 pub struct DeviceLook {
     /// Position of each axis.
     pub positions_deg: Vec<f64>,
-    /// It moves.
+    /// True if the device moves.
     pub is_moving: bool,
     /// Error that it is in.
     pub error: Option<u32>,
@@ -45,7 +45,7 @@ pub struct FaultState {
     /// Delay of every reply.
     #[serde(rename = "late_secs", serialize_with = "in_secs")]
     pub late: Duration,
-    /// No request is answered.
+    /// True if no request is answered.
     pub is_silent: bool,
     /// 32-bit values come in the other order of words.
     pub swaps_words: bool,

@@ -73,7 +73,7 @@ impl HansController {
         Self(Arc::new(Shared { arm, faults: Arc::default(), began: Instant::now(), factor }))
     }
 
-    /// Its faults.
+    /// Faults of the controller.
     #[must_use]
     pub fn faults(&self) -> Arc<Faults> {
         Arc::clone(&self.0.faults)
@@ -129,7 +129,7 @@ impl HansSimulator {
         })
     }
 
-    /// Its faults.
+    /// Faults of the simulator.
     #[must_use]
     pub fn faults(&self) -> Arc<Faults> {
         self.controller.faults()

@@ -92,7 +92,7 @@ impl MinasA6Simulator {
         Self { shared: Arc::new(Shared { drive, faults, node: setup.node, factor: setup.factor, began }) }
     }
 
-    /// Its faults.
+    /// Faults of the simulator.
     #[must_use]
     pub fn faults(&self) -> Arc<Faults> {
         Arc::clone(&self.shared.faults)

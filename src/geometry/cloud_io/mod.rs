@@ -120,11 +120,11 @@ impl StoredCloud {
 /// A file of clouds that was read.
 #[derive(Clone, Debug)]
 pub struct CloudFile {
-    /// Its format.
+    /// Format of the file.
     pub format: CloudFormat,
     /// Unit of its coordinates, where the format or a header states it.
     pub unit: Option<LengthUnit>,
-    /// Its clouds, at least one; only E57 files have more.
+    /// Clouds in the file, at least one; only E57 files have more.
     pub clouds: Vec<StoredCloud>,
 }
 

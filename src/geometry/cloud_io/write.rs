@@ -8,7 +8,7 @@ use crate::geometry::point_cloud::PointCloud;
 /// Writes a cloud as binary little-endian PLY, in millimetres.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_ply(cloud: &PointCloud, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment millimetres")?;
     if let Some(grid) = cloud.grid {
@@ -22,7 +22,7 @@ pub fn write_ply(cloud: &PointCloud, out: &mut dyn Write) -> io::Result<()> {
 /// Writes a cloud as binary PCD 0.7, in millimetres.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_pcd(cloud: &PointCloud, out: &mut dyn Write) -> io::Result<()> {
     let (columns, rows) = cloud.grid.map_or((cloud.points_mm.len(), 1), |grid| (grid.columns, grid.rows));
     writeln!(out, "# .PCD v0.7, millimetres\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1")?;

@@ -40,7 +40,7 @@ fn head(p: &Point3<f64>, mirrored: &Point3<f64>) -> f64 {
     blend(face, ear, 4.0)
 }
 
-/// Its left arm waves.
+/// The left arm, which waves.
 fn raised_arm(p: &Point3<f64>) -> f64 {
     let upper = limb(p, [24.0, 0.0, 88.0], [47.0, -5.0, 84.0], [9.5, 8.5]);
     let fore = limb(p, [47.0, -5.0, 84.0], [58.0, -12.0, 112.0], [8.5, 8.0]);
@@ -48,7 +48,7 @@ fn raised_arm(p: &Point3<f64>) -> f64 {
     blend(blend(upper, fore, 4.0), hand, 4.0)
 }
 
-/// Its right arm leaves a hole between itself and the body.
+/// The right arm, which leaves a hole between itself and the body.
 fn arm_on_hip(p: &Point3<f64>) -> f64 {
     let upper = limb(p, [-24.0, 0.0, 90.0], [-55.0, 2.0, 74.0], [9.5, 8.5]);
     let fore = limb(p, [-55.0, 2.0, 74.0], [-35.0, -10.0, 50.0], [8.5, 8.0]);

@@ -49,7 +49,7 @@ impl DemoPart {
     /// Every part.
     pub const ALL: [Self; 2] = [Self::Base, Self::Figurine];
 
-    /// Its name on the command line.
+    /// Name of the part on the command line.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {

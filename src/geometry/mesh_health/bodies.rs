@@ -291,7 +291,7 @@ fn closed_bodies(count: usize, of_face: &[u32], edges: &Edges, poll: &Poll<'_>) 
 
 /// A closed body.
 pub(super) struct ClosedBody {
-    /// Its place among them.
+    /// Number of the body among the closed bodies.
     pub(super) index: usize,
     pub(super) aabb: Aabb,
     pub(super) volume_mm3: f64,

@@ -30,9 +30,10 @@ const MIN_TURN: f64 = 0.01;
 const MAX_TREE_FACES: usize = 100_000;
 /// Points that are held against a body for one pair; where bodies touch, none of them may lie inside.
 const MAX_POINTS: usize = 100;
-/// Least depth, as a share of the part's diagonal and largest coordinate: some units in the last place of a 32-bit float. Our choice.
+/// Minimum depth, as a share of the part's diagonal and largest coordinate: some units in the last place of a 32-bit float. Our
+/// choice.
 const MIN_DEPTH: f64 = 1e-6;
-/// Depth of the point behind the triangle, in least depths; on a short edge it is half that of the edge's end.
+/// Depth of the point behind the triangle, in minimum depths; on a short edge it is half that of the edge's end.
 const POINT_DEPTH: f64 = 4.0;
 /// Distance by which an edge may pass beside a triangle, as a share of its size, so that none slips through between two of them.
 const ROUNDING: f64 = 1e-9;

@@ -132,7 +132,7 @@ fn duplicates_are_counted_in_any_winding() {
 fn the_unit_is_doubted_outside_of_1_mm_to_20_m() {
     for (size, doubted) in [(0.5, true), (0.6, false), (11_000.0, false), (12_000.0, true)] {
         let warnings = assess(&cube(size, at(0.0), false)).warnings();
-        assert_eq!(warnings.iter().any(|w| w.code() == "unit_suspect"), doubted, "{size}: {warnings:?}");
+        assert_eq!(warnings.iter().any(|warning| matches!(warning, MeshWarning::Size { .. })), doubted, "{size}: {warnings:?}");
     }
 }
 
@@ -141,7 +141,7 @@ fn deep_nesting_ends_in_time_and_is_said() {
     let shells = (0..6000).map(|i| cube(10_000.0 - f64::from(i), at(f64::from(i) * 0.5), true));
     let health = clean(join(shells)).1;
     assert!(health.unresolved_bodies > 0 && health.unresolved_bodies < 6000, "{}", health.unresolved_bodies);
-    assert!(health.warnings().iter().any(|w| w.code() == "orientation_unresolved"));
+    assert!(health.warnings().iter().any(|warning| matches!(warning, MeshWarning::Unresolved { .. })));
 }
 
 /// A prism along z over an L, which has its inner corner at (10, 10).
@@ -193,7 +193,7 @@ fn bodies_that_run_into_each_other_are_told_and_those_that_touch_are_not() {
     ] {
         let health = clean(join(parts)).1;
         assert_eq!(health.overlapping_pairs, pairs, "{name}");
-        assert_eq!(health.warnings().iter().any(|warning| warning.code() == "bodies_overlap"), pairs > 0, "{name}");
+        assert_eq!(health.warnings().iter().any(|warning| matches!(warning, MeshWarning::Overlap { .. })), pairs > 0, "{name}");
     }
 }
 
@@ -226,7 +226,7 @@ fn cubes_that_share_an_edge_are_two_closed_bodies() {
     assert!((health.volume_mm3.expect("closed") - 2.0).abs() < 1e-9);
 }
 
-/// Its volume was once said to be unknown.
+/// The volume of such a body was once said to be unknown.
 #[test]
 fn a_body_that_touches_itself_along_an_edge_has_a_volume() {
     let mesh = voxels(&[[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0]]);
@@ -275,7 +275,7 @@ fn pitted(layers: i32) -> Vec<[i32; 3]> {
     places.filter(|place| *place != [1, 1, layers - 1]).collect()
 }
 
-/// Their volume was once said to be unknown: the loop cuts the shells into pieces, which are open.
+/// The volume of such shells was once said to be unknown: the loop cuts the shells into pieces, which are open.
 #[test]
 fn shells_that_touch_along_a_loop_of_edges_are_bodies_with_a_volume() {
     // A plug over a hole through a plate, whose surface the loop does not cut, and one over a pit, whose surface it does.
@@ -333,7 +333,7 @@ fn bodies_wholly_inside_others_are_told_and_parts_in_cavities_are_not() {
         let health = clean(join(parts)).1;
         assert_eq!(health.nested_bodies, nested, "{name}");
         let warnings = health.warnings();
-        assert_eq!(warnings.iter().any(|warning| warning.code() == "bodies_nested"), nested > 0, "{name}");
+        assert_eq!(warnings.iter().any(|warning| matches!(warning, MeshWarning::Nested { .. })), nested > 0, "{name}");
         assert_eq!(health.volume_counts_overlaps, nested + health.overlapping_pairs > 0, "{name}");
     }
 }

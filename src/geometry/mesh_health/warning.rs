@@ -102,24 +102,6 @@ fn some(count: usize, warning: impl FnOnce(usize) -> MeshWarning) -> Option<Mesh
 }
 
 impl MeshWarning {
-    /// Stable code, for programs.
-    #[must_use]
-    pub fn code(self) -> &'static str {
-        match self {
-            Self::Size { .. } => "unit_suspect",
-            Self::Open { .. } => "open_surface",
-            Self::NonManifold { .. } => "non_manifold_edges",
-            Self::Inconsistent { .. } => "inconsistent_winding",
-            Self::Overlap { .. } => "bodies_overlap",
-            Self::Nested { .. } => "bodies_nested",
-            Self::Uncut { .. } => "polygons_not_cut",
-            Self::Degenerate { .. } => "degenerate_triangles_dropped",
-            Self::Duplicate { .. } => "duplicate_triangles",
-            Self::Flipped { .. } => "bodies_flipped",
-            Self::Unresolved { .. } => "orientation_unresolved",
-        }
-    }
-
     /// Advice on what to do about it.
     #[must_use]
     pub fn remedy(self) -> &'static str {

@@ -25,7 +25,7 @@ impl fmt::Display for Position {
 /// Reason for which a mesh file cannot be read. Every variant has a stable [`code`](Self::code).
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// No unit was given; STL, OBJ and PLY files do not state theirs.
+    /// The unit was not given; STL, OBJ and PLY files do not state theirs.
     #[error("the file does not state its unit of length; give one of mm, cm, m, inch")]
     UnitMissing,
     /// The file is empty.

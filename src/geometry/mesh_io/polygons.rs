@@ -63,11 +63,11 @@ fn across_unfilled(vertices_mm: &[Point3<f64>], fan: &[[u32; 3]], poll: &Poll<'_
 
 /// Result of cutting a polygon.
 enum Cut {
-    /// Its triangles.
+    /// Triangles of the polygon.
     Done(Vec<[u32; 3]>),
-    /// It has no area.
+    /// The polygon has no area.
     Thin,
-    /// It crosses or folds over itself, or is beyond the budget.
+    /// The polygon crosses or folds over itself, or is beyond the budget.
     Impossible,
 }
 

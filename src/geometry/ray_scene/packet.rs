@@ -17,7 +17,7 @@ const FEW: u32 = 5;
 const SIGN: u32 = 1 << 31;
 /// End of a lane without a ray, or without need of one: before every box and triangle.
 pub(super) const RETIRED: f32 = -1.0;
-/// No triangle yet.
+/// Index of a ray that has met no triangle yet.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// The rays while they are traced.

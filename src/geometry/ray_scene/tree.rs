@@ -67,7 +67,7 @@ pub(super) struct Tree {
     pub(super) blocks: Vec<Block>,
     /// The triangles in the order of the blocks.
     pub(super) order: Vec<u32>,
-    /// No coordinate is larger.
+    /// Largest absolute coordinate of any triangle.
     pub(super) reach: f32,
 }
 
@@ -75,7 +75,7 @@ pub(super) struct Tree {
 struct Subtree {
     index: BvhNodeIndex,
     node: BvhNode,
-    /// Its leaves, if they are few enough to be none of our nodes.
+    /// Leaves below the node, if they are few enough to be none of our nodes.
     leaves: Option<Vec<u32>>,
 }
 

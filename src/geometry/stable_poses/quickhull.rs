@@ -137,7 +137,7 @@ struct LinkedFacet {
 /// A facet with an outside set.
 struct Waiting {
     place: u32,
-    /// Its number: another facet may have taken its place.
+    /// Number of the facet: another facet may have taken its place.
     number: u32,
     /// The farthest point of the set.
     apex: LatticePoint,

@@ -198,6 +198,8 @@ pub(in crate::http) async fn cancel(
 }
 
 /// Delete an ended inspection
+///
+/// Refused with 409 (`job_held`) while the inspection's job has the hold label.
 #[utoipa::path(
     delete,
     path = "/inspections/{id}",
@@ -276,7 +278,7 @@ pub(in crate::http) async fn result(
     operation_id = "get_inspection_losses",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
-        ("format" = Option<String>, Query, pattern = "^(json|csv)$", example = "json", description = "Form of the response. Default: chosen by `Accept`."),
+        ("format" = inline(Option<super::super::openapi::LossesForm>), Query, example = "json", description = "Form of the response. Default: chosen by `Accept`."),
     ),
     responses(
         (status = 200, description = "The losses.", content((LossListing = "application/json"), (String = "text/csv")),
@@ -303,7 +305,7 @@ pub(in crate::http) async fn losses(
     operation_id = "get_inspection_deviation",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
-        ("format" = Option<String>, Query, pattern = "^(csv|ply)$", example = "csv", description = "Form of the response. Default: chosen by `Accept`."),
+        ("format" = inline(Option<super::super::openapi::DeviationForm>), Query, example = "csv", description = "Form of the response. Default: chosen by `Accept`."),
     ),
     responses(
         (status = 200, description = "The deviation.", content(
@@ -359,7 +361,7 @@ pub(in crate::http) async fn learned(
     operation_id = "get_inspection_report",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the inspection."),
-        ("format" = Option<String>, Query, pattern = "^(html|text)$", example = "text", description = "Form of the response. Default: chosen by `Accept`."),
+        ("format" = inline(Option<super::super::openapi::ReportForm>), Query, example = "text", description = "Form of the response. Default: chosen by `Accept`."),
     ),
     responses(
         (status = 200, description = "The report.", content((String = "text/html"), (String = "text/plain")),

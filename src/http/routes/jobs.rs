@@ -365,7 +365,7 @@ pub(in crate::http) async fn cancel(
 /// Replace a job's labels
 ///
 /// Labels serve to find jobs and to protect them: a job with the label named by the setting `retention.hold_label` (default
-/// `hold`) cannot be deleted. The labels in its plan and program stay as submitted.
+/// `hold`) cannot be deleted, nor can its scans, inspections and runs. The labels in its plan and program stay as submitted.
 #[utoipa::path(
     put,
     path = "/jobs/{id}/labels",
@@ -384,7 +384,8 @@ pub(in crate::http) async fn put_labels(
 
 /// Delete an ended job and its results
 ///
-/// Its uploaded scans and its inspections are deleted with it; its runs are kept. A job with the hold label is not deleted.
+/// The uploaded scans and the inspections of the job are deleted with it; its runs are kept. A job with the hold label is not
+/// deleted (409, `job_held`).
 #[utoipa::path(
     delete,
     path = "/jobs/{id}",

@@ -54,7 +54,7 @@ fn programs(setup: usize) -> Vec<Representation> {
     let stem = program_stem(setup);
     let neutral = Representation { name: "json", media_type: JSON, file: format!("{stem}.json").into() };
     let mut dialects = Dialect::ALL;
-    dialects.sort_by_key(|dialect| *dialect != Dialect::Csv);
+    dialects.sort_by_key(|dialect| !dialect.is_table());
     let outputs = dialects.into_iter().flat_map(|dialect| dialect.outputs()).map(|output| Representation {
         name: output.format,
         media_type: output.media_type,
@@ -108,7 +108,7 @@ fn is_forced(params: &mut Params) -> Result<bool, ApiError> {
 struct AskedForm<'a> {
     /// Parameter that names it.
     parameter: &'static str,
-    /// Its name; `None` for the one that `Accept` prefers.
+    /// Name of the form; `None` for the one that `Accept` prefers.
     name: Option<&'a str>,
     /// Send the program of another maker's robots too.
     force: bool,

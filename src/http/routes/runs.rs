@@ -266,7 +266,7 @@ pub(in crate::http) async fn audit(
 /// Delete an ended run with its record and its audit log
 ///
 /// If the audit log cannot be removed, the run is deleted all the same, and the response, with status 500, says that the log
-/// remains: sending the same request again removes it.
+/// remains: sending the same request again removes it. Refused with 409 (`job_held`) while the run's job has the hold label.
 #[utoipa::path(
     delete,
     path = "/runs/{id}",

@@ -150,7 +150,8 @@ pub(in crate::http) async fn file(
 
 /// Delete a scan
 ///
-/// Refused while an inspection of the scan's job has not ended. Results of inspections are kept.
+/// Refused while an inspection of the scan's job has not ended, and with 409 (`job_held`) while the job has the hold label.
+/// Results of inspections are kept.
 #[utoipa::path(
     delete,
     path = "/scans/{id}",

@@ -11,7 +11,7 @@ use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::service::metrics::{TEXT_FORMAT, record, text};
-use crate::wire::{Health, ProblemField, Readiness, Version};
+use crate::wire::{Health, HealthStatus, ProblemField, Readiness, ReadinessStatus, Version};
 
 /// Check liveness
 #[utoipa::path(
@@ -22,7 +22,7 @@ use crate::wire::{Health, ProblemField, Readiness, Version};
     responses((status = 200, description = "The process responds.", body = Health))
 )]
 pub(in crate::http) async fn healthz() -> Json<Health> {
-    Json(Health { status: "ok".to_owned() })
+    Json(Health { status: HealthStatus::Ok })
 }
 
 /// Check readiness
@@ -39,11 +39,11 @@ pub(in crate::http) async fn healthz() -> Json<Health> {
 pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<Json<Readiness>, ApiError> {
     let (mut checks, mut errors) = (Vec::new(), Vec::new());
     for (check, fault) in state.app.readiness().await {
-        errors.extend(fault.map(|detail| ProblemField { pointer: check.name.clone(), detail }));
+        errors.extend(fault.map(|detail| ProblemField { pointer: check.name.as_str().to_owned(), detail }));
         checks.push(check);
     }
     if errors.is_empty() {
-        return Ok(Json(Readiness { status: "ready".to_owned(), checks }));
+        return Ok(Json(Readiness { status: ReadinessStatus::Ready, checks }));
     }
     Err(ApiError::new(Code::NotReady, "the server cannot accept jobs now").with_errors(errors))
 }

@@ -26,7 +26,7 @@ pub(in crate::inspection) enum Footprint {
     Measured,
     /// The sample lies outside of the cloud's grid.
     OutsideGrid,
-    /// No point.
+    /// A cell without a point.
     Empty,
     /// A point so far from the sample's plane, mm, positive in front of it.
     Off(f64),

@@ -14,7 +14,7 @@ const MAX_STEP_PX: u32 = 32;
 /// Share of the occupied cells that have a neighbour to the right and below, from which on cells are large enough: inside of a
 /// surface all have both.
 const FILLED: f64 = 0.6;
-/// No point.
+/// Index of a cell without a point.
 const NONE: u32 = u32::MAX;
 
 /// Points of one view by cells.
@@ -40,7 +40,7 @@ impl<'a> GriddedCloud<'a> {
         filled.unwrap_or_else(|| gridded(first))
     }
 
-    /// Its grid.
+    /// Grid of the cloud.
     #[must_use]
     pub fn grid(&self) -> &PixelGrid {
         &self.grid

@@ -72,7 +72,7 @@ pub struct PlannedRow {
 pub struct ScannedView<'a> {
     /// The scan.
     pub scan: &'a ViewScan,
-    /// Its registration.
+    /// Registration of the scan.
     pub registered: &'a RegisteredView,
 }
 

@@ -38,7 +38,7 @@ impl<'a> NominalModel<'a> {
         Ok(Self { mesh, surfaces, optics: Optics::new(scanner, &PlanParams::default(), &Requirements::default()) })
     }
 
-    /// Its part.
+    /// Mesh of the part.
     #[must_use]
     pub fn mesh(&self) -> &'a Mesh {
         self.mesh

@@ -32,10 +32,10 @@ const MAX_RUNS: usize = 400;
 const MIN_RUNS: usize = 30;
 /// Multiple of a scan's median variance of runs beyond which one crosses an edge or a flaw, and is left out.
 const MAX_VARIANCES: f64 = 3.0;
-/// Least correlation that counts; no source. It, and [`MIN_DEVIATIONS`], keep independent noise from seeming correlated.
+/// Minimum correlation that counts; no source. It, and [`MIN_DEVIATIONS`], keep independent noise from seeming correlated.
 const MIN_CORRELATION: f64 = 0.05;
-/// Least correlation that counts, in standard deviations 1/√points of that of independent noise (M. S. Bartlett, "On the theoretical
-/// specification and sampling properties of autocorrelated time-series", Suppl. J. R. Stat. Soc. 8, 1946).
+/// Minimum correlation that counts, in standard deviations 1/√points of that of independent noise (M. S. Bartlett, "On the
+/// theoretical specification and sampling properties of autocorrelated time-series", Suppl. J. R. Stat. Soc. 8, 1946).
 const MIN_DEVIATIONS: f64 = 4.0;
 
 /// Sums over runs along one axis.

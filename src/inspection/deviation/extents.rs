@@ -6,7 +6,7 @@ use super::{Nominal, SampleDeviation};
 /// Samples within this distance of an end belong to it, mm, and within this share of the extent.
 const END_MM: f64 = 0.2;
 const END_SHARE: f64 = 0.002;
-/// Least cosine between a sample's normal and the axis.
+/// Minimum cosine between a sample's normal and the axis.
 const END_COS: f64 = 0.7;
 /// Fewer measured samples say nothing.
 const MIN_SAMPLES: usize = 5;

@@ -70,13 +70,13 @@ impl PointSum {
 /// Use of a point for the face that its ray meets.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum PointUse {
-    /// It measures the face.
+    /// The point measures the face.
     Compared,
-    /// It is off the surface, and measures nothing of the face.
+    /// The point is off the surface, and measures nothing of the face.
     Off,
-    /// It shows a surface that is turned too far against the face, and measures nothing of it.
+    /// The point shows a surface that is turned too far against the face, and measures nothing of it.
     Turned,
-    /// Its ray meets no face of the part: it passes by, or meets plate or fixture first.
+    /// The ray of the point meets no face of the part: it passes by, or meets plate or fixture first.
     Beside,
 }
 
@@ -255,7 +255,7 @@ impl View<'_> {
     }
 
     /// Length by which another face has to lie nearer to a point than its own: more than ten times the noise, and twice as near.
-    fn least_gain_mm(&self, distance_mm: f64) -> f64 {
+    fn min_gain_mm(&self, distance_mm: f64) -> f64 {
         (STEP_NOISES * self.options.noise_mm.max(NOISE_MM)).max(0.5 * distance_mm.abs())
     }
 
@@ -281,8 +281,8 @@ impl View<'_> {
     fn is_beyond_a_step(&self, cell: usize, found: &[Found], ring: &[[isize; 2]]) -> bool {
         let Found { face, distance_mm, .. } = found[cell];
         let distance_mm = f64::from(distance_mm);
-        let least_gain_mm = self.least_gain_mm(distance_mm);
-        if face == NO_FACE || distance_mm.abs() <= least_gain_mm {
+        let min_gain_mm = self.min_gain_mm(distance_mm);
+        if face == NO_FACE || distance_mm.abs() <= min_gain_mm {
             return false;
         }
         let mesh = self.nominal.mesh;
@@ -298,7 +298,7 @@ impl View<'_> {
                 } else {
                     (nearest_of_triangle(&corners, &point).0 - point).norm()
                 };
-                distance_mm.abs() - other_mm > least_gain_mm
+                distance_mm.abs() - other_mm > min_gain_mm
             }
         })
     }

@@ -81,14 +81,15 @@ pub struct DeviationOptions {
     /// Distance of a point from a step in depth, or from a rim of the part, within which the faces on both sides are tried, mm: what the
     /// part may lie off sideways.
     pub rim_mm: f64,
-    /// Least number of points that are taken to share noise, n_eff = n over it: more where the scans show that neighbours share more.
+    /// Minimum number of points that are taken to share noise, n_eff = n over it: more where the scans show that neighbours share
+    /// more.
     pub correlated_points: f64,
     /// Standard deviation of a point where too few samples show their own, mm. Where it is larger than usual, another face beside a step
     /// has to explain a point better by as many times more before the point counts for it.
     pub noise_mm: f64,
     /// Deviation from which spots are listed where a region has no tolerance, mm.
     pub spot_mm: f64,
-    /// Least share of a region's area whose samples have to pass for its verdict to be `pass`.
+    /// Minimum share of a region's area whose samples have to pass for its verdict to be `pass`.
     pub min_measured: f64,
     /// True if each scan is the image of one cloud that was merged of all views. A sample then takes the points of the scan that shows most
     /// of them, since the others show the same ones again.
@@ -192,9 +193,9 @@ impl<'a> PlacedScan<'a> {
 pub struct Nominal<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
-    /// Its triangles, to be met by rays, and after them those of what may hide it.
+    /// Triangles of the part, to be met by rays, and after them those of what may hide it.
     pub scene: &'a RayScene,
-    /// Its samples.
+    /// Samples of the part.
     pub surface: &'a Surface,
     /// The scanner.
     pub scanner: &'a Scanner,

@@ -137,18 +137,18 @@ pub fn excluded(samples: &[SampleDeviation], surface: &Surface, of: impl Iterato
 /// A region, or a toleranced feature, with its samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionToJudge {
-    /// Its name.
+    /// Name of the region.
     pub name: String,
     /// Width of its tolerance zone, mm.
     pub tolerance_mm: Option<f64>,
-    /// Its samples.
+    /// Samples of the region.
     pub samples: Vec<SampleId>,
 }
 
 /// Deviation of a region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionDeviation {
-    /// Its name.
+    /// Name of the region.
     pub name: String,
     /// Width of its tolerance zone, mm.
     pub tolerance_mm: Option<f64>,

@@ -59,7 +59,7 @@ pub(super) fn rising(bins: &[CountedRate]) -> Vec<[f64; 2]> {
 /// Crossing of a rate by straight lines through the points of a regression.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Crossing {
-    /// Its place.
+    /// Place of the crossing.
     pub(super) place: f64,
     /// Places of the points on either side, ascending; infinite where no point lies on the other side of the rate.
     pub(super) bracket: [f64; 2],

@@ -203,9 +203,9 @@ fn fills_cells(pairs: &[Return], verdicts: &[Verdict]) -> bool {
 /// Meaning of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
-    /// Its loss is the scanner's.
+    /// The loss of the sample is the scanner's.
     Tells,
-    /// It was not expected, or lies at the border of the image.
+    /// The sample was not expected, or lies at the border of the image.
     Unexpected,
     /// The points may lie on other surface than the sample.
     Coarse,
@@ -213,7 +213,7 @@ enum Verdict {
     Filtered,
     /// The points around it lie off the model: the part differs there.
     Deviates,
-    /// Its view may not lie where the sample was looked for.
+    /// The view may not lie where the sample was looked for.
     Misplaced,
 }
 

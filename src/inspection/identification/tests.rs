@@ -317,7 +317,7 @@ fn a_limit_of_two_views_is_known_by_student_s_interval() {
     assert!(offer.changes.is_empty(), "{offer:?}");
 }
 
-/// That nothing is left of it without that view counted as no change, and it was offered as if it were known to half a degree.
+/// A limit that nothing is left of without one view was offered as if it were known to half a degree.
 #[test]
 fn a_limit_that_one_view_shows_alone_is_not_offered() {
     let sound = Truth { ramp_deg: [89.0, 90.0], lobe_deg: 0.0, far_mm: 1e3, dark: 0.0 };

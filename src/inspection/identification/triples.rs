@@ -17,7 +17,7 @@ const MAX_OFF_MM: f64 = 1.0;
 /// Largest distance of a plane's corner from another's plane, mm, and of their unit normals from each other.
 const SAME_PLANE_MM: f64 = 1e-3;
 const SAME_NORMAL: f64 = 1e-5;
-/// Least cosine of the incidence: beyond it, facets of one plane are seen as a line.
+/// Minimum cosine of the incidence: beyond it, facets of one plane are seen as a line.
 const MIN_COS: f64 = 0.05;
 /// Factor that gives a second difference the deviation of one point: 1² + 2 · ½² = 1.5.
 const SCALE: f64 = 1.5;

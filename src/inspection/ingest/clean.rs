@@ -28,9 +28,9 @@ closed_list! {
         MixedPixel = "mixed_pixel",
         /// One of fewer than 20 points that hang together.
         Isolated = "isolated",
-        /// On the plate or below it.
+        /// The point lies on the plate or below it.
         Plate = "plate",
-        /// On a fixture.
+        /// The point lies on a fixture.
         Fixture = "fixture",
         /// Held by triangles alone that close a hole.
         FilledHole = "filled_hole",

@@ -42,7 +42,7 @@ const BELOW_PLATE_MM: f64 = 5.0;
 const OTHER_SIDE_COS: f64 = -0.866;
 /// Points that are judged at a time.
 const BLOCK: usize = 4096;
-/// No face.
+/// Index that stands for no face, or for no cell.
 const NONE: u32 = u32::MAX;
 
 /// Image of a merged cloud in one view.
@@ -87,9 +87,9 @@ pub(in crate::inspection) fn merged_images(
 enum Explained {
     /// A face within [`REACH_MM`], and its distance, mm.
     Face(u32, f32),
-    /// No face.
+    /// Neither a face nor a plate.
     Nothing,
-    /// No face, and the plate of a setup.
+    /// The plate of a setup, and no face.
     Plate,
 }
 

@@ -188,7 +188,7 @@ pub struct IngestOptions {
     pub clean: CleanOptions,
 }
 
-/// Least share of the points that has to lie where the view looks and on the part.
+/// Minimum share of the points that has to lie where the view looks and on the part.
 pub const MIN_SHARE: f64 = 0.5;
 /// Shares of the points within 0.5 and 5 mm of the part below which a scan is of no view where others fit theirs. Not from a
 /// source: scans of other views have less of both, and those of a part that deviates from its mesh more of one of them.
@@ -429,7 +429,7 @@ impl Ingested {
 /// A file as it was read: its scans, and what was found about it.
 struct ReadFile {
     name: String,
-    /// Its view, where it is of one.
+    /// Number of the view that the file is of, if it is of one.
     viewpoint: Option<u32>,
     scans: Vec<TakenScan>,
     findings: Vec<IngestFinding>,
@@ -441,7 +441,7 @@ struct ReadFile {
 /// Place of a file's points, seen from the view that it is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ViewFit {
-    /// On the part.
+    /// The points lie on the part.
     OnPart,
     /// Inside the view's volume, and not on the part.
     OffPart,

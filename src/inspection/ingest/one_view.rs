@@ -17,10 +17,10 @@ use crate::planning::context::{Cancelled, Context};
 /// Share of the points near the part that a view cannot have imaged, above which a file is of several views. Not from a source: between
 /// the shares in simulated scans.
 pub const MAX_UNSEEN_SHARE: f64 = 0.03;
-/// Least distance behind the nearest point of a cell from which on a point is taken to lie behind it, mm: a pose that is a little off moves
-/// edges by less.
+/// Minimum distance behind the nearest point of a cell from which on a point is taken to lie behind it, mm: a pose that is a
+/// little off moves edges by less.
 const BEHIND_MM: f64 = 5.0;
-/// Least such distance in widths of a cell: a surface that is seen more flatly than 76° alone is that deep within one.
+/// Minimum such distance in widths of a cell: a surface that is seen more flatly than 76° alone is that deep within one.
 const BEHIND_CELLS: f64 = 4.0;
 /// Points that are judged.
 const JUDGED_POINTS: usize = 10_000;

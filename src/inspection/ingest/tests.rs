@@ -399,7 +399,7 @@ fn a_merged_cloud_is_put_into_each_view_and_said_to_be_approximate() {
     }
 }
 
-/// It was taken for the scan of that view, and the other views were told to lack theirs.
+/// Such a cloud was taken for the scan of that view, and the other views were told to lack theirs.
 #[test]
 fn a_merged_cloud_whose_name_has_the_number_of_a_view_is_taken_as_merged_and_a_scan_of_that_view_is_not() {
     let cell = Cell::new();

@@ -42,7 +42,7 @@ pub enum Light {
 pub struct LossInput<'a> {
     /// Plan and scans.
     pub compared: &'a ComparedViews<'a>,
-    /// Their coverage.
+    /// Measured coverage of the scans.
     pub coverage: &'a MeasuredCoverage,
     /// Facts of the planned pairs.
     pub returns: &'a Returns,
@@ -67,11 +67,11 @@ pub struct LossInput<'a> {
 /// [`Cancelled`].
 pub fn attribute(input: &LossInput<'_>, ctx: &Context<'_>) -> Result<Losses, Cancelled> {
     let lost = input.coverage.lost();
-    let mut causes: Vec<Option<Found>> = vec![None; input.compared.surface.sample_mm.len()];
+    let mut causes: Vec<Option<ScanCause>> = vec![None; input.compared.surface.sample_mm.len()];
     let scanned = |viewpoint: u32| input.compared.scanned.iter().any(|view| view.scan.viewpoint == viewpoint);
     for view in input.compared.planned.iter().filter(|view| !scanned(view.viewpoint)) {
         for sample in view.row.samples().filter(|sample| lost.holds(*sample)) {
-            causes[sample.index()] = Some(Found { cause: LossCause::ViewMissing, is_expected: true });
+            causes[sample.index()] = Some(ScanCause { cause: LossCause::ViewMissing, is_expected: true });
         }
     }
     let optics = Optics::new(input.compared.scanner, input.compared.params, &input.compared.surface.requirements);
@@ -93,12 +93,12 @@ pub fn attribute(input: &LossInput<'_>, ctx: &Context<'_>) -> Result<Losses, Can
 
 /// Cause in one scan.
 #[derive(Clone, Copy)]
-struct Found {
+struct ScanCause {
     cause: LossCause,
     is_expected: bool,
 }
 
-impl Found {
+impl ScanCause {
     /// Progress of the scan: the place of its cause in the list. A scan of which no ray meets the sample's surface could not
     /// measure it from where it was taken. Equal ones are told apart by the cause, so that the order of the scans does not count.
     fn rank(self) -> [usize; 2] {
@@ -201,12 +201,13 @@ impl<'a> ScanLosses<'a> {
         near_steps(self.input.model, self.compared().scanner, pose, points, margin, ctx)
     }
 
-    fn causes(&self, lost: &SampleSet, evidence: &Evidence, ctx: &Context<'_>) -> Result<Vec<(SampleId, Found)>, Cancelled> {
+    fn causes(&self, lost: &SampleSet, evidence: &Evidence, ctx: &Context<'_>) -> Result<Vec<(SampleId, ScanCause)>, Cancelled> {
         let own: Vec<&(Return, [f64; 2])> = self.pairs.iter().filter(|(pair, _)| lost.holds(pair.sample)).collect();
         let blocks = parallel::try_map_chunks(&own, BLOCK, |block| {
             ctx.check()?;
             let pairs = self.lost_pairs(block, ctx);
-            let found = |lost: &LostPair| Found { cause: self.cause(lost, evidence, ctx), is_expected: lost.pair.is_expected };
+            let found =
+                |lost: &LostPair| ScanCause { cause: self.cause(lost, evidence, ctx), is_expected: lost.pair.is_expected };
             Ok::<_, Cancelled>(pairs.iter().map(|lost| (lost.pair.sample, found(lost))).collect::<Vec<_>>())
         })?;
         Ok(blocks.concat())

@@ -35,7 +35,7 @@ use crate::planning::missed::{Spot, spots_of};
 closed_list! {
     /// Cause for which a planned sample is not measured, in the order in which they are asked.
     pub enum LossCause {
-        /// There is no scan of the view.
+        /// The scan of the view is missing.
         ViewMissing = "view_missing",
         /// The file ends before it.
         OutsideFile = "outside_file",
@@ -51,7 +51,7 @@ closed_list! {
         Specular = "specular",
         /// Beside a step of depth.
         Edge = "edge",
-        /// It lies in a concave corner.
+        /// The sample lies in a concave corner.
         Concave = "concave",
         /// Too little light.
         Dark = "dark",
@@ -65,7 +65,7 @@ closed_list! {
         Noisy = "noisy",
         /// Taken out as the scan was cleaned.
         Filtered = "filtered",
-        /// None of these.
+        /// A loss that none of the other causes explains.
         Unexplained = "unexplained",
     }
 }
@@ -125,7 +125,7 @@ pub struct LostSpot {
     pub extent_mm: Vector3<f64>,
     /// Faces of the uploaded file that it touches, ascending.
     pub source_faces: Vec<u32>,
-    /// Its remedy.
+    /// Remedy for the spot.
     pub remedy: LossRemedy,
 }
 

@@ -25,11 +25,12 @@ pub(super) const CELL_MM: f64 = 2.5;
 const CELL_DIAMETERS: f64 = 0.04;
 /// Distance from which on a point counts as off the surface, in standard deviations: κ.
 pub(super) const OFF_SDS: f64 = 4.0;
-/// Least standard deviation of points that is believed, mm: facets and poses of views that are off add to their noise.
+/// Minimum standard deviation of points that is believed, mm: facets and poses of views that are off add to their noise.
 const MIN_SD_MM: f64 = 0.03;
 /// Farthest distance that enters it, mm.
 const SD_REACH_MM: f64 = 2.0;
-/// Least distance of vertices from the turned mesh by which they are held for different, mm: facets of round surfaces differ by as much.
+/// Minimum distance of vertices from the turned mesh by which they are held for different, mm: facets of round surfaces differ by
+/// as much.
 pub(super) const SAME_MM: f64 = 0.2;
 /// Vertices and faces by which a mesh is held against itself, so many of each at most, and samples beside them.
 const MAX_VERTICES: usize = 20_000;

@@ -139,7 +139,7 @@ pub(super) struct Solved {
 /// Covariances of the part and of each view's registered pose.
 pub(super) struct Covariances {
     pub(super) part: Matrix6<f64>,
-    /// That of the part with the freedoms that no observation fixes.
+    /// Covariance of the part with the freedoms that no observation fixes.
     pub(super) part_stated: Matrix6<f64>,
     pub(super) views: Vec<Matrix6<f64>>,
 }

@@ -116,7 +116,7 @@ pub enum PartPlace {
     AsStated,
     /// Another one, which alone explains the points.
     Elsewhere(PartPose),
-    /// Not known: no pose explains the points, or several do.
+    /// A place that is not known: no pose explains the points, or several do.
     Unknown(Location),
 }
 

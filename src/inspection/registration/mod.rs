@@ -66,7 +66,7 @@ const MAX_TIED_VIEWS: usize = 256;
 /// Standard deviations of a pose that is not off, rad and mm: far below what points tell.
 const FIXED_RAD: f64 = 1e-9;
 const FIXED_MM: f64 = 1e-6;
-/// Least noise of a point that is believed, mm: what single precision and facets leave over.
+/// Minimum noise of a point that is believed, mm: what single precision and facets leave over.
 const MIN_NOISE_MM: f64 = 0.002;
 
 closed_list! {
@@ -191,7 +191,7 @@ pub struct ViewRegistration {
     pub rms_mm: f64,
     /// Correction in the scanner's frame beyond the part's transform, as fitted: also where the pose was kept.
     pub correction: Twist,
-    /// Its squared length in standard deviations of the prior.
+    /// Squared length of the correction in standard deviations of the prior.
     pub chi_squared: f64,
     /// Reason for which the pose was kept, if it was.
     pub kept_pose: Option<KeptPose>,

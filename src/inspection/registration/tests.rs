@@ -101,7 +101,7 @@ fn a_view_far_off_or_of_few_points_keeps_its_pose_and_says_so() {
     assert!(corner_mm(&mesh, &(fitted * poses[2].isometry().inverse()), &Isometry3::identity()) < 0.1);
 }
 
-/// It was stated to be known exactly.
+/// The pose of such a part was stated to be known exactly.
 #[test]
 fn a_part_that_no_view_holds_is_stated_to_be_open_in_every_freedom() {
     let mesh = base(20_000).expect("a base");

@@ -48,7 +48,7 @@ const RIVALS: usize = 8;
 const FURTHER_TURNS: usize = 12;
 /// Larger part of a length that is cut by the golden section: (√5 − 1) / 2.
 const GOLDEN_SECTION: f64 = 0.618_034;
-/// Least turn between two of them, and from the pose that is turned, rad.
+/// Minimum turn between two of them, and from the pose that is turned, rad.
 const APART_RAD: f64 = 0.1;
 const AWAY_RAD: f64 = 0.05;
 /// Steps of a refinement.

@@ -63,7 +63,7 @@ pub struct RescanInput<'a> {
     pub params: &'a PlanParams,
     /// Area of which the plan's target is a share, mm².
     pub target_of_mm2: f64,
-    /// Its samples.
+    /// Samples of the part.
     pub surface: &'a Surface,
     /// Samples that scans have measured.
     pub measured: &'a SampleSet,
@@ -78,7 +78,7 @@ pub struct RescanInput<'a> {
 /// Further views, with what is expected of them.
 #[derive(Clone, Debug)]
 pub struct Rescan {
-    /// Their plan; `None` where no view is worth it.
+    /// Plan of the further views; `None` where no view is worth it.
     pub outcome: Option<Outcome>,
     /// Share of the asked area that is measured.
     pub measured: f64,

@@ -13,7 +13,7 @@ use crate::planning::visibility::{RAY_END_SHARE, View};
 
 /// Rows of cells that a thread casts at a time.
 const ROWS: usize = 4;
-/// No triangle.
+/// Index of a ray that meets no triangle.
 const NONE: u32 = u32::MAX;
 /// Exponent's base of the brightness levels: two levels double the light. Assumed: no figure is published.
 const LIGHT_A_LEVEL: f64 = std::f64::consts::SQRT_2;

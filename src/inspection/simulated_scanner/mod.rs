@@ -45,9 +45,9 @@ closed_list! {
     pub enum CellFate {
         /// The point of the part is returned.
         Returned = "returned",
-        /// Its ray meets nothing.
+        /// The ray of the cell meets nothing.
         Empty = "empty",
-        /// Its ray meets plate or fixture first.
+        /// The ray of the cell meets plate or fixture first.
         Surroundings = "surroundings",
         /// A device does not see the point.
         Unseen = "unseen",
@@ -59,7 +59,7 @@ closed_list! {
         Specular = "specular",
         /// Beside a step of depth.
         Edge = "edge",
-        /// It lies in a concave corner.
+        /// The point lies in a concave corner.
         Concave = "concave",
         /// Too little light.
         Dark = "dark",

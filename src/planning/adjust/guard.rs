@@ -105,3 +105,80 @@ pub(super) fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateInde
     let pose = &problem.candidates[candidate].part_from_scanner;
     visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, problem.row(candidate))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::planning::candidates::CandidateSet;
+    use crate::planning::params::PlanParams;
+    use crate::planning::plan::ChosenOn;
+    use crate::planning::problem::PartlyKnown;
+    use crate::planning::scene::PlanInput;
+    use crate::planning::surface::Surface;
+    use crate::planning::visibility::{SampleSet, VisibilityMatrix};
+    use crate::testing::{box_mesh, nominal_scanner};
+
+    /// Areas of the samples.
+    const AREA_MM2: [f64; 2] = [1.0, 4.0];
+    /// Qualities of each grade.
+    const A: Option<f32> = Some(0.75);
+    const B: Option<f32> = Some(0.25);
+    const C: Option<f32> = Some(-0.25);
+    const D: Option<f32> = Some(-0.75);
+
+    /// The change by a view that measures the two samples with the quality `after` in place of `before`, beside another view.
+    fn change(before: [Option<f32>; 2], after: [Option<f32>; 2], other: [Option<f32>; 2]) -> Change {
+        let (mesh, scanner, params) = (box_mesh([0.0; 3], [1.0; 3]), nominal_scanner(), PlanParams::default());
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        let problem = ViewPlanningProblem {
+            input: &input,
+            params: &params,
+            surface: Arc::new(Surface::default()),
+            setups: Vec::new(),
+            candidates: CandidateSet::default(),
+            matrix: VisibilityMatrix::default(),
+            robust_rows: None,
+            reach: None,
+            hidden_by_cell: SampleSet::default(),
+            asked_area_mm2: AREA_MM2.to_vec(),
+            partly_known: PartlyKnown::default(),
+            strata: None,
+            coverable_of_setup_mm2: None,
+            chosen_on: ChosenOn::default(),
+        };
+        let row = |measured: [Option<f32>; 2]| {
+            let graded = SampleId::number(measured).filter_map(|(sample, quality)| Some((sample, quality?)));
+            Row::from_samples(measured.len(), graded)
+        };
+        let mut guard = Guard { of_sample: vec![Measurements::new(); AREA_MM2.len()] };
+        guard.exchange(ViewId(0), &Row::default(), &row(before));
+        guard.exchange(ViewId(1), &Row::default(), &row(other));
+        guard.change(&problem, ViewId(0), &row(before), &row(after))
+    }
+
+    /// Rolls were guarded by area alone once, and lowered grades.
+    #[test]
+    fn a_loss_of_area_alone_or_of_one_grade_or_better_is_refused_whatever_else_is_gained() {
+        // Each is lost at one of the grades or better, and at that alone.
+        let losses = [(A, B), (B, C), (C, D), (D, None)];
+        for (lost, (was, is)) in losses.into_iter().enumerate() {
+            let alone = change([was, None], [is, None], [None; 2]);
+            let mut told_mm2 = [0.0; GRADES.len()];
+            told_mm2[lost] = -1.0;
+            assert_eq!(alone.gained_mm2, told_mm2);
+            assert!(!alone.loses_nothing(), "{alone:?}");
+            for (gained, (is_elsewhere, was_elsewhere)) in losses.into_iter().enumerate() {
+                let change = change([was, was_elsewhere], [is, is_elsewhere], [None; 2]);
+                assert_eq!(change.loses_nothing(), gained == lost, "4 mm² are gained, 1 mm² is lost: {change:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_another_view_measures_as_well_is_not_lost() {
+        let taken_away = |other: Option<f32>| change([A, None], [None; 2], [other, None]).loses_nothing();
+        assert_eq!([A, B, C, D, None].map(taken_away), [true, false, false, false, false]);
+    }
+}

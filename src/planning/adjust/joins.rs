@@ -1,5 +1,5 @@
 //! Setups joined: where the views of different setups share too little surface to be registered to each other
-//! ([`crate::planning::registration`]), views are added that share more. Those are taken first that make the weakest freedom of
+//! ([`crate::planning::setups::registration`]), views are added that share more. Those are taken first that make the weakest freedom of
 //! two setups stiffest; where none makes it stiffer yet, those that measure most of what both setups could share.
 //!
 //! Cost: an evaluation of the shared surface for each usable candidate of a setup and each view added, a second for two thousand
@@ -12,7 +12,7 @@ use crate::planning::context::{Context, NoPlan, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex};
 use crate::planning::params::Registration;
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
-use crate::planning::registration::{SharedSurface, Stability, shared, union_of};
+use crate::planning::setups::registration::{SharedSurface, Stability, shared, union_of};
 use crate::planning::verdict::MIN_RESISTANCE;
 use crate::planning::visibility::SampleSet;
 

@@ -72,7 +72,7 @@ pub(super) fn slid(
     let mut guard = Guard::new(problem, ViewId::number(views.iter().copied()));
     for (view, candidate) in ViewId::number(&mut slid_views) {
         ctx.check()?;
-        let slide = Slide { problem, optics: &optics, guard: &guard, view, candidate: *candidate };
+        let slide = SlidingView { problem, optics: &optics, guard: &guard, view, candidate: *candidate };
         let before = graded(problem, *candidate);
         let Some(slid) = slide.better(&before, setups, &ctx)? else { continue };
         guard.exchange(view, &before, &slid.row);
@@ -86,7 +86,7 @@ pub(super) fn slid(
 }
 
 /// A chosen view that may slide.
-struct Slide<'a, 'b> {
+struct SlidingView<'a, 'b> {
     problem: &'a ViewPlanningProblem<'b>,
     optics: &'a Optics,
     guard: &'a Guard,
@@ -101,7 +101,7 @@ struct Slid {
     row: Row,
 }
 
-impl Slide<'_, '_> {
+impl SlidingView<'_, '_> {
     fn of(&self) -> &Candidate {
         &self.problem.candidates[self.candidate]
     }

@@ -33,15 +33,15 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
-use super::ids::{CandidateIndex, SampleId};
+use super::ids::{CandidateIndex, RowIndex, SampleId};
 use super::params::{MotionParams, Objective, OverlapParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::plan::{Cause, Outcome, PlanAdvice, PlannedView, Verdict, ViewId};
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
-use super::registration::union_of;
 use super::scene::PlanInput;
 use super::selection::{self, CoverProblem, GradeFloor};
 use super::sequence::{Ordered, Sequence, straight_secs};
 use super::setups::Setup;
+use super::setups::registration::union_of;
 use super::stations::Station;
 use super::visibility::{Row, SampleSet};
 use crate::cell::{Cell, Configuration};
@@ -225,8 +225,8 @@ struct Wanted<'a> {
     max_views: usize,
 }
 
-/// Rows that greedy takes for what is wanted: places in `rows`.
-fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+/// Rows that greedy takes for what is wanted, as places in `rows`.
+fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
     let all_mm2: f64 = wanted.open_mm2.iter().sum();
     if rows.is_empty() || wanted.needed_mm2 <= 0.0 || all_mm2 <= 0.0 || wanted.max_views == 0 {
         return Ok(Vec::new());
@@ -244,7 +244,7 @@ fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context
     let mut cover = CoverProblem::new(rows.to_vec(), wanted.open_mm2, all_mm2, &params);
     cover.goals[0].needed_mm2 = wanted.needed_mm2;
     let choices = selection::greedily(&cover, &params, score, &ctx.silent())?;
-    Ok(choices.iter().map(|choice| choice.row.index()).collect())
+    Ok(choices.iter().map(|choice| choice.row).collect())
 }
 
 /// Parameters of the choice that a plan's solver begins with. Exchanges begin there, by score where grades have a floor and else
@@ -396,7 +396,7 @@ mod tests {
         assert_eq!([beside(&[(-5.0, 5.0)], 5.0), beside(&[], 0.0)], [24.0, 24.0]);
     }
 
-    /// They were captured once, where each view of the plan is captured twice.
+    /// Further views were captured once, where each view of the plan is captured twice.
     #[test]
     fn further_views_are_captured_as_often_as_those_of_the_plan() {
         assert_eq!([captures_of_further(3, 8, 4), captures_of_further(3, 6, 4), captures_of_further(3, 0, 0)], [6.0, 4.5, 3.0]);

@@ -12,9 +12,9 @@ use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex};
 use crate::planning::params::{Registration, SelectionGoal, SelectionParams};
 use crate::planning::plan::{AdviceKind, Outcome, ParamChange, PlanAdvice};
 use crate::planning::problem::ViewPlanningProblem;
-use crate::planning::registration::union_of;
 use crate::planning::selection;
 use crate::planning::sequence::{Ordered, straight_secs};
+use crate::planning::setups::registration::union_of;
 
 /// Share of the asked area that a further view adds at least: our choice.
 const MIN_GAIN: f64 = 0.002;
@@ -64,7 +64,7 @@ pub(super) fn choose(
     let min_gain_mm2 = MIN_GAIN.max(params.min_growth) * basis.asked_mm2();
     let wanted = Wanted { open_mm2: &open_mm2, needed_mm2: open_mm2.iter().sum(), min_gain_mm2, max_views: MAX_ADDED };
     let picks = choose_rows(&problem.rows(&choosable), &wanted, &problem.params.score, ctx)?;
-    let picks: Vec<CandidateIndex> = picks.into_iter().map(|place| choosable[place]).collect();
+    let picks: Vec<CandidateIndex> = picks.into_iter().map(|row| choosable[row.index()]).collect();
     let mut measured = basis.measured.clone();
     measured.insert_all(&union_of(problem.rows(&picks), basis.asked_area_mm2.len()));
     let (measured_mm2, whole_mm2) = (basis.area_mm2(&measured), basis.whole_mm2(&basis.coverable, params.target_of));

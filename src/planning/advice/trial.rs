@@ -9,14 +9,14 @@ use super::{Basis, Wanted, choose, lengthening_secs, quickest_secs, starting_par
 use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel};
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, ViewId};
+use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, Plan, SetupId, SetupPlan};
 use crate::planning::problem::{EvaluatedCandidates, TriedSetup};
-use crate::planning::registration::{SharedSurface, shared, union_of};
 use crate::planning::scene::PlanningScene;
 use crate::planning::selection::{self, CoverProblem};
 use crate::planning::sequence::straight_secs;
+use crate::planning::setups::registration::{SharedSurface, shared, union_of};
 use crate::planning::stations::Station;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::MIN_RESISTANCE;
@@ -34,15 +34,15 @@ pub(super) struct Trial<'a> {
     /// The plan on the samples of the setups' surface.
     basis: &'a Basis,
     setups: &'a [TriedSetup<'a>],
-    /// Place of each view's setup among these.
-    setup_of: Vec<usize>,
+    /// Setup of each candidate; those of the setups stand one after another.
+    setup_of: Vec<SetupIndex>,
     poses: Vec<Pose<Part, ScannerFrame>>,
     rows: Vec<&'a Row>,
     stations: Vec<&'a [Station]>,
-    /// Places of the views that were chosen.
-    chosen: Vec<usize>,
+    /// Candidates that were chosen.
+    chosen: Vec<CandidateIndex>,
     /// Table angle at which each of them is taken once they are ordered; none without a cell.
-    table_rad: BTreeMap<usize, f64>,
+    table_rad: BTreeMap<CandidateIndex, f64>,
 }
 
 /// View of a plan that may stay, on the samples of a trial.
@@ -70,7 +70,7 @@ impl<'a> OwnView<'a> {
 }
 
 impl<'a> Trial<'a> {
-    /// No view is chosen yet of the candidates of each setup, which the cell can all take.
+    /// A trial in which no view is chosen yet of the candidates of each setup, which the cell can all take.
     pub(super) fn new(basis: &'a Basis, setups: &'a [TriedSetup<'a>], of_setups: &'a [EvaluatedCandidates]) -> Self {
         let mut trial = Self {
             basis,
@@ -82,7 +82,7 @@ impl<'a> Trial<'a> {
             chosen: Vec::new(),
             table_rad: BTreeMap::new(),
         };
-        for (setup, candidates) in of_setups.iter().enumerate() {
+        for (setup, candidates) in SetupIndex::number(of_setups) {
             let stations = |candidate: CandidateIndex| match &candidates.reach {
                 Some(reach) => reach[candidate.index()].as_deref().unwrap_or_default(),
                 None => &[],
@@ -98,7 +98,8 @@ impl<'a> Trial<'a> {
 
     /// Returns true if a view was chosen in a setup where the part lies in a pose that is meant.
     pub(super) fn has_views_where(&self, is_meant: impl Fn(&Pose<Table, Part>) -> bool) -> bool {
-        self.chosen.iter().any(|place| is_meant(&self.setups[self.setup_of[*place]].table_from_part))
+        let mut setups = self.chosen.iter().map(|candidate| &self.setups[self.setup_of[candidate.index()].index()]);
+        setups.any(|setup| is_meant(&setup.table_from_part))
     }
 
     /// Number of views that were chosen.
@@ -106,14 +107,14 @@ impl<'a> Trial<'a> {
         self.chosen.len()
     }
 
-    fn rows_of(&self, places: &[usize]) -> SampleSet {
-        union_of(places.iter().map(|place| self.rows[*place]), self.basis.asked_area_mm2.len())
+    fn measured_by(&self, candidates: &[CandidateIndex]) -> SampleSet {
+        union_of(candidates.iter().map(|candidate| self.rows[candidate.index()]), self.basis.asked_area_mm2.len())
     }
 
     /// Samples that the plan's views and those chosen here measure.
     fn measured(&self) -> SampleSet {
         let mut measured = self.basis.measured.clone();
-        measured.insert_all(&self.rows_of(&self.chosen));
+        measured.insert_all(&self.measured_by(&self.chosen));
         measured
     }
 
@@ -127,7 +128,7 @@ impl<'a> Trial<'a> {
             min_gain_mm2: params.selection.min_growth * basis.asked_mm2(),
             max_views: MAX_ADDED,
         };
-        self.chosen = choose(&self.rows, &wanted, &params.score, ctx)?;
+        (_, self.chosen) = views_and_candidates(&[], &choose(&self.rows, &wanted, &params.score, ctx)?);
         for region in regions {
             let measured = self.measured();
             let mut open_mm2 = region.area_mm2.clone();
@@ -135,7 +136,7 @@ impl<'a> Trial<'a> {
             let needed_mm2 = region.needed_mm2 - region.measured_mm2(&measured);
             let max_views = MAX_ADDED.saturating_sub(self.chosen.len());
             let wanted = Wanted { open_mm2: &open_mm2, needed_mm2, min_gain_mm2: 0.0, max_views };
-            let more = choose(&self.rows, &wanted, &params.score, ctx)?;
+            let (_, more) = views_and_candidates(&[], &choose(&self.rows, &wanted, &params.score, ctx)?);
             self.chosen.extend(more);
         }
         Ok(())
@@ -159,13 +160,13 @@ impl<'a> Trial<'a> {
             max_views: (own.len() + self.chosen.len()).saturating_sub(1),
         };
         let places = choose(&rows, &wanted, &params.score, ctx)?;
-        let measured = union_of(places.iter().map(|place| rows[*place]), basis.asked_area_mm2.len());
+        let measured = union_of(places.iter().map(|row| rows[row.index()]), basis.asked_area_mm2.len());
         if basis.area_mm2(&measured) < (1.0 - SUM_SLACK) * wanted.needed_mm2 {
             return Ok(None);
         }
-        let (staying, new): (Vec<usize>, Vec<usize>) = places.into_iter().partition(|place| *place < own.len());
-        self.chosen = new.into_iter().map(|place| place - own.len()).collect();
-        Ok(Some(staying.into_iter().map(|place| own[place].id).collect()))
+        let (staying, chosen) = views_and_candidates(own, &places);
+        self.chosen = chosen;
+        Ok(Some(staying))
     }
 
     /// Area that meets the target of the plan in its setups and those that are tried.
@@ -198,58 +199,63 @@ impl<'a> Trial<'a> {
         cover.view_secs = params.scan.settle_secs + params.scan.capture_secs;
         cover.travel_secs = cell.is_some().then_some(&travel_secs);
         let choices = selection::greedily(&cover, &selection, &params.score, &ctx.silent())?;
-        let places = choices.iter().map(|choice| choice.row.index());
-        let (staying, new): (Vec<usize>, Vec<usize>) = places.partition(|place| *place < own.len());
-        self.chosen = new.into_iter().map(|place| place - own.len()).collect();
-        Ok(staying.into_iter().map(|place| own[place].id).collect())
+        let places: Vec<RowIndex> = choices.iter().map(|choice| choice.row).collect();
+        let (staying, chosen) = views_and_candidates(own, &places);
+        self.chosen = chosen;
+        Ok(staying)
     }
 
     /// Adds views to each setup until it shares surface with another one that fixes all freedoms, as [`crate::planning::adjust`] does
     /// between the setups of a plan. Returns false where none would; true where nothing has to be joined.
     pub(super) fn join(&mut self, links: Option<&SetupsLink<'_>>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let Some(links) = links else { return Ok(true) };
-        for setup in 0..self.setups.len() {
+        for setup in SetupIndex::first(self.setups.len()) {
             self.join_setup(setup, links, ctx)?;
         }
         Ok(self.is_joined(links))
     }
 
     /// Joins a setup to one of those that stay or stand before it; one without views, or the first of all, to none.
-    fn join_setup(&mut self, setup: usize, links: &SetupsLink<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    fn join_setup(&mut self, setup: SetupIndex, links: &SetupsLink<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
         let staying = links.measured.len();
-        let at = staying + setup;
+        let at = staying + setup.index();
         for _ in 0..MAX_JOINING {
             let sets = self.measured_by_setup(links);
             let now = links.resistance(&sets, at);
             if now >= MIN_RESISTANCE || sets[at].count() == 0 || sets[..at].iter().all(|set| set.count() == 0) {
                 break;
             }
-            let is_free = |place: &usize| self.setup_of[*place] <= setup && !self.chosen.contains(place);
-            let free: Vec<usize> = (0..self.rows.len()).filter(is_free).collect();
-            let with = |place: &usize| {
+            let is_free =
+                |candidate: &CandidateIndex| self.setup_of[candidate.index()] <= setup && !self.chosen.contains(candidate);
+            let free: Vec<CandidateIndex> = CandidateIndex::first(self.rows.len()).filter(is_free).collect();
+            let with = |candidate: &CandidateIndex| {
                 ctx.check()?;
                 let mut with = sets.clone();
-                with[staying + self.setup_of[*place]].insert_all(self.rows[*place].measured());
-                Ok((*place, links.resistance(&with, at), links.shared_area_mm2(&with, at)))
+                let its_setup = self.setup_of[candidate.index()];
+                with[staying + its_setup.index()].insert_all(self.rows[candidate.index()].measured());
+                Ok((*candidate, links.resistance(&with, at), links.shared_area_mm2(&with, at)))
             };
             let tried = parallel::try_map::<_, _, Cancelled>(&free, with)?;
             let stiffest = tried.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a }).filter(|best| best.1 > now + 1e-6);
             let widest = tried.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
-            let Some((place, ..)) = stiffest.or(widest) else { break };
-            self.chosen.push(place);
+            let Some((candidate, ..)) = stiffest.or(widest) else { break };
+            self.chosen.push(candidate);
         }
         Ok(())
     }
 
     /// Samples that the views of each setup measure, those of the setups that stay as they are first.
     fn measured_by_setup(&self, links: &SetupsLink<'_>) -> Vec<SampleSet> {
-        let own = |setup: usize| {
-            let chosen: Vec<usize> = self.chosen.iter().copied().filter(|place| self.setup_of[*place] == setup).collect();
-            let mut measured = self.rows_of(&chosen);
-            measured.insert_all(&links.measured_in_tried[setup]);
+        let own = |setup: SetupIndex| {
+            let mut measured = self.measured_by(&self.chosen_in(setup));
+            measured.insert_all(&links.measured_in_tried[setup.index()]);
             measured
         };
-        links.measured.iter().cloned().chain((0..self.setups.len()).map(own)).collect()
+        links.measured.iter().cloned().chain(SetupIndex::first(self.setups.len()).map(own)).collect()
+    }
+
+    fn chosen_in(&self, setup: SetupIndex) -> Vec<CandidateIndex> {
+        self.chosen.iter().copied().filter(|candidate| self.setup_of[candidate.index()] == setup).collect()
     }
 
     /// Returns true if all setups with views are joined, each by shared surface that fixes all freedoms.
@@ -261,26 +267,27 @@ impl<'a> Trial<'a> {
     /// in a setup of its own that is among the tried ones all of its views stay. 0 without a cell.
     pub(super) fn order(&mut self, plan: &Plan, ctx: &Context<'_>) -> Result<f64, Cancelled> {
         let mut moving_secs = 0.0;
-        for setup in 0..self.setups.len() {
+        for setup in SetupIndex::first(self.setups.len()) {
             moving_secs += self.order_setup(setup, plan, ctx)?;
         }
         Ok(moving_secs)
     }
 
-    fn order_setup(&mut self, setup: usize, plan: &Plan, ctx: &Context<'_>) -> Result<f64, Cancelled> {
-        let TriedSetup { table_from_part, surface, scene, .. } = self.setups[setup];
-        let own: Vec<usize> = self.chosen.iter().copied().filter(|place| self.setup_of[*place] == setup).collect();
+    fn order_setup(&mut self, setup: SetupIndex, plan: &Plan, ctx: &Context<'_>) -> Result<f64, Cancelled> {
+        let TriedSetup { table_from_part, surface, scene, .. } = self.setups[setup.index()];
+        let own = self.chosen_in(setup);
         let Some(scene) = scene.filter(|_| !own.is_empty()) else { return Ok(0.0) };
-        let views: Vec<(ViewId, &[Station])> = ViewId::number(own.iter().map(|place| self.stations[*place])).collect();
+        let stations = own.iter().map(|candidate| self.stations[candidate.index()]);
+        let views: Vec<(ViewId, &[Station])> = ViewId::number(stations).collect();
         let in_sight = |view: ViewId, station: &Configuration| {
-            let place = own[view.index()];
+            let place = own[view.index()].index();
             scene.is_in_sight(surface, &self.poses[place], self.rows[place], station.table_rad, ctx)
         };
         let ordered = scene.order(&views, false, &in_sight, ctx)?;
         let visits = ordered.sequence.visits.iter();
         self.table_rad.extend(visits.map(|(view, leg)| (own[view.index()], leg.target.table_angle_rad)));
-        let no_path: Vec<usize> = ordered.no_path.iter().map(|view| own[view.index()]).collect();
-        self.chosen.retain(|place| !no_path.contains(place));
+        let no_path: Vec<CandidateIndex> = ordered.no_path.iter().map(|view| own[view.index()]).collect();
+        self.chosen.retain(|candidate| !no_path.contains(candidate));
         let own = plan.setups.iter().find(|own| own.table_from_part == table_from_part);
         let Some(own) = own.and_then(|own| own.sequence.as_ref()) else { return Ok(ordered.sequence.motion_secs()) };
         let axes = scene.cell().axes();
@@ -296,11 +303,11 @@ impl<'a> Trial<'a> {
         ctx: &Context<'_>,
     ) -> Result<SampleSet, Cancelled> {
         let mut measured = together.nothing();
-        for place in &self.chosen {
+        for candidate in &self.chosen {
             ctx.check()?;
-            let (pose, table_rad) = (&self.poses[*place], self.table_rad.get(place));
+            let (pose, table_rad) = (&self.poses[candidate.index()], self.table_rad.get(candidate));
             let row = together.shared_row(pose, &measured)?;
-            let scene = self.setups[self.setup_of[*place]].scene;
+            let scene = self.setups[self.setup_of[candidate.index()].index()].scene;
             let sight = scene.map(PlanningScene::sight).zip(table_rad);
             let hidden =
                 sight.map(|(sight, table_rad)| sight.hidden(surface, pose, row.measured(), *table_rad, ctx)).transpose()?;
@@ -328,6 +335,13 @@ impl<'a> Trial<'a> {
         }
         Ok(())
     }
+}
+
+/// The views of a plan and the candidates that rows are of, where the rows of `own` stand before those of the candidates.
+fn views_and_candidates(own: &[OwnView<'_>], rows: &[RowIndex]) -> (Vec<ViewId>, Vec<CandidateIndex>) {
+    let (views, candidates): (Vec<RowIndex>, Vec<RowIndex>) = rows.iter().copied().partition(|row| row.index() < own.len());
+    let views = views.into_iter().map(|row| own[row.index()].id).collect();
+    (views, candidates.into_iter().map(|row| CandidateIndex::at(row.index() - own.len())).collect())
 }
 
 /// Links of further setups to each other and to those of a plan that stay.

@@ -20,7 +20,7 @@ use crate::planning::plan::{
 };
 use crate::planning::problem::{EvaluatedCandidates, TriedSetup};
 use crate::planning::setups::{FurtherPose, FurtherPoses, PosesAnew};
-use crate::planning::sky::stands_on;
+use crate::planning::sight::sky::stands_on;
 use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 

@@ -17,9 +17,9 @@ pub(super) type Placed = (Pose<Table, ScannerFrame>, Label);
 /// Surface whose score decides where a viewpoint comes to rest.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum SlidesBy {
-    /// It keeps its place.
+    /// The viewpoint keeps its place.
     None,
-    /// That of a block.
+    /// Surface of a block.
     Block(u32),
     /// All of the part.
     Part,
@@ -78,7 +78,7 @@ impl Aim {
         })
     }
 
-    /// Its orientations: the baseline that was decided, or every roll.
+    /// Orientations of the view: the baseline that was decided, or every roll.
     fn orientations(&self, rolls_deg: &[f64]) -> Vec<UnitQuaternion<f64>> {
         match &self.baseline {
             Some(baseline) => vec![facing(&self.axis, baseline)],

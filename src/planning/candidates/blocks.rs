@@ -14,7 +14,7 @@ use crate::planning::surface::Surface;
 
 /// A box of the part, table frame, mm.
 pub(super) struct PartBlock {
-    /// Its place among the blocks of the part.
+    /// Number of the block among the blocks of the part.
     pub(super) number: u32,
     pub(super) centre: Point3<f64>,
     pub(super) half_extent: Vector3<f64>,

@@ -32,7 +32,7 @@ mod volume;
 
 use std::ops::{Index, IndexMut};
 
-use super::context::{Cancelled, Context, PlanError};
+use super::context::{Cancelled, Context, PlanError, Refusal};
 use super::ids::{CandidateId, CandidateIndex, SetupIndex};
 use super::params::{CandidateParams, ScoreParams, Strategy};
 use super::surface::Surface;
@@ -54,7 +54,7 @@ pub use targeted::OpenSamples;
 pub struct Candidate {
     /// Number as generated; ties break by it.
     pub id: CandidateId,
-    /// Its pose.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Side of the part that it looks at.
     pub label: Label,
@@ -70,7 +70,7 @@ pub struct Candidate {
 pub struct Scope<'a> {
     /// The part.
     pub part: &'a Mesh,
-    /// Its samples.
+    /// Samples of the part.
     pub surface: &'a Surface,
     /// The scanner.
     pub scanner: &'a Scanner,
@@ -331,9 +331,7 @@ pub(in crate::planning) fn check_count(candidates: usize, samples: usize) -> Res
     if candidates <= max_candidates(samples) {
         return Ok(());
     }
-    let detail = format!(
-        "and its steps, counts and rolls give {candidates} candidates for {samples} samples; allowed are {MAX_CANDIDATES} \
-         candidates and {MAX_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"
-    );
-    Err(PlanError::param("/candidates/strategies", detail))
+    let (max_candidates, max_pairs) = (MAX_CANDIDATES, MAX_PAIRS);
+    let too_many = Refusal::TooManyCandidates { candidates, samples, max_candidates, max_pairs };
+    Err(PlanError::param("/candidates/strategies", &too_many))
 }

@@ -10,7 +10,7 @@ use super::spread::widest;
 use super::{Aim, Scope, blocks, even};
 use crate::cell::{Axes, Cell};
 use crate::geometry::{Pose, ScannerFrame, Table, parallel, plate_from_placed};
-use crate::planning::context::{Context, PlanError};
+use crate::planning::context::{Context, PlanError, Refusal};
 use crate::planning::params::{CandidateParams, Hemisphere};
 
 /// Directions that are tried for one that is wanted.
@@ -20,8 +20,7 @@ const TABLE_ANGLES: u32 = 72;
 
 pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<Vec<Aim>, PlanError> {
     let Some(cell) = scope.cell else {
-        let detail = "names reach, whose directions are those that a robot reaches; plan with a cell, or take even";
-        return Err(PlanError::param("/candidates/strategies", detail.into()));
+        return Err(PlanError::param("/candidates/strategies", &Refusal::ReachWithoutCell));
     };
     let blocks = blocks::split(scope.surface, &scope.table_from_part, scope.scanner);
     let above = CandidateParams { hemisphere: Some(Hemisphere::AboveTable), ..params.clone() };

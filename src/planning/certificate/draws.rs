@@ -16,14 +16,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::SecondSampling;
+use super::{SecondSampling, SetupViews};
 use crate::geometry::{Part, Pose, ScannerFrame, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::PoseErrorParams;
 use crate::planning::plan::{Drawn, Robust, share};
 use crate::planning::random::Stream;
-use crate::planning::registration::union_of;
+use crate::planning::setups::registration::union_of;
 use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Optics, SampleSet, UnitedViews};
 
@@ -129,10 +129,10 @@ impl ThinnedSamples {
         for (setup, together) in second.setups.iter().zip(by_setup) {
             let (own, others) = rest.split_at(setup.views.len());
             rest = others;
-            for (view, pose) in own.iter().enumerate() {
+            for (pose, table_rad) in own.iter().zip(&setup.table_rad) {
                 ctx.check()?;
                 let mut row = together.row(pose, if needs_rows { &nothing } else { &measured })?;
-                setup.keep_in_sight(view, &self.surface, pose, &mut row, ctx)?;
+                setup.keep_in_sight(&self.surface, (pose, *table_rad), &mut row, ctx)?;
                 measured.insert_all(row.measured());
                 rows.extend(needs_rows.then_some(row));
             }
@@ -167,9 +167,11 @@ fn drawn_views(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Pose
 fn drawn_parts(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
     let centre_mm = &second.surface.centre_mm;
     let poses = |(mut stream, place): (Stream, usize)| {
-        let errors: Vec<Pose<Part, Part>> =
-            second.setups.iter().map(|_| spread_error(error, place, centre_mm, &mut stream)).collect();
-        second.views().map(|(setup, view)| errors[setup] * *view).collect()
+        let of_setup = |setup: &SetupViews<'_>| {
+            let error: Pose<Part, Part> = spread_error(error, place, centre_mm, &mut stream);
+            setup.views.iter().map(|view| error * *view).collect::<Poses>()
+        };
+        second.setups.iter().flat_map(of_setup).collect()
     };
     places(second, WHOLE_PART, second.params.robust.part_draws).map(poses).collect()
 }
@@ -205,7 +207,6 @@ fn displaced<Frame>(centre_mm: &Point3<f64>, turn: UnitQuaternion<f64>, shift_mm
 mod tests {
     use std::sync::atomic::AtomicBool;
 
-    use super::super::SetupViews;
     use super::*;
     use crate::geometry::{Mesh, demo_parts};
     use crate::planning::candidates::{looking_along, spiral};

@@ -18,17 +18,17 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
-use super::demand::mask_alike;
 use super::ids::{SampleId, SetupId};
 use super::params::{Objective, PlanParams};
+use super::plan::tally::measured_area;
 use super::plan::{Certificate, Independent, IndependentRegion, PlannedView};
 use super::random::split_mix;
 use super::realism::{self, RiskInput, RiskView};
 use super::scene::PlanInput;
+use super::scene::demand::mask_alike;
 use super::sight::Sight;
-use super::sky::{Sky, SkyProbe, stands_on};
+use super::sight::sky::{Sky, SkyProbe, stands_on};
 use super::surface::{Surface, requirements};
-use super::tally::measured_area;
 use super::visibility::{self, Occluders, Row, SampleSet};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame, Table};
 
@@ -67,23 +67,23 @@ impl<'a> SetupViews<'a> {
         mut rows: Vec<Row>,
         ctx: &Context<'_>,
     ) -> Result<Vec<Row>, Cancelled> {
-        for (view, (row, pose)) in rows.iter_mut().zip(poses).enumerate() {
-            self.keep_in_sight(view, surface, pose, row, ctx)?;
+        for ((row, pose), table_rad) in rows.iter_mut().zip(poses).zip(&self.table_rad) {
+            self.keep_in_sight(surface, (pose, *table_rad), row, ctx)?;
         }
         Ok(rows)
     }
 
-    /// Takes out of the row of one of the views, which stands at `pose`, what obstacles of the cell hide.
+    /// Takes out of the row of one of the views, which stands at `pose` and is taken at this table angle, what obstacles of the cell
+    /// hide.
     fn keep_in_sight(
         &self,
-        view: usize,
         surface: &Surface,
-        pose: &Pose<Part, ScannerFrame>,
+        (pose, table_rad): (&Pose<Part, ScannerFrame>, Option<f64>),
         row: &mut Row,
         ctx: &Context<'_>,
     ) -> Result<(), Cancelled> {
         let sight = self.sight.filter(|sight| !sight.has_no_obstacles());
-        let Some((sight, table_rad)) = sight.zip(self.table_rad[view]) else { return Ok(()) };
+        let Some((sight, table_rad)) = sight.zip(table_rad) else { return Ok(()) };
         if let Some(hidden) = sight.hidden(surface, pose, row.measured(), table_rad, ctx)? {
             *row = row.without(&hidden);
         }
@@ -216,9 +216,9 @@ impl<'a> SecondSampling<'a> {
         Ok(is_visible.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum())
     }
 
-    /// Views of all setups, each with the place of its setup.
-    fn views(&self) -> impl Iterator<Item = (usize, &Pose<Part, ScannerFrame>)> {
-        self.setups.iter().enumerate().flat_map(|(number, setup)| setup.views.iter().map(move |view| (number, view)))
+    /// Views of all setups, each with its setup.
+    fn views(&self) -> impl Iterator<Item = (&SetupViews<'a>, &Pose<Part, ScannerFrame>)> {
+        self.setups.iter().flat_map(|setup| setup.views.iter().map(move |view| (setup, view)))
     }
 
     /// Samples that each view measures from one of `poses`, which are in the order of [`Self::views`].
@@ -246,12 +246,10 @@ impl<'a> SecondSampling<'a> {
         }
         let Self { input, params, .. } = self;
         let input = RiskInput { mesh: input.mesh, surface, scanner: input.scanner, params };
-        let view = |((setup, _), (row, pose)): ((usize, _), (_, &Pose<Part, ScannerFrame>))| RiskView {
-            part_from_scanner: *pose,
-            row,
-            surfaces: self.setups[setup].occluders.rays(),
-        };
-        let views: Vec<RiskView<'_>> = self.views().zip(rows.iter().zip(poses)).map(view).collect();
+        let views = self.views().zip(rows.iter().zip(poses));
+        let views: Vec<RiskView<'_>> = views
+            .map(|((setup, _), (row, pose))| RiskView { part_from_scanner: *pose, row, surfaces: setup.occluders.rays() })
+            .collect();
         let left_out = realism::risks(&input, &views, ctx)?.samples();
         Ok(realism::without(rows, &left_out))
     }

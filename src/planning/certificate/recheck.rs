@@ -3,8 +3,8 @@
 
 use crate::geometry::{Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Context, PlanError};
-use crate::planning::estimate::Estimate;
 use crate::planning::params::{Engine, PlanParams};
+use crate::planning::problem::estimate::Estimate;
 use crate::planning::realism::{self, RiskInput, RiskView};
 use crate::planning::scene::{PlanInput, plate};
 use crate::planning::selection::coverable_mm2;
@@ -24,7 +24,7 @@ pub struct Measured {
 /// A view as it is taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TakenView {
-    /// Its pose.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Angle of the table, by which obstacles of the cell may hide what it looks at; `None` leaves them out.
     pub table_rad: Option<f64>,

@@ -56,9 +56,9 @@ pub enum NoPlan {
 }
 
 impl PlanError {
-    /// One parameter that does not fit.
-    pub(in crate::planning) fn param(pointer: &str, detail: String) -> Self {
-        Self::BadParams(vec![FieldError { pointer: pointer.to_owned(), detail }])
+    /// One parameter that does not fit, for a reason that carries its figures: an error, not a text.
+    pub(in crate::planning) fn param(pointer: &str, reason: &dyn std::error::Error) -> Self {
+        Self::BadParams(vec![FieldError { pointer: pointer.to_owned(), detail: reason.to_string() }])
     }
 }
 

@@ -4,8 +4,10 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 mod error;
+mod refusal;
 
 pub use error::{NoPlan, PlanError};
+pub(super) use refusal::Refusal;
 
 use crate::cell::closed_list;
 use crate::geometry::{Interrupted, SimdLevel};
@@ -83,7 +85,7 @@ pub struct Allowance {
 }
 
 impl Default for Allowance {
-    /// No limits.
+    /// An allowance without limits.
     fn default() -> Self {
         Self { bytes: f64::INFINITY, core_secs: f64::INFINITY }
     }
@@ -133,14 +135,14 @@ impl<'a> Context<'a> {
         self.simd_level
     }
 
-    /// Tells the observer that `stage` begins.
+    /// Does the work of a stage, which lasts until the next one begins, and tells the observer before.
     ///
     /// # Errors
-    /// [`Cancelled`].
-    pub fn begin(&self, stage: Stage) -> Result<(), Cancelled> {
+    /// [`Cancelled`]; the errors of the work.
+    pub fn stage<T, E: From<Cancelled>>(&self, stage: Stage, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         self.check()?;
         self.observer.begin(stage);
-        Ok(())
+        work()
     }
 
     /// Does the work of a stage that belongs within the running one, which goes on afterwards.

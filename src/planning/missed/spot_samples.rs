@@ -82,7 +82,7 @@ impl SpotSamples {
         Self { points: samples.iter().map(point).collect(), ids: samples, area_mm2, total_mm2 }
     }
 
-    /// Its points.
+    /// Points of the samples.
     pub(super) fn points(&self) -> &[AskedPoint] {
         &self.points
     }

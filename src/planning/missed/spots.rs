@@ -10,7 +10,7 @@ use crate::planning::surface::Surface;
 
 /// Samples of one cause that hang together.
 pub struct Spot<C = Cause> {
-    /// Their cause.
+    /// Cause of the samples.
     pub cause: C,
     /// The samples, ascending.
     pub samples: Vec<SampleId>,

@@ -73,7 +73,7 @@ fn remedy_of_top(params: &PlanParams, cause: Cause, (can_execute, has_path_to): 
     let (mesh, scanner, cancel) = (box_mesh([-30.0; 3], [30.0; 3]), nominal_scanner(), AtomicBool::new(false));
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let ctx = Context::new(&cancel, &Silent);
-    let sampled = SampledPart::new(&input, params, &ctx).expect("samples");
+    let sampled = SampledPart::new(&input, crate::planning::resolve(params, &input), None, &ctx).expect("samples");
     let setups = sampled.setups(&input, &ctx).expect("a setup");
     let EvaluatedSetups { on, evaluated, .. } = sampled.evaluate(&input, &setups, &ctx).expect("candidates");
     let part_alone = sampled.part_alone(&input, &setups, &ctx).expect("not cancelled");
@@ -105,7 +105,7 @@ fn remedy_of_top(params: &PlanParams, cause: Cause, (can_execute, has_path_to): 
     missed[0].spots[0].remedy.clone().expect("one was looked for")
 }
 
-/// It was told as the remedy, though no path leads to it.
+/// Such a view was told as the remedy, though no path leads to it.
 #[test]
 fn a_view_that_was_left_out_is_no_remedy_where_the_cell_cannot_execute_it() {
     let params = all_around();

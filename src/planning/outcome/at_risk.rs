@@ -7,8 +7,8 @@ use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::plan::{AtRisk, RiskReason};
 use crate::planning::realism::{self, RiskInput, RiskView, Risks};
-use crate::planning::registration::union_of;
 use crate::planning::setups::Setup;
+use crate::planning::setups::registration::union_of;
 use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Row, SampleSet};
 

@@ -2,11 +2,11 @@
 
 use crate::planning::ids::SampleId;
 use crate::planning::params::NoiseParams;
+use crate::planning::plan::tally::measured_area;
 use crate::planning::plan::{Cause, Coverage, RegionCoverage, Verdict};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::selection::{coverable, coverable_mm2};
 use crate::planning::surface::requirements::{self, NamedRegion};
-use crate::planning::tally::measured_area;
 use crate::planning::visibility::Row;
 
 /// Coverage, given what each chosen view measures.
@@ -39,6 +39,13 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measur
 pub(super) fn ask_for_open_alone(coverage: &mut Coverage) {
     coverage.is_of_open = true;
     coverage.regions.iter_mut().for_each(|region| region.target = None);
+}
+
+/// Counts the causes of what each region misses anew, of verdicts that tell other causes.
+pub(super) fn recount_causes(coverage: &mut Coverage, problem: &ViewPlanningProblem<'_>, verdicts: &[Verdict]) {
+    for (region, counted) in coverage.regions.iter_mut().zip(of_regions(problem, verdicts)) {
+        region.missed_mm2 = counted.missed_mm2;
+    }
 }
 
 /// Asked area that at least one candidate measures, whatever the cell can take and hides.

@@ -20,12 +20,12 @@ use super::plan::{
 };
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::realism;
-use super::registration::{self, SharedSurface, Stability};
 use super::selection::{Bound, coverable_mm2};
 use super::sequence::Ordered;
 use super::setups::Setup;
+use super::setups::registration::{MeasuredSurface, SharedSurface, Stability};
 use super::stations::StationFailure;
-use super::visibility::{self, Occluders, Row, SampleSet};
+use super::visibility::{self, Occluders, Optics, Row, SampleSet};
 use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel};
 
@@ -76,10 +76,15 @@ pub(super) fn assemble(
     }
     let counted = verdicts::Counted { measuring: &solution.measuring, left_out: &left_out };
     let scenes = (surroundings.occluders, surroundings.part);
-    let verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
+    let mut verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
     let mut coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
     if surroundings.is_of_open {
         coverage::ask_for_open_alone(&mut coverage);
+    }
+    if solution.stopped_because(&coverage) == StopReason::NoPath {
+        let given_up = excluded.union(&solution.no_path);
+        verdicts::blame_paths(&mut verdicts, given_up.map(|candidate| problem.row(*candidate)));
+        coverage::recount_causes(&mut coverage, &problem, &verdicts);
     }
     coverage.at_risk = at_risk::area(&solution, &risks);
     let exposures = exposure::of(&solution, surroundings.setups, ctx)?;
@@ -123,7 +128,7 @@ impl<'a> Solution<'a> {
     }
 
     fn plan(&self, ordered: Vec<Ordered>, coverage: Coverage, missed: Vec<MissedCause>, weakest_links: &WeakestLinks) -> Plan {
-        let Self { problem, chosen, .. } = self;
+        let Self { problem, .. } = self;
         Plan {
             part: PartFacts {
                 sha256: problem.input.part_sha256.to_owned(),
@@ -135,12 +140,7 @@ impl<'a> Solution<'a> {
             candidates: candidate_counts(problem),
             views: self.views(&ordered, &coverage),
             missed,
-            stopped_because: stopped_because(
-                chosen.selection.stopped_because,
-                self.given_up(),
-                &coverage,
-                &problem.params.selection,
-            ),
+            stopped_because: self.stopped_because(&coverage),
             bound: Bound::default(),
             chosen_on: problem.chosen_on,
             setups: self.setups(ordered, weakest_links),
@@ -150,6 +150,12 @@ impl<'a> Solution<'a> {
             coverage,
             params: problem.params.clone(),
         }
+    }
+
+    /// The rule that ended the selection, held against what came of it.
+    fn stopped_because(&self, coverage: &Coverage) -> StopReason {
+        let params = &self.problem.params.selection;
+        stopped_because(self.chosen.selection.stopped_because, self.given_up(), coverage, params)
     }
 
     fn given_up(&self) -> GivenUp {
@@ -190,33 +196,48 @@ impl<'a> Solution<'a> {
     /// The weakest link of the views of each setup that has more than one that measures something.
     fn weakest_links(&self, ctx: &Context<'_>) -> Result<WeakestLinks, Cancelled> {
         let Self { problem, chosen, measuring, used, no_path, .. } = self;
-        let part = SharedSurface::new(&problem.surface);
+        let (part, optics) = (SharedSurface::new(&problem.surface), self.optics());
         let mut links = WeakestLinks::new();
         for setup in used {
             let is_here =
                 |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup && !no_path.contains(&candidate);
             let views: Vec<ViewId> = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view).collect();
             let measured: Vec<SampleSet> = views.iter().map(|view| measuring[view.index()].measured().clone()).collect();
-            if let Some((pair, stability)) = part.weakest_link(&measured, ctx)? {
-                links.insert(*setup, (pair.map(|place| views[place]), stability));
+            if let Some((pair, _)) = part.weakest_link(&measured, ctx)? {
+                let pair = pair.map(|place| views[place]);
+                let [a, b] = pair.map(|view| self.measured_by([view], part, &optics));
+                links.insert(*setup, (pair, part.registration(&a, &b)));
             }
         }
         Ok(links)
     }
 
+    fn optics(&self) -> Optics {
+        Optics::new(self.problem.input.scanner, self.problem.params, &self.problem.surface.requirements)
+    }
+
+    /// What some views measure.
+    fn measured_by(&self, views: impl IntoIterator<Item = ViewId>, part: SharedSurface<'_>, optics: &Optics) -> MeasuredSurface {
+        let Self { problem, chosen, measuring, .. } = self;
+        part.measured(views.into_iter().map(|view| {
+            let candidate = &problem.candidates[chosen.candidate(view)];
+            (optics.at(&candidate.part_from_scanner), &measuring[view.index()])
+        }))
+    }
+
     /// Registration of every two setups by what both measure.
     fn setup_links(&self) -> Vec<SetupLink> {
-        let Self { problem, chosen, measuring, used, .. } = self;
+        let Self { problem, chosen, used, .. } = self;
+        let (part, optics) = (SharedSurface::new(&problem.surface), self.optics());
         let measured = |setup: &SetupIndex| {
             let is_here = |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup;
-            let here = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| &measuring[view.index()]);
-            registration::union_of(here, problem.surface.sample_mm.len())
+            let here = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view);
+            self.measured_by(here, part, &optics)
         };
-        let measured: Vec<SampleSet> = used.iter().map(measured).collect();
-        let part = SharedSurface::new(&problem.surface);
+        let measured: Vec<MeasuredSurface> = used.iter().map(measured).collect();
         let link = |a: usize, b: usize| SetupLink {
             setups: [a, b].map(SetupId::at),
-            stability: part.stability(&registration::shared(&measured[a], &measured[b])),
+            stability: part.registration(&measured[a], &measured[b]),
         };
         (0..measured.len()).flat_map(|b| (0..b).map(move |a| (a, b))).map(|(a, b)| link(a, b)).collect()
     }

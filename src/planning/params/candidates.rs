@@ -55,8 +55,8 @@ pub enum Standoff {
 params! {
     /// Viewpoints to consider ([`crate::planning::method::candidates`]).
     CandidateParams {
-        /// Strategies that generate candidates; their candidates are joined. The default needs the fewest views for the same area
-        /// (`src/planning/candidates/DEFAULT.md`).
+        /// Strategies that generate candidates; their candidates are joined. Of the sets that were compared on six parts of four
+        /// sizes, the default needs the fewest views for the same area, or one more, in 25 of 30 cases.
         strategies: Vec<Strategy> = vec![Strategy::Even, Strategy::Targeted];
         /// `ellipsoid`: step in the polar angle, and in azimuth near the equator, degrees. A smaller step gives more candidates.
         step_small_deg: f64 = 30.0, [1.0, 90.0] "°";

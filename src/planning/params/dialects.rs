@@ -15,11 +15,11 @@ params! {
         /// Number of the digital output whose pulse starts a capture.
         scan_output: u32 = 1, [0.0, 4096.0] "";
         /// Number of the digital input that the scanner turns on when a capture is done. It must be off again before the next
-        /// start pulse ends, or that capture counts as done at once.
+        /// capture: the program waits for that before it starts one, and stops after `timeout_secs`.
         scan_input: u32 = 1, [0.0, 4096.0] "";
         /// Length of the start pulse, s.
         pulse_secs: f64 = 0.1, [0.01, 10.0] "s";
-        /// Maximum time to wait for the end of a capture, s; then the program stops.
+        /// Maximum time to wait for the end of a capture, and before it for the input to be off, s; then the program stops.
         timeout_secs: f64 = 30.0, [0.1, 300.0] "s";
         /// Number of the external axis that turns the table, for controllers with external axes. FANUC programs take 1 alone.
         table_axis: u32 = 1, [1.0, 6.0] "";

@@ -1,10 +1,10 @@
 //! Knobs: numbers of a job with their default, range and unit. Each is declared once, by [`params!`]; the range checks, the
 //! API document, the help of the command line and `api/parameters.md` are made from that.
 
-use serde_json::Value;
 use utoipa::openapi::{RefOr, Schema};
 
 use crate::cell::Findings;
+pub(crate) use crate::cell::Ranged;
 
 /// A parameter, with its range if it has one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,54 +24,10 @@ pub struct Knob {
 pub struct KnobGroup {
     /// Name of the struct, as in the API document.
     pub name: &'static str,
-    /// Its fields, in order.
+    /// Fields of the struct, in order.
     pub knobs: &'static [Knob],
     /// Schema of the struct, with the descriptions of its fields.
     pub schema: fn() -> RefOr<Schema>,
-    /// Defaults of its fields; null where it has none.
-    pub defaults: fn() -> Value,
-}
-
-/// A value with a range: a number, or a list of them.
-pub(crate) trait Ranged {
-    /// Records what is out of `[min, max]`.
-    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings);
-}
-
-impl Ranged for f64 {
-    fn check_range(&self, at: &str, [min, max]: [f64; 2], unit: &str, findings: &mut Findings) {
-        findings.range(at, *self, min, max, unit);
-    }
-}
-
-impl Ranged for u8 {
-    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
-        f64::from(*self).check_range(at, range, unit, findings);
-    }
-}
-
-impl Ranged for u32 {
-    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
-        f64::from(*self).check_range(at, range, unit, findings);
-    }
-}
-
-impl Ranged for u64 {
-    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
-        (*self as f64).check_range(at, range, unit, findings);
-    }
-}
-
-impl<T: Ranged> Ranged for Option<T> {
-    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
-        self.iter().for_each(|value| value.check_range(at, range, unit, findings));
-    }
-}
-
-impl<T: Ranged> Ranged for Vec<T> {
-    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
-        self.iter().enumerate().for_each(|(index, value)| value.check_range(&format!("{at}/{index}"), range, unit, findings));
-    }
 }
 
 /// Records a list that is too short or too long.
@@ -109,7 +65,7 @@ macro_rules! params {
         }
 
         crate::planning::params::knob::knobs! {
-            $name, serde_json::to_value(Self::default()).unwrap_or_default(), {$($field $(, [$min, $max] $unit)? $(, entries [$fewest, $most])?;)*}
+            $name {$($field $(, [$min, $max] $unit)? $(, entries [$fewest, $most])?;)*}
         }
     };
     (
@@ -128,14 +84,14 @@ macro_rules! params {
         )*}
 
         crate::planning::params::knob::knobs! {
-            $name, serde_json::Value::Null, {$($field $(, [$min, $max] $unit)?;)*}
+            $name {$($field $(, [$min, $max] $unit)?;)*}
         }
     };
 }
 
 /// Implements [`KnobGroup`] and the range checks of a struct.
 macro_rules! knobs {
-    ($name:ident, $defaults:expr, {$(
+    ($name:ident {$(
         $field:ident $(, [$min:literal, $max:literal] $unit:literal)? $(, entries [$fewest:literal, $most:literal])?;
     )*}) => {
         impl $name {
@@ -149,7 +105,6 @@ macro_rules! knobs {
                     entries: crate::planning::params::knob::first(&[$([$fewest, $most])?]),
                 }),*],
                 schema: <Self as utoipa::PartialSchema>::schema,
-                defaults: || $defaults,
             };
 
             /// Records what is out of its range; `at` is the pointer to this object.

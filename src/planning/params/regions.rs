@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::knob::params;
-use crate::cell::Findings;
+use crate::cell::{Findings, field_ranges};
 use crate::planning::verdict::Grade;
 
 /// Largest number of regions of interest and features of one job.
@@ -97,8 +97,9 @@ params! {
         /// Region of the surface.
         region: Region;
         /// Weight of the region's area in the score; elsewhere it is 1. A larger weight favours views of this region. Targets
-        /// ignore weights. Default: 1.
+        /// ignore weights.
         #[serde(default = "one")]
+        #[schema(default = one)]
         weight: f64, [0.0, 100.0] "";
         /// Share of the region's asked area to measure, besides the plan's own target; a plan that falls short of it says so.
         /// Default: no target of its own.
@@ -256,6 +257,14 @@ impl FeatureParams {
     }
 }
 
+field_ranges! {
+    Region {
+        FACES = "faces", [0.0, MAX_FACE as f64] "";
+        RADIUS_MM = "radius_mm", [1e-6, 1e5] "mm";
+        WITHIN_MM = "within_mm", [1e-6, 1e5] "mm";
+    }
+}
+
 impl Region {
     pub(super) fn check(&self, at: &str, findings: &mut Findings) {
         let direction = |normal: &[f64; 3], findings: &mut Findings| {
@@ -274,11 +283,11 @@ impl Region {
                     format!("is {min_mm:?}; no coordinate may exceed that of max_mm, {max_mm:?}")
                 });
             }
-            Self::Sphere { radius_mm, .. } => findings.range(format!("{at}/radius_mm"), *radius_mm, 1e-6, 1e5, "mm"),
+            Self::Sphere { radius_mm, .. } => Self::RADIUS_MM.check(at, radius_mm, findings),
             Self::HalfSpace { normal, .. } => direction(normal, findings),
             Self::Plane { normal, within_mm, .. } => {
                 direction(normal, findings);
-                findings.range(format!("{at}/within_mm"), *within_mm, 1e-6, 1e5, "mm");
+                Self::WITHIN_MM.check(at, within_mm, findings);
             }
             Self::Name { name } => {
                 findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group in the file".into());

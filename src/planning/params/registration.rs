@@ -14,6 +14,6 @@ pub enum Registration {
     Markers,
     /// A fixture that puts the part in a known pose.
     Fixture,
-    /// None: each setup is evaluated by itself.
+    /// Setups that are not registered to each other: each is evaluated by itself.
     None,
 }

@@ -32,10 +32,10 @@ params! {
         /// Number of draws in which all views share one error in the scanner frame, as a wrong hand-eye calibration causes it.
         /// Use a multiple of 6, as for `draws`.
         hand_eye_draws: u32 = 12, [1.0, 1000.0] "";
-        /// Chooses views by what they measure under each of twelve fixed pose errors as well (`planning/problem/robust_rows.rs`):
-        /// six of the scanner, rotated both ways about its x, y and z by the angle, and moved by the distance towards where the
-        /// rotation takes the field; and six of the part, rotated both ways about the x, y and z through the centre of its
-        /// bounding box, and moved by the distance across the axis. Computing visibility then takes thirteen times as long.
+        /// Chooses views by what they measure under each of twelve fixed pose errors as well: six of the scanner, rotated both
+        /// ways about its x, y and z by the angle, and moved by the distance towards where the rotation takes the field; and six
+        /// of the part, rotated both ways about the x, y and z through the centre of its bounding box, and moved by the distance
+        /// across the axis. Computing visibility then takes thirteen times as long.
         select: bool = false;
     }
 }

@@ -24,7 +24,7 @@ pub struct CandidateTable {
 pub struct TableEntry {
     /// The candidate.
     pub candidate: Candidate,
-    /// Its fate.
+    /// Fate of the candidate.
     pub fate: CandidateFate,
     /// Samples that it measures, with its quality at each; `None` where it was dropped before it was evaluated.
     pub row: Option<Row>,

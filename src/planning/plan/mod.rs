@@ -9,6 +9,7 @@ mod measured;
 mod plan_advice;
 mod region_coverage;
 mod remedy;
+pub(super) mod tally;
 mod turn;
 
 pub use at_risk::AtRisk;
@@ -29,13 +30,12 @@ use nalgebra::{Point3, Vector3};
 use super::candidates::Label;
 pub use super::ids::{CandidateId, SetupId, ViewId};
 use super::params::{PlanParams, ScanParams, SelectionParams, TargetOf};
-pub use super::registration::Stability;
 pub use super::selection::{Bound, StopReason};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use super::surface::Surface;
 pub use super::surface::requirements::RegionKind;
-pub use super::verdict::{Advice, CandidateCounts, Cause, Fate, Grade, Obstruction, RiskReason, Verdict};
+pub use super::verdict::{Advice, CandidateCounts, Cause, Fate, Grade, Obstruction, RiskReason, Stability, Verdict};
 use super::visibility::Row;
 use crate::cell::{CollisionScene, Posture, Robot};
 use crate::geometry::{Aabb, LazyStablePoses, Part, Pose, ScannerFrame, Table};
@@ -268,11 +268,11 @@ pub struct PlannedView {
     pub setup: SetupId,
     /// Side of the part that it looks at.
     pub label: Label,
-    /// Its pose.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Share of the asked area that it added when chosen.
     pub gain_of_asked: f64,
-    /// Its score when chosen.
+    /// Score of the view when it was chosen.
     pub score: f64,
     /// Station from which the cell takes it; `None` without a cell, or when rejected.
     pub station: Option<Station>,

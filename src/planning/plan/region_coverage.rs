@@ -10,13 +10,13 @@ pub(in crate::planning) const SHARE_SLACK: f64 = 4e-9;
 /// Coverage of a region, counting only what is measured as well as is asked there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionCoverage {
-    /// Its name.
+    /// Name of the region.
     pub name: String,
-    /// Its kind.
+    /// Kind of the region.
     pub kind: RegionKind,
     /// Number of asked samples in it.
     pub samples: usize,
-    /// Its asked area.
+    /// Asked area of the region.
     pub asked_area_mm2: f64,
     /// Part of the asked area that some kept candidate measures.
     pub coverable_area_mm2: f64,

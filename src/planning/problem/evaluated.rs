@@ -27,7 +27,7 @@ pub(super) fn is_usable(reach: Option<&Reach>, candidate: CandidateIndex) -> boo
 }
 
 impl EvaluatedCandidates {
-    /// No candidates.
+    /// An empty set of candidates.
     pub(super) fn none_of(surface: &Surface, with_cell: bool) -> Self {
         let furthest_cause = vec![Cause::Facing; surface.sample_mm.len()];
         let matrix = VisibilityMatrix { rows: Vec::new(), furthest_cause };

@@ -12,9 +12,9 @@ use std::sync::Arc;
 use super::{ChosenViews, ViewPlanningProblem};
 use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::demand::{Demand, DemandStop};
 use crate::planning::ids::{CandidateIndex, RowIndex};
 use crate::planning::plan::{Bound, StopReason};
+use crate::planning::scene::demand::{Demand, DemandStop};
 use crate::planning::selection::{Choice, OpenBound, OpenSelection};
 use crate::planning::visibility::Optics;
 

@@ -3,6 +3,7 @@
 //!
 //! Candidates have their places in [`ViewPlanningProblem::candidates`], the setups' one after another.
 
+pub(super) mod estimate;
 mod evaluated;
 mod every_sample;
 mod expected;

@@ -3,6 +3,7 @@
 //! counts as uncovered.
 
 use super::evaluated::{EvaluatedCandidates, is_usable};
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::candidates::{self, Candidate, CandidateSet, OpenSamples, Rejection, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::ids::{CandidateIndex, SampleId};
@@ -23,6 +24,7 @@ pub(super) struct Rounds<'a> {
     pub(super) scene: Option<&'a PlanningScene<'a>>,
     /// Area of each sample, 0 where it is not asked for.
     pub(super) asked_area_mm2: &'a [f64],
+    pub(super) ctx: &'a Context<'a>,
 }
 
 impl Rounds<'_> {
@@ -30,21 +32,17 @@ impl Rounds<'_> {
     ///
     /// # Errors
     /// The errors of [`candidates::generate`].
-    pub(super) fn run(&self, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
+    pub(super) fn run(&self) -> Result<EvaluatedCandidates, PlanError> {
         let params = &self.params.candidates;
-        ctx.begin(Stage::Candidates)?;
-        let mut evaluated = self.evaluate(candidates::generate(&self.scope, params, ctx)?, ctx)?;
+        let mut evaluated = self.round(|| candidates::generate(&self.scope, params, self.ctx), None)?;
         let rounds = if params.uses(Strategy::Iterative) { params.iterative_rounds } else { 0 };
         for round in 0..rounds {
-            ctx.begin(Stage::Candidates)?;
-            let best = views_for_area(&evaluated, self.asked_area_mm2, self.params, ctx)?;
-            let pose = |candidate: &CandidateIndex| evaluated.candidates[*candidate].part_from_scanner;
-            let best: Vec<_> = best.iter().map(pose).collect();
-            let more = candidates::around_best(&self.scope, params, &best, round, ctx)?;
-            evaluated.append(self.evaluate(more, ctx)?);
+            let more = self.round(|| self.around_best(&evaluated, round), None)?;
+            evaluated.append(more);
         }
         if params.uses(Strategy::Targeted) {
-            let targeted = self.targeted(&evaluated, ctx)?;
+            let (open, already) = (self.open_after(&evaluated), evaluated.candidates.generated);
+            let targeted = self.round(|| self.aimed_at_open(&open, already), Some(open.as_slice()))?;
             evaluated.append(targeted);
         }
         evaluated.drop_what_measures_nothing(self.asked_area_mm2);
@@ -55,114 +53,138 @@ impl Rounds<'_> {
     ///
     /// # Errors
     /// The errors of [`candidates::generate`].
-    pub(super) fn run_some(&self, max: usize, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
-        let some = candidates::generate_some(&self.scope, &self.params.candidates, max, ctx)?;
-        Ok(self.evaluate(some, ctx)?)
+    pub(super) fn run_some(&self, max: usize) -> Result<EvaluatedCandidates, PlanError> {
+        self.round(|| candidates::generate_some(&self.scope, &self.params.candidates, max, self.ctx), None)
     }
 
     /// Evaluates candidates beside views; `already` are generated.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub(super) fn run_beside(
-        &self,
-        views: &[&Candidate],
-        already: usize,
-        ctx: &Context<'_>,
-    ) -> Result<EvaluatedCandidates, Cancelled> {
-        let beside = candidates::beside(&self.scope, &self.params.candidates, views, already, ctx)?;
-        let mut evaluated = self.evaluate(beside, ctx)?;
+    pub(super) fn run_beside(&self, views: &[&Candidate], already: usize) -> Result<EvaluatedCandidates, Cancelled> {
+        let beside = || candidates::beside(&self.scope, &self.params.candidates, views, already, self.ctx);
+        let mut evaluated = self.round(beside, None)?;
         evaluated.drop_what_measures_nothing(self.asked_area_mm2);
         Ok(evaluated)
     }
 
-    /// Evaluates candidates: their stations, and the samples that each measures.
-    fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
-        self.evaluate_on(self.scope.surface, candidates, ctx)
+    /// Runs one round, its stages in turn: the candidates that `generate` gives, with their stations and what they measure; given
+    /// samples that are `open`, those candidates that these need.
+    fn round<E: From<Cancelled>>(
+        &self,
+        generate: impl FnOnce() -> Result<CandidateSet, E>,
+        open: Option<&[(SampleId, f64)]>,
+    ) -> Result<EvaluatedCandidates, E> {
+        let candidates = self.candidates(generate)?;
+        let reach = self.stations(&candidates)?;
+        Ok(self.visibility(candidates, reach, open)?)
     }
 
-    /// Evaluates candidates on another surface of the part.
-    fn evaluate_on(
+    /// Stage candidates: those generated, but for those that bodies rule out wherever arm and table are.
+    fn candidates<E: From<Cancelled>>(&self, generate: impl FnOnce() -> Result<CandidateSet, E>) -> Result<CandidateSet, E> {
+        self.ctx.stage(Stage::Candidates, || {
+            let candidates = generate()?;
+            Ok(match self.scene {
+                Some(scene) => scene.drop_where_body_meets(scene.drop_inside_obstacles(candidates), self.ctx)?,
+                None => candidates,
+            })
+        })
+    }
+
+    /// Stage stations: those of each candidate; `None` without a cell.
+    fn stations(&self, candidates: &CandidateSet) -> Result<Option<Reach>, Cancelled> {
+        self.ctx.stage(Stage::Stations, || self.scene.map(|scene| scene.reach(&poses(candidates), self.ctx)).transpose())
+    }
+
+    /// Stage visibility: the samples that each candidate measures.
+    fn visibility(
         &self,
-        surface: &Surface,
         candidates: CandidateSet,
-        ctx: &Context<'_>,
+        reach: Option<Reach>,
+        open: Option<&[(SampleId, f64)]>,
     ) -> Result<EvaluatedCandidates, Cancelled> {
-        let candidates = match self.scene {
-            Some(scene) => scene.drop_where_body_meets(scene.drop_inside_obstacles(candidates), ctx)?,
-            None => candidates,
-        };
-        let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
-        ctx.begin(Stage::Stations)?;
-        let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;
-        ctx.begin(Stage::Visibility)?;
-        self.seen(surface, candidates, reach, ctx)
+        self.ctx.stage(Stage::Visibility, || match open {
+            Some(open) => self.needed_for(open, candidates, reach),
+            None => self.seen(self.scope.surface, candidates, reach),
+        })
     }
 
     /// Evaluates candidates whose stations are known.
-    fn seen(
-        &self,
-        surface: &Surface,
-        candidates: CandidateSet,
-        reach: Option<Reach>,
-        ctx: &Context<'_>,
-    ) -> Result<EvaluatedCandidates, Cancelled> {
-        let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
+    fn seen(&self, surface: &Surface, candidates: CandidateSet, reach: Option<Reach>) -> Result<EvaluatedCandidates, Cancelled> {
+        let poses = poses(&candidates);
         let usable: Vec<bool> = candidates.indices().map(|candidate| is_usable(reach.as_ref(), candidate)).collect();
-        let matrix = visibility::cast(surface, &poses, &usable, self.scope.scanner, self.occluders, self.params, ctx)?;
+        let matrix = visibility::cast(surface, &poses, &usable, self.scope.scanner, self.occluders, self.params, self.ctx)?;
         let hidden_by_cell = SampleSet::none_of(surface.sample_mm.len());
         let mut evaluated = EvaluatedCandidates { candidates, matrix, reach, hidden_by_cell };
         if let Some(scene) = self.scene {
-            evaluated.keep_in_sight(scene, surface, ctx)?;
+            evaluated.keep_in_sight(scene, surface, self.ctx)?;
         }
         Ok(evaluated)
     }
 
-    /// Views of what is open, as few as it takes; views that are proposed are looked at on open samples alone. Those that the cell cannot take are added for what is then still open:
-    /// they tell that reach, and not the part's shape, is what is missing.
-    fn targeted(&self, so_far: &EvaluatedCandidates, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
-        ctx.begin(Stage::Candidates)?;
+    /// Random viewpoints around the best views so far.
+    fn around_best(&self, so_far: &EvaluatedCandidates, round: u32) -> Result<CandidateSet, Cancelled> {
+        let best = views_for_area(so_far, self.asked_area_mm2, self.params, self.ctx)?;
+        let pose = |candidate: &CandidateIndex| so_far.candidates[*candidate].part_from_scanner;
+        let best: Vec<_> = best.iter().map(pose).collect();
+        candidates::around_best(&self.scope, &self.params.candidates, &best, round, self.ctx)
+    }
+
+    /// Samples that no candidate so far measures which the cell can use, each with its area.
+    fn open_after(&self, so_far: &EvaluatedCandidates) -> Vec<(SampleId, f64)> {
         let mut area_mm2 = self.asked_area_mm2.to_vec();
         let usable = so_far.candidates.indices().filter(|candidate| so_far.is_usable(*candidate));
         usable.for_each(|candidate| close(&mut area_mm2, so_far.row(candidate)));
-        let samples: Vec<SampleId> =
-            SampleId::number(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
+        SampleId::number(area_mm2).filter(|(_, mm2)| *mm2 > 0.0).collect()
+    }
+
+    /// Viewpoints aimed at what is open; `already` are generated.
+    fn aimed_at_open(&self, open: &[(SampleId, f64)], already: usize) -> Result<CandidateSet, Cancelled> {
+        let samples: Vec<SampleId> = open.iter().map(|(sample, _)| *sample).collect();
         let incidence_max_rad = self.scope.scanner.devices.map(|device| self.params.limits.incidence_max_rad(&device));
         let open = OpenSamples { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
-        let (already, params) = (so_far.candidates.generated, &self.params.candidates);
-        let proposed = candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?;
-        let open: Vec<(SampleId, f64)> = samples.iter().map(|sample| (*sample, area_mm2[sample.index()])).collect();
+        candidates::aimed_at_open(&self.scope, &self.params.candidates, &open, already, self.ctx)
+    }
+
+    /// Candidates for what is open, as few as it takes; they are looked at on open samples alone. Those that the cell cannot take
+    /// are added for what is then still open: they tell that reach, and not the part's shape, is what is missing.
+    fn needed_for(
+        &self,
+        open: &[(SampleId, f64)],
+        candidates: CandidateSet,
+        reach: Option<Reach>,
+    ) -> Result<EvaluatedCandidates, Cancelled> {
+        let mut proposed = self.seen(&self.scope.surface.of_samples(open), candidates, reach)?;
         let mut area_mm2: Vec<f64> = open.iter().map(|(_, mm2)| *mm2).collect();
-        let mut proposed = self.evaluate_on(&self.scope.surface.of_samples(&open), proposed, ctx)?;
         let mut needed = vec![false; proposed.candidates.remaining.len()];
-        let mut left = params.targeted_max;
+        let mut left = self.params.candidates.targeted_max;
         for usable in [true, false] {
             let params = SelectionParams { min_growth: MIN_GAIN_OF_OPEN, max_views: Some(left), ..for_area() };
-            for candidate in fewest(&proposed, usable, &area_mm2, (&params, &self.params.score), ctx)? {
+            for candidate in fewest(&proposed, usable, &area_mm2, (&params, &self.params.score), self.ctx)? {
                 close(&mut area_mm2, proposed.row(candidate));
                 needed[candidate.index()] = true;
                 left -= 1;
             }
         }
         proposed.drop_where(|_, candidate| (!needed[candidate.index()]).then_some(Rejection::NotNeeded));
-        self.on_all_samples(proposed, &samples, ctx)
+        self.on_all_samples(proposed, open)
     }
 
     /// Candidates that were evaluated on `open` samples alone, evaluated on all.
-    fn on_all_samples(
-        &self,
-        of_open: EvaluatedCandidates,
-        open: &[SampleId],
-        ctx: &Context<'_>,
-    ) -> Result<EvaluatedCandidates, Cancelled> {
-        let mut of_all = self.seen(self.scope.surface, of_open.candidates, of_open.reach, ctx)?;
-        for (sample, cause) in open.iter().zip(of_open.matrix.furthest_cause) {
+    fn on_all_samples(&self, of_open: EvaluatedCandidates, open: &[(SampleId, f64)]) -> Result<EvaluatedCandidates, Cancelled> {
+        let mut of_all = self.seen(self.scope.surface, of_open.candidates, of_open.reach)?;
+        for ((sample, _), cause) in open.iter().zip(of_open.matrix.furthest_cause) {
             let furthest = &mut of_all.matrix.furthest_cause[sample.index()];
             *furthest = (*furthest).max(cause);
         }
-        of_open.hidden_by_cell.iter().for_each(|place| of_all.hidden_by_cell.insert(open[place.index()]));
+        of_open.hidden_by_cell.iter().for_each(|place| of_all.hidden_by_cell.insert(open[place.index()].0));
         Ok(of_all)
     }
+}
+
+/// Poses of the candidates that remain.
+fn poses(candidates: &CandidateSet) -> Vec<Pose<Part, ScannerFrame>> {
+    candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect()
 }
 
 /// The views that greedy takes for plain area, up to the target.

@@ -7,11 +7,10 @@ use super::robust_rows::{self, VisibilityInput};
 use super::rounds::{Rounds, views_for_area};
 use crate::geometry::{LazyStablePoses, Part, Poll, Pose, RayScene, Table};
 use crate::planning::candidates::{self, Candidate, Scope};
-use crate::planning::context::{Cancelled, Context, PlanError, Stage};
-use crate::planning::demand::Demand;
-use crate::planning::estimate::Estimate;
+use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
+use crate::planning::scene::demand::Demand;
 use crate::planning::scene::{self, PlanInput, PlanningScene};
 use crate::planning::setups::{self, Setup};
 use crate::planning::surface::thinned::{self, Strata};
@@ -78,31 +77,17 @@ pub(in crate::planning) struct EvaluatedSetups {
 }
 
 impl SampledPart {
-    /// Cuts the part into patches and samples, once the estimate of the plan is within its allowance.
+    /// Cuts the part into patches and samples; `params` are with defaults resolved. A demand leaves some of the samples asked;
+    /// views are then chosen on these alone.
     ///
     /// # Errors
     /// [`PlanError`].
-    pub(in crate::planning) fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
-        Self::demanded(input, params, None, ctx)
-    }
-
-    /// [`SampledPart::new`], of which a demand leaves some asked; views are then chosen on these alone.
-    ///
-    /// # Errors
-    /// [`PlanError`].
-    pub(in crate::planning) fn demanded(
+    pub(in crate::planning) fn new(
         input: &PlanInput<'_>,
-        params: &PlanParams,
+        mut params: PlanParams,
         demand: Option<&Demand<'_>>,
         ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
-        params.check_of_plan()?;
-        params.check_limits(input.scanner)?;
-        ctx.check()?;
-        Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
-        input.check_place()?;
-        let mut params = scene::resolve(params, input);
-        ctx.begin(Stage::Surface)?;
         let mut surface = requirements::sampled(input.mesh, &params, params.seed, ctx)?;
         demand.map_or(Ok(()), |demand| demand.mask(&mut surface))?;
         let asked_area_mm2 = surface.asked_area_mm2();
@@ -230,7 +215,7 @@ impl SampledPart {
     ) -> Result<EvaluatedCandidates, PlanError> {
         let optics = Optics::new(input.scanner, &self.params, &setup.surface.requirements);
         let asked_area_mm2 = setup.surface.asked_area_mm2();
-        let mut some = self.rounds(input, setup, &optics, &asked_area_mm2).run_some(max, ctx)?;
+        let mut some = self.rounds(input, setup, &optics, &asked_area_mm2, ctx).run_some(max)?;
         some.drop_unusable();
         Ok(some)
     }
@@ -249,7 +234,7 @@ impl SampledPart {
         ctx: &Context<'_>,
     ) -> Result<EvaluatedCandidates, Cancelled> {
         let optics = Optics::new(input.scanner, &self.params, &setup.surface.requirements);
-        self.rounds(input, setup, &optics, asked_area_mm2).run_beside(views, already, ctx)
+        self.rounds(input, setup, &optics, asked_area_mm2, ctx).run_beside(views, already)
     }
 
     fn rounds<'a>(
@@ -258,6 +243,7 @@ impl SampledPart {
         setup: &TriedSetup<'a>,
         optics: &'a Optics,
         asked_area_mm2: &'a [f64],
+        ctx: &'a Context<'_>,
     ) -> Rounds<'a> {
         let TriedSetup { table_from_part, surface, occluders, scene } = *setup;
         let scope = Scope {
@@ -271,7 +257,7 @@ impl SampledPart {
             score: &self.params.score,
             seed: self.params.seed,
         };
-        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2 }
+        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2, ctx }
     }
 
     /// Every candidate with its stations and what it measures, the setups' candidates one after another. Where the part takes so many
@@ -317,7 +303,7 @@ impl SampledPart {
                 occluders: &setup.occluders,
                 scene: setup.scene.as_ref(),
             };
-            let evaluated = self.rounds(input, &tried, &optics, asked_area_mm2).run(ctx)?.in_setup(index);
+            let evaluated = self.rounds(input, &tried, &optics, asked_area_mm2, ctx).run()?.in_setup(index);
             let (params, occluders) = (&self.params, &setup.occluders);
             let visibility = VisibilityInput { surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
@@ -348,34 +334,13 @@ mod tests {
         let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
         let (goes_on, stops) = (AtomicBool::new(false), AtomicBool::new(true));
         let [going_on, cancelled] = [&goes_on, &stops].map(|cancel| Context::new(cancel, &Silent));
-        let sampled = SampledPart::new(&input, &PlanParams::default(), &going_on).unwrap_or_else(|error| panic!("{error}"));
+        let params = scene::resolve(&PlanParams::default(), &input);
+        let sampled = SampledPart::new(&input, params, None, &going_on).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(sampled.resting_poses(&input, &cancelled), Err(Cancelled));
         assert!(!sampled.stable_poses.are_known());
         let poses = sampled.resting_poses(&input, &going_on).expect("not cancelled");
         assert!(poses.len() == 6 && sampled.stable_poses.are_known(), "{poses:?}");
         // Nothing is left to give up.
         assert_eq!(sampled.resting_poses(&input, &cancelled), Ok(poses));
-    }
-
-    /// It was planned, and its plan was then refused, as poses that are written may contain 100 m.
-    #[test]
-    fn a_part_that_lies_beyond_what_poses_may_contain_is_refused_at_the_part() {
-        let scanner = nominal_scanner();
-        let cancel = AtomicBool::new(false);
-        let sampled = |x_mm: f64| {
-            let mesh = box_mesh([x_mm, 0.0, 0.0], [x_mm + 60.0, 40.0, 30.0]);
-            let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
-            SampledPart::new(&input, &PlanParams::default(), &Context::new(&cancel, &Silent)).map(drop)
-        };
-        assert!(sampled(90_000.0).is_ok() && sampled(-90_000.0).is_ok());
-        for x_mm in [150_000.0, -150_000.0, 99_900.0] {
-            let Err(PlanError::BadParams(errors)) = sampled(x_mm) else { panic!("{x_mm} mm was not refused") };
-            let told = errors[0].to_string();
-            assert!(
-                told.starts_with("/part: reaches ") && told.contains("mm from the origin of its frame; allowed is "),
-                "{told}"
-            );
-            assert!(told.contains("within 100000 mm: export the mesh"), "{told}");
-        }
     }
 }

@@ -24,6 +24,14 @@ pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpAxis(Vector3<f64>);
 
+/// A word that names no axis.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("is {name:?}; allowed is one of {}", UpAxis::NAMES.map(|(known, _)| known).join(", "))]
+pub struct UnknownAxis {
+    /// The word.
+    pub name: String,
+}
+
 impl UpAxis {
     /// Names, with the direction of each in the part frame.
     const NAMES: [(&str, [f64; 3]); 6] = [
@@ -57,15 +65,13 @@ impl std::fmt::Display for UpAxis {
 }
 
 impl std::str::FromStr for UpAxis {
-    type Err = String;
+    type Err = UnknownAxis;
 
-    fn from_str(name: &str) -> Result<Self, String> {
+    fn from_str(name: &str) -> Result<Self, UnknownAxis> {
         let plain = name.to_ascii_lowercase();
         let plain = plain.strip_prefix('+').unwrap_or(&plain);
         let found = Self::NAMES.into_iter().find(|(known, _)| *known == plain);
-        found
-            .map(|(_, direction)| Self(direction.into()))
-            .ok_or_else(|| format!("is {name:?}; allowed is one of {}", Self::NAMES.map(|(known, _)| known).join(", ")))
+        found.map(|(_, direction)| Self(direction.into())).ok_or_else(|| UnknownAxis { name: name.to_owned() })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::cell::{Cell, PoseSpec, Scanner};
 use crate::geometry::Mesh;
-use crate::planning::context::PlanError;
+use crate::planning::context::{PlanError, Refusal};
 use crate::planning::sequence::Roadmaps;
 
 /// Part, fixture, scanner and cell to plan for.
@@ -35,11 +35,6 @@ impl PlanInput<'_> {
         if farthest_mm <= max_mm {
             return Ok(());
         }
-        let detail = format!(
-            "reaches {farthest_mm:.0} mm from the origin of its frame; allowed is {max_mm:.0} mm, so that the poses of its plan \
-             stay within {} mm: export the mesh with the part near the origin, or give its right unit",
-            PoseSpec::REACH_MM
-        );
-        Err(PlanError::param("/part", detail))
+        Err(PlanError::param("/part", &Refusal::FarFromOrigin { farthest_mm, max_mm }))
     }
 }

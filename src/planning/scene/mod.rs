@@ -2,17 +2,18 @@
 //! its defaults stand here too, since both depend on the presence of a cell.
 
 mod defaults;
+pub(super) mod demand;
 mod input;
 mod placement;
 
 pub(super) use defaults::standing_on;
-pub use defaults::{UpAxis, resolve, resting, standing, standing_likeliest};
+pub use defaults::{UnknownAxis, UpAxis, resolve, resting, standing, standing_likeliest};
 pub use input::PlanInput;
 pub(super) use placement::check as check_placement;
 pub use placement::{plate, tips_over};
 
 use super::candidates::{Candidate, CandidateSet, Rejection};
-use super::context::{Cancelled, Context, PlanError, Stage};
+use super::context::{Cancelled, Context, PlanError, Refusal, Stage};
 use super::ids::ViewId;
 use super::params::PlanParams;
 use super::sequence::{self, InSight, OrderOptions, Ordered, Roadmaps, StopPermits};
@@ -52,7 +53,7 @@ impl<'a> PlanningScene<'a> {
     ) -> Result<Self, PlanError> {
         let clearance_mm = params.motion.clearance_mm;
         let scene = ctx.within(Stage::CollisionScene, || match input.roadmaps {
-            Some(kept) => kept.bare_scene(cell, clearance_mm).with_part(input.mesh, input.fixture, &table_from_part),
+            Some(roadmaps) => roadmaps.bare_scene(cell, clearance_mm).with_part(input.mesh, input.fixture, &table_from_part),
             None => CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm),
         });
         Self::placed(cell, scene, input, params, table_from_part, ctx)
@@ -61,7 +62,7 @@ impl<'a> PlanningScene<'a> {
     /// The cell with the part lying in another way.
     ///
     /// # Errors
-    /// As of [`PlanningScene::new`].
+    /// Errors of [`PlanningScene::new`].
     pub(super) fn lying(
         &self,
         input: &PlanInput<'a>,
@@ -82,10 +83,7 @@ impl<'a> PlanningScene<'a> {
         ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
         match scene.placement_contact() {
-            Some(contact) => {
-                let detail = format!("makes {contact} collide; move the part, or the body that it collides with");
-                Err(PlanError::param("/part/table_from_part", detail))
-            }
+            Some(contact) => Err(PlanError::param("/part/table_from_part", &Refusal::Collides(contact))),
             None => {
                 let sight = Sight::new(cell, &input.mesh.aabb(), &table_from_part, ctx)?;
                 Ok(Self { cell, scene, sight, table_from_part, params, roadmaps: input.roadmaps })
@@ -122,14 +120,14 @@ impl<'a> PlanningScene<'a> {
         };
         let CandidateSet { remaining, generated, mut rejected } = candidates;
         let reasons = parallel::try_map::<_, _, Cancelled>(&remaining, reason)?;
-        let mut kept = Vec::with_capacity(remaining.len());
+        let mut clear = Vec::with_capacity(remaining.len());
         for (candidate, reason) in remaining.into_iter().zip(reasons) {
             match reason {
                 Some(reason) => rejected.push((candidate, reason)),
-                None => kept.push(candidate),
+                None => clear.push(candidate),
             }
         }
-        Ok(CandidateSet { remaining: kept, generated, rejected })
+        Ok(CandidateSet { remaining: clear, generated, rejected })
     }
 
     /// Stations of every view.

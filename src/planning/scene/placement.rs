@@ -7,7 +7,7 @@ use super::PlanInput;
 use super::defaults::STANDS_WITHIN_RAD;
 use crate::cell::Cell;
 use crate::geometry::{Mesh, Part, Pose, StablePose, Table};
-use crate::planning::context::PlanError;
+use crate::planning::context::{PlanError, Refusal};
 
 /// Depth to which a part may reach into the plate: more than meshes and poses are rounded by.
 const SUNK_MM: f64 = 0.1;
@@ -27,30 +27,25 @@ pub(in crate::planning) fn check(
     input: &PlanInput<'_>,
     table_from_part: &Pose<Table, Part>,
 ) -> Result<(), PlanError> {
-    let refuse = |detail: String| Err(PlanError::param("/part/table_from_part", detail));
+    let refuse = |reason: Refusal| Err(PlanError::param("/part/table_from_part", &reason));
     let radius_mm = cell.turntable.plate_radius_mm;
     let vertices = || input.mesh.vertices_mm.iter().map(|p| table_from_part.point(p));
     let lowest_mm = |points: &mut dyn Iterator<Item = Point3<f64>>| points.map(|p| p.z).fold(f64::INFINITY, f64::min);
     let over_plate_mm = lowest_mm(&mut vertices().filter(|p| p.xy().coords.norm() <= radius_mm));
     if over_plate_mm < -SUNK_MM {
-        return refuse(format!("sinks the part {:.3} mm into the plate; allowed is {SUNK_MM} mm", -over_plate_mm));
+        return refuse(Refusal::Sunk { depth_mm: -over_plate_mm, max_mm: SUNK_MM });
     }
     if input.fixture.is_some() {
         return Ok(());
     }
     let bottom_mm = lowest_mm(&mut vertices());
     if bottom_mm > FLOATING_MM {
-        return refuse(format!(
-            "leaves the part {bottom_mm:.3} mm above the plate; allowed is {FLOATING_MM} mm without a fixture (part.fixture_mesh)"
-        ));
+        return refuse(Refusal::Floating { height_mm: bottom_mm, max_mm: FLOATING_MM });
     }
     let standing: Vec<_> = vertices().filter(|p| p.z <= bottom_mm + FLOATING_MM).map(|p| p.xy().coords).collect();
     let middle = standing.iter().sum::<nalgebra::Vector2<f64>>() / standing.len() as f64;
     if middle.norm() > radius_mm {
-        return refuse(format!(
-            "stands the part {:.1} mm from the table's axis, beside the plate (radius {radius_mm} mm)",
-            middle.norm()
-        ));
+        return refuse(Refusal::BesidePlate { distance_mm: middle.norm(), radius_mm });
     }
     Ok(())
 }

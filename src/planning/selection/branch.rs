@@ -45,7 +45,7 @@ pub(super) struct SearchNode {
 pub(super) enum CoverResult {
     /// No cover of so many views exists.
     Infeasible,
-    /// These rows cover enough.
+    /// Rows that cover enough.
     Found(Vec<u32>),
     /// Work ended; at most so many units more than asked for can be covered.
     Open(i64),

@@ -14,7 +14,7 @@ use super::local::{Budget, Exchange, SwapPricer, Swaps};
 use super::score::Scorer;
 use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::{RowIndex, SampleId};
+use crate::planning::ids::{RowIndex, SampleId, ViewId};
 use crate::planning::random::split_mix;
 use crate::planning::visibility::{Row, SampleSet, ones};
 
@@ -89,27 +89,27 @@ impl ScoreSearch<'_> {
             *best = Some((total, rows.clone()));
         }
         let best_total = best.as_ref().map_or(f64::NEG_INFINITY, |(best, _)| best + MIN_RISE * best.abs());
-        let is_free = |at: usize, row: RowIndex| tabu[row.index()] <= step && tabu[rows[at].index()] <= step;
-        let may_go = |at: usize, row: RowIndex, rise: f64| is_free(at, row) || total + rise > best_total;
-        let moves = Moves { scorer, exchange, values, union: &union, pricer: &pricer };
+        let is_free = |view: ViewId, row: RowIndex| tabu[row.index()] <= step && tabu[rows[view.index()].index()] <= step;
+        let may_go = |view: ViewId, row: RowIndex, rise: f64| is_free(view, row) || total + rise > best_total;
+        let moves = StepExchanges { scorer, exchange, values, union: &union, pricer: &pricer };
         let (moves, work) = moves.list(rows, &may_go, ctx)?;
         let mut chosen = (f64::NEG_INFINITY, None);
-        for (at, row, rise, deficit) in moves.iter().flat_map(RowMoves::all) {
+        for (view, row, rise, deficit) in moves.iter().flat_map(RowMoves::all) {
             let gain = rise - PRICE_OF_DEFICIT * exchange.deficit_mm2(deficit);
             if gain + travel <= chosen.0 {
                 continue;
             }
             let mut exchanged = rows.clone();
-            exchanged[at] = row;
+            exchanged[view.index()] = row;
             let gain = gain + travel - scorer.tree_cost_mm2(&exchanged);
-            let allowed = is_free(at, row) || deficit == 0 && total + gain > best_total;
+            let allowed = is_free(view, row) || deficit == 0 && total + gain > best_total;
             if gain > chosen.0 && allowed && exchange.overlap.connects(&exchanged) {
-                chosen = (gain, Some((at, exchanged)));
+                chosen = (gain, Some((view, exchanged)));
             }
         }
-        if let Some((at, exchanged)) = chosen.1 {
-            tabu[rows[at].index()] = step + TENURE;
-            tabu[exchanged[at].index()] = step + TENURE / 2;
+        if let Some((view, exchanged)) = chosen.1 {
+            tabu[rows[view.index()].index()] = step + TENURE;
+            tabu[exchanged[view.index()].index()] = step + TENURE / 2;
             *rows = exchanged;
         }
         Ok((work, risen))
@@ -126,24 +126,25 @@ struct RowMoves {
 }
 
 impl RowMoves {
-    /// Position of the view, row, rise and deficit of each.
-    fn all(&self) -> impl Iterator<Item = (usize, RowIndex, f64, i64)> {
-        self.deficits.iter().zip(&self.rises).enumerate().map(|(at, (deficit, rise))| (at, self.row, *rise, *deficit))
+    /// View, row, rise and deficit of each.
+    fn all(&self) -> impl Iterator<Item = (ViewId, RowIndex, f64, i64)> {
+        let of_views = ViewId::number(self.deficits.iter().zip(&self.rises));
+        of_views.map(|(view, (deficit, rise))| (view, self.row, *rise, *deficit))
     }
 
     /// The best gain of those that may go, as far as it is known.
     fn gain(&self, exchange: &Exchange<'_>, may_go: MayGo<'_>) -> f64 {
-        let may_go = self.all().filter(|(at, row, rise, _)| may_go(*at, *row, *rise));
+        let may_go = self.all().filter(|(view, row, rise, _)| may_go(*view, *row, *rise));
         let gains = may_go.map(|(_, _, rise, deficit)| rise - PRICE_OF_DEFICIT * exchange.deficit_mm2(deficit));
         gains.fold(f64::NEG_INFINITY, f64::max)
     }
 }
 
-/// Returns true if the view at a place may be exchanged for a row, by which the score rises so far at most.
-type MayGo<'a> = &'a dyn Fn(usize, RowIndex, f64) -> bool;
+/// Returns true if a view may be exchanged for a row, by which the score rises so far at most.
+type MayGo<'a> = &'a dyn Fn(ViewId, RowIndex, f64) -> bool;
 
-/// Inputs of the exchanges of a step.
-struct Moves<'a> {
+/// Exchanges of a step, with what they are priced by.
+struct StepExchanges<'a> {
     scorer: &'a Scorer<'a>,
     exchange: &'a Exchange<'a>,
     values: &'a ValueTable,
@@ -151,7 +152,7 @@ struct Moves<'a> {
     pricer: &'a SwapPricer<'a>,
 }
 
-impl Moves<'_> {
+impl StepExchanges<'_> {
     /// The exchanges among which a step chooses, ascending by row, and the work of finding them.
     fn list(&self, rows: &[RowIndex], may_go: MayGo<'_>, ctx: &Context<'_>) -> Result<(Vec<RowMoves>, u64), Cancelled> {
         let union = self.union;
@@ -169,7 +170,7 @@ impl Moves<'_> {
     /// The best by the rises on a share of the samples, with what they truly are.
     fn best_by_share(&self, mut rises: Vec<(RowIndex, Vec<f64>)>, may_go: MayGo<'_>, ctx: &Context<'_>) -> (Vec<RowMoves>, u64) {
         let highest = |(row, rises): &(RowIndex, Vec<f64>)| {
-            let may_go = rises.iter().enumerate().filter(|(at, rise)| may_go(*at, *row, **rise));
+            let may_go = ViewId::number(rises).filter(|(view, rise)| may_go(*view, *row, **rise));
             may_go.map(|(_, rise)| *rise).fold(f64::NEG_INFINITY, f64::max)
         };
         rises.sort_by_cached_key(|of_row| (descending(highest(of_row)), of_row.0));
@@ -344,7 +345,7 @@ mod tests {
         let list = |max_pairs: usize| {
             let values = ValueTable::new(&scorer, (max_pairs, max_pairs / 4), &ctx).expect("not cancelled");
             let (union, pricer) = (Union::new(&scorer, &values.counted, &chosen), SwapPricer::new(&exchange, &chosen));
-            let moves = Moves { scorer: &scorer, exchange: &exchange, values: &values, union: &union, pricer: &pricer };
+            let moves = StepExchanges { scorer: &scorer, exchange: &exchange, values: &values, union: &union, pricer: &pricer };
             (values.is_share, moves.list(&chosen, &|_, _, _| true, &ctx).expect("not cancelled").0)
         };
         let ((is_share, all), (_, by_share)) = (list(MAX_PAIRS), list(8_000));

@@ -16,6 +16,7 @@ const LANES: usize = 8;
 
 /// Incidence matrix A, both ways.
 pub(super) struct Incidence<'a> {
+    /// Classes that each row covers, ascending.
     of_row: &'a [Vec<u32>],
     /// Rows of class c are `rows[starts[c]..starts[c + 1]]`, ascending.
     starts: Vec<u32>,

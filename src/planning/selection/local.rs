@@ -19,7 +19,7 @@ use super::units::Units;
 use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
 use crate::geometry::{SimdLevel, parallel};
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::RowIndex;
+use crate::planning::ids::{RowIndex, ViewId};
 use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
 
@@ -152,12 +152,12 @@ impl Exchange<'_> {
     /// Removes redundant views, the last first, as long as the goals stay met.
     fn remove_redundant(&self, mut rows: Vec<RowIndex>, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
         let mut state = CoverState::new(self, &rows);
-        for at in (0..rows.len()).rev() {
+        for view in ViewId::first(rows.len()).rev() {
             ctx.check()?;
-            if rows.len() == 1 || state.deficit_without(at) > 0 {
+            if rows.len() == 1 || state.deficit_without(view) > 0 {
                 continue;
             }
-            let fewer = without(&rows, at);
+            let fewer = without(&rows, view);
             if self.overlap.connects(&fewer) {
                 rows = fewer;
                 state = CoverState::new(self, &rows);
@@ -169,7 +169,7 @@ impl Exchange<'_> {
     /// The views without one of them, by the deficit that its loss leaves, the smallest first.
     fn without_one(&self, rows: &[RowIndex]) -> impl Iterator<Item = Vec<RowIndex>> {
         let state = CoverState::new(self, rows);
-        let fewer = (0..rows.len()).map(|at| (state.deficit_without(at), without(rows, at)));
+        let fewer = ViewId::first(rows.len()).map(|view| (state.deficit_without(view), without(rows, view)));
         let mut allowed: Vec<_> = fewer.filter(|(_, fewer)| self.overlap.connects(fewer)).collect();
         allowed.sort_by_key(|(deficit, _)| *deficit);
         allowed.into_iter().map(|(_, fewer)| fewer)
@@ -204,15 +204,15 @@ impl Exchange<'_> {
                 };
                 kept.insert(now).swaps(&rows)
             };
-            let chosen = swaps.best(|at, row, deficit| {
-                let allowed = deficit < best.0 || (tabu[row.index()] < step && tabu[rows[at].index()] < step);
-                allowed && self.connects(&rows, at, row)
+            let chosen = swaps.best(|view, row, deficit| {
+                let allowed = deficit < best.0 || (tabu[row.index()] < step && tabu[rows[view.index()].index()] < step);
+                allowed && self.connects(&rows, view, row)
             });
-            let Some((at, row, deficit)) = chosen else { continue };
+            let Some((view, row, deficit)) = chosen else { continue };
             let noise = mixed(step + (attempt << 32));
-            tabu[rows[at].index()] = step + 4 + noise % 8;
+            tabu[rows[view.index()].index()] = step + 4 + noise % 8;
             tabu[row.index()] = step + 1 + noise / 8 % (rows.len() as u64 / 2 + 1);
-            rows[at] = row;
+            rows[view.index()] = row;
             if deficit < best.0 {
                 best = (deficit, rows.clone());
             }
@@ -230,17 +230,17 @@ impl Exchange<'_> {
         self.goals.first().map_or(0.0, |goal| goal.area_mm2(deficit))
     }
 
-    /// Returns true if `rows` with the one at `at` exchanged may be chosen together.
-    pub(super) fn connects(&self, rows: &[RowIndex], at: usize, row: RowIndex) -> bool {
+    /// Returns true if `rows` with that of one view exchanged may be chosen together.
+    pub(super) fn connects(&self, rows: &[RowIndex], view: ViewId, row: RowIndex) -> bool {
         let mut exchanged = rows.to_vec();
-        exchanged[at] = row;
+        exchanged[view.index()] = row;
         self.overlap.connects(&exchanged)
     }
 }
 
-/// The rows but the one at `at`.
-fn without(rows: &[RowIndex], at: usize) -> Vec<RowIndex> {
-    [&rows[..at], &rows[at + 1..]].concat()
+/// The rows but that of one view.
+fn without(rows: &[RowIndex], view: ViewId) -> Vec<RowIndex> {
+    [&rows[..view.index()], &rows[view.index() + 1..]].concat()
 }
 
 /// Finaliser of SplitMix64 (Steele, Lea, Flood 2014).
@@ -288,9 +288,9 @@ impl<'a> CoverState<'a> {
     }
 
     /// Deficit of all views but one.
-    fn deficit_without(&self, view: usize) -> i64 {
+    fn deficit_without(&self, view: ViewId) -> i64 {
         let of_goals = self.goals.iter().zip(&self.covered).zip(&self.lost);
-        of_goals.map(|((goal, covered), lost)| (goal.needed - (covered - lost[view])).max(0)).sum()
+        of_goals.map(|((goal, covered), lost)| (goal.needed - (covered - lost[view.index()])).max(0)).sum()
     }
 }
 
@@ -349,15 +349,16 @@ impl<'a> SwapPricer<'a> {
     /// Deficit after the exchange of each view for a row that measures these units of the segments.
     fn deficits_of(&self, regained: &[i64]) -> Vec<i64> {
         let CoverState { goals, lost, covered, .. } = &self.state;
-        let deficit = |view: usize| {
+        let deficit = |view: ViewId| {
             let of_goals = goals.iter().zip(covered).zip(lost).zip(regained.chunks_exact(self.views + 1));
             of_goals
                 .map(|(((goal, covered), lost), regained)| {
-                    (goal.needed - (covered - lost[view] + regained[view] + regained[self.views])).max(0)
+                    let covered = covered - lost[view.index()] + regained[view.index()] + regained[self.views];
+                    (goal.needed - covered).max(0)
                 })
                 .sum()
         };
-        (0..self.views).map(deficit).collect()
+        ViewId::first(self.views).map(deficit).collect()
     }
 
     /// Work of [`SwapPricer::deficits`] of so many rows, in pairs of sample and row.
@@ -450,18 +451,18 @@ impl Swaps {
         Self { deficits }
     }
 
-    /// Lists every exchange of a view for a row that is not chosen: position of the view, row, and the deficit after it.
-    pub(super) fn all(&self) -> impl Iterator<Item = (usize, RowIndex, i64)> + '_ {
+    /// Lists every exchange of a view for a row that is not chosen: the view, the row, and the deficit after it.
+    pub(super) fn all(&self) -> impl Iterator<Item = (ViewId, RowIndex, i64)> + '_ {
         RowIndex::number(&self.deficits)
-            .flat_map(|(row, deficits)| deficits.iter().enumerate().map(move |(at, deficit)| (at, row, *deficit)))
+            .flat_map(|(row, deficits)| ViewId::number(deficits).map(move |(view, deficit)| (view, row, *deficit)))
     }
 
     /// The allowed exchange with the least deficit; the first among equals.
-    fn best(&self, allowed: impl Fn(usize, RowIndex, i64) -> bool) -> Option<(usize, RowIndex, i64)> {
-        let mut best: Option<(usize, RowIndex, i64)> = None;
-        for (at, row, deficit) in self.all() {
-            if best.is_none_or(|best| deficit < best.2) && allowed(at, row, deficit) {
-                best = Some((at, row, deficit));
+    fn best(&self, allowed: impl Fn(ViewId, RowIndex, i64) -> bool) -> Option<(ViewId, RowIndex, i64)> {
+        let mut best: Option<(ViewId, RowIndex, i64)> = None;
+        for (view, row, deficit) in self.all() {
+            if best.is_none_or(|best| deficit < best.2) && allowed(view, row, deficit) {
+                best = Some((view, row, deficit));
             }
         }
         best

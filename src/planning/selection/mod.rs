@@ -71,11 +71,11 @@ pub struct Goal<'a> {
 /// A chosen view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Its row.
+    /// Row of the view.
     pub row: RowIndex,
     /// Asked area that it added, mm².
     pub gain_mm2: f64,
-    /// Its score when chosen, mm²: G_v, or plain area, less what its time costs.
+    /// Score of the view when it was chosen, mm²: G_v, or plain area, less what its time costs.
     pub score: f64,
 }
 
@@ -256,8 +256,8 @@ impl<'a> Exchanges<'a> {
         goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
         let exchange = local::Exchange { problem: self.problem, goals: &goals, overlap: &self.overlap };
         let swaps = local::Swaps::new(&exchange, rows, ctx)?;
-        let allowed = swaps.all().filter(|(at, row, deficit)| *deficit == 0 && exchange.connects(rows, *at, *row));
-        Ok(allowed.map(|(at, row, _)| (ViewId::at(at), row)).collect())
+        let allowed = swaps.all().filter(|(view, row, deficit)| *deficit == 0 && exchange.connects(rows, *view, *row));
+        Ok(allowed.map(|(view, row, _)| (view, row)).collect())
     }
 }
 

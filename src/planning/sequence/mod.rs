@@ -26,7 +26,7 @@ mod station_graph;
 mod tour;
 
 use self::lazy_edge_costs::LazyEdgeCosts;
-use self::moves::least_secs;
+use self::moves::min_secs;
 pub use self::moves::straight_secs;
 use self::refine::Tour;
 pub use self::refine::{InSight, StopPermits};
@@ -222,7 +222,7 @@ pub fn bounded(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Con
 pub fn bounded_as_moved(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
     let (axes, stops) = (cell.axes(), &ordered.tour.stops);
     let at = |node: usize| stops.get(node).map_or(cell.home_rad, |(_, configuration)| *configuration);
-    let costs = tour::Costs::new(stops.len(), |a, b| least_secs(&axes, &at(a), &at(b), &params.motion));
+    let costs = tour::Costs::new(stops.len(), |a, b| min_secs(&axes, &at(a), &at(b), &params.motion));
     let groups: Vec<_> = (0..stops.len()).map(|node| node..node + 1).collect();
     // Where tours are exact, the bound is the time of the shortest.
     let known: Vec<usize> = if groups.len() <= tour::EXACT_GROUPS {

@@ -32,7 +32,7 @@ pub fn straight_secs(axes: &Axes, from: &Configuration, to: &Configuration, moti
 /// Lower bound of the seconds of any move from rest to rest along points that may be passed without stopping: the time of the
 /// axis that takes longest on its own. The straight move is not such a bound: all axes share one trapezoid there, whose speed one
 /// axis may limit and whose acceleration another. Where every point is a stop, the straight move is the quickest.
-pub(super) fn least_secs(axes: &Axes, from: &Configuration, to: &Configuration, motion: &MotionParams) -> f64 {
+pub(super) fn min_secs(axes: &Axes, from: &Configuration, to: &Configuration, motion: &MotionParams) -> f64 {
     if motion.corners == Corners::Stop {
         return straight_secs(axes, from, to, motion);
     }

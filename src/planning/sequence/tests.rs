@@ -2,7 +2,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::moves::{least_secs, straight_secs};
+use super::moves::{min_secs, straight_secs};
 use super::station_graph::connect_through_others;
 use super::{Configuration, Leg, OrderOptions, Ordered, bounded, bounded_as_moved, order, order_in_sight};
 use crate::cell::time_parameterisation::SmoothPath;
@@ -243,11 +243,11 @@ fn the_bound_of_rounded_moves_is_below_a_detour_that_is_quicker_than_the_straigh
     let at = |first: f64, second: f64| Configuration::from_axes_rad([first, second, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let way = [at(0.0, 0.0), at(0.25, 0.1), at(0.75, 0.9), at(1.0, 1.0)];
     let rounded_secs = SmoothPath::through(&way, 0.02).secs(&axes, 1.0);
-    let (straight, least) = (straight_secs(&axes, &way[0], &way[3], &motion), least_secs(&axes, &way[0], &way[3], &motion));
+    let (straight, least) = (straight_secs(&axes, &way[0], &way[3], &motion), min_secs(&axes, &way[0], &way[3], &motion));
     assert!((straight - 1.25).abs() < 1e-9 && rounded_secs < 1.2, "{rounded_secs} s of {straight} s");
     assert!((least - 1.01).abs() < 1e-9 && least <= rounded_secs, "at least {least} s");
     motion.corners = Corners::Stop;
-    let stopping = least_secs(&axes, &way[0], &way[3], &motion);
+    let stopping = min_secs(&axes, &way[0], &way[3], &motion);
     assert!((stopping - straight).abs() < 1e-12, "with stops the straight move is the quickest: {stopping} s");
 }
 
@@ -261,7 +261,7 @@ fn the_moves_of_a_rounded_tour_are_bounded_by_the_slowest_axis_of_each() {
     let ordered = room.order_with(&params, 1, false).expect("not cancelled");
     let bounded = bounded_as_moved(ordered, &room.cell, &params, &ctx).expect("not cancelled").sequence;
     let stop = bounded.visits[0].1.target.configuration();
-    let least = 2.0 * least_secs(&axes, &room.cell.home_rad, &stop, &params.motion);
+    let least = 2.0 * min_secs(&axes, &room.cell.home_rad, &stop, &params.motion);
     assert!((bounded.moving_lower_secs - least).abs() < 1e-9, "{} s, {least} s", bounded.moving_lower_secs);
     assert!(bounded.moving_lower_secs <= bounded.motion_secs() + 1e-9);
 }

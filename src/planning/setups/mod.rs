@@ -9,16 +9,18 @@
 //! Cost: one table of 412 views and 8 000 samples, some of the facets' where there are more facets than that; of 108 views where
 //! there are many. So many views look at each block of the part, and fewer where they would be more than a job may have.
 
+pub(super) mod registration;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::Vector3;
 
+use self::registration::{SharedSurface, Stability, shared};
 use super::candidates::{self, Scope};
-use super::context::{Cancelled, Context, NoPlan, PlanError};
+use super::context::{Cancelled, Context, NoPlan, PlanError, Refusal};
+use super::ids::PoseIndex;
 use super::params::{CandidateParams, Hemisphere, Objective, PlanParams, Registration};
 use super::plan::share;
-use super::registration::{SharedSurface, Stability, shared};
 use super::scene::{PlanInput, PlanningScene, standing_on};
 use super::surface::{self, Surface};
 use super::visibility::{Occluders, Optics, SampleSet, UnitedViews};
@@ -64,8 +66,7 @@ pub(super) fn poses<'p>(
         return Ok(vec![first]);
     }
     if input.fixture.is_some() {
-        let detail = "is more than 1 with a fixture, which holds one setup; plan each setup by itself".to_owned();
-        return Err(PlanError::param("/setups", detail));
+        return Err(PlanError::param("/setups", &Refusal::SetupsOfFixture));
     }
     let pool = pool()?;
     let reachable = measured_from(pool, input, params, &Occluders::interruptible([input.mesh], ctx)?, ctx)?;
@@ -83,7 +84,7 @@ pub(super) fn poses<'p>(
             return Err(PlanError::NoPlan(NoPlan::NotRegistered { stability }));
         }
     }
-    Ok(fewest.into_iter().map(|pose| pool[pose]).collect())
+    Ok(fewest.into_iter().map(|pose| pool[pose.index()]).collect())
 }
 
 /// Ways in which a part may lie, and those that it is planned in.
@@ -92,7 +93,7 @@ pub(super) type PoolAndStanding<'a> = (&'a [Pose<Table, Part>], &'a [Pose<Table,
 /// One more pose to plan in.
 pub(super) struct FurtherPose {
     /// Place among the poses of [`FurtherPoses`].
-    pub(super) place: usize,
+    pub(super) place: PoseIndex,
     pub(super) table_from_part: Pose<Table, Part>,
     /// True if a plan in one more setup, registered like this, chooses the poses that it has and this one by itself.
     pub(super) is_default: bool,
@@ -115,8 +116,8 @@ pub(super) struct PosesAnew {
 /// Poses of a pool beside those that are planned in.
 pub(super) struct FurtherPoses {
     pool: Vec<Pose<Table, Part>>,
-    /// Places of the poses that are planned in.
-    own: Vec<usize>,
+    /// Poses that are planned in.
+    own: Vec<PoseIndex>,
     /// True if the pool was offered with them.
     are_own_offered: bool,
     reachable: Reachable,
@@ -141,7 +142,8 @@ impl FurtherPoses {
     ) -> Result<Option<Self>, PlanError> {
         let mut pool = offered.to_vec();
         pool.extend(standing.iter().filter(|pose| !offered.contains(pose)).copied());
-        let own: Vec<usize> = (0..pool.len()).filter(|place| standing.contains(&pool[*place])).collect();
+        let own = PoseIndex::number(&pool).filter(|(_, pose)| standing.contains(pose));
+        let own: Vec<PoseIndex> = own.map(|(place, _)| place).collect();
         if own.len() == pool.len() {
             return Ok(None);
         }
@@ -155,11 +157,11 @@ impl FurtherPoses {
     /// The pose that adds most to those that are planned in, all that can be measured from above the plate counted, without those at the
     /// places that were `tried`; of them first that share enough surface with one that is planned in. `None` where no pose adds
     /// what a setup is worth.
-    pub(super) fn best(&self, tried: &[usize]) -> Option<FurtherPose> {
+    pub(super) fn best(&self, tried: &[PoseIndex]) -> Option<FurtherPose> {
         let Self { own, reachable, links, worth_mm2, .. } = self;
-        let is_new = |pose: usize| !tried.contains(&pose);
+        let is_new = |pose: PoseIndex| !tried.contains(&pose);
         let is_joined =
-            |pose: usize| links.as_ref().is_none_or(|links| own.iter().any(|own| links.between(*own, pose).is_fixed()));
+            |pose: PoseIndex| links.as_ref().is_none_or(|links| own.iter().any(|own| links.between(*own, pose).is_fixed()));
         let joined = reachable.best_beside(own, *worth_mm2, |pose| is_new(pose) && is_joined(pose));
         let registration = if joined.is_some() { self.registration } else { Registration::Markers };
         let place = joined.or_else(|| reachable.best_beside(own, *worth_mm2, is_new))?;
@@ -168,7 +170,7 @@ impl FurtherPoses {
         all.sort_unstable();
         let is_default = self.are_own_offered && reachable.fewest(all.len(), *worth_mm2, links) == all;
         let reachable_of_asked = reachable.of_asked(&all);
-        Some(FurtherPose { place, table_from_part: self.pool[place], is_default, registration, reachable_of_asked })
+        Some(FurtherPose { place, table_from_part: self.pool[place.index()], is_default, registration, reachable_of_asked })
     }
 
     /// The poses that a plan in one more setup chooses by itself, registered as the job asks, where they measure more, by what a setup is
@@ -183,7 +185,7 @@ impl FurtherPoses {
         let reachable_of_asked = reachable.of_asked(&chosen);
         let beside = self.best(&[]).filter(|further| further.registration == *registration);
         let beside_of_asked = beside.map_or(0.0, |further| further.reachable_of_asked);
-        let table_from_part = chosen.iter().map(|place| pool[*place]).collect();
+        let table_from_part = chosen.iter().map(|place| pool[place.index()]).collect();
         let anew = PosesAnew { table_from_part, registration: *registration, reachable_of_asked };
         (reachable_of_asked - beside_of_asked >= FLIP_WORTH).then_some(anew)
     }
@@ -253,11 +255,11 @@ fn measured_from(
     };
     let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
     let views: Vec<_> = generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
-    let above = |view: &Pose<Part, ScannerFrame>| -> Vec<usize> {
-        let is_above = |pose: &usize| is_above(view, &pool[*pose], input.scanner, coarse.candidates.min_elevation_deg);
-        (0..pool.len()).filter(is_above).collect()
+    let above = |view: &Pose<Part, ScannerFrame>| -> Vec<PoseIndex> {
+        let is_above = |pose: &PoseIndex| is_above(view, &pool[pose.index()], input.scanner, coarse.candidates.min_elevation_deg);
+        PoseIndex::first(pool.len()).filter(is_above).collect()
     };
-    let served: Vec<Vec<usize>> = views.iter().map(above).collect();
+    let served: Vec<Vec<PoseIndex>> = views.iter().map(above).collect();
     let optics = Optics::new(input.scanner, &coarse, &surface.requirements);
     let silent = ctx.silent();
     let together = UnitedViews::new(&surface, &optics, occluders, &coarse, &silent);
@@ -286,14 +288,14 @@ fn grid(blocks: usize, samples: usize, has_many_triangles: bool) -> CandidatePar
 fn measured_in_poses(
     together: &UnitedViews<'_>,
     views: &[Pose<Part, ScannerFrame>],
-    served: &[Vec<usize>],
+    served: &[Vec<PoseIndex>],
     poses: usize,
 ) -> Result<Vec<SampleSet>, Cancelled> {
     let mut by_pose = vec![together.nothing(); poses];
     let batches = views.len().div_ceil(BATCH);
     for batch in 0..batches {
         let row = |view: usize| {
-            let mut measured = served[view].iter().map(|pose| &by_pose[*pose]);
+            let mut measured = served[view].iter().map(|pose| &by_pose[pose.index()]);
             let Some(first) = measured.next() else { return Ok(None) };
             let mut known = first.clone();
             measured.for_each(|measured| known.retain_all(measured));
@@ -302,7 +304,7 @@ fn measured_in_poses(
         let of_batch: Vec<usize> = (batch..views.len()).step_by(batches).collect();
         let rows = parallel::try_map(&of_batch, |view| row(*view))?;
         for (view, row) in of_batch.into_iter().zip(rows) {
-            row.iter().for_each(|row| served[view].iter().for_each(|pose| by_pose[*pose].insert_all(row.measured())));
+            row.iter().for_each(|row| served[view].iter().for_each(|pose| by_pose[pose.index()].insert_all(row.measured())));
         }
     }
     Ok(by_pose)
@@ -327,12 +329,12 @@ struct Links {
 }
 
 impl Links {
-    fn between(&self, a: usize, b: usize) -> &Stability {
-        &self.by_pair[a.max(b)][a.min(b)]
+    fn between(&self, a: PoseIndex, b: PoseIndex) -> &Stability {
+        &self.by_pair[a.max(b).index()][a.min(b).index()]
     }
 
     /// Returns true if poses are registered to each other, each directly or through others.
-    fn join(&self, poses: &[usize]) -> bool {
+    fn join(&self, poses: &[PoseIndex]) -> bool {
         let Some((first, rest)) = poses.split_first() else { return true };
         let (mut reached, mut rest) = (vec![*first], rest.to_vec());
         while let Some(next) = rest.iter().position(|pose| reached.iter().any(|other| self.between(*pose, *other).is_fixed())) {
@@ -342,7 +344,7 @@ impl Links {
     }
 
     /// The most stable link of two of several poses.
-    fn best_among(&self, poses: &[usize]) -> Stability {
+    fn best_among(&self, poses: &[PoseIndex]) -> Stability {
         let pairs = poses.iter().enumerate().flat_map(|(at, b)| poses[..at].iter().map(|a| *self.between(*a, *b)));
         pairs.reduce(|a, b| if b.resistance > a.resistance { b } else { a }).unwrap_or_else(|| unreachable!("two poses"))
     }
@@ -356,34 +358,34 @@ impl Reachable {
     }
 
     /// Share of the asked area that can be measured in some poses together.
-    fn of_asked(&self, poses: &[usize]) -> f64 {
+    fn of_asked(&self, poses: &[PoseIndex]) -> f64 {
         let mut measured = SampleSet::none_of(self.area_mm2.len());
-        poses.iter().for_each(|pose| measured.insert_all(&self.by_pose[*pose]));
+        poses.iter().for_each(|pose| measured.insert_all(&self.by_pose[pose.index()]));
         share(measured.iter().map(|sample| self.area_mm2[sample.index()]).sum(), self.area_mm2.iter().sum())
     }
 
     /// The fewest poses that lose no more than `worth_mm2` against the best of at most `max`, of those that `links` join.
-    fn fewest(&self, max: usize, worth_mm2: f64, links: Option<&Links>) -> Vec<usize> {
-        let best: Vec<(Vec<usize>, f64)> = (1..=max).map(|count| self.best_of(count, links)).collect();
+    fn fewest(&self, max: usize, worth_mm2: f64, links: Option<&Links>) -> Vec<PoseIndex> {
+        let best: Vec<(Vec<PoseIndex>, f64)> = (1..=max).map(|count| self.best_of(count, links)).collect();
         let enough_mm2 = best.iter().map(|(_, mm2)| *mm2).fold(0.0, f64::max) - worth_mm2;
-        best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![0], |(poses, _)| poses)
+        best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![PoseIndex(0)], |(poses, _)| poses)
     }
 
     /// The pose that adds most to `own`, of those that `allows` lets through, if it adds as much as it is worth; the first of
     /// equals.
-    fn best_beside(&self, own: &[usize], worth_mm2: f64, allows: impl Fn(usize) -> bool) -> Option<usize> {
-        let added_mm2 = |pose: usize| {
-            let mut added = self.by_pose[pose].clone();
-            own.iter().for_each(|own| added.remove_all(&self.by_pose[*own]));
+    fn best_beside(&self, own: &[PoseIndex], worth_mm2: f64, allows: impl Fn(PoseIndex) -> bool) -> Option<PoseIndex> {
+        let added_mm2 = |pose: PoseIndex| {
+            let mut added = self.by_pose[pose.index()].clone();
+            own.iter().for_each(|own| added.remove_all(&self.by_pose[own.index()]));
             added.iter().map(|sample| self.area_mm2[sample.index()]).sum::<f64>()
         };
-        let others = (0..self.by_pose.len()).filter(|pose| !own.contains(pose) && allows(*pose));
+        let others = PoseIndex::first(self.by_pose.len()).filter(|pose| !own.contains(pose) && allows(*pose));
         let added = others.map(|pose| (pose, added_mm2(pose))).filter(|(_, mm2)| *mm2 > 0.0 && *mm2 >= worth_mm2);
         added.reduce(|best, other| if other.1 > best.1 { other } else { best }).map(|(pose, _)| pose)
     }
 
     /// The poses that measure most together, so many; the first of equals. With the area, mm².
-    fn best_of(&self, count: usize, links: Option<&Links>) -> (Vec<usize>, f64) {
+    fn best_of(&self, count: usize, links: Option<&Links>) -> (Vec<PoseIndex>, f64) {
         let mut best = (Vec::new(), f64::NEG_INFINITY);
         let nothing = SampleSet::none_of(self.area_mm2.len());
         self.extend(&mut Vec::new(), &nothing, (count, links), &mut best);
@@ -392,10 +394,10 @@ impl Reachable {
 
     fn extend(
         &self,
-        poses: &mut Vec<usize>,
+        poses: &mut Vec<PoseIndex>,
         measured: &SampleSet,
         (count, links): (usize, Option<&Links>),
-        best: &mut (Vec<usize>, f64),
+        best: &mut (Vec<PoseIndex>, f64),
     ) {
         if poses.len() == count {
             let area_mm2 = measured.iter().map(|sample| self.area_mm2[sample.index()]).sum();
@@ -404,9 +406,10 @@ impl Reachable {
             }
             return;
         }
-        for pose in poses.last().map_or(0, |last| last + 1)..self.by_pose.len() {
+        let first = poses.last().map_or(0, |last| last.index() + 1);
+        for pose in PoseIndex::first(self.by_pose.len()).skip(first) {
             let mut measured = measured.clone();
-            measured.insert_all(&self.by_pose[pose]);
+            measured.insert_all(&self.by_pose[pose.index()]);
             poses.push(pose);
             self.extend(poses, &measured, (count, links), best);
             poses.pop();

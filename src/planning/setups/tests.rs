@@ -60,15 +60,15 @@ fn views_together_measure_what_they_measure_alone() {
     let generated = candidates::generate(&scope, &CandidateParams::ellipsoid(), &ctx).expect("candidates");
     let views: Vec<_> = generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
     assert!(views.len() > 3 * BATCH, "{}", views.len());
-    let served: Vec<Vec<usize>> =
-        (0..views.len()).map(|view| [0, 1, 2].into_iter().filter(|pose| view % (pose + 2) > 0).collect()).collect();
+    let above = |view: usize| PoseIndex::first(3).filter(move |pose| !view.is_multiple_of(pose.index() + 2));
+    let served: Vec<Vec<PoseIndex>> = (0..views.len()).map(|view| above(view).collect()).collect();
     let found = measured_in_poses(&together, &views, &served, 3).expect("not cancelled");
-    for (pose, found) in found.iter().enumerate() {
+    for (pose, found) in PoseIndex::number(&found) {
         let mut alone = together.nothing();
         for (view, _) in views.iter().zip(&served).filter(|(_, served)| served.contains(&pose)) {
             alone.insert_all(together.row(view, &together.nothing()).expect("not cancelled").measured());
         }
-        assert!(alone.count() > 100 && alone.words() == found.words(), "pose {pose}: {} of {}", found.count(), alone.count());
+        assert!(alone.count() > 100 && alone.words() == found.words(), "{pose:?}: {} of {}", found.count(), alone.count());
     }
 }
 
@@ -93,7 +93,7 @@ fn the_axis_that_is_asked_for_points_up() {
     }
     assert_eq!(super::super::standing(&mesh, "+z".parse().expect("an axis")), super::super::resting(&mesh));
     let refused = "down".parse::<super::super::UpAxis>().expect_err("no axis");
-    assert_eq!(refused, "is \"down\"; allowed is one of x, -x, y, -y, z, -z");
+    assert_eq!(refused.to_string(), "is \"down\"; allowed is one of x, -x, y, -y, z, -z");
 }
 
 fn down(pose: &Pose<Table, Part>) -> Vector3<f64> {
@@ -158,7 +158,7 @@ fn further_poses(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<Furthe
 }
 
 /// The further pose beside the one that a part is given in, and those at the places that were tried.
-fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams), tried: &[usize]) -> Option<FurtherPose> {
+fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams), tried: &[PoseIndex]) -> Option<FurtherPose> {
     further_poses(mesh, change).and_then(|poses| poses.best(tried))
 }
 

@@ -50,7 +50,7 @@ impl From<Configuration> for Station {
 /// Reason for which a view has no station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StationFailure {
-    /// No joint vector within limits at any table angle.
+    /// The view has no joint vector within limits at any table angle.
     Unreachable,
     /// Something collides at every joint vector within limits.
     Collision,
@@ -190,9 +190,9 @@ impl StationSearch<'_> {
             if self.scene.check_view(&first.configuration).is_some() {
                 break;
             }
-            let kept = self.free(&solutions, poses, ctx)?;
-            if !kept.is_empty() {
-                return Ok(Ok(kept.into_iter().map(Station::from).collect()));
+            let free = self.free(&solutions, poses, ctx)?;
+            if !free.is_empty() {
+                return Ok(Ok(free.into_iter().map(Station::from).collect()));
             }
         }
         Ok(Err(failure))
@@ -201,22 +201,22 @@ impl StationSearch<'_> {
     /// The cheapest of these solutions that are free and differ.
     fn free(&self, solutions: &[IkSolution], poses: usize, ctx: &Context<'_>) -> Result<Vec<Configuration>, Cancelled> {
         let mut free: Vec<Option<bool>> = vec![None; poses];
-        let mut kept: Vec<Configuration> = Vec::new();
+        let mut cheapest: Vec<Configuration> = Vec::new();
         for (index, solution) in solutions.iter().enumerate() {
             if index % TESTS_PER_CHECK == 0 {
                 ctx.check()?;
             }
-            if kept.iter().any(|other| is_close(other, &solution.configuration)) {
+            if cheapest.iter().any(|other| is_close(other, &solution.configuration)) {
                 continue;
             }
             if *free[solution.pose].get_or_insert_with(|| self.scene.check(&solution.configuration).is_none()) {
-                kept.push(solution.configuration);
-                if kept.len() == self.max_stations {
+                cheapest.push(solution.configuration);
+                if cheapest.len() == self.max_stations {
                     break;
                 }
             }
         }
-        Ok(kept)
+        Ok(cheapest)
     }
 
     /// Every IK solution within the limits at these angles, cheapest from home first, and the number of different poses among them.

@@ -2,7 +2,7 @@
 
 use super::steps::steps;
 use super::{Series, StudyCase};
-use crate::planning::context::{Context, PlanError, Stage};
+use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::RowIndex;
 use crate::planning::params::{PlanParams, ScoreParams, SelectionParams, Solver, TargetOf};
 use crate::planning::pipeline::{Tabulated, tabulate};
@@ -37,7 +37,6 @@ impl StudyBase {
         max_views: u32,
         ctx: &Context<'_>,
     ) -> Result<Series, PlanError> {
-        ctx.begin(Stage::Selection)?;
         let (table, total_mm2) = (&self.table, self.table.surface.area_where(|_| true));
         let params = SelectionParams {
             solver: Solver::Greedy,

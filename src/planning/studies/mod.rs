@@ -13,7 +13,7 @@ mod steps;
 #[cfg(test)]
 mod tests;
 
-use super::context::{Context, NoPlan, PlanError};
+use super::context::{Context, NoPlan, PlanError, Refusal, Stage};
 use super::params::{Objective, PlanParams, ScoreParams, Strategy};
 use super::scene::PlanInput;
 use super::selection::StopReason;
@@ -124,8 +124,7 @@ impl Study {
             ],
             Self::Candidates => Vec::new(),
         });
-        let finding =
-            |pointer: &str| FieldError { pointer: pointer.to_owned(), detail: "is set by the study; leave it out".to_owned() };
+        let finding = |pointer: &str| FieldError { pointer: pointer.to_owned(), detail: Refusal::SetByStudy.to_string() };
         given.into_iter().filter(|(_, is_given)| *is_given).map(|(pointer, _)| finding(pointer)).collect()
     }
 
@@ -181,7 +180,8 @@ pub fn run(
         };
         match ground {
             Ok(ground) => {
-                findings.series.push(ground.series(&case, input, max_views, ctx)?);
+                let series = ctx.stage(Stage::Selection, || ground.series(&case, input, max_views, ctx))?;
+                findings.series.push(series);
                 shared = Some(ground).filter(|_| study == Study::Weights);
             }
             Err(PlanError::BadParams(errors)) => {

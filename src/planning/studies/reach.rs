@@ -51,8 +51,8 @@ pub struct Layouts {
 /// A way to bolt the scanner to the flange.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mounting {
-    /// Name in words.
-    pub label: String,
+    /// Face of the scanner's housing on the flange; `None` as the cell has it.
+    pub face: Option<HousingFace>,
     /// The hand-eye pose that it makes.
     pub flange_from_scanner: Pose<Flange, ScannerFrame>,
 }
@@ -87,22 +87,15 @@ pub struct Layout {
 /// ([`HousingFace::flange_from_scanner`]).
 #[must_use]
 pub fn mountings(cell: &Cell, adapter_mm: f64) -> Vec<Mounting> {
-    let mut all = vec![Mounting { label: "as it is".into(), flange_from_scanner: cell.flange_from_scanner }];
+    let mut all = vec![Mounting { face: None, flange_from_scanner: cell.flange_from_scanner }];
     let envelope = cell.scanner_bodies.iter().flat_map(Body::corners_mm).fold(Aabb::empty(), |all, corner| all.with(&corner));
     if cell.scanner_bodies.is_empty() {
         return all;
     }
-    let faces = [
-        ("on the top face (−y)", HousingFace::Top),
-        ("on the bottom face (+y)", HousingFace::Bottom),
-        ("on the left end (−x)", HousingFace::Left),
-        ("on the right end (+x)", HousingFace::Right),
-        ("on the back (−z)", HousingFace::Back),
-    ];
-    all.extend(faces.map(|(label, face)| {
-        let flange_from_scanner = face.flange_from_scanner(&envelope, adapter_mm);
-        Mounting { label: label.into(), flange_from_scanner }
-    }));
+    let faces = [HousingFace::Top, HousingFace::Bottom, HousingFace::Left, HousingFace::Right, HousingFace::Back];
+    let on =
+        |face: HousingFace| Mounting { face: Some(face), flange_from_scanner: face.flange_from_scanner(&envelope, adapter_mm) };
+    all.extend(faces.map(on));
     all
 }
 

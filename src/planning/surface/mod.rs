@@ -7,7 +7,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::context::{Context, PlanError};
+use super::context::{Context, PlanError, Refusal};
 use super::ids::{PatchId, SampleId};
 use super::params::{PartParams, Region, RegionParams};
 use super::random::split_mix;
@@ -47,7 +47,7 @@ pub struct Patch {
     pub normal: Vector3<f64>,
     /// Area that its samples stand for: its own, but on a surface that views are chosen on ([`Surface::of_samples`]).
     pub area_mm2: f64,
-    /// Its samples are `first_sample .. first_sample + samples`.
+    /// First sample of the patch, whose samples are `first_sample .. first_sample + samples`.
     pub first_sample: SampleId,
     /// Number of samples, at least 1.
     pub samples: u32,
@@ -129,7 +129,7 @@ pub(super) fn check_asked(asked_area_mm2: &[f64]) -> Result<(), PlanError> {
     if asked_area_mm2.iter().any(|area_mm2| *area_mm2 > 0.0) {
         return Ok(());
     }
-    Err(PlanError::param("/regions/exclude", "leaves nothing of the part to measure; exclude less".into()))
+    Err(PlanError::param("/regions/exclude", &Refusal::NothingAsked))
 }
 
 /// Fills in what [`PartParams`] leaves to the size of the part, within the range of each parameter.
@@ -157,7 +157,7 @@ pub fn sample(mesh: &Mesh, params: &PartParams, regions: &RegionParams, seed: u6
 /// Cuts patches and samples; given up when the job is cancelled.
 ///
 /// # Errors
-/// Those of [`sample`]; [`PlanError::Cancelled`].
+/// Errors of [`sample`]; [`PlanError::Cancelled`].
 pub fn sample_for(
     mesh: &Mesh,
     params: &PartParams,
@@ -249,12 +249,10 @@ pub(super) fn expected(mesh: &Mesh, params: &PartParams) -> [f64; 2] {
 }
 
 fn refuse_too_many(mesh: &Mesh, params: &PartParams) -> Result<(), Vec<FieldError>> {
-    let refuse = |name: &str, value: Option<f64>, count: f64| {
+    let refuse = |name: &str, value: Option<f64>, samples: f64| {
         let value = value.unwrap_or(f64::INFINITY);
-        Err(vec![FieldError {
-            pointer: format!("/part/{name}"),
-            detail: format!("is {value}, which gives about {count:.0} samples on this part; allowed are {MAX_SAMPLES:.0}"),
-        }])
+        let too_many = Refusal::TooManySamples { value, samples, max_samples: MAX_SAMPLES };
+        Err(vec![FieldError { pointer: format!("/part/{name}"), detail: too_many.to_string() }])
     };
     let [patches, samples] = expected(mesh, params);
     if patches > MAX_SAMPLES {

@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cell::FieldError;
 use crate::geometry::{Aabb, Mesh, nearest_of_triangle};
+use crate::planning::context::Refusal;
 use crate::planning::params::{Region, RegionParams};
 
 /// Distance from which on a region certainly holds nothing of a triangle, mm, of a part that lies within some metres: more than its border
@@ -105,22 +106,18 @@ pub(super) fn excluded<'a>(mesh: &Mesh, regions: &'a RegionParams) -> Result<Vec
 fn named_faces<'f>(mesh: &Mesh, faces: &'f [u32], at: &str) -> Result<impl Iterator<Item = u32> + 'f, Vec<FieldError>> {
     let faces_in_file = mesh.source_face.last().map_or(0, |last| last + 1);
     match faces.iter().find(|face| **face >= faces_in_file) {
-        Some(beyond) => Err(vec![FieldError {
-            pointer: format!("{at}/faces"),
-            detail: format!("names face {beyond}; the file's faces are 0 to {}", faces_in_file.saturating_sub(1)),
-        }]),
+        Some(beyond) => {
+            let no_face = Refusal::NoSuchFace { face: *beyond, last_face: faces_in_file.saturating_sub(1) };
+            Err(vec![FieldError { pointer: format!("{at}/faces"), detail: no_face.to_string() }])
+        }
         None => Ok(faces.iter().copied()),
     }
 }
 
 fn named_group<'m>(mesh: &'m Mesh, name: &str, at: &str) -> Result<&'m [u32], Vec<FieldError>> {
     mesh.groups.iter().find(|group| group.name == name).map(|group| group.source_faces.as_slice()).ok_or_else(|| {
-        let known: Vec<_> = mesh.groups.iter().map(|group| group.name.as_str()).take(20).collect();
-        let known = if known.is_empty() {
-            "the file has no named groups".to_owned()
-        } else {
-            format!("the file's groups are {}", known.join(", "))
-        };
-        vec![FieldError { pointer: format!("{at}/name"), detail: format!("is {name:?}; {known}") }]
+        let (name, known) = (name.to_owned(), mesh.groups.iter().map(|group| group.name.clone()).take(20).collect::<Vec<_>>());
+        let no_group = if known.is_empty() { Refusal::NoGroups { name } } else { Refusal::NoSuchGroup { name, known } };
+        vec![FieldError { pointer: format!("{at}/name"), detail: no_group.to_string() }]
     })
 }

@@ -24,7 +24,7 @@ use super::subset::sample_some_and_all_of;
 use super::{RegionFinder, Surface, border_mm, sample_for, sample_some};
 use crate::cell::{FieldError, Material, closed_list};
 use crate::geometry::Mesh;
-use crate::planning::context::{Context, PlanError};
+use crate::planning::context::{Context, PlanError, Refusal};
 use crate::planning::ids::SampleId;
 use crate::planning::params::{InterestParams, PlanParams};
 use crate::planning::verdict::Grade;
@@ -87,7 +87,7 @@ closed_list! {
 pub struct NamedRegion {
     /// Name in plan and report.
     pub name: String,
-    /// Its kind.
+    /// Kind of the region.
     pub kind: RegionKind,
     /// Width of the tolerance zone of a feature, mm.
     pub tolerance_mm: Option<f64>,
@@ -241,8 +241,7 @@ fn holding(finders: &[RegionFinder<'_>], source_face: u32, p: &Point3<f64>) -> V
 }
 
 fn too_many_overlaps() -> Vec<FieldError> {
-    let detail = "and /regions/features overlap in more than 65 535 ways; use fewer or disjoint regions".to_owned();
-    vec![FieldError { pointer: "/regions/interest".to_owned(), detail }]
+    vec![FieldError { pointer: "/regions/interest".to_owned(), detail: Refusal::TooManyOverlaps.to_string() }]
 }
 
 impl Requirement {

@@ -43,7 +43,7 @@ closed_list! {
         Collision = "collision",
         /// Measured only by views at whose stations something that stands in the cell hides it.
         HiddenByCell = "hidden_by_cell",
-        /// Measured only by views to which no path was found.
+        /// Measured by views to which no path was found: by them alone, or in a plan that ended for want of a path.
         NoPath = "no_path",
         /// Measured by a candidate that was not chosen.
         NotChosen = "not_chosen",

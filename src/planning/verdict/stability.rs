@@ -1,4 +1,4 @@
-//! Stability of a registration by shared surface, which [`crate::planning::registration`] evaluates.
+//! Stability of a registration by shared surface, which [`crate::planning::setups::registration`] evaluates.
 
 use nalgebra::{Point3, Vector3};
 
@@ -15,11 +15,15 @@ pub struct Stability {
     /// makes the weakest motion by 1, turns measured at the radius of the part. 0 where nothing is shared.
     pub resistance: f64,
     /// Turning part of the weakest motion: its axis, as long as the motion at the radius of the part is a turn.
-    pub turn: Vector3<f64>,
+    pub turn_in_part: Vector3<f64>,
     /// Shifting part of the weakest motion.
-    pub shift: Vector3<f64>,
+    pub shift_in_part: Vector3<f64>,
     /// Centre of the shared surface, about which it turns.
-    pub centre_mm: Point3<f64>,
+    pub centre_in_part_mm: Point3<f64>,
+    /// Expected error of the registration along the weakest motion, mm (1 σ), from the noise of independent points alone. `None`
+    /// where that motion is not resisted at all, where its error cannot be computed, and where no views are known that measure
+    /// the surface.
+    pub expected_error_mm: Option<f64>,
 }
 
 impl Stability {
@@ -27,14 +31,5 @@ impl Stability {
     #[must_use]
     pub fn is_fixed(&self) -> bool {
         self.resistance >= MIN_RESISTANCE
-    }
-
-    /// Expected error of a registration along the weakest motion, mm, if points of both measurements lie `spacing_mm` apart with
-    /// independent noise of `noise_mm` (1 σ): √2 · σ / √(λ · number of points). `None` where that motion is not resisted at all.
-    #[must_use]
-    pub fn expected_error_mm(&self, noise_mm: f64, spacing_mm: f64) -> Option<f64> {
-        let points = self.shared_area_mm2 / (spacing_mm * spacing_mm);
-        let information = self.resistance * points;
-        (information > 0.0).then(|| std::f64::consts::SQRT_2 * noise_mm / information.sqrt())
     }
 }

@@ -9,7 +9,7 @@ pub struct SampleSet {
 }
 
 impl SampleSet {
-    /// No sample of a surface that has `samples`.
+    /// The empty set of samples of a surface that has `samples`.
     #[must_use]
     pub fn none_of(samples: usize) -> Self {
         Self { words: vec![0; samples.div_ceil(64)] }
@@ -27,7 +27,7 @@ impl SampleSet {
         &self.words
     }
 
-    /// Its words, see [`SampleSet::words`].
+    /// Words of the set, see [`SampleSet::words`].
     #[must_use]
     pub fn into_words(self) -> Vec<u64> {
         self.words

@@ -54,7 +54,7 @@ fn plate_area_mm2(z_mm: f64) -> f64 {
 
 #[test]
 fn a_plate_at_best_focus_is_measured_over_the_common_field() {
-    // Method §2: 289 × 190 mm for the nominal rig.
+    // The field of the nominal rig at its best focus is 289 × 190 mm (`crate::planning::method::scanner`).
     let area_mm2 = plate_area_mm2(480.0);
     assert!((area_mm2 / (289.0 * 190.0) - 1.0).abs() < 0.01, "{area_mm2}");
 }

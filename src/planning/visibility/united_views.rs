@@ -41,7 +41,7 @@ impl<'a> UnitedViews<'a> {
         Self { surface, optics, params, occluders, ctx, raster }
     }
 
-    /// No sample.
+    /// The empty set of samples.
     pub(in crate::planning) fn nothing(&self) -> SampleSet {
         SampleSet::none_of(self.surface.sample_mm.len())
     }

@@ -20,7 +20,7 @@ pub(super) const SHADOWS: PerDevice<Cause> =
 /// Stands where a number of a cause may stand: no step before a shadow fails.
 pub(super) const PASSES: u8 = u8::MAX;
 
-/// Least half range of the working depth.
+/// Minimum half range of the working depth.
 const MIN_HALF_RANGE_MM: f64 = 1e-3;
 
 /// The number of a cause, as wide as the values beside which it is computed.
@@ -199,6 +199,17 @@ pub struct MeasuringPrecision {
     pub noise_mm: f64,
     /// Distance between the points of neighbouring pixels, mm.
     pub spacing_mm: f64,
+}
+
+impl MeasuringPrecision {
+    /// Information on a surface's place along its normal, per area, mm⁻⁴: points an area over the variance of one, if their noise
+    /// is independent. 0 where the surface faces away.
+    #[must_use]
+    pub fn information(&self) -> f64 {
+        // A pixel's footprint is stretched by the incidence along one side alone.
+        let footprint_mm2 = self.spacing_mm * self.spacing_mm * self.cos;
+        if self.cos > 0.0 { 1.0 / (footprint_mm2 * self.noise_mm * self.noise_mm) } else { 0.0 }
+    }
 }
 
 /// Angles and depth under which a view sees a sample.

@@ -29,6 +29,9 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: true,
     whole_percents_from: None,
     tells_brightness: true,
+    is_table: true,
+    file_stem: None,
+    name_length_param: None,
     before_first_run: None,
     render: |job| Ok(render(job)),
 };

@@ -29,6 +29,8 @@ const DECIMALS: usize = 3;
 const HOMING_PERCENT: u32 = 5;
 /// Label that the wait for the scanner jumps to.
 const LATE: u32 = 99;
+/// Label that the wait for the end of the answer before jumps to.
+const HELD: u32 = 98;
 /// Axis of motion group 2 that turns the table. Positions name every axis of a group, and this group's other axes are not known.
 const TABLE_AXIS: u32 = 1;
 
@@ -38,6 +40,9 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: true,
     whole_percents_from: Some(0.0),
     tells_brightness: false,
+    is_table: false,
+    file_stem: None,
+    name_length_param: Some("fanuc_name_chars"),
     before_first_run: Some(
         "select user frame 0 and tool frame 1 in both motion groups, and bring arm and table home by hand; the program's \
          first move goes there on a way that was not checked",
@@ -140,6 +145,9 @@ fn body(job: &Job<'_>, name: &str) -> Result<Vec<String>, DialectError> {
         format!("  LBL[{LATE}:NO ANSWER]"),
         "  MESSAGE[SCANNER DID NOT ANSWER]".to_owned(),
         "  ABORT".to_owned(),
+        format!("  LBL[{HELD}:STILL ON]"),
+        "  MESSAGE[SCANNER INPUT STAYS ON]".to_owned(),
+        "  ABORT".to_owned(),
     ]);
     Ok(lines)
 }
@@ -160,9 +168,10 @@ fn wait(secs: f64) -> String {
     format!("  WAIT {:>6}(sec)", text.strip_prefix('0').unwrap_or(&text))
 }
 
-fn scan(job: &Job<'_>) -> [String; 4] {
+fn scan(job: &Job<'_>) -> [String; 5] {
     let (output, input) = (job.params.scan_output, job.params.scan_input);
     [
+        format!("  WAIT DI[{input}]=OFF TIMEOUT,LBL[{HELD}]"),
         format!("  DO[{output}]=ON"),
         wait(job.params.pulse_secs),
         format!("  DO[{output}]=OFF"),

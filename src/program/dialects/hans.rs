@@ -13,10 +13,10 @@ use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job
 
 /// Digital inputs and outputs of the box, from 0 (`nBit` of the SDK's `HRIF_SetBoxDO` and `HRIF_ReadBoxDI`).
 const LAST_SIGNAL: u32 = 7;
-/// No controller compiles the script; a file's name is all it is.
+/// Rule for the name, which is that of a file alone: no controller compiles the script.
 const NAME: NameRule = NameRule { longest: 64, reserved: &[], point: "" };
 
-const HOW_TO_SEND: [&str; 8] = [
+const HOW_TO_SEND: [&str; 9] = [
     "Targets are joints: no frame changes the motion. Each WayPoint names tool frame TCP and user frame Base all the same; where \
      the controller has no frames of these names, put names of its own in their place.",
     "Send each line that begins with a letter as it stands, without the line end, and wait for its Name,OK,...,; before the \
@@ -25,6 +25,7 @@ const HOW_TO_SEND: [&str; 8] = [
     "@motion: poll ReadRobotState,0,; until moving [0] is 0, blending done [11] is 1 and in position [12] is 1.",
     "@table A: turn the table to A deg and wait until it stands; the arm stands meanwhile.",
     "@wait S: wait S seconds.",
+    "@off N S: poll ReadBoxDI,N,; until it is 0; stop when it is not within S seconds.",
     "@input N S: poll ReadBoxDI,N,; until it is 1; stop when it is not within S seconds.",
     "@scan N B: the next pulse captures viewpoint N; the scanner's brightness level has to be B.",
 ];
@@ -35,6 +36,9 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: false,
     whole_percents_from: None,
     tells_brightness: true,
+    is_table: false,
+    file_stem: None,
+    name_length_param: None,
     before_first_run: None,
     render,
 };
@@ -75,12 +79,14 @@ fn go(stretch: &Stretch, job: &Job<'_>) -> Vec<String> {
     vec![format!("WayPoint,0,0,0,0,0,0,0,{j1},{j2},{j3},{j4},{j5},{j6},{motion},;"), "@motion".to_owned()]
 }
 
-fn scan(job: &Job<'_>) -> [String; 4] {
+fn scan(job: &Job<'_>) -> [String; 5] {
     let params = job.params;
+    let timeout = at_least(params.timeout_secs, 3);
     [
+        format!("@off {} {timeout}", params.scan_input),
         format!("SetBoxDO,{},1,;", params.scan_output),
         format!("@wait {}", at_least(params.pulse_secs, 3)),
         format!("SetBoxDO,{},0,;", params.scan_output),
-        format!("@input {} {}", params.scan_input, at_least(params.timeout_secs, 3)),
+        format!("@input {} {timeout}", params.scan_input),
     ]
 }

@@ -38,8 +38,12 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
         format!("Table: {table}"),
         "Each point is a stop: the paths between them were checked as straight joint moves.".to_owned(),
         format!(
-            "Scan: output {} on for {} s starts it; input {} on ends it, after {} s the program stops.",
-            job.params.scan_output, job.params.pulse_secs, job.params.scan_input, job.params.timeout_secs
+            "Scan: output {} on for {} s starts it; input {input} on ends it, after {secs} s the program stops. Input {input} \
+             has to be off before the next scan: the program waits for that, {secs} s at most, and then stops.",
+            job.params.scan_output,
+            job.params.pulse_secs,
+            input = job.params.scan_input,
+            secs = job.params.timeout_secs
         ),
     ]);
     lines.extend(job.slowed.as_ref().map(|slowed| {

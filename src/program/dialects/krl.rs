@@ -129,7 +129,7 @@ const RESERVED: &[&str] = &[
     "WHILE",
     "XHOME",
 ];
-/// The controller's timer that the wait for the scanner uses.
+/// The controller's timer that the waits for the scanner use.
 const TIMER: u32 = 10;
 /// Input that is always TRUE.
 const INPUT_TRUE: u32 = 1025;
@@ -145,12 +145,15 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: true,
     whole_percents_from: Some(0.0),
     tells_brightness: false,
+    is_table: false,
+    file_stem: Some(module_name),
+    name_length_param: None,
     before_first_run: None,
     render,
 };
 
 /// Name of the module, which that of its files must be.
-pub(super) fn module_name(params: &DialectParams, setup: usize) -> String {
+fn module_name(params: &DialectParams, setup: usize) -> String {
     identifier(&params.program_name, setup, &NAME).to_ascii_uppercase()
 }
 
@@ -254,17 +257,26 @@ fn is_away(job: &Job<'_>) -> Vec<String> {
     std::iter::once("DEFFCT BOOL IS_AWAY( )".to_owned()).chain(tests).chain(last).collect()
 }
 
-/// Waits in vain until the time is over, then halts; started again, it waits once more.
+/// Waits until the answer to the capture before is off, pulses, and waits for the answer. Waits in vain until the time is over,
+/// then halts; started again, it waits once more.
 fn scan(job: &Job<'_>) -> String {
     let params = job.params;
     let (output, input) = (params.scan_output, params.scan_input);
     format!(
         "DEF SCAN_VIEW( )
+$TIMER[{TIMER}]=0
+$TIMER_STOP[{TIMER}]=FALSE
+WHILE $IN[{input}]
+IF $TIMER[{TIMER}]>{timeout} THEN
+; The scanner's input stays on.
+HALT
+$TIMER[{TIMER}]=0
+ENDIF
+ENDWHILE
 $OUT[{output}]=TRUE
 WAIT SEC {pulse}
 $OUT[{output}]=FALSE
 $TIMER[{TIMER}]=0
-$TIMER_STOP[{TIMER}]=FALSE
 WHILE NOT $IN[{input}]
 IF $TIMER[{TIMER}]>{timeout} THEN
 ; The scanner did not answer.

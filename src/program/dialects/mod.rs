@@ -6,16 +6,9 @@
 //! FANUC, RoboDK); Han's and URScript call for it by name, and get the interlocked program, in which it never moves with
 //! the arm. Each file documents what of its language it relies on.
 
-mod csv;
-mod fanuc;
-mod hans;
 mod header;
-mod krl;
 mod names;
 mod numbers;
-mod rapid;
-mod robodk;
-mod urscript;
 mod walk;
 
 use std::borrow::Cow;
@@ -23,7 +16,7 @@ use std::collections::BTreeSet;
 
 use super::{Expected, Finding, Program, Step, Together, check, interlock};
 pub use crate::cell::Dialect;
-use crate::cell::{Axes, Cell, CollisionScene};
+use crate::cell::{Axes, Cell, CollisionScene, dialect_table};
 use crate::planning::params::DialectParams;
 
 /// A file of a dialect, as interfaces name it.
@@ -52,24 +45,36 @@ struct DialectFacts {
     whole_percents_from: Option<f64>,
     /// True if the file tells its reader the brightness level of each scan, and not in a comment alone.
     tells_brightness: bool,
+    /// True if it is a table: its files are named as a plan names its own, and it stands first among the forms of a program.
+    is_table: bool,
+    /// Name that the files of a setup's program must have on the controller, without extension; `None` of a language that takes any.
+    file_stem: Option<fn(&DialectParams, usize) -> String>,
+    /// Field of [`DialectParams`] that allows longer names of programs; `None` if none does.
+    name_length_param: Option<&'static str>,
     /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
     before_first_run: Option<&'static str>,
+    /// Writes the files.
     render: fn(&Job<'_>) -> Result<Vec<DialectFile>, DialectError>,
 }
 
-impl Dialect {
-    fn facts(self) -> &'static DialectFacts {
-        match self {
-            Self::Hans => &hans::FACTS,
-            Self::Urscript => &urscript::FACTS,
-            Self::Rapid => &rapid::FACTS,
-            Self::Krl => &krl::FACTS,
-            Self::Fanuc => &fanuc::FACTS,
-            Self::Robodk => &robodk::FACTS,
-            Self::Csv => &csv::FACTS,
-        }
-    }
+/// Declares the file of each dialect in the table, and finds its facts there.
+macro_rules! dialect_modules {
+    ($($(#[$about:meta])* $dialect:ident = $name:literal in $file:ident: $facts:expr;)*) => {
+        $(mod $file;)*
 
+        impl Dialect {
+            fn facts(self) -> &'static DialectFacts {
+                match self {
+                    $(Self::$dialect => &$file::FACTS,)*
+                }
+            }
+        }
+    };
+}
+
+dialect_table!(dialect_modules);
+
+impl Dialect {
     /// Files, in the order rendered.
     #[must_use]
     pub fn outputs(self) -> &'static [DialectOutput] {
@@ -85,10 +90,19 @@ impl Dialect {
     /// Name that the files of a setup's program must have on the controller, without extension; `None` of a language that takes any.
     #[must_use]
     pub fn file_stem(self, params: &DialectParams, setup: usize) -> Option<String> {
-        match self {
-            Self::Krl => Some(krl::module_name(params, setup)),
-            Self::Hans | Self::Urscript | Self::Rapid | Self::Fanuc | Self::Robodk | Self::Csv => None,
-        }
+        self.facts().file_stem.map(|file_stem| file_stem(params, setup))
+    }
+
+    /// Returns true if it is a table: its files are named as a plan names its own, and it stands first among the forms of a program.
+    #[must_use]
+    pub fn is_table(self) -> bool {
+        self.facts().is_table
+    }
+
+    /// Field of [`DialectParams`] that allows longer names of programs; `None` if none does.
+    #[must_use]
+    pub fn name_length_param(self) -> Option<&'static str> {
+        self.facts().name_length_param
     }
 
     /// Work that the integrator has to do before the first run, in a clause; `None` if the file runs as it is.
@@ -126,7 +140,7 @@ impl Dialect {
 pub struct DialectFile {
     /// The name that the controller asks for.
     pub name: String,
-    /// Its content; ASCII.
+    /// Content of the file; ASCII.
     pub text: String,
 }
 
@@ -143,7 +157,7 @@ pub enum DialectError {
         /// Name of the robot's own dialect.
         own: &'static str,
     },
-    /// No such signal.
+    /// A signal that the controller does not have.
     #[error("dialects.{parameter} is {number}; {dialect} has {lowest} to {highest}")]
     Signal {
         /// Name of the parameter.
@@ -270,9 +284,11 @@ impl<'a> CheckedProgram<'a> {
 
     /// The form of the program for a dialect's controllers, at the speeds that were planned.
     fn at_planned_speeds(&self, dialect: Dialect) -> Result<&Program, DialectError> {
-        let program =
-            if dialect.moves_table_with_arm() { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
-        if program.passes_points() { Err(DialectError::Passing) } else { Ok(program) }
+        // Asked of the program as planned: where table and arm move in turn, the points passed have become stops.
+        if self.program.passes_points() {
+            return Err(DialectError::Passing);
+        }
+        if dialect.moves_table_with_arm() { Ok(self.program) } else { self.interlocked.as_ref().map_err(Clone::clone) }
     }
 
     /// The program at the whole percents that its speeds, those `from` this share on, are rounded down to; times are derived anew

@@ -27,8 +27,8 @@ pub(super) fn at_least(value: f64, decimals: usize) -> String {
     fixed((value * scale - ROUNDING).ceil() / scale, decimals)
 }
 
-/// The angles rounded to so many decimals of `unit_rad`, and kept within the axes' limits, which rounding could leave by
-/// half a digit. An axis whose limits have no such angle between them stays where rounding puts it.
+/// The angles, joints 1 to 6, then the table, in `unit_rad`, rounded to so many decimals and kept within the axes' limits, which
+/// rounding could leave by half a digit. An axis whose limits have no such angle between them stays where rounding puts it.
 pub(super) fn rounded(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimals: usize) -> [f64; 7] {
     let scale = 10_f64.powi(decimals as i32) / unit_rad;
     let at_rad = at_rad.axes_rad();

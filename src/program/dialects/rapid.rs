@@ -100,6 +100,9 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     // Below, AccSet sets more than was planned, and a move takes its planned time.
     whole_percents_from: Some(MIN_ACCELERATION_PERCENT as f64 / 100.0),
     tells_brightness: false,
+    is_table: false,
+    file_stem: None,
+    name_length_param: None,
     before_first_run: Some(
         "replace tool0, which carries no load, by the scanner's tool data, give the two signals their names in the controller, \
          and before anything moves compare the joint angles that it shows, the arm at home, with those of p0, joint 3 above all",
@@ -205,17 +208,18 @@ fn routines(job: &Job<'_>) -> String {
     ENDIF
   ENDPROC
   LOCAL PROC scan()
+    WaitDI scan_input,0\\MaxTime:={timeout};
     SetDO scan_output,1;
     WaitTime {};
     SetDO scan_output,0;
-    WaitDI scan_input,1\\MaxTime:={};
+    WaitDI scan_input,1\\MaxTime:={timeout};
   ENDPROC
 ",
         params.scan_output,
         params.scan_input,
         far.join("\n      OR "),
         at_least(params.pulse_secs, 3),
-        at_least(params.timeout_secs, 3)
+        timeout = at_least(params.timeout_secs, 3)
     )
 }
 

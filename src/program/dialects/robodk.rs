@@ -18,6 +18,9 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: true,
     whole_percents_from: None,
     tells_brightness: false,
+    is_table: false,
+    file_stem: None,
+    name_length_param: None,
     before_first_run: None,
     render: |job| Ok(render(job)),
 };
@@ -52,7 +55,10 @@ fn functions(job: &Job<'_>) -> String {
         "from robodk.robolink import ITEM_TYPE_ROBOT, Robolink
 
 HOME = [{home}]
-robot = Robolink().Item({robot}, ITEM_TYPE_ROBOT)
+station = Robolink()
+# A wait that times out has to stop the script; RoboDK may report it as a warning, which is only printed by default.
+station._RAISE_EXCEPTION_ON_WARNING = True
+robot = station.Item({robot}, ITEM_TYPE_ROBOT)
 if not robot.Valid():
     raise SystemExit(\"the station has no robot of this name\")
 here = robot.Joints().list()
@@ -70,6 +76,7 @@ def move(angles_deg, speed, acceleration):
 
 
 def scan():
+    robot.waitDI({input}, 0, {timeout})
     robot.setDO({output}, 1)
     robot.Pause({pulse})
     robot.setDO({output}, 0)

@@ -1,7 +1,9 @@
+use std::collections::BTreeSet;
+
 use super::names::{NameRule, comment, identifier, wrap};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, actions};
-use super::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
+use super::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile, DialectOutput};
 use crate::cell::{Cell, CollisionScene, Configuration, JointThreeOrigin, Presets, SpecKind, SpecLibrary};
 use crate::planning::params::DialectParams;
 use crate::planning::plan::ViewId;
@@ -237,30 +239,60 @@ fn no_dialect_accelerates_harder_or_waits_shorter_than_was_planned() {
     }
 }
 
-/// Speed and acceleration of each move of the arm that a text tells, in its own unit.
-fn told_rates(text: &str, dialect: Dialect) -> Vec<[f64; 2]> {
-    let number = |text: &str| text.trim().parse::<f64>().unwrap_or_else(|_| panic!("{text:?} is no number"));
-    let rates = |line: &str| -> Option<[f64; 2]> {
-        match dialect {
-            Dialect::Urscript => {
-                let (_, rates) = line.strip_prefix("  movej(")?.split_once(", a=")?;
-                let (acceleration, rest) = rates.split_once(", v=")?;
-                Some([number(rest.split(',').next()?), number(acceleration)])
-            }
-            Dialect::Hans => {
-                let (_, rates) = line.strip_prefix("WayPoint,")?.split_once(",TCP,Base,")?;
-                let mut rates = rates.split(',');
-                Some([number(rates.next()?), number(rates.next()?)])
-            }
-            Dialect::Robodk => {
-                let (_, rates) = line.strip_prefix("move([")?.split_once("], ")?;
-                let (speed, acceleration) = rates.trim_end_matches(')').split_once(", ")?;
-                Some([number(speed), number(acceleration)])
-            }
-            Dialect::Rapid | Dialect::Krl | Dialect::Fanuc | Dialect::Csv => None,
-        }
-    };
-    text.lines().filter_map(rates).collect()
+/// A "done" that was still on counted as the answer to the next capture, and the arm moved while the scanner captured.
+#[test]
+fn every_dialect_waits_until_the_scanners_answer_is_off_before_it_starts_a_capture() {
+    let cell = cell();
+    for (dialect, wait, pulse, stop) in [
+        (Dialect::Rapid, "    WaitDI scan_input,0\\MaxTime:=30.000;\n", "    SetDO scan_output,1;\n", ""),
+        (Dialect::Krl, "WHILE $IN[1]\nIF $TIMER[10]>30000 THEN\n", "$OUT[1]=TRUE\n", "; The scanner's input stays on.\nHALT\n"),
+        (Dialect::Fanuc, "  WAIT DI[1]=OFF TIMEOUT,LBL[98] ;\n", "  DO[1]=ON ;\n", "MESSAGE[SCANNER INPUT STAYS ON] ;\n"),
+        (
+            Dialect::Urscript,
+            "    while get_standard_digital_in(1):\n      if waited >= 30.000:\n",
+            "    set_standard_digital_out(1, True)\n",
+            "        vantage_stop(\"The scanner's input stays on\")\n",
+        ),
+        (
+            Dialect::Hans,
+            "@off 1 30.000\n",
+            "SetBoxDO,1,1,;\n",
+            "# @off N S: poll ReadBoxDI,N,; until it is 0; stop when it is not within S seconds.\n",
+        ),
+        (Dialect::Robodk, "    robot.waitDI(1, 0, 30000)\n", "    robot.setDO(1, 1)\n", ""),
+    ] {
+        let text = rendered(&program(&cell), &cell, dialect, &params()).expect("renders").remove(0);
+        let [waits, pulses] = [wait, pulse].map(|line| text.match_indices(line).map(|(at, _)| at).collect::<Vec<_>>());
+        assert!(waits.len() == 1 && pulses.len() == 1 && waits[0] < pulses[0], "{dialect:?}: {waits:?}, {pulses:?} in\n{text}");
+        assert!(text.contains(stop), "{dialect:?} does not say {stop:?}:\n{text}");
+        let told = "Input 1 has to be off before the next scan: the program waits for that, 30 s at most, and then stops.";
+        assert!(said(&text).contains(told), "{dialect:?} does not say {told:?}:\n{text}");
+    }
+}
+
+/// Reads a line of a program: speed and acceleration of a move of the arm, in the unit of the language, if it is one.
+type ReadRates = fn(&str) -> Option<[f64; 2]>;
+
+fn number(text: &str) -> f64 {
+    text.trim().parse().unwrap_or_else(|_| panic!("{text:?} is no number"))
+}
+
+fn urscript_rates(line: &str) -> Option<[f64; 2]> {
+    let (_, rates) = line.strip_prefix("  movej(")?.split_once(", a=")?;
+    let (acceleration, rest) = rates.split_once(", v=")?;
+    Some([number(rest.split(',').next()?), number(acceleration)])
+}
+
+fn hans_rates(line: &str) -> Option<[f64; 2]> {
+    let (_, rates) = line.strip_prefix("WayPoint,")?.split_once(",TCP,Base,")?;
+    let mut rates = rates.split(',');
+    Some([number(rates.next()?), number(rates.next()?)])
+}
+
+fn robodk_rates(line: &str) -> Option<[f64; 2]> {
+    let (_, rates) = line.strip_prefix("move([")?.split_once("], ")?;
+    let (speed, acceleration) = rates.trim_end_matches(')').split_once(", ")?;
+    Some([number(speed), number(acceleration)])
 }
 
 /// Rounded to the nearest, every other speed was above the one that was checked.
@@ -271,14 +303,20 @@ fn speeds_and_accelerations_in_decimals_are_rounded_down() {
     let scene = CollisionScene::without_part(&cell, 5.0);
     let in_turn = crate::program::interlock(&program, &cell, &scene).expect("free");
     let mut would_rise = 0;
-    for (dialect, unit_rad, decimals) in [(Dialect::Urscript, 1.0, 5), (Dialect::Hans, DEGREE, 4), (Dialect::Robodk, DEGREE, 4)] {
-        let said = if dialect == Dialect::Robodk { &program } else { &in_turn };
+    let in_decimals: [(Dialect, f64, i32, ReadRates); 3] = [
+        (Dialect::Urscript, 1.0, 5, urscript_rates),
+        (Dialect::Hans, DEGREE, 4, hans_rates),
+        (Dialect::Robodk, DEGREE, 4, robodk_rates),
+    ];
+    for (dialect, unit_rad, decimals, rates) in in_decimals {
+        let said = if dialect.moves_table_with_arm() { &program } else { &in_turn };
         let leads = actions(said).into_iter().filter_map(|action| match action {
-            Action::Go(stretch) if dialect == Dialect::Robodk || !stretch.moves_table() => Some(stretch.lead(&cell.axes())),
+            Action::Go(stretch) if dialect.moves_table_with_arm() || !stretch.moves_table() => Some(stretch.lead(&cell.axes())),
             Action::Go(_) | Action::Toward(_) | Action::Settle(_) | Action::Scan { .. } => None,
         });
         let planned: Vec<[f64; 2]> = leads.map(|lead| [lead.rad_per_s, lead.rad_per_s2].map(|rad| rad / unit_rad)).collect();
-        let told = told_rates(&rendered(&program, &cell, dialect, &params()).expect("renders")[0], dialect);
+        let text = rendered(&program, &cell, dialect, &params()).expect("renders").remove(0);
+        let told: Vec<[f64; 2]> = text.lines().filter_map(rates).collect();
         assert_eq!(told.len(), planned.len(), "{dialect:?}");
         let digit = 10_f64.powi(-decimals);
         for (told, planned) in told.iter().flatten().zip(planned.iter().flatten()) {
@@ -482,26 +520,18 @@ fn a_robot_gets_its_makers_language_and_neutral_ones_and_others_by_force_with_a_
     let mut cell = cell();
     let scene = CollisionScene::without_part(&cell, 5.0);
     let program = program(&cell);
-    for (own, robot) in [
-        (Dialect::Hans, "hans-e05"),
-        (Dialect::Rapid, "abb-irb1600-6-12"),
-        (Dialect::Krl, "kuka-kr6-r700"),
-        (Dialect::Fanuc, "fanuc-m20ia"),
-        (Dialect::Urscript, "ur5e"),
-        (Dialect::Robodk, "staubli-tx2-60"),
-    ] {
-        cell.robot.dialect = Presets.robot(robot).expect("a preset").dialect;
-        assert_eq!(cell.robot.dialect, Some(own), "{robot}");
+    for own in Dialect::ALL {
+        cell.robot.dialect = Some(own);
         let checked = CheckedProgram::new(&program, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
         for dialect in Dialect::ALL {
             let takes = dialect == own || dialect.is_neutral();
             let rendered = checked.render(dialect, &params());
             let forced = checked.render_forced(dialect, &params()).expect("renders");
             let warns = |file: &DialectFile| file.text.contains("WARNING: FORCED");
-            assert_eq!(takes, !forced.iter().any(warns), "{robot}, {dialect:?}");
-            assert_eq!(takes, !forced.iter().all(warns), "every file of it warns: {robot}, {dialect:?}");
+            assert_eq!(takes, !forced.iter().any(warns), "{own:?}, {dialect:?}");
+            assert_eq!(takes, !forced.iter().all(warns), "every file of it warns: {own:?}, {dialect:?}");
             match rendered {
-                Ok(files) => assert!(takes && files == forced, "{robot}, {dialect:?}"),
+                Ok(files) => assert!(takes && files == forced, "{own:?}, {dialect:?}"),
                 Err(error) => {
                     let (dialect, own) = (dialect.as_str(), own.as_str());
                     let wanted =
@@ -510,6 +540,35 @@ fn a_robot_gets_its_makers_language_and_neutral_ones_and_others_by_force_with_a_
                 }
             }
         }
+    }
+}
+
+#[test]
+fn the_preset_robots_have_the_languages_of_their_makers() {
+    for (robot, own) in [
+        ("hans-e05", Dialect::Hans),
+        ("abb-irb1600-6-12", Dialect::Rapid),
+        ("kuka-kr6-r700", Dialect::Krl),
+        ("fanuc-m20ia", Dialect::Fanuc),
+        ("ur5e", Dialect::Urscript),
+        ("staubli-tx2-60", Dialect::Robodk),
+    ] {
+        assert_eq!(Presets.robot(robot).expect("a preset").dialect, Some(own), "{robot}");
+    }
+}
+
+/// The table of dialects and the facts of each: what interfaces make of them holds for a dialect that is added.
+#[test]
+fn the_facts_of_the_dialects_fit_together() {
+    let outputs: Vec<&DialectOutput> = Dialect::ALL.into_iter().flat_map(Dialect::outputs).collect();
+    let formats: BTreeSet<&str> = outputs.iter().map(|output| output.format).collect();
+    let extensions: BTreeSet<&str> = outputs.iter().map(|output| output.extension).collect();
+    assert_eq!([formats.len(), extensions.len()], [outputs.len(); 2], "no two share one: {outputs:?}");
+    assert_eq!(Dialect::ALL.into_iter().filter(|dialect| dialect.is_table()).count(), 1, "one stands first");
+    for dialect in Dialect::ALL {
+        assert_eq!(dialect.outputs()[0].format, dialect.as_str(), "requests name the first file as the dialect");
+        let is_field = |param: &str| DialectParams::KNOBS.knobs.iter().any(|knob| knob.field == param);
+        assert!(dialect.name_length_param().is_none_or(is_field), "{dialect:?}");
     }
 }
 
@@ -737,14 +796,23 @@ fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     }
     assert!((secs(Dialect::Rapid) - program.cycle_secs).abs() < 1e-12, "the table turns with the arm");
     assert!(secs(Dialect::Hans) > program.cycle_secs + 0.1 && secs(Dialect::Hans) <= secs(Dialect::Urscript), "in turn");
-    let mut passing = program.clone();
+}
+
+/// Every chord of a rounded corner became a stop of its own where table and arm move in turn.
+#[test]
+fn no_dialect_takes_a_program_that_passes_points_without_stopping() {
+    let cell = cell();
+    let (scene, mut passing) = (CollisionScene::without_part(&cell, 5.0), program(&cell));
     if let Step::Move(step) = &mut passing.steps[0] {
         step.passed_within_rad = Some(0.01);
         step.duration_secs = step.derived_secs(&passing.home_rad, &cell.axes());
     }
     passing.cycle_secs = passing.steps.iter().map(Step::secs).sum();
     let checked = CheckedProgram::new(&passing, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
-    assert_eq!(checked.cycle_secs(Dialect::Rapid), Err(DialectError::Passing));
+    for dialect in Dialect::ALL {
+        assert_eq!(checked.cycle_secs(dialect), Err(DialectError::Passing), "{dialect:?}");
+        assert_eq!(checked.render(dialect, &params()), Err(DialectError::Passing), "{dialect:?}");
+    }
 }
 
 /// The files set 2 % of the rated speed, and their headers told the cycle at 2.9 %.

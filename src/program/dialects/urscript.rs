@@ -21,6 +21,9 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     has_table_axis: false,
     whole_percents_from: None,
     tells_brightness: false,
+    is_table: false,
+    file_stem: None,
+    name_length_param: None,
     before_first_run: Some("fill in vantage_table(angle_deg), which turns the table; until then the program stops there"),
     render,
 };
@@ -75,10 +78,18 @@ def vantage_table(angle_deg):
 end
 
 def vantage_scan():
+  local waited = 0.0
+  while get_standard_digital_in({input}):
+    if waited >= {timeout}:
+      vantage_stop(\"The scanner's input stays on\")
+    end
+    sleep(0.01)
+    waited = waited + 0.01
+  end
   set_standard_digital_out({output}, True)
   sleep({pulse})
   set_standard_digital_out({output}, False)
-  local waited = 0.0
+  waited = 0.0
   while not get_standard_digital_in({input}):
     if waited >= {timeout}:
       vantage_stop(\"The scanner did not answer\")

@@ -12,8 +12,8 @@ use crate::planning::verdict::Rejection;
 use crate::rendering::{Ink, MissGroup};
 use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
 use crate::wire::words::{
-    HeadlineShare, advice_sentence, apart_mm, asked_name, by_thousands, changed_params, counted, headline as headline_shares,
-    risk_meaning, turn_phrase,
+    EXPECTED_ERROR_IS, HeadlineShare, MEANING_OF_INDEPENDENT, advice_sentence, apart_mm, asked_name, by_thousands,
+    changed_params, counted, headline as headline_shares, risk_meaning, turn_phrase,
 };
 
 /// Max spots listed for each cause.
@@ -49,8 +49,9 @@ pub(super) fn sections(input: &ReportInput<'_>) -> String {
 fn shares(coverage: &CoverageDocument) -> String {
     let row = |figure: &HeadlineShare| {
         format!(
-            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+            "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
             figure.name,
+            if figure.is_independent { ", independent" } else { "" },
             percent(figure.share),
             escape(figure.meaning)
         )
@@ -58,7 +59,7 @@ fn shares(coverage: &CoverageDocument) -> String {
     let rows: String = headline_shares(coverage).iter().map(row).collect();
     format!(
         "<h3>Coverage</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Share</th><th class=\"n\">Simulated</th><th>Meaning</th></tr></thead>\n\
-         <tbody>\n{rows}</tbody></table></div>\n"
+         <tbody>\n{rows}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\">Independent: on {MEANING_OF_INDEPENDENT}.</p>\n"
     )
 }
 
@@ -141,9 +142,9 @@ fn at_risk(input: &ReportInput<'_>) -> String {
 fn registration(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let row = |name: String, stability: &Stability| {
-        let document = StabilityDocument::new(stability, input.subject.scanner, &plan.params);
+        let document = StabilityDocument::from(stability);
         let error =
-            document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{} µm", nonzero(1e3 * mm, 1)));
+            document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("≥ {} µm", nonzero(1e3 * mm, 1)));
         format!(
             "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{error}</td>\
              <td>{}</td></tr>\n",
@@ -168,7 +169,7 @@ fn registration(input: &ReportInput<'_>) -> String {
     format!(
         "<h3>Registration by shared surface</h3>\n<p>Setups form one measurement only if they can be registered to each \
          other: the surface that both measure must constrain every motion of one relative to the other. Views of one setup \
-         share one frame; their rows are for information. The error is that of the scanner's noise alone (1 σ).</p>\n\
+         share one frame; their rows are for information. The error is a lower bound (1 σ): {EXPECTED_ERROR_IS}.</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th>Between</th><th class=\"n\">Shared</th><th>Weakest motion</th>\
          <th class=\"n\">Resistance</th><th class=\"n\">Expected error</th><th>All fixed</th></tr></thead>\n<tbody>\n{rows}</tbody>\
          </table></div>\n"
@@ -317,7 +318,10 @@ mod tests {
             "{}",
             told(true)
         );
-        assert!(told(true).contains("<td>measured of open</td>") && !told(true).contains("of asked"), "{}", told(true));
+        let open = "<td>measured of open, independent</td>";
+        assert!(told(true).contains(open) && !told(true).contains("of asked"), "{}", told(true));
+        assert!(told(true).contains("<td>measured of coverable</td>"), "{}", told(true));
+        assert!(told(true).contains("Independent: on samples that were not used to choose views."), "{}", told(true));
         assert!(told(false).contains("asked: every face outside excluded regions") && !told(false).contains(MEANING_OF_OPEN));
     }
 

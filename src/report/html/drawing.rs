@@ -333,7 +333,7 @@ fn ground(ends: [f64; 2]) -> String {
 
 /// A dimension line, beside what it measures.
 struct Dimension {
-    /// Its place across its direction.
+    /// Place of the line across its direction.
     line: f64,
     /// Place from which its extension lines come.
     from: f64,

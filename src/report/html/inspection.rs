@@ -593,7 +593,7 @@ mod tests {
         assert!(!head.contains("Date of the run") && !head.contains("<dt>Date</dt>"), "{head}");
     }
 
-    /// It was told as 0.00 % of what was planned, like a view that failed.
+    /// The view was told as 0.00 % of what was planned, like a view that failed.
     #[test]
     fn a_view_for_which_nothing_was_planned_has_no_share_and_the_legend_says_why() {
         let view = |viewpoint: u32, planned_area_mm2: f64| ViewCoverageDocument {

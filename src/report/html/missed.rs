@@ -9,13 +9,15 @@ use super::views::{figures, legend, swatch, together, unmeasured};
 use super::words;
 use crate::geometry::{Part, Pose, SimdLevel, Table};
 use crate::planning::params::SelectionGoal;
-use crate::planning::plan::{Cause, MissedSpot, Plan, Remedy, RemedyKind, StopReason, share};
+use crate::planning::plan::{Cause, Plan, Remedy, RemedyKind, StopReason, share};
 use crate::rendering::{Ink, MissGroup};
-use crate::report::text::{UNSTABLE_POSE_KEPT, home_remedy, keeps_unstable_pose};
+use crate::report::text::{UNSTABLE_POSE_KEPT, cell_remedy, keeps_unstable_pose};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::summary::{further_setup, own_plan_remark, stop_rules, turned_setup};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::words::{ChoiceRules, RESCAN_WITHOUT_PATH, WITHOUT_PATH, asked_name, counted, rounded_down_deg, turn_phrase};
+use crate::wire::words::{
+    ChoiceRules, RESCAN_WITHOUT_PATH, WITHOUT_PATH, asked_name, counted, partial_of_spots, rounded_down_deg, turn_phrase,
+};
 
 /// Spots that one fix mends.
 struct FixGroup<'a> {
@@ -29,12 +31,23 @@ struct FixGroup<'a> {
     table_from_part: Option<&'a Pose<Table, Part>>,
     numbers: Vec<usize>,
     area_mm2: f64,
-    /// Remedies of the spots, as far as one was searched for.
+    /// Remedies of the spots, as far as one was searched for and is the fix.
     remedies: Vec<&'a Remedy>,
 }
 
 impl FixGroup<'_> {
-    /// Its options, with those that keep the choice of views from ending before the views of the remedies.
+    /// The action, after the share of the spots that it measures where it does not work for each of them.
+    fn told(&self) -> String {
+        let is_partial = |remedy: &&Remedy| remedy.kind != RemedyKind::None && !remedy.works();
+        if !self.is_help || !self.remedies.iter().any(is_partial) {
+            return self.action.clone();
+        }
+        let measured_mm2: f64 = self.remedies.iter().map(|remedy| remedy.area_mm2).sum();
+        let partial = partial_of_spots(self.numbers.len(), self.area_mm2, measured_mm2);
+        format!("{}: {}", words::capitalised(&partial), words::uncapitalised(&self.action))
+    }
+
+    /// Options of the fix, with those that keep the choice of views from ending before the views of the remedies.
     fn all_options(&self, plan: &Plan) -> String {
         let rules = options(&stop_rules(plan, &self.remedies));
         [self.options.as_str(), rules.as_str()].into_iter().filter(|options| !options.is_empty()).collect::<Vec<_>>().join(" ")
@@ -99,11 +112,12 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     let plan = &input.outcome.plan;
     let mut groups: Vec<FixGroup<'_>> = Vec::new();
     for spot in spots {
-        let home = home_remedy(spot.cause, input.warnings).map(|remedy| (words::capitalised(&remedy), String::new(), true));
-        let remedy = spot.spot.remedy.as_ref().filter(|_| home.is_none());
-        let table_from_part = remedy.and_then(|remedy| remedy.table_from_part.as_ref());
-        let fix = home.unwrap_or_else(|| fix(spot, plan));
-        add(&mut groups, (spot.number, spot.spot), fix, table_from_part);
+        let remedy = spot.spot.remedy.as_ref();
+        let of_cell = cell_remedy(plan, (spot.cause, remedy), input.warnings);
+        let of_cell = of_cell.map(|remedy| (words::capitalised(&remedy), String::new(), true));
+        let remedy = remedy.filter(|_| of_cell.is_none());
+        let fix = of_cell.unwrap_or_else(|| fix(spot, plan));
+        add(&mut groups, (spot.number, spot.spot.area_mm2), fix, remedy);
     }
     // Stable: equal ones stay in the order of their largest spots.
     groups.sort_by(|a, b| b.is_help.cmp(&a.is_help).then(b.area_mm2.total_cmp(&a.area_mm2)));
@@ -112,7 +126,7 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
         let options = if options.is_empty() { options } else { format!("<br/>{}", with_options(&options)) };
         format!(
             "<tr><td>{}{options}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
-            with_options(&group.action),
+            with_options(&group.told()),
             ranges(&group.numbers),
             number(group.numbers.len() as f64, 0),
             percent(share(group.area_mm2, plan.coverage.asked_area_mm2))
@@ -127,13 +141,15 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     )
 }
 
-/// Adds a numbered spot to the group of those that the same action mends, with the part in the same pose.
+/// Adds a spot, by its number and area, to the group of those that the same action mends, with the part in the same pose; the remedy is
+/// that of the spot if the action is it.
 fn add<'a>(
     groups: &mut Vec<FixGroup<'a>>,
-    (number, spot): (usize, &'a MissedSpot),
+    (number, area_mm2): (usize, f64),
     (action, options, is_help): (String, String, bool),
-    table_from_part: Option<&'a Pose<Table, Part>>,
+    remedy: Option<&'a Remedy>,
 ) {
+    let table_from_part = remedy.and_then(|remedy| remedy.table_from_part.as_ref());
     let is_same = |group: &FixGroup<'_>| group.action == action && group.table_from_part == table_from_part;
     let at = groups.iter().position(is_same).unwrap_or(groups.len());
     if at == groups.len() {
@@ -141,8 +157,8 @@ fn add<'a>(
         groups.push(FixGroup { action, options, is_help, table_from_part, numbers, area_mm2: 0.0, remedies });
     }
     groups[at].numbers.push(number);
-    groups[at].remedies.extend(spot.remedy.as_ref());
-    groups[at].area_mm2 += spot.area_mm2;
+    groups[at].remedies.extend(remedy);
+    groups[at].area_mm2 += area_mm2;
 }
 
 /// Sentence on the spots without a number; empty if all have one.
@@ -280,7 +296,8 @@ fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
 
 fn row(spot: &NumberedSpot<'_>, plan: &Plan, warnings: &[FieldWarning]) -> String {
     let extent_mm = &spot.spot.extent_mm;
-    let home = home_remedy(spot.cause, warnings).map(|remedy| escape(&words::capitalised(&remedy)));
+    let of_cell = cell_remedy(plan, (spot.cause, spot.spot.remedy.as_ref()), warnings);
+    let of_cell = of_cell.map(|remedy| escape(&words::capitalised(&remedy)));
     let told = |remedy: &Remedy| words::remedy(remedy, ChoiceRules::of(plan));
     let found = || spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), told);
     let size = [extent_mm.x, extent_mm.y, extent_mm.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
@@ -293,7 +310,7 @@ fn row(spot: &NumberedSpot<'_>, plan: &Plan, warnings: &[FieldWarning]) -> Strin
         area(spot.spot.area_mm2),
         percent(share(spot.spot.area_mm2, plan.coverage.asked_area_mm2)),
         triple(spot.spot.centre_mm.into(), 1),
-        home.unwrap_or_else(found)
+        of_cell.unwrap_or_else(found)
     )
 }
 
@@ -315,7 +332,7 @@ fn ranges(numbers: &[usize]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Point3, UnitQuaternion, Vector3};
+    use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
     use crate::wire::words::PlanRules;
@@ -391,32 +408,46 @@ mod tests {
     /// Spots that two poses show were one row, with the options of the first pose.
     #[test]
     fn a_turn_in_the_same_words_into_another_pose_is_another_fix() {
-        let turned = |x_mm: f64| MissedSpot {
-            area_mm2: 10.0,
-            centre_mm: Point3::origin(),
-            extent_mm: Vector3::zeros(),
-            source_faces: Vec::new(),
-            remedy: Some(Remedy {
-                kind: RemedyKind::Setup,
-                views: Vec::new(),
-                table_from_part: Some(Pose::from_parts(Vector3::new(x_mm, 0.0, 0.0), UnitQuaternion::identity())),
-                turn: None,
-                camera_deg: None,
-                projector_deg: None,
-                area_mm2: 10.0,
-                of_spot: 1.0,
-                tried: 3,
-            }),
-        };
-        let spots = [turned(1.0), turned(2.0), turned(1.0)];
+        let remedies = [turned(1.0, 1.0), turned(2.0, 1.0), turned(1.0, 1.0)];
         let mut groups = Vec::new();
-        for (number, spot) in (1..).zip(&spots) {
-            let table_from_part = spot.remedy.as_ref().and_then(|remedy| remedy.table_from_part.as_ref());
+        for (number, remedy) in (1..).zip(&remedies) {
             let fix = ("Stand it on its back and scan again".to_owned(), String::new(), true);
-            add(&mut groups, (number, spot), fix, table_from_part);
+            add(&mut groups, (number, 10.0), fix, Some(remedy));
         }
         let numbers: Vec<&[usize]> = groups.iter().map(|group| group.numbers.as_slice()).collect();
         assert_eq!(numbers, [&[1, 3][..], &[2]]);
+    }
+
+    /// Remedy that turns the part into a pose and measures such a share of a spot of 10 mm².
+    fn turned(x_mm: f64, of_spot: f64) -> Remedy {
+        Remedy {
+            kind: RemedyKind::Setup,
+            views: Vec::new(),
+            table_from_part: Some(Pose::from_parts(Vector3::new(x_mm, 0.0, 0.0), UnitQuaternion::identity())),
+            turn: None,
+            camera_deg: None,
+            projector_deg: None,
+            area_mm2: 10.0 * of_spot,
+            of_spot,
+            tried: 3,
+        }
+    }
+
+    /// "Turn it upside down … 15.94 %" was told of a turn that measures 54 % of that.
+    #[test]
+    fn a_fix_that_measures_too_little_of_its_spots_begins_with_the_share() {
+        let told = |of_spots: &[f64], is_help: bool| {
+            let remedies: Vec<Remedy> = of_spots.iter().map(|of_spot| turned(1.0, *of_spot)).collect();
+            let mut groups = Vec::new();
+            for (number, remedy) in (1..).zip(&remedies) {
+                add(&mut groups, (number, 10.0), ("Turn it over".to_owned(), String::new(), is_help), Some(remedy));
+            }
+            groups[0].told()
+        };
+        assert_eq!(told(&[0.54], true), "Only 54 % of it, 5.40 mm²: turn it over");
+        assert_eq!(told(&[0.54, 1.0], true), "Only 77 % of them, 15.4 mm²: turn it over");
+        assert_eq!(told(&[0.899], true), "Only 89 % of it, 8.99 mm²: turn it over");
+        assert_eq!((told(&[0.9, 1.0], true), told(&[0.54], false)), ("Turn it over".to_owned(), "Turn it over".to_owned()));
     }
 
     #[test]

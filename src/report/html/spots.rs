@@ -27,7 +27,7 @@ pub(super) struct NumberedSpot<'a> {
     pub(super) number: usize,
     pub(super) cause: Cause,
     pub(super) spot: &'a MissedSpot,
-    /// Its samples, or some of them, spread evenly.
+    /// Samples of the spot, or some of them, spread evenly.
     samples: Vec<SampleId>,
 }
 

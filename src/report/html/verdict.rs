@@ -18,7 +18,7 @@ pub(super) enum Standing {
     Met,
     /// A plan that leaves something of it open.
     Short,
-    /// No plan.
+    /// A job without a plan.
     NoPlan,
 }
 
@@ -235,7 +235,7 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
 mod tests {
     use super::*;
 
-    /// It said "lower bound 0" of further views.
+    /// The verdict said "lower bound 0" of further views.
     #[test]
     fn a_bound_that_was_not_computed_is_no_figure() {
         let told = [0, 9].map(|views_lower| views_detail(&Bound { views_lower, ..Bound::default() }));

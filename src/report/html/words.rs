@@ -20,6 +20,12 @@ pub(super) fn capitalised(text: &str) -> String {
     characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
 }
 
+/// The text with its first letter in lower case, to stand within a sentence.
+pub(super) fn uncapitalised(text: &str) -> String {
+    let mut characters = text.chars();
+    characters.next().map_or_else(String::new, |first| first.to_lowercase().chain(characters).collect())
+}
+
 /// Names a reason for which a viewpoint was dropped, in a few words, with a capital.
 pub(super) fn rejection_name(reason: Rejection) -> String {
     capitalised(&rejection_remark(reason))

@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use super::svg::Svg;
-use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, best};
+use crate::cell::HousingFace;
+use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, Mounting, best};
 use crate::report::html::markup::number;
 use crate::wire::words::{fixed, percent_below};
 
@@ -26,6 +27,19 @@ pub struct ReachInput<'a> {
     pub cell_name: &'a str,
 }
 
+/// Words for where the scanner sits on the flange.
+#[must_use]
+pub fn mounting_words(mounting: &Mounting) -> &'static str {
+    match mounting.face {
+        None => "as it is",
+        Some(HousingFace::Top) => "on the top face (−y)",
+        Some(HousingFace::Bottom) => "on the bottom face (+y)",
+        Some(HousingFace::Left) => "on the left end (−x)",
+        Some(HousingFace::Right) => "on the right end (+x)",
+        Some(HousingFace::Back) => "on the back (−z)",
+    }
+}
+
 fn share(layout: &Layout) -> Option<f64> {
     layout.reached.map(|reached| reached.hemisphere_share)
 }
@@ -37,7 +51,7 @@ pub fn csv(input: &ReachInput<'_>) -> String {
     let mut text =
         String::from("mounting,foot_mm,table_mm,fits,elevations,elevations_of,directions,directions_of,hemisphere_share\n");
     for layout in input.found {
-        let label = &input.layouts.mountings[layout.mounting].label;
+        let label = mounting_words(&input.layouts.mountings[layout.mounting]);
         let reached = layout.reached;
         let count = |get: fn(crate::planning::studies::reach::Reached) -> usize| {
             reached.map_or(String::new(), |reached| get(reached).to_string())
@@ -69,7 +83,7 @@ pub fn svg(input: &ReachInput<'_>) -> String {
     let mut svg = Svg::new(width, 40.0 + block * mountings.len() as f64, &title, &format!("{title}. {spoken}"));
     for (index, mounting) in mountings.iter().enumerate() {
         let top = 30.0 + block * index as f64;
-        svg.text(16.0, top + 30.0, "strong", &format!("Flange {}", mounting.label));
+        svg.text(16.0, top + 30.0, "strong", &format!("Flange {}", mounting_words(mounting)));
         svg.upwards(24.0, top + TOP + 0.5 * CELL[1] * table_mm.len() as f64, "plate above foot, mm");
         let layouts = input.found.iter().filter(|layout| layout.mounting == index);
         for (place, layout) in layouts.enumerate() {
@@ -121,7 +135,7 @@ fn best_words(input: &ReachInput<'_>) -> String {
 }
 
 fn words(input: &ReachInput<'_>, layout: &Layout) -> String {
-    let label = &input.layouts.mountings[layout.mounting].label;
+    let label = mounting_words(&input.layouts.mountings[layout.mounting]);
     let place = format!(
         "foot {} mm from the axis, plate {} mm above the foot, flange {label}",
         number(layout.foot_mm, 0),
@@ -143,7 +157,7 @@ fn words(input: &ReachInput<'_>, layout: &Layout) -> String {
 mod tests {
     use super::*;
     use crate::geometry::Pose;
-    use crate::planning::studies::reach::{Mounting, Reached};
+    use crate::planning::studies::reach::Reached;
 
     fn layout(hemisphere_share: f64, directions: usize) -> Layout {
         let reached = Some(Reached { elevations: ELEVATIONS, hemisphere_share, directions });
@@ -163,10 +177,17 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_mounting_is_told_by_the_face_that_the_flange_is_on() {
+        let told = |face: Option<HousingFace>| mounting_words(&Mounting { face, flange_from_scanner: Pose::identity() });
+        assert_eq!([told(None), told(Some(HousingFace::Top))], ["as it is", "on the top face (−y)"]);
+        assert_eq!(HousingFace::ALL.map(|face| told(Some(face))).map(|words| words.starts_with("on the ")), [true; 5]);
+    }
+
     /// Half of the directions of the grid may be a third of the hemisphere.
     #[test]
     fn table_and_sentence_tell_the_share_of_solid_angle_beside_the_count_of_directions() {
-        let mounting = Mounting { label: "as it is".into(), flange_from_scanner: Pose::identity() };
+        let mounting = Mounting { face: None, flange_from_scanner: Pose::identity() };
         let layouts = Layouts {
             part_mm: 120.0,
             foot_mm: vec![1300.0],

@@ -158,7 +158,7 @@ async fn a_fixture_is_held_against_its_digest_in_the_plan_whatever_its_name_is()
     );
 }
 
-/// It was passed over in silence.
+/// Such a field was passed over in silence.
 #[tokio::test]
 async fn what_does_not_apply_to_the_document_is_refused_by_name() {
     let planned = &*PLANNED;
@@ -225,7 +225,7 @@ async fn a_plan_is_checked_without_a_cell_as_a_job_is_planned_without_one() {
     assert_refused(refused, &["/cell: is \"none\", but the plan was made in cell \"e05-transcan\"; give that"]);
 }
 
-/// Its program was said to be made from another plan.
+/// The program of such a plan was said to be made from another plan.
 #[tokio::test]
 async fn the_plan_of_an_earlier_release_is_said_to_be_none_whose_digest_a_request_tells() {
     let planned = &*PLANNED;

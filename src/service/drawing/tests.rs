@@ -3,7 +3,7 @@
 use super::*;
 use crate::service::tests::{ended_job, service_with};
 
-/// They stayed for a month, on a full disk too.
+/// Such reports stayed for a month, on a full disk too.
 #[tokio::test]
 async fn a_report_that_was_drawn_for_a_job_deleted_meanwhile_is_taken_back() {
     let artifact = |name: &'static str, text: &str| Artifact { name: name.into(), bytes: text.into() };

@@ -52,7 +52,7 @@ async fn an_end_is_stored_once_the_disk_has_room() {
     let (app, _folder) = service().await;
     let id = inspection(&app, JobState::Running).await;
     app.0.store.fill_disk_at("UPDATE ON inspection WHEN NEW.state = 'failed'").await;
-    let problem = failure("internal", "a fault".to_owned(), Vec::new());
+    let problem = failure(FailureCode::Internal, "a fault".to_owned(), Vec::new());
     app.end_inspection(id, Some(problem.clone())).await.expect("stored");
     let ended = app.inspection(id).await.expect("it");
     assert_eq!((ended.state, ended.problem), (JobState::Failed, Some(problem)));
@@ -188,7 +188,7 @@ async fn a_run_that_was_deleted_and_a_plan_that_is_damaged_are_no_faults_of_the_
     assert_eq!(problem(None).await.code, "file_damaged");
 }
 
-/// Its report had none.
+/// The report of an inspection had no such time.
 #[tokio::test]
 async fn an_inspection_knows_when_its_plan_was_asked_for() {
     let (app, _folder) = planning().await;
@@ -215,7 +215,7 @@ async fn a_run_that_was_deleted_is_told_at_its_field_with_when_by_whom_and_what_
         errors[0].detail.clone()
     };
     let (retired, deleted) = (ran().await, ran().await);
-    app.delete_run_row(retired, Some("hold")).await.expect("due");
+    app.delete_run_row(retired, true).await.expect("due");
     app.delete_run(deleted).await.expect("ended");
     let said = told(retired).await;
     assert!(said.starts_with(&format!("is {retired}; that run was deleted at 2")), "{said}");
@@ -229,7 +229,7 @@ async fn a_run_that_was_deleted_is_told_at_its_field_with_when_by_whom_and_what_
     assert_eq!(app.delete_run(never).await.expect_err("none").to_string(), format!("there is no run {never}"));
 }
 
-/// They stayed for a month, on a full disk too.
+/// Such files stayed for a month, on a full disk too.
 #[tokio::test]
 async fn what_a_cancelled_inspection_has_stored_already_is_taken_back() {
     let (app, _folder) = service().await;

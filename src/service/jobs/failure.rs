@@ -6,20 +6,7 @@ use std::time::Duration;
 use super::super::error::Error;
 use super::super::planner::JobError;
 use crate::cell::FieldError;
-use crate::wire::{JobProblem, ProblemField, problem_type};
-
-/// Problem codes of failed jobs, with their titles.
-pub const FAILURE_CODES: [(&str, &str); 9] = [
-    ("job_input_invalid", "This input cannot be used"),
-    ("job_too_long", "The job took too long"),
-    ("no_plan", "No plan is possible"),
-    ("no_calibration_possible", "The observations do not give a calibration"),
-    ("job_panicked", "The job crashed"),
-    ("job_attempts_exhausted", "The server crashed in every attempt at this job"),
-    ("job_unreadable", "The stored job cannot be read by this version"),
-    ("file_damaged", "A stored file is damaged"),
-    ("internal", "Internal server error"),
-];
+use crate::wire::{FailureCode, JobProblem, ProblemField, problem_type};
 
 /// Reasons why an attempt ended without result files.
 pub(super) enum AttemptError {
@@ -36,13 +23,15 @@ pub(super) fn panic_text(panic: &(dyn Any + Send)) -> String {
 
 pub(super) fn job_problem(error: AttemptError) -> JobProblem {
     match error {
-        AttemptError::Panicked(text) => failure("job_panicked", format!("internal error: {text}"), Vec::new()),
-        AttemptError::TimedOut(limit) => failure("job_too_long", too_long(limit), Vec::new()),
+        AttemptError::Panicked(text) => failure(FailureCode::JobPanicked, format!("internal error: {text}"), Vec::new()),
+        AttemptError::TimedOut(limit) => failure(FailureCode::JobTooLong, too_long(limit), Vec::new()),
         AttemptError::Job(JobError::BadInput(errors) | JobError::PartRefused { errors, .. }) => input_invalid(errors),
-        AttemptError::Job(JobError::NoPlan { reasons, .. }) => failure("no_plan", reasons, Vec::new()),
-        AttemptError::Job(JobError::Damaged(reason) | JobError::Unread(reason)) => failure("file_damaged", reason, Vec::new()),
+        AttemptError::Job(JobError::NoPlan { reasons, .. }) => failure(FailureCode::NoPlan, reasons, Vec::new()),
+        AttemptError::Job(JobError::Damaged(reason) | JobError::Unread(reason)) => {
+            failure(FailureCode::FileDamaged, reason, Vec::new())
+        }
         AttemptError::Job(error @ (JobError::Unavailable(_) | JobError::Cancelled)) => {
-            failure("internal", error.to_string(), Vec::new())
+            failure(FailureCode::Internal, error.to_string(), Vec::new())
         }
     }
 }
@@ -50,7 +39,7 @@ pub(super) fn job_problem(error: AttemptError) -> JobProblem {
 /// Problem of a job whose input cannot be used.
 pub(super) fn input_invalid(errors: Vec<FieldError>) -> JobProblem {
     let detail = errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
+    failure(FailureCode::JobInputInvalid, detail, errors.into_iter().map(ProblemField::from).collect())
 }
 
 fn too_long(limit: Duration) -> String {
@@ -72,12 +61,12 @@ pub(in crate::service) fn problem_of_error(error: &Error) -> JobProblem {
     if let Error::Invalid(errors) = error {
         return input_invalid(errors.clone());
     }
-    let code = if matches!(error, Error::FileDamaged { .. }) { "file_damaged" } else { "internal" };
+    let code = if matches!(error, Error::FileDamaged { .. }) { FailureCode::FileDamaged } else { FailureCode::Internal };
     failure(code, error.to_string(), Vec::new())
 }
 
 /// The problem of a failed job, with the title of its code.
-pub(in crate::service) fn failure(code: &str, detail: String, errors: Vec<ProblemField>) -> JobProblem {
-    let title = FAILURE_CODES.iter().find(|(known, _)| *known == code).map_or("", |(_, title)| title);
-    JobProblem { kind: problem_type(code), title: title.to_owned(), detail, code: code.to_owned(), errors }
+pub(in crate::service) fn failure(code: FailureCode, detail: String, errors: Vec<ProblemField>) -> JobProblem {
+    let (title, code) = (code.title().to_owned(), code.as_str().to_owned());
+    JobProblem { kind: problem_type(&code), title, detail, code, errors }
 }

@@ -1,7 +1,7 @@
 //! The planning pool, and its running jobs. A pool has one task at a time: a worker that waits for a part of its task takes up whatever
 //! else is in its pool, and would come back to the first task only at the end of the other.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,6 +31,8 @@ pub(in crate::service) struct JobRunner {
     pub(super) sizes: Kept<JobSize>,
     schedule: Mutex<Schedule>,
     running: Mutex<HashMap<JobId, Arc<AtomicBool>>>,
+    /// Jobs whose planning has ended and whose results or end cannot be stored yet.
+    waiting: Mutex<HashSet<JobId>>,
     /// Something may start: a job was queued or has ended.
     pub(super) woken: Notify,
     /// Max memory of a job, and of all that run together.
@@ -50,8 +52,8 @@ impl JobRunner {
         let job_secs = limit.map_or(f64::INFINITY, |limit| limit.as_secs_f64());
         let threads = pool.current_num_threads();
         let schedule = Mutex::new(Schedule::new(threads, options.concurrent_jobs, memory_bytes as f64, job_secs));
-        let (sizes, running, woken) = (Kept::new(SIZES_KEPT), Mutex::default(), Notify::new());
-        Ok(Self { pool, planner, sizer, sizes, schedule, running, woken, memory_bytes, limit })
+        let (sizes, running, waiting, woken) = (Kept::new(SIZES_KEPT), Mutex::default(), Mutex::default(), Notify::new());
+        Ok(Self { pool, planner, sizer, sizes, schedule, running, waiting, woken, memory_bytes, limit })
     }
 
     /// Wakes the dispatcher: there is a job in the queue, or room for one.
@@ -69,6 +71,22 @@ impl JobRunner {
     /// Raises every cancel flag.
     pub(in crate::service) fn interrupt(&self) {
         self.lock().values().for_each(|flag| flag.store(true, Ordering::Relaxed));
+    }
+
+    /// Notes whether the results or the end of a job wait for the store.
+    pub(super) fn set_waiting(&self, id: JobId, is_waiting: bool) {
+        // Whole after every operation, so a poisoned lock is usable.
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        if is_waiting {
+            waiting.insert(id);
+        } else {
+            waiting.remove(&id);
+        }
+    }
+
+    /// True if the results or the end of a job wait for the store.
+    pub(in crate::service) fn is_waiting(&self, id: JobId) -> bool {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).contains(&id)
     }
 
     /// True if the pool has threads.

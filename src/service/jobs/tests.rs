@@ -1,5 +1,7 @@
 //! Outcomes that cannot be stored, and jobs that an earlier process left on a full disk.
 
+use std::time::Duration;
+
 use super::*;
 use crate::cell::FieldError;
 use crate::service::plan_job::REFUSED_FILE;
@@ -30,6 +32,29 @@ async fn an_outcome_is_recorded_once_the_disk_has_room() {
     app.0.store.fill_disk_at("UPDATE ON job WHEN NEW.state = 'cancelled'").await;
     let recorded = app.record_outcome(id, AttemptOutcome::Cancelled, &BTreeMap::new()).await;
     assert_eq!((recorded, app.job_state(id).await.expect("it")), (Some(JobState::Cancelled), JobState::Cancelled));
+}
+
+/// Such a job said that it was running, and nothing else, however long the disk was full.
+#[tokio::test]
+async fn a_job_whose_results_wait_for_room_says_so() {
+    let (app, _folder) = service().await;
+    let id = running(&app).await;
+    let is_told = async || {
+        let warnings = app.job(id).await.expect("it").warnings;
+        warnings.iter().any(|warning| warning.code == WarningCode::ResultsWait)
+    };
+    assert!(!is_told().await, "nothing waits yet");
+    app.0.store.fill_disk_at("UPDATE ON job WHEN NEW.state = 'cancelled'").await;
+    let told = async {
+        while !is_told().await {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    let timings = BTreeMap::new();
+    let recorded = app.record_outcome(id, AttemptOutcome::Cancelled, &timings);
+    let (recorded, told) = tokio::join!(recorded, tokio::time::timeout(Duration::from_secs(10), told));
+    assert!(recorded == Some(JobState::Cancelled) && told.is_ok(), "{recorded:?} {told:?}");
+    assert!(!is_told().await && !app.0.runner.is_waiting(id), "it is stored");
 }
 
 #[tokio::test]
@@ -85,7 +110,7 @@ async fn a_job_tells_that_its_list_of_candidates_is_too_large() {
     assert_eq!(app.job(job.id).await.expect("it").warnings, job.warnings);
 }
 
-/// They stayed for a month, on a full disk too.
+/// Such files stayed for a month, on a full disk too.
 #[tokio::test]
 async fn what_a_cancelled_job_has_stored_already_is_taken_back() {
     let (app, _folder) = service().await;

@@ -15,6 +15,9 @@ use crate::wire::JobId;
 /// Min time between two progress updates within a stage; the beginning of a stage is always reported.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(500);
 
+/// Min time between two lines of the log on the progress of an attempt that cannot be persisted: a full disk must not fill it.
+const TOLD_INTERVAL: Duration = Duration::from_secs(60);
+
 /// Progress of an attempt.
 pub(super) struct Update {
     stage: Stage,
@@ -24,11 +27,34 @@ pub(super) struct Update {
 
 /// Persists progress updates as they arrive.
 pub(super) async fn persist_progress(app: App, id: JobId, mut updates: mpsc::UnboundedReceiver<Update>) {
+    let mut unstored = Unstored::default();
     while let Some(Update { stage, fraction, timings }) = updates.recv().await {
         let timings = serde_json::to_string(&timings).unwrap_or_else(|_| "{}".to_owned());
         if let Err(error) = app.0.store.record_progress(id, stage.as_str(), fraction, &timings).await {
-            tracing::warn!(error = &error as &dyn std::error::Error, "progress cannot be persisted");
+            let Some(updates) = unstored.count(Instant::now()) else { continue };
+            tracing::warn!(job = %id, updates, error = &error as &dyn std::error::Error, "progress cannot be persisted");
         }
+    }
+}
+
+/// Updates of one attempt that could not be persisted.
+#[derive(Default)]
+struct Unstored {
+    /// Time at which the log was told of them last.
+    told: Option<Instant>,
+    /// Number of those since then.
+    untold: u64,
+}
+
+impl Unstored {
+    /// Counts one more. Where the log is to be told, returns the number of those that it was not told of.
+    fn count(&mut self, now: Instant) -> Option<u64> {
+        self.untold += 1;
+        if self.told.is_some_and(|told| now.saturating_duration_since(told) < TOLD_INTERVAL) {
+            return None;
+        }
+        self.told = Some(now);
+        Some(std::mem::take(&mut self.untold))
     }
 }
 
@@ -113,5 +139,18 @@ impl Observer for Tracker {
         if times.sent.is_none_or(|sent| sent.elapsed() >= PROGRESS_INTERVAL) {
             self.send(&mut times, stage);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A full disk gave two lines a second of every job.
+    #[test]
+    fn the_log_is_told_of_progress_that_cannot_be_persisted_now_and_then() {
+        let (mut unstored, began) = (Unstored::default(), Instant::now());
+        let told = [0, 1, 59, 60, 61, 200].map(|secs| unstored.count(began + Duration::from_secs(secs)));
+        assert_eq!(told, [Some(1), None, None, Some(3), None, Some(2)]);
     }
 }

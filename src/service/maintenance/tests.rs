@@ -107,7 +107,7 @@ fn stored_files_have_half_of_the_share_whatever_the_logs_take() {
     assert_eq!([files(1, 5), files(0, 5)], [1, 0]);
 }
 
-/// They took room that nothing counted, and then all jobs with them.
+/// Audit logs took room that nothing counted, and then all jobs with them.
 #[tokio::test]
 async fn audit_logs_take_their_part_of_the_share_of_the_disk_and_delete_no_job_by_themselves() {
     const LIMIT_BYTES: f64 = 1e6;
@@ -140,7 +140,7 @@ async fn the_log_of_a_deleted_run_goes_after_a_crash_too_and_the_logs_of_others_
     let (deleted, kept) = (run(&app, "c", ReportedState::Done, 300).await, run(&app, "c", ReportedState::Done, 40).await);
     let of_another_server = RunId::generate();
     write_log(&folder.path().join("audit"), of_another_server, 5);
-    app.delete_run_row(deleted, None).await.expect("ended");
+    app.delete_run_row(deleted, false).await.expect("ended");
     app.round().await;
     let has_log = |id: RunId| folder.path().join("audit").join(id.to_string()).exists();
     assert_eq!([deleted, kept, of_another_server].map(has_log), [false, true, true]);

@@ -36,9 +36,9 @@ pub fn dialect_of(name: &str) -> Option<Dialect> {
 pub(super) struct DialectProgram {
     /// Name of its file.
     name: String,
-    /// Its language.
+    /// Language of the program.
     pub(super) dialect: Dialect,
-    /// Its text, or the reason why there is none.
+    /// Text of the program, or the reason why it has none.
     pub(super) text: Result<String, String>,
     /// Reason why it is refused unless it is forced, if the robot does not take the dialect.
     foreign: Option<String>,

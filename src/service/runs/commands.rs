@@ -64,7 +64,7 @@ impl App {
     /// Resumes a paused run, or begins an armed one.
     ///
     /// # Errors
-    /// Those of [`App::arm_run`].
+    /// Errors of [`App::arm_run`].
     pub async fn resume_run(&self, id: RunId, token: Option<u64>) -> Result<Run, Error> {
         let (open, session) = self.session(id, "resumed").await?;
         session.resume(self.fence(&open, token)?).await.map_err(|error| refused(id, "resumed", error))?;
@@ -74,7 +74,7 @@ impl App {
     /// Takes a paused or armed run one step on.
     ///
     /// # Errors
-    /// Those of [`App::arm_run`].
+    /// Errors of [`App::arm_run`].
     pub async fn step_run(&self, id: RunId, token: Option<u64>) -> Result<Run, Error> {
         let (open, session) = self.session(id, "stepped").await?;
         let before = self.run(id).await?;
@@ -86,7 +86,7 @@ impl App {
     /// Changes the speed of a run.
     ///
     /// # Errors
-    /// Those of [`App::arm_run`].
+    /// Errors of [`App::arm_run`].
     pub async fn override_run(&self, id: RunId, request: OverrideRequest, token: Option<u64>) -> Result<Run, Error> {
         request.check().map_err(Error::Invalid)?;
         let (open, session) = self.session(id, "changed in speed").await?;
@@ -100,7 +100,7 @@ impl App {
     /// Tells a run where the part lies.
     ///
     /// # Errors
-    /// Those of [`App::arm_run`].
+    /// Errors of [`App::arm_run`].
     pub async fn locate_run(&self, id: RunId, request: LocatedRequest, token: Option<u64>) -> Result<Run, Error> {
         let mut findings = crate::cell::Findings::default();
         request.table_from_part.check("/table_from_part", &mut findings);

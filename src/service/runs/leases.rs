@@ -22,7 +22,7 @@ pub(super) struct HeldLeases {
 }
 
 impl HeldLeases {
-    /// No leases yet; tokens are above `last`.
+    /// An empty set of leases; tokens are above `last`.
     pub(super) fn after(last: u64) -> Self {
         Self { leases: Leases::after(Fence(last)), ids: Mutex::default() }
     }
@@ -57,7 +57,7 @@ impl App {
     /// Takes the lease of a cell. It is acknowledged once its token is on the disk.
     ///
     /// # Errors
-    /// Those of [`App::submit_lease`].
+    /// Errors of [`App::submit_lease`].
     pub async fn take_lease(&self, request: LeaseRequest) -> Result<LeaseDocument, Error> {
         self.submit_lease(request, Submission::default()).await
     }

@@ -60,7 +60,7 @@ pub(super) struct OpenRun {
 }
 
 impl Runs {
-    /// No runs yet; fencing tokens are above `last_token`.
+    /// An empty set of runs; fencing tokens are above `last_token`.
     pub(super) fn new(last_token: u64) -> io::Result<Self> {
         let (leases, feed) = (HeldLeases::after(last_token), broadcast::Sender::new(FEED_LENGTH));
         Ok(Self { carrier: Carrier::new()?, leases, accepting: tokio::sync::Mutex::default(), open: Mutex::default(), feed })

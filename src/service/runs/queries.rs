@@ -28,7 +28,7 @@ impl App {
     /// Accepts a run and begins it.
     ///
     /// # Errors
-    /// Those of [`App::submit_run`].
+    /// Errors of [`App::submit_run`].
     pub async fn start_run(&self, request: RunRequest, token: Option<u64>, submitted_by: Option<String>) -> Result<Run, Error> {
         self.submit_run(request, token, Submission { submitted_by, ..Submission::default() }).await
     }
@@ -179,11 +179,12 @@ impl App {
     /// Deletes an ended run, its record and its audit log. Where the log cannot be removed, the same request removes it later.
     ///
     /// # Errors
-    /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::LogLeft`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::JobHeld`], [`Error::LogLeft`], [`Error::StorageBusy`],
+    /// [`Error::Internal`].
     pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
         let app = self.clone();
         self.run_to_completion(async move {
-            if let Err(error) = app.delete_run_row(id, None).await {
+            if let Err(error) = app.delete_run_row(id, false).await {
                 let was_deleted = matches!(&error, Error::RunNotFound(missing) if missing.deletion.is_some());
                 if !was_deleted || !app.may_have_log(id).await? {
                     return Err(error);
@@ -194,10 +195,10 @@ impl App {
         .await
     }
 
-    /// Deletes an ended run and its record. With the key of the label that holds jobs, as retention does: not that of a job that is held
-    /// or in use.
-    pub(in crate::service) async fn delete_run_row(&self, id: RunId, hold: Option<&str>) -> Result<(), Error> {
-        if let Some(event) = self.freeing(|| self.0.store.delete_run(id, hold)).await? {
+    /// Deletes an ended run of a job that is not held, and its record; by retention, not that of a job in use either.
+    pub(in crate::service) async fn delete_run_row(&self, id: RunId, by_retention: bool) -> Result<(), Error> {
+        let hold = &self.0.options.retention.hold_label;
+        if let Some(event) = self.freeing(|| self.0.store.delete_run(id, hold, by_retention)).await? {
             self.0.runs.publish(event);
         }
         Ok(())

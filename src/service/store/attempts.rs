@@ -15,7 +15,7 @@ use sqlx::{Row, SqliteConnection};
 
 use super::artifacts::{self, ResultFile};
 use super::events::{self, EventBody};
-use super::job_rows::{fetch, read_state, state_of, unreadable};
+use super::job_rows::{fetch, fraction_of, read_state, state_of, unreadable};
 use super::stored::{read_leniently, text};
 use super::{Store, now, parsed, summaries};
 use crate::service::error::Error;
@@ -89,7 +89,7 @@ impl Store {
         };
         let (attempt, event) = match body_of(&mut tx, parsed).await? {
             Ok(body) => {
-                let event = events::append(&mut tx, parsed, EventBody::state(EventKind::Started, JobState::Running)).await?;
+                let event = events::append(&mut tx, parsed, EventBody::state(EventKind::Started, JobState::Running, 0.0)).await?;
                 (Some(Attempt { number: row.try_get("attempts")?, ..body }), event)
             }
             Err(reason) => {
@@ -177,8 +177,9 @@ impl Store {
         let event = match state_of(&mut tx, id).await? {
             JobState::Queued => end(&mut tx, id, EventKind::Cancelled, JobState::Cancelled, None).await?,
             JobState::Running => {
-                sqlx::query("UPDATE job SET state = 'cancelling' WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
-                events::append(&mut tx, id, EventBody::state(EventKind::Cancelling, JobState::Cancelling)).await?
+                let update = "UPDATE job SET state = 'cancelling' WHERE id = ?1 RETURNING fraction";
+                let fraction = fraction_of(&sqlx::query(update).bind(id.to_string()).fetch_one(&mut *tx).await?);
+                events::append(&mut tx, id, EventBody::state(EventKind::Cancelling, JobState::Cancelling, fraction)).await?
             }
             JobState::Cancelling | JobState::Cancelled => return fetch(&mut tx, id).await,
             state @ (JobState::Succeeded | JobState::Failed) => return Err(Error::JobEnded { job: id, state }),
@@ -279,18 +280,18 @@ async fn end(
 
 async fn end_with(tx: &mut SqliteConnection, id: JobId, ending: &Ending<'_>) -> Result<Arc<JobEvent>, Error> {
     let Ending { kind, after, problem, summary } = *ending;
-    sqlx::query(concat!(
+    let ended = sqlx::query(concat!(
         "UPDATE job SET state = ?2, problem = ?3, stage = NULL,
-            fraction = CASE ?2 WHEN 'succeeded' THEN 1 WHEN 'queued' THEN 0 ELSE fraction END,
+            fraction = CASE ?2 WHEN 'succeeded' THEN 1.0 WHEN 'queued' THEN 0.0 ELSE fraction END,
             ended_at = CASE WHEN ?2 = 'queued' THEN NULL ELSE ",
         now!(),
-        " END WHERE id = ?1"
+        " END WHERE id = ?1 RETURNING fraction"
     ))
     .bind(id.to_string())
     .bind(after.as_str())
     .bind(problem.map(serde_json::to_string).transpose()?)
-    .execute(&mut *tx)
+    .fetch_one(&mut *tx)
     .await?;
     let code = problem.map(|p| p.code.as_str());
-    events::append(tx, id, EventBody { code, summary, ..EventBody::state(kind, after) }).await
+    events::append(tx, id, EventBody { code, summary, ..EventBody::state(kind, after, fraction_of(&ended)) }).await
 }

@@ -5,12 +5,12 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use sqlx::{Connection, SqliteConnection};
 
 use super::files::{Files, create_folder, folders, private_file};
-use super::{DATABASE, OpenError, connect_options, identity, lock, open_database};
+use super::{DATABASE, IN_USE, OpenError, connect_options, identity, lock, open_database};
 use crate::service::error::{Error, is_read_failure};
 use crate::wire::RunId;
 
@@ -41,7 +41,7 @@ pub struct BackupReport {
 /// A file that is missing or damaged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DamagedFile {
-    /// Its name: the hash of its original bytes, or the path of an audit log.
+    /// Name of the file: the hash of its original bytes, or the path of an audit log.
     pub name: String,
     /// Meshes, jobs and runs that it belongs to, such as `mesh ID`.
     pub named_by: Vec<String>,
@@ -61,6 +61,14 @@ pub enum BackupError {
     /// The folder is not that of a store.
     #[error("{0} is not the folder of a store: it has no vantage.db")]
     NoStore(PathBuf),
+    /// The target folder lies below the source.
+    #[error("{to} lies below {from}, and would be lost with it; choose a folder outside")]
+    BelowSource {
+        /// The target.
+        to: PathBuf,
+        /// The source.
+        from: PathBuf,
+    },
     /// The target folder of a backup is the store itself.
     #[error("{0} is the folder of the store itself; choose another folder for the backup")]
     OntoItself(PathBuf),
@@ -129,7 +137,7 @@ pub async fn backup(data: &Path, to: &Path) -> Result<BackupReport, BackupError>
     }
     let mut source = open_database(&connect_options(&database), &database).await?;
     let id = id_of(&mut source).await?;
-    create_folder(to).map_err(at(to))?;
+    create_outside(to, data)?;
     if fs::canonicalize(to).map_err(at(to))? == fs::canonicalize(data).map_err(at(data))? {
         return Err(BackupError::OntoItself(to.to_owned()));
     }
@@ -173,17 +181,32 @@ pub async fn backup(data: &Path, to: &Path) -> Result<BackupReport, BackupError>
 /// # Errors
 /// [`BackupError`].
 pub async fn restore(from: &Path, data: &Path, keep_damaged: bool) -> Result<BackupReport, BackupError> {
-    let database = from.join(DATABASE);
-    if !database.is_file() {
+    if !from.join(DATABASE).is_file() {
         return Err(BackupError::NoStore(from.to_owned()));
     }
-    create_folder(data).map_err(at(data))?;
-    let _in_use = lock(data)?;
-    let is_other = |entry: &fs::DirEntry| entry.file_name() != "in-use" && entry.file_name() != LOST_AND_FOUND;
+    let made = create_outside(data, from)?;
+    // Held until a failed restore is cleaned up: nothing that another process has put there is removed.
+    let in_use = lock(data)?;
+    let is_other = |entry: &fs::DirEntry| entry.file_name() != IN_USE && entry.file_name() != LOST_AND_FOUND;
     let others = fs::read_dir(data).map_err(at(data))?.filter_map(Result::ok).filter(is_other);
     if others.count() > 0 {
         return Err(BackupError::NotEmpty(data.to_owned()));
     }
+    let restored = restore_into(from, data, keep_damaged).await;
+    if restored.is_err() {
+        clear(data);
+        if !made.is_empty() {
+            let _ = fs::remove_file(data.join(IN_USE));
+            remove_empty(&made);
+        }
+    }
+    drop(in_use);
+    restored
+}
+
+/// Restores into an empty folder that is locked; what it has put there if it fails, [`clear`] removes.
+async fn restore_into(from: &Path, data: &Path, keep_damaged: bool) -> Result<BackupReport, BackupError> {
+    let database = from.join(DATABASE);
     // The backup may be on a read-only medium, and SQLite needs to write: so its copy is opened.
     let snapshot = data.join("snapshot.db");
     fs::copy(&database, &snapshot).map_err(at(&database))?;
@@ -202,15 +225,56 @@ pub async fn restore(from: &Path, data: &Path, keep_damaged: bool) -> Result<Bac
     report.damaged = damaged_files(&snapshot, missing).await?;
     copy_audit(from, data, &mut report)?;
     if !report.damaged.is_empty() && !keep_damaged {
-        // The folder was empty and becomes so again, for the next attempt.
-        remove_database(&snapshot)?;
-        for copied in [data.join("files"), data.join(AUDIT)].into_iter().filter(|folder| folder.exists()) {
-            fs::remove_dir_all(copied).map_err(at(data))?;
-        }
         return Err(BackupError::Damaged(report.damaged));
     }
     install_snapshot(&snapshot, data, id.as_deref())?;
     Ok(report)
+}
+
+/// Removes what a failed restore has put into an empty folder, so that the next one may use it. What cannot be removed stays.
+fn clear(data: &Path) {
+    for database in ["snapshot.db", DATABASE] {
+        let _ = remove_database(&data.join(database));
+    }
+    let _ = remove(&data.join(identity::FILE));
+    for folder in ["files", AUDIT] {
+        let _ = fs::remove_dir_all(data.join(folder));
+    }
+}
+
+/// Removes folders that are empty, in their order.
+fn remove_empty(folders: &[PathBuf]) {
+    for folder in folders {
+        let _ = fs::remove_dir(folder);
+    }
+}
+
+/// Creates a target folder; returns the folders that it made, the innermost first. Refuses one below the source, which would be
+/// lost with it.
+fn create_outside(to: &Path, from: &Path) -> Result<Vec<PathBuf>, BackupError> {
+    let source = fs::canonicalize(from).map_err(at(from))?;
+    let target = resolved(to).map_err(at(to))?;
+    // The source itself is refused for what it is.
+    if target != source && target.starts_with(&source) {
+        return Err(BackupError::BelowSource { to: to.to_owned(), from: from.to_owned() });
+    }
+    let made: Vec<PathBuf> = target.ancestors().take_while(|folder| !folder.exists()).map(Path::to_owned).collect();
+    create_folder(to).map_err(at(to)).inspect_err(|_| remove_empty(&made))?;
+    Ok(made)
+}
+
+/// Path without links and `..`, as it will be once the folders that are missing are made: those will be no links.
+fn resolved(path: &Path) -> io::Result<PathBuf> {
+    let mut there = PathBuf::new();
+    for component in std::path::absolute(path)?.components() {
+        if component == Component::ParentDir {
+            there.pop();
+        } else {
+            there.push(component);
+        }
+        there = fs::canonicalize(&there).unwrap_or(there);
+    }
+    Ok(there)
 }
 
 /// Skips versions of specifications, and so entity tags: those given after the backup are not given again to other contents.

@@ -36,9 +36,8 @@ pub(crate) struct EventBatch {
 }
 
 impl EventBody<'_> {
-    /// Body of a change of state. All the work of a job that has succeeded is done, whatever happens to it afterwards.
-    pub(super) fn state(kind: EventKind, state: JobState) -> Self {
-        let fraction = if state == JobState::Succeeded { 1.0 } else { 0.0 };
+    /// Body of a change of state of a job that is done to `fraction`.
+    pub(super) fn state(kind: EventKind, state: JobState, fraction: f64) -> Self {
         Self { kind, state, stage: None, fraction, code: None, summary: None }
     }
 }

@@ -58,7 +58,7 @@ pub(crate) struct Received {
     pub file: NamedTempFile,
     /// SHA-256, lower-case hexadecimal.
     pub sha256: String,
-    /// Its size.
+    /// Size of the file.
     pub size_bytes: u64,
 }
 
@@ -72,7 +72,7 @@ pub(crate) struct Receiver {
 /// A file found in a folder of the store.
 #[derive(Clone, Debug)]
 pub(crate) struct StoredFile {
-    /// Its name: the hash of its bytes.
+    /// Name of the file: the hash of its bytes.
     pub sha256: String,
     /// Modification time.
     pub modified: SystemTime,

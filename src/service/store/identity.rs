@@ -10,7 +10,8 @@ use sqlx::SqliteConnection;
 use super::OpenError;
 use super::files::Files;
 
-const FILE: &str = "store-id";
+/// File with the id in a store's folder.
+pub(super) const FILE: &str = "store-id";
 
 /// Refuses a folder with files whose database is missing or empty. Called before the database is opened, which would create it.
 pub(super) fn check_file(data: &Path, files: &Files, database: &Path) -> Result<(), OpenError> {

@@ -7,6 +7,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::artifacts::{ResultFile, StoredArtifacts, read_file};
 use super::idempotency::IdempotencyKey;
+use super::jobs::check_hold_of;
 use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, now};
@@ -144,14 +145,15 @@ impl Store {
         Ok(InspectionPage { items, next_page_token })
     }
 
-    /// Deletes an ended inspection and its files.
-    pub(crate) async fn delete_inspection(&self, id: InspectionId) -> Result<(), Error> {
+    /// Deletes an ended inspection and its files, unless its job has the label `hold`.
+    pub(crate) async fn delete_inspection(&self, id: InspectionId, hold: &str) -> Result<(), Error> {
         let orphans: Vec<String> = {
             let mut tx = self.writer.begin().await?;
             let state = state_of(&mut tx, id).await?;
             if !state.is_ended() {
                 return Err(Error::InspectionNotEnded { inspection: id, state });
             }
+            check_hold_of(&mut tx, "SELECT job_id FROM inspection WHERE id = ?1", id.to_string(), hold).await?;
             let orphans = sqlx::query_scalar("SELECT file_sha256 FROM inspection_file WHERE inspection_id = ?1")
                 .bind(id.to_string())
                 .fetch_all(&mut *tx)

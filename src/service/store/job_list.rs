@@ -22,7 +22,7 @@ use crate::wire::{
 pub struct JobQuery {
     /// Jobs that are listed.
     pub selection: JobSelection,
-    /// Their order.
+    /// Order of the jobs.
     pub sort: JobSort,
 }
 

@@ -9,7 +9,7 @@ use super::{artifacts, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::jobs::failure;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, parse, unless_blank, warnings};
+use crate::wire::{FailureCode, Job, JobId, JobProblem, JobRequest, JobState, parse, unless_blank, warnings};
 
 /// `SELECT` of everything that [`read`] needs.
 macro_rules! select_job {
@@ -38,9 +38,14 @@ pub(super) async fn fetch(tx: &mut SqliteConnection, id: JobId) -> Result<Job, E
     read(&row.ok_or(Error::JobNotFound(id))?)
 }
 
+/// Share of a job that is done, of its row. One that cannot be read keeps no job from ending.
+pub(super) fn fraction_of(row: &SqliteRow) -> f64 {
+    row.try_get("fraction").unwrap_or_default()
+}
+
 /// The problem of a job that cannot be read.
 pub(super) fn unreadable(reason: String) -> JobProblem {
-    failure("job_unreadable", reason, Vec::new())
+    failure(FailureCode::JobUnreadable, reason, Vec::new())
 }
 
 /// Parses a job's state; if it is unreadable, returns the problem to show with the job.

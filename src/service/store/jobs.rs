@@ -10,7 +10,7 @@ use sqlx::SqliteConnection;
 use super::Store;
 use super::events::{self, EventBody};
 use super::idempotency::IdempotencyKey;
-use super::job_rows::{fetch, state_of};
+use super::job_rows::{fetch, fraction_of, state_of};
 use super::runs::not_ended;
 use super::stored::VERSION;
 use crate::cell::Named;
@@ -144,8 +144,10 @@ impl Store {
             .bind(id.to_string())
             .fetch_all(&mut *tx)
             .await?;
-            sqlx::query("DELETE FROM job WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
-            let event = events::append(&mut tx, id, EventBody { code, ..EventBody::state(EventKind::Deleted, state) }).await?;
+            let deleted =
+                sqlx::query("DELETE FROM job WHERE id = ?1 RETURNING fraction").bind(id.to_string()).fetch_one(&mut *tx).await?;
+            let body = EventBody { code, ..EventBody::state(EventKind::Deleted, state, fraction_of(&deleted)) };
+            let event = events::append(&mut tx, id, body).await?;
             let _in_order = tx.commit_and_keep_lock().await?;
             self.publish(event);
             orphans
@@ -161,7 +163,7 @@ impl Store {
             return Err(Error::JobNotQueued { job: id, state });
         }
         sqlx::query("UPDATE job SET priority = ?2 WHERE id = ?1").bind(id.to_string()).bind(priority).execute(&mut *tx).await?;
-        let event = events::append(&mut tx, id, EventBody::state(EventKind::Queued, JobState::Queued)).await?;
+        let event = events::append(&mut tx, id, EventBody::state(EventKind::Queued, JobState::Queued, 0.0)).await?;
         let job = fetch(&mut tx, id).await?;
         let _in_order = tx.commit_and_keep_lock().await?;
         self.publish(event);
@@ -193,6 +195,16 @@ pub(super) async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str
         .fetch_one(tx)
         .await?;
     if held { Err(Error::JobHeld { job: id, label: label.to_owned() }) } else { Ok(()) }
+}
+
+/// Checks that the job of an inspection or a scan does not have the label `hold`. The query selects the job's id by that of the
+/// other; without a job, nothing is held.
+pub(super) async fn check_hold_of(tx: &mut SqliteConnection, job_of: &'static str, id: String, label: &str) -> Result<(), Error> {
+    let job: Option<Option<String>> = sqlx::query_scalar(job_of).bind(id).fetch_optional(&mut *tx).await?;
+    match job.flatten().and_then(|job| job.parse::<JobId>().ok()) {
+        Some(job) => check_hold(tx, job, label).await,
+        None => Ok(()),
+    }
 }
 
 /// Checks that no inspection and no run of the job is open: they read its plan, and a run is continued by it.
@@ -236,7 +248,7 @@ async fn insert_queued(tx: &mut SqliteConnection, new: &NewJob) -> Result<(JobId
     failpoint::hit("job", "before_insert");
     let id = JobId::generate();
     insert(tx, id, new).await?;
-    Ok((id, events::append(tx, id, EventBody::state(EventKind::Queued, JobState::Queued)).await?))
+    Ok((id, events::append(tx, id, EventBody::state(EventKind::Queued, JobState::Queued, 0.0)).await?))
 }
 
 async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<(), Error> {

@@ -37,7 +37,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use sqlx::migrate::{Migration, MigrationType, Migrator};
+use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
 use tokio::sync::broadcast;
@@ -77,6 +77,8 @@ const FEED_LENGTH: usize = 1024;
 const MAX_READERS: u32 = 4;
 /// File name of the database in a store's folder.
 const DATABASE: &str = "vantage.db";
+/// File in a store's folder that the process that uses it has locked.
+const IN_USE: &str = "in-use";
 /// File in a store's folder that is given up on a full disk.
 pub(crate) const RESERVE: &str = "reserve";
 
@@ -158,9 +160,18 @@ pub enum OpenError {
     /// Jobs that an earlier process left unfinished cannot be recovered.
     #[error("cannot recover the jobs that an earlier process left unfinished")]
     Recovery(#[from] Error),
+    /// The database has the schema of a newer release.
+    #[error(
+        "{path} was written by a newer release of Vantage; nothing was changed. Start that release, or restore a backup that was \
+         made before the upgrade, with `vantage restore`"
+    )]
+    Newer {
+        /// The folder.
+        path: String,
+    },
     /// The database cannot be migrated to this version's schema.
     #[error("cannot migrate the database to this version of the program")]
-    Migration(#[from] sqlx::migrate::MigrateError),
+    Migration(#[from] MigrateError),
 }
 
 /// The open store.
@@ -203,7 +214,10 @@ impl Store {
         let options = connect_options(&database).create_if_missing(true);
         let mut writer = open_database(&options, &database).await?;
         identity::check_tables(data, &files, &mut writer).await?;
-        migrator().run_direct(None, &mut writer, false).await?;
+        migrator().run_direct(None, &mut writer, false).await.map_err(|error| {
+            let is_newer = matches!(error, MigrateError::VersionMissing(_));
+            if is_newer { OpenError::Newer { path: data.display().to_string() } } else { error.into() }
+        })?;
         identity::check_id(data, &files, &mut writer).await?;
         let files = Files::open(data).map_err(folder)?;
         let reader = SqlitePoolOptions::new().max_connections(MAX_READERS).connect_with(options.clone()).await?;
@@ -286,7 +300,7 @@ struct FolderLock {
 fn lock(data: &Path) -> Result<FolderLock, OpenError> {
     let in_use = |_| OpenError::InUse(data.display().to_string());
     let file =
-        File::create(data.join("in-use")).map_err(|source| OpenError::Folder { path: data.display().to_string(), source })?;
+        File::create(data.join(IN_USE)).map_err(|source| OpenError::Folder { path: data.display().to_string(), source })?;
     file.try_lock().map_err(in_use)?;
     let folder = match File::open(data).map(|folder| (folder.try_lock(), folder)) {
         Ok((Ok(()), folder)) => Some(folder),

@@ -178,19 +178,24 @@ impl Store {
         Ok(count.unsigned_abs())
     }
 
-    /// Deletes an ended run with its record; its last event tells so, unless the run cannot be read. Retention gives the key of the
-    /// label that holds jobs: with it, a run of a job that is held or in use stays, and the event says who deleted the run.
-    pub(crate) async fn delete_run(&self, id: RunId, hold: Option<&str>) -> Result<Option<Arc<RunEventDocument>>, Error> {
+    /// Deletes an ended run with its record, unless its job has the label `hold`; its last event tells so, unless the run cannot
+    /// be read. Deleted by retention, a run of a job that is in use stays too, and the event says who deleted the run.
+    pub(crate) async fn delete_run(
+        &self,
+        id: RunId,
+        hold: &str,
+        by_retention: bool,
+    ) -> Result<Option<Arc<RunEventDocument>>, Error> {
         let mut tx = self.writer.begin().await?;
         let state = state_of(&mut tx, id).await?;
         if !state.is_ended() {
             return Err(Error::RunNotEnded { run: id, state });
         }
-        if let Some(hold) = hold {
-            let job: Option<String> =
-                sqlx::query_scalar("SELECT job_id FROM run WHERE id = ?1").bind(id.to_string()).fetch_one(&mut *tx).await?;
-            if let Some(job) = job.and_then(|job| job.parse::<JobId>().ok()) {
-                check_hold(&mut tx, job, hold).await?;
+        let job: Option<String> =
+            sqlx::query_scalar("SELECT job_id FROM run WHERE id = ?1").bind(id.to_string()).fetch_one(&mut *tx).await?;
+        if let Some(job) = job.and_then(|job| job.parse::<JobId>().ok()) {
+            check_hold(&mut tx, job, hold).await?;
+            if by_retention {
                 check_idle(&mut tx, job).await?;
             }
         }
@@ -198,7 +203,7 @@ impl Store {
         sqlx::query("DELETE FROM run_event WHERE run_id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
         let event = match read::<Run>(&row) {
             Ok(mut run) => {
-                if hold.is_some() {
+                if by_retention {
                     run.detail = Some(BY_RETENTION.to_owned());
                 }
                 Some(append(&mut tx, &run, RunEventKind::Deleted).await?)

@@ -4,6 +4,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::files::Received;
+use super::jobs::check_hold_of;
 use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, blocking, now};
@@ -76,10 +77,11 @@ impl Store {
         read(&row.ok_or(Error::ScanNotFound(id))?)
     }
 
-    /// Deletes a scan that no unfinished inspection reads.
-    pub(crate) async fn delete_scan(&self, id: ScanId) -> Result<(), Error> {
+    /// Deletes a scan that no unfinished inspection reads, unless its job has the label `hold`.
+    pub(crate) async fn delete_scan(&self, id: ScanId, hold: &str) -> Result<(), Error> {
         let orphan: String = {
             let mut tx = self.writer.begin().await?;
+            check_hold_of(&mut tx, "SELECT job_id FROM scan WHERE id = ?1", id.to_string(), hold).await?;
             let open: i64 = sqlx::query_scalar(
                 "SELECT count(*) FROM inspection JOIN scan ON scan.job_id = inspection.job_id
                  WHERE scan.id = ?1 AND inspection.state IN (?2, ?3, ?4)",

@@ -11,18 +11,18 @@ use crate::wire::SpecCollection;
 /// A stored specification.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoredSpec {
-    /// Its name.
+    /// Name of the specification.
     pub name: String,
-    /// Its JSON.
+    /// JSON of the specification.
     pub body: String,
-    /// Its strong entity tag, quotes included.
+    /// Strong entity tag of the specification, quotes included.
     pub etag: String,
 }
 
 /// Precondition of a change (RFC 9110, section 13).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Precondition {
-    /// No precondition.
+    /// A change without a precondition.
     None,
     /// `If-Match` with these tags; empty for `*`, which matches any existing specification.
     Match(Vec<String>),

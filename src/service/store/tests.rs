@@ -332,7 +332,10 @@ async fn a_store_of_a_later_version_is_refused() {
     sqlx::query("UPDATE _sqlx_migrations SET version = 99 WHERE version = 2").execute(&opened.store.reader).await.expect("done");
     let Opened { store, folder } = opened;
     drop(store);
-    assert!(matches!(Store::open(folder.path()).await, Err(OpenError::Migration(_))));
+    let refused = Store::open(folder.path()).await.err().expect("refused");
+    let said = refused.to_string();
+    assert!(matches!(refused, OpenError::Newer { .. }) && said.contains(&folder.path().display().to_string()), "{said}");
+    assert!(said.contains("a newer release of Vantage") && said.contains("restore a backup"), "{said}");
 }
 
 #[tokio::test]
@@ -518,6 +521,31 @@ async fn a_deleted_job_that_had_succeeded_is_not_said_to_be_at_its_beginning() {
     );
 }
 
+#[tokio::test]
+async fn the_events_of_a_job_that_ends_tell_how_far_it_came_as_the_job_does() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    for (outcome, kind) in
+        [(AttemptOutcome::Failed(exhausted(), Vec::new()), EventKind::Failed), (AttemptOutcome::Cancelled, EventKind::Cancelled)]
+    {
+        let id = submit(store, mesh).await;
+        store.claim_next().await.expect("the queue").expect("a job");
+        store.record_progress(id, "views", 0.75, "{}").await.expect("noted");
+        if kind == EventKind::Cancelled {
+            store.cancel(id).await.expect("running");
+        }
+        store.end_attempt(id, &outcome, "{}").await.expect("an end");
+        let fraction = store.job(id).await.expect("it").fraction;
+        store.delete_job(id, "hold", None).await.expect("ended");
+        let events = store.events_after(Some(id), 0, 100).await.expect("events").events;
+        let after_progress = events.iter().filter(|event| !matches!(event.kind, EventKind::Queued | EventKind::Started));
+        let told: Vec<f64> = after_progress.map(|event| event.fraction).collect();
+        assert!(fraction.to_bits() == 0.75_f64.to_bits() && told.len() >= 3, "{kind:?}: {fraction} {told:?}");
+        assert!(told.iter().all(|told| told.to_bits() == fraction.to_bits()), "{kind:?}: {told:?}");
+    }
+}
+
 /// Clients send the parameters of a job again as they are shown, and beside a preset what it sets otherwise is refused.
 #[tokio::test]
 async fn a_job_is_shown_with_what_its_preset_sets() {
@@ -531,7 +559,7 @@ async fn a_job_is_shown_with_what_its_preset_sets() {
     assert_eq!(store.job(job.id).await.expect("it").params, job.params);
 }
 
-/// On a full disk they took the room that others needed.
+/// Results that were left on a full disk took the room that others needed.
 #[tokio::test]
 async fn of_results_that_cannot_all_be_stored_none_is_left() {
     let opened = open().await;
@@ -546,7 +574,7 @@ async fn of_results_that_cannot_all_be_stored_none_is_left() {
     assert_eq!(stored_files(&opened), 1, "what was there before stays");
 }
 
-/// It was listed with its hash and size, and no route gave it.
+/// The file was listed with its hash and size, and no route gave it.
 #[tokio::test]
 async fn the_file_that_further_views_are_planned_from_is_stored_and_not_listed() {
     let opened = open().await;

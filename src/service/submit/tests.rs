@@ -110,7 +110,7 @@ async fn further_views_are_planned_on_the_file_of_a_mesh_that_was_deleted() {
     assert!(matches!(gone, Err(Error::JobNotFound(id)) if id == scanned.id), "{gone:?}");
 }
 
-/// No queue gets empty enough for it.
+/// No queue gets empty enough for such a batch.
 #[tokio::test]
 async fn a_batch_beyond_the_limit_of_the_queue_is_not_told_to_come_again() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -124,7 +124,7 @@ async fn a_batch_beyond_the_limit_of_the_queue_is_not_told_to_come_again() {
     );
 }
 
-/// It was refused in the job alone, which may wait for hours before.
+/// Such a group was refused in the job alone, which may wait for hours before.
 #[tokio::test]
 async fn a_group_that_the_mesh_does_not_have_is_refused_when_the_job_is_submitted() {
     let (app, _folder) = service().await;

@@ -89,7 +89,7 @@ impl CalibrationCheckDocument {
         [data_sha256, taken_at]: [&str; 2],
         temperature_c: Option<f64>,
     ) -> Self {
-        let flange_from_cloud = Pose::<Flange, Cloud>::claim(checked.compensated.hand_eye);
+        let flange_from_cloud = Pose::<Flange, Cloud>::claim(checked.compensated.flange_from_cloud);
         let compensation = CompensationDocument {
             flange_from_scanner: PoseSpec::from(&(flange_from_cloud * scanner_from_cloud.inverse())),
             covariance: (0..6).map(|row| (0..6).map(|column| checked.covariance[(row, column)]).collect()).collect(),

@@ -13,8 +13,9 @@ use crate::cell::calibration::placement::{self, Placement};
 use crate::cell::calibration::solve::Task;
 use crate::cell::calibration::table::FacePoint;
 use crate::cell::calibration::witness::{self, Witnessed};
-use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings};
+use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings, RangeGroup, field_ranges};
 use crate::wire::UtcTime;
+use crate::wire::schema_name::schema_name;
 use crate::wire::words::counted;
 
 /// Name and version of the shape.
@@ -26,6 +27,10 @@ const MAX_POINTS: usize = 20_000;
 const MAX_PLATE_SCANS: usize = 1000;
 /// Largest number of points along an edge of a board.
 const MAX_BOARD_POINTS: f64 = 1000.0;
+/// Largest coordinate of a point, mm, and of a pixel.
+const FARTHEST: f64 = 1e5;
+/// Largest angle of a joint or of the table, degrees.
+const MAX_ANGLE_DEG: f64 = 3600.0;
 /// Standard deviation of a point where none is given, mm: a structured-light scanner's at best focus.
 const POINT_SIGMA_MM: f64 = 0.02;
 /// Standard deviation of a pixel where none is given.
@@ -33,11 +38,14 @@ const PIXEL_SIGMA_PX: f64 = 0.1;
 /// Largest reprojection error of a board, rms, in standard deviations of a pixel: beyond it the points are not those of the board.
 const MAX_REPROJECTION: f64 = 20.0;
 
+schema_name!(CalibrationDataSchema, CALIBRATION_DATA_SCHEMA);
+
 /// Observations. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct CalibrationData {
     /// `vantage.calibration_data/1`.
+    #[schema(value_type = CalibrationDataSchema)]
     pub schema: String,
     /// Name of the observed cell, for information only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -102,37 +110,28 @@ pub enum BoardDocument {
     /// Chessboard; its origin is its first inner corner.
     Chessboard {
         /// Inner corners along x.
-        #[schema(minimum = 2, maximum = 1000)]
         columns: u16,
         /// Inner corners along y.
-        #[schema(minimum = 2, maximum = 1000)]
         rows: u16,
         /// Edge of a square, mm, 0.01 to 1000.
-        #[schema(minimum = 0.01, maximum = 1000)]
         square_mm: f64,
     },
     /// Chessboard with markers, which has an orientation; its origin is its corner.
     Charuco {
         /// Squares along x.
-        #[schema(minimum = 2, maximum = 1000)]
         columns: u16,
         /// Squares along y.
-        #[schema(minimum = 2, maximum = 1000)]
         rows: u16,
         /// Edge of a square, mm, 0.01 to 1000.
-        #[schema(minimum = 0.01, maximum = 1000)]
         square_mm: f64,
     },
     /// Grid of circles; its origin is the centre of the first.
     Circles {
         /// Circles along x.
-        #[schema(minimum = 2, maximum = 1000)]
         columns: u16,
         /// Circles along y.
-        #[schema(minimum = 2, maximum = 1000)]
         rows: u16,
         /// Distance between centres, mm, 0.01 to 1000.
-        #[schema(minimum = 0.01, maximum = 1000)]
         spacing_mm: f64,
     },
     /// Spheres with names, whose centres are given with the observations.
@@ -166,14 +165,14 @@ impl BoardDocument {
     fn check(&self, findings: &mut Findings) {
         let (columns, rows, pitch, pitch_mm) = match self {
             Self::Chessboard { columns, rows, square_mm } | Self::Charuco { columns, rows, square_mm } => {
-                (*columns, *rows, "square_mm", *square_mm)
+                (columns, rows, Self::SQUARE_MM, square_mm)
             }
-            Self::Circles { columns, rows, spacing_mm } => (*columns, *rows, "spacing_mm", *spacing_mm),
+            Self::Circles { columns, rows, spacing_mm } => (columns, rows, Self::SPACING_MM, spacing_mm),
             Self::Spheres {} => return,
         };
-        findings.range("/board/columns", columns.into(), 2.0, MAX_BOARD_POINTS, "");
-        findings.range("/board/rows", rows.into(), 2.0, MAX_BOARD_POINTS, "");
-        findings.range(format!("/board/{pitch}"), pitch_mm, 0.01, 1000.0, "mm");
+        Self::COLUMNS.check("/board", columns, findings);
+        Self::ROWS.check("/board", rows, findings);
+        pitch.check("/board", pitch_mm, findings);
     }
 }
 
@@ -264,7 +263,7 @@ impl CameraDocument {
         if let Err(LensError { pointer, detail, .. }) = self.lens().check("/camera") {
             findings.push(pointer, detail);
         }
-        findings.range("/camera/sigma_px", self.sigma_px, 1e-3, 10.0, "px");
+        Self::SIGMA_PX.check("/camera", &self.sigma_px, findings);
     }
 }
 
@@ -363,9 +362,9 @@ impl CalibrationData {
             setup: self.setup,
             sigma: self.sigma.map(Sigma::from),
             nominal: ChainEstimate {
-                hand_eye: cell.flange_from_scanner.isometry() * scanner_from_cloud,
-                table: *cell.base_from_table.isometry(),
-                board: Isometry3::identity(),
+                flange_from_cloud: cell.flange_from_scanner.isometry() * scanner_from_cloud,
+                base_from_table: *cell.base_from_table.isometry(),
+                plate_from_board: Isometry3::identity(),
                 scale: 1.0,
             },
             hold_out,
@@ -420,10 +419,11 @@ impl CalibrationData {
             }
             joints_rad.extend(joints);
             let flange = joints.map(|joints| forward(&joints)).or(reported);
-            let (Some(flange), Some((seen, seen_covariance, points_mm))) = (flange, seen) else { continue };
-            let robot = if self.setup == HandEyeSetup::EyeToHand { flange.inverse() } else { flange };
+            let (Some(flange), Some((cloud_from_board, seen_covariance, points_mm))) = (flange, seen) else { continue };
+            let base_from_flange = if self.setup == HandEyeSetup::EyeToHand { flange.inverse() } else { flange };
             let table_rad = if solve == Solve::HandEye { 0.0 } else { each.table_angle_deg.to_radians() };
-            sightings.push(Sighting { id: each.id.clone(), robot, table_rad, seen, seen_covariance, points_mm });
+            let id = each.id.clone();
+            sightings.push(Sighting { id, base_from_flange, table_rad, cloud_from_board, seen_covariance, points_mm });
         }
         findings.into_result()?;
         if joints_rad.len() != sightings.len() {
@@ -446,9 +446,10 @@ impl CalibrationData {
         });
         let mut face = Vec::new();
         for (index, scan) in self.plate.iter().enumerate().take(MAX_PLATE_SCANS) {
-            let Some(robot) = scan.robot(&format!("/plate/{index}"), cell, &mut findings) else { continue };
+            let Some(base_from_flange) = scan.base_from_flange(&format!("/plate/{index}"), cell, &mut findings) else { continue };
             let table_rad = scan.table_angle_deg.to_radians();
-            face.extend(scan.points_mm.iter().map(|point| FacePoint { robot, table_rad, cloud_mm: Point3::from(*point) }));
+            let point = |point: &[f64; 3]| FacePoint { base_from_flange, table_rad, cloud_mm: Point3::from(*point) };
+            face.extend(scan.points_mm.iter().map(point));
         }
         findings.into_result()?;
         Ok(face)
@@ -472,9 +473,7 @@ impl CalibrationData {
         findings.require(self.camera.is_some() || !has_pixels, "/camera", || {
             "is not given; observations with pixels need the camera in whose image they are".into()
         });
-        if let Some(temperature) = self.temperature_c {
-            findings.range("/temperature_c", temperature, -50.0, 100.0, "°C");
-        }
+        Self::TEMPERATURE_C.check("", &self.temperature_c, findings);
         if let Some(CloudFrameSpec::Pose(pose)) = &self.cloud_frame {
             pose.check("/cloud_frame", findings);
         }
@@ -499,16 +498,14 @@ impl CalibrationData {
 
 impl PlateScanDocument {
     /// Flange of a scan whose fields are in range.
-    fn robot(&self, pointer: &str, cell: &Cell, findings: &mut Findings) -> Option<Isometry3<f64>> {
-        findings.range(format!("{pointer}/table_angle_deg"), self.table_angle_deg, -3600.0, 3600.0, "°");
-        for (joint, angle) in self.joints_deg.iter().flatten().enumerate() {
-            findings.range(format!("{pointer}/joints_deg/{joint}"), *angle, -3600.0, 3600.0, "°");
-        }
+    fn base_from_flange(&self, pointer: &str, cell: &Cell, findings: &mut Findings) -> Option<Isometry3<f64>> {
+        Self::TABLE_ANGLE_DEG.check(pointer, &self.table_angle_deg, findings);
+        Self::JOINTS_DEG.check(pointer, &self.joints_deg, findings);
         let count = self.points_mm.len();
         findings.require((3..=MAX_POINTS).contains(&count), format!("{pointer}/points_mm"), || {
             format!("has {}; allowed are 3 to {MAX_POINTS}", counted(count, "point"))
         });
-        let is_point = |point: &[f64; 3]| point.iter().all(|value| value.is_finite() && value.abs() <= 1e5);
+        let is_point = |point: &[f64; 3]| point.iter().all(|value| value.is_finite() && value.abs() <= FARTHEST);
         findings.require(self.points_mm.iter().all(is_point), format!("{pointer}/points_mm"), || {
             "has a coordinate that is not a number within ±100000 mm".into()
         });
@@ -523,6 +520,77 @@ impl PlateScanDocument {
     }
 }
 
+field_ranges! {
+    CalibrationData {
+        TEMPERATURE_C = "temperature_c", [-50.0, 100.0] "°C";
+    }
+}
+
+field_ranges! {
+    BoardDocument {
+        COLUMNS = "columns", [2.0, MAX_BOARD_POINTS] "";
+        ROWS = "rows", [2.0, MAX_BOARD_POINTS] "";
+        SQUARE_MM = "square_mm", [0.01, 1000.0] "mm";
+        SPACING_MM = "spacing_mm", [0.01, 1000.0] "mm";
+    }
+}
+
+field_ranges! {
+    CameraDocument {
+        SIGMA_PX = "sigma_px", [1e-3, 10.0] "px";
+    }
+}
+
+field_ranges! {
+    PlateScanDocument {
+        JOINTS_DEG = "joints_deg", [-MAX_ANGLE_DEG, MAX_ANGLE_DEG] "°";
+        TABLE_ANGLE_DEG = "table_angle_deg", [-MAX_ANGLE_DEG, MAX_ANGLE_DEG] "°";
+        POINTS_MM = "points_mm", [-FARTHEST, FARTHEST] "mm";
+    }
+}
+
+field_ranges! {
+    ObservationDocument {
+        JOINTS_DEG = "joints_deg", [-MAX_ANGLE_DEG, MAX_ANGLE_DEG] "°";
+        TABLE_ANGLE_DEG = "table_angle_deg", [-MAX_ANGLE_DEG, MAX_ANGLE_DEG] "°";
+    }
+}
+
+field_ranges! {
+    PixelPairDocument {
+        BOARD_MM = "board_mm", [-FARTHEST, FARTHEST] "mm";
+        PX = "px", [-FARTHEST, FARTHEST] "px";
+    }
+}
+
+field_ranges! {
+    PointPairDocument {
+        BOARD_MM = "board_mm", [-FARTHEST, FARTHEST] "mm";
+        CLOUD_MM = "cloud_mm", [-FARTHEST, FARTHEST] "mm";
+    }
+}
+
+field_ranges! {
+    SphereDocument {
+        CENTRE_MM = "centre_mm", [-FARTHEST, FARTHEST] "mm";
+    }
+}
+
+/// Ranges of the numbers of observations. The standard deviations of [`SigmaDocument`] have none in the API document: answers
+/// have them too, and estimates may be smaller than what may be given.
+pub(in crate::wire) const OBSERVATION_RANGES: [RangeGroup; 10] = [
+    BoardDocument::RANGES,
+    CalibrationData::RANGES,
+    RangeGroup { name: "CameraDocument", ..LensParameters::RANGES },
+    CameraDocument::RANGES,
+    PlateScanDocument::RANGES,
+    ObservationDocument::RANGES,
+    PixelPairDocument::RANGES,
+    PointPairDocument::RANGES,
+    SphereDocument::RANGES,
+    ObservedPose::RANGES,
+];
+
 /// A board in the cloud, with covariance and points where it was fitted to some.
 type Seen = (Isometry3<f64>, Option<nalgebra::Matrix6<f64>>, Vec<[Point3<f64>; 2]>);
 
@@ -532,10 +600,8 @@ impl ObservationDocument {
         findings.require(before.iter().all(|other| other.id != self.id), format!("{pointer}/id"), || {
             format!("{:?} is the name of another observation", self.id)
         });
-        findings.range(format!("{pointer}/table_angle_deg"), self.table_angle_deg, -3600.0, 3600.0, "°");
-        for (joint, angle) in self.joints_deg.iter().flatten().enumerate() {
-            findings.range(format!("{pointer}/joints_deg/{joint}"), *angle, -3600.0, 3600.0, "°");
-        }
+        Self::TABLE_ANGLE_DEG.check(pointer, &self.table_angle_deg, findings);
+        Self::JOINTS_DEG.check(pointer, &self.joints_deg, findings);
         let has_flange = self.joints_deg.is_some() || self.base_from_flange.is_some();
         findings.require(has_flange, pointer, || "has no pose of the arm; give joints_deg, base_from_flange or both".into());
         let forms = [self.cloud_from_board.is_some(), !self.points.is_empty(), !self.spheres.is_empty(), !self.pixels.is_empty()];
@@ -549,7 +615,7 @@ impl ObservationDocument {
     /// Board as the pixels of its points show it.
     fn imaged(&self, camera: &CameraDocument, pointer: &str, findings: &mut Findings) -> Option<Seen> {
         let pointer = format!("{pointer}/pixels");
-        let is_sound = |value: &f64| value.is_finite() && value.abs() <= 1e5;
+        let is_sound = |value: &f64| value.is_finite() && value.abs() <= FARTHEST;
         if !self.pixels.iter().all(|pair| pair.board_mm.iter().chain(&pair.px).all(is_sound)) {
             findings.push(pointer, "has a coordinate that is not a number within ±100000");
             return None;
@@ -591,7 +657,7 @@ impl ObservationDocument {
         if pairs.is_empty() {
             return None;
         }
-        if pairs.iter().flatten().any(|point| point.iter().any(|value| !value.is_finite() || value.abs() > 1e5)) {
+        if pairs.iter().flatten().any(|point| point.iter().any(|value| !value.is_finite() || value.abs() > FARTHEST)) {
             findings.push(format!("{pointer}/{field}"), "has a coordinate that is not a number within ±100000 mm");
             return None;
         }

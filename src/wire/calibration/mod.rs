@@ -21,6 +21,7 @@ pub use brightness::{BRIGHTNESS_SCHEMA, BrightnessData, BrightnessDocument, Leve
 pub use check::{CALIBRATION_CHECK_SCHEMA, CalibrationCheckDocument, CompensationDocument};
 pub use conditions::use_conditions;
 pub use csv::{CsvOptions, from_csv, rows_without_board};
+pub(super) use data::OBSERVATION_RANGES;
 pub use data::{
     BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, CameraDocument, ObservationDocument, PixelPairDocument,
     PlateScanDocument, PointPairDocument, SigmaDocument, SphereDocument,

@@ -11,12 +11,12 @@ use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
 use crate::cell::calibration::data::{HandEyeSetup, Solve};
 use crate::cell::calibration::findings::{CalibrationFinding, Severity};
 use crate::cell::calibration::watch::{CalibrationStage, CalibrationWatch, Unwatched};
-use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, PoseSpec, closed_list};
+use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Findings, Named, PoseSpec, closed_list, field_ranges};
 use crate::wire::warnings::{FieldWarning, WarningCode};
 use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, hex, json_file_bytes};
 
 /// Largest number of observations that may be held out.
-const MAX_HELD_OUT: u16 = 1000;
+const MAX_HELD_OUT: f64 = 1000.0;
 /// Largest distance of a calibrated pose from the cell's that is told by nothing, mm: of a cell that was measured by hand.
 const MAX_SHIFT_MM: f64 = 50.0;
 /// Largest turn of a calibrated pose against the cell's that is told by nothing, degrees.
@@ -78,10 +78,15 @@ pub struct CalibrationRequest {
     pub solve: Solve,
     /// Number of observations at the end of the list that are held out and predicted, 0 to 1000. Default 0.
     #[serde(default)]
-    #[schema(maximum = 1000)]
     pub hold_out: u16,
     /// Observations: poses of arm, table and board that belong together.
     pub data: CalibrationData,
+}
+
+field_ranges! {
+    CalibrationRequest {
+        HOLD_OUT = "hold_out", [0.0, MAX_HELD_OUT] "";
+    }
 }
 
 impl CalibrationRequest {
@@ -90,11 +95,9 @@ impl CalibrationRequest {
     /// # Errors
     /// Fields that are out of range.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
-        if self.hold_out <= MAX_HELD_OUT {
-            return Ok(());
-        }
-        let detail = format!("is {}; allowed is 0 to {MAX_HELD_OUT}", self.hold_out);
-        Err(vec![FieldError { pointer: "/hold_out".to_owned(), detail }])
+        let mut findings = Findings::default();
+        Self::HOLD_OUT.check("", &self.hold_out, &mut findings);
+        findings.into_result()
     }
 }
 
@@ -166,7 +169,7 @@ pub enum CalibrationError {
     Fields(Vec<FieldError>),
     /// Findings, one of which is an error.
     Findings(Vec<CalibrationFinding>),
-    /// It was cancelled.
+    /// The calibration was cancelled.
     Cancelled,
 }
 

@@ -61,10 +61,10 @@ pub enum PlacementData {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct PlacedPoint {
-    /// On the part, mm.
+    /// Position on the part, mm.
     #[schema(min_items = 3, max_items = 3)]
     pub part_mm: [f64; 3],
-    /// On the table at angle zero, mm.
+    /// Position on the table at angle zero, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_items = 3, max_items = 3)]
     pub table_mm: Option<[f64; 3]>,

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vec
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::cell::Findings;
 use crate::cell::calibration::start::nearest_rotation;
+use crate::cell::{Findings, field_ranges};
 use crate::wire::words::counted;
 
 /// Largest difference of a quaternion's norm from 1; what was written with three digits is made unit.
@@ -37,6 +37,13 @@ pub struct ObservedPose {
     pub rotation_rows: Option<[[f64; 3]; 3]>,
 }
 
+field_ranges! {
+    ObservedPose {
+        TRANSLATION_MM = "translation_mm", [-REACH_MM, REACH_MM] "mm";
+        RPY_DEG = "rpy_deg", [-3600.0, 3600.0] "°";
+    }
+}
+
 impl ObservedPose {
     /// Pose with a quaternion.
     #[must_use]
@@ -49,12 +56,13 @@ impl ObservedPose {
     /// The pose, or findings below `pointer`.
     #[must_use]
     pub fn pose(&self, pointer: &str, findings: &mut Findings) -> Option<Isometry3<f64>> {
-        for (axis, value) in self.translation_mm.iter().enumerate() {
-            findings.range(format!("{pointer}/translation_mm/{axis}"), *value, -REACH_MM, REACH_MM, "mm");
-        }
+        Self::TRANSLATION_MM.check(pointer, &self.translation_mm, findings);
         let rotation = match (&self.quaternion_xyzw, &self.rpy_deg, &self.rotation_rows) {
             (Some(quaternion), None, None) => of_quaternion(quaternion, &format!("{pointer}/quaternion_xyzw"), findings),
-            (None, Some(rpy), None) => of_rpy(rpy, &format!("{pointer}/rpy_deg"), findings),
+            (None, Some(rpy), None) => {
+                Self::RPY_DEG.check(pointer, rpy, findings);
+                of_rpy(rpy)
+            }
             (None, None, Some(rows)) => of_rows(rows, &format!("{pointer}/rotation_rows"), findings),
             (None, None, None) => {
                 findings.push(pointer, "has no rotation; give quaternion_xyzw, rpy_deg or rotation_rows");
@@ -80,10 +88,7 @@ fn of_quaternion(xyzw: &[f64; 4], pointer: &str, findings: &mut Findings) -> Opt
     Some(UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)))
 }
 
-fn of_rpy(rpy_deg: &[f64; 3], pointer: &str, findings: &mut Findings) -> Option<UnitQuaternion<f64>> {
-    for (axis, angle) in rpy_deg.iter().enumerate() {
-        findings.range(format!("{pointer}/{axis}"), *angle, -3600.0, 3600.0, "°");
-    }
+fn of_rpy(rpy_deg: &[f64; 3]) -> Option<UnitQuaternion<f64>> {
     let [roll, pitch, yaw] = rpy_deg.map(f64::to_radians);
     let is_finite = rpy_deg.iter().all(|angle| angle.is_finite());
     is_finite.then(|| UnitQuaternion::from_euler_angles(roll, pitch, yaw))

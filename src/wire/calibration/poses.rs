@@ -51,6 +51,6 @@ pub struct PlannedPoseDocument {
     pub table_angle_deg: f64,
     /// The board in the scanner, as it should be seen.
     pub scanner_from_board: PoseSpec,
-    /// It is to be held out.
+    /// True if the observation from this pose is to be held out.
     pub hold_out: bool,
 }

@@ -18,6 +18,7 @@ use crate::cell::calibration::table::{Harmonic, LocatedFace};
 use crate::cell::{Cell, CloudFrameSpec, FieldError, Findings, PoseSpec, RunoutSpec};
 use crate::geometry::{Cloud, Pose, ScannerFrame};
 use crate::wire::UtcTime;
+use crate::wire::schema_name::schema_name;
 
 /// Name and version of the shape.
 pub const CALIBRATION_SCHEMA: &str = "vantage.calibration/1";
@@ -30,11 +31,14 @@ const JOINT: usize = 16;
 /// with 2 at up to 2.4 % (simulated, 700 each).
 const ESTIMATED_PARTS: f64 = 3.0;
 
+schema_name!(CalibrationSchema, CALIBRATION_SCHEMA);
+
 /// A calibration. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct CalibrationDocument {
     /// `vantage.calibration/1`.
+    #[schema(value_type = CalibrationSchema)]
     pub schema: String,
     /// SHA-256 of this document with an empty id.
     pub id: String,
@@ -254,7 +258,7 @@ pub struct LeaveOneOutDocument {
 pub struct ObservabilityDocument {
     /// Spread of the relative rotations about three axes, degrees, ascending; the middle value is the decisive one.
     pub spread_deg: [f64; 3],
-    /// Least well determined direction.
+    /// Direction that is determined worst.
     pub weakest: Option<WeakestDocument>,
     /// Largest standard deviation of a rotation, degrees.
     pub rotation_sd_deg: f64,
@@ -262,7 +266,7 @@ pub struct ObservabilityDocument {
     pub translation_sd_mm: f64,
 }
 
-/// Least well determined direction.
+/// Direction that is determined worst.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct WeakestDocument {
@@ -367,11 +371,11 @@ impl CalibrationDocument {
             data_sha256: data_sha256.to_owned(),
             taken_at: taken_at.unwrap_or_else(epoch),
             temperature_c: data.temperature_c,
-            flange_from_scanner: pose(&(estimate.hand_eye * scanner_from_cloud.isometry().inverse())),
+            flange_from_scanner: pose(&(estimate.flange_from_cloud * scanner_from_cloud.isometry().inverse())),
             scanner_from_cloud: frame,
-            flange_from_cloud: pose(&estimate.hand_eye),
-            base_from_table: (solve != Solve::HandEye).then(|| pose(&estimate.table)),
-            plate_from_board: pose(&estimate.board),
+            flange_from_cloud: pose(&estimate.flange_from_cloud),
+            base_from_table: (solve != Solve::HandEye).then(|| pose(&estimate.base_from_table)),
+            plate_from_board: pose(&estimate.plate_from_board),
             table_sense: estimate.scale.signum(),
             covariance: CovarianceDocument {
                 order: ORDER.to_owned(),
@@ -439,9 +443,9 @@ impl CalibrationDocument {
     pub fn estimate(&self) -> (ChainEstimate, Square, Weighting) {
         let isometry = |spec: &PoseSpec| *spec.pose::<ScannerFrame, Cloud>().isometry();
         let estimate = ChainEstimate {
-            hand_eye: isometry(&self.flange_from_cloud),
-            table: self.base_from_table.as_ref().map_or_else(Isometry3::identity, isometry),
-            board: isometry(&self.plate_from_board),
+            flange_from_cloud: isometry(&self.flange_from_cloud),
+            base_from_table: self.base_from_table.as_ref().map_or_else(Isometry3::identity, isometry),
+            plate_from_board: isometry(&self.plate_from_board),
             scale: self.table_sense,
         };
         let of = |row: usize, column: usize| self.covariance.joint.get(row).and_then(|row| row.get(column)).copied();

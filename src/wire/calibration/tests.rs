@@ -1,5 +1,7 @@
 //! Sentences, readers of other programs' files, and sixty damaged or mistaken files, each with what it is told.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
@@ -72,6 +74,82 @@ fn told(cell: &Cell, document: Value, solve: Solve) -> Vec<(String, String)> {
         }
         Err(CalibrationError::Cancelled) => unreachable!("nobody cancels"),
     }
+}
+
+/// Observations with every number that has a range: one document with poses, camera and plate, and one with the other forms.
+fn with_every_number(cell: &Cell) -> [Value; 2] {
+    let (mut poses, mut forms) = (valid(cell), valid(cell));
+    poses["camera"] = json!({"width_px": 4000, "height_px": 3000, "fx": 6000.0, "fy": 6000.0, "cx": 2000.0, "cy": 1500.0,
+        "skew": 0.0, "distortion": [0.0, 0.0, 0.0, 0.0, 0.0], "sigma_px": 0.1});
+    poses["observations"][0]["base_from_flange"] = json!({"translation_mm": [500.0, 0.0, 300.0], "rpy_deg": [0.0, 0.0, 0.0]});
+    forms["camera"] = poses["camera"].clone();
+    forms["board"] = json!({"kind": "circles", "columns": 9, "rows": 7, "spacing_mm": 10.0});
+    let places = [[0.0, 0.0, 480.0], [10.0, 0.0, 480.0], [0.0, 10.0, 480.0], [10.0, 10.0, 480.0]];
+    poses["plate"] = json!([{"joints_deg": [0.0, -30.0, 60.0, 0.0, 30.0, 0.0], "table_angle_deg": 0.0, "points_mm": places}]);
+    let points: Vec<Value> = places.iter().map(|[x, y, z]| json!({"board_mm": [x, y, 0.0], "cloud_mm": [x, y, z]})).collect();
+    let spheres: Vec<Value> =
+        places.iter().map(|[x, y, z]| json!({"name": format!("{x} {y}"), "centre_mm": [x, y, z]})).collect();
+    let pixels: Vec<Value> =
+        places.iter().map(|[x, y, _]| json!({"board_mm": [x, y, 0.0], "px": [2000.0 + 12.5 * x, 1500.0 + 12.5 * y]})).collect();
+    for (index, (form, list)) in [("points", points), ("spheres", spheres), ("pixels", pixels)].into_iter().enumerate() {
+        let observation = forms["observations"][index].as_object_mut().expect("an object");
+        observation.remove("cloud_from_board");
+        observation.insert(form.to_owned(), json!(list));
+    }
+    [poses, forms]
+}
+
+/// Ranges stood in descriptions alone, beside the checks.
+#[test]
+fn the_ranges_of_observations_are_those_of_their_checks() {
+    let cell = cell();
+    let [poses, forms] = &with_every_number(&cell);
+    let places = [
+        ("BoardDocument", poses, "/board"),
+        ("BoardDocument", forms, "/board"),
+        ("CalibrationData", poses, ""),
+        ("CameraDocument", poses, "/camera"),
+        ("PlateScanDocument", poses, "/plate/0"),
+        ("ObservationDocument", poses, "/observations/0"),
+        ("ObservedPose", poses, "/observations/0/base_from_flange"),
+        ("PointPairDocument", forms, "/observations/0/points/0"),
+        ("SphereDocument", forms, "/observations/1/spheres/0"),
+        ("PixelPairDocument", forms, "/observations/2/pixels/0"),
+    ];
+    let mut held = BTreeSet::new();
+    for (name, document, at) in places {
+        let of_name = OBSERVATION_RANGES.into_iter().filter(|group| group.name == name);
+        for range in of_name.flat_map(|group| group.ranges) {
+            let mut pointer = format!("{at}/{}", range.field);
+            if document.pointer(&pointer).is_none() {
+                continue;
+            }
+            held.insert((name, range.field));
+            while document.pointer(&pointer).is_some_and(Value::is_array) {
+                pointer += "/0";
+            }
+            let is_whole = document.pointer(&pointer).expect("a number").is_u64();
+            let [min, max] = range.range;
+            let ends = if is_whole {
+                [json!(min as i64 - 1), json!(max as i64 + 1)]
+            } else {
+                [json!(min.next_down()), json!(max.next_up())]
+            };
+            for outside in ends {
+                let mut changed = document.clone();
+                *changed.pointer_mut(&pointer).expect("a number") = outside;
+                let told = told(&cell, changed, Solve::Joint);
+                // The range of a principal point is that of its image, the largest included.
+                let allowed = match range.field {
+                    "cx" | "cy" => "; allowed is ".to_owned(),
+                    _ => format!("; allowed is {min} to {max}"),
+                };
+                let is_told = |detail: &str| detail.contains(&allowed) || detail.contains("not a number within ±100000");
+                assert!(told.iter().any(|(at, detail)| pointer.starts_with(at) && is_told(detail)), "{pointer}: {told:#?}");
+            }
+        }
+    }
+    assert_eq!(held.len(), OBSERVATION_RANGES.iter().map(|group| group.ranges.len()).sum::<usize>());
 }
 
 type Change = fn(&mut Value);
@@ -280,8 +358,8 @@ fn files_of_easy_handeye_and_zivid_are_read() {
         let read = data.read(&cell(), Solve::HandEye).expect("observations");
         let robot = if setup == HandEyeSetup::EyeToHand { flange.inverse() } else { flange };
         assert_eq!((data.setup, read.sightings.len()), (setup, 1));
-        let off = (read.sightings[0].robot.inverse() * robot).translation.vector.norm()
-            + (read.sightings[0].seen.inverse() * board).translation.vector.norm();
+        let off = (read.sightings[0].base_from_flange.inverse() * robot).translation.vector.norm()
+            + (read.sightings[0].cloud_from_board.inverse() * board).translation.vector.norm();
         assert!(off < 1e-9, "{off}");
     };
     let sample = |kind: &str, robot: &Isometry3<f64>| {
@@ -472,7 +550,7 @@ fn pixels_of_a_camera_are_observations_of_the_board() {
         calibration.unwrap_or_else(|error| panic!("{error:?}")).estimate().0
     };
     let (by_poses, by_pixels) = (solved(valid(&cell)), solved(imaged(&cell)));
-    let off = crate::cell::calibration::se3::log(&(by_poses.hand_eye.inverse() * by_pixels.hand_eye));
+    let off = crate::cell::calibration::se3::log(&(by_poses.flange_from_cloud.inverse() * by_pixels.flange_from_cloud));
     assert!(off.norm() < 0.05, "{off:?}");
 
     let refused = |change: Change| {
@@ -545,7 +623,7 @@ fn a_compensation_goes_into_force_with_its_bounds() {
     let (estimate, covariance, weighting) = calibration.estimate();
     let mut sightings = data.read(&nominal, Solve::Joint).expect("observations").sightings;
     sightings.truncate(4);
-    sightings.iter_mut().for_each(|each| each.seen = knock.inverse() * each.seen);
+    sightings.iter_mut().for_each(|each| each.cloud_from_board = knock.inverse() * each.cloud_from_board);
     let (limits, sigma_freedom) = (CheckLimits::default(), calibration.sigma_freedom());
     assert_eq!(sigma_freedom, None, "the deviations were given");
     let check = Check { sightings: &sightings, calibrated: estimate, covariance: &covariance, weighting, sigma_freedom, limits };

@@ -5,12 +5,15 @@ use utoipa::ToSchema;
 
 use crate::inspection::coverage::{MeasuredCoverage, ViewCoverage};
 use crate::inspection::losses::{Loss, LossCause, LossRemedy, Losses, LostSpot};
+use crate::wire::schema_name::schema_name;
 
 /// Spots of a cause that the result itself lists; the listing of the losses has all.
 const SPOTS_SHOWN: usize = 5;
 
 /// Schema name of the listing of losses.
 const LOSSES_SCHEMA: &str = "vantage.losses/1";
+
+schema_name!(LossesSchema, LOSSES_SCHEMA);
 
 /// Coverage that the scans measured, compared with the planned one. Shares are of the asked area unless they say otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -95,6 +98,7 @@ pub struct LostSpotDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LossListing {
     /// Schema name, `vantage.losses/1`.
+    #[schema(value_type = LossesSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,

@@ -16,17 +16,21 @@ use crate::inspection::ingest::Ingested;
 use crate::inspection::losses::LossCause;
 use crate::inspection::registration::PartNotFound;
 use crate::inspection::{Inspection, InspectionParams};
+use crate::wire::schema_name::schema_name;
 use crate::wire::total::total;
 use crate::wire::words::{fixed, percent_below};
 
 /// Schema name in the document.
 pub const INSPECTION_SCHEMA: &str = "vantage.inspection/1";
 
+schema_name!(InspectionSchema, INSPECTION_SCHEMA);
+
 /// Result of an inspection: the poses of the scans, what they measured compared with the plan, why the rest is missing, and how
 /// the surface deviates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct InspectionDocument {
     /// Schema name, `vantage.inspection/1`.
+    #[schema(value_type = InspectionSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,

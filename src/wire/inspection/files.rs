@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use crate::inspection::ingest::{
     FrameAttempt, IngestCode, IngestFinding, MAX_UNSEEN_SHARE, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan,
 };
+use crate::wire::MeshUnit;
 use crate::wire::part_size::unit_text;
 
 /// A scan as it was read.
@@ -16,6 +17,7 @@ pub struct TakenScanDocument {
     /// Name of its file; for E57 also that of the scan in it.
     pub file: String,
     /// Unit that its coordinates were taken to be in.
+    #[schema(value_type = MeshUnit)]
     pub unit: String,
     /// Frame that its coordinates were taken to be in.
     pub frame: ScanFrame,

@@ -8,9 +8,12 @@ use crate::inspection::identification::{
     Identified, Learned, LearnedReturns, LimitEstimate, Offer, OfferedChange, OfferedField, RateBin, RateCurve, Withheld,
     incidence_gap,
 };
+use crate::wire::schema_name::schema_name;
 
 /// Schema name of the findings.
 const LEARNED_SCHEMA: &str = "vantage.learned/1";
+
+schema_name!(LearnedSchema, LEARNED_SCHEMA);
 
 /// An estimate with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -59,6 +62,7 @@ pub struct OfferedChangeDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LearnedDocument {
     /// Schema name, `vantage.learned/1`.
+    #[schema(value_type = LearnedSchema)]
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,
@@ -145,8 +149,9 @@ fn withheld_sentence(reason: Withheld, [kept, views]: [usize; 2], [from_deg, to_
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceLimitDocument {
     /// The device.
+    #[schema(value_type = DeviceName)]
     pub device: String,
-    /// Its limit, degrees; `null` where none shows.
+    /// Limit of incidence, degrees; `null` where none shows.
     pub incidence_deg: Option<EstimateDocument>,
 }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::inspection::ingest::ScanFrame;
-use crate::wire::{JobId, ScanId};
+use crate::wire::{JobId, MeshUnit, ScanId};
 
 /// A scan that was uploaded for a job: one file with the points of one view, or of all views together. It never changes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -19,6 +19,7 @@ pub struct Scan {
     /// Name of the file.
     pub name: Option<String>,
     /// Unit of the coordinates; `null` to detect it.
+    #[schema(value_type = Option<MeshUnit>)]
     pub unit: Option<String>,
     /// Frame of the coordinates; `null` to detect it.
     pub frame: Option<ScanFrame>,

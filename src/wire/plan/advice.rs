@@ -101,9 +101,10 @@ pub struct AdviceDocument {
     /// views are chosen on. It is an estimate on the low side: plans made with `turn_over` measured 0.1 to 4.8 percentage points
     /// of the asked area more (median: 0.5), plans made with `more_views` 0 to 0.1.
     pub measured_area_mm2: f64,
-    /// That area as a share of the asked area; `coverage.of_asked` is the share of this plan.
+    /// Measured area of the trial as a share of the asked area; `coverage.of_asked` is the share of this plan.
     pub of_asked: f64,
-    /// That area as a share of the area that would then be visible: what the part stands on in one setup can be seen in another.
+    /// Measured area of the trial as a share of the area that would then be visible: what the part stands on in one setup can be
+    /// seen in another.
     pub of_visible: f64,
     /// Estimated cycle time with the added views, s; `null` without a cell. Plans made with `turn_over` took 20 % less to 72 %
     /// more (median: as much), plans made with `more_views` 5 to 17 % less. Turning the part over is not counted, moves to

@@ -31,7 +31,7 @@ pub struct RiskReasonDocument {
     pub reason: String,
     /// Area at risk for this reason.
     pub area_mm2: f64,
-    /// That area as a share of the visible area.
+    /// Area at risk for this reason as a share of the visible area.
     pub of_visible: f64,
 }
 

@@ -227,7 +227,7 @@ impl From<&Robust> for RobustDocument {
 /// Kind of pose error that costs most.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct CostliestError {
-    /// Its name, after "an error of".
+    /// Name of the error, after "an error of".
     pub(crate) kind: &'static str,
     /// Number of draws.
     pub(crate) draws: usize,

@@ -3,9 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::cell::Scanner;
-use crate::planning::params::PlanParams;
-use crate::planning::plan::{Plan, SetupId, Stability};
+use crate::planning::plan::{Plan, SetupId, SetupLink, SetupPlan, Stability};
 use crate::wire::words::freedom;
 
 /// Stability of a registration by shared surface.
@@ -21,8 +19,10 @@ pub struct StabilityDocument {
     pub resistance: f64,
     /// The weakest motion in words, with its axis in the part frame.
     pub weakest: String,
-    /// Expected error of a registration along the weakest motion, mm (1 σ), from the noise of the scanner alone; `null` if the
-    /// motion is not resisted at all.
+    /// Expected error of a registration along the weakest motion, mm (1 σ), from the noise at each shared sample's depth and
+    /// incidence in the views that measure it. It is a lower bound: each pixel counts as an independent point, and errors of
+    /// calibration and of hand-eye are not in it. `null` if the motion is not resisted at all or if its error cannot be
+    /// computed.
     pub expected_error_mm: Option<f64>,
 }
 
@@ -50,40 +50,36 @@ pub struct ViewLinkDocument {
     pub stability: StabilityDocument,
 }
 
-impl StabilityDocument {
-    /// The document, by the noise model of the job and the spacing of points at best focus.
-    #[must_use]
-    pub fn new(stability: &Stability, scanner: &Scanner, params: &PlanParams) -> Self {
-        let focal_px = scanner.devices.cameras().into_iter().map(|camera| camera.lens.focal_px()).fold(f64::INFINITY, f64::min);
-        let spacing_mm = scanner.best_mm / focal_px;
+impl From<&Stability> for StabilityDocument {
+    fn from(stability: &Stability) -> Self {
         Self {
             shared_area_mm2: stability.shared_area_mm2,
             fixed: stability.is_fixed(),
             resistance: stability.resistance,
             weakest: freedom(stability),
-            expected_error_mm: stability.expected_error_mm(params.regions.noise.best_mm, spacing_mm),
+            expected_error_mm: stability.expected_error_mm,
         }
     }
 }
 
-/// Registration of every two setups.
-pub(super) fn setup_links(plan: &Plan, scanner: &Scanner) -> Vec<SetupLinkDocument> {
-    let link = |link: &crate::planning::plan::SetupLink| SetupLinkDocument {
-        setups: link.setups.map(|setup| setup.0),
-        stability: StabilityDocument::new(&link.stability, scanner, &plan.params),
-    };
-    plan.setup_links.iter().map(link).collect()
+impl SetupLinkDocument {
+    /// Registration of every two setups of a plan.
+    pub(crate) fn all_of(plan: &Plan) -> Vec<Self> {
+        let link = |link: &SetupLink| Self {
+            setups: link.setups.map(|setup| setup.0),
+            stability: StabilityDocument::from(&link.stability),
+        };
+        plan.setup_links.iter().map(link).collect()
+    }
 }
 
-/// The weakest link of the views of each setup.
-pub(super) fn view_links(plan: &Plan, scanner: &Scanner) -> Vec<ViewLinkDocument> {
-    let link = |(setup, planned): (SetupId, &crate::planning::plan::SetupPlan)| {
-        let (views, stability) = planned.weakest_link.as_ref()?;
-        Some(ViewLinkDocument {
-            setup: setup.0,
-            viewpoints: views.map(|view| view.0),
-            stability: StabilityDocument::new(stability, scanner, &plan.params),
-        })
-    };
-    SetupId::number(&plan.setups).filter_map(link).collect()
+impl ViewLinkDocument {
+    /// The weakest link of the views of each setup of a plan.
+    pub(crate) fn all_of(plan: &Plan) -> Vec<Self> {
+        let link = |(setup, planned): (SetupId, &SetupPlan)| {
+            let (views, stability) = planned.weakest_link.as_ref()?;
+            Some(Self { setup: setup.0, viewpoints: views.map(|view| view.0), stability: StabilityDocument::from(stability) })
+        };
+        SetupId::number(&plan.setups).filter_map(link).collect()
+    }
 }

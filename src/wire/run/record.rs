@@ -6,9 +6,12 @@ use utoipa::ToSchema;
 use super::{ConfigurationDocument, Run};
 use crate::cell::closed_list;
 use crate::wire::csv::Csv;
+use crate::wire::schema_name::schema_name;
 
 /// Schema name in the document.
 pub const RUN_RECORD_SCHEMA: &str = "vantage.run/1";
+
+schema_name!(RunRecordSchema, RUN_RECORD_SCHEMA);
 
 closed_list! {
     /// Kind of a step.
@@ -28,6 +31,7 @@ closed_list! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RunRecordDocument {
     /// Schema name, `vantage.run/1`.
+    #[schema(value_type = RunRecordSchema)]
     pub schema: String,
     /// The run.
     pub run: Run,

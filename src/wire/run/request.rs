@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::RunMode;
-use crate::cell::{FieldError, Findings, PoseInput, PoseSpec};
+use crate::cell::{FieldError, Findings, PoseInput, PoseSpec, field_ranges};
 use crate::wire::ids::JobId;
 
 /// Setups of a plan at most.
@@ -21,25 +21,21 @@ pub struct RunRequest {
     pub job_id: JobId,
     /// Setup of the plan, from 0 to 3. Default 0.
     #[serde(default)]
-    #[schema(maximum = 3)]
     pub setup: usize,
     /// Mode: what the run moves. Default `simulate`.
     #[serde(default = "default_mode")]
     pub mode: RunMode,
     /// Share of the program's speed at which it moves, 0.01 to 1. Default 1; the first live run is capped by the cell file.
     #[serde(default = "default_one")]
-    #[schema(minimum = 0.01, maximum = 1)]
     pub speed_override: f64,
     /// Speed of the twin's clock, 1 to 100, real time = 1; only in the mode `simulate`. Default 1.
     #[serde(default = "default_one")]
-    #[schema(minimum = 1, maximum = 100)]
     pub time_factor: f64,
     /// True to pause after each step. Default false.
     #[serde(default)]
     pub single_step: bool,
     /// Step to begin with, from 0: after a stop, the step that the stopped run was at. The measured pose is checked anew.
     #[serde(default)]
-    #[schema(maximum = 1_000_000)]
     pub from_step: usize,
     /// True to begin with a locating scan: an additional capture at the first viewpoint, after which the run waits to be told
     /// where the part lies (`POST /runs/{id}/located`). Default false.
@@ -47,7 +43,6 @@ pub struct RunRequest {
     pub locate: bool,
     /// Temperature in the cell, °C, -50 to 100. A calibration that is valid only at other temperatures is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = -50, maximum = 100)]
     pub temperature_c: Option<f64>,
 }
 
@@ -57,6 +52,16 @@ fn default_mode() -> RunMode {
 
 fn default_one() -> f64 {
     1.0
+}
+
+field_ranges! {
+    RunRequest {
+        SETUP = "setup", [0.0, MAX_SETUPS - 1.0] "";
+        SPEED_OVERRIDE = "speed_override", [0.01, 1.0] "";
+        TIME_FACTOR = "time_factor", [1.0, 100.0] "";
+        FROM_STEP = "from_step", [0.0, MAX_STEPS] "";
+        TEMPERATURE_C = "temperature_c", [-50.0, 100.0] "°C";
+    }
 }
 
 impl RunRequest {
@@ -83,13 +88,11 @@ impl RunRequest {
     /// All invalid fields.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
-        findings.range("/setup", self.setup as f64, 0.0, MAX_SETUPS - 1.0, "");
-        findings.range("/speed_override", self.speed_override, 0.01, 1.0, "");
-        findings.range("/time_factor", self.time_factor, 1.0, 100.0, "");
-        findings.range("/from_step", self.from_step as f64, 0.0, MAX_STEPS, "");
-        if let Some(temperature_c) = self.temperature_c {
-            findings.range("/temperature_c", temperature_c, -50.0, 100.0, "°C");
-        }
+        Self::SETUP.check("", &self.setup, &mut findings);
+        Self::SPEED_OVERRIDE.check("", &self.speed_override, &mut findings);
+        Self::TIME_FACTOR.check("", &self.time_factor, &mut findings);
+        Self::FROM_STEP.check("", &self.from_step, &mut findings);
+        Self::TEMPERATURE_C.check("", &self.temperature_c, &mut findings);
         let is_real = self.time_factor.total_cmp(&1.0).is_eq() || self.mode == RunMode::Simulate;
         findings.require(is_real, "/time_factor", || {
             format!("is {}; allowed is 1 in the mode {}, whose clock is real", self.time_factor, self.mode.as_str())
@@ -130,8 +133,13 @@ impl ArmRequest {
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct OverrideRequest {
     /// Share of the program's speed, 0.01 to 1.
-    #[schema(minimum = 0.01, maximum = 1)]
     pub speed_override: f64,
+}
+
+field_ranges! {
+    OverrideRequest {
+        SPEED_OVERRIDE = "speed_override", [0.01, 1.0] "";
+    }
 }
 
 impl OverrideRequest {
@@ -141,7 +149,7 @@ impl OverrideRequest {
     /// The finding.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
-        findings.range("/speed_override", self.speed_override, 0.01, 1.0, "");
+        Self::SPEED_OVERRIDE.check("", &self.speed_override, &mut findings);
         findings.into_result()
     }
 }

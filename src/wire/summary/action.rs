@@ -7,19 +7,20 @@ use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use super::missed::{MissedGroup, fixes, raised_target, rounded};
-use super::verdict::{PlanVerdict, fragile_loss};
+use super::verdict::{PlanVerdict, fragile_loss, shortest};
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::UpAxis;
 use crate::planning::params::RobustParams;
 use crate::planning::plan::{Plan, RegionCoverage, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
-use crate::wire::words::{counted, fixed, of_asked_phrase, percents_apart, pose_error_sizes};
+use crate::wire::words::{counted, fixed, of_asked_phrase, percents_apart, pose_error_sizes, rounded_up_mm};
 
 /// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of missed spots,
 /// whose effect counts all spots that it is for. If pose errors cost the plan at least as much, it is to choose views that
-/// tolerate them; if the home of the cell is blocked, it is another home; and if the part would tip over as it is placed, it is
-/// to place it so that it stands, before anything else. The effects of these three are not estimated.
+/// tolerate them; if a region misses its target because a tolerance is finer than the scanner's noise allows, it is a coarser tolerance
+/// or a larger budget of noise; if the home of the cell is blocked, it is another home; and if the part would tip over as it is placed,
+/// it is to place it so that it stands, before anything else. The effects of these four are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -57,9 +58,17 @@ pub enum StandingRemedy {
 /// choice.
 const MIN_GAIN: f64 = 0.001;
 
-/// The best action for a plan; `None` where none is known. Of a plan that reaches its targets, an action that gains no more than pose
-/// errors cost comes after the choice of views that stand them.
+/// Share of the missed area of a region above which the noise is the reason for it: our choice, as in the warning on the region.
+const MAINLY: f64 = 0.5;
+/// Features named in an action.
+const NAMED: usize = 3;
+
+/// The best action for a plan; `None` where none is known. What no view can mend comes first. Of a plan that reaches its targets, an
+/// action that gains no more than pose errors cost comes after the choice of views that stand them.
 pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -> Option<SummaryAction> {
+    if let Some(coarser) = within_noise(plan) {
+        return Some(coarser);
+    }
     let advised = AdviceDocument::all_of(plan).into_iter().next().map(|advice| advised(plan, &advice, cycle_secs));
     let fixed = || {
         // Of two that recover the same area, the one that mends its spots whole.
@@ -79,6 +88,68 @@ pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -
         return advised.filter(gains_more).or_else(|| fixed().filter(gains_more)).or(Some(tolerant));
     }
     advised.or_else(fixed).or_else(|| higher_target(plan))
+}
+
+/// Feature of a finer tolerance than the noise allows, by its place among the features.
+struct TooFine<'a> {
+    index: usize,
+    name: &'a str,
+    tolerance_mm: f64,
+}
+
+/// Coarser tolerances, or a larger budget of noise, for features because of which regions miss their targets: no view measures with so
+/// little noise. `None` where there are none.
+fn within_noise(plan: &Plan) -> Option<SummaryAction> {
+    let noise = &plan.params.regions.noise;
+    let too_fine = too_fine(plan);
+    let finest_mm = too_fine.iter().map(|feature| feature.tolerance_mm).min_by(f64::total_cmp)?;
+    let coarser = match &too_fine[..] {
+        [TooFine { index, name, tolerance_mm }] => {
+            let own_mm = shortest(*tolerance_mm);
+            format!("give {name:?} a coarser tolerance than {own_mm} mm (regions.features.{index}.tolerance_mm)")
+        }
+        several => {
+            let named = |feature: &TooFine<'_>| format!("{:?} ({} mm)", feature.name, shortest(feature.tolerance_mm));
+            let mut named: Vec<String> = several.iter().take(NAMED).map(named).collect();
+            let last = match several.len() {
+                count if count > NAMED => counted(count - NAMED, "more feature"),
+                _ => named.pop().unwrap_or_default(),
+            };
+            format!("give {} and {last} coarser tolerances (tolerance_mm)", named.join(", "))
+        }
+    };
+    let budget = noise.budget * noise.min_tolerance_mm() / finest_mm;
+    let budget = match budget <= 1.0 {
+        true => {
+            let least = rounded_up_mm(budget);
+            format!("; or allow the noise a larger share of the tolerance (regions.noise.budget, at least {least})")
+        }
+        false => String::new(),
+    };
+    let min_mm = rounded_up_mm(noise.min_tolerance_mm());
+    let text = format!(
+        "{coarser}: the finest that this scanner's noise allows is {min_mm} mm, at best focus and perpendicular to the \
+         surface{budget}; effect not estimated"
+    );
+    Some(without_estimate(plan, BTreeMap::new(), text))
+}
+
+/// Features because of whose tolerances regions miss their targets: their own, or those of regions that they overlap.
+fn too_fine(plan: &Plan) -> Vec<TooFine<'_>> {
+    let (params, regions) = (&plan.params.regions, &plan.coverage.regions);
+    let is_for_noise = |region: &&RegionCoverage| {
+        let missed_mm2 = region.asked_area_mm2 - region.measured_area_mm2;
+        region.is_unmet() && region.beyond_noise_area_mm2 > MAINLY * missed_mm2
+    };
+    let unmet: Vec<&RegionCoverage> = regions.iter().filter(is_for_noise).collect();
+    let is_own = |region: &RegionCoverage| region.tolerance_mm.is_some_and(|own_mm| own_mm < region.min_tolerance_mm);
+    let is_of_others = unmet.iter().any(|region| !is_own(region));
+    let features = params.beyond_noise().filter_map(|(index, feature)| {
+        let name = regions.get(params.interest.len() + index)?.name.as_str();
+        let counts = is_of_others || unmet.iter().any(|region| region.name == name);
+        counts.then_some(TooFine { index, name, tolerance_mm: feature.tolerance_mm })
+    });
+    features.collect()
 }
 
 /// Returns true if a plan reaches its target with what an action recovers.

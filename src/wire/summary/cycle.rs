@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use crate::cell::Dialect;
+use crate::planning::params::Corners;
 use crate::planning::plan::Plan;
 use crate::wire::plan::{MotionDocument, options};
 use crate::wire::words::{fixed, order_claim};
@@ -53,6 +54,17 @@ impl ProgramCycle {
         let set = if moves_in_turn { BTreeMap::from([("motion.table".to_owned(), json!("alone"))]) } else { BTreeMap::new() };
         let command = (!set.is_empty()).then(|| options(&set));
         Self { dialect, cycle_secs, set, command, before_first_run }
+    }
+
+    /// The cycle beside a plan whose corners are so: those that are rounded move table and arm together, which a table that moves
+    /// alone excludes.
+    #[must_use]
+    pub fn beside_corners(mut self, corners: Corners) -> Self {
+        if self.differs() && corners == Corners::Round {
+            self.set.insert("motion.corners".to_owned(), json!("stop"));
+            self.command = Some(options(&self.set));
+        }
+        self
     }
 
     /// The cycle without options, for a plan of further views: a rescan takes no parameters of the motion.

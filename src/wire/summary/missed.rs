@@ -14,8 +14,8 @@ use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, PlanAdvice, Rem
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
 use crate::wire::words::{
-    ChoiceRules, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_percent, percent_below, rounded_down_deg,
-    turn_phrase,
+    ChoiceRules, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_of_spots, path_remedy, percent_below,
+    rounded_down_deg, turn_phrase,
 };
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -50,7 +50,7 @@ pub struct MissedGroup {
     pub spots: usize,
     /// Missed area of the spots.
     pub area_mm2: f64,
-    /// That area as a share of the asked area.
+    /// Missed area of the spots as a share of the asked area.
     pub of_asked: f64,
     /// Kind of the fix: `none` if none was found, or only more views of a plan that left out views for want of a path; `null` if
     /// none was searched for, because larger spots come first, or because the home of the cell is blocked, which has to be fixed
@@ -60,6 +60,10 @@ pub struct MissedGroup {
     pub fix_known: bool,
     /// Fix in words, without its effect.
     pub fix_text: String,
+    /// Share and area of the spots that the fix measures, in words, to be said before the fix: `null` if it measures at least 90 % of
+    /// each of them, and if there is no fix.
+    #[serde(default)]
+    pub partial_text: Option<String>,
     /// Part of the missed area that the fix measures.
     pub recovers_mm2: f64,
     /// Upper bound on the number of views that the fix adds: one or more for each spot, although one view often does for several.
@@ -153,6 +157,7 @@ pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str, is_of_ope
         fix: None,
         fix_known: false,
         fix_text: remedy.to_owned(),
+        partial_text: None,
         recovers_mm2: 0.0,
         added_views: 0,
         set: OptionSet::new(),
@@ -219,14 +224,19 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
         (Some(fix), None) => fix_text(fix, &remedies, views.len()),
         (None, _) => "no fix searched for".to_owned(),
     };
+    let kind = fix.map(|fix| if without_path.is_some() { RemedyKind::None } else { fix.kind });
+    let is_partial = fix.is_some_and(|fix| !fix.works) && kind != Some(RemedyKind::None);
+    let mends_nothing = fix.is_none_or(|fix| fix.kind == RemedyKind::None);
+    let of_path = if mends_nothing { path_remedy(plan, cause) } else { None };
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),
         area_mm2,
         of_asked: share(area_mm2, plan.coverage.asked_area_mm2),
-        fix: fix.map(|fix| if without_path.is_some() { RemedyKind::None } else { fix.kind }),
+        fix: kind,
         fix_known: fix.is_some_and(|fix| fix.works),
-        fix_text: fix_words + own_plan_remark(&set),
+        fix_text: of_path.unwrap_or(fix_words) + own_plan_remark(&set),
+        partial_text: is_partial.then(|| partial_of_spots(spots.len(), area_mm2, recovers_mm2)),
         recovers_mm2,
         added_views: views.len(),
         set,
@@ -248,7 +258,8 @@ fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
 }
 
 impl MissedGroup {
-    /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera: …`.
+    /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera: …`. The share of a fix that does not work for
+    /// each of the spots comes before the fix.
     fn sentence(&self, is_of_open: bool) -> String {
         let (mut shown, mut left_out) = (self.set.clone(), "");
         if shown.remove(POSES).is_some() {
@@ -256,12 +267,13 @@ impl MissedGroup {
             left_out = " (poses in missed.json)";
         }
         let command = if shown.is_empty() { left_out.to_owned() } else { format!("{left_out}: {}", options(&shown)) };
-        let recovers = match self.fix {
-            Some(RemedyKind::None) | None => String::new(),
-            Some(_) => format!("; recovers {}", self.recovers()),
+        let [partial, recovers] = match (self.fix, &self.partial_text) {
+            (Some(RemedyKind::None) | None, _) => [String::new(), String::new()],
+            (Some(_), Some(partial)) => [format!("{partial}: "), String::new()],
+            (Some(_), None) => [String::new(), format!("; recovers {}", self.recovers())],
         };
         format!(
-            "{}, {} {}, {}: {}{command}{recovers}",
+            "{}, {} {}, {}: {partial}{}{command}{recovers}",
             counted(self.spots, "spot"),
             percent(self.of_asked),
             of_asked_phrase(is_of_open),
@@ -281,9 +293,7 @@ impl MissedGroup {
     pub fn recovers(&self) -> String {
         let of_group = share(self.recovers_mm2, self.area_mm2);
         // What is left of a group is not rounded away.
-        let whole_percent = || format!("{} %", percent_below(of_group, 1.0, 0));
-        let percent = if self.fix_known { whole_percent() } else { partial_percent(of_group).unwrap_or_else(whole_percent) };
-        format!("{} mm² ({percent})", area_mm2(self.recovers_mm2))
+        format!("{} mm² ({} %)", area_mm2(self.recovers_mm2), percent_below(of_group, 1.0, 0))
     }
 }
 

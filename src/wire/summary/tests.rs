@@ -2,20 +2,24 @@ use nalgebra::{Point3, Vector3};
 use serde_json::json;
 
 use super::{MissedGroup, PlanLevel, PlanVerdict, ProgramCycle, StandingRemedy, Summary};
-use crate::cell::Dialect;
+use crate::cell::{Configuration, Contact, Dialect};
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
-use crate::planning::params::{PlanParams, PoseErrorParams, Registration, SelectionGoal, TargetOf};
+use crate::planning::params::{
+    Corners, FeatureParams, PlanParams, PoseErrorParams, Region, Registration, SelectionGoal, TargetOf,
+};
 use crate::planning::plan::{
-    AdviceKind, AdvisedSetup, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Drawn, Independent, IndependentRegion,
-    MeasuredArea, MissedCause, MissedSpot, ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage,
-    RegionKind, Remedy, RemedyKind, RemedyView, Robust, SetupPlan, StopReason, Turn, TurnKind,
+    Advice, AdviceKind, AdvisedSetup, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Drawn, Independent,
+    IndependentRegion, MeasuredArea, MissedCause, MissedSpot, Obstruction, ParamChange, PartFacts, PartSide, Plan, PlanAdvice,
+    PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, Robust, SetupLink, SetupPlan, Stability, StopReason,
+    Turn, TurnKind,
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
+use crate::wire::plan::CoverageDocument;
 use crate::wire::warnings::{FieldWarning, WarningCode};
-use crate::wire::words::{RESCAN_WITHOUT_PATH, WITHOUT_PATH};
+use crate::wire::words::{RESCAN_WITHOUT_PATH, WITHOUT_PATH, headline};
 
 /// Coverage of 1000 mm² asked for, of which 800 can be measured and so many are.
 fn coverage(measured_mm2: f64) -> Coverage {
@@ -289,7 +293,8 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     standing.missed = vec![missed(Cause::ShadowLeft, vec![None; 9]), missed(Cause::ExcludedResting, vec![None; 10])];
     standing.missed.push(missed(Cause::Enclosed, vec![None]));
     let shares = "88.00 % of the visible and 79.20 % of the asked area measured";
-    let but = format!("Can be scanned, but 20.80 % of what was asked is not measured in this setup: {shares}");
+    let enclosed = "and 1.00 % is enclosed by the part, where no setup can measure it";
+    let but = format!("Can be scanned, but 19.80 % of what was asked is not measured in this setup, {enclosed}: {shares}");
     assert_eq!(first(&standing), (PlanLevel::Limited, PlanVerdict::PartlyMeasured, but));
     assert_eq!(
         Summary::of(&standing).verdict_text,
@@ -297,12 +302,15 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
          from the left camera (9.00 %), other causes (1.00 %)"
     );
     standing.setups.push(standing.setups[0].clone());
-    assert!(first(&standing).2.contains("not measured in these 2 setups: "), "{}", first(&standing).2);
+    assert!(first(&standing).2.contains("not measured in these 2 setups, and 1.00 % is"), "{}", first(&standing).2);
     // No target is no leave to miss anything.
     standing.params.selection.goal = SelectionGoal::BestCoverage;
     let (level, verdict, title) = first(&standing);
     assert_eq!((level, verdict), (PlanLevel::Limited, PlanVerdict::BestCoverage));
-    assert!(title.starts_with("Can be scanned, but 20.80 % of what was asked"), "{title}");
+    assert!(title.starts_with("Can be scanned, but 19.80 % of what was asked"), "{title}");
+    standing.missed.pop();
+    let (_, _, title) = first(&standing);
+    assert!(title.starts_with("Can be scanned, but 20.80 % of what was asked is not measured in these 2 setups: "), "{title}");
     let gaps = Plan { stopped_because: StopReason::MaxViews, ..plan(3, 0, 400.0) };
     assert!(first(&gaps).2.starts_with("Can be scanned, with gaps: 44.44 % of the visible"), "{}", first(&gaps).2);
     // A part of another size than its file means is not ready, however well it is covered.
@@ -313,6 +321,24 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
         (level, title.as_str()),
         (PlanLevel::NotExecutable, "Cannot be scanned: no collision-free path leads to any view")
     );
+}
+
+/// "57.59 % of what was asked is not measured in this setup" headed a plan of a part that encloses 49.11 % of its surface.
+#[test]
+fn what_the_part_encloses_is_told_apart_in_the_title() {
+    let title = |spots: usize| {
+        let mut hollow = plan(3, 0, 792.0);
+        hollow.missed = vec![missed(Cause::Enclosed, vec![None; spots])];
+        Summary::of(&hollow).title
+    };
+    let measured = "88.00 % of the visible and 79.20 % of the asked area measured";
+    let enclosed = "is enclosed by the part, where no setup can measure it";
+    let mostly =
+        format!("Can be scanned, but 0.80 % of what was asked is not measured in this setup, and 20.00 % {enclosed}: {measured}");
+    assert_eq!(title(20), mostly);
+    // 21 % on the samples of the choice are no more than the 20.8 % that independent samples miss.
+    assert_eq!(title(21), format!("Can be scanned, but 20.80 % of what was asked {enclosed}: {measured}"));
+    assert_eq!(title(0), format!("Can be scanned, but 20.80 % of what was asked is not measured in this setup: {measured}"));
 }
 
 /// "Can be scanned, with gaps" headed plans without a view, the last of which had been given up for want of a path.
@@ -480,6 +506,12 @@ fn a_cycle_is_the_sum_of_its_parts() {
     assert_eq!(longer.cycle_text, summary.cycle_text.clone().map(|text| text + told));
     assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
     assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
+    // The options were refused beside the plan's own rounded corners.
+    let advised = |corners| ProgramCycle::new(Dialect::Hans, 51.46, true, None).beside_corners(corners).command;
+    assert_eq!(advised(Corners::Round).as_deref(), Some("--set motion.table=alone --set motion.corners=stop"));
+    assert_eq!(advised(Corners::Stop).as_deref(), Some("--set motion.table=alone"));
+    let in_step = ProgramCycle::new(Dialect::Hans, 31.2, false, None).beside_corners(Corners::Round);
+    assert_eq!((in_step.set.len(), in_step.command), (0, None));
     // A rescan was told to set `motion.table`, which it does not take.
     let cycle = ProgramCycle::new(Dialect::Hans, 51.46, true, None).without_options();
     assert!(cycle.differs());
@@ -523,7 +555,7 @@ fn an_order_is_proven_optimal_only_by_the_bound_of_its_moves_as_they_are() {
     assert_eq!(told(0.0), "", "no bound, no claim");
 }
 
-/// It was "Cycle 0.0 s", with an order that was proven optimal.
+/// The summary said "Cycle 0.0 s", with an order that was proven optimal.
 #[test]
 fn a_tour_without_views_has_no_cycle_to_tell() {
     let target = Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] };
@@ -583,7 +615,7 @@ fn one_command_has_one_line_and_one_effect() {
     assert_eq!(
         texts,
         [
-            "2 spots, 2.00 % of asked, faces the table: turn it upside down and scan again: --set setups=2; recovers 17.5 mm² (88 %)",
+            "2 spots, 2.00 % of asked, faces the table: only 88 % of them, 17.5 mm²: turn it upside down and scan again: --set setups=2",
             "1 spot, 1.00 % of asked, faces the table: no fix searched for",
             "1 spot, 1.00 % of asked, faces away: turn it upside down and scan again: --set setups=2; recovers 10.0 mm² (100 %)",
         ]
@@ -622,7 +654,8 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         fixed(1.0, RemedyKind::View, &[4, 5], &limited),
         "2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
     );
-    assert_eq!(fixed(0.75, RemedyKind::Setup, &[4], &as_it_is), "turn it upside down and scan again; recovers 7.50 mm² (75 %)");
+    let partly = "only 75 % of it, 7.50 mm²: turn it upside down and scan again";
+    assert_eq!(fixed(0.75, RemedyKind::Setup, &[4], &as_it_is), partly);
     let fixture = |plan: &mut Plan| plan.params.part.fixture_mesh = Some("clamp.stl".to_owned());
     assert_eq!(
         fixed(0.95, RemedyKind::Setup, &[4], &fixture),
@@ -630,11 +663,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         "a fixture holds one setup"
     );
     let of_open = |plan: &mut Plan| plan.coverage.is_of_open = true;
-    assert_eq!(
-        fixed(0.75, RemedyKind::Setup, &[4], &of_open),
-        "turn it upside down and scan again; recovers 7.50 mm² (75 %)",
-        "further views take no parameters of a plan"
-    );
+    assert_eq!(fixed(0.75, RemedyKind::Setup, &[4], &of_open), partly, "further views take no parameters of a plan");
     assert_eq!(
         fixed(1.0, RemedyKind::Limit, &[4], &as_it_is),
         "1 more view with larger limits of incidence: --set limits.camera_deg=60.0; recovers 10.0 mm² (100 %)"
@@ -732,7 +761,7 @@ fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
     assert_eq!(fixed(790.0, RemedyKind::View, &unmet), "1 more view: --set selection.target=1.0");
 }
 
-/// Their targets follow from what both measure.
+/// Targets of limits follow from what both measure.
 #[test]
 fn limits_of_one_value_are_one_command_whatever_they_recover() {
     let mut plan = plan(3, 0, 790.0);
@@ -750,7 +779,31 @@ fn limits_of_one_value_are_one_command_whatever_they_recover() {
 fn a_share_that_does_not_work_is_not_rounded_to_one_that_does() {
     let mut plan = plan(3, 0, 700.0);
     plan.missed = vec![missed(Cause::ShadowLeft, vec![Some(remedy(RemedyKind::Roll, 0.899, &[4]))])];
-    assert!(group_of(&plan).text.ends_with("; recovers 8.99 mm² (89 %)"), "{}", group_of(&plan).text);
+    let told = group_of(&plan).text;
+    assert!(told.ends_with(": only 89 % of it, 8.99 mm²: 1 more view, rolled (poses in missed.json)"), "{told}");
+}
+
+/// "Turn it upside down …; recovers 84 062.5 mm² (54 %)" told last that the fix mends half of the spot.
+#[test]
+fn the_share_of_a_fix_that_does_not_work_for_each_spot_is_said_before_the_fix() {
+    let mut plan = plan(3, 0, 700.0);
+    plan.advice = vec![PlanAdvice { changes: vec![ParamChange::Setups(2)], ..advice() }];
+    let turn = |of_spot| Some(remedy(RemedyKind::Setup, of_spot, &[4]));
+    let over = "turn it upside down and scan again: --set setups=2";
+    let mut told = |remedies: Vec<Option<Remedy>>| {
+        plan.missed = vec![missed(Cause::ExcludedResting, remedies)];
+        let group = group_of(&plan);
+        let fix = group.text.split_once("the part stands on it: ").expect("a fix").1.to_owned();
+        (group.fix_known, group.partial_text, fix)
+    };
+    let partial = |text: &str| (false, Some(text.to_owned()), format!("{text}: {over}"));
+    assert_eq!(told(vec![turn(0.54)]), partial("only 54 % of it, 5.40 mm²"));
+    // 95 % of the area, and of one spot the half alone.
+    let mut nearly = vec![turn(1.0); 9];
+    nearly.push(turn(0.5));
+    assert_eq!(told(nearly), partial("only 95 % of them, 95.0 mm²"));
+    assert_eq!(told(vec![turn(0.9)]), (true, None, format!("{over}; recovers 9.00 mm² (90 %)")));
+    assert_eq!(told(vec![Some(remedy(RemedyKind::None, 0.0, &[]))]).1, None, "there is no fix");
 }
 
 /// 99.7 % of two spots was told as 100 %.
@@ -801,7 +854,7 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     assert!(summary.lines().contains(&format!("Next: {}", action.text)));
 }
 
-/// It added lines of its own to the command line's summary and to `report.txt`.
+/// Such a name added lines of its own to the command line's summary and to `report.txt`.
 #[test]
 fn the_name_of_a_region_breaks_no_line_of_the_best_action() {
     let mut plan = plan(3, 0, 701.0);
@@ -958,6 +1011,85 @@ fn without_advice_the_best_action_is_the_fix_that_recovers_the_largest_area() {
     assert_eq!(Summary::of(&plan).action, None);
 }
 
+/// A feature with a target of 0.9 and this tolerance, of which nothing is measured.
+fn unmet_feature(name: &str, tolerance_mm: f64, beyond_noise_area_mm2: f64) -> RegionCoverage {
+    RegionCoverage {
+        tolerance_mm: Some(tolerance_mm),
+        min_tolerance_mm: 0.156,
+        missed_mm2: vec![(Cause::BelowGrade, 10.0)],
+        beyond_noise_area_mm2,
+        ..region(name, 0.0)
+    }
+}
+
+/// "Turn it upside down: 69.4 → 70.3 % of asked" was the next action where no view measures as well as a feature needs.
+#[test]
+fn a_tolerance_beyond_the_noise_comes_before_every_other_action() {
+    let mut plan = plan(3, 0, 701.0);
+    plan.advice = vec![PlanAdvice { regions_met: Vec::new(), ..advice() }];
+    let region = Region::Box { min_mm: [0.0; 3], max_mm: [1.0; 3] };
+    let feature = |tolerance_mm| FeatureParams {
+        name: None,
+        region: region.clone(),
+        tolerance_mm,
+        point_spacing_mm: None,
+        target: Some(0.9),
+    };
+    plan.params.regions.features = vec![feature(0.5), feature(0.1)];
+    let next = |plan: &Plan, regions: Vec<RegionCoverage>| {
+        let mut plan = plan.clone();
+        plan.coverage.regions = regions;
+        Summary::of(&plan).action.expect("an action")
+    };
+    let (rim, bore) = (unmet_feature("rim", 0.5, 0.0), unmet_feature("bore", 0.1, 10.0));
+    let told = "give \"bore\" a coarser tolerance than 0.1 mm (regions.features.1.tolerance_mm): the finest that this scanner's noise \
+                allows is 0.156 mm, at best focus and perpendicular to the surface; or allow the noise a larger share of the \
+                tolerance (regions.noise.budget, at least 0.467); effect not estimated";
+    let action = next(&plan, vec![rim.clone(), bore.clone()]);
+    assert_eq!((action.text.as_str(), action.command, action.set.len()), (told, None, 0));
+    // The region misses its target for the tolerance of the feature within it.
+    let within = RegionCoverage { beyond_noise_area_mm2: 6.0, ..rim.clone() };
+    let met = RegionCoverage { target: None, ..bore.clone() };
+    assert_eq!(next(&plan, vec![within, met.clone()]).text, told);
+    let other = RegionCoverage { beyond_noise_area_mm2: 4.0, ..bore.clone() };
+    for regions in [vec![rim.clone(), other], vec![rim, met]] {
+        assert!(next(&plan, regions).text.starts_with("turn it upside down"), "noise is not the reason");
+    }
+    // No budget is more than the tolerance.
+    plan.params.regions.features = vec![feature(0.01), feature(0.1)];
+    let finer = next(&plan, vec![unmet_feature("rim", 0.01, 10.0), bore]).text;
+    let begins = "give \"rim\" (0.01 mm) and \"bore\" (0.1 mm) coarser tolerances (tolerance_mm): the finest that";
+    assert!(finer.starts_with(begins) && !finer.contains("regions.noise.budget"), "{finer}");
+}
+
+/// Regions were counted in the summary, and told by no name.
+#[test]
+fn the_summary_lists_the_regions_with_the_reason_for_which_a_target_is_missed() {
+    let mut plan = plan_of_all(990.0);
+    let independent = IndependentRegion { samples: 400, asked_area_mm2: 10.0, measured_area_mm2: 8.5, squares_mm4: 0.25 };
+    let refuted = RegionCoverage { independent: Some(independent), ..region("seat", 0.93) };
+    plan.coverage.regions = vec![region("rim", 0.95), refuted, unmet_feature("bore", 0.5, 0.0)];
+    let regions = Summary::of(&plan).regions;
+    let told: Vec<_> = regions.iter().map(|region| (region.name.as_str(), region.met, region.why_unmet.as_deref())).collect();
+    let only_there = "reached on the samples that views were chosen on, but not on independent ones";
+    assert_eq!(
+        told,
+        [
+            ("seat", Some(false), Some(only_there)),
+            ("bore", Some(false), Some("not measured well enough (10.0 mm²)")),
+            ("rim", Some(true), None),
+        ],
+        "those that miss their targets first"
+    );
+    assert_eq!(
+        (regions[0].independent_of_asked, regions[2].target, regions[2].independent_of_asked),
+        (Some(0.85), Some(0.9), None)
+    );
+    plan.coverage.regions = vec![RegionCoverage { target: None, ..region("face", 0.5) }; 30];
+    let many = Summary::of(&plan).regions;
+    assert_eq!((many.len(), many[0].met, many[0].why_unmet.as_deref()), (20, None, None), "the plan has all");
+}
+
 /// "Turn it upside down: 76.1 → 77.3 % of asked" was told where three groups with that fix recover 6.3 % of asked.
 #[test]
 fn a_fix_counts_for_all_spots_that_it_is_for_whatever_they_are_missed_for() {
@@ -1104,6 +1236,46 @@ fn more_views_are_no_fix_where_views_without_a_path_were_left_out() {
     assert_eq!(Summary::of(&plan).action, None);
 }
 
+/// "No fix found (781 views tried)" was told of the wall of a box that lacks a path, and what is in the way only in a table of the report.
+#[test]
+fn what_is_in_the_way_is_the_fix_of_what_has_no_path_where_no_other_helps() {
+    let pair = |a: &str, b: &str, without_path: usize, advice: Advice| Obstruction {
+        bodies: Contact { a: a.into(), b: b.into() },
+        without_station: 9,
+        without_path,
+        configuration: Configuration { joints_rad: [0.0; 6], table_rad: 0.0 },
+        separation: None,
+        advice,
+    };
+    let mut plan = Plan { stopped_because: StopReason::NoPath, ..plan(4, 1, 700.0) };
+    plan.obstructions = vec![
+        pair("flange", "part", 0, Advice::TurnPart),
+        pair("base", "part", 51, Advice::MoveTable),
+        pair("forearm", "part", 1, Advice::MountScanner),
+    ];
+    let none = || Some(remedy(RemedyKind::None, 0.0, &[]));
+    plan.missed = vec![missed(Cause::NoPath, vec![none()])];
+    let told = |plan: &Plan| group_of(plan).text;
+    let table = "move the table away from the robot, or the part closer to the table's axis";
+    let in_the_way = "(base and part meet on the straight move to 51 candidates)";
+    assert_eq!(
+        told(&plan),
+        format!(
+            "1 spot, 1.00 % of asked, no safe path found: the part hits the robot's foot as the table turns: {table} {in_the_way}"
+        )
+    );
+    let unsearched = Plan { missed: vec![missed(Cause::NoPath, vec![None])], ..plan.clone() };
+    assert!(told(&unsearched).ends_with(in_the_way), "{}", told(&unsearched));
+    let turned = Plan { missed: vec![missed(Cause::NoPath, vec![Some(remedy(RemedyKind::Setup, 1.0, &[4]))])], ..plan.clone() };
+    assert!(!told(&turned).contains(in_the_way), "a fix that was simulated comes first: {}", told(&turned));
+    let other_cause = Plan { missed: vec![missed(Cause::ShadowLeft, vec![none()])], ..plan.clone() };
+    let other_end = Plan { stopped_because: StopReason::MaxViews, ..plan.clone() };
+    let nothing_in_the_way = Plan { obstructions: vec![pair("flange", "part", 0, Advice::TurnPart)], ..plan };
+    for plan in [other_cause, other_end, nothing_in_the_way] {
+        assert!(told(&plan).contains(": no fix found ("), "{}", told(&plan));
+    }
+}
+
 /// "Next: turn it upside down" and "no fix found" were told of a part around the home of the cell.
 #[test]
 fn where_the_home_is_blocked_the_home_is_the_best_action_and_the_fix_of_what_has_no_path() {
@@ -1166,6 +1338,67 @@ fn the_shares_are_those_that_head_every_output() {
     );
     let shares = [summary.coverage.of_visible, summary.coverage.of_asked, summary.coverage.of_coverable];
     assert!(shares.iter().zip([0.88, 0.792, 0.99]).all(|(is, wanted)| (is - wanted).abs() < 1e-12), "{shares:?}");
+}
+
+/// The summary named shares without their meanings, and the page had other words for three of them.
+#[test]
+fn the_summary_has_the_table_of_shares_with_their_meanings() {
+    let plan = plan(3, 0, 792.0);
+    let (summary, figures) = (Summary::of(&plan), headline(&CoverageDocument::from(&plan.coverage)));
+    assert_eq!(summary.headline.len(), figures.len());
+    for (told, figure) in summary.headline.iter().zip(figures) {
+        assert_eq!((told.name.as_str(), told.meaning.as_str()), (figure.name, figure.meaning));
+        assert_eq!((told.share, told.independent), (figure.share, told.name != "measured of coverable"));
+        assert!(!told.meaning.is_empty() && !told.meaning.ends_with('.'), "{}", told.meaning);
+    }
+    let names: Vec<&str> = summary.headline.iter().map(|told| told.name.as_str()).collect();
+    assert!(names.starts_with(&["measured of visible", "grades A and B of visible"]) && names.ends_with(&["measured of total"]));
+}
+
+/// The summary told of setups without the pairs of them.
+#[test]
+fn the_summary_has_the_registration_of_each_pair_of_setups() {
+    let stability = Stability {
+        shared_area_mm2: 1200.0,
+        resistance: 0.05,
+        turn_in_part: Vector3::zeros(),
+        shift_in_part: Vector3::z(),
+        centre_in_part_mm: Point3::origin(),
+        expected_error_mm: Some(0.000_42),
+    };
+    let joined = Plan { setup_links: vec![SetupLink { setups: [SetupId(0), SetupId(1)], stability }], ..plan(3, 0, 792.0) };
+    let told = serde_json::to_value(Summary::of(&joined)).expect("JSON");
+    let pair = json!({
+        "setups": [0, 1], "shared_area_mm2": 1200.0, "fixed": true, "resistance": 0.05,
+        "weakest": "sliding along (0.00 0.00 1.00)", "expected_error_mm": 0.000_42,
+    });
+    assert_eq!(told["setup_links"], json!([pair]));
+    assert_eq!(serde_json::from_value::<Summary>(told).expect("its own document"), Summary::of(&joined));
+    let single = serde_json::to_value(Summary::of(&plan(3, 0, 792.0))).expect("JSON");
+    assert!(single.get("setup_links").is_none(), "{single}");
+}
+
+/// Pose errors were told in details and in no field of the summary.
+#[test]
+fn the_worst_shares_under_pose_errors_stand_beside_the_shares_of_the_plan() {
+    let mut plan = plan(3, 0, 792.0);
+    assert_eq!(Summary::of(&plan).coverage.under_pose_errors, None);
+    let drawn = |draws: usize, worst: f64| Drawn::new(1.0, [vec![1.0; draws - 1], vec![worst]].concat());
+    let pose_error = PoseErrorParams { angle_deg: 0.004_691, translation_mm: 2.0 };
+    plan.coverage.robust = Some(Robust { pose_error, views: drawn(21, 0.999_96), part: drawn(7, 0.75), hand_eye: drawn(1, 0.5) });
+    let summary = Summary::of(&plan);
+    let told = "; if poses are off by 0.00469° and 2 mm, at worst 50.00 % of asked; on the samples that views are chosen on: ";
+    assert!(summary.coverage_text.contains(told), "{}", summary.coverage_text);
+    let shares = serde_json::to_value(summary.coverage.under_pose_errors).expect("JSON");
+    let expected = json!({
+        "pose_error": {"angle_deg": 0.004_691, "translation_mm": 2.0}, "of_asked": 0.5,
+        "each_view": {"of_asked": 0.999_96, "draws": 21}, "part": {"of_asked": 0.75, "draws": 7},
+        "hand_eye": {"of_asked": 0.5, "draws": 1}
+    });
+    assert_eq!(shares, expected);
+    plan.coverage.is_of_open = true;
+    let of_open = Summary::of(&plan).coverage_text;
+    assert!(of_open.contains(", at worst 50.00 % of the open area; "), "{of_open}");
 }
 
 #[test]

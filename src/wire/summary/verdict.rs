@@ -4,8 +4,9 @@ use super::missed::raised_target;
 use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
-use crate::planning::plan::{MissedCause, Plan, RegionCoverage, Robust, StopReason, share};
+use crate::planning::plan::{Cause, MissedCause, Plan, RegionCoverage, Robust, StopReason, share};
 use crate::wire::plan::options;
+use crate::wire::total::total;
 use crate::wire::words::{
     asked_name, cause_phrase, counted, fixed, fixed_nonzero, of_asked_phrase, percent_below, pose_error_sizes,
 };
@@ -113,7 +114,7 @@ fn is_asked_measured(plan: &Plan) -> bool {
 
 /// The level in a sentence, with the measured shares of the visible and of the asked area.
 pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares: &SummaryShares) -> String {
-    let [visible, asked, open] = [shares.of_visible, shares.of_asked, 1.0 - shares.of_asked].map(percent);
+    let [visible, asked] = [shares.of_visible, shares.of_asked].map(percent);
     let is_of_open = plan.coverage.is_of_open;
     let measured = match is_of_open {
         true => {
@@ -121,10 +122,7 @@ pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares:
         }
         false => format!("{visible} of the visible and {asked} of the asked area measured"),
     };
-    let not_measured = match plan.setups.len() {
-        0 | 1 => format!("{open} of what was asked is not measured in this setup"),
-        setups => format!("{open} of what was asked is not measured in these {setups} setups"),
-    };
+    let not_measured = not_measured(plan, 1.0 - shares.of_asked);
     match (level, verdict) {
         (PlanLevel::Ready, _) => format!("Ready to scan: {measured}"),
         (PlanLevel::NotExecutable, _) => "Cannot be scanned: no collision-free path leads to any view".to_owned(),
@@ -137,6 +135,28 @@ pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares:
         }
         (PlanLevel::Limited, PlanVerdict::Fragile) => format!("Can be scanned, but small pose errors cost coverage: {measured}"),
         (PlanLevel::Limited, _) => format!("Can be scanned, with gaps: {measured}"),
+    }
+}
+
+/// Share of the asked area that is not measured, in a clause; apart from it, what the part encloses: no setup measures that.
+fn not_measured(plan: &Plan, open: f64) -> String {
+    /// Share that two decimals of a percentage do not show.
+    const MIN_SHOWN: f64 = 5e-5;
+    let enclosed_mm2 = total(plan.missed.iter().filter(|missed| missed.cause == Cause::Enclosed).map(|missed| missed.area_mm2));
+    // On the samples that views are chosen on, beside a share on independent ones.
+    let enclosed = share(enclosed_mm2, plan.coverage.asked_area_mm2).min(open);
+    let apart = |of: &str| format!("{}{of} is enclosed by the part, where no setup can measure it", percent(enclosed));
+    let setups = match plan.setups.len() {
+        0 | 1 => "this setup".to_owned(),
+        setups => format!("these {setups} setups"),
+    };
+    let rest = |share: f64| format!("{} of what was asked is not measured in {setups}", percent(share));
+    if enclosed < MIN_SHOWN {
+        rest(open)
+    } else if open - enclosed < MIN_SHOWN {
+        apart(" of what was asked")
+    } else {
+        format!("{}, and {}", rest(open - enclosed), apart(""))
     }
 }
 

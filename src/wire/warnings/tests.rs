@@ -64,7 +64,7 @@ fn a_tolerance_beyond_the_noise_is_told_with_the_finest_that_is_served_and_what_
     }
 }
 
-/// It was planned without a word, and nothing of the feature could be measured.
+/// Such a feature was planned without a word, and nothing of it could be measured.
 #[test]
 fn points_that_are_to_lie_closer_than_the_scanner_has_them_are_told_with_the_least_distance() {
     let scanner = Presets.scanner("transcan-c-nominal").expect("a preset").build().expect("sound");

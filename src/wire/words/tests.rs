@@ -91,7 +91,10 @@ fn what_is_not_zero_is_not_told_as_zero() {
     };
     let told = stability_sentence(&stability);
     assert!(
-        told.ends_with("resistance 0.00040 (at least 0.01 needed), expected error from noise alone 0.031 µm (1 σ)"),
+        told.ends_with(
+            "resistance 0.00040 (at least 0.01 needed), expected error at least 0.031 µm (1 σ, from independent noise alone, without \
+             errors of calibration and hand-eye)"
+        ),
         "{told}"
     );
     let reason = RiskReasonDocument { reason: "frame_margin".to_owned(), area_mm2: 0.5, of_visible: 0.000_05 - 1e-6 };

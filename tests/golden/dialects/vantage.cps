@@ -9,7 +9,8 @@
 # Payload to be set on the controller: 2.70 kg at the flange, and cables.
 # Table: turned by the sender at each @table line, never while the arm moves.
 # Each point is a stop: the paths between them were checked as straight joint moves.
-# Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops.
+# Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops. Input 1 has
+# to be off before the next scan: the program waits for that, 30 s at most, and then stops.
 # Targets are joints: no frame changes the motion. Each WayPoint names tool frame TCP and user frame
 # Base all the same; where the controller has no frames of these names, put names of its own in their
 # place.
@@ -20,6 +21,7 @@
 # is 1.
 # @table A: turn the table to A deg and wait until it stands; the arm stands meanwhile.
 # @wait S: wait S seconds.
+# @off N S: poll ReadBoxDI,N,; until it is 0; stop when it is not within S seconds.
 # @input N S: poll ReadBoxDI,N,; until it is 1; stop when it is not within S seconds.
 # @scan N B: the next pulse captures viewpoint N; the scanner's brightness level has to be B.
 @home 0.0000 -30.0000 60.0000 0.0000 30.0000 0.0000 0.0000
@@ -33,6 +35,7 @@ WayPoint,0,0,0,0,0,0,0,10.1235,-33.0000,64.0000,5.0000,24.0000,7.0000,TCP,Base,2
 @wait 0.300
 # scan viewpoint 4, brightness 5
 @scan 4 5
+@off 1 30.000
 SetBoxDO,1,1,;
 @wait 0.100
 SetBoxDO,1,0,;
@@ -44,6 +47,7 @@ WayPoint,0,0,0,0,0,0,0,-10.0000,-33.0000,64.0000,0.0000,30.0000,-7.6543,TCP,Base
 @wait 0.300
 # scan viewpoint 0, brightness 5
 @scan 0 5
+@off 1 30.000
 SetBoxDO,1,1,;
 @wait 0.100
 SetBoxDO,1,0,;

@@ -10,7 +10,8 @@ MODULE vantage
   ! Payload to be set on the controller: 2.70 kg at the flange, and cables.
   ! Table: external axis 1 of the joint targets; it moves with the arm.
   ! Each point is a stop: the paths between them were checked as straight joint moves.
-  ! Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops.
+  ! Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops. Input 1 has
+  ! to be off before the next scan: the program waits for that, 30 s at most, and then stops.
   ! Signals: scan_output and scan_input stand for the configured signals DO_1 and DI_1; change the names
   ! below.
   ! tool0 carries no load: replace it by the scanner's tool data before the first run.
@@ -46,6 +47,7 @@ MODULE vantage
     ENDIF
   ENDPROC
   LOCAL PROC scan()
+    WaitDI scan_input,0\MaxTime:=30.000;
     SetDO scan_output,1;
     WaitTime 0.100;
     SetDO scan_output,0;

@@ -9,12 +9,16 @@
 # Payload to be set on the controller: 2.70 kg at the flange, and cables.
 # Table: a synchronised external axis of the robot, the seventh angle; it moves with the arm.
 # Each point is a stop: the paths between them were checked as straight joint moves.
-# Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops.
+# Scan: output 1 on for 0.1 s starts it; input 1 on ends it, after 30 s the program stops. Input 1 has
+# to be off before the next scan: the program waits for that, 30 s at most, and then stops.
 # The station has a robot of the name below; I/O numbers are the robot's.
 from robodk.robolink import ITEM_TYPE_ROBOT, Robolink
 
 HOME = [0.000000, -30.000000, 60.000000, 0.000000, 30.000000, 0.000000, 0.000000]
-robot = Robolink().Item("hans-e05", ITEM_TYPE_ROBOT)
+station = Robolink()
+# A wait that times out has to stop the script; RoboDK may report it as a warning, which is only printed by default.
+station._RAISE_EXCEPTION_ON_WARNING = True
+robot = station.Item("hans-e05", ITEM_TYPE_ROBOT)
 if not robot.Valid():
     raise SystemExit("the station has no robot of this name")
 here = robot.Joints().list()
@@ -32,6 +36,7 @@ def move(angles_deg, speed, acceleration):
 
 
 def scan():
+    robot.waitDI(1, 0, 30000)
     robot.setDO(1, 1)
     robot.Pause(100)
     robot.setDO(1, 0)

@@ -1,10 +1,11 @@
-//! Just enough of Rust's grammar to see which paths a source names: comments, strings and lifetimes are dropped, `use`
+//! Just enough of Rust's grammar to see which paths a source names: comments, raw strings and lifetimes are dropped, `use`
 //! trees are written out.
 
-/// A word of the source, or one character of punctuation.
+/// A word of the source, a text with its quotes, or one character of punctuation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Token {
     Word(String),
+    Text(String),
     Mark(char),
 }
 
@@ -36,6 +37,9 @@ pub(super) fn tokens(source: &str) -> Vec<(usize, Token)> {
                 at += 1;
             }
         } else {
+            if chars[at] == '"' {
+                found.push((line, Token::Text(chars[at..end].iter().collect())));
+            }
             line += chars[at..end].iter().filter(|c| **c == '\n').count();
             at = end;
         }
@@ -48,7 +52,7 @@ fn word_end(chars: &[char], at: usize) -> usize {
     at + length
 }
 
-/// Where a comment, a literal in quotes or a lifetime that begins at `at` ends; `at` when none does.
+/// End of a comment, a literal in quotes or a lifetime that begins at `at`; `at` when none does.
 fn skip_silent(chars: &[char], at: usize) -> usize {
     let starts = |text: &str| chars[at..].iter().zip(text.chars()).filter(|(a, b)| **a == *b).count() == text.len();
     if starts("//") {
@@ -149,7 +153,7 @@ fn group_at(tokens: &[(usize, Token)], mut at: usize, prefix: &[String], found: 
             Token::Mark('}') => return at + 1,
             Token::Word(word) if word == "as" => at += 2,
             Token::Word(_) => at = path_at(tokens, at, prefix, found),
-            Token::Mark(_) => at += 1,
+            Token::Mark(_) | Token::Text(_) => at += 1,
         }
     }
     at

@@ -4,11 +4,11 @@ use std::io::Read as _;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// How a process ended, and what it took.
+/// Measured run of a process: how it ended, and what it took.
 #[derive(Debug)]
 pub(super) struct Measured {
     pub(super) code: Option<i32>,
-    /// What it wrote to both outputs.
+    /// Text that it wrote to both outputs.
     pub(super) said: String,
     pub(super) wall: Duration,
     /// The most memory that it held at once, as far as the system tells.

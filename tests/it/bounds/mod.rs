@@ -1,5 +1,5 @@
-//! How much memory and time the program takes of the machine: of files made to take much, of parts far from the usual
-//! size, and of every broken file of the public data set.
+//! Memory and time that the program takes of the machine: of files made to take much, of parts far from the usual size, and of
+//! every broken file of the public data set.
 
 mod bad_files;
 mod measured;

@@ -65,7 +65,7 @@ fn a_speck_and_a_splinter_plan_in_bounded_time() {
     }
 }
 
-/// How a part is made, which takes seconds for the large ones, or read, where its file is there.
+/// Makes a part, which takes seconds for the large ones, or reads it, where its file is there.
 type Make = Box<dyn Fn() -> Option<Mesh>>;
 
 /// Parts, and parameters other than the usual ones.
@@ -136,7 +136,7 @@ fn the_estimate_bounds_what_plans_take() {
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
-/// With the cell the same part takes its collision trees too.
+/// A part takes its collision trees too with the cell.
 #[test]
 fn the_estimate_counts_what_stands_in_the_cell() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it is valid");

@@ -1,5 +1,5 @@
-//! The definition of method §4 written down once more, without a tree and by another triangle test, against the
-//! planner's engine: every sample of every view must agree.
+//! The definition in `vantage::planning::method::visibility` written down once more, without a tree and by another triangle test,
+//! against the planner's engine: every sample of every view must agree.
 
 use nalgebra::{Point3, Vector3};
 use vantage::cell::{PerDevice, Scanner};

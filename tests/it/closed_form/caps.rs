@@ -50,7 +50,7 @@ pub(crate) fn common_area(caps: &[Cap]) -> f64 {
     2.0 * PI - arcs - turns
 }
 
-/// Where the circles of two caps meet inside all the others.
+/// Points where the circles of two caps meet inside all the others.
 fn corners(caps: &[Cap]) -> Vec<(usize, usize, Vector3<f64>)> {
     let mut found = Vec::new();
     for (i, a) in caps.iter().enumerate() {

@@ -110,7 +110,7 @@ fn a_plan_without_a_folder_is_written_beside_where_it_is_asked_for() {
     assert!(folder.path().join(format!("{stem}_plan")).join("plan.json").is_file());
 }
 
-/// What a reader of values would take for something else: the last of two fields, nothing for a number that is not finite.
+/// Values that a reader would take for something else: the last of two fields, nothing for a number that is not finite.
 #[test]
 fn fields_given_twice_and_infinite_numbers_of_files_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");

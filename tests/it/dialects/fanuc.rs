@@ -13,7 +13,7 @@ enum Line {
     Joint { position: usize, percent: u32, acceleration: Option<u32> },
     Wait(f64),
     Output(u32, bool),
-    WaitInput { input: u32, label: u32 },
+    WaitInput { input: u32, on: bool, label: u32 },
     Label(u32),
     Message(String),
     End,
@@ -34,7 +34,7 @@ peg::parser! { grammar language() for str {
     rule whole() -> u32 = digits:$(['0'..='9']+) {? digits.parse().or(Err("a whole number")) }
     rule real() -> f64 = digits:$("-"? ['0'..='9']* "." ['0'..='9']+) {? digits.parse().or(Err("a number with a point")) }
     rule name() -> String = word:$(['A'..='Z'] ['A'..='Z' | '0'..='9' | '_']*) { word.to_owned() }
-    /// What may stand in a remark, a message or a comment, at most so many.
+    /// Text that may stand in a remark, a message or a comment, at most so many characters.
     rule words(most: usize) -> String
         = text:$(['A'..='Z' | 'a'..='z' | '0'..='9' | ' ' | '!' | '#'..='/' | ':' | '<'..='@' | '[' | '\\' | '^'..='`' | '{'..='~']*) {?
             if text.trim_end().len() <= most { Ok(text.to_owned()) } else { Err("a shorter text") }
@@ -47,7 +47,8 @@ peg::parser! { grammar language() for str {
         / "J P[" position:whole() "] " percent:whole() "% FINE" acceleration:(" ACC" value:whole() { value })?
           { Line::Joint { position: position as usize, percent, acceleration } }
         / "WAIT" _ secs:real() "(sec)" { Line::Wait(secs) }
-        / "WAIT DI[" input:whole() "]=ON TIMEOUT,LBL[" label:whole() "]" { Line::WaitInput { input, label } }
+        / "WAIT DI[" input:whole() "]=" on:$("ON" / "OFF") " TIMEOUT,LBL[" label:whole() "]"
+          { Line::WaitInput { input, on: on == "ON", label } }
         / "DO[" output:whole() "]=" on:$("ON" / "OFF") { Line::Output(output, on == "ON") }
         / "LBL[" label:whole() (":" words(16))? "]" { Line::Label(label) }
         / "MESSAGE[" text:$(['A'..='Z' | '0'..='9' | ' ']*<1,24>) "]" { Line::Message(text.to_owned()) }
@@ -71,7 +72,7 @@ peg::parser! { grammar language() for str {
           { Program { name, attributes, lines, positions } }
 } }
 
-/// What the program makes the robot do.
+/// Instructions that the program gives the robot.
 pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     let program = language::program(&file.text).unwrap_or_else(|error| panic!("{error}\n{}", file.text));
     assert_eq!(format!("{}.ls", program.name), file.name);
@@ -84,7 +85,10 @@ pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     assert!(program.positions.iter().enumerate().all(|(index, (number, _))| *number == index + 1));
     let lines: Vec<_> = program.lines.iter().map(|(_, line)| line).filter(|line| !matches!(line, Line::Remark(_))).collect();
     let last = lines.iter().position(|line| **line == Line::End).expect("an end");
-    assert!(matches!(lines[last + 1..], [Line::Label(99), Line::Message(_), Line::Abort]));
+    let message = |text: &str| Line::Message(text.to_owned());
+    let late = [Line::Label(99), message("SCANNER DID NOT ANSWER"), Line::Abort];
+    let held = [Line::Label(98), message("SCANNER INPUT STAYS ON"), Line::Abort];
+    assert!(lines[last + 1..].iter().copied().eq(late.iter().chain(&held)), "{lines:?}");
     let timeout = (100.0 * params.timeout_secs).ceil() as u32;
     assert_eq!(lines[0], &Line::System("WAITTMOUT".to_owned(), timeout));
     said(&program, &lines[1..last], params)
@@ -104,21 +108,21 @@ fn said(program: &Program, lines: &[&Line], params: &DialectParams) -> Vec<Said>
                 Said::Go(at(*position))
             }
             Line::Wait(secs) => Said::Wait(*secs),
-            Line::Output(output, true) => {
-                let label = 99;
-                assert_eq!(*output, params.scan_output);
+            Line::WaitInput { input, on: false, label: 98 } => {
+                assert_eq!(*input, params.scan_input);
                 let wanted = [
+                    Line::Output(params.scan_output, true),
                     Line::Wait(params.pulse_secs),
-                    Line::Output(*output, false),
-                    Line::WaitInput { input: params.scan_input, label },
+                    Line::Output(params.scan_output, false),
+                    Line::WaitInput { input: params.scan_input, on: true, label: 99 },
                 ];
-                assert!(rest[..3].iter().copied().eq(&wanted), "{rest:?}");
-                rest = &rest[3..];
+                assert!(rest[..4].iter().copied().eq(&wanted), "{rest:?}");
+                rest = &rest[4..];
                 Said::Scan
             }
             other @ (Line::Remark(_)
             | Line::System(..)
-            | Line::Output(_, false)
+            | Line::Output(..)
             | Line::WaitInput { .. }
             | Line::Label(_)
             | Line::Message(_)

@@ -6,7 +6,7 @@ use vantage::program::dialects::DialectFile;
 
 use super::Said;
 
-/// What the script makes the robot and its sender do.
+/// Instructions that the script gives the robot and its sender.
 pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     let lines: Vec<&str> = file.text.lines().filter(|line| !line.starts_with('#')).collect();
     let mut here = [f64::NAN; 7];
@@ -29,14 +29,15 @@ pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
                     said.push(Said::Go(here));
                 }
                 ("scan", [_, _]) => {
-                    let pulse = lines[index..index + 4].join("|");
+                    let pulse = lines[index..index + 5].join("|");
                     let (output, input) = (params.scan_output, params.scan_input);
+                    let (pulse_secs, timeout_secs) = (params.pulse_secs, params.timeout_secs);
                     let wanted = format!(
-                        "SetBoxDO,{output},1,;|@wait {:.3}|SetBoxDO,{output},0,;|@input {input} {:.3}",
-                        params.pulse_secs, params.timeout_secs
+                        "@off {input} {timeout_secs:.3}|SetBoxDO,{output},1,;|@wait {pulse_secs:.3}|SetBoxDO,{output},0,;|\
+                         @input {input} {timeout_secs:.3}"
                     );
                     assert_eq!(pulse, wanted);
-                    index += 4;
+                    index += 5;
                     said.push(Said::Scan);
                 }
                 other => panic!("{other:?}"),

@@ -102,7 +102,7 @@ peg::parser! { grammar language() for str {
         = attributes() key("DEFDAT") name:name() eol() points:point()* key("ENDDAT") eol() { (name, points) }
 } }
 
-/// What the program makes the robot do.
+/// Instructions that the program gives the robot.
 pub(super) fn read(files: &[DialectFile], params: &DialectParams) -> Vec<Said> {
     let [src, dat] = files else { panic!("two files, not {}", files.len()) };
     assert!(files.iter().all(|file| file.text.lines().all(|line| line.len() <= 140)));
@@ -133,9 +133,24 @@ impl Module {
         let output = format!("$OUT[{}]", params.scan_output);
         let on = |on: bool| Statement::Assign(output.clone(), Expr::Truth(on));
         let scan = self.routine("SCAN_VIEW");
-        assert_eq!(scan[..3], [on(true), Statement::WaitSecs(params.pulse_secs), on(false)]);
         let input = Expr::Variable(format!("$IN[{}]", params.scan_input));
-        assert!(matches!(&scan[5], Statement::While(Expr::Not(test), _) if **test == input), "{scan:?}");
+        let stop = |stands: bool| Statement::Assign("$TIMER_STOP[10]".to_owned(), Expr::Truth(stands));
+        let reset = Statement::Assign("$TIMER[10]".to_owned(), Expr::Number(0.0));
+        let is_over = both(Expr::Variable("$TIMER[10]".to_owned()), ">", Expr::Number(1000.0 * params.timeout_secs));
+        let halt = Statement::If(is_over, vec![Statement::Halt, reset.clone()]);
+        let wait_while = |test: Expr| Statement::While(test, vec![halt.clone()]);
+        let wanted = [
+            reset.clone(),
+            stop(false),
+            wait_while(input.clone()),
+            on(true),
+            Statement::WaitSecs(params.pulse_secs),
+            on(false),
+            reset.clone(),
+            wait_while(Expr::Not(Box::new(input))),
+            stop(true),
+        ];
+        assert_eq!(scan, wanted);
         let away = self.routine("IS_AWAY");
         assert_eq!(away.len(), 8, "seven axes, and FALSE");
         assert_eq!(away.last(), Some(&Statement::Return(Expr::Truth(false))));

@@ -21,7 +21,7 @@ use vantage::program::{Move, Program, Step, compile, interlock};
 
 use crate::support::box_mesh;
 
-/// What a text makes a controller do, angles in degrees.
+/// Instruction that a text gives a controller, angles in degrees.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Said {
     /// Demands that arm and table stand there before anything else.
@@ -99,7 +99,7 @@ impl Job {
         Self { cell, program, scene }
     }
 
-    /// What the planner makes of a box on the table.
+    /// A job that the planner makes of a box on the table.
     pub(crate) fn planned() -> Self {
         let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
         let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
@@ -113,11 +113,10 @@ impl Job {
         checked.render(dialect, params).expect("sayable")
     }
 
-    /// What has to be said.
+    /// Instructions that have to be given.
     pub(crate) fn wanted(&self, dialect: Dialect) -> Vec<Said> {
-        let separate = matches!(dialect, Dialect::Hans | Dialect::Urscript);
         let interlocked = interlock(&self.program, &self.cell, &self.scene).expect("free");
-        let program = if separate { &interlocked } else { &self.program };
+        let program = if dialect.moves_table_with_arm() { &self.program } else { &interlocked };
         let degrees = |point: &Configuration| point.axes_rad().map(f64::to_degrees);
         let mut wanted = vec![Said::Begin(degrees(&program.home_rad))];
         for step in &program.steps {
@@ -141,7 +140,7 @@ fn program_of(mesh: &Mesh, cell: &Cell, params: &PlanParams) -> (Program, Collis
     (program, CollisionScene::new(cell, mesh, None, &table_from_part, params.motion.clearance_mm))
 }
 
-/// Whether `said` is `wanted`, angles to half a unit of the last digit written.
+/// Asserts that `said` is `wanted`, angles to half a unit of the last digit written.
 fn assert_said(said: &[Said], wanted: &[Said], last_digit_deg: f64, what: &str) {
     let near = |a: f64, b: f64, by: f64| (a - b).abs() <= by + 1e-9;
     let same = |a: &[f64; 7], b: &[f64; 7]| a.iter().zip(b).all(|(a, b)| near(*a, *b, 0.5 * last_digit_deg));
@@ -199,7 +198,18 @@ fn every_statement_reads_back_as_the_program() {
     }
 }
 
-/// What is wrong must not read back as right.
+/// An answer that was still on was that of the next capture too.
+#[test]
+fn a_scan_begins_once_the_answer_before_is_off_and_not_at_all_where_the_input_stays_on() {
+    let file = Job::tour().render(Dialect::Urscript, &params()).remove(0);
+    let begun = |on_for_secs: f64| urscript::secs_of_pulse(&file, on_for_secs);
+    assert_eq!(begun(0.0), Ok(0.0));
+    let begun_secs = begun(0.5).expect("a pulse");
+    assert!((0.5..0.6).contains(&begun_secs), "{begun_secs} s");
+    assert_eq!(begun(f64::INFINITY), Err("The scanner's input stays on".to_owned()));
+}
+
+/// Text that is wrong must not read back as right.
 #[test]
 fn the_grammars_refuse_what_is_no_statement() {
     let (job, params) = (Job::tour(), params());
@@ -220,4 +230,10 @@ fn the_grammars_refuse_what_is_no_statement() {
     broken(Dialect::Fanuc, "FINE ACC25 ;", "CNT100 ACC25 ;", |f, p| fanuc::read(&f[0], p));
     broken(Dialect::Fanuc, "J6=", "J7=", |f, p| fanuc::read(&f[0], p));
     broken(Dialect::Hans, "SetBoxDO,1,1,;", "SetBoxDO,1,1;", |f, p| hans::read(&f[0], p));
+    // A scan that does not wait until the answer to the one before is off.
+    broken(Dialect::Rapid, "    WaitDI scan_input,0\\MaxTime:=30.000;\n", "", |f, p| rapid::read(&f[0], p));
+    broken(Dialect::Krl, "WHILE $IN[1]\n", "WHILE FALSE\n", krl::read);
+    broken(Dialect::Urscript, "while get_standard_digital_in(1):", "while False:", |f, p| urscript::read(&f[0], p));
+    broken(Dialect::Fanuc, "WAIT DI[1]=OFF ", "WAIT DI[1]=ON ", |f, p| fanuc::read(&f[0], p));
+    broken(Dialect::Hans, "@off 1 30.000\n", "", |f, p| hans::read(&f[0], p));
 }

@@ -125,7 +125,7 @@ peg::parser! { grammar language() for str {
         = key("MODULE") name:name() data:data()* routines:routine()* key("ENDMODULE") _ { Module { name, data, routines } }
 } }
 
-/// What the module's program makes the robot do.
+/// Instructions that the module's program gives the robot.
 pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     let module = language::module(&file.text).unwrap_or_else(|error| panic!("{error}\n{}", file.text));
     assert_eq!(format!("{}.mod", module.name), file.name);
@@ -147,6 +147,7 @@ fn language_of_a_scan(params: &DialectParams) -> Vec<Statement> {
     let call = |name: &str, arguments: &[Argument]| Statement::Call(name.to_owned(), arguments.to_vec());
     let longest = Argument::Optional("MaxTime".to_owned(), Some(Expr::Number(params.timeout_secs)));
     vec![
+        call("WaitDI", &[named("scan_input"), required(0.0), longest.clone()]),
         call("SetDO", &[named("scan_output"), required(1.0)]),
         call("WaitTime", &[required(params.pulse_secs)]),
         call("SetDO", &[named("scan_output"), required(0.0)]),

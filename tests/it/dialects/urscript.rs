@@ -1,6 +1,8 @@
 //! URScript, after *The URScript Programming Language*, e-Series, sections 1.3 to 1.7: functions, assignments, `if`, `while`,
 //! calls with named arguments, lists; blocks end with `end`.
 
+use std::ops::ControlFlow;
+
 use vantage::planning::params::DialectParams;
 use vantage::program::dialects::DialectFile;
 
@@ -84,7 +86,7 @@ peg::parser! { grammar language() for str {
     pub(super) rule script() -> Statement = eol()? program:statement() { program }
 } }
 
-/// What the script makes the robot do; a movement leaves the table, or the arm, where it was.
+/// Instructions that the script gives the robot; a movement leaves the table, or the arm, where it was.
 pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     let program = language::script(&file.text).unwrap_or_else(|error| panic!("{error}\n{}", file.text));
     let Statement::Def(name, _, body) = program else { panic!("{program:?}") };
@@ -99,8 +101,27 @@ pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
         let arguments = vec![(None, Expr::Number(f64::from(params.scan_output))), (None, Expr::Truth(on))];
         Statement::Call("set_standard_digital_out".to_owned(), arguments)
     };
-    let scan = function("vantage_scan");
-    assert_eq!([&scan[0], &scan[2]], [&output(true), &output(false)]);
+    let sleep = |secs: f64| Statement::Call("sleep".to_owned(), vec![(None, Expr::Number(secs))]);
+    let waited = || Expr::Name("waited".to_owned());
+    let begin = || Statement::Assign("waited".to_owned(), Expr::Number(0.0));
+    let wait_while = |test: Expr, reason: &str| {
+        let stop = Statement::Call("vantage_stop".to_owned(), vec![(None, Expr::Text(reason.to_owned()))]);
+        let is_over = both(waited(), ">=", Expr::Number(params.timeout_secs));
+        let count = Statement::Assign("waited".to_owned(), both(waited(), "+", Expr::Number(0.01)));
+        Statement::While(test, vec![Statement::If(is_over, vec![stop]), sleep(0.01), count])
+    };
+    let number = vec![(None, Expr::Number(f64::from(params.scan_input)))];
+    let input = Expr::Call("get_standard_digital_in".to_owned(), number);
+    let wanted = [
+        begin(),
+        wait_while(input.clone(), "The scanner's input stays on"),
+        output(true),
+        sleep(params.pulse_secs),
+        output(false),
+        begin(),
+        wait_while(Expr::Not(Box::new(input)), "The scanner did not answer"),
+    ];
+    assert_eq!(function("vantage_scan").as_slice(), wanted);
     assert!(matches!(function("vantage_stop").last(), Some(Statement::Halt)));
     let mut here = home(function("vantage_require_home"));
     let mut said = vec![Said::Begin(here)];
@@ -125,6 +146,80 @@ pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     said
 }
 
+/// Carries out a scan while the input stays on for some time, s; returns the time of the start pulse, s.
+///
+/// # Errors
+/// Reason for which the script stops before the pulse.
+pub(super) fn secs_of_pulse(file: &DialectFile, on_for_secs: f64) -> Result<f64, String> {
+    let Ok(Statement::Def(_, _, body)) = language::script(&file.text) else { panic!("{}", file.text) };
+    let scan = body
+        .iter()
+        .find_map(|s| if let Statement::Def(name, _, inner) = s { (name == "vantage_scan").then_some(inner) } else { None });
+    let mut controller = Controller { secs: 0.0, waited: 0.0, on_for_secs };
+    match controller.carry_out(scan.expect("a function for a scan")) {
+        ControlFlow::Break(end) => end,
+        ControlFlow::Continue(()) => panic!("a scan without a pulse"),
+    }
+}
+
+/// A controller that carries out a function: time, variable and input.
+struct Controller {
+    secs: f64,
+    waited: f64,
+    on_for_secs: f64,
+}
+
+impl Controller {
+    fn carry_out(&mut self, statements: &[Statement]) -> ControlFlow<Result<f64, String>> {
+        for statement in statements {
+            match statement {
+                Statement::Assign(name, value) => {
+                    assert_eq!(name, "waited");
+                    self.waited = self.number(value);
+                }
+                Statement::If(test, inner) => {
+                    if self.is_true(test) {
+                        self.carry_out(inner)?;
+                    }
+                }
+                Statement::While(test, inner) => {
+                    while self.is_true(test) {
+                        self.carry_out(inner)?;
+                    }
+                }
+                Statement::Call(name, arguments) => match (name.as_str(), arguments.as_slice()) {
+                    ("sleep", [(None, Expr::Number(secs))]) => self.secs += *secs,
+                    ("vantage_stop", [(None, Expr::Text(reason))]) => return ControlFlow::Break(Err(reason.clone())),
+                    ("set_standard_digital_out", [_, (None, Expr::Truth(true))]) => return ControlFlow::Break(Ok(self.secs)),
+                    other => panic!("{other:?}"),
+                },
+                Statement::Def(..) | Statement::Halt => panic!("{statement:?}"),
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn number(&self, value: &Expr) -> f64 {
+        if let Expr::Number(number) = value {
+            return *number;
+        }
+        if let Expr::Both(a, "+", b) = value {
+            return self.number(a) + self.number(b);
+        }
+        assert_eq!(*value, Expr::Name("waited".to_owned()));
+        self.waited
+    }
+
+    fn is_true(&self, test: &Expr) -> bool {
+        if let Expr::Both(a, ">=", b) = test {
+            return self.number(a) >= self.number(b);
+        }
+        let Expr::Call(name, _) = test else { panic!("{test:?}") };
+        assert_eq!(name, "get_standard_digital_in");
+        self.secs < self.on_for_secs
+    }
+}
+
 fn check_speed(arguments: &[Argument]) {
     let [(Some(a), Expr::Number(acceleration)), (Some(v), Expr::Number(speed)), time, radius] = arguments else {
         panic!("{arguments:?}")
@@ -141,7 +236,8 @@ fn joints_deg(list: &Expr) -> [f64; 6] {
     std::array::from_fn(|joint| if let Expr::Number(rad) = items[joint] { rad.to_degrees() } else { panic!("{items:?}") })
 }
 
-/// Where the script demands to begin. It cannot read the table's angle: an operator confirms it before the table turns.
+/// Configuration at which the script demands to begin. It cannot read the table's angle: an operator confirms it before the table
+/// turns.
 fn home(require_home: &[Statement]) -> [f64; 7] {
     let (Statement::Assign(_, joints), Some(Statement::Call(table, angle))) = (&require_home[0], require_home.last()) else {
         panic!("{require_home:?}")

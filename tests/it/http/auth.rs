@@ -58,7 +58,7 @@ async fn begin_session(api: &Api, headers: &[(&str, &str)]) -> String {
     answer.header("set-cookie").to_owned()
 }
 
-/// What the browser sends back.
+/// Cookie that the browser sends back.
 fn sent_back(set_cookie: &str) -> String {
     format!("other=1; {}; vantage_key={KEY}", set_cookie.split(';').next().expect("a pair"))
 }

@@ -52,6 +52,21 @@ async fn findings_name_field_value_and_range() {
     assert_eq!((&unknown["kind"], &unknown["findings"][0]["pointer"]), (&json!(null), &json!("")), "{unknown}");
 }
 
+/// The document and the check had the range each for itself.
+#[tokio::test]
+async fn the_range_of_the_temperature_is_that_of_the_document() {
+    let api = Api::start().await;
+    let document = serde_json::to_value(vantage::http::openapi()).expect("JSON");
+    let schema = &document["components"]["schemas"]["CheckRequest"]["properties"]["temperature_c"];
+    let [min, max] = ["minimum", "maximum"].map(|end| schema[end].as_f64().expect("a number"));
+    for (celsius, is_in_range) in [(min.next_down(), false), (min, true), (max, true), (max.next_up(), false)] {
+        let request = json!({"document": {"scan": {"brightness": 5}}, "temperature_c": celsius});
+        let told = api.post_json("/api/v1/check", &request).await.text();
+        // It applies to programs alone, which is another finding.
+        assert_ne!(told.contains(&format!("°C; allowed is {min} to {max} °C")), is_in_range, "{told}");
+    }
+}
+
 #[tokio::test]
 async fn limits_are_held_against_the_scanner_of_a_cell() {
     let api = Api::start().await;

@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use vantage::wire::FailureCode;
+
 use super::api::{Api, http_options, service_options};
 
 /// Holds `api/<name>` against what the code says; `UPDATE_GOLDEN=1` writes it anew.
@@ -35,6 +37,135 @@ fn the_committed_list_of_parameters_is_the_planner_s() {
     assert_committed("parameters.md", &vantage::wire::parameters::markdown());
 }
 
+/// The number that a property is, or each number of a list is; none for other properties.
+fn number(property: &serde_json::Value) -> Option<&serde_json::Value> {
+    let is = |kind: &str| {
+        let kinds = &property["type"];
+        kinds == kind || kinds.as_array().is_some_and(|kinds| kinds.iter().any(|each| each == kind))
+    };
+    match (is("number") || is("integer"), is("array")) {
+        (true, _) => Some(property),
+        (false, true) => number(&property["items"]),
+        (false, false) => None,
+    }
+}
+
+/// The knobs of inspections and rescans had neither.
+#[test]
+fn every_knob_has_its_range_and_its_default_in_the_document() {
+    use vantage::inspection::{AlignParams, coverage::CompareParams};
+    use vantage::planning::params::{PlanParams, RescanParams};
+    let document = document();
+    let schemas = &document["components"]["schemas"];
+    let plan = PlanParams::knobs().into_iter().map(|(_, group)| group);
+    let mut numbers = 0;
+    for group in plan.chain([AlignParams::KNOBS, CompareParams::KNOBS, RescanParams::KNOBS]) {
+        let schema = &schemas[group.name];
+        for knob in group.knobs {
+            let (name, property) = (format!("{}.{}", group.name, knob.field), &schema["properties"][knob.field]);
+            let Some(number) = number(property) else {
+                assert!(knob.range.is_none() || knob.field == "brightness", "{name} is no number: {property}");
+                continue;
+            };
+            numbers += 1;
+            let range = [&number["minimum"], &number["maximum"]].map(serde_json::Value::as_f64);
+            assert_eq!(range, knob.range.map_or([None; 2], |range| range.map(Some)), "{name}: {property}");
+            let is_required = schema["required"].as_array().into_iter().flatten().any(|each| each == knob.field);
+            assert!(is_required || property.as_object().expect("an object").contains_key("default"), "{name}: {property}");
+        }
+    }
+    assert!(numbers > 80, "{numbers}");
+    assert_eq!(schemas["InterestParams"]["properties"]["weight"]["default"], 1.0);
+    for field in ["angle_deg", "translation_mm"] {
+        assert_eq!(schemas["PoseErrorParams"]["properties"][field]["default"], 1.0, "{field}");
+    }
+}
+
+/// Numbers of requests that the check refuses by something else than a range, or not at all; and those of poses and standard
+/// deviations, which answers have too.
+const WITHOUT_RANGE: [(&str, &str); 20] = [
+    ("BoardPoseSpec", "rotation_rows"),
+    ("CalibrationProvenance", "temperature_c"),
+    ("ChainJointSpec", "axis"),
+    ("CompensationProvenance", "temperature_c"),
+    ("ObservedPose", "quaternion_xyzw"),
+    ("ObservedPose", "rotation_rows"),
+    ("OpwSpec", "sign_corrections"),
+    ("PoseSpec", "quaternion_xyzw"),
+    ("PoseSpec", "translation_mm"),
+    ("RegionBox", "max_mm"),
+    ("RegionBox", "min_mm"),
+    ("RegionHalfSpace", "normal"),
+    ("RegionHalfSpace", "point_mm"),
+    ("RegionPlane", "normal"),
+    ("RegionPlane", "point_mm"),
+    ("RegionSphere", "centre_mm"),
+    ("SigmaDocument", "board_deg"),
+    ("SigmaDocument", "board_mm"),
+    ("SigmaDocument", "robot_deg"),
+    ("SigmaDocument", "robot_mm"),
+];
+
+/// Ranges stood in descriptions alone.
+#[test]
+fn every_number_that_a_request_may_have_has_its_range_in_the_document() {
+    let document = document();
+    let schemas = document["components"]["schemas"].as_object().expect("schemas");
+    let mut open: Vec<&serde_json::Value> = Vec::new();
+    let items = document["paths"].as_object().expect("paths").values();
+    for operation in items.flat_map(|item| item.as_object().expect("operations").values()) {
+        open.push(&operation["requestBody"]);
+    }
+    let (mut asked, mut lacking) = (BTreeSet::new(), BTreeSet::new());
+    while let Some(value) = open.pop() {
+        let reference = value["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
+        if let Some(name) = reference.filter(|name| asked.insert(*name)) {
+            let schema = &schemas[name];
+            open.push(schema);
+            for (field, property) in schema["properties"].as_object().into_iter().flatten() {
+                if number(property).is_some_and(|number| !(number["minimum"].is_number() && number["maximum"].is_number())) {
+                    lacking.insert((name, field.as_str()));
+                }
+            }
+        }
+        open.extend(value.as_object().into_iter().flat_map(|object| object.values()));
+        open.extend(value.as_array().into_iter().flatten());
+    }
+    assert!(asked.contains("ScannerSpec") && asked.contains("CalibrationData"), "{asked:?}");
+    assert_eq!(lacking, BTreeSet::from(WITHOUT_RANGE));
+}
+
+/// Attributes of the routes have the ranges of query parameters, the code has them again.
+#[tokio::test]
+async fn the_ranges_of_query_parameters_are_those_that_are_checked() {
+    let api = Api::start().await;
+    let (document, job) = (document(), api.job("").await);
+    api.ended(&job).await;
+    let of_no_job = serde_json::json!({"job_id": "0190b6b0-7c1e-7c1e-8c1e-0123456789ab"}).to_string();
+    let json = [("content-type", "application/json")];
+    let mut asked = BTreeSet::new();
+    // Routes of a single run look for it first, and there is none.
+    let items = document["paths"].as_object().expect("paths").iter().filter(|(path, _)| !path.starts_with("/api/v1/runs/"));
+    for ((path, item), method) in items.flat_map(|item| ["get", "post"].map(|method| (item, method))) {
+        for parameter in item[method]["parameters"].as_array().into_iter().flatten().filter(|each| each["in"] == "query") {
+            let schema = &parameter["schema"];
+            let (Some(min), Some(max)) = (schema["minimum"].as_i64(), schema["maximum"].as_i64()) else { continue };
+            let name = parameter["name"].as_str().expect("a name");
+            for (value, is_in_range) in [(min - 1, false), (min, true), (max, true), (max + 1, false)] {
+                let url = format!("{}?{name}={value}", path.replace("{id}", &job));
+                let answer = match method {
+                    "get" => api.get(&url).await,
+                    _ => api.send("POST", &url, &json, of_no_job.clone()).await,
+                };
+                let is_refused = answer.status == 400 && answer.text().contains("; allowed is a whole number from ");
+                assert_eq!(is_refused, !is_in_range, "{method} {url}: {}", answer.text());
+            }
+            asked.insert((path, method, name));
+        }
+    }
+    assert_eq!(asked.len(), 8, "{asked:?}");
+}
+
 #[test]
 fn codes_are_different_and_documented() {
     let document = vantage::http::problems_document();
@@ -43,7 +174,7 @@ fn codes_are_different_and_documented() {
         assert!(seen.insert(code.as_str()), "{} stands there twice", code.as_str());
         assert!(document.contains(&format!("<a id=\"{0}\"></a>`{0}` | {1} |", code.as_str(), code.status().as_u16())));
     }
-    for (code, _) in vantage::service::FAILURE_CODES {
+    for code in FailureCode::ALL.map(FailureCode::as_str) {
         assert!(document.contains(&format!("`{code}` |")), "{code}");
     }
 }
@@ -58,6 +189,38 @@ async fn the_document_is_served_and_is_of_openapi_3_1() {
     assert_eq!(of_page, document());
     assert!(document()["openapi"].as_str().is_some_and(|version| version.starts_with("3.1.")));
     assert_eq!(document()["info"]["title"], "Vantage");
+}
+
+/// Collects the descriptions and summaries in `value`, each with the pointer to it.
+fn collect_texts(value: &serde_json::Value, at: &str, found: &mut Vec<(String, String)>) {
+    for (key, member) in value.as_object().into_iter().flatten() {
+        let at = format!("{at}/{key}");
+        match member.as_str() {
+            Some(text) if key == "description" || key == "summary" => found.push((at, text.to_owned())),
+            _ => collect_texts(member, &at, found),
+        }
+    }
+    for (index, member) in value.as_array().into_iter().flatten().enumerate() {
+        collect_texts(member, &format!("{at}/{index}"), found);
+    }
+}
+
+/// Readers of the document have no sources beside it: descriptions named files of the repository, and cited a thesis by no title.
+#[test]
+fn the_document_stands_by_itself() {
+    let document = document();
+    let about = document["info"]["description"].as_str().expect("a description");
+    assert!(about.contains("*Quality-Based Path Planning: ") && about.contains("the thesis"), "{about}");
+    let mut texts = Vec::new();
+    collect_texts(&document, "", &mut texts);
+    assert!(texts.len() > 1000, "the scan must see the descriptions: {}", texts.len());
+    let is_source = |word: &str| [".rs", ".md"].iter().any(|end| word.trim_end_matches('.').ends_with(end));
+    for (at, text) in &texts {
+        let mut words = text.split(|letter: char| !letter.is_alphanumeric() && !"._-/".contains(letter));
+        let opening = words.clone().next().unwrap_or_default();
+        assert!(!["It", "Its", "Least", "None", "That", "Whose"].contains(&opening), "{at} does not begin with a noun: {text}");
+        assert!(!words.any(is_source), "{at} names a file of the repository: {text}");
+    }
 }
 
 /// Pages for people, which are no part of the interface; what axum calls the lack of a route; and the commands that bring an arm to
@@ -145,11 +308,7 @@ fn every_result_of_an_inspection_lists_its_formats() {
     ];
     for (name, formats) in results {
         let schema = parameter(&document, &format!("/api/v1/inspections/{{id}}/{name}"), "get", "format");
-        let listed = schema["enum"].as_array().or_else(|| schema["oneOf"][0]["enum"].as_array());
-        match listed {
-            Some(listed) => assert_eq!(listed, formats, "{name}"),
-            None => assert_eq!(schema["pattern"], format!("^({})$", formats.join("|")), "{name}"),
-        }
+        assert_eq!(schema["enum"], serde_json::json!(formats), "{name}");
     }
 }
 
@@ -201,7 +360,7 @@ fn names_times_and_answers_to_conditional_requests_are_in_the_document() {
     assert!(listed > 8, "{listed}");
 }
 
-/// Those of inspections and of their rescans were not listed.
+/// The routes of inspections and of their rescans were not listed.
 #[test]
 fn every_route_that_takes_an_idempotency_key_lists_it() {
     let document = document();
@@ -418,7 +577,7 @@ async fn the_server_tells_about_itself() {
     assert!(metrics.contains("vantage_http_requests_total{method=\"GET\",route=\"/healthz\",status=\"200\"}"), "{metrics}");
 }
 
-/// It said "failed", while a refused upload was told the figures and what to do.
+/// The answer said "failed", while a refused upload was told the figures and what to do.
 #[tokio::test]
 async fn a_server_short_of_disk_space_gives_the_figures_and_says_what_to_do() {
     let short = vantage::service::Options { min_free_bytes: u64::MAX, min_free_share: 1.0, ..service_options() };
@@ -457,10 +616,10 @@ async fn the_documentation_is_named_and_leads_to_the_other_pages() {
     let parameters = api.get("/parameters").await;
     assert_eq!(parameters.header("content-type"), "text/html; charset=utf-8");
     let html = parameters.text();
-    for parameter in vantage::wire::parameters::list() {
+    for parameter in vantage::wire::parameters::lists().into_iter().flat_map(|(_, _, parameters)| parameters) {
         assert!(html.contains(&format!("<tr id=\"{}\">", parameter.key)), "{}", parameter.key);
     }
-    assert!(html.contains("<td>0 to 1</td>") && !html.contains('`'), "{html}");
+    assert!(html.contains("<td>0 to 1</td>") && html.contains("<td>0.001 to 100 mm</td>") && !html.contains('`'), "{html}");
 }
 
 #[tokio::test]
@@ -468,9 +627,8 @@ async fn the_type_of_every_problem_leads_to_a_page_for_people() {
     let api = Api::start().await;
     let kind = api.get("/api/v1/nothing").await.problem("no_such_route")["type"].as_str().expect("a path").to_owned();
     assert_eq!(api.get(&kind).await.status, 200, "{kind}");
-    let codes =
-        vantage::http::Code::ALL.iter().map(|code| code.as_str()).chain(vantage::service::FAILURE_CODES.map(|(code, _)| code));
-    for code in codes {
+    let of_failures = FailureCode::ALL.map(FailureCode::as_str);
+    for code in vantage::http::Code::ALL.iter().map(|code| code.as_str()).chain(of_failures) {
         let page = api.get(&format!("/problems/{code}")).await;
         assert_eq!((page.status.as_u16(), page.header("content-type")), (200, "text/html; charset=utf-8"), "{code}");
         let html = page.text();

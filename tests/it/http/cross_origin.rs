@@ -11,7 +11,7 @@ async fn listed(with_key: bool) -> Api {
     Api::start_with(service_options(), http).await
 }
 
-/// What a browser asks before a request that changes something.
+/// Asks as a browser does before a request that changes something.
 async fn preflight(api: &Api, origin: &str, method: &str, headers: &str) -> Answer {
     let asked = [
         ("origin", origin),

@@ -218,6 +218,20 @@ async fn scans_are_of_a_view_of_the_plan_and_go_with_their_job_as_inspections_do
     let scan = api.send("POST", &path, &[], "1 2 3\n4 5 6\n").await.ok(201);
     let inspection = inspected(&api, &job, &json!({})).await;
     assert!(inspection["ended_at"].is_string(), "{inspection}");
+    // The label that holds the job holds its evidence.
+    let run = run(&api, &job).await;
+    let labelled = async |labels: Value| {
+        api.send("PUT", &format!("/api/v1/jobs/{job}/labels"), &[("content-type", "application/json")], labels.to_string()).await
+    };
+    labelled(json!({"labels": {"hold": ""}})).await.ok(200);
+    let id = |document: &Value| document["id"].as_str().expect("an id").to_owned();
+    for path in [format!("scans/{}", id(&scan)), format!("inspections/{}", id(&inspection)), format!("runs/{run}")] {
+        let path = format!("/api/v1/{path}");
+        api.send("DELETE", &path, &[], "").await.problem("job_held");
+        api.get(&path).await.ok(200);
+    }
+    labelled(json!({"labels": {}})).await.ok(200);
+    assert_eq!(api.send("DELETE", &format!("/api/v1/runs/{run}"), &[], "").await.status, 204);
     assert_eq!(api.send("DELETE", &format!("/api/v1/jobs/{job}"), &[], "").await.status, 204);
     api.get(&format!("/api/v1/scans/{}", scan["id"].as_str().expect("an id"))).await.problem("scan_not_found");
     api.get(&format!("/api/v1/inspections/{}", inspection["id"].as_str().expect("an id"))).await.problem("inspection_not_found");

@@ -147,7 +147,7 @@ async fn a_request_is_refused_with_every_pointer() {
     assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
 }
 
-/// They were accepted, and the job failed.
+/// Such faces were accepted, and the job failed.
 #[tokio::test]
 async fn faces_and_groups_that_the_part_s_file_does_not_have_are_refused_at_once() {
     let api = Api::start().await;
@@ -191,7 +191,7 @@ async fn faces_and_groups_that_the_part_s_file_does_not_have_are_refused_at_once
     }
 }
 
-/// It was ignored, and jobs were shown with it.
+/// The scanner was ignored, and jobs were shown with it.
 #[tokio::test]
 async fn a_scanner_beside_a_cell_is_refused_unless_it_is_the_cell_s_own() {
     let api = Api::start().await;

@@ -66,7 +66,7 @@ async fn a_form_is_taken_by_its_field() {
     api.nothing_is_left().await;
 }
 
-/// What stands beside the file is kept by the parser, however long it is.
+/// The parser keeps what stands beside the file, however long it is.
 #[tokio::test]
 async fn a_form_with_more_than_its_file_is_cut_off() {
     let api = Api::start().await;
@@ -129,7 +129,8 @@ async fn a_body_that_drips_is_given_up() {
         Some((Ok::<_, std::io::Error>(Bytes::from_static(b"s")), ()))
     });
     let began = Instant::now();
-    api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(drips)).await.problem("request_timeout");
+    let refused = api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(drips)).await.problem("request_timeout");
+    assert!(refused["detail"].as_str().is_some_and(|said| said.contains("less than 1024 bytes a second")), "{refused}");
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
     api.nothing_is_left().await;
 }

@@ -6,6 +6,7 @@ mod auth;
 mod bulk;
 mod calibrations;
 mod checks;
+mod closed_lists;
 mod contract;
 mod cross_origin;
 mod downloads;

@@ -76,7 +76,7 @@ async fn paths_in_answers_lead_through_the_proxy() {
     }
 }
 
-/// Theirs led past the proxy.
+/// Problems of these routes led past the proxy.
 #[tokio::test]
 async fn problems_of_inspections_and_calibrations_lead_through_the_proxy() {
     for proxy in proxies().await {

@@ -1,6 +1,7 @@
-//! What came out of a job, in the forms that are asked for.
+//! Results of a job, in the forms that are asked for.
 
 use serde_json::json;
+use vantage::program::dialects::Dialect;
 
 use super::api::{Api, FILES, cube};
 
@@ -90,8 +91,9 @@ async fn other_forms_are_not_to_be_had() {
     }
     let problem = api.get(&format!("/api/v1/jobs/{job}/program?dialect=cobol")).await.problem("not_acceptable");
     let detail = problem["detail"].as_str().expect("text");
-    for dialect in ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"] {
-        assert!(detail.contains(&format!("({dialect})")), "{detail}");
+    let outputs = Dialect::ALL.into_iter().flat_map(Dialect::outputs).map(|output| output.format);
+    for form in outputs.chain(["json"]) {
+        assert!(detail.contains(&format!("({form})")), "{detail}");
     }
     api.get(&format!("/api/v1/jobs/{job}/program-2?dialect=rapid")).await.problem("result_not_found");
     api.get(&format!("/api/v1/jobs/{job}/program-2/rapid")).await.problem("result_not_found");

@@ -141,7 +141,7 @@ async fn the_answers_to_new_runs_and_inspections_are_waited_for() {
     }
 }
 
-/// They were refused for a token that they do not need, and the arm went on moving.
+/// Both were refused for a token that they do not need, and the arm went on moving.
 #[tokio::test]
 async fn a_pause_and_a_stop_are_taken_whatever_query_headers_and_body_come_with_them() {
     let api = Api::start().await;
@@ -241,7 +241,7 @@ async fn steps_are_taken_one_by_one() {
     assert_eq!(ended(&api, &run).await["state"], "done");
 }
 
-/// They were 0 until the run ended.
+/// The count was 0 until the run ended.
 #[tokio::test]
 async fn scans_are_counted_while_the_run_is_under_way() {
     let api = Api::start().await;

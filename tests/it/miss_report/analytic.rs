@@ -1,5 +1,5 @@
-//! Causes and areas without mesh, tree or engine: the definition of method §4 for a point of a body whose only way out
-//! leads through openings in horizontal planes.
+//! Causes and areas without mesh, tree or engine: the definition in `vantage::planning::method::visibility` for a point of a body
+//! whose only way out leads through openings in horizontal planes.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +31,7 @@ pub(super) fn eyes_of(
     })
 }
 
-/// What a line that crosses a horizontal plane has to pass through.
+/// Opening that a line which crosses a horizontal plane has to pass through.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Opening {
     z_mm: f64,
@@ -42,7 +42,7 @@ pub(super) struct Opening {
 enum Through {
     /// Within this radius of the z axis.
     Disc(f64),
-    /// From one x to another.
+    /// Between one x and another.
     Slot(f64, f64),
 }
 

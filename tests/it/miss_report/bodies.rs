@@ -116,7 +116,7 @@ impl Strip {
         Point3::new(along(0), (2.0 * v - 1.0) * self.half_length_mm, along(1))
     }
 
-    /// To the right of the line.
+    /// Unit normal to the right of the line.
     pub(crate) fn normal(&self) -> Vector3<f64> {
         Vector3::new(self.to[1] - self.from[1], 0.0, self.from[0] - self.to[0]).normalize()
     }

@@ -30,7 +30,7 @@ const VIEWS: u64 = 8;
 const OBSTACLES: u64 = 14;
 /// Clearance of the job, mm: the least there is. OMPL keeps none.
 const CLEARANCE_MM: f64 = 1.0;
-/// Where views stand from the part's middle, mm.
+/// Distance of views from the part's middle, mm.
 const DISTANCE_MM: f64 = 510.0;
 /// OMPL's time a question and for all, s: in full, and for `tests/all`.
 const SECONDS: [[f64; 2]; 2] = [[60.0, 1200.0], [20.0, 60.0]];
@@ -68,7 +68,7 @@ impl Draw {
         body(name, at_mm, shape)
     }
 
-    /// From above the plate, looking at `centre_mm`, at any roll.
+    /// A view from above the plate, looking at `centre_mm`, at any roll.
     fn view(&mut self, centre_mm: &Point3<f64>) -> Pose<Part, ScannerFrame> {
         let (elevation, azimuth) = (self.within(5.0, 85.0).to_radians(), self.within(0.0, std::f64::consts::TAU));
         let out = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
@@ -99,7 +99,7 @@ fn cluttered(draw: &mut Draw, part: &Mesh, table_from_part: &Pose<Table, Part>) 
     cell
 }
 
-/// What became of a cell's views.
+/// Fate of a cell's views.
 struct Outcome {
     program: Program,
     planned: usize,

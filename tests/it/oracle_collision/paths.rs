@@ -18,9 +18,9 @@ use crate::support::{PARTS, all_asked, long_asked, oracle_python, shared, shared
 
 /// Samples of a way, degrees of any axis.
 const FINE_DEG: &str = "0.25";
-/// The same where fewer will do: of the second part of `tests/all`, and of a plain run.
+/// Samples of a way where fewer will do: of the second part of `tests/all`, and of a plain run.
 const COARSE_DEG: [&str; 2] = ["1", "2"];
-/// How near two bodies have to be for their distance to count, mm.
+/// Distance up to which the distance of two bodies counts, mm.
 const NEAR_MM: &str = "20";
 /// Samples on a part.
 const SAMPLES: f64 = 3000.0;

@@ -10,7 +10,7 @@ use crate::support::{all_asked, long_asked, oracle_python};
 
 /// Clearance of the second question, mm: the default of a job.
 const CLEARANCE_MM: f64 = 5.0;
-/// How far the vendor's surface may stand out of its capsules, mm (`kinematics::capsules_hold_the_vendors_meshes`).
+/// Length by which the vendor's surface may stand out of its capsules, mm (`kinematics::capsules_hold_the_vendors_meshes`).
 pub(super) const OUT_MM: f64 = 0.5;
 
 /// Evenly spread over what the axes allow (additive recurrence with square roots of primes).

@@ -151,7 +151,7 @@ fn the_sources_of_the_dashboard_give_the_bytes_that_are_committed() {
     }
 }
 
-/// What a plant's slow link has to carry, and what no page may load from elsewhere.
+/// Bytes that a plant's slow link has to carry, and addresses that no page may load from.
 #[test]
 fn the_dashboard_is_small_and_names_no_other_place() {
     use std::io::Write as _;

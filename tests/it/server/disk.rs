@@ -108,7 +108,7 @@ fn below_the_floor_new_work_is_refused_and_what_runs_goes_on() {
     assert_eq!(upload(&server, 61.0).0, 201);
 }
 
-/// With no floor at all every write meets the full disk itself.
+/// Every write meets the full disk itself, as no floor is set.
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn after_a_full_disk_everything_works_again_without_a_restart() {
@@ -140,12 +140,19 @@ fn after_a_full_disk_everything_works_again_without_a_restart() {
     assert_eq!(refused, 20, "the disk was never full");
     assert_eq!(upload(&server, 61.0).0, 507);
     assert!(!is_ready(&server));
-    // The job that ran is still there, and is not failed: its results wait for room.
+    // The job that ran is still there, and is not failed: its results wait for room, and it says so.
+    let told = |job: &serde_json::Value| {
+        let warnings = job["warnings"].as_array().expect("warnings");
+        warnings.iter().any(|warning| warning["code"] == "results_wait")
+    };
+    wait_until("its results wait", || told(&server.job(running)));
     std::thread::sleep(Duration::from_secs(3));
-    assert!(["running", "queued"].contains(&server.job(running)["state"].as_str().expect("a state")), "{}", server.job(running));
+    let waiting = server.job(running);
+    assert!(["running", "queued"].contains(&waiting["state"].as_str().expect("a state")) && told(&waiting), "{waiting}");
     disk.make_room();
     wait_until("it is ready again", || is_ready(&server));
-    assert_eq!(server.ended(running)["state"], "succeeded");
+    let ended = server.ended(running);
+    assert!(ended["state"] == "succeeded" && !told(&ended), "{ended}");
     assert_eq!(upload(&server, 61.0).0, 201);
     for id in accepted.iter().take(3) {
         assert_eq!(server.ended(id)["state"], "succeeded");

@@ -9,7 +9,7 @@ use super::process::{RaisedAtEnd, Server};
 use crate::http::api::cube;
 
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
-/// What takes longer than this was not answered at once.
+/// Time beyond which an answer did not come at once.
 const AT_ONCE: Duration = Duration::from_secs(2);
 /// Bound of what is sent again and again.
 const AT_LAST: Duration = Duration::from_secs(60);
@@ -151,7 +151,7 @@ fn waits_of_one_client_leave_others_room() {
     drop(waiting);
 }
 
-/// How many connections this process and one that it starts may have at the same time.
+/// Number of connections that this process and one that it starts may have at the same time.
 fn connections_here() -> usize {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);

@@ -9,7 +9,7 @@ use super::process::Server;
 const IMPATIENT: [(&str, &str); 2] =
     [("VANTAGE_SERVER__HEADER_TIMEOUT_SECS", "1"), ("VANTAGE_SERVER__BODY_IDLE_TIMEOUT_SECS", "1")];
 
-/// When the server closes the connection.
+/// Time after which the server closes the connection.
 fn closed_after(stream: &mut TcpStream) -> Duration {
     let began = Instant::now();
     let mut rest = Vec::new();

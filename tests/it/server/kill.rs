@@ -15,7 +15,7 @@ const WITH_CELL: [&str; 2] = ["stage.sequence", "stage.collision_scene"];
 /// Stage that only some parts have in a cell.
 const SOMETIMES: &str = "stage.roadmap";
 
-/// What was promised before the end: answers that came.
+/// Promises before the end: answers that came.
 #[derive(Default)]
 struct Promised {
     mesh: Option<Value>,
@@ -62,7 +62,7 @@ fn assert_whole_files(data: &Path) -> usize {
     files
 }
 
-/// What was promised holds; the work is done again where nothing was promised.
+/// Asserts that every promise holds; the work is done again where nothing was promised.
 fn assert_promise_kept(server: &Server, promised: Promised, failpoint: &str) {
     let mesh = match promised.mesh {
         Some(mesh) => {
@@ -95,7 +95,7 @@ fn assert_promise_kept(server: &Server, promised: Promised, failpoint: &str) {
     }
 }
 
-/// It ended exactly once.
+/// Asserts that the job ended exactly once.
 fn assert_one_end(server: &Server, id: &str, how: &str) {
     let events =
         server.raw(format!("GET /api/v1/jobs/{id}/events HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").as_bytes());

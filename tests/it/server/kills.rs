@@ -13,7 +13,7 @@ use super::process::{QUICK, RaisedAtEnd, Server};
 use crate::http::api::cube;
 use crate::support::{all_asked, long_asked};
 
-/// What was acknowledged, over all processes.
+/// Acknowledged changes, over all processes.
 #[derive(Default)]
 struct Ledger {
     /// Ids and edges of meshes.

@@ -15,7 +15,7 @@ use crate::http::api::cube;
 /// Parameters of a job that takes seconds.
 pub(super) const LONG: &str = r#"{"part": {"samples_per_mm2": 60, "patch_edge_mm": 0.5}}"#;
 
-/// What a job asks for that does not have to take long, in a build for tests either: few views, few samples, a ray each.
+/// Parameters of a job that does not have to take long, in a build for tests either: few views, few samples, a ray each.
 pub(super) const QUICK: &str = r#"{"candidates": {"strategies": ["ellipsoid"], "rolls_deg": [0], "step_small_deg": 90, "step_large_deg": 90},
     "part": {"patch_edge_mm": 20, "samples_per_mm2": 0.01}, "visibility": {"engine": "rays"}, "missed": {"remedies": 0},
     "selection": {"max_views": 1}}"#;
@@ -108,12 +108,12 @@ impl Server {
         (answer.status().as_u16(), retry_after, serde_json::from_slice(&bytes).unwrap_or(Value::Null))
     }
 
-    /// What it has logged.
+    /// Log of the server so far.
     pub(super) fn log(&self) -> String {
         std::fs::read_to_string(self.log.path()).expect("the log")
     }
 
-    /// Its process id.
+    /// Process id of the server.
     pub(crate) fn process(&self) -> u32 {
         self.child.id()
     }

@@ -11,7 +11,7 @@ use super::process::Server;
 /// Small enough to be planned at once.
 const QUICK: &str = r#"{"candidates": {"even_directions": 20}, "selection": {"max_views": 1}}"#;
 
-/// As many connections as can be had, from many addresses; some follow events, some begin an upload, some say nothing.
+/// Opens as many connections as can be had, from many addresses; some follow events, some begin an upload, some say nothing.
 fn crowd(server: &Server, count: usize) -> Vec<TcpStream> {
     let requests: [&[u8]; 4] = [
         b"GET /api/v1/events HTTP/1.1\r\nhost: localhost\r\n\r\n",

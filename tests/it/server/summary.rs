@@ -11,7 +11,7 @@ use vantage::wire::summary::{PlanLevel, PlanVerdict, Summary};
 use super::process::{Server, vantage};
 use crate::http::api::cube;
 
-/// What one part gave: the summary, the plan, and the standard output of the command.
+/// Results for one part: the summary, the plan, and the standard output of the command.
 struct Planned {
     summary: Summary,
     plan: Value,
@@ -158,6 +158,15 @@ fn the_page_shows_the_sentences_that_answers_have() {
         assert!(page.contains(&format!("summary.{field}")) || page.contains(&format!("summary?.{field}")), "{field}");
         assert!(!api["components"]["schemas"]["Summary"]["properties"][field].is_null(), "{field} is in no answer");
     }
+    // The table of shares, with their meanings.
+    assert!(include_str!("../../../static/src/planpanels.tsx").contains("summary?.headline"));
+    for (schema, field) in [("Summary", "headline"), ("Summary", "setup_links"), ("HeadlineDocument", "meaning")] {
+        assert!(!api["components"]["schemas"][schema]["properties"][field].is_null(), "{schema}.{field} is in no answer");
+    }
+    // The share of a fix that does not work for each of its spots comes before the fix.
+    let panels = include_str!("../../../static/src/planpanels.tsx");
+    assert!(panels.contains("group.partial_text ? `${group.partial_text}: ${group.fix_text}`"));
+    assert!(!api["components"]["schemas"]["MissedGroup"]["properties"]["partial_text"].is_null(), "it is in no answer");
     for item in ["Job", "JobListItem", "JobEvent"] {
         assert!(!api["components"]["schemas"][item]["properties"]["summary"].is_null(), "{item} has none");
     }

@@ -1,4 +1,4 @@
-//! What several topics share: where data lies, how parts are prepared, how a plan is made.
+//! Helpers that several topics share: where data lies, how parts are prepared, how a plan is made.
 
 mod child;
 pub(crate) mod glb;
@@ -37,7 +37,7 @@ pub(crate) const PARTS: [(&str, &str, f64); 9] = [
     ("featuretype", "meshes/featuretype_3476_inch.stl", 127.0),
 ];
 
-/// The nominal rig of method §2.
+/// The nominal rig of `vantage::planning::method::scanner`.
 pub(crate) fn nominal_scanner() -> Scanner {
     preset_scanner("transcan-c-nominal")
 }

@@ -1,6 +1,6 @@
-//! What a test needs that is not in the repository. Where it is absent the test says so on standard error, past the
-//! test harness's capture, and ends; under `VANTAGE_TESTS=all`, which `tests/all` sets, an absent oracle or browser
-//! fails the test instead.
+//! Needs of a test that are not in the repository. Where one is absent the test says so on standard error, past the test
+//! harness's capture, and ends; under `VANTAGE_TESTS=all`, which `tests/all` sets, an absent oracle or browser fails the test
+//! instead.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -51,17 +51,17 @@ pub(crate) fn chromium() -> Option<PathBuf> {
     installed("VANTAGE_CHROMIUM", "a Chromium")
 }
 
-/// Whether this is `tests/all`, which leaves no test out.
+/// Returns true if this is `tests/all`, which leaves no test out.
 pub(crate) fn all_asked() -> bool {
     std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all" || tests == "long")
 }
 
-/// Whether also the longest rows are asked for: `VANTAGE_TESTS=long tests/all`.
+/// Returns true if the longest rows are asked for as well: `VANTAGE_TESTS=long tests/all`.
 pub(crate) fn long_asked() -> bool {
     std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "long")
 }
 
-/// Whether the program was built with the points at which a test may kill or hang it.
+/// Returns true if the program was built with the points at which a test may kill or hang it.
 pub(crate) fn failpoints() -> bool {
     let built_in = cfg!(any(debug_assertions, feature = "failpoints"));
     if !built_in {
@@ -85,7 +85,7 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{test}: {text}");
 }
 
-/// Whether a program is on the path.
+/// Returns true if a program is on the path.
 pub(crate) fn program(name: &str) -> bool {
     let runs = std::process::Command::new(name).arg("--version").output().is_ok();
     assert!(runs || !all_asked(), "VANTAGE_TESTS=all, but {name} is not installed; run tests/all");

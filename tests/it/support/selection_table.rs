@@ -12,19 +12,19 @@ use vantage::planning::{PlanInput, tabulate};
 
 use super::{nominal_scanner, shared_mesh_scaled};
 
-/// What each candidate measures, and the area of each sample.
+/// Samples that each candidate measures, and the area of each sample.
 pub(crate) struct SelectionTable {
     pub(crate) rows: Vec<Row>,
     pub(crate) area_mm2: Vec<f64>,
 }
 
 impl SelectionTable {
-    /// Of a part so long, with the ellipsoid's 54 candidates; none where the data set is absent.
+    /// Table of a part so long, with the ellipsoid's 54 candidates; none where the data set is absent.
     pub(crate) fn new(path: &str, extent_mm: f64, camera_deg: f64, projector_deg: f64, samples: usize) -> Option<Self> {
         Self::of(path, extent_mm, CandidateParams::ellipsoid(), [camera_deg, projector_deg], samples)
     }
 
-    /// The same with so many candidates, even in direction.
+    /// Table of a part so long, with so many candidates, even in direction.
     pub(crate) fn with_views(
         path: &str,
         extent_mm: f64,

@@ -496,7 +496,7 @@ async function ofOpen(id, { of_open: isOpen, cycle_secs: planned, program_cycle:
   await row.waitFor();
   assert.match(await row.innerText(), /of open area\s[\d.]+\ss\s+robot program cycle time/);
   await page.goto(`${base}#/jobs/${id}/plan`);
-  assert.match(await page.locator(".shares").innerText(), /Of open: share of the area that earlier scans left open/);
+  assert.match(await page.locator(".shares").innerText(), /measured of open, independent\s+open: asked area that earlier scans left open/);
   await page.locator(".legend [data-key=not_asked]", { hasText: "measured by earlier scans" }).waitFor();
 }
 

@@ -12,7 +12,7 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector2};
 
-use super::equations::{BundleProblem, BundleState, HUBER, POSES, SHARED, seen_by};
+use super::equations::{BundleProblem, BundleState, HUBER, POSES, SHARED, lens_unknowns, pose_unknowns};
 use super::fault::{LensError, LensFault};
 use super::model::{LENS, LensParameters, PARAMETER_NAMES};
 use super::observations::{BoardObservations, BoardView, DeviceSighting};
@@ -147,14 +147,17 @@ pub fn adjust(observations: &BoardObservations, options: &AdjustOptions) -> Resu
     let views: Vec<BoardView> = kept.iter().map(|view| observations.views[*view].clone()).collect();
     let (projector_lens, projector_from_left) = projector.unwrap_or((left, Isometry3::identity()));
     let state = BundleState {
-        lens: [left, right, projector_lens],
-        device_from_left: [Isometry3::identity(), right_from_left, projector_from_left],
+        lens: PerDevice { left, right, projector: projector_lens },
+        device_from_left: PerDevice { left: Isometry3::identity(), right: right_from_left, projector: projector_from_left },
         left_from_board: placed_boards.iter().flatten().copied().collect(),
     };
     let mut is_held = [false; SHARED];
-    for (index, held) in is_held.iter_mut().enumerate() {
-        let (device, is_pose) = if index < POSES { (index / LENS, false) } else { (1 + (index - POSES) / 6, true) };
-        *held = (device == 2 && projector.is_none()) || (!is_pose && options.is_held[index % LENS]);
+    for device in DeviceName::ALL {
+        is_held[lens_unknowns(device)].copy_from_slice(&options.is_held);
+    }
+    if projector.is_none() {
+        is_held[lens_unknowns(DeviceName::Projector)].fill(true);
+        is_held[pose_unknowns(DeviceName::Projector)].fill(true);
     }
     let views = if projector.is_some() { views } else { views.into_iter().map(without_projector).collect() };
     let solved = solve(&views, state, is_held)?;
@@ -203,8 +206,8 @@ fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &
     };
     let own: Vec<BoardView> = kept.iter().map(alone).collect();
     let state = BundleState {
-        lens: [start; 3],
-        device_from_left: [Isometry3::identity(); 3],
+        lens: PerDevice::of_cameras(start, start),
+        device_from_left: PerDevice::of_cameras(Isometry3::identity(), Isometry3::identity()),
         left_from_board: poses.iter().flatten().copied().collect(),
     };
     let is_held = std::array::from_fn(|index| index >= LENS || options.is_held[index]);
@@ -215,7 +218,7 @@ fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &
     }
     // The lists of `own` are the left camera's, whichever device it is.
     refused.extend(unfit.iter().map(|(place, _)| kept[*place]));
-    Ok(CameraStart { lens: state.lens[0], boards, refused })
+    Ok(CameraStart { lens: state.lens.left, boards, refused })
 }
 
 /// Requires views that a camera can be started from.
@@ -295,9 +298,9 @@ struct Solved {
     /// Images that were refused, by place of the view among those given.
     refused: Vec<(usize, DeviceName)>,
     state: BundleState,
-    is_used: Vec<[Vec<bool>; 3]>,
+    is_used: Vec<PerDevice<Vec<bool>>>,
     is_held: [bool; SHARED],
-    sigma_px: [f64; 3],
+    sigma_px: PerDevice<f64>,
     covariance: Box<nalgebra::SMatrix<f64, SHARED, SHARED>>,
     board_covariance: Vec<Option<nalgebra::Matrix6<f64>>>,
     is_converged: bool,
@@ -307,14 +310,14 @@ struct Solved {
 /// End of an estimate of unknowns and standard deviations.
 struct Estimated {
     state: BundleState,
-    sigma_px: [f64; 3],
+    sigma_px: PerDevice<f64>,
     is_converged: bool,
     iterations: usize,
 }
 
-fn lengths(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3]], device: usize) -> Vec<f64> {
+fn lengths(views: &[BoardView], state: &BundleState, is_used: &[PerDevice<Vec<bool>>], device: DeviceName) -> Vec<f64> {
     let of_view = |view: usize| {
-        let seen = seen_by(&views[view], device).iter().zip(&is_used[view][device]).filter(|(_, used)| **used);
+        let seen = views[view].seen[device].iter().zip(&is_used[view][device]).filter(|(_, used)| **used);
         seen.map(move |(sighting, _)| state.residual(view, device, sighting).map_or(f64::INFINITY, |off| off.norm()))
     };
     (0..views.len()).flat_map(of_view).collect()
@@ -346,7 +349,7 @@ struct Fitted<'a> {
     views: Cow<'a, [BoardView]>,
     kept: Vec<usize>,
     refused: Vec<(usize, DeviceName)>,
-    is_used: Vec<[Vec<bool>; 3]>,
+    is_used: Vec<PerDevice<Vec<bool>>>,
     estimated: Estimated,
 }
 
@@ -383,7 +386,7 @@ fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> 
                 views.to_mut().remove(worst);
                 continue;
             }
-            refused.extend(images.iter().map(|(place, device)| (kept[*place], DeviceName::ALL[*device])));
+            refused.extend(images.iter().map(|(place, device)| (kept[*place], *device)));
             estimated = rounds(&views, state, is_held, &is_used, [ROUNDS, STEPS])?;
         }
         return Ok(Fitted { views, kept, refused, is_used, estimated });
@@ -391,8 +394,8 @@ fn fit(given: &[BoardView], mut state: BundleState, is_held: [bool; SHARED]) -> 
 }
 
 /// All sightings, by view and device.
-fn all_used(views: &[BoardView]) -> Vec<[Vec<bool>; 3]> {
-    views.iter().map(|view| std::array::from_fn(|device| vec![true; seen_by(view, device).len()])).collect()
+fn all_used(views: &[BoardView]) -> Vec<PerDevice<Vec<bool>>> {
+    views.iter().map(|view| view.seen.as_ref().map(|seen| vec![true; seen.len()])).collect()
 }
 
 /// Error that names the views that do not fit, where they are too many to go on without them.
@@ -410,31 +413,31 @@ fn unfit(given: &[BoardView], refused: &[(usize, DeviceName)], worst: &BoardView
 }
 
 /// Lengths of the residuals of one image, px, in ascending order.
-fn image_lengths(view: &BoardView, state: &BundleState, place: usize, device: usize) -> Vec<f64> {
+fn image_lengths(view: &BoardView, state: &BundleState, place: usize, device: DeviceName) -> Vec<f64> {
     let length = |sighting: &DeviceSighting| state.residual(place, device, sighting).map_or(f64::INFINITY, |off| off.norm());
-    let mut lengths: Vec<f64> = seen_by(view, device).iter().map(length).collect();
+    let mut lengths: Vec<f64> = view.seen[device].iter().map(length).collect();
     lengths.sort_by(f64::total_cmp);
     lengths
 }
 
 /// Median residual of one image, px; 0 without points.
-fn image_median_px(view: &BoardView, state: &BundleState, place: usize, device: usize) -> f64 {
+fn image_median_px(view: &BoardView, state: &BundleState, place: usize, device: DeviceName) -> f64 {
     let lengths = image_lengths(view, state, place, device);
     lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Leaves out all sightings of images most of whose sightings are outliers, if those of a device are few enough; returns the
-/// images by place of the view and of the device.
-fn refuse_images(views: &[BoardView], state: &BundleState, is_used: &mut [[Vec<bool>; 3]]) -> Vec<(usize, usize)> {
+/// images by place of the view and device.
+fn refuse_images(views: &[BoardView], state: &BundleState, is_used: &mut [PerDevice<Vec<bool>>]) -> Vec<(usize, DeviceName)> {
     let mut images = Vec::new();
-    for device in 0..3 {
+    for device in DeviceName::ALL {
         let is_unfit = |place: &usize| {
             let left_out = is_used[*place][device].iter().filter(|used| !**used).count();
             2 * left_out > is_used[*place][device].len()
                 && image_median_px(&views[*place], state, *place, device) > MIN_REFUSED_PX
         };
         let unfit: Vec<usize> = (0..views.len()).filter(is_unfit).collect();
-        let seen = views.iter().filter(|view| !seen_by(view, device).is_empty()).count();
+        let seen = views.iter().filter(|view| !view.seen[device].is_empty()).count();
         if unfit.len() * IMAGES_FOR_A_REFUSED > seen {
             continue;
         }
@@ -447,13 +450,13 @@ fn refuse_images(views: &[BoardView], state: &BundleState, is_used: &mut [[Vec<b
 }
 
 /// View without an image that fixes its board, by the sightings that are used; of several the one with the largest residuals.
-fn worst_view(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3]]) -> Option<usize> {
+fn worst_view(views: &[BoardView], state: &BundleState, is_used: &[PerDevice<Vec<bool>>]) -> Option<usize> {
     let is_open = |place: &usize| {
         let is_fixed_by_none = is_used[*place].iter().all(|used| used.iter().filter(|used| **used).count() < MIN_POINTS);
         is_fixed_by_none && !is_fixed_by_most(&views[*place], &is_used[*place])
     };
     let size_px = |place: usize| {
-        let medians = (0..3).map(|device| image_median_px(&views[place], state, place, device));
+        let medians = DeviceName::ALL.into_iter().map(|device| image_median_px(&views[place], state, place, device));
         medians.fold(0.0, f64::max)
     };
     (0..views.len()).filter(is_open).max_by(|a, b| size_px(*a).total_cmp(&size_px(*b)))
@@ -461,10 +464,10 @@ fn worst_view(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3
 
 /// Returns true if most sightings of the images that were not refused are used, and they fix the board, though no image does with
 /// [`MIN_POINTS`]: an image of few points does not show something else because one of them is wrong.
-fn is_fixed_by_most(view: &BoardView, is_used: &[Vec<bool>; 3]) -> bool {
-    let images = (0..3).filter(|device| is_used[*device].iter().any(|used| *used));
+fn is_fixed_by_most(view: &BoardView, is_used: &PerDevice<Vec<bool>>) -> bool {
+    let images = DeviceName::ALL.into_iter().filter(|device| is_used[*device].iter().any(|used| *used));
     let sightings: Vec<(&DeviceSighting, bool)> =
-        images.flat_map(|device| seen_by(view, device).iter().zip(is_used[device].iter().copied())).collect();
+        images.flat_map(|device| view.seen[device].iter().zip(is_used[device].iter().copied())).collect();
     let points: Vec<_> = sightings.iter().filter(|(_, used)| *used).map(|(sighting, _)| sighting.board_mm).collect();
     2 * points.len() > sightings.len() && has_corner(&points)
 }
@@ -517,11 +520,10 @@ fn rounds(
     views: &[BoardView],
     mut state: BundleState,
     is_held: [bool; SHARED],
-    is_used: &[[Vec<bool>; 3]],
+    is_used: &[PerDevice<Vec<bool>>],
     [max_rounds, max_steps]: [usize; 2],
 ) -> Result<Estimated, LensError> {
-    let scales =
-        |state: &BundleState| -> [f64; 3] { std::array::from_fn(|device| scale(lengths(views, state, is_used, device))) };
+    let scales = |state: &BundleState| PerDevice::from_fn(|device| scale(lengths(views, state, is_used, device)));
     let mut sigma_px = scales(&state);
     let (mut is_converged, mut iterations) = (false, 0);
     for _ in 0..max_rounds {
@@ -547,8 +549,9 @@ fn rounds(
 /// Returns true if the undamped step from here is short beside the deviations of the unknowns, or moves the pixels by rounding
 /// alone.
 fn is_settled(problem: &BundleProblem<'_>, state: &BundleState) -> bool {
-    let counts: [usize; 3] =
-        std::array::from_fn(|device| problem.is_used.iter().map(|used| used[device].iter().filter(|used| **used).count()).sum());
+    let count =
+        |device: DeviceName| problem.is_used.iter().map(|used| used[device].iter().filter(|used| **used).count()).sum::<usize>();
+    let counts = PerDevice::from_fn(count);
     let used = counts.iter().sum::<usize>().max(1) as f64;
     let sigma_px =
         problem.sigma_px.iter().zip(counts).filter(|(_, count)| *count > 0).map(|(sigma, _)| *sigma).fold(0.0, f64::max);
@@ -592,12 +595,12 @@ fn descend(problem: &BundleProblem<'_>, mut state: BundleState, max_steps: usize
 }
 
 /// Leaves out sightings beyond the limit; true if there were any.
-fn drop_outliers(views: &[BoardView], estimated: &Estimated, is_used: &mut [[Vec<bool>; 3]]) -> bool {
+fn drop_outliers(views: &[BoardView], estimated: &Estimated, is_used: &mut [PerDevice<Vec<bool>>]) -> bool {
     let Estimated { state, sigma_px, .. } = estimated;
     let mut dropped = false;
     for (view, used) in is_used.iter_mut().enumerate() {
-        for (device, used) in used.iter_mut().enumerate() {
-            for (sighting, used) in seen_by(&views[view], device).iter().zip(used) {
+        for device in DeviceName::ALL {
+            for (sighting, used) in views[view].seen[device].iter().zip(&mut used[device]) {
                 let length = state.residual(view, device, sighting).map_or(f64::INFINITY, |off| off.norm());
                 if length > OUTLIER * sigma_px[device] {
                     (*used, dropped) = (false, true);
@@ -611,37 +614,32 @@ fn drop_outliers(views: &[BoardView], estimated: &Estimated, is_used: &mut [[Vec
 impl Solved {
     /// Requires focal lengths that the views fix, and lenses that do not fold.
     fn check(&self) -> Result<(), LensError> {
-        for (device, name) in DeviceName::ALL.into_iter().enumerate() {
+        for device in DeviceName::ALL {
             let lens = &self.state.lens[device];
-            for index in 0..2 {
-                let (value, sigma) =
-                    (lens.values()[index], self.covariance[(device * LENS + index, device * LENS + index)].sqrt());
-                if !self.is_held[device * LENS + index] && (sigma > MAX_FOCAL_SIGMA * value.abs() || sigma.is_nan()) {
+            for (index, unknown) in lens_unknowns(device).enumerate().take(2) {
+                let (value, sigma) = (lens.values()[index], self.covariance[(unknown, unknown)].sqrt());
+                if !self.is_held[unknown] && (sigma > MAX_FOCAL_SIGMA * value.abs() || sigma.is_nan()) {
                     let detail = format!(
                         "is {value:.1} ± {sigma:.1} px: the views leave it open; tilt the board by 20 to 40° about both axes, \
                          and move it in depth",
                     );
                     return Err(LensError::new(
                         LensFault::Degenerate,
-                        format!("/{}/{}", name.as_str(), PARAMETER_NAMES[index]),
+                        format!("/{}/{}", device.as_str(), PARAMETER_NAMES[index]),
                         detail,
                     ));
                 }
             }
-            lens.check(&format!("/{}", name.as_str()))?;
+            lens.check(&format!("/{}", device.as_str()))?;
         }
         Ok(())
     }
 
     fn finish(self, observations: &BoardObservations, kept: &[usize], views: &[BoardView], has_projector: bool) -> Adjusted {
         let residuals = self.residuals(kept, views);
-        let device =
-            |place: usize, name: DeviceName| (place < 2 || has_projector).then(|| self.device_residuals(&residuals, place, name));
-        let devices = PerDevice {
-            left: device(0, DeviceName::Left),
-            right: device(1, DeviceName::Right),
-            projector: device(2, DeviceName::Projector),
-        };
+        let is_observed = |device: DeviceName| device != DeviceName::Projector || has_projector;
+        let residuals_of = |device: DeviceName| is_observed(device).then(|| self.device_residuals(&residuals, device));
+        let devices = PerDevice::from_fn(residuals_of);
         let mut boards = vec![None; observations.views.len()];
         let mut board_covariance = vec![None; observations.views.len()];
         for (place, from) in self.kept.iter().enumerate() {
@@ -649,11 +647,9 @@ impl Solved {
             board_covariance[kept[*from]] = self.board_covariance[place];
         }
         let refused = self.refused.iter().map(|(from, device)| (kept[*from], *device)).collect();
-        let [left, right, projector] = self.state.lens;
-        let [left_from_left, right_from_left, projector_from_left] = self.state.device_from_left;
         Adjusted {
-            lens: PerDevice { left: Some(left), right: Some(right), projector: has_projector.then_some(projector) },
-            device_from_left: PerDevice { left: left_from_left, right: right_from_left, projector: projector_from_left },
+            lens: PerDevice::from_fn(|device| is_observed(device).then_some(self.state.lens[device])),
+            device_from_left: self.state.device_from_left,
             left_from_board: boards,
             board_covariance,
             covariance: DMatrix::from_fn(SHARED, SHARED, |row, column| self.covariance[(row, column)]),
@@ -669,23 +665,23 @@ impl Solved {
     fn residuals(&self, kept: &[usize], views: &[BoardView]) -> Vec<PixelResidual> {
         let mut residuals = Vec::new();
         for (place, from) in self.kept.iter().enumerate() {
-            for (device, name) in DeviceName::ALL.into_iter().enumerate() {
-                for (sighting, used) in seen_by(&views[*from], device).iter().zip(&self.is_used[place][device]) {
+            for device in DeviceName::ALL {
+                for (sighting, used) in views[*from].seen[device].iter().zip(&self.is_used[place][device]) {
                     let Some(off_px) = self.state.residual(place, device, sighting) else { continue };
                     let (view, point, pixel) = (kept[*from], sighting.point, sighting.pixel);
-                    residuals.push(PixelResidual { view, device: name, point, pixel, off_px, is_used: *used });
+                    residuals.push(PixelResidual { view, device, point, pixel, off_px, is_used: *used });
                 }
             }
         }
         residuals
     }
 
-    fn device_residuals(&self, residuals: &[PixelResidual], place: usize, name: DeviceName) -> DeviceResiduals {
-        let own = || residuals.iter().filter(|residual| residual.device == name);
+    fn device_residuals(&self, residuals: &[PixelResidual], device: DeviceName) -> DeviceResiduals {
+        let own = || residuals.iter().filter(|residual| residual.device == device);
         let used: Vec<f64> = own().filter(|residual| residual.is_used).map(|residual| residual.off_px.norm_squared()).collect();
         DeviceResiduals {
             rms_px: (used.iter().sum::<f64>() / used.len().max(1) as f64).sqrt(),
-            sigma_px: self.sigma_px[place],
+            sigma_px: self.sigma_px[device],
             used: used.len(),
             left_out: own().count() - used.len(),
         }
@@ -696,19 +692,14 @@ impl Adjusted {
     /// Standard deviations of a lens's parameters; `None` for one that was held.
     #[must_use]
     pub fn lens_sigma(&self, device: DeviceName) -> [Option<f64>; LENS] {
-        let place = DeviceName::ALL.iter().position(|name| *name == device).unwrap_or_default();
-        std::array::from_fn(|index| self.sigma(place * LENS + index))
+        let first = lens_unknowns(device).start;
+        std::array::from_fn(|index| self.sigma(first + index))
     }
 
     /// Standard deviations of a device's pose from the left camera: turn, rad, and shift, mm; `None` for the left camera.
     #[must_use]
     pub fn pose_sigma(&self, device: DeviceName) -> Option<[f64; 6]> {
-        let first = match device {
-            DeviceName::Left => return None,
-            DeviceName::Right => POSES,
-            DeviceName::Projector => POSES + 6,
-        };
-        let all: Vec<f64> = (first..first + 6).filter_map(|index| self.sigma(index)).collect();
+        let all: Vec<f64> = pose_unknowns(device).filter_map(|index| self.sigma(index)).collect();
         all.try_into().ok()
     }
 

@@ -18,7 +18,7 @@ const MAX_THICKNESS: f64 = 0.01;
 /// A board before a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardInCamera {
-    /// Its pose.
+    /// Pose of the board in the camera's frame.
     pub camera_from_board: Isometry3<f64>,
     /// Covariance of that for pixels of a standard deviation of 1 px: body increment of the board, rad and mm.
     pub unit_covariance: Matrix6<f64>,

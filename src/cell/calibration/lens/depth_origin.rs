@@ -45,7 +45,7 @@ pub struct StatedPlane {
 pub struct DepthOrigin {
     /// Depth of the plane from which they count, along z of the scanner, mm.
     pub origin_mm: f64,
-    /// Its standard deviation, mm, with k taken as 1.
+    /// Standard deviation of the depth, mm, with k taken as 1.
     pub sigma_mm: f64,
     /// Slope k.
     pub scale: f64,

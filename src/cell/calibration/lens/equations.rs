@@ -6,11 +6,13 @@
 //! weight: Σ w JᵀJ x = Σ w Jᵀe; boards are eliminated by the Schur complement (Triggs et al., *Bundle Adjustment — A Modern
 //! Synthesis*, 2000, section 6.1), the rest is damped after Marquardt. Cost a step: 22² per observation, 42² · 6 per view.
 
+use std::ops::Range;
+
 use nalgebra::{Cholesky, Const, Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::model::{LENS, LensParameters};
 use super::observations::{BoardView, DeviceSighting};
-use crate::cell::DeviceName;
+use crate::cell::{DeviceName, PerDevice};
 use crate::geometry::parallel;
 
 /// Unknowns shared by all views.
@@ -22,26 +24,26 @@ const LOCAL: usize = LENS + 12;
 /// Length of a residual, in standard deviations, from which it weighs less (Huber 1964): 95 % of the lengths of normal residuals in
 /// two dimensions are below, √(−2 ln 0.05).
 pub(super) const HUBER: f64 = 2.447_746_830_680_816;
-/// Nearest depth of a point before a device, mm.
-const NEAREST_MM: f64 = 1e-3;
+/// Minimum depth of a point before a device, mm.
+const MIN_DEPTH_MM: f64 = 1e-3;
 
 /// Values of all unknowns.
 #[derive(Clone, Debug)]
 pub(super) struct BundleState {
-    pub(super) lens: [LensParameters; 3],
-    pub(super) device_from_left: [Isometry3<f64>; 3],
+    pub(super) lens: PerDevice<LensParameters>,
+    pub(super) device_from_left: PerDevice<Isometry3<f64>>,
     pub(super) left_from_board: Vec<Isometry3<f64>>,
 }
 
 /// Observations with what is held and how they weigh.
 pub(super) struct BundleProblem<'a> {
     pub(super) views: &'a [BoardView],
-    /// Sightings that count, as `views` has them: by view, by device.
-    pub(super) is_used: &'a [[Vec<bool>; 3]],
+    /// Sightings that count, as `views` has them.
+    pub(super) is_used: &'a [PerDevice<Vec<bool>>],
     /// Unknowns that keep their values.
     pub(super) is_held: [bool; SHARED],
-    /// Standard deviation of a coordinate of a pixel, by device.
-    pub(super) sigma_px: [f64; 3],
+    /// Standard deviation of a coordinate of a pixel.
+    pub(super) sigma_px: PerDevice<f64>,
 }
 
 /// Sums of one view.
@@ -75,9 +77,22 @@ pub(super) struct BundleStep {
     boards: Vec<SVector<f64, 6>>,
 }
 
-/// Sightings of a device in a view.
-pub(super) fn seen_by(view: &BoardView, device: usize) -> &[DeviceSighting] {
-    &view.seen[DeviceName::ALL[device]]
+/// Unknowns of a device's lens, among those that the views share.
+pub(super) fn lens_unknowns(device: DeviceName) -> Range<usize> {
+    match device {
+        DeviceName::Left => 0..LENS,
+        DeviceName::Right => LENS..2 * LENS,
+        DeviceName::Projector => 2 * LENS..POSES,
+    }
+}
+
+/// Unknowns of a device's pose from the left camera, which has none itself.
+pub(super) fn pose_unknowns(device: DeviceName) -> Range<usize> {
+    match device {
+        DeviceName::Left => POSES..POSES,
+        DeviceName::Right => POSES..POSES + 6,
+        DeviceName::Projector => POSES + 6..SHARED,
+    }
 }
 
 /// Turns by a rotation vector, then shifts: the pose after an increment.
@@ -99,14 +114,15 @@ fn huber(length: f64) -> (f64, f64) {
 impl BundleState {
     /// The state after a step.
     pub(super) fn after(&self, step: &BundleStep) -> Self {
-        let lens = std::array::from_fn(|device| {
+        let shared = step.shared.as_slice();
+        let lens = PerDevice::from_fn(|device| {
             let mut values = self.lens[device].values();
-            values.iter_mut().enumerate().for_each(|(index, value)| *value += step.shared[device * LENS + index]);
+            values.iter_mut().zip(&shared[lens_unknowns(device)]).for_each(|(value, increment)| *value += increment);
             self.lens[device].with_values(values)
         });
-        let device_from_left = std::array::from_fn(|device| match device {
-            0 => self.device_from_left[0],
-            other => moved(&self.device_from_left[other], &step.shared.as_slice()[POSES + 6 * (other - 1)..][..6]),
+        let device_from_left = PerDevice::from_fn(|device| {
+            let (pose, unknowns) = (&self.device_from_left[device], pose_unknowns(device));
+            if unknowns.is_empty() { *pose } else { moved(pose, &shared[unknowns]) }
         });
         let boards = self.left_from_board.iter().zip(&step.boards);
         let left_from_board = boards.map(|(pose, increment)| moved(pose, increment.as_slice())).collect();
@@ -114,9 +130,9 @@ impl BundleState {
     }
 
     /// Residual of a sighting, observed minus computed, px; `None` behind the device.
-    pub(super) fn residual(&self, view: usize, device: usize, sighting: &DeviceSighting) -> Option<Vector2<f64>> {
+    pub(super) fn residual(&self, view: usize, device: DeviceName, sighting: &DeviceSighting) -> Option<Vector2<f64>> {
         let point = self.device_from_left[device] * (self.left_from_board[view] * sighting.board_mm);
-        (point.z > NEAREST_MM).then(|| sighting.pixel - self.lens[device].project(&point))
+        (point.z > MIN_DEPTH_MM).then(|| sighting.pixel - self.lens[device].project(&point))
     }
 }
 
@@ -125,8 +141,8 @@ impl BundleProblem<'_> {
     pub(super) fn cost(&self, state: &BundleState) -> f64 {
         let costs = parallel::map_range(self.views.len(), |view| {
             let mut sum = 0.0;
-            for device in 0..3 {
-                for (sighting, used) in seen_by(&self.views[view], device).iter().zip(&self.is_used[view][device]) {
+            for device in DeviceName::ALL {
+                for (sighting, used) in self.views[view].seen[device].iter().zip(&self.is_used[view][device]) {
                     if *used {
                         let residual = state.residual(view, device, sighting);
                         sum += residual.map_or(f64::INFINITY, |off| huber(off.norm() / self.sigma_px[device]).0);
@@ -173,9 +189,8 @@ impl BundleProblem<'_> {
             coupling: Box::new(SMatrix::zeros()),
             cost: 0.0,
         };
-        for device in 0..3 {
-            let seen = seen_by(&self.views[view], device);
-            if seen.is_empty() {
+        for device in DeviceName::ALL {
+            if self.views[view].seen[device].is_empty() {
                 continue;
             }
             let (square, side, cost) = self.device_sums(state, view, device)?;
@@ -190,13 +205,13 @@ impl BundleProblem<'_> {
         &self,
         state: &BundleState,
         view: usize,
-        device: usize,
+        device: DeviceName,
     ) -> Option<(Box<SMatrix<f64, LOCAL, LOCAL>>, SVector<f64, LOCAL>, f64)> {
         let (lens, pose, board) = (&state.lens[device], &state.device_from_left[device], &state.left_from_board[view]);
         let turn = pose.rotation.to_rotation_matrix();
         let mut square = Box::new(SMatrix::<f64, LOCAL, LOCAL>::zeros());
         let (mut side, mut cost) = (SVector::<f64, LOCAL>::zeros(), 0.0);
-        for (sighting, used) in seen_by(&self.views[view], device).iter().zip(&self.is_used[view][device]) {
+        for (sighting, used) in self.views[view].seen[device].iter().zip(&self.is_used[view][device]) {
             if !used {
                 continue;
             }
@@ -204,7 +219,7 @@ impl BundleProblem<'_> {
             let in_left = on_board + board.translation.vector;
             let turned = turn * in_left;
             let point = nalgebra::Point3::from(turned + pose.translation.vector);
-            if point.z <= NEAREST_MM {
+            if point.z <= MIN_DEPTH_MM {
                 return None;
             }
             let (pixel, by) = lens.differentiate(&point);
@@ -235,12 +250,9 @@ impl BundleProblem<'_> {
 
 impl ViewSums {
     /// Adds the sums of one device to where its unknowns are.
-    fn add(&mut self, square: &SMatrix<f64, LOCAL, LOCAL>, side: &SVector<f64, LOCAL>, device: usize) {
-        // The left camera has no pose.
-        let places: Vec<(usize, usize)> = (0..LENS + 6)
-            .filter(|local| *local < LENS || device > 0)
-            .map(|local| (local, if local < LENS { device * LENS + local } else { POSES + 6 * (device - 1) + local - LENS }))
-            .collect();
+    fn add(&mut self, square: &SMatrix<f64, LOCAL, LOCAL>, side: &SVector<f64, LOCAL>, device: DeviceName) {
+        let places: Vec<(usize, usize)> =
+            (0..LENS).zip(lens_unknowns(device)).chain((LENS..).zip(pose_unknowns(device))).collect();
         for (local, global) in &places {
             self.shared_side[*global] += side[*local];
             for (other, to) in &places {

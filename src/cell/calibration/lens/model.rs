@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2x3, Point3, SMatrix, Vector2, Vector3};
 
 use super::fault::{LensError, LensFault};
+use crate::cell::field_ranges;
 use crate::cell::scanner::Lens;
 
 /// Number of parameters of a lens.
@@ -13,6 +14,8 @@ pub const PARAMETER_NAMES: [&str; LENS] = ["fx", "fy", "cx", "cy", "skew", "k1",
 const MAX_PX: f64 = 1e5;
 /// Narrowest image, pixels.
 const MIN_PX: f64 = 16.0;
+/// Range of the principal point, in widths or heights of the image.
+const CENTRE: [f64; 2] = [-2.0, 3.0];
 
 /// Intrinsic parameters that are not checked yet; pixels count from the outer corner of the first pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +40,20 @@ pub struct LensParameters {
 pub(super) struct Derivatives {
     pub(super) by_lens: SMatrix<f64, 2, LENS>,
     pub(super) by_point: Matrix2x3<f64>,
+}
+
+field_ranges! {
+    LensParameters {
+        WIDTH_PX = "width_px", [MIN_PX, MAX_PX] "px";
+        HEIGHT_PX = "height_px", [MIN_PX, MAX_PX] "px";
+        FX = "fx", [1.0, 1e6] "px";
+        FY = "fy", [1.0, 1e6] "px";
+        // The ranges of the largest image; the check is against the device's own.
+        CX = "cx", [CENTRE[0] * MAX_PX, CENTRE[1] * MAX_PX] "px";
+        CY = "cy", [CENTRE[0] * MAX_PX, CENTRE[1] * MAX_PX] "px";
+        SKEW = "skew", [-0.1, 0.1] "";
+        DISTORTION = "distortion", [-10.0, 10.0] "";
+    }
 }
 
 impl LensParameters {
@@ -121,22 +138,23 @@ impl LensParameters {
         };
         let [width, height] = self.size_px.map(f64::from);
         let ranges = [
-            ("width_px", width, MIN_PX, MAX_PX),
-            ("height_px", height, MIN_PX, MAX_PX),
-            ("fx", self.fx, 1.0, 1e6),
-            ("fy", self.fy, 1.0, 1e6),
-            ("cx", self.cx, -2.0 * width, 3.0 * width),
-            ("cy", self.cy, -2.0 * height, 3.0 * height),
-            ("skew", self.skew, -0.1, 0.1),
+            ("width_px", width, Self::WIDTH_PX.range),
+            ("height_px", height, Self::HEIGHT_PX.range),
+            ("fx", self.fx, Self::FX.range),
+            ("fy", self.fy, Self::FY.range),
+            ("cx", self.cx, CENTRE.map(|share| share * width)),
+            ("cy", self.cy, CENTRE.map(|share| share * height)),
+            ("skew", self.skew, Self::SKEW.range),
         ];
-        for (name, value, low, high) in ranges {
+        for (name, value, [low, high]) in ranges {
             if !(low..=high).contains(&value) {
                 return Err(out(name, value, low, high));
             }
         }
+        let [low, high] = Self::DISTORTION.range;
         for (index, k) in self.distortion.iter().enumerate() {
-            if !(-10.0..=10.0).contains(k) {
-                return Err(out(&format!("distortion/{index}"), *k, -10.0, 10.0));
+            if !(low..=high).contains(k) {
+                return Err(out(&format!("distortion/{index}"), *k, low, high));
             }
         }
         let lens = self.unchecked();

@@ -124,14 +124,14 @@ pub struct DeviceSighting {
     pub point: u32,
     /// The point, board frame, mm.
     pub board_mm: Point3<f64>,
-    /// Its pixel.
+    /// Pixel at which the point was seen.
     pub pixel: Vector2<f64>,
 }
 
 /// One pose of the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardView {
-    /// Its name.
+    /// Name of the pose.
     pub id: String,
     /// Sightings of each device.
     pub seen: PerDevice<Vec<DeviceSighting>>,
@@ -172,7 +172,7 @@ fn range(pointer: impl Into<String>, value: f64, low: f64, high: f64) -> Result<
 }
 
 impl BoardSpec {
-    /// Its points.
+    /// Points of the board.
     ///
     /// # Errors
     /// [`LensError`] for a board that is none.

@@ -26,7 +26,7 @@ const MAX_LEFT_OUT: f64 = 0.2;
 /// Quality of one view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewQuality {
-    /// Its name.
+    /// Name of the view.
     pub id: String,
     /// Residual of each device, root mean square of all sightings, px; `None` where the device does not see the board.
     pub rms_px: PerDevice<Option<f64>>,

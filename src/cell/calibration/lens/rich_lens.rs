@@ -11,7 +11,7 @@ use super::fault::{LensError, LensFault};
 use super::model::{LENS, LensParameters};
 
 /// Largest difference at which five coefficients stand for more, px.
-const WORST_MAX_PX: f64 = 0.1;
+const MAX_ERROR_PX: f64 = 0.1;
 /// Directions along each axis of the grid.
 const GRID: u32 = 41;
 /// Steps of the fit.
@@ -51,11 +51,11 @@ pub(super) fn fit(lens: &LensParameters, rich: &[f64]) -> Result<(LensParameters
         found = found.with_values(values);
     }
     let worst_px = directions.iter().map(|n| (pixel(*n) - found.project(&Point3::new(n.x, n.y, 1.0))).norm()).fold(0.0, f64::max);
-    if worst_px.is_finite() && worst_px <= WORST_MAX_PX {
+    if worst_px.is_finite() && worst_px <= MAX_ERROR_PX {
         return Ok((found, worst_px));
     }
     Err(fault(format!(
-        "of {} coefficients is met by five to {worst_px:.3} px in the image; allowed is {WORST_MAX_PX} px: calibrate with five",
+        "of {} coefficients is met by five to {worst_px:.3} px in the image; allowed is {MAX_ERROR_PX} px: calibrate with five",
         rich.len()
     )))
 }

@@ -14,7 +14,8 @@ fn harmonics_of_the_boards_place_are_those_that_were_planted() {
     for each in &mut sightings {
         let angle = each.table_rad;
         let shift = Vector3::new(0.03 * (2.0 * angle).cos(), 0.0, 0.05 * angle.sin());
-        each.robot = truth.table * nalgebra::Translation3::from(shift) * truth.table.inverse() * each.robot;
+        each.base_from_flange =
+            truth.base_from_table * nalgebra::Translation3::from(shift) * truth.base_from_table.inverse() * each.base_from_flange;
     }
     let found = runout(&truth, &sightings);
     assert_eq!(found.iter().map(|harmonic| harmonic.order).collect::<Vec<_>>(), [1, 2]);
@@ -23,7 +24,9 @@ fn harmonics_of_the_boards_place_are_those_that_were_planted() {
     assert_eq!(runout(&truth, &sightings[..14]), [], "fewer than fifteen tell none");
     let refined = |count: usize| {
         let problem = Adjustment { sightings: &sightings[..count], free: Free::JOINT, prior: None };
-        problem.refine(&start_joint(&sightings[..count], &truth.table).expect("a start"), &in_hand(levels()[0])).expect("refines")
+        problem
+            .refine(&start_joint(&sightings[..count], &truth.base_from_table).expect("a start"), &in_hand(levels()[0]))
+            .expect("refines")
     };
     assert!(identify_runout(&refined(14), &sightings[..14]).is_empty());
     let orders: Vec<u8> = identify_runout(&refined(24), &sightings).iter().map(|harmonic| harmonic.order).collect();
@@ -64,8 +67,9 @@ fn lifting_the_table_changes_nothing_that_was_observed() {
     let mut sightings = exact(&truth, 15, 40.0, true, &mut noise);
     disturb(&mut sightings, &levels()[1], &mut noise);
     let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
-    let refined =
-        problem.refine(&start_joint(&sightings, &truth.table).expect("a start"), &in_hand(levels()[1])).expect("refines");
+    let refined = problem
+        .refine(&start_joint(&sightings, &truth.base_from_table).expect("a start"), &in_hand(levels()[1]))
+        .expect("refines");
     let moved = lifted(&refined, 30.0);
     for each in &sightings {
         assert!((refined.estimate.residual(each) - moved.estimate.residual(each)).norm() < 1e-9);

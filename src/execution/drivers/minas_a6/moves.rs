@@ -19,7 +19,7 @@ const MAX_BLOCKS: i64 = 8;
 const MAX_BLOCK_SHARE: f64 = 0.45;
 
 /// Acceleration of the motor on the drive's slowest ramp.
-const SLOWEST_RAMP_R_PER_S2: f64 = RAMP_R_PER_MIN / 60.0 / (1e-3 * MAX_RAMP_MS);
+const MIN_RAMP_R_PER_S2: f64 = RAMP_R_PER_MIN / 60.0 / (1e-3 * MAX_RAMP_MS);
 
 impl MinasA6Table {
     /// Returns true if a position is the one of a target.
@@ -91,7 +91,7 @@ impl MinasA6Table {
 
     /// Error unless the table is rated for the drive's slowest ramp.
     fn check_slowest_ramp(&self) -> Result<(), DeviceError> {
-        let slowest_rad_s2 = SLOWEST_RAMP_R_PER_S2 * TAU / self.spec.gear_ratio;
+        let slowest_rad_s2 = MIN_RAMP_R_PER_S2 * TAU / self.spec.gear_ratio;
         if slowest_rad_s2 <= self.max_acceleration_rad_s2 {
             return Ok(());
         }
@@ -144,6 +144,6 @@ impl MinasA6Table {
 
 /// Speed of the motor that takes it through so many turns in that time with the slowest ramps; infinite where they are too slow.
 fn cruise_r_per_s(turns: f64, secs: f64) -> f64 {
-    let under_root = secs * secs - 4.0 * turns / SLOWEST_RAMP_R_PER_S2;
+    let under_root = secs * secs - 4.0 * turns / MIN_RAMP_R_PER_S2;
     if under_root >= 0.0 { 2.0 * turns / (secs + under_root.sqrt()) } else { f64::INFINITY }
 }

@@ -24,12 +24,12 @@ pub enum RmiReply {
     ErrorText(String),
     /// A command without data was carried out.
     Done {
-        /// Its name.
+        /// Name of the command.
         command: String,
     },
     /// An instruction was carried out.
     Moved {
-        /// Its number.
+        /// Number of the instruction.
         sequence: u32,
     },
     /// A command or an instruction was refused, or failed.

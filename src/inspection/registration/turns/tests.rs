@@ -60,7 +60,7 @@ fn verdict_on(scans: &[ViewScan], turns_deg: &[f64]) -> TurnVerdict {
     judged(&poses, &near, &ComparedPoints::new(scans, CELL_MM), &search, &outline_mm(&mesh), true)
 }
 
-/// It was turned, or all scans were dropped: the defect that an inspection should show.
+/// The part was turned, or all scans were dropped: the defect that an inspection should show.
 #[test]
 fn a_part_whose_boss_is_missing_lies_as_stated_though_the_boss_might_be_where_nobody_looked() {
     let found = verdict_on(&scans_of(&shaft(0.0), true), &[0.0, 120.0, 180.0, 240.0]);
@@ -160,14 +160,14 @@ fn a_search_does_not_turn_a_part_by_the_boss_that_it_lacks() {
     }
 }
 
-/// It was searched for, and compared in a wrong turn without a warning.
+/// The part was searched for, and compared in a wrong turn without a warning.
 #[test]
 fn a_round_part_that_lies_as_stated_without_its_boss_is_said_to_do_so() {
     let (mesh, options) = (shaft(6.0), LocateOptions::default());
     assert_eq!(place(&bare_scans(32), &NearestFace::new(&mesh), &options), PartPlace::AsStated);
 }
 
-/// Its turn was found in doubt, and all scans were dropped.
+/// The turn of the part was found in doubt, and all scans were dropped.
 #[test]
 fn a_round_part_without_its_boss_beside_its_place_is_moved_and_not_turned() {
     let (mesh, options, off) = (shaft(6.0), LocateOptions::default(), motion_of(1, 1.0, 3.0));

@@ -86,12 +86,12 @@ proptest! {
         let chosen: Vec<RowIndex> = RowIndex::first(views.min(rows.len())).collect();
         let swaps = silent(|ctx| Swaps::new(&exchange, &chosen, ctx));
         let mut count = 0;
-        for (at, row, deficit) in swaps.all() {
+        for (view, row, deficit) in swaps.all() {
             let mut exchanged = chosen.clone();
-            exchanged[at] = row;
+            exchanged[view.index()] = row;
             let measured = problem.measured(&exchanged);
             let after: i64 = goals.iter().map(|goal| (goal.needed - goal.covered_by(&measured)).max(0)).sum();
-            prop_assert_eq!(deficit, after, "view {} for row {:?}", at, row);
+            prop_assert_eq!(deficit, after, "{:?} for {:?}", view, row);
             count += 1;
         }
         prop_assert_eq!(count, chosen.len() * (rows.len() - chosen.len()));

@@ -44,7 +44,7 @@ pub(super) fn step_down(y: u32) -> u32 {
 
 /// Numbers of the triangles at a tile's pixels: [`NOTHING`] or a number that the pass gave.
 pub(super) type TriangleIds = [[u32; LANES]; BLOCKS * BLOCKS];
-/// No triangle.
+/// Index that stands for no triangle.
 pub(super) const NOTHING: u32 = u32::MAX;
 
 /// Place of a pixel of a tile in [`InverseDepth`].

@@ -5,7 +5,7 @@ use crate::geometry::Mesh;
 use crate::planning::candidates::{looking_along, spiral};
 use crate::planning::context::Silent;
 use crate::planning::params::{InterestParams, Region};
-use crate::planning::registration::union_of;
+use crate::planning::setups::registration::union_of;
 use crate::planning::surface::requirements;
 use crate::planning::verdict::Grade;
 use crate::planning::visibility::cast;

@@ -209,7 +209,7 @@ async fn a_key_starts_one_run_however_often_it_comes() {
     assert_eq!(app.runs(&RunSelection::default(), 10, None).await.expect("a list").items.len(), 1);
 }
 
-/// Its log was on the disk, and the run did not say so.
+/// The log of such a run was on the disk, and the run did not say so.
 #[tokio::test]
 async fn a_run_that_was_cut_off_is_linked_with_the_end_of_its_log() {
     let (app, folder) = service().await;
@@ -263,7 +263,7 @@ async fn the_scans_of_a_run_that_was_cut_off_are_counted_in_its_record() {
     assert_eq!((record.run.state, record.run.scans, record.steps.len()), (ReportedState::Stopped, 2, 5));
 }
 
-/// Its last step alone would else take the cap off the speed of all.
+/// The last step alone would else take the cap off the speed of all.
 #[test]
 fn a_run_that_began_at_a_later_step_has_not_completed_the_program() {
     let ended = |mode: RunMode, from_step: usize, state: ReportedState| {

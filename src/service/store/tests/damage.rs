@@ -278,6 +278,12 @@ async fn a_backup_goes_neither_onto_its_store_nor_into_a_folder_in_use() {
             "{refused}"
         );
     }
+    // It would be deleted with the store, as what is restored into a backup would be with the backup.
+    for below in ["backup", "files/../deep/backup"].map(|name| data.join(name)) {
+        let refused = backup(data, &below).await.expect_err("below the store");
+        assert!(matches!(refused, BackupError::BelowSource { .. }) && !data.join("backup").exists(), "{refused}");
+        assert!(matches!(restore(data, &below, false).await, Err(BackupError::BelowSource { .. })));
+    }
     let to = tempfile::tempdir().expect("a folder");
     backup(data, to.path()).await.expect("a backup");
     let live = Store::open(to.path()).await.expect("a store");
@@ -285,6 +291,67 @@ async fn a_backup_goes_neither_onto_its_store_nor_into_a_folder_in_use() {
     live.close().await.expect("closed");
     drop(live);
     backup(data, to.path()).await.expect("free again");
+}
+
+/// The last one passed for a folder outside.
+#[cfg(unix)]
+#[tokio::test]
+async fn a_folder_below_the_store_is_refused_however_it_is_named() {
+    let opened = open().await;
+    let data = opened.folder.path();
+    let outside = tempfile::tempdir().expect("a folder");
+    let link = outside.path().join("link");
+    std::os::unix::fs::symlink(data.join("files"), &link).expect("a link");
+    let up: PathBuf = std::env::current_dir().expect("a folder").components().skip(1).map(|_| "..").collect();
+    let from_root = std::fs::canonicalize(data).expect("there").strip_prefix("/").expect("absolute").to_owned();
+    // `..` after a folder that is missing leads out of it once it is made.
+    let hidden = std::fs::canonicalize(outside.path()).expect("there").join("missing");
+    let to_root: PathBuf = hidden.components().skip(1).map(|_| "..").collect();
+    for below in [
+        link.clone(),
+        link.join("backup"),
+        up.join(&from_root).join("backup"),
+        data.join("backup/"),
+        hidden.join(to_root).join(&from_root).join("backup"),
+    ] {
+        let refused = backup(data, &below).await.expect_err("below the store");
+        assert!(matches!(refused, BackupError::BelowSource { .. }), "{}: {refused}", below.display());
+        let refused = restore(data, &below, false).await.expect_err("below the backup");
+        assert!(matches!(refused, BackupError::BelowSource { .. }), "{}: {refused}", below.display());
+        let left = [data.join("backup"), data.join("files/backup"), hidden.clone()];
+        assert!(left.iter().all(|folder| !folder.exists()), "{}", below.display());
+    }
+}
+
+/// The files that it had copied stayed, and the next restore refused the folder.
+#[tokio::test]
+async fn a_restore_that_fails_leaves_nothing_behind() {
+    let opened = open().await;
+    add_mesh(&opened.store, b"one").await;
+    let to = tempfile::tempdir().expect("a folder");
+    let (backup_dir, above) = (to.path().join("backup"), to.path().join("above"));
+    let restored = above.join("deep/restored");
+    backup(opened.folder.path(), &backup_dir).await.expect("a backup");
+    // Logs are copied after the files.
+    let no_folder = backup_dir.join("audit");
+    std::fs::write(&no_folder, b"no folder").expect("a file");
+    let failed = restore(&backup_dir, &restored, false).await.expect_err("no logs");
+    assert!(matches!(failed, BackupError::File { .. }) && !above.exists(), "{failed}");
+    std::fs::create_dir_all(restored.join("lost+found")).expect("a folder");
+    restore(&backup_dir, &restored, false).await.expect_err("no logs");
+    let name = |entry: std::io::Result<std::fs::DirEntry>| entry.expect("an entry").file_name().into_string().expect("ASCII");
+    let mut left: Vec<String> = std::fs::read_dir(&restored).expect("a folder").map(name).collect();
+    left.sort();
+    assert_eq!(left, ["in-use", "lost+found"]);
+    // What another process has there is left alone.
+    std::fs::remove_file(&no_folder).expect("removed");
+    let live = Store::open(&restored).await.expect("a store");
+    assert!(matches!(restore(&backup_dir, &restored, false).await, Err(BackupError::Open(OpenError::InUse(_)))));
+    add_mesh(&live, b"two").await;
+    live.close().await.expect("closed");
+    drop(live);
+    assert!(matches!(restore(&backup_dir, &restored, false).await, Err(BackupError::NotEmpty(_))));
+    assert_eq!(content(&restored).await.0.len(), 1);
 }
 
 #[tokio::test]
@@ -313,7 +380,10 @@ async fn a_damaged_file_is_named_and_everything_else_is_backed_up_and_restored()
         assert!(is_wanted && said.contains(&format!("{} (mesh {}, job {job})", mesh.sha256, mesh.id)), "{said}");
         assert!(!said.contains(&other.sha256), "{said}");
     }
-    assert!(!restored.join("files").exists(), "the folder is as empty as before");
+    assert!(!restored.exists(), "a folder that it made is gone");
+    std::fs::create_dir(&restored).expect("a folder");
+    restore(&bad, &restored, false).await.expect_err("damaged");
+    assert!(restored.exists() && !restored.join("files").exists(), "the folder is as empty as before");
     let report = restore(&bad, &restored, true).await.expect("the rest");
     assert_eq!((report.copied, report.damaged.len()), (2, 1));
     let store = Store::open(&restored).await.expect("a store");

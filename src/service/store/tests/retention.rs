@@ -63,7 +63,7 @@ async fn jobs_with_a_blank_part_number_belong_to_their_meshes() {
     assert_eq!(store.job(first).await.expect("it").part_number, None);
 }
 
-/// They were deleted first, with their problem and their events, and left as little room as before.
+/// Such jobs were deleted first, with their problem and their events, and left as little room as before.
 #[tokio::test]
 async fn a_job_without_files_is_not_deleted_for_room() {
     let opened = open().await;
@@ -79,7 +79,7 @@ async fn a_job_without_files_is_not_deleted_for_room() {
     assert_eq!(due(store, Policy { max_bytes: 1, ..policy() }).await, [(failed, Disk), (large, Disk)]);
 }
 
-/// They took room that nothing counted.
+/// Previews took room that nothing counted.
 #[tokio::test]
 async fn previews_count_as_stored_files() {
     let opened = open().await;
@@ -123,9 +123,9 @@ async fn the_same_scan_is_stored_once_and_its_file_lives_as_long_as_one_upload_r
     assert_eq!(stored_files(&opened), before + 1);
     let due = store.due(&Policy { max_bytes: 1, ..policy() }).await.expect("a list");
     assert_eq!(due.jobs, [(job, Disk, 15)], "its file counts once");
-    store.delete_scan(first.id).await.expect("no inspection reads it");
+    store.delete_scan(first.id, "hold").await.expect("no inspection reads it");
     store.files().read(&other.sha256).expect("kept for the other upload");
-    store.delete_scan(other.id).await.expect("no inspection reads it");
+    store.delete_scan(other.id, "hold").await.expect("no inspection reads it");
     assert_eq!(stored_files(&opened), before);
 }
 
@@ -312,12 +312,14 @@ async fn runs_go_by_an_age_of_their_own_unless_they_are_open_or_their_job_is_hel
     assert_eq!(due(4).await, []);
     assert_eq!(due(2).await, [of_deleted_job, of_idle_job], "the oldest first");
     // What has changed since they were found due.
-    assert!(matches!(store.delete_run(of_held_job, Some("hold")).await, Err(Error::JobHeld { .. })));
-    for in_use in [of_inspected_job, of_driven_job] {
-        assert!(matches!(store.delete_run(in_use, Some("hold")).await, Err(Error::JobInUse(_))));
+    for by_retention in [true, false] {
+        assert!(matches!(store.delete_run(of_held_job, "hold", by_retention).await, Err(Error::JobHeld { .. })));
     }
-    store.delete_run(of_held_job, None).await.expect("whoever asks for this run may");
-    store.delete_run(of_deleted_job, Some("hold")).await.expect("due");
+    for in_use in [of_inspected_job, of_driven_job] {
+        assert!(matches!(store.delete_run(in_use, "hold", true).await, Err(Error::JobInUse(_))));
+    }
+    store.delete_run(of_driven_job, "hold", false).await.expect("whoever asks for this run may");
+    store.delete_run(of_deleted_job, "hold", true).await.expect("due");
     assert_eq!(due(2).await, [of_idle_job]);
     let everything = Policy { job_days: 1, jobs_per_part: 1, unused_mesh_days: 1, max_bytes: 1, ..policy() };
     assert_eq!(store.due_runs(&everything).await.expect("a list"), [], "nothing else deletes a run");

@@ -13,23 +13,28 @@ fn rig(count: usize) -> (Vec<BoardView>, BundleState) {
         Isometry3::from_parts(Translation3::new(-30.0, -30.0, 500.0), turn)
     };
     let state = BundleState {
-        lens: [lens; 3],
-        device_from_left: [Isometry3::identity(), Isometry3::translation(-150.0, 0.0, 0.0), Isometry3::identity()],
+        lens: PerDevice::of_cameras(lens, lens),
+        device_from_left: PerDevice {
+            left: Isometry3::identity(),
+            right: Isometry3::translation(-150.0, 0.0, 0.0),
+            projector: Isometry3::identity(),
+        },
         left_from_board: (0..count).map(|view| board(view as f64)).collect(),
     };
-    let seen = |view: usize, device: usize| -> Vec<DeviceSighting> {
+    let seen = |view: usize, device: DeviceName, first: usize| -> Vec<DeviceSighting> {
         let sighting = |point: u32| {
             let board_mm = Point3::new(20.0 * f64::from(point % 4), 20.0 * f64::from(point / 4), 0.0);
             let at_origin = DeviceSighting { point, board_mm, pixel: Vector2::zeros() };
             let off_px = state.residual(view, device, &at_origin).expect("before the camera");
-            let number = (view * 32 + device * 16) as f64 + f64::from(point);
+            let number = (view * 32 + first) as f64 + f64::from(point);
             let noise_px = Vector2::new((12.9898 * number).sin(), (78.233 * number).sin()) * 0.14;
             DeviceSighting { pixel: noise_px - off_px, ..at_origin }
         };
         (0..16).map(sighting).collect()
     };
     let views = (0..count).map(|view| {
-        let seen = PerDevice { left: seen(view, 0), right: seen(view, 1), projector: Vec::new() };
+        let seen =
+            PerDevice { left: seen(view, DeviceName::Left, 0), right: seen(view, DeviceName::Right, 16), projector: Vec::new() };
         BoardView { id: format!("v{view:02}"), seen, stated_distance_mm: None }
     });
     (views.collect(), state)
@@ -44,12 +49,12 @@ fn a_view_stays_where_most_of_its_few_points_fit() {
         seen.retain(|sighting| [0, 3, 12, 15].contains(&sighting.point));
     }
     let mut is_used = all_used(&views);
-    (is_used[1][0][3], is_used[1][1][0]) = (false, false);
+    (is_used[1].left[3], is_used[1].right[0]) = (false, false);
     assert_eq!(worst_view(&views, &state, &is_used), None);
     // The image of one camera alone, as each camera is started, and beside one that was refused.
-    is_used[1][0].fill(false);
+    is_used[1].left.fill(false);
     assert_eq!(worst_view(&views, &state, &is_used), None);
-    is_used[1][1][1] = false;
+    is_used[1].right[1] = false;
     assert_eq!(worst_view(&views, &state, &is_used), Some(1), "half of them is not most");
 }
 
@@ -60,9 +65,9 @@ fn a_view_whose_points_are_left_on_a_line_is_taken_out() {
     views[1].seen.left.retain(|sighting| [0, 1, 3, 15].contains(&sighting.point));
     views[1].seen.right.clear();
     let mut is_used = all_used(&views);
-    is_used[1][0][1] = false;
+    is_used[1].left[1] = false;
     assert_eq!(worst_view(&views, &state, &is_used), None);
-    (is_used[1][0][1], is_used[1][0][3]) = (true, false);
+    (is_used[1].left[1], is_used[1].left[3]) = (true, false);
     assert_eq!(worst_view(&views, &state, &is_used), Some(1));
 }
 
@@ -85,7 +90,7 @@ fn a_view_that_fits_beside_wrong_images_alone_is_taken_out_with_them() {
     let left = |view: usize| (view, DeviceName::Left);
     assert_eq!(fitted.refused, [left(12), left(0), left(1), left(2)]);
     let sigma_px = fitted.estimated.sigma_px;
-    assert!((0.05..0.2).contains(&sigma_px[0]), "{sigma_px:?}");
+    assert!((0.05..0.2).contains(&sigma_px.left), "{sigma_px:?}");
 }
 
 /// An estimate that ended at its limits was told as one that had converged.

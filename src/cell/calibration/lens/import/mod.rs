@@ -82,7 +82,7 @@ pub struct ImportedLens {
 /// Content of one file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportedFile {
-    /// Its lenses.
+    /// Lenses in the file.
     pub lenses: Vec<ImportedLens>,
     /// Pose of the right camera: x_right = R · x_left + T; mm.
     pub right_from_left: Option<Isometry3<f64>>,

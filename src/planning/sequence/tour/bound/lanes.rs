@@ -99,7 +99,7 @@ impl NgLabels {
     }
 }
 
-/// No row yet.
+/// Index that stands for no row yet.
 const NONE: u16 = u16::MAX;
 
 struct Merge<'a, const CHUNKS: usize> {

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-O5QUOLRE.js";import"./chunk-WLVDOSYS.js";import"./chunk-AJJ2ATF2.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-7GCWXXWC.js";export{a as drawThumbnail,b as drawTurned};
