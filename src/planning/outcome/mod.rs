@@ -216,7 +216,7 @@ impl<'a> Solution<'a> {
         Optics::new(self.problem.input.scanner, self.problem.params, &self.problem.surface.requirements)
     }
 
-    /// What some views measure.
+    /// Surface that some views measure.
     fn measured_by(&self, views: impl IntoIterator<Item = ViewId>, part: SharedSurface<'_>, optics: &Optics) -> MeasuredSurface {
         let Self { problem, chosen, measuring, .. } = self;
         part.measured(views.into_iter().map(|view| {

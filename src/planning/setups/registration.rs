@@ -33,7 +33,7 @@ pub(in crate::planning) fn shared(a: &SampleSet, b: &SampleSet) -> SampleSet {
     shared
 }
 
-/// What some views measure of a part's surface.
+/// Part of a surface that some views measure.
 pub(in crate::planning) struct MeasuredSurface {
     samples: SampleSet,
     /// Information on the place of each sample's surface along its normal, mm⁻²; 0 where it is not measured.
@@ -95,7 +95,7 @@ impl<'a> SharedSurface<'a> {
         }
     }
 
-    /// What views measure, each with its row.
+    /// Surface that views measure, each with its row.
     #[must_use]
     pub(in crate::planning) fn measured<'v>(&self, views: impl IntoIterator<Item = (View<'v>, &'v Row)>) -> MeasuredSurface {
         let (surface, count) = (self.surface, self.surface.sample_mm.len());
