@@ -142,7 +142,10 @@ fn the_page_has_no_unit_chosen() {
     let page = include_str!("../../static/src/create.tsx");
     assert!(page.contains("unit: signal(\"\")") && page.contains("[\"\", text.create.unitChoose]"), "the first choice is none");
     let without_unit = "(first && !unit.value ? text.create.readFirst : \"\")";
-    assert!(page.contains(without_unit) && page.contains("&& !fault;"), "nothing begins without a unit");
+    assert!(
+        page.contains(without_unit) && page.contains("const canStart = Boolean(base ?? first) && Boolean(cell) && !fault "),
+        "nothing begins without a unit"
+    );
     let uses = page.matches("unit.value = ").count();
     assert_eq!(uses, 1, "only the reader chooses it");
     assert!(include_str!("../../static/src/job.tsx").contains("job.warnings"), "warnings of a job are shown");
