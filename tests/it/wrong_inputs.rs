@@ -169,7 +169,7 @@ fn wrong_cells() -> Vec<Wrong> {
             "/base_from_table/quaternion_xyzw",
             &["is missing", "rpy_deg"],
         ),
-        cell(|c| c["mount"] = json!([{"name": "adapter"}]), "/mount/0/shape", &["is missing", "shape"]),
+        cell(|c| c["mount"] = json!([{"name": "adapter"}]), "/mount/0/shape", &["is missing", "Shape of the body"]),
         cell(
             |c| c["mount"][0]["shape"] = json!({"kind": "cylinder", "radius_mm": 40.0}),
             "/mount/0/shape/height_mm",
