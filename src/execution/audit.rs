@@ -31,6 +31,8 @@ const MAX_LINE: u64 = 1 << 20;
 const MAX_ENTRY: usize = 64 << 10;
 /// Longest time for which a line may be lost by a power failure.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
+/// Direction of words among the bytes.
+const NOTED: &str = "noted";
 /// Hash before the first line.
 const NOTHING: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
@@ -135,7 +137,7 @@ impl AuditLog {
 
     /// Notes words among the bytes: what a run was told.
     pub fn mark(&self, words: &str) {
-        self.enter("session", "noted", words.as_bytes());
+        self.enter("session", NOTED, words.as_bytes());
     }
 
     /// Words of why it can no longer be kept; from then on nothing is.
@@ -188,6 +190,10 @@ impl WireLog for AuditLog {
             Direction::Received => "received",
         };
         self.enter(device, direction, bytes);
+    }
+
+    fn note(&self, device: &'static str, words: &str) {
+        self.enter(device, NOTED, words.as_bytes());
     }
 }
 
@@ -286,7 +292,7 @@ impl Chain {
     }
 }
 
-/// The next message; none if there is none within `limit`. A log that nobody holds any more is closed.
+/// The next message, if one comes within `limit`. A log that nobody holds any more is closed.
 fn next_message(received: &Receiver<Message>, limit: Option<Duration>) -> Option<Message> {
     let Some(limit) = limit else { return Some(received.recv().unwrap_or(Message::Close)) };
     match received.recv_timeout(limit) {

@@ -46,9 +46,9 @@ pub struct Condition {
     pub moving: bool,
     /// True if the device says that it is where it was sent.
     pub in_position: bool,
-    /// An emergency stop is pressed or not yet reset.
+    /// True if an emergency stop is pressed or not yet reset.
     pub emergency_stop: bool,
-    /// A guard is open.
+    /// True if a guard is open.
     pub guard_open: bool,
     /// True if the device is guided by hand.
     pub hand_guided: bool,
@@ -112,7 +112,7 @@ pub const WITHDRAWAL: Duration = Duration::from_millis(150);
 ///
 /// Futures are `Send` and may be dropped at any point; a device is then still able to `stop`, and to read its `state`.
 pub trait MotionDevice<const N: usize>: Send {
-    /// Connects and says who is there. Sends no motion; may try again, with growing pauses, until the deadline of its
+    /// Connects and identifies the device. Sends no motion; may try again, with growing pauses, until the deadline of its
     /// configuration.
     fn connect(&mut self) -> impl Future<Output = Result<Identity, DeviceError>> + Send;
 
@@ -228,7 +228,7 @@ pub struct Captured {
 /// Reason why a device does not do what it was asked, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
-    /// Nobody answers there.
+    /// A controller that cannot be reached.
     #[error("{address} cannot be reached ({reason}); check that the controller is on and that the cell file has its address")]
     Unreachable {
         /// Address of the cell file.
@@ -259,13 +259,23 @@ pub enum DeviceError {
         /// Time waited.
         waited: Duration,
     },
-    /// An answer that is none.
+    /// A gateway that gives no first answer, as one that takes other frames or passes them to another node.
+    #[error("{error}; check framing and node in the cell file too, now {framing} and {node}")]
+    Unanswered {
+        /// Silence, or the end of the connection.
+        error: Box<DeviceError>,
+        /// Frames of the cell file.
+        framing: &'static str,
+        /// Node of the cell file.
+        node: u8,
+    },
+    /// A malformed answer.
     #[error("the controller answered what this protocol does not know ({what}); check the protocol that the cell file names")]
     Malformed {
         /// Description of what was read.
         what: String,
     },
-    /// The device says no.
+    /// A request that the device refused.
     #[error("it refused with code {code} ({text}); clear that at the device, then try again")]
     Refused {
         /// Number that the device gives.
@@ -293,7 +303,7 @@ pub enum DeviceError {
         /// Age of the last state.
         age: Duration,
     },
-    /// Somebody else is there.
+    /// Another device than the cell file names.
     #[error("there is {found}, where the cell file has {expected}; check address and model in the cell file")]
     OtherDevice {
         /// Device of the cell file.
@@ -332,9 +342,14 @@ pub enum Direction {
 pub trait WireLog: Send + Sync {
     /// Notes bytes that were sent or received just now; `device` is `arm`, `table` or `trigger`.
     fn record(&self, device: &'static str, direction: Direction, bytes: &[u8]);
+
+    /// Notes words about a device among its bytes, such as whose connection was refused; a log of bytes alone leaves them out.
+    fn note(&self, device: &'static str, words: &str) {
+        let _ = (device, words);
+    }
 }
 
-/// Keeps nothing.
+/// A log that keeps nothing.
 impl WireLog for () {
     fn record(&self, _device: &'static str, _direction: Direction, _bytes: &[u8]) {}
 }
@@ -355,6 +370,7 @@ mod tests {
             DeviceError::Unbound { address: words(), reason: words() },
             DeviceError::Closed { reason: words() },
             DeviceError::Silent { waited: STOP_ATTEMPT },
+            DeviceError::Unanswered { error: Box::new(DeviceError::Silent { waited: STOP_ATTEMPT }), framing: "rtu", node: 1 },
             DeviceError::Malformed { what: words() },
             DeviceError::Fault { code: 1, text: words() },
             DeviceError::Stale { age: STOP_ATTEMPT },

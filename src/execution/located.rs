@@ -61,7 +61,9 @@ pub struct Relocated {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Misplaced {
     /// Further off than is corrected.
-    #[error("the part lies {mm:.1} mm and {deg:.1}° off, more than the {max_mm} mm and {max_deg}° that are corrected; {how}")]
+    #[error(
+        "the part lies {mm:.1} mm and {deg:.1}° off, more than the {max_mm} mm and {max_deg}° that are corrected; {correction}"
+    )]
     TooFar {
         /// Distance of its middle.
         mm: f64,
@@ -71,11 +73,11 @@ pub enum Misplaced {
         max_mm: f64,
         /// Angle allowed, degrees.
         max_deg: f64,
-        /// Words for how to put it right.
-        how: String,
+        /// Words for how to correct it.
+        correction: String,
     },
     /// Out of reach.
-    #[error("viewpoint {view} is out of the arm's reach with the part {mm:.1} mm and {deg:.1}° off; {how}")]
+    #[error("viewpoint {view} is out of the arm's reach with the part {mm:.1} mm and {deg:.1}° off; {correction}")]
     Unreachable {
         /// Number of the view.
         view: u32,
@@ -83,11 +85,11 @@ pub enum Misplaced {
         mm: f64,
         /// Angle, degrees.
         deg: f64,
-        /// Words for how to put it right.
-        how: String,
+        /// Words for how to correct it.
+        correction: String,
     },
     /// The program is not free of collisions, or not sound, with the part there.
-    #[error("with the part {mm:.1} mm and {deg:.1}° off the program is not sound ({finding}); {how}")]
+    #[error("with the part {mm:.1} mm and {deg:.1}° off the program is not sound ({finding}); {correction}")]
     Unsound {
         /// First finding of the linter.
         finding: String,
@@ -95,12 +97,15 @@ pub enum Misplaced {
         mm: f64,
         /// Angle, degrees.
         deg: f64,
-        /// Words for how to put it right.
-        how: String,
+        /// Words for how to correct it.
+        correction: String,
     },
     /// Less to be seen.
-    #[error("with the part {mm:.1} mm and {deg:.1}° off the scans measure {:.2} % of the asked area instead of {:.2} %; {how}",
-        100.0 * measured, 100.0 * planned)]
+    #[error(
+        "with the part {mm:.1} mm and {deg:.1}° off the scans measure {:.2} % of the asked area instead of {:.2} %; \
+         {correction}",
+        100.0 * measured, 100.0 * planned
+    )]
     Coverage {
         /// Share measured.
         measured: f64,
@@ -110,8 +115,8 @@ pub enum Misplaced {
         mm: f64,
         /// Angle, degrees.
         deg: f64,
-        /// Words for how to put it right.
-        how: String,
+        /// Words for how to correct it.
+        correction: String,
     },
     /// Nobody waits for the program any longer.
     #[error("cancelled")]
@@ -127,19 +132,11 @@ impl From<Cancelled> for Misplaced {
 /// Derives the program for a part from the pose that it was found in.
 pub trait Relocate: Send + Sync {
     /// The program for the part at `table_from_part`. Takes as long as the linter and an evaluation of coverage, and some seconds
-    /// for each station or way that is searched for.
+    /// for each station or way that is searched for; ends soon after `cancelled` is true.
     ///
     /// # Errors
     /// [`Misplaced`].
-    fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced> {
-        self.relocate_unless(program, table_from_part, &AtomicBool::new(false))
-    }
-
-    /// The program for the part at `table_from_part`, as of [`Relocate::relocate`]; ends soon after `cancelled` is true.
-    ///
-    /// # Errors
-    /// [`Misplaced`].
-    fn relocate_unless(
+    fn relocate(
         &self,
         program: &Program,
         table_from_part: &Pose<Table, Part>,
@@ -147,7 +144,7 @@ pub trait Relocate: Send + Sync {
     ) -> Result<Relocated, Misplaced>;
 }
 
-/// All that a part is located with.
+/// Inputs for rederiving a program for a located part.
 #[derive(Clone, Debug)]
 pub struct Locating {
     /// The cell.
@@ -170,25 +167,25 @@ pub struct Locating {
 type PlannedScan = (Configuration, Pose<Part, ScannerFrame>);
 
 /// Distance of the part from where it was planned.
-struct Off {
+struct PartOffset {
     mm: f64,
     deg: f64,
-    how: String,
+    correction: String,
 }
 
 impl Relocate for Locating {
-    fn relocate_unless(
+    fn relocate(
         &self,
         program: &Program,
         table_from_part: &Pose<Table, Part>,
         cancelled: &AtomicBool,
     ) -> Result<Relocated, Misplaced> {
         let ctx = Context::new(cancelled, &Silent);
-        let off = self.off(table_from_part);
+        let offset = self.offset(table_from_part);
         let LocateBounds { max_deg, max_mm } = self.bounds;
-        // A pose that is no number is not within.
-        if !(off.mm <= max_mm && off.deg <= max_deg) {
-            return Err(Misplaced::TooFar { mm: off.mm, deg: off.deg, max_mm, max_deg, how: off.how });
+        // A pose that is not a number is not within.
+        if !(offset.mm <= max_mm && offset.deg <= max_deg) {
+            return Err(Misplaced::TooFar { mm: offset.mm, deg: offset.deg, max_mm, max_deg, correction: offset.correction });
         }
         ctx.check()?;
         let fixture = self.fixture.as_deref();
@@ -197,17 +194,17 @@ impl Relocate for Locating {
         // No check of a move tests part and fixture against what stands below the plate, on which they may lie.
         if let Some(contact) = scene.placement_contact() {
             let finding = format!("as it lies, {contact} meet");
-            return Err(Misplaced::Unsound { finding, mm: off.mm, deg: off.deg, how: off.how });
+            return Err(Misplaced::Unsound { finding, mm: offset.mm, deg: offset.deg, correction: offset.correction });
         }
         let stations = self.stations(program, &scene, table_from_part, &ctx)?;
-        let program = self.sound(program, &stations, &scene, table_from_part, &ctx)?;
-        let coverage = self.coverage_of(&program, table_from_part, off, &ctx)?;
+        let program = self.first_sound_program(program, &stations, &scene, table_from_part, &ctx)?;
+        let coverage = self.coverage_of(&program, table_from_part, offset, &ctx)?;
         Ok(Relocated { program, scene, coverage })
     }
 }
 
 impl Locating {
-    fn off(&self, located: &Pose<Table, Part>) -> Off {
+    fn offset(&self, located: &Pose<Table, Part>) -> PartOffset {
         let (planned, aabb) = (&self.planned.table_from_part, self.part.aabb());
         let middle = nalgebra::center(&aabb.min, &aabb.max);
         let moved = located.point(&middle) - planned.point(&middle);
@@ -217,20 +214,20 @@ impl Locating {
         let side =
             |value: f64, axis: &str| format!("{:.1} mm towards {}{axis}", value.abs(), if value > 0.0 { "−" } else { "+" });
         let sense = if about_z > 0.0 { "clockwise" } else { "counter-clockwise" };
-        let mut how = format!(
+        let mut correction = format!(
             "move it {} and {} of the plate, and turn it {:.1}° {sense} seen from above",
             side(moved.x, "x"),
             side(moved.y, "y"),
             about_z.abs()
         );
         if moved.z.abs() > 1.0 || tilt > 0.5 {
-            how += &format!(
+            correction += &format!(
                 "; it lies {:.1} mm {} and tilted by {tilt:.1}°: see that it rests as planned",
                 moved.z.abs(),
                 if moved.z > 0.0 { "too high" } else { "too low" }
             );
         }
-        Off { mm: moved.norm(), deg: turned.angle().to_degrees(), how }
+        PartOffset { mm: moved.norm(), deg: turned.angle().to_degrees(), correction }
     }
 
     /// Station of each scan, free where one is.
@@ -253,8 +250,8 @@ impl Locating {
         let turn_rad = yaw(located, &self.planned.table_from_part);
         let scans = scan_configurations(program).into_iter().zip(poses).zip(views);
         let unreachable = |view: ViewId| {
-            let Off { mm, deg, how } = self.off(located);
-            Misplaced::Unreachable { view: view.0, mm, deg, how }
+            let PartOffset { mm, deg, correction } = self.offset(located);
+            Misplaced::Unreachable { view: view.0, mm, deg, correction }
         };
         let station = |((planned, part_from_scanner), view): (PlannedScan, ViewId)| -> Result<_, Misplaced> {
             ctx.check()?;
@@ -308,7 +305,7 @@ impl Locating {
     ///
     /// # Errors
     /// [`Misplaced::Unsound`], with the finding in the first of them; [`Misplaced::Cancelled`].
-    fn sound(
+    fn first_sound_program(
         &self,
         program: &Program,
         stations: &[Configuration],
@@ -333,15 +330,15 @@ impl Locating {
             };
             first.get_or_insert(found);
         }
-        let Off { mm, deg, how } = self.off(located);
-        Err(Misplaced::Unsound { finding: first.unwrap_or_default(), mm, deg, how })
+        let PartOffset { mm, deg, correction } = self.offset(located);
+        Err(Misplaced::Unsound { finding: first.unwrap_or_default(), mm, deg, correction })
     }
 
     fn coverage_of(
         &self,
         program: &Program,
         located: &Pose<Table, Part>,
-        off: Off,
+        offset: PartOffset,
         ctx: &Context<'_>,
     ) -> Result<Option<[f64; 2]>, Misplaced> {
         let Some((params, part_sha256)) = &self.coverage else { return Ok(None) };
@@ -354,11 +351,16 @@ impl Locating {
             roadmaps: None,
         };
         let stations = scan_configurations(program);
-        let Off { mm, deg, how } = off;
+        let PartOffset { mm, deg, correction } = offset;
         let share = |table_from_part: &Pose<Table, Part>, views: &[TakenView]| -> Result<f64, Misplaced> {
             let measured = recheck::measured_in_cell(&input, params, table_from_part, views, ctx);
             ctx.check()?;
-            let measured = measured.map_err(|error| Misplaced::Unsound { finding: error.to_string(), mm, deg, how: how.clone() });
+            let measured = measured.map_err(|error| Misplaced::Unsound {
+                finding: error.to_string(),
+                mm,
+                deg,
+                correction: correction.clone(),
+            });
             measured.map(|measured| measured.measured_mm2 / measured.asked_mm2)
         };
         let planned_views: Vec<TakenView> = (self.planned.views.iter())
@@ -369,7 +371,7 @@ impl Locating {
             views.map(|(part_from_scanner, here)| TakenView { part_from_scanner, table_rad: Some(here.table_rad) }).collect();
         let (planned, measured) = (share(&self.planned.table_from_part, &planned_views)?, share(located, &views)?);
         if planned - measured > MAX_COVERAGE_LOSS {
-            return Err(Misplaced::Coverage { measured, planned, mm, deg, how });
+            return Err(Misplaced::Coverage { measured, planned, mm, deg, correction });
         }
         Ok(Some([planned, measured]))
     }
@@ -404,7 +406,7 @@ impl<'a> Search<'a> {
 
     /// Returns these points, or others where the way through them is not free; these too where no other way is found, for the
     /// linter to say what is in the way.
-    fn free(
+    fn free_path(
         &self,
         from: &Configuration,
         via_rad: Vec<Configuration>,
@@ -434,7 +436,7 @@ fn over(program: &Program, stations: &[Configuration], points: Points, search: &
         };
         let mut via_rad = between(step, [&planned_here, &here, &target_rad], points);
         if points == Points::Searched {
-            via_rad = search.free(&here, via_rad, &target_rad)?;
+            via_rad = search.free_path(&here, via_rad, &target_rad)?;
         }
         let mut derived = Move { via_rad, target_rad, ..step.clone() };
         derived.duration_secs = derived.derived_secs(&here, &axes);

@@ -43,7 +43,7 @@ pub enum Planted {
     Stuck,
     /// Leaves its way by that much on its first axis, radians.
     OffWay(f64),
-    /// Measures a number that is none.
+    /// Measures NaN.
     NotANumber,
 }
 

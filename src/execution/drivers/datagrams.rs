@@ -16,6 +16,8 @@ pub(super) struct Datagrams {
     socket: UdpSocket,
     /// Host that may send; without one, the first that does.
     host: Option<IpAddr>,
+    /// True once another host was refused, which is noted once.
+    has_refused: bool,
     peer: Option<SocketAddr>,
     /// The newest datagram.
     newest: Vec<u8>,
@@ -35,7 +37,22 @@ impl Datagrams {
     ) -> Result<Self, DeviceError> {
         let unbound = |error: io::Error| DeviceError::Unbound { address: address.to_owned(), reason: error.to_string() };
         let socket = UdpSocket::bind(address).await.map_err(unbound)?;
-        Ok(Self { socket, host, peer: None, newest: vec![0; MAX_BYTES], next: vec![0; MAX_BYTES], log, device })
+        let (host, has_refused, peer) = (host.map(|host| host.to_canonical()), false, None);
+        Ok(Self { socket, host, has_refused, peer, newest: vec![0; MAX_BYTES], next: vec![0; MAX_BYTES], log, device })
+    }
+
+    /// Returns true of the controller's host. The first that sends is taken for it where the cell file names none; from then on no other
+    /// is. Who was taken, and the first who was refused, is noted.
+    fn is_controller(&mut self, host: IpAddr) -> bool {
+        if self.host.is_none() {
+            let words = format!("datagrams are taken from {host} alone, which sent first: the cell file has no controller_host");
+            self.log.note(self.device, &words);
+        }
+        let controller = *self.host.get_or_insert(host);
+        if controller != host && !std::mem::replace(&mut self.has_refused, true) {
+            self.log.note(self.device, &format!("datagrams from {host} are refused: the controller is {controller}"));
+        }
+        controller == host
     }
 
     /// Waits for the controller's next datagram, and returns the newest of those that are here: an answer to one that another has
@@ -48,7 +65,7 @@ impl Datagrams {
                 Some(_) => self.socket.try_recv_from(&mut self.next),
             };
             match (received, newest_bytes) {
-                (Ok((length, from)), _) if *self.host.get_or_insert_with(|| from.ip()) == from.ip() => {
+                (Ok((length, from)), _) if self.is_controller(from.ip().to_canonical()) => {
                     self.log.record(self.device, Direction::Received, &self.next[..length]);
                     std::mem::swap(&mut self.newest, &mut self.next);
                     (self.peer, newest_bytes) = (Some(from), Some(length));
@@ -73,3 +90,6 @@ impl Datagrams {
 fn closed(error: &io::Error) -> DeviceError {
     DeviceError::Closed { reason: error.to_string() }
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::datagrams::Datagrams;
-use super::streamed::{ASTRAY_RAD, StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport, apart_rad};
+use super::streamed::{MAX_FOLLOWING_ERROR_RAD, StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport, apart_rad};
 use crate::cell::AbbEgmSpec;
 use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmRapid, EgmReport, ExternalAxes};
@@ -109,7 +109,7 @@ impl<const N: usize> StreamedLink<N> for AbbEgmLink {
         let positions_rad = self.axes_rad(&report.joints_deg, &report.external)?;
         let planned = report.planned.map(|(joints_deg, external)| self.axes_rad(&joints_deg, &external));
         // A report without a plan, or with one of another motion, leaves what is measured.
-        let held_rad = planned.and_then(Result::ok).filter(|held| apart_rad(held, &positions_rad) <= ASTRAY_RAD);
+        let held_rad = planned.and_then(Result::ok).filter(|held| apart_rad(held, &positions_rad) <= MAX_FOLLOWING_ERROR_RAD);
         let held_rad = held_rad.unwrap_or(positions_rad);
         self.external.get_or_insert(report.external);
         self.latest = report;

@@ -17,13 +17,13 @@ use crate::execution::protocol::fanuc_rmi::{
 };
 
 /// Longest time of attempts to connect.
-const PATIENCE: Duration = Duration::from_secs(5);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Longest wait for an answer.
-const ANSWER: Duration = Duration::from_secs(2);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest wait for a program to be created or ended.
-const PROGRAM_ANSWER: Duration = Duration::from_secs(10);
+const PROGRAM_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest wait for a program to end before its session is given back; less than a run waits for both.
-const END_WAIT: Duration = Duration::from_secs(1);
+const END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// An arm by FANUC, with the table in place 7 where `N` is 7.
 #[derive(Debug)]
@@ -70,7 +70,7 @@ impl<const N: usize> FanucArm<N> {
     /// Opens a session; returns the version of the protocol.
     async fn open(&mut self, patience: Duration) -> Result<(u16, u16), DeviceError> {
         let mut door = Session::over(self.wiring.connect(&self.spec.address, patience).await?);
-        let reply = door.ask(&RmiRequest::Connect, ANSWER).await?;
+        let reply = door.ask(&RmiRequest::Connect, ANSWER_TIMEOUT).await?;
         let RmiReply::Connected { port, version } = reply else { return Err(unexpected(&reply)) };
         let host = self.spec.address.rsplit_once(':').map_or(self.spec.address.as_str(), |(host, _)| host);
         let connection = self.wiring.connect(&format!("{host}:{port}"), patience).await?;
@@ -82,7 +82,7 @@ impl<const N: usize> FanucArm<N> {
     async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
         let session = self.session()?;
         let sent_at = session.send_at_once(&RmiRequest::Pause).await?;
-        let paused = session.answer(ANSWER).await?;
+        let paused = session.answer(ANSWER_TIMEOUT).await?;
         if !matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
             return Err(unexpected(&paused));
         }
@@ -107,7 +107,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
         (self.session, self.is_checked, self.is_armed, self.has_program) = (None, false, false, false);
         self.origin()?;
-        let version = self.open(PATIENCE).await?;
+        let version = self.open(CONNECT_TIMEOUT).await?;
         self.is_checked = true;
         let firmware = Some(format!("RMI {}.{}", version.0, version.1));
         Ok(Identity { maker: "FANUC".to_owned(), model: "controller with RMI".to_owned(), serial: None, firmware })
@@ -187,7 +187,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         self.is_armed = false;
         // A controller that makes or ends a program may answer late, and moves nothing: its session is not given up for that.
-        let wait = if self.session.as_ref().is_some_and(Session::is_changing_program) { ANSWER } else { STOP_WAIT };
+        let wait = if self.session.as_ref().is_some_and(Session::is_changing_program) { ANSWER_TIMEOUT } else { STOP_WAIT };
         let first = within(wait, self.stop_once()).await;
         // A link that carries a refusal is not dead.
         if matches!(first, Ok(_) | Err(DeviceError::Refused { .. })) {
@@ -197,7 +197,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         // controller has one session.
         self.has_program = self.may_have_program();
         (self.session, self.is_checked) = (None, false);
-        self.open(ANSWER).await?;
+        self.open(ANSWER_TIMEOUT).await?;
         self.stop_once().await
     }
 
@@ -206,7 +206,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         let may_have_program = self.may_have_program();
         let Some(mut session) = self.session.take() else { return Ok(()) };
         self.has_program = false;
-        let aborted = if may_have_program { within(END_WAIT, session.done_at_once(&RmiRequest::Abort)).await } else { Ok(()) };
+        let aborted = if may_have_program { within(END_TIMEOUT, session.done_at_once(&RmiRequest::Abort)).await } else { Ok(()) };
         // The session is given back whatever became of the program.
         let disconnected = session.done_at_once(&RmiRequest::Disconnect).await;
         session.connection.close().await;
@@ -269,7 +269,7 @@ impl Session {
     /// Sends a command, after the answer to the one before; returns when it was sent.
     async fn send(&mut self, request: &RmiRequest) -> Result<Instant, DeviceError> {
         if !self.asked.is_empty() {
-            self.answer(PROGRAM_ANSWER).await?;
+            self.answer(PROGRAM_TIMEOUT).await?;
         }
         self.send_at_once(request).await
     }
@@ -310,19 +310,19 @@ impl Session {
 
     /// Asks for something that has no data for an answer.
     async fn done(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
-        let reply = self.ask(request, PROGRAM_ANSWER).await?;
+        let reply = self.ask(request, PROGRAM_TIMEOUT).await?;
         if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }
 
     /// Asks for something that has no data for an answer, whatever is still to be answered.
     async fn done_at_once(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
         self.send_at_once(request).await?;
-        let reply = self.answer(PROGRAM_ANSWER).await?;
+        let reply = self.answer(PROGRAM_TIMEOUT).await?;
         if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }
 
     async fn status(&mut self) -> Result<RmiStatus, DeviceError> {
-        let reply = self.ask(&RmiRequest::GetStatus, ANSWER).await?;
+        let reply = self.ask(&RmiRequest::GetStatus, ANSWER_TIMEOUT).await?;
         if let RmiReply::Status(status) = reply { Ok(status) } else { Err(unexpected(&reply)) }
     }
 
@@ -330,7 +330,7 @@ impl Session {
     /// broke off may run on, and no other session can hold it.
     async fn nothing_to_hold(&mut self, refusal: i64) -> Result<(), DeviceError> {
         self.send_at_once(&RmiRequest::GetStatus).await?;
-        let reply = self.answer(ANSWER).await?;
+        let reply = self.answer(ANSWER_TIMEOUT).await?;
         let RmiReply::Status(status) = reply else { return Err(unexpected(&reply)) };
         if status.program != RmiProgram::Running {
             return Ok(());
@@ -340,12 +340,12 @@ impl Session {
     }
 
     async fn joints(&mut self, group: Option<u8>) -> Result<RmiJoints, DeviceError> {
-        let reply = self.ask(&RmiRequest::ReadJointAngles { group }, ANSWER).await?;
+        let reply = self.ask(&RmiRequest::ReadJointAngles { group }, ANSWER_TIMEOUT).await?;
         if let RmiReply::Joints(joints) = reply { Ok(joints) } else { Err(unexpected(&reply)) }
     }
 
     async fn latest_fault(&mut self) -> Result<Option<RmiFault>, DeviceError> {
-        let reply = self.ask(&RmiRequest::ReadError, ANSWER).await?;
+        let reply = self.ask(&RmiRequest::ReadError, ANSWER_TIMEOUT).await?;
         if let RmiReply::ErrorText(text) = &reply { Ok(RmiFault::read(text)) } else { Err(unexpected(&reply)) }
     }
 

@@ -1,6 +1,7 @@
 //! Han's controllers in program mode (port 10003): one way point at a time, so that the arm holds at most one move when this
 //! process ends. The controller documents no stop for a lost client: what it was sent, it finishes. With servo streaming
-//! configured, moves are streamed instead (port 8892) and end with the stream.
+//! configured, moves are streamed instead (port 8892) and end with the stream; a session that gives no sign of life within the
+//! watchdog's time has them ramped down.
 //!
 //! Replies come in the order of the requests, so a request that was given up leaves its reply to be thrown away, and nothing
 //! else.
@@ -17,7 +18,7 @@ use tokio::time::{Instant, sleep};
 use self::link::TextLink;
 use self::servo::{ServoStream, realtime_state};
 pub use self::signals::HansSignals;
-use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected, within};
+use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, ms, not_connected, reconnected, within};
 use crate::cell::{HansServoSpec, HansSpec, Kinematics};
 use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};
 use crate::execution::protocol::hans::{
@@ -152,14 +153,14 @@ impl HansArm {
     }
 
     /// Begins to stream the joints where the arm stands, once the controller's cycle is the one configured.
-    async fn begin_servo(&mut self, spec: &HansServoSpec) -> Result<(), DeviceError> {
+    async fn begin_servo(&mut self, spec: &HansServoSpec, watchdog: Duration) -> Result<(), DeviceError> {
         let cycle_ms = realtime_state(spec, &self.wiring, ms(self.spec.connect_timeout_ms)).await?.cycle_ms;
         if i64::from(cycle_ms) != i64::from(spec.period_ms) {
             let reason = format!("its cycle is {cycle_ms} ms and servo.period_ms is {}; set one to the other", spec.period_ms);
             return Err(DeviceError::NotReady { reason });
         }
         let position = self.position().await?;
-        self.servo = Some(ServoStream::begin(spec, position.joints_deg, &self.wiring).await?);
+        self.servo = Some(ServoStream::begin(spec, position.joints_deg, watchdog, &self.wiring).await?);
         Ok(())
     }
 
@@ -204,6 +205,10 @@ impl MotionDevice<6> for HansArm {
     }
 
     async fn state(&mut self) -> Result<ArmState, DeviceError> {
+        // Whoever reads the state is there: a table that answers slowly takes most of the watchdog's time between two feeds.
+        if let Some(servo) = &self.servo {
+            servo.feed();
+        }
         let values = self.command(HansCommand::ReadRobotState).await?;
         let flags = RobotFlags::read(&values).ok_or_else(|| malformed("ReadRobotState", &values))?;
         let fsm = self.fsm().await?;
@@ -220,7 +225,7 @@ impl MotionDevice<6> for HansArm {
         Ok(ArmState { at, positions_rad: position.joints_deg.map(f64::to_radians), condition })
     }
 
-    async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
         self.leave_servo().await?;
         self.goal_deg = None;
         if !self.is_checked {
@@ -239,7 +244,7 @@ impl MotionDevice<6> for HansArm {
             self.ask(&HansRequest::SetOverride { fraction }).await?;
         }
         if let Some(spec) = self.spec.servo.clone() {
-            self.begin_servo(&spec).await?;
+            self.begin_servo(&spec, watchdog).await?;
         }
         self.is_armed = true;
         Ok(())
@@ -266,9 +271,12 @@ impl MotionDevice<6> for HansArm {
     }
 
     async fn keep_alive(&mut self) -> Result<(), DeviceError> {
+        if let Some(servo) = &self.servo {
+            servo.feed();
+        }
         // The controller has no watchdog in program mode: this notices a lost link.
         self.fsm().await?;
-        self.servo.as_ref().and_then(ServoStream::failure).map_or(Ok(()), Err)
+        self.servo.as_ref().map_or(Ok(()), ServoStream::check)
     }
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
@@ -330,7 +338,7 @@ fn condition(flags: &RobotFlags, fsm: i32, is_at_goal: bool) -> Condition {
     }
 }
 
-/// Returns true if the joints are at the target, or there is none.
+/// Returns true if the joints are at the target, or there is no target.
 fn is_at(joints_deg: &[f64; 6], goal_deg: Option<&[f64; 6]>) -> bool {
     let near = |goal: &[f64; 6]| joints_deg.iter().zip(goal).all(|(joint, goal)| (joint - goal).abs() <= TARGET_TOLERANCE_DEG);
     goal_deg.is_none_or(near)
@@ -343,11 +351,6 @@ fn malformed(command: &str, values: &[String]) -> DeviceError {
 /// Millimetres of a point.
 fn shown(point_mm: &Vector3<f64>) -> String {
     format!("({:.1}, {:.1}, {:.1})", point_mm.x, point_mm.y, point_mm.z)
-}
-
-/// Milliseconds of a specification.
-fn ms(milliseconds: u32) -> Duration {
-    Duration::from_millis(milliseconds.into())
 }
 
 #[cfg(test)]

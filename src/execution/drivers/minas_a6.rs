@@ -14,19 +14,20 @@ use tokio::time::{Instant, sleep};
 
 use super::modbus_link::ModbusLink;
 use super::serial;
-use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected};
+use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, ms, not_connected, reconnected};
 use super::table_units::TableUnits;
 use crate::cell::{GatewayFraming, MinasA6Spec, WordOrder};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
 use crate::execution::protocol::minas_a6::{
     ABSOLUTE_ENCODER, ACQUIRE_RIGHT, BLOCK_OPERATION, COMMUNICATION_TIMEOUT, ERROR_FORCED_ALARM, ERROR_SAFETY_INPUT,
     INFINITE_ROTATION, MULTI_TURN_LIMIT, OUTPUT_COUNT, RELEASE_RIGHT, RESOLUTIONS, coil, error_number, error_text, output,
-    register, registers_of, text_of, values_of,
+    register, text_of,
 };
-use crate::execution::protocol::modbus::{ModbusFraming, ModbusRequest};
+use crate::execution::protocol::modbus::{ModbusFraming, ModbusRequest, values_of};
 
-/// Longest wait for the servo to be on, and for a block to start.
+/// Longest wait for the servo to be on.
 const SERVO_WAIT: Duration = Duration::from_secs(2);
+/// Longest wait for a block to start.
 const START_WAIT: Duration = Duration::from_millis(500);
 /// Pause between questions while something is awaited.
 const POLL: Duration = Duration::from_millis(5);
@@ -105,21 +106,36 @@ impl MinasA6Table {
     /// 32-bit values from a register on.
     async fn values(&mut self, address: u16, count: u16) -> Result<Vec<i32>, DeviceError> {
         let order = self.spec.word_order;
-        Ok(values_of(&self.link()?.registers(address, 2 * count).await?, order))
+        self.link()?.values(address, count, order).await
     }
 
     async fn value(&mut self, address: u16) -> Result<i32, DeviceError> {
-        let values = self.values(address, 1).await?;
-        values.first().copied().ok_or_else(|| DeviceError::Malformed { what: format!("no value in register {address:#06x}") })
+        let order = self.spec.word_order;
+        self.link()?.value(address, order).await
     }
 
     async fn set_value(&mut self, address: u16, value: i32) -> Result<(), DeviceError> {
-        let registers = registers_of(&[value], self.spec.word_order);
-        self.link()?.set_registers(address, registers).await
+        let order = self.spec.word_order;
+        self.link()?.set_value(address, value, order).await
+    }
+
+    /// Model, the first that is asked for. A gateway that takes other frames does not answer, or ends the connection.
+    async fn model(&mut self) -> Result<String, DeviceError> {
+        let answered = self.link()?.registers(register::MODEL, 8).await;
+        let MinasA6Spec { address, framing, node, .. } = &self.spec;
+        let hinted = |error: DeviceError| {
+            let is_unanswered = matches!(error, DeviceError::Silent { .. } | DeviceError::Closed { .. });
+            if is_unanswered && address.starts_with("tcp://") {
+                DeviceError::Unanswered { error: Box::new(error), framing: framing.as_str(), node: *node }
+            } else {
+                error
+            }
+        };
+        Ok(text_of(&answered.map_err(hinted)?))
     }
 
     async fn identity(&mut self) -> Result<Identity, DeviceError> {
-        let model = text_of(&self.link()?.registers(register::MODEL, 8).await?);
+        let model = self.model().await?;
         let firmware = text_of(&self.link()?.registers(register::SOFTWARE, 8).await?);
         if let Some(expected) = self.spec.model.clone().filter(|expected| !model.starts_with(expected)) {
             return Err(DeviceError::OtherDevice { expected, found: model });
@@ -375,11 +391,6 @@ impl MotionDevice<1> for MinasA6Table {
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {
         Some(error_text(fault.0))
     }
-}
-
-/// Milliseconds of a specification.
-fn ms(milliseconds: u32) -> Duration {
-    Duration::from_millis(milliseconds.into())
 }
 
 #[cfg(test)]

@@ -7,9 +7,10 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
 use super::stream::{Connection, within};
+use crate::cell::WordOrder;
 use crate::execution::device::{DeviceError, StopAcknowledged};
 use crate::execution::protocol::modbus::{
-    ModbusAdu, ModbusError, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide, exception_text,
+    ModbusAdu, ModbusError, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide, exception_text, registers_of, values_of,
 };
 
 /// A Modbus connection to one node.
@@ -80,6 +81,31 @@ impl ModbusLink {
     /// [`DeviceError`].
     pub async fn set_registers(&mut self, address: u16, values: Vec<u16>) -> Result<(), DeviceError> {
         self.ask(&ModbusRequest::WriteRegisters { address, values }).await.map(drop)
+    }
+
+    /// Reads 32-bit values, two registers each.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn values(&mut self, address: u16, count: u16, order: WordOrder) -> Result<Vec<i32>, DeviceError> {
+        Ok(values_of(&self.registers(address, 2 * count).await?, order))
+    }
+
+    /// Reads a 32-bit value.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn value(&mut self, address: u16, order: WordOrder) -> Result<i32, DeviceError> {
+        let value = self.values(address, 1, order).await?.first().copied();
+        value.ok_or_else(|| malformed(&format!("no value in register {address:#06x}")))
+    }
+
+    /// Writes a 32-bit value in one request.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn set_value(&mut self, address: u16, value: i32, order: WordOrder) -> Result<(), DeviceError> {
+        self.set_registers(address, registers_of(&[value], order)).await
     }
 
     /// Sends a request and waits for its answer.

@@ -6,15 +6,15 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::modbus_link::ModbusLink;
-use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected};
-use super::table_units::{TableUnits, whole};
+use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, ms, not_connected, reconnected};
+use super::table_units::{TableUnits, whole_units};
 use crate::cell::ModbusPlcSpec;
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
-use crate::execution::protocol::minas_a6::{registers_of, values_of};
 use crate::execution::protocol::modbus::{ModbusFraming, ModbusRequest};
 
-/// Bits of the command.
+/// Bit of the command that starts a move.
 const START: u16 = 1;
+/// Bit of the command that stops.
 const STOP: u16 = 2;
 /// Fault of a PLC that has no register for its number.
 const UNNUMBERED_FAULT: u32 = 1;
@@ -50,8 +50,7 @@ impl PlcTable {
 
     async fn open(&mut self, patience: Duration) -> Result<(), DeviceError> {
         let connection = self.wiring.connect(&self.spec.address, patience).await?;
-        let wait = Duration::from_millis(self.spec.reply_timeout_ms.into());
-        self.link = Some(ModbusLink::new(connection, ModbusFraming::Tcp, self.spec.unit, wait));
+        self.link = Some(ModbusLink::new(connection, ModbusFraming::Tcp, self.spec.unit, ms(self.spec.reply_timeout_ms)));
         Ok(())
     }
 
@@ -61,9 +60,9 @@ impl PlcTable {
         Ok(PlcStatus(bits))
     }
 
-    async fn write(&mut self, address: u16, value: i32) -> Result<(), DeviceError> {
-        let registers = registers_of(&[value], self.spec.word_order);
-        self.link()?.set_registers(address, registers).await
+    async fn set_value(&mut self, address: u16, value: i32) -> Result<(), DeviceError> {
+        let order = self.spec.word_order;
+        self.link()?.set_value(address, value, order).await
     }
 
     async fn set_command(&mut self, command: u16) -> Result<(), DeviceError> {
@@ -78,7 +77,8 @@ impl PlcTable {
 
     /// Units of a speed or an acceleration, of a turn that is predicted to last so long.
     fn rate(&self, rad: f64, unit: &str, duration: Duration) -> Result<i32, DeviceError> {
-        whole(rad * self.units.per_turn / std::f64::consts::TAU, unit, f64::from(i32::MAX), duration).map(|units| units as i32)
+        whole_units(rad * self.units.per_turn / std::f64::consts::TAU, unit, f64::from(i32::MAX), duration)
+            .map(|units| units as i32)
     }
 }
 
@@ -107,7 +107,7 @@ impl PlcStatus {
 impl MotionDevice<1> for PlcTable {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
         (self.link, self.is_checked, self.is_armed, self.goal) = (None, false, false, None);
-        self.open(Duration::from_millis(self.spec.connect_timeout_ms.into())).await?;
+        self.open(ms(self.spec.connect_timeout_ms)).await?;
         self.status().await?;
         self.is_checked = true;
         Ok(Identity { maker: "PLC".into(), model: "Modbus TCP".into(), serial: None, firmware: None })
@@ -123,8 +123,7 @@ impl MotionDevice<1> for PlcTable {
         // Measured later than this.
         let at = Instant::now();
         let (address, order) = (self.spec.position_register, self.spec.word_order);
-        let position: i64 =
-            values_of(&self.link()?.registers(address, 2).await?, order).first().copied().unwrap_or_default().into();
+        let position = i64::from(self.link()?.value(address, order).await?);
         let is_at = |goal: i64| (position - goal).abs() as f64 <= GOAL_SHARE * self.units.per_turn;
         let condition = Condition {
             powered: status.is_ready(),
@@ -175,10 +174,10 @@ impl MotionDevice<1> for PlcTable {
             Some(address) => Some((address, self.rate(target.max_acceleration_rad_s2[0], "units/s²", Duration::ZERO)?)),
             None => None,
         };
-        self.write(self.spec.target_register, units).await?;
-        self.write(self.spec.speed_register, speed).await?;
+        self.set_value(self.spec.target_register, units).await?;
+        self.set_value(self.spec.speed_register, speed).await?;
         if let Some((address, acceleration)) = acceleration {
-            self.write(address, acceleration).await?;
+            self.set_value(address, acceleration).await?;
         }
         self.set_command(0).await?;
         self.set_command(START).await
@@ -199,7 +198,7 @@ impl MotionDevice<1> for PlcTable {
         }
         // The table may be moving on a link that is gone: the stop alone is worth a new one.
         (self.link, self.is_checked) = (None, false);
-        let patience = Duration::from_millis(self.spec.reply_timeout_ms.into());
+        let patience = ms(self.spec.reply_timeout_ms);
         self.open(patience).await?;
         self.stop_once(patience).await
     }

@@ -17,8 +17,9 @@ use crate::execution::device::{DeviceError, Direction, STOP_ATTEMPT, WireLog};
 const CHUNK: usize = 4096;
 /// Bytes that may wait for the wire: more than that, and nobody takes them.
 const MAX_UNSENT_BYTES: usize = 64 << 10;
-/// Pauses between attempts to connect.
+/// Pause after the first attempt to connect.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
+/// Longest pause between attempts to connect.
 const MAX_PAUSE: Duration = Duration::from_secs(1);
 
 /// Longest time that a stop waits on the link that there is, which may be dead and not say so: the rest of the attempt is for a
@@ -27,6 +28,9 @@ pub const STOP_WAIT: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() a
 
 /// Words for a device that is to move and has no right to.
 pub const NOT_ARMED: &str = "it is not armed; arm the run first";
+
+/// Words for a watchdog that lapsed.
+pub(super) const NOT_FED: &str = "it was not kept alive in time, as this machine was too busy or stood still; arm it again";
 
 /// Bytes both ways, over whatever carries them.
 pub trait ByteStream: AsyncRead + AsyncWrite + Send + Unpin {}
@@ -186,6 +190,11 @@ impl std::fmt::Debug for Connection {
             .field("unsent", &self.unsent.len())
             .finish_non_exhaustive()
     }
+}
+
+/// Milliseconds of a specification.
+pub(super) fn ms(milliseconds: u32) -> Duration {
+    Duration::from_millis(milliseconds.into())
 }
 
 /// Waits for an answer at most so long.

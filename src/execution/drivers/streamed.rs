@@ -1,6 +1,7 @@
 //! Devices whose controller sets the pace: it reports in every cycle and takes a set point as the answer. A thread of its own with
 //! its own runtime answers, so that no other work of the server delays it; the session's calls only leave word for it.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -8,24 +9,28 @@ use tokio::sync::watch;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::set_points::SetPoints;
-use super::stream::{NOT_ARMED, not_connected};
+use super::stream::{NOT_ARMED, NOT_FED, not_connected};
 use crate::execution::device::{
     Condition, DeviceError, DeviceState, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target,
 };
 use crate::execution::session::streamer::Jitter;
 
 /// Longest wait for the first report.
-const PATIENCE: Duration = Duration::from_secs(10);
+const FIRST_REPORT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest wait for a further report.
-const SILENCE: Duration = Duration::from_secs(1);
+const REPORT_TIMEOUT: Duration = Duration::from_secs(1);
+/// Longest wait for the right to move.
+const ARM_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest wait for the thread to end: longer than [`CLOSE_TIMEOUT`] and an attempt to connect.
+const END_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest time in which the arm is led to rest before the link is closed.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Pause after which the thread looks whether it is still wanted.
-const GLANCE: Duration = Duration::from_millis(100);
+const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 /// Time for which a stop that the controller does not take is asked for anew: the rest of the attempt is for the last answer.
-const PERSISTENCE: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() as u64 * 7 / 10);
-/// Largest distance of an axis from its set point at which it may set out, radians: half a degree.
-pub(super) const ASTRAY_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Words for a watchdog that lapsed.
-const NOT_FED: &str = "it was not kept alive in time, as this machine was too busy or stood still; arm it again";
+const STOP_RETRY_TIME: Duration = Duration::from_millis(STOP_ATTEMPT.as_millis() as u64 * 7 / 10);
+/// Largest distance of an axis from its set point (following error) at which a move may begin, radians: half a degree.
+pub(super) const MAX_FOLLOWING_ERROR_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
 /// A protocol whose controller sets the pace.
 pub trait StreamedProtocol<const N: usize>: Clone + Send + 'static {
@@ -106,14 +111,14 @@ pub struct Streamed<const N: usize, P> {
 
 #[derive(Debug)]
 struct Shared<const N: usize> {
-    desk: Mutex<Desk<N>>,
+    state: Mutex<SharedState<N>>,
     /// Cycles answered so far.
     cycles: watch::Sender<u64>,
 }
 
-/// Words that the session and the thread leave for each other.
+/// State that the session and the thread share: orders of the one, reports of the other.
 #[derive(Debug, Default)]
-struct Desk<const N: usize> {
+struct SharedState<const N: usize> {
     identity: Option<Identity>,
     report: Option<(StreamedReport<N>, Instant)>,
     points: Option<SetPoints<N>>,
@@ -135,7 +140,8 @@ struct Desk<const N: usize> {
     failure: Option<DeviceError>,
     /// The latest report that could not be read, while none could since.
     malformed: Option<DeviceError>,
-    is_closing: bool,
+    /// Time from which the link is to close.
+    closing_since: Option<Instant>,
     is_over: bool,
 }
 
@@ -168,25 +174,25 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
         if let Some(before) = self.thread.take() {
             before.close();
-            before.wait(PATIENCE, |desk| desk.is_over.then_some(Ok(()))).await?;
+            before.wait(END_TIMEOUT, |state| state.is_over.then_some(Ok(()))).await?;
         }
-        let shared = Arc::new(Shared { desk: Mutex::new(Desk::default()), cycles: watch::Sender::new(0) });
+        let shared = Arc::new(Shared { state: Mutex::new(SharedState::default()), cycles: watch::Sender::new(0) });
         self.thread = Some(shared.clone());
         let protocol = self.protocol.clone();
-        std::thread::Builder::new().name("streaming".to_owned()).spawn(move || lead(&protocol, &shared)).map_err(|error| {
-            DeviceError::NotReady { reason: format!("no thread for its cycle ({error}); free some resources") }
-        })?;
+        std::thread::Builder::new().name("streaming".to_owned()).spawn(move || run_link(&protocol, &shared)).map_err(
+            |error| DeviceError::NotReady { reason: format!("no thread for its cycle ({error}); free some resources") },
+        )?;
         let shared = self.shared()?;
-        shared.wait(PATIENCE, |desk| desk.report.and(desk.identity.clone()).map(Ok)).await
+        shared.wait(FIRST_REPORT_TIMEOUT, |state| state.report.and(state.identity.clone()).map(Ok)).await
     }
 
     async fn state(&mut self) -> Result<DeviceState<N>, DeviceError> {
         let shared = self.shared()?;
         let asked_at = Instant::now();
-        shared.wait(SILENCE, |desk| desk.report.filter(|(_, at)| *at >= asked_at).map(|_| Ok(()))).await?;
-        let desk = shared.desk();
-        let (report, at) = desk.report.ok_or_else(not_connected)?;
-        let moving = report.condition.moving || desk.points.as_ref().is_some_and(SetPoints::is_moving);
+        shared.wait(REPORT_TIMEOUT, |state| state.report.filter(|(_, at)| *at >= asked_at).map(|_| Ok(()))).await?;
+        let state = shared.lock();
+        let (report, at) = state.report.ok_or_else(not_connected)?;
+        let moving = report.condition.moving || state.points.as_ref().is_some_and(SetPoints::is_moving);
         let condition = Condition { moving, in_position: !moving, ..report.condition };
         Ok(DeviceState { at, positions_rad: report.positions_rad, condition })
     }
@@ -194,32 +200,32 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
     async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
         let shared = self.shared()?;
         {
-            let mut desk = shared.desk();
-            let (report, _) = desk.report.ok_or_else(not_connected)?;
+            let mut state = shared.lock();
+            let (report, _) = state.report.ok_or_else(not_connected)?;
             if let Some(reason) = report.hindrance {
                 return Err(DeviceError::NotReady { reason: reason.to_owned() });
             }
-            (desk.armed, desk.is_stopped, desk.disarmed_by, desk.stop_not_taken) = (None, false, None, None);
-            (desk.arm_outcome, desk.to_arm) = (None, Some(watchdog));
+            (state.armed, state.is_stopped, state.disarmed_by, state.stop_not_taken) = (None, false, None, None);
+            (state.arm_outcome, state.to_arm) = (None, Some(watchdog));
         }
-        shared.wait(PATIENCE, |desk| desk.points.as_ref().and(desk.arm_outcome.clone())).await
+        shared.wait(ARM_TIMEOUT, |state| state.points.as_ref().and(state.arm_outcome.clone())).await
     }
 
     async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
         let shared = self.shared()?;
-        shared.desk().set_out(target)?;
+        shared.lock().set_out(target)?;
         shared.next_cycle().await?;
         // The controller may not have taken it.
-        shared.desk().fail_if_not_armed()
+        shared.lock().fail_if_not_armed()
     }
 
     async fn keep_alive(&mut self) -> Result<(), DeviceError> {
-        let mut desk = self.shared()?.desk();
-        desk.fail_if_failed()?;
-        if let Some(armed) = &mut desk.armed {
+        let mut state = self.shared()?.lock();
+        state.fail_if_failed()?;
+        if let Some(armed) = &mut state.armed {
             armed.fed_at = Instant::now();
         }
-        if desk.is_stopped { Ok(()) } else { desk.fail_if_not_armed() }
+        if state.is_stopped { Ok(()) } else { state.fail_if_not_armed() }
     }
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
@@ -227,20 +233,20 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
         let asked_at = Instant::now();
         loop {
             {
-                let mut desk = shared.desk();
-                desk.ramp_down();
-                (desk.to_arm, desk.stop_not_taken) = (None, None);
+                let mut state = shared.lock();
+                state.ramp_down();
+                (state.to_arm, state.stop_not_taken) = (None, None);
                 // A watchdog that lapsed before stays an error.
-                desk.is_stopped |= desk.armed.take().is_some();
+                state.is_stopped |= state.armed.take().is_some();
             }
             shared.next_cycle().await?;
             let sent_at = Instant::now();
             // The controller reports on: it has the answer, or did not take it.
             shared.next_cycle().await?;
-            let not_taken = shared.desk().stop_not_taken.clone();
+            let not_taken = shared.lock().stop_not_taken.clone();
             match not_taken {
                 None => return Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() }),
-                Some(error) if asked_at.elapsed() >= PERSISTENCE => return Err(error),
+                Some(error) if asked_at.elapsed() >= STOP_RETRY_TIME => return Err(error),
                 // Its own watchdog may stop it in the meantime.
                 Some(_) => {}
             }
@@ -248,66 +254,67 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
     }
 
     fn jitter(&self) -> Option<Jitter> {
-        self.thread.as_ref()?.desk().jitter.clone()
+        self.thread.as_ref()?.lock().jitter.clone()
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
         let Some(shared) = self.thread.take() else { return Ok(()) };
         shared.close();
-        shared.wait(PATIENCE, |desk| desk.is_over.then_some(Ok(()))).await
+        shared.wait(END_TIMEOUT, |state| state.is_over.then_some(Ok(()))).await
     }
 }
 
 impl<const N: usize> Shared<N> {
-    fn desk(&self) -> MutexGuard<'_, Desk<N>> {
+    fn lock(&self) -> MutexGuard<'_, SharedState<N>> {
         // A holder that panicked left whole values.
-        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn close(&self) {
-        let mut desk = self.desk();
-        desk.ramp_down();
-        (desk.armed, desk.to_arm, desk.is_closing) = (None, None, true);
+        let mut state = self.lock();
+        state.ramp_down();
+        (state.armed, state.to_arm) = (None, None);
+        state.closing_since.get_or_insert_with(Instant::now);
     }
 
     /// Waits until `found` finds something, looking after every cycle.
     async fn wait<T>(
         &self,
         patience: Duration,
-        found: impl Fn(&Desk<N>) -> Option<Result<T, DeviceError>>,
+        found: impl Fn(&SharedState<N>) -> Option<Result<T, DeviceError>>,
     ) -> Result<T, DeviceError> {
         let mut cycles = self.cycles.subscribe();
         let search = async {
             loop {
-                if let Some(outcome) = found(&self.desk()) {
+                if let Some(outcome) = found(&self.lock()) {
                     return outcome;
                 }
-                self.desk().fail_if_failed()?;
+                self.lock().fail_if_failed()?;
                 if cycles.changed().await.is_err() {
                     return Err(not_connected());
                 }
             }
         };
-        let silent = || self.desk().malformed.clone().unwrap_or(DeviceError::Silent { waited: patience });
+        let silent = || self.lock().malformed.clone().unwrap_or(DeviceError::Silent { waited: patience });
         timeout(patience, search).await.unwrap_or_else(|_| Err(silent()))
     }
 
     /// Waits until it is no longer to be armed.
     async fn arming_given_up(&self) {
-        while self.desk().to_arm.is_some() {
-            sleep(GLANCE).await;
+        while self.lock().to_arm.is_some() {
+            sleep(CHECK_INTERVAL).await;
         }
     }
 
     /// Waits until a cycle that begins from now on was answered.
     async fn next_cycle(&self) -> Result<(), DeviceError> {
         let asked_at = Instant::now();
-        let is_done = |desk: &Desk<N>| desk.order.is_none() && desk.report.is_some_and(|(_, at)| at >= asked_at);
-        self.wait(SILENCE, |desk| is_done(desk).then_some(Ok(()))).await
+        let is_done = |state: &SharedState<N>| state.order.is_none() && state.report.is_some_and(|(_, at)| at >= asked_at);
+        self.wait(REPORT_TIMEOUT, |state| is_done(state).then_some(Ok(()))).await
     }
 }
 
-impl<const N: usize> Desk<N> {
+impl<const N: usize> SharedState<N> {
     fn fail_if_failed(&self) -> Result<(), DeviceError> {
         match &self.failure {
             Some(failure) => Err(failure.clone()),
@@ -336,13 +343,21 @@ impl<const N: usize> Desk<N> {
             return refuse("it is still under way; wait until it has arrived");
         }
         let from_rad = points.at_rad();
-        if apart_rad(&from_rad, &report.positions_rad) > ASTRAY_RAD {
+        if apart_rad(&from_rad, &report.positions_rad) > MAX_FOLLOWING_ERROR_RAD {
             return refuse("it is not where it was led; see what holds it, and arm again");
         }
         points.go(target);
         self.order = Some(StreamOrder::Go { target: target.clone(), from_rad });
         self.is_under_order = true;
         Ok(())
+    }
+
+    /// Returns true while the link is needed: once it is to close, until the arm rests. A garbled datagram cuts no ramp short, but
+    /// garbage alone, or a controller that takes no set point in time, does not hold the link for ever.
+    fn is_wanted(&self, hears_something: bool) -> bool {
+        let Some(since) = self.closing_since else { return true };
+        let is_moving = self.points.as_ref().is_some_and(SetPoints::is_moving);
+        hears_something && is_moving && since.elapsed() < CLOSE_TIMEOUT
     }
 
     /// Leaves word to stop, armed or not; it stays until it is taken, and is left again where it was not.
@@ -362,8 +377,8 @@ impl<const N: usize> Desk<N> {
         }
     }
 
-    /// Gives up what does not follow: nothing is led on that it would jump to, nor goes on by itself once it follows again.
-    fn let_go(&mut self, held_rad: [f64; N], reason: &str) {
+    /// Gives up the set points of an arm that does not follow: once it follows again, it neither jumps to them nor goes on by itself.
+    fn abandon_points(&mut self, held_rad: [f64; N], reason: &str) {
         self.disarm(reason);
         self.points = Some(SetPoints::still(held_rad));
         let is_to_stop = self.is_under_order || self.order == Some(StreamOrder::Stop);
@@ -378,7 +393,7 @@ impl<const N: usize> Desk<N> {
             self.disarm(NOT_FED);
         }
         if let Some(reason) = report.hindrance {
-            self.let_go(report.held_rad, reason);
+            self.abandon_points(report.held_rad, reason);
         }
         let points = self.points.get_or_insert_with(|| SetPoints::still(report.held_rad));
         if points.is_moving()
@@ -402,37 +417,36 @@ pub(super) fn apart_rad<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// The thread, until the session closes or the link breaks.
-fn lead<const N: usize, P: StreamedProtocol<N>>(protocol: &P, shared: &Shared<N>) {
+/// Work of the thread, until the session closes or the link breaks.
+fn run_link<const N: usize, P: StreamedProtocol<N>>(protocol: &P, shared: &Shared<N>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let outcome = match runtime {
-        Ok(runtime) => runtime.block_on(answer_all(protocol, shared)),
+        // A thread that is gone is not to be taken for a controller that is silent.
+        Ok(runtime) => catch_unwind(AssertUnwindSafe(|| runtime.block_on(answer_all(protocol, shared)))).unwrap_or_else(|_| {
+            Err(DeviceError::Closed { reason: "by a fault of this program's own; please report it".to_owned() })
+        }),
         Err(error) => Err(DeviceError::NotReady { reason: format!("no runtime for its cycle ({error}); free some resources") }),
     };
-    let mut desk = shared.desk();
-    desk.failure = outcome.err().or(desk.failure.take());
-    (desk.armed, desk.to_arm, desk.is_over) = (None, None, true);
-    drop(desk);
+    let mut state = shared.lock();
+    state.failure = outcome.err().or(state.failure.take());
+    (state.armed, state.to_arm, state.is_over) = (None, None, true);
+    drop(state);
     shared.cycles.send_modify(|cycles| *cycles += 1);
 }
 
 async fn answer_all<const N: usize, P: StreamedProtocol<N>>(protocol: &P, shared: &Shared<N>) -> Result<(), DeviceError> {
     let (identity, mut link) = protocol.open().await?;
-    shared.desk().identity = Some(identity);
+    shared.lock().identity = Some(identity);
     let cycle = link.cycle();
     loop {
-        let report = timeout(GLANCE, link.report()).await;
-        let is_wanted = {
-            let desk = shared.desk();
-            !desk.is_closing || report.is_ok() && desk.points.as_ref().is_some_and(SetPoints::is_moving)
-        };
-        if !is_wanted {
+        let report = timeout(CHECK_INTERVAL, link.report()).await;
+        if !shared.lock().is_wanted(report.is_ok()) {
             link.close().await;
             return Ok(());
         }
         match report {
             Ok(Ok(report)) => answer_one(&mut link, shared, report, cycle).await?,
-            Ok(Err(malformed @ DeviceError::Malformed { .. })) => shared.desk().malformed = Some(malformed),
+            Ok(Err(malformed @ DeviceError::Malformed { .. })) => shared.lock().malformed = Some(malformed),
             Ok(Err(error)) => return Err(error),
             Err(_) => {}
         }
@@ -445,20 +459,20 @@ async fn answer_one<const N: usize, L: StreamedLink<N>>(
     report: StreamedReport<N>,
     cycle: Duration,
 ) -> Result<(), DeviceError> {
-    let to_arm = shared.desk().to_arm;
+    let to_arm = shared.lock().to_arm;
     if let Some(watchdog) = to_arm {
         arm_one(link, shared, &report, watchdog).await;
         if !L::ALWAYS_FOLLOWS {
             return Ok(());
         }
     }
-    let step = shared.desk().step(report, cycle);
+    let step = shared.lock().step(report, cycle);
     match link.answer(&step).await {
         Err(DeviceError::NotReady { reason }) => {
-            let mut desk = shared.desk();
-            desk.let_go(report.held_rad, &reason);
+            let mut state = shared.lock();
+            state.abandon_points(report.held_rad, &reason);
             if step.order == Some(StreamOrder::Stop) {
-                desk.stop_not_taken = Some(DeviceError::NotReady { reason });
+                state.stop_not_taken = Some(DeviceError::NotReady { reason });
             }
         }
         answered => answered?,
@@ -475,9 +489,9 @@ async fn arm_one<const N: usize, L: StreamedLink<N>>(
     watchdog: Duration,
 ) {
     let not_ready = |reason: &str| Err(DeviceError::NotReady { reason: reason.to_owned() });
-    let led_rad = shared.desk().points.as_ref().filter(|_| L::ALWAYS_FOLLOWS).map(SetPoints::at_rad);
-    let is_astray = led_rad.is_some_and(|led_rad| apart_rad(&led_rad, &report.positions_rad) > ASTRAY_RAD);
-    let outcome = if is_astray {
+    let commanded_rad = shared.lock().points.as_ref().filter(|_| L::ALWAYS_FOLLOWS).map(SetPoints::at_rad);
+    let is_off = commanded_rad.is_some_and(|at_rad| apart_rad(&at_rad, &report.positions_rad) > MAX_FOLLOWING_ERROR_RAD);
+    let outcome = if is_off {
         not_ready("it is not where it was led; bring it there, or connect anew")
     } else {
         tokio::select! {
@@ -486,14 +500,14 @@ async fn arm_one<const N: usize, L: StreamedLink<N>>(
             outcome = link.arm(watchdog) => outcome,
         }
     };
-    let mut desk = shared.desk();
-    if desk.to_arm.take().is_some() && outcome.is_ok() {
-        desk.armed = Some(Armed { watchdog, fed_at: Instant::now() });
+    let mut state = shared.lock();
+    if state.to_arm.take().is_some() && outcome.is_ok() {
+        state.armed = Some(Armed { watchdog, fed_at: Instant::now() });
     }
-    desk.arm_outcome = Some(outcome);
+    state.arm_outcome = Some(outcome);
     if !L::ALWAYS_FOLLOWS {
         // Arming takes its time: the arm holds what it reports next, not what was reported before.
-        desk.points = None;
+        state.points = None;
     }
 }
 

@@ -13,7 +13,7 @@ const LATE: Duration = Duration::from_secs(4);
 /// # Errors
 /// [`DeviceError::Unsupported`]: below 1 or above `max`, or so much slower once it is a whole number that a turn of `duration` comes too
 /// late for the run that waits for it.
-pub(super) fn whole(speed: f64, unit: &str, max: f64, duration: Duration) -> Result<u32, DeviceError> {
+pub(super) fn whole_units(speed: f64, unit: &str, max: f64, duration: Duration) -> Result<u32, DeviceError> {
     // 8.999999 of 9 is rounding.
     let whole = (speed * (1.0 + 1e-9)).floor();
     let refuse = |reason: String| Err(DeviceError::Unsupported { what: format!("turn at {speed:.2} {unit}; {reason}") });
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn a_speed_becomes_a_whole_number_or_is_refused() {
-        let whole = |speed: f64, secs: u64| whole(speed, "r/min", 6500.0, Duration::from_secs(secs));
+        let whole = |speed: f64, secs: u64| whole_units(speed, "r/min", 6500.0, Duration::from_secs(secs));
         for (speed, wanted) in [(180.0, 180), (0.05 * 180.0, 9), (8.999_999_999_9, 9), (100.9, 100), (1.2, 1), (1.0, 1)] {
             assert_eq!(whole(speed, 300), Ok(wanted), "{speed}");
         }

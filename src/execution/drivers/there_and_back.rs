@@ -36,6 +36,29 @@ impl WireLog for KeptBytes {
     }
 }
 
+/// A log of the words among the bytes.
+#[derive(Default)]
+pub(super) struct KeptWords(Mutex<Vec<String>>);
+
+impl KeptWords {
+    pub(super) fn new() -> Arc<Self> {
+        Arc::default()
+    }
+
+    /// Words that were noted, each behind the device.
+    pub(super) fn noted(&self) -> Vec<String> {
+        self.0.lock().expect("a log").clone()
+    }
+}
+
+impl WireLog for KeptWords {
+    fn record(&self, _device: &'static str, _direction: Direction, _bytes: &[u8]) {}
+
+    fn note(&self, device: &'static str, words: &str) {
+        self.0.lock().expect("a log").push(format!("{device}: {words}"));
+    }
+}
+
 pub(super) fn target<const N: usize>(sequence: u64, positions_rad: [f64; N], duration: Duration) -> Target<N> {
     Target { sequence, positions_rad, max_speed_rad_s: [1.0; N], max_acceleration_rad_s2: [5.0; N], duration }
 }

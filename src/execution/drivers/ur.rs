@@ -1,10 +1,11 @@
 //! Universal Robots arms: the state comes by RTDE, motion goes to a program that this driver sends to the controller when it is
 //! armed, and that connects back. The program stops the arm by itself when no command came within the watchdog's time.
 
-use std::net::SocketAddr;
+use std::io;
+use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpStream, lookup_host};
 use tokio::time::timeout;
 
 use super::set_points::Rates;
@@ -14,11 +15,12 @@ use crate::cell::{UrControllerSpec, UrMotion};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, Target};
 use crate::execution::protocol::ur::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState, VERSION};
 use crate::execution::protocol::ur::{ServoTuning, UrCommand, program_text};
+use crate::geometry::listed;
 
-/// Longest time of attempts to connect.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest time of attempts to connect, and of the program's way back.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Longest wait for an answer.
-const ANSWER: Duration = Duration::from_secs(2);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest time in which the program takes a command and acknowledges it: a stop waits behind it.
 const COMMAND_TAKEN: Duration = STOP_WAIT;
 /// Reports in a row without a running program after which it has ended.
@@ -69,7 +71,7 @@ impl StreamedProtocol<6> for UniversalRobots {
 
     async fn open(&self) -> Result<(Identity, Self::Link), DeviceError> {
         let mut rtde =
-            Rtde { connection: self.wiring.connect(&self.spec.address, PATIENCE).await?, unread: Vec::new(), recipe: 0 };
+            Rtde { connection: self.wiring.connect(&self.spec.address, CONNECT_TIMEOUT).await?, unread: Vec::new(), recipe: 0 };
         let version = rtde.greet(f64::from(self.spec.rate_hz)).await?;
         let firmware = Some(version.map(|number| number.to_string()).join("."));
         let identity =
@@ -197,18 +199,15 @@ impl UniversalRobots {
     /// Sends the program, and waits until it connects back.
     async fn start_program(&self, watchdog: Duration) -> Result<Connection, DeviceError> {
         let reverse = self.spec.reverse_address;
-        let unbound = |error: std::io::Error| DeviceError::Unbound { address: reverse.to_string(), reason: error.to_string() };
-        let closed = |error: std::io::Error| DeviceError::Closed { reason: error.to_string() };
+        let unbound = |error: io::Error| DeviceError::Unbound { address: reverse.to_string(), reason: error.to_string() };
+        let closed = |error: io::Error| DeviceError::Closed { reason: error.to_string() };
+        let mut expected = ExpectedPeer { hosts: self.hosts().await?, refused: None };
         let listener = TcpListener::bind(reverse).await.map_err(unbound)?;
         let reverse = listener.local_addr().map_err(unbound)?;
-        let mut script = self.wiring.connect(&self.spec.script_address, PATIENCE).await?;
+        let mut script = self.wiring.connect(&self.spec.script_address, CONNECT_TIMEOUT).await?;
         script.send(self.program(reverse, watchdog).as_bytes()).await?;
-        let (stream, _) = timeout(PATIENCE, listener.accept())
-            .await
-            .map_err(|_| DeviceError::NotReady {
-                reason: format!("its program did not connect to {reverse}; set the arm to remote control and check the address"),
-            })?
-            .map_err(closed)?;
+        let accepted = timeout(CONNECT_TIMEOUT, self.accept(&listener, &mut expected)).await;
+        let stream = accepted.map_err(|_| expected.did_not_connect(reverse))?.map_err(closed)?;
         stream.set_nodelay(true).map_err(closed)?;
         // A move that the network holds up would arrive after the program was given up, and be carried out.
         stream.set_zero_linger().map_err(closed)?;
@@ -216,9 +215,62 @@ impl UniversalRobots {
         Ok(self.wiring.connection(Box::new(stream)))
     }
 
+    /// Hosts that the controller has by the cell file.
+    async fn hosts(&self) -> Result<Vec<IpAddr>, DeviceError> {
+        let mut hosts = Vec::new();
+        for address in [&self.spec.address, &self.spec.script_address] {
+            let unreachable = |error: io::Error| DeviceError::Unreachable { address: address.clone(), reason: error.to_string() };
+            hosts.extend(lookup_host(address).await.map_err(unreachable)?.map(|found| found.ip().to_canonical()));
+        }
+        hosts.sort_unstable();
+        hosts.dedup();
+        Ok(hosts)
+    }
+
+    /// Waits for the controller's program, and refuses whoever connects from elsewhere: it would be given the commands, and acknowledge
+    /// the stops, in place of the arm. The first is noted.
+    async fn accept(&self, listener: &TcpListener, expected: &mut ExpectedPeer) -> io::Result<TcpStream> {
+        loop {
+            let (stream, peer) = listener.accept().await?;
+            let host = peer.ip().to_canonical();
+            if expected.hosts.contains(&host) {
+                return Ok(stream);
+            }
+            if expected.refused.replace(host).is_none() {
+                let words = format!("a connection from {peer} to its program's port is refused: {}", expected.place());
+                self.wiring.log.note(self.wiring.device, &words);
+            }
+        }
+    }
+
     fn program(&self, reverse: SocketAddr, watchdog: Duration) -> String {
         let tuning = ServoTuning { lookahead_ms: self.spec.lookahead_ms, gain: self.spec.gain };
         program_text(self.spec.motion, tuning, reverse, watchdog)
+    }
+}
+
+/// Hosts that the arm's program may connect from.
+struct ExpectedPeer {
+    hosts: Vec<IpAddr>,
+    /// Latest host that connected and is none of them.
+    refused: Option<IpAddr>,
+}
+
+impl ExpectedPeer {
+    fn place(&self) -> String {
+        let hosts: Vec<String> = self.hosts.iter().map(IpAddr::to_string).collect();
+        format!("the controller is at {}", listed(&hosts))
+    }
+
+    fn did_not_connect(&self, reverse: SocketAddr) -> DeviceError {
+        let reason = match self.refused {
+            None => format!("its program did not connect to {reverse}; set the arm to remote control and check the address"),
+            Some(host) => {
+                let place = self.place();
+                format!("its program did not connect to {reverse}, but {host} did: {place}; give the controller's own address")
+            }
+        };
+        DeviceError::NotReady { reason }
     }
 }
 
@@ -248,7 +300,7 @@ impl Rtde {
         if reply == RtdeReply::Start(true) { Ok(version) } else { Err(refused("to send", &reply)) }
     }
 
-    /// Asks, and returns the first reply that is no message for people.
+    /// Asks, and returns the first reply that is not a message for people.
     async fn ask(&mut self, request: &RtdeRequest) -> Result<RtdeReply, DeviceError> {
         self.connection.send(&request.encode()).await?;
         let answer = async {
@@ -259,7 +311,7 @@ impl Rtde {
                 }
             }
         };
-        within(ANSWER, answer).await
+        within(ANSWER_TIMEOUT, answer).await
     }
 
     /// The next reply; may be dropped while it waits.
@@ -272,7 +324,7 @@ impl Rtde {
         }
     }
 
-    /// Takes the first reply out of what was received. Bytes that are no frame are thrown away: nothing tells where the next begins.
+    /// Takes the first reply out of what was received. Bytes that are not a frame are thrown away: nothing tells where the next begins.
     fn take(&mut self) -> Result<Option<RtdeReply>, DeviceError> {
         let first = RtdeFrame::first(&self.unread).map(|first| first.map(|(frame, length)| (RtdeReply::decode(frame), length)));
         match first {

@@ -15,6 +15,9 @@ use crate::planning::params::PlanParams;
 use crate::program::{Program, Step, interlock, scan_poses};
 use crate::testing::box_mesh;
 
+/// Flag of a search that nobody cancels.
+static NEVER: AtomicBool = AtomicBool::new(false);
+
 fn locating() -> Locating {
     let planned = planned();
     Locating {
@@ -38,7 +41,7 @@ fn off(x_mm: f64, y_mm: f64, deg: f64) -> Pose<Table, Part> {
 fn a_part_three_degrees_and_eight_millimetres_off_is_scanned_where_it_lies() {
     let (locating, program) = (locating(), &planned().program);
     for located in [off(8.0, 0.0, 3.0), off(-5.0, 6.0, -3.0), off(0.0, 8.0, 0.0)] {
-        let relocated = locating.relocate(program, &located).expect("within bounds");
+        let relocated = locating.relocate(program, &located, &NEVER).expect("within bounds");
         let poses = scan_poses(&relocated.program, &locating.cell, &located);
         let wanted = scan_poses(program, &locating.cell, &locating.planned.table_from_part);
         for (pose, wanted) in poses.iter().zip(wanted) {
@@ -53,7 +56,7 @@ fn a_part_three_degrees_and_eight_millimetres_off_is_scanned_where_it_lies() {
 
 #[test]
 fn a_turn_about_the_plates_axis_is_the_tables_alone() {
-    let relocated = locating().relocate(&planned().program, &off(0.0, 0.0, 4.0)).expect("within bounds");
+    let relocated = locating().relocate(&planned().program, &off(0.0, 0.0, 4.0), &NEVER).expect("within bounds");
     let stations = crate::program::scan_configurations(&relocated.program);
     for (station, planned) in stations.iter().zip(crate::program::scan_configurations(&planned().program)) {
         assert!((station.table_rad - planned.table_rad + 4.0_f64.to_radians()).abs() < 1e-9);
@@ -63,12 +66,13 @@ fn a_turn_about_the_plates_axis_is_the_tables_alone() {
 
 #[test]
 fn a_part_too_far_off_is_said_how_to_put_right() {
-    let refusal = |located| locating().relocate(&planned().program, &located).expect_err("too far").to_string();
+    let refusal = |located| locating().relocate(&planned().program, &located, &NEVER).expect_err("too far").to_string();
     let words = refusal(off(30.0, 0.0, 0.0));
     assert!(words.contains("30.0 mm") && words.contains("move it 30.0 mm towards −x"), "{words}");
     let words = refusal(off(0.0, 0.0, 6.0));
     assert!(words.contains("6.0°") && words.contains("turn it 6.0° clockwise"), "{words}");
-    assert!(matches!(locating().relocate(&planned().program, &off(f64::NAN, 0.0, 0.0)), Err(Misplaced::TooFar { .. })));
+    let nowhere = locating().relocate(&planned().program, &off(f64::NAN, 0.0, 0.0), &NEVER);
+    assert!(matches!(nowhere, Err(Misplaced::TooFar { .. })));
 }
 
 /// The part hangs down over the plate's rim, and a quarter turn away a wall of the table stands 5 mm beside its path.
@@ -79,7 +83,7 @@ fn a_part_that_lies_where_it_runs_into_the_table_as_that_turns_is_refused() {
     let cell = Arc::new(Cell { table_bodies: vec![wall], ..Cell::clone(&planned().cell) });
     let part = Arc::new(box_mesh([200.0, -10.0, -50.0], [240.0, 10.0, 50.0]));
     let locating = Locating { cell, part, coverage: None, ..locating() };
-    let relocated = |located| locating.relocate(&planned().program, &located).map(|_| ());
+    let relocated = |located| locating.relocate(&planned().program, &located, &NEVER).map(|_| ());
     assert_eq!(relocated(off(0.0, 0.0, 0.0)), Ok(()));
     let words = relocated(off(8.0, 0.0, 0.0)).expect_err("into the wall").to_string();
     assert!(words.contains("wall and part meet") && words.contains("move it 8.0 mm towards −x"), "{words}");
@@ -90,7 +94,7 @@ fn a_search_that_is_cancelled_ends_without_a_program() {
     let relocated = |cancelled: bool| {
         let flag = AtomicBool::new(cancelled);
         let locating = Locating { coverage: None, ..locating() };
-        locating.relocate_unless(&planned().program, &off(8.0, 0.0, 3.0), &flag).map(|_| ())
+        locating.relocate(&planned().program, &off(8.0, 0.0, 3.0), &flag).map(|_| ())
     };
     assert_eq!([relocated(false), relocated(true)], [Ok(()), Err(Misplaced::Cancelled)]);
 }
@@ -103,7 +107,7 @@ struct Endless {
 }
 
 impl Relocate for Endless {
-    fn relocate_unless(&self, _: &Program, _: &Pose<Table, Part>, cancelled: &AtomicBool) -> Result<Relocated, Misplaced> {
+    fn relocate(&self, _: &Program, _: &Pose<Table, Part>, cancelled: &AtomicBool) -> Result<Relocated, Misplaced> {
         self.began.store(true, Ordering::Relaxed);
         while !cancelled.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(1));

@@ -20,14 +20,14 @@ pub const MAX_MESSAGE_BYTES: usize = 64 << 10;
 /// End of a message.
 const END: u8 = b';';
 
-/// Reason why bytes are no message, or a message is none of this protocol.
+/// Reason why bytes are not a message, or a message is not of this protocol.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HansSyntax {
     /// Too many bytes without an end.
     #[error("{MAX_MESSAGE_BYTES} bytes without `;`")]
     TooLong,
     /// Bytes that are not printable ASCII.
-    #[error("bytes that are no text")]
+    #[error("bytes that are not text")]
     NotText,
     /// A command that is not known here.
     #[error("command {0:?}")]

@@ -17,13 +17,13 @@ const JSON_HEADER_BYTES: usize = 12;
 /// Longest JSON frame.
 const MAX_JSON_FRAME_BYTES: usize = 1 << 20;
 
-/// Reason why bytes are no frame.
+/// Reason why bytes are not a frame.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HansFrameError {
     /// A header with other numbers.
     #[error("the header {0:08x?}")]
     Header(Vec<u32>),
-    /// A payload that is no JSON of this shape.
+    /// A payload that is not JSON of this shape.
     #[error("its JSON: {0}")]
     Json(String),
 }
@@ -51,14 +51,21 @@ pub struct HansRealtimeState {
     pub fsm: i32,
 }
 
-/// Offsets of what is read of a binary frame.
+/// Offset of the commanded joints in a binary frame, bytes.
 const TARGET: usize = 16;
+/// Offset of their speeds.
 const TARGET_SPEED: usize = TARGET + 48;
+/// Offset of the measured joints.
 const ACTUAL: usize = TARGET + 5 * 48;
+/// Offset of the measured speeds.
 const ACTUAL_SPEED: usize = ACTUAL + 48;
+/// Offset of the measured pose of the tool.
 const ACTUAL_TOOL: usize = TARGET + 12 * 48;
+/// Offset of the share of the speed.
 const SCALING: usize = TARGET + 18 * 48 + 16;
+/// Offset of the controller's time.
 const TIME: usize = SCALING + 8 + 3 * 8;
+/// Offset of the number of the controller's state.
 const FSM: usize = TIME + 8;
 
 impl HansRealtimeState {

@@ -144,7 +144,7 @@ struct Element<'a> {
 
 /// Elements of a telegram whose root is `root`: one pass, nothing kept.
 fn elements<'a>(telegram: &'a [u8], root: &str) -> Result<impl Iterator<Item = Result<Element<'a>, DeviceError>>, DeviceError> {
-    let text = std::str::from_utf8(telegram).map_err(|_| malformed("a telegram that is no text"))?;
+    let text = std::str::from_utf8(telegram).map_err(|_| malformed("a telegram that is not text"))?;
     if telegram.len() > MAX_TELEGRAM_BYTES {
         return Err(malformed("a telegram longer than a datagram"));
     }
@@ -215,7 +215,7 @@ impl Finite for f64 {
 
 fn finite<T: Finite>(name: &str, value: &str) -> Result<T, DeviceError> {
     let short: String = value.chars().take(20).collect();
-    value.parse().ok().filter(T::is_number).ok_or_else(|| malformed(format!("{name} with {short:?}, no number")))
+    value.parse().ok().filter(T::is_number).ok_or_else(|| malformed(format!("{name} with {short:?}, not a number")))
 }
 
 #[cfg(test)]

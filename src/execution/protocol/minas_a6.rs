@@ -2,8 +2,6 @@
 //!
 //! Source: Panasonic SX-DSV03384 R2.2, "Modbus communication & Block operation"; numbers of its sections in parentheses.
 
-use crate::cell::WordOrder;
-
 /// Coils (2-1-4-3).
 pub mod coil {
     /// Servo on.
@@ -120,8 +118,9 @@ pub enum BlockTravel {
     Absolute(i32),
 }
 
-/// Codes of commands.
+/// Code of a block that moves by a distance.
 const RELATIVE: u8 = 0x01;
+/// Code of a block that moves to a position.
 const ABSOLUTE: u8 = 0x02;
 /// Transition when the block has ended, and on to the next one (argument 5).
 const FOLLOWED: u8 = 0b11;
@@ -163,33 +162,6 @@ impl MoveBlock {
     pub const fn register(block: u8) -> u16 {
         register::BLOCKS + 4 * block as u16
     }
-}
-
-/// Registers of 32-bit values.
-#[must_use]
-pub fn registers_of(values: &[i32], order: WordOrder) -> Vec<u16> {
-    let words = |value: &i32| {
-        let [a, b, c, d] = value.to_be_bytes();
-        let (high, low) = (u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d]));
-        match order {
-            WordOrder::LowFirst => [low, high],
-            WordOrder::HighFirst => [high, low],
-        }
-    };
-    values.iter().flat_map(words).collect()
-}
-
-/// 32-bit values of registers; a register left over is left.
-#[must_use]
-pub fn values_of(registers: &[u16], order: WordOrder) -> Vec<i32> {
-    let value = |pair: &[u16]| {
-        let (high, low) = match order {
-            WordOrder::LowFirst => (pair[1], pair[0]),
-            WordOrder::HighFirst => (pair[0], pair[1]),
-        };
-        (u32::from(high) << 16 | u32::from(low)).cast_signed()
-    };
-    registers.chunks_exact(2).map(value).collect()
 }
 
 /// Text of registers: two characters each, the first one in the low byte; what is not printable is left out.

@@ -7,9 +7,10 @@
 
 mod frame;
 
+use crate::cell::WordOrder;
 pub use frame::{MAX_TCP_PDU_BYTES, ModbusAdu, ModbusFraming, ModbusSide, crc};
 
-/// Most coils and registers of one request.
+/// Largest number of coils read at once.
 pub const MAX_READ_COILS: u16 = 2000;
 /// Largest number of registers read at once.
 pub const MAX_READ_REGISTERS: u16 = 125;
@@ -83,13 +84,13 @@ pub enum ModbusReply {
     Exception(u8),
 }
 
-/// Reason why bytes are no frame, no request or no answer to the request.
+/// Reason why bytes are not a frame, a request or the answer to a request.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ModbusError {
     /// A checksum that does not fit.
     #[error("a frame with a wrong checksum")]
     Checksum,
-    /// A header with a length or a protocol that there is not.
+    /// A header with a length or a protocol that does not exist.
     #[error("a header with a wrong length or protocol")]
     Header,
     /// A function that is not known here.
@@ -205,6 +206,33 @@ impl ModbusRequest {
             ModbusReply::Exception(code) => vec![self.function() | EXCEPTION, *code],
         }
     }
+}
+
+/// Registers of 32-bit values.
+#[must_use]
+pub fn registers_of(values: &[i32], order: WordOrder) -> Vec<u16> {
+    let words = |value: &i32| {
+        let [a, b, c, d] = value.to_be_bytes();
+        let (high, low) = (u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d]));
+        match order {
+            WordOrder::LowFirst => [low, high],
+            WordOrder::HighFirst => [high, low],
+        }
+    };
+    values.iter().flat_map(words).collect()
+}
+
+/// 32-bit values of registers; a register left over is left.
+#[must_use]
+pub fn values_of(registers: &[u16], order: WordOrder) -> Vec<i32> {
+    let value = |pair: &[u16]| {
+        let (high, low) = match order {
+            WordOrder::LowFirst => (pair[1], pair[0]),
+            WordOrder::HighFirst => (pair[0], pair[1]),
+        };
+        (u32::from(high) << 16 | u32::from(low)).cast_signed()
+    };
+    registers.chunks_exact(2).map(value).collect()
 }
 
 /// Words for the code of an exception.

@@ -94,7 +94,7 @@ pub enum StopCause {
     Audit(String),
     /// Part too far from where it was planned.
     Misplaced(String),
-    /// Link lost, or an answer that is none.
+    /// Link lost, or a malformed answer.
     Device {
         /// Device.
         device: DeviceRole,
@@ -202,6 +202,7 @@ const fn is_lost(error: &DeviceError) -> bool {
             | DeviceError::Unbound { .. }
             | DeviceError::Closed { .. }
             | DeviceError::Silent { .. }
+            | DeviceError::Unanswered { .. }
             | DeviceError::Stale { .. }
     )
 }
@@ -279,6 +280,9 @@ impl fmt::Display for Listed<'_> {
     }
 }
 
+/// Words of a run whose stop was sent.
+const AWAITS_REST: &str = "the run waits until arm and table are at rest: keep clear";
+
 /// Reason of the state that a run is in.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RunReason {
@@ -292,6 +296,8 @@ pub enum RunReason {
     UnderWay,
     /// Paused.
     Paused(PauseCause),
+    /// Stop that was sent, with the cause of the end that follows; with none for a pause. Rest of arm and table is awaited.
+    Stopping(Option<StopCause>),
     /// Done: every step.
     AllSteps,
     /// Done: devices were read, as a dry run does.
@@ -313,6 +319,7 @@ impl RunReason {
             Self::Paused(PauseCause::SingleStep) => "single_step",
             Self::Paused(PauseCause::Trigger { .. }) => "trigger_silent",
             Self::Paused(PauseCause::Locating) => "locating",
+            Self::Stopping(_) => "stopping",
             Self::AllSteps => "all_steps",
             Self::Read => "read",
             Self::Ended(cause) => cause.code(),
@@ -333,6 +340,8 @@ impl fmt::Display for RunReason {
                 write!(f, "the capture of viewpoint {view} (step {step}) was not acknowledged: {error}; resume to take it again")
             }
             Self::Paused(PauseCause::Locating) => write!(f, "the locating scan is taken; tell where the part lies"),
+            Self::Stopping(None) => write!(f, "a stop was sent for a pause; {AWAITS_REST}"),
+            Self::Stopping(Some(cause)) => write!(f, "a stop was sent; {AWAITS_REST}. Cause: {cause}"),
             Self::AllSteps => write!(f, "every step is done"),
             Self::Read => write!(f, "the devices were read; nothing was moved"),
             Self::Ended(cause) => write!(f, "{cause}"),
@@ -343,6 +352,7 @@ impl fmt::Display for RunReason {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::CalibrationObjection;
     use crate::execution::session::lease::Fence;
 
     /// Ctrl-C on the command line was told as "a client asked for it".
@@ -376,6 +386,10 @@ mod tests {
             (StopCause::Objections(vec![Objection::OutsideLimits { axis: 7, angle_deg: 400.0 }]), "the table would go to"),
             (StopCause::Objections(vec![Objection::TooFast { axis: 3 }]), "axis 3 of the arm would be quicker"),
             (StopCause::Objections(vec![Objection::OutsideWorkspace { at_mm: [1.0, 2.0, 3.0] }]), "[1, 2, 3] mm"),
+            (StopCause::Objections(vec![Objection::NoSuchStep { step: 9, steps: 3 }]), "no step 9"),
+            (StopCause::Objections(vec![Objection::Calibration(CalibrationObjection::OtherPose)]), "flange_from_scanner"),
+            (StopCause::Audit("full".to_owned()), "the audit log"),
+            (StopCause::Internal("a panic".to_owned()), "this program's own"),
         ] {
             let told = cause.to_string();
             let next = told.split_once("; ").map(|(_, next)| next.trim());

@@ -3,6 +3,7 @@
 
 use std::f64::consts::PI;
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,20 +19,33 @@ use crate::program::{Expected, Finding, Program, check};
 /// Largest distance beyond the workspace that goes unseen between two points at which it is asked, mm: our choice, far below what
 /// the tolerances of position let pass.
 const WORKSPACE_MARGIN_MM: f64 = 0.1;
-/// Numbers that went through degrees or a quotient differ by less, as a share.
+/// Largest rounding of a number that went through degrees or a quotient, as a share of it.
 const ROUNDING: f64 = 1e-9;
+/// Seconds of an hour.
 const SECS_PER_HOUR: f64 = 3600.0;
+
+/// Shares of the program's speed that a client may ask for.
+pub const OVERRIDES: RangeInclusive<f64> = 0.01..=1.0;
+
+/// Refusal of a speed override outside of [`OVERRIDES`], in words.
+pub(super) struct OverrideRefusal(pub(super) f64);
+
+impl fmt::Display for OverrideRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the speed override is {}; allowed is {} to {}", self.0, OVERRIDES.start(), OVERRIDES.end())
+    }
+}
 
 /// Limits that a session keeps; from the cell file alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Safeguards {
     /// Time that the devices' own watchdogs are set to.
     pub watchdog: Duration,
-    /// Age from which on a state is none.
+    /// Age beyond which a measured state is stale.
     pub state_max_age: Duration,
     /// Largest distance of any axis from a target that is reached.
     pub position_tolerance_rad: f64,
-    /// Largest distance of any axis from the way that a run or a segment begins on.
+    /// Largest distance of any axis from the path where a run or a segment begins.
     pub start_tolerance_rad: f64,
     /// Largest distance of any axis from its straight way while moving.
     pub path_tolerance_rad: f64,
@@ -189,8 +203,10 @@ pub enum Objection {
     Override(f64),
     /// A device that moves already.
     Moves(DeviceRole),
-    /// A number that is none.
-    NotFinite,
+    /// A measured angle that is NaN or infinite.
+    MeasuredNotFinite,
+    /// A target with a number that is NaN or infinite.
+    TargetNotFinite,
     /// Beyond the limits of an axis.
     OutsideLimits {
         /// Axis, 1 to 6, or 7 for the table.
@@ -232,10 +248,18 @@ impl fmt::Display for Objection {
                 )
             }
             Self::Calibration(objection) => objection.fmt(f),
-            Self::NoSuchStep { step, steps } => write!(f, "there is no step {step}; the program has {steps}, from 0"),
-            Self::Override(value) => write!(f, "the speed override is {value}; allowed is 0.01 to 1"),
+            Self::NoSuchStep { step, steps } => {
+                write!(f, "there is no step {step}: the program has {steps}, counted from 0; begin with one of them")
+            }
+            Self::Override(value) => OverrideRefusal(*value).fmt(f),
             Self::Moves(device) => write!(f, "the {device} moves already; wait until it stands still"),
-            Self::NotFinite => write!(f, "a target has an angle that is no number; plan again"),
+            Self::MeasuredNotFinite => write!(
+                f,
+                "the controller reports an angle that is not a number; check its link, then start a new run from this step"
+            ),
+            Self::TargetNotFinite => {
+                write!(f, "a target has an angle, a speed or an acceleration that is not a number; plan again")
+            }
             Self::OutsideLimits { axis, angle_deg } => {
                 write!(f, "{} would go to {angle_deg:.3}°, beyond its limits; plan again with this cell", AxisName(*axis))
             }
@@ -305,20 +329,18 @@ pub(super) fn to_run(job: &RunJob, from_step: usize, speed_override: f64) -> Vec
     if from_step >= steps.max(1) {
         found.push(Objection::NoSuchStep { step: from_step, steps });
     }
-    if !is_override(speed_override) {
+    if !OVERRIDES.contains(&speed_override) {
         found.push(Objection::Override(speed_override));
     }
     found
 }
 
-/// Returns true for a share of the speed that a client may ask for.
-pub(super) fn is_override(value: f64) -> bool {
-    (0.01..=1.0).contains(&value)
-}
-
 /// Objection to beginning at `measured` where the way passes `nearest`.
 pub(super) fn to_start(measured: &Configuration, nearest: &Configuration, safeguards: &Safeguards) -> Option<Objection> {
     let (axis, off_rad) = furthest_axis(measured, nearest);
+    if !off_rad.is_finite() {
+        return Some(Objection::MeasuredNotFinite);
+    }
     let allowed_deg = safeguards.start_tolerance_rad.to_degrees();
     (off_rad > safeguards.start_tolerance_rad).then_some(Objection::OffStart { axis, off_deg: off_rad.to_degrees(), allowed_deg })
 }
@@ -331,9 +353,12 @@ pub(super) fn to_target(
     safeguards: &Safeguards,
 ) -> Option<Objection> {
     let to = Configuration::from_axes_rad(target.positions_rad);
-    let numbers = target.positions_rad.iter().chain(&target.max_speed_rad_s).chain(&target.max_acceleration_rad_s2);
-    if numbers.chain(&measured.axes_rad()).any(|number| !number.is_finite()) {
-        return Some(Objection::NotFinite);
+    let mut numbers = target.positions_rad.iter().chain(&target.max_speed_rad_s).chain(&target.max_acceleration_rad_s2);
+    if !measured.axes_rad().iter().all(|angle| angle.is_finite()) {
+        return Some(Objection::MeasuredNotFinite);
+    }
+    if !numbers.all(|number| number.is_finite()) {
+        return Some(Objection::TargetNotFinite);
     }
     let axes = job.cell.axes();
     let limits = axes.0.iter().zip(target.positions_rad).enumerate();
@@ -396,10 +421,10 @@ fn reach_mm(cell: &Cell) -> [f64; 6] {
     std::array::from_fn(|joint| beyond_wrist_mm + (joint + 1..6).map(between_mm).sum::<f64>())
 }
 
-/// Axis that differs most, from 1, and by how much.
+/// Axis that differs most, from 1, and by how much; an angle that is not a number differs more than any.
 pub(super) fn furthest_axis(a: &Configuration, b: &Configuration) -> (usize, f64) {
     let turns = a.travel_rad(b).map(f64::abs).into_iter().enumerate();
-    turns.fold((1, 0.0), |most, (index, turn)| if turn > most.1 { (index + 1, turn) } else { most })
+    turns.fold((1, 0.0), |most, (index, turn)| if turn.total_cmp(&most.1).is_gt() { (index + 1, turn) } else { most })
 }
 
 #[cfg(test)]

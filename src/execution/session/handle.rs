@@ -1,4 +1,4 @@
-//! The steering of a run, for any number of clients; and the run's side of it. Stopping overtakes everything else.
+//! Control of a run by any number of clients, and the run's side of it. Stopping overtakes everything else.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -7,7 +7,7 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 use tokio::time::{Instant, timeout};
 
 use super::cause::{PauseCause, RunReason, StopCause};
-use super::gate::is_override;
+use super::gate::{OVERRIDES, OverrideRefusal};
 use super::lease::{Fence, LeaseError, Leases};
 use super::live::{Live, LiveEvent};
 use super::state::{RunState, RunStatus};
@@ -22,7 +22,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Reason why a command is not obeyed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CommandError {
-    /// The state does not allow it.
+    /// A command that the state does not allow.
     #[error("a run that is {} cannot be told to {command}", state.as_str())]
     NotNow {
         /// State of the run.
@@ -30,11 +30,22 @@ pub enum CommandError {
         /// Command, as a verb.
         command: &'static str,
     },
-    /// The token does not hold the cell's lease.
+    /// A command to a run that is being stopped.
+    #[error(
+        "a run that is being stopped cannot be told to {command}; wait until it has ended, then start a new run from the step \
+         that was reached. Cause of the stop: {cause}"
+    )]
+    Stopping {
+        /// Cause of the stop.
+        cause: StopCause,
+        /// Command, as a verb.
+        command: &'static str,
+    },
+    /// A token that does not hold the cell's lease.
     #[error(transparent)]
     Lease(#[from] LeaseError),
-    /// Out of range.
-    #[error("the speed override is {0}; allowed is 0.01 to 1")]
+    /// Speed override outside of the range of [`OVERRIDES`].
+    #[error("{}", OverrideRefusal(*.0))]
     Override(f64),
 }
 
@@ -83,7 +94,7 @@ pub(super) struct StopRequest {
     pub(super) at: Instant,
 }
 
-/// A run that was begun. Clones steer the same run; when the last is dropped, the run stops.
+/// A run that was begun. Clones control the same run; when the last is dropped, the run stops.
 #[derive(Clone, Debug)]
 pub struct RunHandle {
     commands: mpsc::Sender<Command>,
@@ -179,7 +190,7 @@ impl RunHandle {
         self.order(Order::Located(token, Box::new(table_from_part))).await
     }
 
-    /// Says that the client is there.
+    /// Takes a heartbeat of the client.
     ///
     /// # Errors
     /// [`CommandError::Lease`].
@@ -220,20 +231,25 @@ impl RunHandle {
     }
 
     async fn order(&self, order: Order) -> Result<(), CommandError> {
-        let refused = CommandError::NotNow { state: self.status().state, command: order.verb() };
+        let command = order.verb();
+        let refused = || match self.status() {
+            RunStatus { reason: RunReason::Stopping(Some(cause)), .. } => CommandError::Stopping { cause, command },
+            RunStatus { state, .. } => CommandError::NotNow { state, command },
+        };
+        if self.status().state.is_final() {
+            return Err(refused());
+        }
         let (answer, answered) = oneshot::channel();
-        let ended = |state: RunState| if state.is_final() { Err(refused.clone()) } else { Ok(()) };
-        ended(self.status().state)?;
-        self.commands.send(Command { order, answer }).await.map_err(|_| refused.clone())?;
-        let not_now = |_| CommandError::NotNow { state: self.status().state, command: "do that" };
-        answered.await.map_err(not_now)?
+        self.commands.send(Command { order, answer }).await.map_err(|_| refused())?;
+        // The run may be stopped, or end, before it hears the order.
+        answered.await.map_err(|_| refused())?
     }
 }
 
 impl Authority {
     fn check(&self, token: Option<Fence>) -> Result<(), CommandError> {
-        let stranger = LeaseError::Stranger { cell: self.cell.clone(), token: Fence(0) };
-        Ok(self.leases.check(&self.cell, token.ok_or(stranger)?)?)
+        let token = token.ok_or_else(|| LeaseError::NoToken { cell: self.cell.clone() })?;
+        Ok(self.leases.check(&self.cell, token)?)
     }
 }
 
@@ -338,6 +354,17 @@ impl Control {
         }
     }
 
+    /// Refuses the commands that wait to be heard, and those to come, at once: a run that is being stopped hears none.
+    pub(super) fn refuse_commands(&mut self) {
+        self.commands.close();
+        while self.commands.try_recv().is_ok() {}
+    }
+
+    /// Waits for a request to stop.
+    pub(super) async fn stop_requested(&mut self) -> StopRequest {
+        stop_requested(&mut self.stop).await
+    }
+
     /// [`Control::guard`] of work that takes or uses the right to move: lease and heartbeat are looked at all the while, for
     /// on a slow network the work outlasts them.
     pub(super) async fn guard_motion<T>(
@@ -396,7 +423,7 @@ impl Control {
             Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm() && self.token.is_none(), Some(*token)),
             Order::Pause => return self.fits(status.state == RunState::Running || self.is_to_go_on(status.state), order),
             Order::Resume(token) | Order::Step(token) => (is_between && !is_locating, *token),
-            Order::Override(token, value) if is_override(*value) => (!status.state.is_final(), *token),
+            Order::Override(token, value) if OVERRIDES.contains(value) => (!status.state.is_final(), *token),
             Order::Override(_, value) => return Err(CommandError::Override(*value)),
             // A pose is taken once: the program is made for it meanwhile.
             Order::Located(token, _) => (is_locating && !self.leaves_pause, *token),
@@ -407,7 +434,7 @@ impl Control {
         // A newer lease of the same cell does not take a run over.
         match (self.token, token) {
             (Some(own), Some(shown)) if own != shown => {
-                Err(LeaseError::Stranger { cell: authority.cell.clone(), token: shown }.into())
+                Err(LeaseError::WrongToken { cell: authority.cell.clone(), token: shown }.into())
             }
             (Some(_) | None, Some(_) | None) => Ok(()),
         }
@@ -454,3 +481,6 @@ async fn stop_requested(stop: &mut watch::Receiver<Option<StopRequest>>) -> Stop
     let request = stop.wait_for(Option::is_some).await.ok().and_then(|request| request.clone());
     request.unwrap_or_else(|| StopRequest { cause: StopCause::ServerGone, at: Instant::now() })
 }
+
+#[cfg(test)]
+mod tests;

@@ -37,7 +37,7 @@ pub struct Lease {
 /// Reason why a lease is not given, or no longer holds.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LeaseError {
-    /// Somebody else has it.
+    /// A cell whose lease another client holds.
     #[error("cell {cell} is leased to {} for another {} ms, longer if they renew it",
         if holder.is_empty() { "another client" } else { holder.as_str() }, remaining.as_millis())]
     Held {
@@ -48,7 +48,7 @@ pub enum LeaseError {
         /// Time to its end, unless renewed.
         remaining: Duration,
     },
-    /// The lease ran out.
+    /// A lease that ran out.
     #[error("the lease of cell {cell} with token {} ran out; take a new one", token.0)]
     Expired {
         /// Name of the cell.
@@ -56,25 +56,32 @@ pub enum LeaseError {
         /// Token that was shown.
         token: Fence,
     },
+    /// A command to move without a token.
+    #[error("moving cell {cell} needs the token of its lease; take the lease, and send its token with each command")]
+    NoToken {
+        /// Name of the cell.
+        cell: String,
+    },
     /// A token of another lease.
     #[error("token {} is not that of the lease of cell {cell}; take the lease first", token.0)]
-    Stranger {
+    WrongToken {
         /// Name of the cell.
         cell: String,
         /// Token that was shown.
         token: Fence,
     },
-    /// The lease was asked for a time that is not allowed.
-    #[error("a lease lasts {} to {} ms, not {} ms", MIN_TTL.as_millis(), MAX_TTL.as_millis(), .0.as_millis())]
+    /// A lease for a time that is not allowed.
+    #[error("a lease lasts {} to {} ms, not {} ms; set execution.lease_secs within that",
+        MIN_TTL.as_millis(), MAX_TTL.as_millis(), .0.as_millis())]
     Ttl(Duration),
 }
 
 /// Leases of all cells; cheap to clone, and the same for all clones.
 #[derive(Clone, Debug, Default)]
-pub struct Leases(Arc<Mutex<Book>>);
+pub struct Leases(Arc<Mutex<LeaseTable>>);
 
 #[derive(Debug, Default)]
-struct Book {
+struct LeaseTable {
     last: u64,
     of_cell: BTreeMap<String, Lease>,
 }
@@ -83,7 +90,7 @@ impl Leases {
     /// Leases whose tokens are all above `last`, the highest that was ever given.
     #[must_use]
     pub fn after(last: Fence) -> Self {
-        Self(Arc::new(Mutex::new(Book { last: last.0, of_cell: BTreeMap::new() })))
+        Self(Arc::new(Mutex::new(LeaseTable { last: last.0, of_cell: BTreeMap::new() })))
     }
 
     /// Gives the lease of a cell.
@@ -94,16 +101,16 @@ impl Leases {
         if !(MIN_TTL..=MAX_TTL).contains(&ttl) {
             return Err(LeaseError::Ttl(ttl));
         }
-        let (mut book, now) = (self.book(), Instant::now());
-        if let Some(held) = book.of_cell.get(cell).filter(|held| now < held.expires_at) {
+        let (mut table, now) = (self.table(), Instant::now());
+        if let Some(held) = table.of_cell.get(cell).filter(|held| now < held.expires_at) {
             let (cell, holder, remaining) = (held.cell.clone(), held.holder.clone(), held.expires_at - now);
             return Err(LeaseError::Held { cell, holder, remaining });
         }
-        book.of_cell.retain(|_, lease| now < lease.expires_at + KEPT_AFTER_END);
-        book.last += 1;
-        let (token, expires_at) = (Fence(book.last), now + ttl);
+        table.of_cell.retain(|_, lease| now < lease.expires_at + KEPT_AFTER_END);
+        table.last += 1;
+        let (token, expires_at) = (Fence(table.last), now + ttl);
         let lease = Lease { cell: cell.to_owned(), holder: holder.to_owned(), token, ttl, expires_at };
-        book.of_cell.insert(cell.to_owned(), lease.clone());
+        table.of_cell.insert(cell.to_owned(), lease.clone());
         Ok(lease)
     }
 
@@ -112,8 +119,8 @@ impl Leases {
     /// # Errors
     /// A lease that is not this token's any more, or has run out: it is not brought back to life.
     pub fn renew(&self, cell: &str, token: Fence) -> Result<Lease, LeaseError> {
-        let (mut book, now) = (self.book(), Instant::now());
-        let lease = book.valid(cell, token, now)?;
+        let (mut table, now) = (self.table(), Instant::now());
+        let lease = table.valid(cell, token, now)?;
         lease.expires_at = now + lease.ttl;
         Ok(lease.clone())
     }
@@ -123,36 +130,36 @@ impl Leases {
     /// # Errors
     /// A lease that is not this token's any more.
     pub fn release(&self, cell: &str, token: Fence) -> Result<(), LeaseError> {
-        let mut book = self.book();
-        book.valid(cell, token, Instant::now())?;
-        book.of_cell.remove(cell);
+        let mut table = self.table();
+        table.valid(cell, token, Instant::now())?;
+        table.of_cell.remove(cell);
         Ok(())
     }
 
     /// Refuses a token that does not hold the lease of the cell now.
     ///
     /// # Errors
-    /// [`LeaseError::Expired`] and [`LeaseError::Stranger`].
+    /// [`LeaseError::Expired`] and [`LeaseError::WrongToken`].
     pub fn check(&self, cell: &str, token: Fence) -> Result<(), LeaseError> {
-        self.book().valid(cell, token, Instant::now()).map(|_| ())
+        self.table().valid(cell, token, Instant::now()).map(|_| ())
     }
 
     /// The lease of a cell that holds now.
     #[must_use]
     pub fn current(&self, cell: &str) -> Option<Lease> {
-        self.book().of_cell.get(cell).filter(|lease| Instant::now() < lease.expires_at).cloned()
+        self.table().of_cell.get(cell).filter(|lease| Instant::now() < lease.expires_at).cloned()
     }
 
-    fn book(&self) -> MutexGuard<'_, Book> {
+    fn table(&self) -> MutexGuard<'_, LeaseTable> {
         // Every change is one assignment: what a panic leaves is whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Book {
+impl LeaseTable {
     fn valid(&mut self, cell: &str, token: Fence, now: Instant) -> Result<&mut Lease, LeaseError> {
-        let stranger = || LeaseError::Stranger { cell: cell.to_owned(), token };
-        let lease = self.of_cell.get_mut(cell).filter(|lease| lease.token == token).ok_or_else(stranger)?;
+        let wrong_token = || LeaseError::WrongToken { cell: cell.to_owned(), token };
+        let lease = self.of_cell.get_mut(cell).filter(|lease| lease.token == token).ok_or_else(wrong_token)?;
         if now < lease.expires_at { Ok(lease) } else { Err(LeaseError::Expired { cell: cell.to_owned(), token }) }
     }
 }

@@ -6,9 +6,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::{broadcast, watch};
 use tokio::time::Instant;
 
+use super::cause::RunReason;
 use super::state::{RunEvent, RunStatus};
 use crate::cell::Configuration;
-use crate::execution::record::StepRecord;
+use crate::execution::record::{DeviceStop, StepRecord};
 use crate::geometry::{Base, Pose, ScannerFrame};
 
 /// Events that are kept for replay: a minute at 20 Hz.
@@ -35,6 +36,8 @@ pub struct LiveEvent {
     pub base_from_scanner: Option<Pose<Base, ScannerFrame>>,
     /// Largest distance of an axis from its straight way, radians, while it moves.
     pub off_path_rad: Option<f64>,
+    /// Stop that ends the run, of arm and table, as far as it has got; none before it is sent, and once the run has ended.
+    pub stop: Option<[DeviceStop; 2]>,
 }
 
 /// Measured part of an event.
@@ -52,6 +55,7 @@ struct Last {
     step: Option<usize>,
     speed_override: f64,
     measurement: Measurement,
+    stop: Option<[DeviceStop; 2]>,
     /// Steps carried out.
     done: Vec<StepRecord>,
 }
@@ -69,7 +73,7 @@ pub(super) struct Live {
 impl Live {
     pub(super) fn new(steps: usize, speed_override: f64) -> Self {
         let (events, measurement, done) = (VecDeque::new(), Measurement::default(), Vec::new());
-        let last = Last { events, next_id: 1, step: None, speed_override, measurement, done };
+        let last = Last { events, next_id: 1, step: None, speed_override, measurement, stop: None, done };
         let live = Self {
             began: Instant::now(),
             steps,
@@ -97,9 +101,15 @@ impl Live {
     pub(super) fn happen(&self, event: RunEvent) -> bool {
         let next = self.status.borrow().after(event);
         let Some(next) = next else { return false };
+        let ends = matches!(next.reason, RunReason::Stopping(Some(_)));
         self.status.send_replace(next);
-        self.tell(|_| {});
+        self.tell(|last| last.stop = ends.then(<[DeviceStop; 2]>::default));
         true
+    }
+
+    /// Tells how far the stop that was sent has got.
+    pub(super) fn at_stop(&self, stop: &[DeviceStop; 2]) {
+        self.tell(|last| last.stop = Some(stop.clone()));
     }
 
     pub(super) fn at_step(&self, step: usize) {
@@ -154,6 +164,7 @@ impl Live {
             measured,
             base_from_scanner,
             off_path_rad,
+            stop: last.stop.clone(),
         };
         last.next_id += 1;
         last.events.push_back(event.clone());

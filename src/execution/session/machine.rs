@@ -7,6 +7,7 @@ use tokio::sync::Notify;
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::cause::DeviceRole;
+use super::runner::unless_panicking;
 use super::streamer::Jitter;
 use crate::cell::Configuration;
 use crate::execution::device::{
@@ -70,13 +71,13 @@ pub struct Identities {
     pub table: Identity,
 }
 
-/// Answers of both to a stop.
+/// Answers of both to a stop; `None` of one that was not asked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StopAnswers {
     /// The arm's.
-    pub arm: Result<StopAcknowledged, DeviceError>,
+    pub arm: Option<Result<StopAcknowledged, DeviceError>>,
     /// The table's.
-    pub table: Result<StopAcknowledged, DeviceError>,
+    pub table: Option<Result<StopAcknowledged, DeviceError>>,
 }
 
 /// Answers of both to being read.
@@ -120,8 +121,9 @@ pub trait Drive: Watch {
     /// kept alive until the other has.
     fn states_fed(&mut self, within: Duration) -> impl Future<Output = StateAnswers> + Send;
 
-    /// Asks both to stop, each within that time; the first to have answered is kept alive until the other has.
-    fn stop(&mut self, within: Duration) -> impl Future<Output = StopAnswers> + Send;
+    /// Asks those to stop that `asks` is true of, the arm's first, each within that time; one that was not asked, and the first to
+    /// have answered, is kept alive until the other has. A driver that panics is told as an error of its device alone.
+    fn stop(&mut self, asks: [bool; 2], within: Duration) -> impl Future<Output = StopAnswers> + Send;
 
     /// Gives the right to move back.
     fn release(&mut self) -> impl Future<Output = Result<(), MachineError>> + Send;
@@ -206,13 +208,13 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
         StateAnswers { arm, table }
     }
 
-    async fn stop(&mut self, within: Duration) -> StopAnswers {
+    async fn stop(&mut self, [asks_arm, asks_table]: [bool; 2], within: Duration) -> StopAnswers {
         let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
         let (arm, table) = tokio::join!(
-            stop_and_feed(&mut self.arm, within, &arm_is_done, &table_is_done),
-            stop_and_feed(&mut self.table, within, &table_is_done, &arm_is_done),
+            unless_panicking(stop_and_feed(&mut self.arm, asks_arm, within, &arm_is_done, &table_is_done)),
+            unless_panicking(stop_and_feed(&mut self.table, asks_table, within, &table_is_done, &arm_is_done)),
         );
-        StopAnswers { arm, table }
+        StopAnswers { arm: arm.unwrap_or_else(panicked), table: table.unwrap_or_else(panicked) }
     }
 
     async fn release(&mut self) -> Result<(), MachineError> {
@@ -267,8 +269,11 @@ impl<D: MotionDevice<7>> Drive for Joined<D> {
         states
     }
 
-    async fn stop(&mut self, within: Duration) -> StopAnswers {
-        let answer = in_time(within, self.0.stop()).await;
+    async fn stop(&mut self, asks: [bool; 2], within: Duration) -> StopAnswers {
+        if asks == [false; 2] {
+            return StopAnswers { arm: None, table: None };
+        }
+        let answer = unless_panicking(in_time(within, self.0.stop())).await.map_or_else(panicked, Some);
         StopAnswers { arm: answer.clone(), table: answer }
     }
 
@@ -344,17 +349,25 @@ async fn await_partner<const N: usize, D: MotionDevice<N>>(device: &mut D, is_do
     }
 }
 
-/// Stops a device within that time, and keeps it alive until its partner has answered too, which has no longer either.
+/// Stops a device within that time, if it is to be asked, and keeps it alive until its partner has answered too, which has no longer
+/// either.
 async fn stop_and_feed<const N: usize, D: MotionDevice<N>>(
     device: &mut D,
+    asks: bool,
     within: Duration,
     is_done: &Notify,
     partner_is_done: &Notify,
-) -> Result<StopAcknowledged, DeviceError> {
+) -> Option<Result<StopAcknowledged, DeviceError>> {
     let deadline = Instant::now() + within;
-    let stopped = in_time(within, device.stop()).await;
+    let stopped = if asks { Some(in_time(within, device.stop()).await) } else { None };
     let _ = timeout_at(deadline, await_partner(device, is_done, partner_is_done)).await;
     stopped
+}
+
+/// Answer of a device whose driver panicked.
+fn panicked((): ()) -> Option<Result<StopAcknowledged, DeviceError>> {
+    let reason = "by a fault of this program's own; please report it".to_owned();
+    Some(Err(DeviceError::Closed { reason }))
 }
 
 /// Reads a device within that time, feeds it if it answers, and keeps it alive until its partner has answered too.

@@ -27,7 +27,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use cause::{DeviceRole, PauseCause, RunReason, StopCause};
-pub use gate::{Hashes, Objection, RunJob, Safeguards, Workspace};
+pub use gate::{Hashes, OVERRIDES, Objection, RunJob, Safeguards, Workspace};
 pub use handle::{Authority, CommandError, RunHandle};
 pub use lease::{Fence, Lease, LeaseError, Leases, MAX_TTL, MIN_TTL};
 pub use live::LiveEvent;
@@ -73,7 +73,7 @@ impl Mode {
 pub struct RunOptions {
     /// Name of the run; captures carry it.
     pub run: String,
-    /// Share of the program's speed, 0.01 to 1.
+    /// Share of the program's speed, within [`OVERRIDES`].
     pub speed_override: f64,
     /// Pause after every step.
     pub single_step: bool,

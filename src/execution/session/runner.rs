@@ -20,7 +20,7 @@ use super::watcher::{Watcher, of_machine};
 use super::way;
 use super::{Mode, RunOptions, stop};
 use crate::cell::Configuration;
-use crate::execution::device::{DeviceError, Trigger, WITHDRAWAL};
+use crate::execution::device::{DeviceError, STOP_ATTEMPT, Trigger, WITHDRAWAL};
 use crate::execution::record::{DeviceStop, PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
 use crate::geometry::{Part, Pose, Table};
 use crate::program::Step;
@@ -93,7 +93,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
     /// Carries it out to its end, whatever that is.
     pub(super) async fn run(mut self) {
-        let end = unless_panicking(self.whole()).await;
+        let end = unless_panicking(self.run_to_end()).await;
         let request = match end {
             Ok(Ok(())) => None,
             Ok(Err(Halt::Stop(request))) => Some(request),
@@ -103,14 +103,17 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         };
         // Devices that are released stream no more.
         let jitter = self.watcher.machine.jitter();
-        let report = self.shut_down(request).await;
+        let report = match unless_panicking(self.shut_down(request.clone())).await {
+            Ok(report) => report,
+            Err(()) => Some(self.stop_after_panic(request).await),
+        };
         let event = report.as_ref().map_or(RunEvent::Finished, |report| RunEvent::Stopped(report.cause.clone()));
         let record = RunRecord { jitter, ..self.record(&event, report) };
         self.watcher.happen(event);
         self.watcher.control.end(record);
     }
 
-    async fn whole(&mut self) -> Result<(), Halt> {
+    async fn run_to_end(&mut self) -> Result<(), Halt> {
         self.prepare().await?;
         self.watcher.happen(RunEvent::Prepared);
         self.wait_for_arm().await?;
@@ -237,7 +240,16 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let control = &mut self.watcher.control;
         (control.go_on, control.leaves_pause, control.pauses_again) = (false, false, false);
         let asked = Instant::now();
-        let (stops, _) = stop::stop(&mut self.watcher.machine, asked).await;
+        // In any other pause arm and table are at rest already.
+        if cause == PauseCause::Client {
+            self.watcher.happen(RunEvent::Stopping(None));
+        }
+        // A stop overtakes a pause whose rest is still awaited: it is told, and asked for, at once.
+        let (stops, _) = tokio::select! {
+            biased;
+            request = self.watcher.control.stop_requested() => return Err(Halt::Stop(request)),
+            rested = stop::stop(&mut self.watcher.machine, asked, |_| {}) => rested,
+        };
         if !stop::is_complete(&stops) {
             let device =
                 if stops[0].acknowledged.is_some() && stops[0].at_rest.is_some() { DeviceRole::Table } else { DeviceRole::Arm };
@@ -268,7 +280,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let program = Arc::clone(&self.job.program);
         let search = CancelledOnDrop::default();
         let cancelled = Arc::clone(&search.0);
-        let work = tokio::task::spawn_blocking(move || relocate.relocate_unless(&program, &table_from_part, &cancelled));
+        let work = tokio::task::spawn_blocking(move || relocate.relocate(&program, &table_from_part, &cancelled));
         let relocated = self.watcher.during(work).await?.map_err(|error| internal(&error))?;
         let relocated = relocated.map_err(|misplaced| Halt::stop(StopCause::Misplaced(misplaced.to_string())))?;
         self.job.program = Arc::new(relocated.program);
@@ -322,7 +334,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let report = match request {
             Some(StopRequest { cause, at }) => {
                 let asked_secs = at.saturating_duration_since(self.watcher.live.began()).as_secs_f64();
-                let [arm, table] = if self.is_armed { self.stop_both(at).await.map(Some) } else { [None, None] };
+                let [arm, table] = if self.is_armed { self.stop_both(&cause, at).await.map(Some) } else { [None, None] };
                 Some(StopReport { cause, asked_secs, arm, table })
             }
             None => None,
@@ -333,8 +345,33 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         report
     }
 
-    async fn stop_both(&mut self, asked: Instant) -> [DeviceStop; 2] {
-        let (stops, found) = stop::stop(&mut self.watcher.machine, asked).await;
+    /// Ends the run after a panic on its way to the end: whatever had been asked by then, arm and table are asked to stop once more.
+    async fn stop_after_panic(&mut self, request: Option<StopRequest>) -> StopReport {
+        let StopRequest { cause, at } = request.unwrap_or_else(|| stop_now("a panic while the devices were given back"));
+        let asked_secs = at.saturating_duration_since(self.watcher.live.began()).as_secs_f64();
+        if !self.is_armed {
+            return StopReport { cause, asked_secs, arm: None, table: None };
+        }
+        let unknown = || DeviceStop { error: Some(stop::UNKNOWN.to_owned()), ..DeviceStop::default() };
+        let work = async {
+            self.begin_stop(&cause);
+            stop::stop_once(&mut self.watcher.machine, at).await
+        };
+        let stopped = unless_panicking(timeout(2 * STOP_ATTEMPT, work)).await;
+        let [arm, table] = stopped.ok().and_then(Result::ok).unwrap_or_else(|| [unknown(), unknown()]);
+        StopReport { cause, asked_secs, arm: Some(arm), table: Some(table) }
+    }
+
+    /// Tells that a stop is sent, and hears no command any more.
+    fn begin_stop(&mut self, cause: &StopCause) {
+        self.watcher.happen(RunEvent::Stopping(Some(cause.clone())));
+        self.watcher.control.refuse_commands();
+    }
+
+    async fn stop_both(&mut self, cause: &StopCause, asked: Instant) -> [DeviceStop; 2] {
+        self.begin_stop(cause);
+        let Watcher { machine, live, .. } = &mut self.watcher;
+        let (stops, found) = stop::stop(machine, asked, |stops| live.at_stop(stops)).await;
         let [arm, table] = found.map(Option::unwrap_or_default);
         if let (Ok(joints_rad), Some(table_rad)) = (arm.try_into(), table.first()) {
             self.last_measured = Some(Configuration { joints_rad, table_rad: *table_rad });

@@ -4,6 +4,7 @@
 //! preparing → ready → armed → running ⇄ paused
 //!     any of them → stopped | failed        running → done        preparing, ready → done (a dry run)
 //! ```
+//! A stop that is sent changes no state, but its reason, until arm and table are at rest.
 //! Nothing leads out of `done`, `stopped` and `failed`, and nothing but a client's command out of `paused` into motion.
 
 use super::cause::{PauseCause, RunReason, StopCause};
@@ -88,6 +89,8 @@ pub enum RunEvent {
     Finished,
     /// A dry run has read what it wanted.
     Read,
+    /// A stop is sent, for an end with that cause, or for a pause.
+    Stopping(Option<StopCause>),
     /// Something ends it.
     Stopped(StopCause),
 }
@@ -102,6 +105,7 @@ impl RunStatus {
         let state = self.state;
         let (state, reason) = match event {
             RunEvent::Stopped(cause) if !state.is_final() => (cause.ends_in(state), RunReason::Ended(cause)),
+            RunEvent::Stopping(cause) if !state.is_final() => (state, RunReason::Stopping(cause)),
             RunEvent::Prepared if state == RunState::Preparing => (RunState::Ready, RunReason::AwaitsArm),
             RunEvent::Armed if state == RunState::Ready => (RunState::Armed, RunReason::AwaitsStart),
             RunEvent::Started if state == RunState::Armed => (RunState::Running, RunReason::UnderWay),
@@ -116,7 +120,8 @@ impl RunStatus {
             | RunEvent::Paused(_)
             | RunEvent::Resumed
             | RunEvent::Finished
-            | RunEvent::Read => return None,
+            | RunEvent::Read
+            | RunEvent::Stopping(_) => return None,
         };
         Some(Self { state, reason })
     }

@@ -102,9 +102,14 @@ impl Streamer {
         Ok(Self { thread: Some(thread), is_over, jitter })
     }
 
+    /// Cancels the beats to come, without a wait for the one that has begun.
+    pub fn cancel(&self) {
+        self.is_over.store(true, Ordering::SeqCst);
+    }
+
     /// Ends it: no beat begins after this returns.
     pub fn stop(&mut self) {
-        self.is_over.store(true, Ordering::SeqCst);
+        self.cancel();
         if let Some(thread) = self.thread.take() {
             // A beat that panicked has ended too.
             let _ = thread.join();

@@ -36,6 +36,15 @@ async fn armed(options: RunOptions) -> (RunHandle, Twins, Leases, Lease) {
     (handle, access, leases, lease)
 }
 
+/// A live run on twins, whose client renews its lease, 0.7 s after it began to move.
+async fn under_way() -> (RunHandle, Twins, Lease) {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(700)).await;
+    (handle, access, lease)
+}
+
 fn cause(record: &RunRecord) -> &StopCause {
     let RunReason::Ended(cause) = &record.status.reason else { panic!("no stop: {:?}", record.status) };
     cause
@@ -94,10 +103,7 @@ async fn events_rise_by_one_replay_and_tell_where_it_is() {
 
 #[tokio::test(start_paused = true)]
 async fn pausing_rests_on_the_way_and_resuming_goes_on_from_there() {
-    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
-    attend(&handle, &leases, lease.token);
-    until(&handle, RunState::Running).await;
-    sleep(Duration::from_millis(700)).await;
+    let (handle, access, lease) = under_way().await;
     assert!(access.arm.is_moving());
     handle.pause().await.expect("runs");
     until(&handle, RunState::Paused).await;
@@ -106,7 +112,8 @@ async fn pausing_rests_on_the_way_and_resuming_goes_on_from_there() {
     sleep(Duration::from_secs(20)).await;
     assert_eq!((access.arm.positions_rad(), access.table.positions_rad()), (arm, table));
     assert_eq!(handle.pause().await, Err(CommandError::NotNow { state: RunState::Paused, command: "pause" }));
-    assert!(matches!(handle.resume(None).await, Err(CommandError::Lease(_))), "moving needs a token");
+    let no_token = LeaseError::NoToken { cell: CELL.into() };
+    assert_eq!(handle.resume(None).await, Err(CommandError::Lease(no_token)), "moving needs a token");
     handle.resume(Some(lease.token)).await.expect("paused");
     let record = handle.ended().await;
     assert_all_steps(&record);
@@ -267,8 +274,8 @@ async fn a_device_is_fed_while_its_partner_takes_its_time_to_stop_and_to_be_read
     access.arm.plant(Some(Planted::Late(LATE)));
     let enough = LATE.as_millis() as u64 / (watchdog.as_millis() as u64 / 4);
     let fed_before = access.table.asked().keep_alives;
-    let stopped = machine.stop(STOP_ATTEMPT).await;
-    assert!(stopped.arm.is_ok() && stopped.table.is_ok(), "{stopped:?}");
+    let stopped = machine.stop([true; 2], STOP_ATTEMPT).await;
+    assert!(matches!((&stopped.arm, &stopped.table), (Some(Ok(_)), Some(Ok(_)))), "{stopped:?}");
     let fed = access.table.asked().keep_alives;
     assert!(fed - fed_before >= enough, "fed {} times while the arm stopped", fed - fed_before);
     let read = machine.states_fed(STOP_ATTEMPT).await;
@@ -306,8 +313,8 @@ async fn a_device_that_is_slow_to_feed_does_not_lengthen_a_stop() {
     access.arm.plant(Some(Planted::Late(Duration::from_millis(300))));
     access.table.plant(Some(Planted::Silent));
     let asked = Instant::now();
-    let stopped = machine.stop(STOP_ATTEMPT).await;
-    assert!(stopped.arm.is_ok() && stopped.table.is_err(), "{stopped:?}");
+    let stopped = machine.stop([true; 2], STOP_ATTEMPT).await;
+    assert!(matches!((&stopped.arm, &stopped.table), (Some(Ok(_)), Some(Err(_)))), "{stopped:?}");
     assert!(asked.elapsed() <= STOP_ATTEMPT + Duration::from_millis(10), "{:?}", asked.elapsed());
 }
 
@@ -397,10 +404,7 @@ async fn an_override_scales_what_follows_and_the_first_live_run_is_capped() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_is_sent_acknowledged_and_verified_and_nothing_moves_after_it() {
-    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
-    attend(&handle, &leases, lease.token);
-    until(&handle, RunState::Running).await;
-    sleep(Duration::from_millis(700)).await;
+    let (handle, access, lease) = under_way().await;
     handle.stop(StopCause::Client);
     handle.stop(StopCause::ServerGone);
     let record = handle.ended().await;
@@ -416,6 +420,197 @@ async fn a_stop_is_sent_acknowledged_and_verified_and_nothing_moves_after_it() {
     sleep(Duration::from_secs(5)).await;
     assert_eq!((access.arm.positions_rad(), access.arm.asked().targets), (here, asked.targets));
     assert_eq!(handle.resume(Some(lease.token)).await, Err(CommandError::NotNow { state: RunState::Stopped, command: "resume" }));
+}
+
+/// The run was told as under way for the seconds in which its end was awaited, and a stop pressed then as not heard.
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_was_sent_is_told_while_the_rest_of_a_table_that_answers_nothing_is_awaited() {
+    let (handle, access, _) = under_way().await;
+    access.table.plant(Some(Planted::Silent));
+    handle.stop(StopCause::Client);
+    let stopping = RunReason::Stopping(Some(StopCause::Client));
+    let mut status = handle.watch_status();
+    let told = status.wait_for(|status| status.reason != RunReason::UnderWay).await.expect("told").clone();
+    assert_eq!((told.state, &told.reason), (RunState::Running, &stopping));
+    assert!(told.reason.to_string().contains("keep clear"), "{}", told.reason);
+    sleep(Duration::from_secs(5)).await;
+    assert_eq!(handle.status().reason, stopping, "the table is not known to be at rest");
+    let [arm, table] = handle.latest().and_then(|event| event.stop).expect("what is known of it");
+    assert!(arm.acknowledged.is_some() && arm.at_rest.is_some(), "{arm:?}");
+    assert!(table.acknowledged.is_none() && table.error.is_some(), "{table:?}");
+    let record = handle.ended().await;
+    assert_eq!((record.status.state, cause(&record)), (RunState::Stopped, &StopCause::Client));
+}
+
+/// A command was refused once the run had ended, seconds later.
+#[tokio::test(start_paused = true)]
+async fn a_command_to_a_run_that_is_being_stopped_is_refused_at_once_with_the_cause_of_the_stop() {
+    let (handle, access, lease) = under_way().await;
+    access.table.plant(Some(Planted::Silent));
+    handle.stop(StopCause::Client);
+    let stopping = RunReason::Stopping(Some(StopCause::Client));
+    let mut status = handle.watch_status();
+    status.wait_for(|status| status.reason == stopping).await.expect("told");
+    let (asked, token) = (Instant::now(), Some(lease.token));
+    let told = [
+        (handle.pause().await, "pause"),
+        (handle.resume(token).await, "resume"),
+        (handle.step(token).await, "step"),
+        (handle.set_override(token, 0.5).await, "change its speed"),
+    ];
+    assert_eq!(asked.elapsed(), Duration::ZERO, "none waits");
+    for (told, command) in told {
+        assert_eq!(told, Err(CommandError::Stopping { cause: StopCause::Client, command }));
+    }
+    assert_eq!(handle.status().reason, stopping);
+    handle.ended().await;
+    assert_eq!(handle.pause().await, Err(CommandError::NotNow { state: RunState::Stopped, command: "pause" }));
+}
+
+/// The run went on to wait for the rest of the pause, and the stop was neither told nor asked for.
+#[tokio::test(start_paused = true)]
+async fn a_stop_overtakes_a_pause_whose_rest_is_still_awaited() {
+    let (handle, access, _) = under_way().await;
+    access.table.plant(Some(Planted::Silent));
+    handle.pause().await.expect("runs");
+    sleep(Duration::from_millis(200)).await;
+    assert_eq!(handle.status().reason, RunReason::Stopping(None));
+    let asked = Instant::now();
+    handle.stop(StopCause::Client);
+    let mut status = handle.watch_status();
+    let told = status.wait_for(|status| status.reason != RunReason::Stopping(None)).await.expect("told").reason.clone();
+    assert_eq!((told, asked.elapsed()), (RunReason::Stopping(Some(StopCause::Client)), Duration::ZERO), "at once");
+    let record = handle.ended().await;
+    assert_eq!((record.status.state, cause(&record)), (RunState::Stopped, &StopCause::Client));
+    assert!(!access.arm.is_moving());
+}
+
+/// A device that had acknowledged a stop was asked again with its partner, three times and once for each later attempt.
+#[tokio::test(start_paused = true)]
+async fn of_arm_and_table_the_one_that_did_not_acknowledge_a_stop_alone_is_asked_again() {
+    let (handle, access, _) = under_way().await;
+    access.table.plant(Some(Planted::Silent));
+    handle.stop(StopCause::Client);
+    let healed = access.table.clone();
+    tokio::spawn(async move {
+        sleep(3 * STOP_ATTEMPT).await;
+        healed.plant(None);
+    });
+    let record = handle.ended().await;
+    let report = record.stop.as_ref().expect("stopped");
+    for stop in [report.arm.as_ref().expect("armed"), report.table.as_ref().expect("armed")] {
+        assert!(stop.acknowledged.is_some() && stop.at_rest.is_some(), "{stop:?}");
+    }
+    assert_eq!((access.arm.asked().stops, access.table.asked().stops), (1, 1));
+}
+
+/// Place at which a driver has a fault of our own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum PanicsAt {
+    Stop,
+    StateAfterStop,
+    Release,
+}
+
+/// An arm whose driver panics.
+struct Panicking {
+    arm: Twin<6>,
+    at: PanicsAt,
+    is_stopped: bool,
+}
+
+impl MotionDevice<6> for Panicking {
+    async fn connect(&mut self) -> Result<Identity, DeviceError> {
+        self.arm.connect().await
+    }
+
+    async fn state(&mut self) -> Result<DeviceState<6>, DeviceError> {
+        assert!(!self.is_stopped || self.at != PanicsAt::StateAfterStop, "planted");
+        self.arm.state().await
+    }
+
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
+        self.arm.arm(watchdog).await
+    }
+
+    async fn start(&mut self, target: &Target<6>) -> Result<(), DeviceError> {
+        self.arm.start(target).await
+    }
+
+    async fn keep_alive(&mut self) -> Result<(), DeviceError> {
+        self.arm.keep_alive().await
+    }
+
+    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+        assert!(self.at != PanicsAt::Stop, "planted");
+        self.is_stopped = true;
+        self.arm.stop().await
+    }
+
+    async fn release(&mut self) -> Result<(), DeviceError> {
+        assert!(self.at != PanicsAt::Release, "planted");
+        self.arm.release().await
+    }
+}
+
+/// Arm and table were dropped without a stop, and the run was told as under way for ever.
+#[tokio::test(start_paused = true)]
+async fn a_driver_that_panics_while_a_run_ends_keeps_no_device_from_being_stopped() {
+    // Stops of arm and table: after a panic that was not in a stop both are asked once more.
+    for (at, stops) in [(PanicsAt::Stop, [0, 1]), (PanicsAt::StateAfterStop, [2, 2]), (PanicsAt::Release, [1, 1])] {
+        let (Pair { arm, table }, trigger, access) = twins();
+        let machine = Pair { arm: Panicking { arm, at, is_stopped: false }, table };
+        let handle = simulate_with(short_job(0.1, [hashes(), hashes()]), machine, trigger, RunOptions::default());
+        until(&handle, RunState::Running).await;
+        sleep(Duration::from_millis(300)).await;
+        let ends_by_itself = at == PanicsAt::Release;
+        if !ends_by_itself {
+            handle.stop(StopCause::Client);
+        }
+        let record = handle.ended().await;
+        assert_eq!([access.arm.asked().stops, access.table.asked().stops], stops, "{at:?}");
+        // After a panic nobody waits for rest.
+        sleep(Duration::from_secs(1)).await;
+        assert!(!access.table.is_moving(), "{at:?}");
+        let wanted = if ends_by_itself { RunState::Failed } else { RunState::Stopped };
+        assert_eq!([handle.status().state, record.status.state], [wanted; 2], "{at:?}: {}", record.status.reason);
+        assert_eq!(matches!(cause(&record), StopCause::Client), !ends_by_itself, "{at:?}: {}", record.status.reason);
+        let arm = record.stop.as_ref().and_then(|report| report.arm.clone()).expect("armed");
+        assert!(arm.error.is_some(), "{at:?}: {arm:?}");
+    }
+}
+
+/// A stop was asked for three times at once and then never again: an arm whose link came back ended the move that it held.
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_no_link_took_is_asked_for_again_once_the_link_is_back() {
+    // Longer than the move: what stops the arm is the stop.
+    let safeguards = Safeguards { watchdog: Duration::from_secs(600), ..Safeguards::default() };
+    let (handle, access, leases, lease) = armed(RunOptions { safeguards, ..RunOptions::default() }).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(300)).await;
+    access.arm.plant(Some(Planted::Closed));
+    // All attempts are over at once, as each is refused.
+    sleep(Duration::from_millis(300)).await;
+    assert!(access.arm.is_moving() && access.arm.asked().stops == 0);
+    access.arm.plant(None);
+    let record = handle.ended().await;
+    let stop = record.stop.as_ref().and_then(|report| report.arm.clone()).expect("armed");
+    assert!(stop.acknowledged.is_some() && stop.at_rest.is_some(), "{stop:?}");
+    assert!(access.arm.asked().stops > 0 && !access.arm.is_moving());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_pause_tells_that_rest_is_awaited_until_arm_and_table_stand() {
+    let (handle, _, _) = under_way().await;
+    handle.pause().await.expect("runs");
+    until(&handle, RunState::Paused).await;
+    let mut told: Vec<_> =
+        handle.events_after(0).0.into_iter().map(|event| (event.status.state, event.status.reason.code(), event.stop)).collect();
+    told.dedup();
+    let wanted =
+        [(RunState::Running, "under_way", None), (RunState::Running, "stopping", None), (RunState::Paused, "by_client", None)];
+    assert_eq!(told[told.len() - 3..], wanted);
 }
 
 #[tokio::test(start_paused = true)]
@@ -488,14 +683,14 @@ async fn two_writers_are_one_too_many() {
     let (handle, _access, leases, lease) = armed(RunOptions::default()).await;
     attend(&handle, &leases, lease.token);
     assert!(matches!(leases.acquire(CELL, "another", Duration::from_secs(1)), Err(LeaseError::Held { .. })));
-    let stranger = Some(Fence(lease.token.0 + 1));
-    assert!(matches!(handle.set_override(stranger, 0.5).await, Err(CommandError::Lease(LeaseError::Stranger { .. }))));
+    let other_token = Some(Fence(lease.token.0 + 1));
+    assert!(matches!(handle.set_override(other_token, 0.5).await, Err(CommandError::Lease(LeaseError::WrongToken { .. }))));
     assert!(matches!(handle.arm(lease.token).await, Err(CommandError::NotNow { .. })));
     // A second run on the cell cannot be armed with a token that is not the lease's.
     let (machine, trigger, access) = twins();
     let second = live(job(), machine, trigger, Authority { leases, cell: CELL.into() }, RunOptions::default());
     until(&second, RunState::Ready).await;
-    assert!(matches!(second.arm(Fence(3)).await, Err(CommandError::Lease(LeaseError::Stranger { .. }))));
+    assert!(matches!(second.arm(Fence(3)).await, Err(CommandError::Lease(LeaseError::WrongToken { .. }))));
     assert_eq!(access.arm.asked().arms, 0);
 }
 

@@ -65,7 +65,7 @@ impl<M: Watch> Watcher<M> {
         if state.configuration().axes_rad().iter().any(|angle| !angle.is_finite()) {
             let is_arm = state.arm.positions_rad.iter().any(|angle| !angle.is_finite());
             let device = if is_arm { DeviceRole::Arm } else { DeviceRole::Table };
-            let error = DeviceError::Malformed { what: "a position that is no number".into() };
+            let error = DeviceError::Malformed { what: "a position that is not a number".into() };
             return Err(Halt::stop(StopCause::Device { device, error }));
         }
         self.last = Some(state);
@@ -156,7 +156,9 @@ impl<M: Drive> Watcher<M> {
         let (from, to) = self.segment?;
         let (axis, off_rad) = off_segment(&from, &to, &state.configuration());
         let (off_deg, allowed_deg) = (off_rad.to_degrees(), self.safeguards.path_tolerance_rad.to_degrees());
-        (off_deg > allowed_deg).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
+        // An angle that is not a number is not within.
+        let is_within = off_deg <= allowed_deg;
+        (!is_within).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
     }
 
     /// Objection to a motion of a device that is to stand still: it is not ours, and spoils the pose of a capture. As many states in a
@@ -164,7 +166,7 @@ impl<M: Drive> Watcher<M> {
     fn off_place(&mut self, state: &MachineState) -> Option<StopCause> {
         let (place, beyond) = self.standstill.as_mut()?;
         let (axis, off_rad) = furthest_axis(place, &state.configuration());
-        *beyond = if off_rad > self.safeguards.position_tolerance_rad { *beyond + 1 } else { 0 };
+        *beyond = if off_rad <= self.safeguards.position_tolerance_rad { 0 } else { *beyond + 1 };
         let (off_deg, allowed_deg) = (off_rad.to_degrees(), self.safeguards.position_tolerance_rad.to_degrees());
         (*beyond >= self.safeguards.in_position_cycles.max(1)).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
     }
@@ -212,6 +214,7 @@ pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: 
         | DeviceError::NotReady { .. }
         | DeviceError::OtherDevice { .. }
         | DeviceError::WordOrder { .. }
+        | DeviceError::Unanswered { .. }
         | DeviceError::Unsupported { .. } => None,
     };
     let device_error = StopCause::Device { device, error };

@@ -16,11 +16,15 @@ use crate::execution::protocol::fanuc_rmi::{
     MAX_LINE_BYTES, MAX_SEQUENCE, RmiJointMotion, RmiJoints, RmiProgram, RmiReply, RmiRequest, RmiStatus,
 };
 
-/// Error numbers that it answers with.
+/// Error number of a command that failed.
 const FAILED: i64 = 2_556_942;
+/// Error number of a command that needs servo power.
 const SERVO_OFF: i64 = 2_556_935;
+/// Error number of a command that needs remote motion to run.
 const NOT_RUNNING: i64 = 2_556_937;
+/// Error number of an unknown command.
 const UNKNOWN: i64 = 2_556_941;
+/// Error number of an instruction out of order.
 const WRONG_SEQUENCE: i64 = 2_556_957;
 /// Axes: six joints and the table.
 const AXES: usize = 7;

@@ -22,8 +22,9 @@ use crate::execution::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusReply, 
 const TICK: Duration = Duration::from_millis(5);
 /// Silence after which an incomplete frame is forgotten.
 const FRAME_SILENCE: Duration = Duration::from_millis(50);
-/// Exceptions: a function, a value that there is not.
+/// Exception: no such function.
 const UNKNOWN_FUNCTION: u8 = 1;
+/// Exception: a value that is not allowed.
 const WRONG_VALUE: u8 = 3;
 
 /// A drive and its table, as they are set up.

@@ -2,12 +2,12 @@
 //! driver's own program it reads where to connect to and for how long to wait, and then does what that program does.
 
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::{Instant, interval, sleep, timeout};
 
@@ -20,12 +20,14 @@ use crate::execution::protocol::ur::rtde::{MODE_RUNNING, RtdeFrame, RtdeReply, R
 const VERSION: [u32; 4] = [5, 11, 0, 108];
 /// Largest rate, Hz.
 const MAX_RATE_HZ: f64 = 500.0;
-/// Bits of an arm that is on: power; normal mode.
+/// Robot bit: power on.
 const POWER_BIT: u32 = 1;
+/// Robot bit: a program runs.
 const PROGRAM_BIT: u32 = 1 << 1;
+/// Safety bit: normal mode.
 const NORMAL_BIT: u32 = 1;
 /// Pause after which a program that is paused looks whether it still is.
-const GLANCE: Duration = Duration::from_millis(2);
+const CHECK_INTERVAL: Duration = Duration::from_millis(2);
 
 /// A controller that listens.
 pub struct UrController {
@@ -178,7 +180,7 @@ async fn run_program(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<
     let text = String::from_utf8(text).map_err(io::Error::other)?;
     let invalid = || io::Error::from(io::ErrorKind::InvalidData);
     let (reverse, watchdog) = address_and_watchdog(&text).ok_or_else(invalid)?;
-    let mut client = TcpStream::connect(reverse).await?;
+    let mut client = connect_from(stream.local_addr()?.ip(), reverse).await?;
     client.set_nodelay(true)?;
     let stop_button = {
         let mut cell = lock(cell);
@@ -195,14 +197,23 @@ async fn run_program(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<
     outcome
 }
 
+/// Connects from the controller's own address, which the driver expects its program at.
+async fn connect_from(host: IpAddr, to: SocketAddr) -> io::Result<TcpStream> {
+    let socket = if to.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
+    if host.is_ipv4() == to.is_ipv4() {
+        socket.bind(SocketAddr::new(host, 0))?;
+    }
+    socket.connect(to).await
+}
+
 /// Address that the program connects to, and its wait for a command.
-fn address_and_watchdog(text: &str) -> Option<(String, Duration)> {
+fn address_and_watchdog(text: &str) -> Option<(SocketAddr, Duration)> {
     let (_, open) = text.split_once("socket_open(\"")?;
     let (host, rest) = open.split_once("\", ")?;
     let (port, _) = rest.split_once(',')?;
     let waits: Vec<f64> = text.split("wait_secs = ").skip(1).filter_map(|rest| rest.lines().next()?.parse().ok()).collect();
     let watchdog = Duration::try_from_secs_f64(*waits.last()?).ok()?;
-    Some((format!("{host}:{port}"), watchdog))
+    Some((SocketAddr::new(host.parse().ok()?, port.parse().ok()?), watchdog))
 }
 
 async fn obey(client: &mut TcpStream, cell: &Mutex<UrCell>, watchdog: Duration) -> io::Result<()> {
@@ -212,7 +223,7 @@ async fn obey(client: &mut TcpStream, cell: &Mutex<UrCell>, watchdog: Duration) 
         let read = timeout(wait, client.read_exact(&mut bytes)).await;
         // A program that is paused notices nothing, the end of its connection neither.
         while lock(cell).is_paused {
-            sleep(GLANCE).await;
+            sleep(CHECK_INTERVAL).await;
         }
         let is_link_dead = lock(cell).is_link_dead;
         if is_link_dead {

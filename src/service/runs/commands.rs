@@ -17,8 +17,8 @@ impl App {
     /// Arms a live run: the operator's release of motion.
     ///
     /// # Errors
-    /// [`Error::Invalid`], [`Error::RunNotFound`], [`Error::RunStateRefused`], [`Error::LeaseRequired`], [`Error::TokenRefused`],
-    /// [`Error::RunRefused`], [`Error::Internal`].
+    /// [`Error::Invalid`], [`Error::RunNotFound`], [`Error::RunStateRefused`], [`Error::RunStopping`], [`Error::LeaseRequired`],
+    /// [`Error::TokenRefused`], [`Error::RunRefused`], [`Error::Internal`].
     pub async fn arm_run(&self, id: RunId, request: ArmRequest, token: Option<u64>) -> Result<Run, Error> {
         request.check().map_err(Error::Invalid)?;
         let (open, session) = self.session(id, "armed").await?;
@@ -49,7 +49,7 @@ impl App {
     /// Pauses a run.
     ///
     /// # Errors
-    /// [`Error::RunNotFound`], [`Error::RunStateRefused`], [`Error::Internal`].
+    /// [`Error::RunNotFound`], [`Error::RunStateRefused`], [`Error::RunStopping`], [`Error::Internal`].
     pub async fn pause_run(&self, id: RunId) -> Result<Run, Error> {
         let (_, session) = self.session(id, "paused").await?;
         // The session alone is asked: a store that cannot be read, or that is behind, must not leave arm and table moving.
@@ -143,6 +143,7 @@ impl App {
 fn refused(run: RunId, deed: &'static str, error: CommandError) -> Error {
     match error {
         CommandError::NotNow { state, .. } => Error::RunStateRefused { run, state: state.into(), deed },
+        CommandError::Stopping { cause, .. } => Error::RunStopping { run, deed, cause: cause.to_string() },
         CommandError::Lease(error) => Error::TokenRefused(error.to_string()),
         error @ CommandError::Override(_) => Error::RunRefused(error.to_string()),
     }

@@ -54,7 +54,7 @@ impl HeldLeases {
 }
 
 impl App {
-    /// Takes the lease of a cell. It is acknowledged once its token is on the disk.
+    /// Takes the lease of a cell without an idempotency key: each call asks for a lease of its own.
     ///
     /// # Errors
     /// Errors of [`App::submit_lease`].
@@ -62,8 +62,8 @@ impl App {
         self.submit_lease(request, Submission::default()).await
     }
 
-    /// Takes the lease of a cell. It is acknowledged once its token is on the disk. If the idempotency key was used for the same request
-    /// before, returns the lease that was given for it, with the time that it has left, unless it has ended.
+    /// Takes the lease of a cell for a submission with an idempotency key. It is acknowledged once its token is on the disk. If the key was
+    /// used for the same request before, returns the lease that was given for it, with the time that it has left, unless it has ended.
     ///
     /// # Errors
     /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::LeaseHeld`], [`Error::Draining`], [`Error::StorageBusy`],

@@ -10,7 +10,7 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{Instant, timeout_at};
 
 use super::logs::end_of_log;
-use super::supervise::Supervisor;
+use super::supervise::{DoneSteps, Supervisor};
 use crate::service::app::App;
 use crate::service::error::{Error, InternalError};
 use crate::service::store::{Page, blocking};
@@ -40,7 +40,7 @@ impl App {
     /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoProgram`],
     /// [`Error::LiveDisabled`], [`Error::NoControllers`], [`Error::OtherCell`], [`Error::CellInUse`], [`Error::LeaseRequired`],
     /// [`Error::TokenRefused`], [`Error::TooManyRuns`], [`Error::StorageLow`], [`Error::Draining`], [`Error::StorageBusy`],
-    /// [`Error::Internal`].
+    /// [`Error::Unrecovered`], [`Error::Internal`].
     pub async fn submit_run(&self, request: RunRequest, token: Option<u64>, submission: Submission) -> Result<Run, Error> {
         // The token is the right to ask, no part of what is asked for: a repetition may come under a newer lease.
         let idempotency = submission.idempotency(&format!("POST /api/v1/runs {}", serde_json::to_string(&request)?));
@@ -62,7 +62,7 @@ impl App {
             }
             let open = app.0.runs.enter(run.id, &run.cell, run.mode)?;
             // From here on the entry is given back by the supervisor, whatever comes.
-            let mut supervisor = Supervisor { app: app.clone(), run, open, stored_steps: 0 };
+            let mut supervisor = Supervisor { app: app.clone(), run, open, stored: DoneSteps::default() };
             let max_runs = app.0.options.execution.max_runs;
             let (run, event) = app.0.store.insert_run(&supervisor.run, idempotency.as_ref(), max_runs).await?;
             supervisor.run = run.clone();
@@ -214,7 +214,7 @@ impl App {
         blocking(move || remove_folder(&folder).map_err(left)).await
     }
 
-    /// True unless the folder of the run's audit log is known not to be there.
+    /// Returns true unless the folder of the run's audit log is known not to be there.
     async fn may_have_log(&self, id: RunId) -> Result<bool, Error> {
         let folder = self.audit_folder(id);
         let is_gone = move || std::fs::symlink_metadata(&folder).is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
@@ -245,10 +245,12 @@ impl App {
     /// Stops the runs that an earlier process left open, each with the end of its audit log.
     pub(in crate::service) async fn recover_runs(&self) -> Result<(), Error> {
         let ends = self.ends_of_logs(self.0.store.open_run_ids().await?).await;
-        let found = self.freeing(|| self.0.store.stop_open_runs(LEFT_OPEN, &ends)).await?;
-        if found > 0 {
-            tracing::warn!(runs = found, "an earlier process ended while runs were under way; they are stopped");
+        let events = self.recovering(|| self.0.store.stop_open_runs(LEFT_OPEN, &ends)).await?;
+        if !events.is_empty() {
+            tracing::warn!(runs = events.len(), "an earlier process ended while runs were under way; they are stopped");
         }
+        // On a full disk, the service is there already, and clients listen.
+        events.into_iter().for_each(|event| self.0.runs.publish(event));
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! Streams of runs: stored events from the database and then live ones, exactly once and in order; between them samples of the
-//! measured state, of which a slow reader loses some, and a reader that comes back gets those that are still kept.
+//! measured state, of which a slow reader loses some, and a reader that comes back gets those that are still kept; a new one gets
+//! those since the last change of state.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -122,7 +123,7 @@ impl App {
 }
 
 impl RunStream {
-    /// True if events after the requested place may have been pruned from the store, or it is not of this store; without a
+    /// Returns true if events after the requested place may have been pruned from the store, or it is not of this store; without a
     /// place, if none of an ended run's events is left.
     #[must_use]
     pub fn has_gap(&self) -> bool {
@@ -136,7 +137,7 @@ impl RunStream {
         self.only_gap
     }
 
-    /// True if nothing is left to tell: the run has ended, and all of its events were read.
+    /// Returns true if nothing is left to tell: the run has ended, and all of its events were read.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.ended && self.only_gap.is_none()
@@ -202,7 +203,9 @@ impl RunStream {
         let handle = self.session.as_ref().and_then(|session| session.borrow().clone());
         let Some(handle) = handle else { return false };
         let (kept, live) = handle.events_after(self.at.sample);
-        self.samples.extend(kept);
+        // Whoever has seen no sample was told all states so far: samples from before the last of them would lead back.
+        let first = if self.at.sample == 0 { begin_of_state(&kept) } else { 0 };
+        self.samples.extend(kept.into_iter().skip(first));
         self.live = Some(live);
         true
     }
@@ -214,6 +217,12 @@ impl RunStream {
         self.past.extend(batch.events.into_iter().map(Arc::new));
         Ok(())
     }
+}
+
+/// Place of the first event in the state of the last.
+fn begin_of_state(events: &[LiveEvent]) -> usize {
+    let state = events.last().map(|event| event.status.state);
+    events.iter().rposition(|event| Some(event.status.state) != state).map_or(0, |before| before + 1)
 }
 
 async fn next_sample(live: &mut Option<broadcast::Receiver<LiveEvent>>) -> Result<LiveEvent, RecvError> {

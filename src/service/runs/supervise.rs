@@ -20,7 +20,9 @@ use crate::service::app::App;
 use crate::service::error::Error;
 use crate::service::metrics;
 use crate::wire::RunId;
-use crate::wire::run::{ReportedReason, ReportedState, Run, RunCoverage, RunEventDocument, RunEventKind, RunMode, RunStepRecord};
+use crate::wire::run::{
+    ReportedReason, ReportedState, Run, RunCoverage, RunEventDocument, RunEventKind, RunMode, RunStepRecord, RunStop,
+};
 
 /// A run's task; what it holds is given back when it is dropped, however the task ends.
 pub(super) struct Supervisor {
@@ -28,7 +30,28 @@ pub(super) struct Supervisor {
     pub(super) run: Run,
     pub(super) open: Arc<OpenRun>,
     /// Steps of its record that are in the database.
-    pub(super) stored_steps: usize,
+    pub(super) stored: DoneSteps,
+}
+
+/// Sums over the first steps of a record.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct DoneSteps {
+    count: usize,
+    scans: usize,
+    /// Time of the steps alone, as in the record: time in a pause is not theirs.
+    secs: f64,
+}
+
+impl DoneSteps {
+    /// The sums with those of the steps that follow.
+    fn and(self, steps: &[StepRecord]) -> Self {
+        Self {
+            count: self.count + steps.len(),
+            scans: self.scans + steps.iter().filter(|step| step.kind == StepKind::Scan).count(),
+            // In the order of the record, in which its own sum is made.
+            secs: steps.iter().fold(self.secs, |secs, step| secs + step.real_secs),
+        }
+    }
 }
 
 impl Drop for Supervisor {
@@ -183,19 +206,20 @@ impl Supervisor {
         }
         let (state, reason) = words_of(&event.status);
         let step = event.step.unwrap_or(self.run.step);
+        let stop: Option<RunStop> = event.stop.as_ref().map(Into::into);
         let kind = match () {
-            () if (state, reason) != (self.run.state, self.run.reason) => RunEventKind::State,
+            () if (state, reason) != (self.run.state, self.run.reason) || stop != self.run.stop => RunEventKind::State,
             () if step != self.run.step => RunEventKind::Step,
             () if event.speed_override.total_cmp(&self.run.speed_override).is_ne() => RunEventKind::Override,
             () => return false,
         };
         (self.run.state, self.run.reason, self.run.detail) = (state, reason, Some(event.status.reason.to_string()));
+        self.run.stop = stop;
         (self.run.step, self.run.speed_override, self.run.armed_by) = (step, event.speed_override, self.open.armed_by());
-        let done = handle.steps_from(0);
-        // Of the steps alone, as in the record: time in a pause is not theirs.
-        self.run.elapsed_secs = done.iter().fold(0.0, |secs, step| secs + step.real_secs);
-        self.run.scans = done.iter().filter(|step| step.kind == StepKind::Scan).count();
-        self.store(kind, done.get(self.stored_steps..).unwrap_or_default()).await;
+        let unstored = handle.steps_from(self.stored.count);
+        let done = self.stored.and(&unstored);
+        (self.run.elapsed_secs, self.run.scans) = (done.secs, done.scans);
+        self.store(kind, &unstored).await;
         false
     }
 
@@ -226,7 +250,7 @@ impl Supervisor {
             warn(&self.run, "noting that the program was completed", noted);
         }
         record.jitter.iter().for_each(count_jitter);
-        self.store_end(record.steps.get(self.stored_steps..).unwrap_or_default(), coverage).await;
+        self.store_end(record.steps.get(self.stored.count..).unwrap_or_default(), coverage).await;
         self.count();
     }
 
@@ -255,7 +279,7 @@ impl Supervisor {
     /// a change before that is not, since a stop must not wait for it, and the next change stores as much.
     async fn stored(&mut self, kind: RunEventKind, steps: &[StepRecord]) -> Option<Arc<RunEventDocument>> {
         let rows: Vec<RunStepRecord> = steps.iter().map(RunStepRecord::from).collect();
-        let (store, rows, first) = (&self.app.0.store, &rows, self.stored_steps);
+        let (store, rows, first) = (&self.app.0.store, &rows, self.stored.count);
         let update = || {
             let mut run = self.run.clone();
             async move { store.update_run(&mut run, kind, (first, rows)).await.map(|event| (run, event)) }
@@ -268,7 +292,7 @@ impl Supervisor {
         match stored {
             Ok((run, Some(event))) => {
                 self.run = run;
-                self.stored_steps += rows.len();
+                self.stored = self.stored.and(steps);
                 Some(event)
             }
             Ok((_, None)) => None,

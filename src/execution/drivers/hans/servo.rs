@@ -6,14 +6,14 @@ use std::io::{self, Write as _};
 use std::net::TcpStream;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::time::timeout;
 
 use crate::cell::HansServoSpec;
 use crate::execution::device::{DeviceError, Direction, Target};
 use crate::execution::drivers::set_points::SetPoints;
-use crate::execution::drivers::stream::{Connection, Wiring, within};
+use crate::execution::drivers::stream::{Connection, NOT_FED, Wiring, within};
 use crate::execution::protocol::hans::HansRequest;
 use crate::execution::protocol::hans_state::{HansRealtimeState, take_realtime};
 use crate::execution::session::streamer::{Beat, Jitter, Streamer};
@@ -29,29 +29,79 @@ const LAST_BEAT: Duration = Duration::from_millis(30);
 #[derive(Debug)]
 pub(super) struct ServoStream {
     streamer: Streamer,
-    course: Arc<Mutex<Course>>,
+    course: Arc<Mutex<ServoCourse>>,
 }
 
 /// Set points of the beats.
 #[derive(Debug)]
-struct Course {
+pub(super) struct ServoCourse {
     points: SetPoints<6>,
     failure: Option<String>,
+    watchdog: Duration,
+    fed_at: Instant,
+    /// True once the watchdog lapsed: nothing sets out any more.
+    has_lapsed: bool,
+}
+
+impl ServoCourse {
+    /// A course at rest, fed now.
+    pub(super) fn still(at_rad: [f64; 6], watchdog: Duration, now: Instant) -> Self {
+        Self { points: SetPoints::still(at_rad), failure: None, watchdog, fed_at: now, has_lapsed: false }
+    }
+
+    /// Set point of the next beat, radians. The thread beats on whatever the session does: an arm whose session gives no sign of life
+    /// in time is led to rest.
+    pub(super) fn advance(&mut self, period: Duration, now: Instant) -> [f64; 6] {
+        if !self.has_lapsed && now.duration_since(self.fed_at) > self.watchdog {
+            self.has_lapsed = true;
+            self.points.ramp_down();
+        }
+        self.points.advance(period)
+    }
+
+    /// Takes a sign of life.
+    fn feed(&mut self, now: Instant) {
+        self.fed_at = now;
+    }
+
+    /// Sets out for a target.
+    pub(super) fn lead(&mut self, target: &Target<6>) -> Result<(), DeviceError> {
+        self.check()?;
+        if self.points.is_moving() {
+            return Err(DeviceError::NotReady { reason: "a target is under way; wait until it has arrived".into() });
+        }
+        self.points.go(target);
+        Ok(())
+    }
+
+    /// Error of a stream that broke off, or was not fed.
+    pub(super) fn check(&self) -> Result<(), DeviceError> {
+        match &self.failure {
+            Some(reason) => Err(DeviceError::Closed { reason: reason.clone() }),
+            None if self.has_lapsed => Err(DeviceError::NotReady { reason: NOT_FED.to_owned() }),
+            None => Ok(()),
+        }
+    }
 }
 
 impl ServoStream {
-    /// Connects to the servo port and streams the joints where the arm stands.
-    pub(super) async fn begin(spec: &HansServoSpec, joints_deg: [f64; 6], wiring: &Wiring) -> Result<Self, DeviceError> {
+    /// Connects to the servo port and streams the joints where the arm stands; `watchdog` is the longest time between two signs of life
+    /// of the session.
+    pub(super) async fn begin(
+        spec: &HansServoSpec,
+        joints_deg: [f64; 6],
+        watchdog: Duration,
+        wiring: &Wiring,
+    ) -> Result<Self, DeviceError> {
         let unreachable = |reason: String| DeviceError::Unreachable { address: spec.address.clone(), reason };
         let mut stream = connect(&spec.address).await.map_err(|error| unreachable(error.to_string()))?;
         let start = HansRequest::StartServo { argument: spec.start_argument, lookahead_secs: spec.lookahead_secs };
         push(&mut stream, &start, wiring).map_err(|error| unreachable(error.to_string()))?;
-        let points = SetPoints::still(joints_deg.map(f64::to_radians));
-        let course = Arc::new(Mutex::new(Course { points, failure: None }));
+        let course = Arc::new(Mutex::new(ServoCourse::still(joints_deg.map(f64::to_radians), watchdog, Instant::now())));
         let (shared, wiring, period) = (Arc::clone(&course), wiring.clone(), Duration::from_millis(spec.period_ms.into()));
         // A deadline that was left out makes the way longer, not its next step.
         let beat = move |_: Beat| {
-            let joints_deg = lock(&shared).points.advance(period).map(f64::to_degrees);
+            let joints_deg = lock(&shared).advance(period, Instant::now()).map(f64::to_degrees);
             match push(&mut stream, &HansRequest::PushServoJ { joints_deg }, &wiring) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(error) => {
@@ -66,20 +116,25 @@ impl ServoStream {
 
     /// Leads the joints to a target.
     pub(super) fn lead(&self, target: &Target<6>) -> Result<(), DeviceError> {
-        let mut course = lock(&self.course);
-        if let Some(reason) = course.failure.clone() {
-            return Err(DeviceError::Closed { reason });
-        }
-        if course.points.is_moving() {
-            return Err(DeviceError::NotReady { reason: "a target is under way; wait until it has arrived".into() });
-        }
-        course.points.go(target);
-        Ok(())
+        lock(&self.course).lead(target)
+    }
+
+    /// Takes a sign of life of the session.
+    pub(super) fn feed(&self) {
+        lock(&self.course).feed(Instant::now());
+    }
+
+    /// Time of the last sign of life.
+    #[cfg(test)]
+    pub(super) fn fed_at(&self) -> Instant {
+        lock(&self.course).fed_at
     }
 
     /// Ends the stream, and waits for the beat under way; not longer than [`LAST_BEAT`], so that a port that takes no bytes holds up
     /// no stop.
     pub(super) async fn end(self) {
+        // Whenever a thread is free to wait for it: a stop follows.
+        self.streamer.cancel();
         let ended = tokio::task::spawn_blocking(move || drop(self));
         // It ends by itself then.
         let _ = timeout(LAST_BEAT, ended).await;
@@ -90,9 +145,9 @@ impl ServoStream {
         lock(&self.course).points.is_moving()
     }
 
-    /// Error that ended the stream.
-    pub(super) fn failure(&self) -> Option<DeviceError> {
-        lock(&self.course).failure.clone().map(|reason| DeviceError::Closed { reason })
+    /// Error of a stream that broke off, or was not fed.
+    pub(super) fn check(&self) -> Result<(), DeviceError> {
+        lock(&self.course).check()
     }
 
     /// Histogram of the period.
@@ -143,6 +198,6 @@ fn push(stream: &mut TcpStream, request: &HansRequest, wiring: &Wiring) -> io::R
     Ok(())
 }
 
-fn lock(course: &Mutex<Course>) -> MutexGuard<'_, Course> {
+fn lock(course: &Mutex<ServoCourse>) -> MutexGuard<'_, ServoCourse> {
     course.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -16,8 +16,12 @@ use crate::execution::tests::simulated_network::{NetworkDialer, Passage, RoughNe
 
 /// Joints where the simulated arm begins, degrees.
 const HOME_DEG: [f64; 6] = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0];
+/// Joints away from there, degrees.
 const AWAY_DEG: [f64; 6] = [20.0, -10.0, 70.0, 15.0, 30.0, -25.0];
+/// Watchdog of an arm that is fed, or does not need to be.
 const WATCHDOG: Duration = Duration::from_millis(200);
+/// Watchdog of a stream that moves while nobody feeds it: longer than this machine may be busy.
+const SERVO_WATCHDOG: Duration = Duration::from_secs(5);
 
 struct Bench {
     arm: HansArm,
@@ -74,6 +78,7 @@ impl Bench {
     async fn arrive(&mut self) -> ArmState {
         let arrived = async {
             loop {
+                self.arm.keep_alive().await.expect("alive");
                 let state = self.arm.state().await.expect("a state");
                 if state.condition.in_position {
                     return state;
@@ -264,7 +269,7 @@ async fn joints_are_streamed_there_and_back_and_stand_after_a_stop() {
     let mut bench = bench().await;
     bench.arm.spec.servo = servo(bench.addresses, 4);
     bench.arm.connect().await.expect("a controller");
-    bench.arm.arm(WATCHDOG).await.expect("armed");
+    bench.arm.arm(SERVO_WATCHDOG).await.expect("armed");
     for (sequence, joints_deg) in [(1, AWAY_DEG), (2, HOME_DEG)] {
         bench.arm.start(&target(sequence, joints_deg, 60.0)).await.expect("accepted");
         assert!(bench.arm.state().await.expect("a state").condition.moving);
@@ -290,7 +295,7 @@ async fn an_axis_that_was_measured_beside_the_program_is_not_a_jump() {
     let mut bench = bench().await;
     bench.arm.spec.servo = servo(bench.addresses, 4);
     bench.arm.connect().await.expect("a controller");
-    bench.arm.arm(WATCHDOG).await.expect("armed");
+    bench.arm.arm(SERVO_WATCHDOG).await.expect("armed");
     // By the program joint 1 turns alone. Joint 4 was measured in its place then, and 0.0004° beside it when it was armed.
     let mut away_deg = HOME_DEG;
     (away_deg[0], away_deg[3]) = (20.0, HOME_DEG[3] + 4e-4);
@@ -317,6 +322,40 @@ async fn a_stream_that_is_given_back_leaves_the_controller_ready_for_the_next_ru
     }
 }
 
+/// The thread led an arm on to the end of its move, whatever became of the session.
+#[test]
+fn a_stream_whose_session_gives_no_sign_of_life_is_led_to_rest_and_takes_no_target() {
+    let (began, period) = (std::time::Instant::now(), Duration::from_millis(4));
+    let mut course = servo::ServoCourse::still([0.0; 6], WATCHDOG, began);
+    let far = target(1, [90.0; 6], 60.0);
+    course.lead(&far).expect("fed");
+    let beats = WATCHDOG.as_millis() as u32 / 4;
+    let moved: Vec<[f64; 6]> = (1..=beats).map(|beat| course.advance(period, began + period * beat)).collect();
+    assert!(moved.windows(2).all(|pair| pair[1][0] > pair[0][0]), "on its way while it is fed");
+    assert_eq!(course.check(), Ok(()));
+    let late = |beat: u32| began + period * (beats + beat);
+    let rest: Vec<[f64; 6]> = (1..=500).map(|beat| course.advance(period, late(beat))).collect();
+    let [before, at_rest] = [moved[moved.len() - 1][0], rest[rest.len() - 1][0]].map(f64::to_degrees);
+    assert!(at_rest - before < 45.0 && rest[0][0] > moved[moved.len() - 1][0], "a ramp from {before}° to {at_rest}°");
+    assert_eq!(rest[rest.len() - 2], rest[rest.len() - 1], "at rest");
+    let told = course.check().expect_err("not fed").to_string();
+    assert!(told.contains("it was not kept alive in time"), "{told}");
+    assert_eq!(course.lead(&far).map_err(|error| error.to_string()), Err(told));
+}
+
+/// A feed, a pause and a state took longer than the watchdog's time beside a table that answered as slowly as it may.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_state_that_is_read_is_a_sign_of_life_for_the_stream() {
+    let mut bench = bench().await;
+    bench.arm.spec.servo = servo(bench.addresses, 4);
+    bench.arm.connect().await.expect("a controller");
+    bench.arm.arm(SERVO_WATCHDOG).await.expect("armed");
+    let fed_at = |arm: &HansArm| arm.servo.as_ref().expect("a stream").fed_at();
+    let before = fed_at(&bench.arm);
+    bench.arm.state().await.expect("a state");
+    assert!(fed_at(&bench.arm) > before);
+}
+
 /// Set points that wait for the network would be carried out after the stop on the text port: the connection is reset.
 #[tokio::test]
 async fn set_points_that_the_network_has_not_taken_are_not_sent_once_the_stream_has_ended() {
@@ -328,11 +367,34 @@ async fn set_points_that_the_network_has_not_taken_are_not_sent_once_the_stream_
         let mut taken = Vec::new();
         stream.read_to_end(&mut taken).await.map_err(|error| error.kind())
     });
-    let stream = ServoStream::begin(&spec, HOME_DEG, &Wiring::over_tcp("arm", Arc::new(()))).await.expect("a stream");
+    let stream = ServoStream::begin(&spec, HOME_DEG, WATCHDOG, &Wiring::over_tcp("arm", Arc::new(()))).await.expect("a stream");
     sleep(Duration::from_millis(50)).await;
     stream.end().await;
     let ended = timeout(Duration::from_secs(5), controller).await.expect("it ends").expect("no panic");
     assert_eq!(ended, Err(std::io::ErrorKind::ConnectionReset));
+}
+
+/// Set points went on until some other work had ended, beyond the stop on the text port.
+#[test]
+fn a_stream_ends_although_no_thread_is_free_to_wait_for_it() {
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    let runtime = runtime.enable_all().max_blocking_threads(1).build().expect("a runtime");
+    let (free, held) = std::sync::mpsc::channel::<()>();
+    runtime.block_on(async {
+        let port = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let (address, state_address) = (port.local_addr().expect("an address").to_string(), String::new());
+        let spec = HansServoSpec { address, state_address, period_ms: 4, start_argument: 8000.0, lookahead_secs: 0.004 };
+        let controller = tokio::spawn(async move {
+            let (mut stream, _) = port.accept().await.expect("a client");
+            let _ = stream.read_to_end(&mut Vec::new()).await;
+        });
+        let stream =
+            ServoStream::begin(&spec, HOME_DEG, WATCHDOG, &Wiring::over_tcp("arm", Arc::new(()))).await.expect("a stream");
+        tokio::task::spawn_blocking(move || held.recv());
+        stream.end().await;
+        timeout(Duration::from_secs(5), controller).await.expect("it ends").expect("no panic");
+    });
+    drop(free);
 }
 
 #[tokio::test]

@@ -7,10 +7,9 @@ use tokio::time::{Instant, sleep};
 
 use super::{BLOCK_RUNS, GOAL_SHARE, MinasA6Table, POLL, START_WAIT};
 use crate::execution::device::{DeviceError, Target};
-use crate::execution::drivers::table_units::whole;
-use crate::execution::protocol::minas_a6::{
-    BlockTravel, MAX_RAMP_MS, MoveBlock, RAMP_R_PER_MIN, coil, output, register, registers_of,
-};
+use crate::execution::drivers::table_units::whole_units;
+use crate::execution::protocol::minas_a6::{BlockTravel, MAX_RAMP_MS, MoveBlock, RAMP_R_PER_MIN, coil, output, register};
+use crate::execution::protocol::modbus::registers_of;
 
 /// Blocks that one move may take.
 const MAX_BLOCKS: i64 = 8;
@@ -80,7 +79,7 @@ impl MinasA6Table {
             speed = speed.min((60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).ceil()).max(1.0);
             ramp_ms = MAX_RAMP_MS;
         }
-        let speed = whole(speed, "r/min of the motor", max_r_per_min, target.duration)? as u16;
+        let speed = whole_units(speed, "r/min of the motor", max_r_per_min, target.duration)? as u16;
         let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.clamp(1.0, MAX_RAMP_MS) as u16);
         for (first, value) in [(register::SPEEDS, speed), (register::ACCELERATIONS, ramp_ms), (register::DECELERATIONS, ramp_ms)]
         {
@@ -138,7 +137,8 @@ impl MinasA6Table {
             return Ok(());
         }
         self.check_fault().await?;
-        Err(DeviceError::NotReady { reason: "the block did not start; a stop input may be on at the drive's connector".into() })
+        let reason = "the block did not start; see whether a stop input is on at the drive's connector".to_owned();
+        Err(DeviceError::NotReady { reason })
     }
 }
 

@@ -239,6 +239,18 @@ async fn silence_and_lateness_are_told_and_a_late_answer_is_not_taken_for_anothe
     }
 }
 
+/// The network was to be checked, and the cell file was wrong.
+#[tokio::test]
+async fn a_gateway_with_other_frames_than_configured_is_told_with_the_field_to_check() {
+    for (served, configured) in [(GatewayFraming::Tcp, GatewayFraming::Rtu), (GatewayFraming::Rtu, GatewayFraming::Tcp)] {
+        let mut bench = on_socket(served, DriveSetup::default()).await;
+        bench.table.spec.framing = configured;
+        let told = bench.table.connect().await.expect_err("other frames").to_string();
+        let wanted = format!("; check framing and node in the cell file too, now {} and 1", configured.as_str());
+        assert!(told.ends_with(&wanted), "{told}");
+    }
+}
+
 #[tokio::test]
 async fn the_other_order_of_words_is_found_at_connect_and_can_be_configured() {
     let mut bench = on_socket(GatewayFraming::Rtu, DriveSetup::default()).await;

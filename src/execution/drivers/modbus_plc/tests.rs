@@ -10,7 +10,7 @@ use super::*;
 use crate::cell::WordOrder;
 use crate::execution::device::STOP_ATTEMPT;
 use crate::execution::drivers::stream::ByteStream;
-use crate::execution::protocol::modbus::{ModbusAdu, ModbusReply, ModbusSide};
+use crate::execution::protocol::modbus::{ModbusAdu, ModbusReply, ModbusSide, values_of};
 use crate::execution::tests::simulated_network::{NetworkDialer, Passage, RoughNetwork};
 
 /// Registers of the PLC: target 10, speed 12, command 14, state 15, position 16, fault 18, heartbeat 19.

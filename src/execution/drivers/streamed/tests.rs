@@ -1,9 +1,10 @@
 //! The drivers whose controller sets the pace, beside our simulators on real sockets.
 
+use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream, UdpSocket};
+use tokio::net::{TcpListener, TcpSocket, TcpStream, UdpSocket};
 use tokio::time::advance;
 
 use super::*;
@@ -12,10 +13,11 @@ use crate::execution::device::STOP_ATTEMPT;
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::drivers::kuka_rsi::{KukaArm, KukaRsi};
 use crate::execution::drivers::stream::Wiring;
-use crate::execution::drivers::there_and_back::{WATCHDOG, target, there_and_back};
+use crate::execution::drivers::there_and_back::{KeptWords, WATCHDOG, target, there_and_back};
 use crate::execution::drivers::ur::{UniversalRobots, UrArm};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmReport, ExternalAxes};
 use crate::execution::protocol::kuka_rsi::{RsiCorrection, RsiNames, RsiReport};
+use crate::execution::protocol::ur::UrCommand;
 use crate::execution::protocol::ur::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
 use crate::execution::simulators::egm::{EgmController, EgmSession};
 use crate::execution::simulators::kuka_rsi::{RsiController, RsiSession};
@@ -294,6 +296,52 @@ async fn a_stop_does_not_wait_for_a_program_that_is_still_to_connect() {
     assert!(matches!(arm.start(&target(1, start, Duration::from_secs(1))).await, Err(DeviceError::NotReady { .. })));
 }
 
+/// Address of this machine that a program connects back to, by its text.
+async fn way_back(script: &mut TcpStream) -> SocketAddr {
+    let mut text = Vec::new();
+    while !text.ends_with(b"\nend\n") {
+        assert!(script.read_buf(&mut text).await.expect("read") > 0, "the whole program");
+    }
+    let text = String::from_utf8(text).expect("text");
+    let (_, rest) = text.split_once("socket_open(\"127.0.0.1\", ").expect("an address");
+    let port = rest.split(',').next().expect("a port").parse().expect("a number");
+    SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port)
+}
+
+/// Whoever connected first was given the commands, and would have acknowledged the stops, in place of the arm. On Linux the whole of
+/// 127.0.0.0/8 is this machine.
+#[cfg(target_os = "linux")]
+#[tokio::test]
+async fn a_program_that_connects_from_elsewhere_than_the_controller_is_refused_and_noted() {
+    let controller = UrController::bind("127.0.0.1:0", "127.0.0.1:0", [0.0; 6]).await.expect("ports");
+    let (rtde, _) = controller.addresses().expect("addresses");
+    tokio::spawn(controller.serve());
+    let script = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let script_address = script.local_addr().expect("an address").to_string();
+    let programs = tokio::spawn(async move {
+        let (mut stream, _) = script.accept().await.expect("a client");
+        let back = way_back(&mut stream).await;
+        let intruder = TcpSocket::new_v4().expect("a socket");
+        intruder.bind("127.0.0.2:0".parse().expect("an address")).expect("an address");
+        let mut intruder = intruder.connect(back).await.expect("connected");
+        let mut program = TcpStream::connect(back).await.expect("connected");
+        let mut bytes = [0; UrCommand::BYTES];
+        program.read_exact(&mut bytes).await.expect("a command");
+        (UrCommand::decode(&bytes), intruder.read(&mut bytes).await.unwrap_or(0))
+    });
+    let log = KeptWords::new();
+    let spec = ur_spec(rtde.to_string(), script_address, UrMotion::Servoj);
+    let mut arm = UniversalRobots::arm(&spec, Wiring::over_tcp("arm", log.clone()));
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    let (command, to_intruder) = timeout(Duration::from_secs(5), programs).await.expect("in time").expect("no panic");
+    assert!(matches!(command, Ok(UrCommand::SetPoint(_))), "{command:?}");
+    assert_eq!(to_intruder, 0, "bytes");
+    let [noted] = &log.noted()[..] else { panic!("{:?}", log.noted()) };
+    let is_told = noted.starts_with("arm: a connection from 127.0.0.2:") && noted.ends_with("the controller is at 127.0.0.1");
+    assert!(is_told, "{noted}");
+}
+
 /// A move that waits for the network would be carried out after its program was given up: the connection is reset.
 #[tokio::test]
 async fn what_the_network_has_not_taken_is_not_sent_to_a_program_that_is_given_up() {
@@ -304,14 +352,7 @@ async fn what_the_network_has_not_taken_is_not_sent_to_a_program_that_is_given_u
     let script_address = script.local_addr().expect("an address").to_string();
     let program = tokio::spawn(async move {
         let (mut stream, _) = script.accept().await.expect("a client");
-        let mut text = Vec::new();
-        while !text.ends_with(b"\nend\n") {
-            assert!(stream.read_buf(&mut text).await.expect("read") > 0, "the whole program");
-        }
-        let text = String::from_utf8(text).expect("text");
-        let (_, rest) = text.split_once("socket_open(\"127.0.0.1\", ").expect("an address");
-        let port: u16 = rest.split(',').next().expect("a port").parse().expect("a number");
-        let mut reverse = TcpStream::connect(("127.0.0.1", port)).await.expect("connected back");
+        let mut reverse = TcpStream::connect(way_back(&mut stream).await).await.expect("connected back");
         let mut commands = Vec::new();
         reverse.read_to_end(&mut commands).await.map_err(|error| error.kind())
     });
@@ -388,24 +429,24 @@ fn an_order_to_stop_stays_until_it_is_taken() {
     let here = [0.0; 6];
     let report =
         StreamedReport { positions_rad: here, held_rad: here, condition: Condition::READY, hindrance: None, is_behind: false };
-    let mut desk = Desk::default();
+    let mut state = SharedState::default();
     let cycle = Duration::from_millis(8);
-    desk.step(report, cycle);
-    desk.armed = Some(Armed { watchdog: Duration::from_secs(1), fed_at: Instant::now() });
-    desk.set_out(&target(1, [0.5; 6], Duration::from_secs(1))).expect("armed");
-    assert!(matches!(desk.step(report, cycle).order, Some(StreamOrder::Go { .. })));
+    state.step(report, cycle);
+    state.armed = Some(Armed { watchdog: Duration::from_secs(1), fed_at: Instant::now() });
+    state.set_out(&target(1, [0.5; 6], Duration::from_secs(1))).expect("armed");
+    assert!(matches!(state.step(report, cycle).order, Some(StreamOrder::Go { .. })));
     for _ in 0..2 {
-        desk.ramp_down();
-        desk.armed = None;
+        state.ramp_down();
+        state.armed = None;
     }
-    assert_eq!(desk.step(report, cycle).order, Some(StreamOrder::Stop));
-    assert_eq!(desk.step(report, cycle).order, None);
-    desk.ramp_down();
-    assert_eq!(desk.order, None, "it was stopped");
-    desk.stop_not_taken = Some(DeviceError::NotReady { reason: "not taken".to_owned() });
-    desk.ramp_down();
+    assert_eq!(state.step(report, cycle).order, Some(StreamOrder::Stop));
+    assert_eq!(state.step(report, cycle).order, None);
+    state.ramp_down();
+    assert_eq!(state.order, None, "it was stopped");
+    state.stop_not_taken = Some(DeviceError::NotReady { reason: "not taken".to_owned() });
+    state.ramp_down();
     let hindered = StreamedReport { hindrance: Some("its program is paused"), ..report };
-    assert_eq!(desk.step(hindered, cycle).order, Some(StreamOrder::Stop), "it is asked anew, whatever hinders the arm");
+    assert_eq!(state.step(hindered, cycle).order, Some(StreamOrder::Stop), "it is asked anew, whatever hinders the arm");
 }
 
 /// A controller that does not take so many orders to stop.
@@ -467,8 +508,8 @@ impl StreamedLink<1> for HardOfHearing {
 async fn a_stop_that_was_not_taken_is_asked_for_anew_within_the_attempt() {
     for (refusals, is_taken) in [(5, true), (u32::MAX, false)] {
         let controller = HardOfHearing { refusals };
-        let desk = Desk { is_under_order: true, ..Desk::default() };
-        let shared: Arc<Shared<1>> = Arc::new(Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) });
+        let state = SharedState { is_under_order: true, ..SharedState::default() };
+        let shared: Arc<Shared<1>> = Arc::new(Shared { state: Mutex::new(state), cycles: watch::Sender::new(0) });
         let mut arm = Streamed { protocol: controller, thread: Some(Arc::clone(&shared)) };
         let asked_at = Instant::now();
         let stopped = tokio::select! {
@@ -478,6 +519,90 @@ async fn a_stop_that_was_not_taken_is_asked_for_anew_within_the_attempt() {
         assert_eq!(stopped.is_ok(), is_taken, "{stopped:?}");
         assert!(asked_at.elapsed() < STOP_ATTEMPT, "{:?}", asked_at.elapsed());
     }
+}
+
+/// A controller that sends garbage but for one report in so many; it may count every answer as late.
+#[derive(Clone)]
+struct Garbling {
+    reports: u32,
+    good_one_in: u32,
+    is_behind: bool,
+}
+
+impl StreamedProtocol<6> for Garbling {
+    type Link = Self;
+
+    async fn open(&self) -> Result<(Identity, Self), DeviceError> {
+        let [maker, model] = ["test", "garbling"].map(str::to_owned);
+        Ok((Identity { maker, model, serial: None, firmware: None }, self.clone()))
+    }
+}
+
+impl StreamedLink<6> for Garbling {
+    const ALWAYS_FOLLOWS: bool = true;
+
+    fn cycle(&self) -> Duration {
+        Duration::from_millis(CYCLE_MS.into())
+    }
+
+    async fn report(&mut self) -> Result<StreamedReport<6>, DeviceError> {
+        sleep(self.cycle()).await;
+        self.reports += 1;
+        if !self.reports.is_multiple_of(self.good_one_in) {
+            return Err(DeviceError::Malformed { what: "garbage".to_owned() });
+        }
+        let (here, condition, is_behind) = ([0.0; 6], Condition::READY, self.is_behind);
+        Ok(StreamedReport { positions_rad: here, held_rad: here, condition, hindrance: None, is_behind })
+    }
+
+    async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn answer(&mut self, _step: &StreamStep<6>) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn close(self) {}
+}
+
+/// The thread went on for ever, and held its socket.
+#[tokio::test(start_paused = true)]
+async fn a_link_that_is_to_close_is_closed_in_time_whatever_its_controller_sends() {
+    for (good_one_in, is_behind, rests) in [(u32::MAX, false, false), (1, true, false), (2, false, true)] {
+        let (_, shared, cycle) = on_the_way();
+        for _ in 0..20 {
+            shared.lock().points.as_mut().expect("on the way").advance(cycle);
+        }
+        shared.close();
+        let controller = Garbling { reports: 0, good_one_in, is_behind };
+        let ended = timeout(2 * CLOSE_TIMEOUT, answer_all(&controller, &shared)).await;
+        assert_eq!(ended, Ok(Ok(())), "one good report in {good_one_in}");
+        let is_moving = shared.lock().points.as_ref().is_some_and(SetPoints::is_moving);
+        assert_eq!(!is_moving, rests, "one good report in {good_one_in}");
+    }
+}
+
+/// A protocol with a fault of our own.
+#[derive(Clone)]
+struct Panicking;
+
+impl StreamedProtocol<6> for Panicking {
+    type Link = Garbling;
+
+    async fn open(&self) -> Result<(Identity, Garbling), DeviceError> {
+        panic!("planted");
+    }
+}
+
+/// The controller was told as silent after ten seconds, and giving the link back waited as long.
+#[tokio::test]
+async fn a_thread_that_panics_is_told_at_once_and_holds_nothing_up() {
+    let mut arm: Streamed<6, Panicking> = Streamed::new(Panicking);
+    let connected = timeout(FIRST_REPORT_TIMEOUT / 2, arm.connect()).await.expect("told at once");
+    let is_told = matches!(&connected, Err(DeviceError::Closed { reason }) if reason.contains("a fault of this program's own"));
+    assert!(is_told, "{connected:?}");
+    timeout(END_TIMEOUT / 2, arm.release()).await.expect("the thread has ended").expect("released");
 }
 
 #[tokio::test]
@@ -534,12 +659,12 @@ async fn there_is_nothing_to_keep_alive_after_a_stop_and_nothing_wrong_with_that
     assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "it lapsed before the stop");
 }
 
-/// Set points on the way to a target, a desk that has them, and the cycle of the controller.
+/// Set points on the way to a target, a state that has them, and the cycle of the controller.
 fn on_the_way() -> (SetPoints<6>, Shared<6>, Duration) {
     let mut points = SetPoints::still([0.0; 6]);
     points.go(&target(1, [1.0; 6], Duration::from_secs(1)));
-    let desk = Desk { points: Some(points.clone()), ..Desk::default() };
-    (points, Shared { desk: Mutex::new(desk), cycles: watch::Sender::new(0) }, Duration::from_millis(CYCLE_MS.into()))
+    let state = SharedState { points: Some(points.clone()), ..SharedState::default() };
+    (points, Shared { state: Mutex::new(state), cycles: watch::Sender::new(0) }, Duration::from_millis(CYCLE_MS.into()))
 }
 
 /// Answers the next report; returns false if none comes.
@@ -663,7 +788,7 @@ async fn a_report_of_egm_that_was_overtaken_gets_no_answer() {
 /// Drivers and twin told it in three ways, one of which spoke of a watchdog that nobody had set.
 #[test]
 fn an_arm_that_was_never_armed_is_told_as_by_every_driver() {
-    let told = Desk::<6>::default().fail_if_not_armed();
+    let told = SharedState::<6>::default().fail_if_not_armed();
     let reason = crate::execution::drivers::stream::NOT_ARMED.to_owned();
     assert_eq!(told, Err(DeviceError::NotReady { reason }));
 }

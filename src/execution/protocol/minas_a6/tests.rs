@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::cell::WordOrder;
 use crate::execution::protocol::mangled::each_mangled;
+use crate::execution::protocol::modbus::{registers_of, values_of};
 
 #[test]
 fn addresses_of_parameters_follow_the_manual_s_formula() {

@@ -231,7 +231,7 @@ impl RtdeState {
     /// Reads the values of a data frame.
     ///
     /// # Errors
-    /// [`DeviceError::Malformed`]: another length, or joints that are no numbers.
+    /// [`DeviceError::Malformed`]: another length, or joints that are not numbers.
     pub fn decode(values: &[u8]) -> Result<Self, DeviceError> {
         if values.len() != STATE_BYTES {
             return Err(malformed(format!("{} bytes of state for {STATE_BYTES}", values.len())));
@@ -247,7 +247,7 @@ impl RtdeState {
             mode: body.take().map(i32::from_be_bytes)?,
         };
         let is_finite = state.joints_rad.iter().chain(&state.speeds_rad_s).all(|value| value.is_finite());
-        if is_finite { Ok(state) } else { Err(malformed("joints that are no numbers")) }
+        if is_finite { Ok(state) } else { Err(malformed("joints that are not numbers")) }
     }
 
     /// The values of a data frame, as a controller writes them.
@@ -338,6 +338,6 @@ impl Body<'_> {
     }
 
     fn text(&mut self) -> Result<String, DeviceError> {
-        std::str::from_utf8(self.0).map(str::to_owned).map_err(|_| malformed("an RTDE frame whose text is none"))
+        std::str::from_utf8(self.0).map(str::to_owned).map_err(|_| malformed("an RTDE frame whose text is not UTF-8"))
     }
 }

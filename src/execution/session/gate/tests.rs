@@ -4,8 +4,8 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::{
-    Objection, RunJob, Safeguards, WORKSPACE_MARGIN_MM, Workspace, outside_workspace, to_run, to_start, to_target, unfit,
-    watched_mm, workspace_pieces,
+    Objection, RunJob, Safeguards, WORKSPACE_MARGIN_MM, Workspace, furthest_axis, outside_workspace, to_run, to_start, to_target,
+    unfit, watched_mm, workspace_pieces,
 };
 use crate::cell::{
     CalibrationObjection, CalibrationProvenance, Cell, CollisionScene, CompensationProvenance, Configuration, PoseSpec,
@@ -96,9 +96,9 @@ fn a_target_is_refused_for_each_thing_that_is_wrong_with_it() {
     assert_eq!(to_target(&job, &home, &harsh, &safeguards), Some(Objection::TooFast { axis: 6 }));
     let mut nowhere = good.clone();
     nowhere.positions_rad[2] = f64::NAN;
-    assert_eq!(to_target(&job, &home, &nowhere, &safeguards), Some(Objection::NotFinite));
+    assert_eq!(to_target(&job, &home, &nowhere, &safeguards), Some(Objection::TargetNotFinite));
     let lost = Configuration { table_rad: f64::NAN, ..home };
-    assert_eq!(to_target(&job, &lost, &good, &safeguards), Some(Objection::NotFinite));
+    assert_eq!(to_target(&job, &lost, &good, &safeguards), Some(Objection::MeasuredNotFinite));
     let workspace = Some(Workspace { min_mm: [-2000.0; 3], max_mm: [2000.0, 2000.0, 200.0] });
     let low = Safeguards { workspace, ..safeguards };
     assert!(matches!(to_target(&job, &home, &good, &low), Some(Objection::OutsideWorkspace { .. })));
@@ -168,6 +168,21 @@ fn a_start_is_refused_beyond_its_tolerance() {
     let off = |deg: f64| to_start(&Configuration { table_rad: home.table_rad + deg.to_radians(), ..home }, &home, &safeguards);
     assert_eq!(off(0.49), None);
     assert!(matches!(off(0.51), Some(Objection::OffStart { axis: 7, .. })));
+}
+
+/// An angle that was not a number stood exactly where it should: no distance is larger than one that is not a number either.
+#[test]
+fn an_angle_that_is_not_a_number_stands_nowhere() {
+    let (safeguards, home) = (Safeguards::default(), planned().program.home_rad);
+    for lost_rad in [f64::NAN, -f64::NAN, f64::INFINITY] {
+        let mut lost = home;
+        lost.joints_rad[2] = lost_rad;
+        let (axis, off_rad) = furthest_axis(&home, &lost);
+        assert!(axis == 3 && !off_rad.is_finite(), "axis {axis}: {off_rad}");
+        assert_eq!(to_start(&lost, &home, &safeguards), Some(Objection::MeasuredNotFinite));
+    }
+    let told = Objection::MeasuredNotFinite.to_string();
+    assert!(told.contains("check its link") && !told.contains("plan again"), "the program is not at fault: {told}");
 }
 
 #[test]

@@ -23,7 +23,7 @@ async fn one_holder_at_a_time_with_tokens_that_rise() {
     assert_eq!(leases.current("a"), None);
     let second = leases.acquire("a", "two", TTL).expect("free again");
     assert!(second.token > first.token);
-    assert!(matches!(leases.check("a", first.token), Err(LeaseError::Stranger { .. })));
+    assert!(matches!(leases.check("a", first.token), Err(LeaseError::WrongToken { .. })));
     assert!(leases.release("a", first.token).is_err());
     leases.release("a", second.token).expect("its own");
     assert_eq!(leases.current("a"), None);
@@ -44,7 +44,10 @@ async fn a_holder_is_told_with_the_time_that_is_left() {
 async fn a_lease_has_a_time_within_bounds() {
     let leases = Leases::default();
     for ttl in [Duration::from_millis(199), Duration::from_millis(30_001)] {
-        assert_eq!(leases.acquire("a", "one", ttl), Err(LeaseError::Ttl(ttl)));
+        let refused = leases.acquire("a", "one", ttl).expect_err("out of bounds");
+        assert_eq!(refused, LeaseError::Ttl(ttl));
+        let told = format!("a lease lasts 200 to 30000 ms, not {} ms; set execution.lease_secs within that", ttl.as_millis());
+        assert_eq!(refused.to_string(), told);
     }
 }
 
@@ -56,5 +59,5 @@ async fn a_lease_that_ended_is_not_kept_for_ever() {
     }
     advance(TTL + super::KEPT_AFTER_END).await;
     leases.acquire("another", "one", TTL).expect("free");
-    assert_eq!(leases.book().of_cell.len(), 1);
+    assert_eq!(leases.table().of_cell.len(), 1);
 }

@@ -24,7 +24,7 @@ fn causes() -> Vec<StopCause> {
         StopCause::Device { device, error: DeviceError::Closed { reason: "reset".into() } },
         StopCause::Device { device, error: DeviceError::Refused { code: 1, text: "no".into() } },
         StopCause::Fault { device, code: 7, text: None },
-        StopCause::Objections(vec![Objection::NotFinite]),
+        StopCause::Objections(vec![Objection::TargetNotFinite]),
         StopCause::OffPath { axis: 1, off_deg: 6.0, allowed_deg: 5.0 },
         StopCause::NotReached { axis: 7, off_deg: 1.0 },
         StopCause::Internal("panic".into()),
@@ -34,7 +34,8 @@ fn causes() -> Vec<StopCause> {
 fn events() -> Vec<RunEvent> {
     let pauses = [PauseCause::Client, PauseCause::SingleStep, PauseCause::Locating].map(RunEvent::Paused);
     let plain = [RunEvent::Prepared, RunEvent::Armed, RunEvent::Started, RunEvent::Resumed, RunEvent::Finished, RunEvent::Read];
-    pauses.into_iter().chain(plain).chain(causes().into_iter().map(RunEvent::Stopped)).collect()
+    let stopping = [RunEvent::Stopping(None), RunEvent::Stopping(Some(StopCause::Client))];
+    pauses.into_iter().chain(plain).chain(stopping).chain(causes().into_iter().map(RunEvent::Stopped)).collect()
 }
 
 #[test]
@@ -67,6 +68,7 @@ fn every_event_in_every_state_leads_where_the_drawing_says() {
                 RunEvent::Resumed => (state == Paused).then_some(Running),
                 RunEvent::Finished => (state == Running).then_some(Done),
                 RunEvent::Read => matches!(state, Preparing | Ready).then_some(Done),
+                RunEvent::Stopping(_) => (!state.is_final()).then_some(state),
             };
             assert_eq!(next, wanted, "{event:?} while {state:?}");
         }

@@ -14,29 +14,37 @@ use crate::execution::simulators::motion::MovingAxes;
 const CAPTURE_SECS: f64 = 0.5;
 /// Time for which its acknowledgement stays on once the output is off, s.
 const RELEASE_SECS: f64 = 0.1;
-/// Codes of the maker's that this arm refuses with. What the controller says to a move while it is disabled is not
-/// documented.
+/// Code of the maker's for a move while another is under way.
 const ALREADY_MOVING: i64 = 20_004;
+/// Code of the maker's for an arm that is not initialised. What the controller says to a move while it is disabled is not documented.
 const NOT_INITIALISED: i64 = 40_000;
+/// Code of the maker's for a parameter that is not allowed.
 const PARAMETER_ERROR: i64 = 40_034;
-/// States besides those of the codec.
+/// State: emergency stop.
 const FSM_EMERGENCY_STOP: i32 = 5;
+/// State: no power.
 const FSM_BLACKOUT: i32 = 7;
+/// State: guard open.
 const FSM_SAFETY_GUARD: i32 = 12;
+/// State: error.
 const FSM_ERROR: i32 = 22;
+/// State: braking to rest.
 const FSM_STOPPING: i32 = 27;
+/// State: guided by hand.
 const FSM_FREE_DRIVE: i32 = 31;
+/// State: move held.
 const FSM_HOLDING: i32 = 32;
-/// States of a path.
+/// State of a path that can be followed.
 const PATH_COMPUTED: u8 = 3;
-/// Paths, and points of each, that it keeps.
+/// Largest number of paths that it keeps.
 const MAX_PATHS: usize = 16;
+/// Largest number of points of a path.
 const MAX_PATH_POINTS: usize = 4096;
 /// Fewest points of a path.
 const MIN_PATH_POINTS: usize = 5;
-/// Largest speed of servo targets, of the rated, over the time since the last and what the network may bunch together: beyond
-/// it the arm is in error.
+/// Largest speed of servo targets, of the rated, over the time since the last and [`SERVO_BUNCH_SECS`]: beyond it the arm is in error.
 const MAX_SERVO_SPEED: f64 = 1.5;
+/// Time of servo targets that the network may bunch together, s.
 const SERVO_BUNCH_SECS: f64 = 0.02;
 
 /// A simulated arm.

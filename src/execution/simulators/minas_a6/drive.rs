@@ -7,23 +7,27 @@ use crate::cell::WordOrder;
 use crate::execution::protocol::minas_a6::{
     ABSOLUTE_ENCODER, ACQUIRE_RIGHT, BLOCK_OPERATION, BlockTravel, COMMUNICATION_TIMEOUT, ERROR_FORCED_ALARM, ERROR_SAFETY_INPUT,
     ERROR_TIMEOUT, INFINITE_ROTATION, MULTI_TURN_LIMIT, MoveBlock, RAMP_R_PER_MIN, RELEASE_RIGHT, RESOLUTIONS, coil,
-    error_register, output, register, registers_of, registers_of_text, values_of,
+    error_register, output, register, registers_of_text,
 };
-use crate::execution::protocol::modbus::{ModbusReply, ModbusRequest};
+use crate::execution::protocol::modbus::{ModbusReply, ModbusRequest, registers_of, values_of};
 use crate::execution::simulators::faults::{DeviceLook, FaultState};
 use crate::execution::simulators::motion::MovingAxes;
 
-/// Exceptions: an address, a value that there is not.
+/// Exception: no such address.
 const NO_ADDRESS: u8 = 2;
+/// Exception: a value that is not allowed.
 const WRONG_VALUE: u8 = 3;
-/// Errors of blocks.
+/// Error of a block without a command, or with a speed or a ramp of zero.
 const ERROR_BLOCK_DATA: u32 = 9301;
+/// Error of a start while another block runs, or with the servo off.
 const ERROR_BLOCK_OPERATION: u32 = 9400;
 /// Time from the servo's coil to a motor with current.
 const SERVO_ON_SECS: f64 = 0.05;
 /// Time that the alarm's coil is held to clear it.
 const CLEAR_SECS: f64 = 0.12;
+/// Model that it gives itself.
 const MODEL: &str = "MADLT15SF";
+/// Version of its software.
 const SOFTWARE: &str = "SIM1.00";
 
 /// A simulated drive. Positions are units, turns counted.
@@ -344,7 +348,7 @@ impl SimulatedDrive {
     }
 }
 
-/// Addresses from one on; those beyond the last are none.
+/// Addresses from `first` on; one beyond the last address is an error.
 fn range(first: u16, count: u16) -> impl Iterator<Item = Result<u16, u8>> {
     (0..count).map(move |place| first.checked_add(place).ok_or(NO_ADDRESS))
 }

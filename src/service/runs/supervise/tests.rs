@@ -9,8 +9,8 @@ use super::super::{RunCursor, RunMessage};
 use super::*;
 use crate::cell::{CollisionScene, Presets, SpecLibrary};
 use crate::execution::audit::{AuditLimits, verify};
-use crate::execution::record::PoseDeviation;
-use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, simulate};
+use crate::execution::record::{DeviceStop, PoseDeviation};
+use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, RunState, simulate};
 use crate::geometry::Pose;
 use crate::program::{Program, Step};
 use crate::service::Options;
@@ -29,7 +29,7 @@ async fn supervisor(app: &App) -> Supervisor {
     let run = Run::new(&RunRequest::new(JobId::generate()), None, "cell", &program, "");
     let open = app.0.runs.enter(run.id, &run.cell, run.mode).expect("free");
     let (run, _) = app.0.store.insert_run(&run, None, 1).await.expect("stored");
-    Supervisor { app: app.clone(), run, open, stored_steps: 0 }
+    Supervisor { app: app.clone(), run, open, stored: DoneSteps::default() }
 }
 
 #[tokio::test]
@@ -74,7 +74,8 @@ async fn a_run_is_stored_as_done_before_its_coverage_is_evaluated() {
         let run = of_evaluation.run(id).await.expect("it");
         assert_eq!((run.state, run.coverage), (ReportedState::Done, None));
         // As the next process does: nothing is open any more.
-        assert_eq!(of_evaluation.0.store.stop_open_runs("", &std::collections::BTreeMap::new()).await.expect("none"), 0);
+        let stopped = of_evaluation.0.store.stop_open_runs("", &std::collections::BTreeMap::new()).await.expect("none");
+        assert!(stopped.is_empty());
         Some(coverage)
     };
     supervisor.store_end(&[], evaluated).await;
@@ -82,6 +83,18 @@ async fn a_run_is_stored_as_done_before_its_coverage_is_evaluated() {
     drop(supervisor);
     let told = waiting.await.expect("no panic").expect("it");
     assert_eq!((told.state, told.coverage), (ReportedState::Done, Some(coverage)), "whoever waits for its end finds it");
+}
+
+/// Clients that listened while the recovery waited for room saw the run go on.
+#[tokio::test]
+async fn a_run_that_recovery_stops_is_told_to_whoever_listens() {
+    let (app, _folder) = service().await;
+    let run = Run::new(&RunRequest::new(JobId::generate()), None, "cell", &no_steps(), "");
+    app.0.store.insert_run(&run, None, 1).await.expect("stored");
+    let mut events = app.0.runs.subscribe();
+    app.recover_runs().await.expect("recovered");
+    let event = events.try_recv().expect("an event");
+    assert_eq!((event.run_id, event.state), (run.id, ReportedState::Stopped));
 }
 
 #[tokio::test]
@@ -263,6 +276,22 @@ async fn the_scans_of_a_run_that_was_cut_off_are_counted_in_its_record() {
     assert_eq!((record.run.state, record.run.scans, record.steps.len()), (ReportedState::Stopped, 2, 5));
 }
 
+/// Each event copied and summed the whole record anew.
+#[tokio::test]
+async fn sums_over_the_steps_of_a_run_go_on_from_those_that_are_stored() {
+    let (app, _folder) = service().await;
+    let mut supervisor = supervisor(&app).await;
+    supervisor.run.state = ReportedState::Running;
+    supervisor.store(RunEventKind::Step, &[StepKind::Move, StepKind::Scan].map(completed)).await;
+    assert_eq!(supervisor.stored, DoneSteps { count: 2, scans: 1, secs: 2.0 });
+    let unstored = [StepKind::Scan].map(completed);
+    assert_eq!(supervisor.stored.and(&unstored), DoneSteps { count: 3, scans: 2, secs: 3.0 });
+    app.0.store.fill_disk_at("UPDATE ON run WHEN NEW.state = 'paused'").await;
+    supervisor.run.state = ReportedState::Paused;
+    supervisor.store(RunEventKind::Step, &unstored).await;
+    assert_eq!(supervisor.stored.count, 2, "they are stored with the next event");
+}
+
 /// The last step alone would else take the cap off the speed of all.
 #[test]
 fn a_run_that_began_at_a_later_step_has_not_completed_the_program() {
@@ -292,6 +321,44 @@ fn waiting() -> RunHandle {
     let hashes = Hashes { plan: program.plan_sha256.clone(), cell: String::new(), compensation: None };
     let job = RunJob::new(program, cell, &scene, None, [hashes.clone(), hashes]).expect("sound");
     simulate(job, RunOptions { single_step: true, ..RunOptions::default() })
+}
+
+/// The state went back from that of the last event to those before it.
+#[tokio::test]
+async fn a_new_reader_is_told_no_sample_from_before_the_last_change_of_state() {
+    let (app, _folder) = service().await;
+    let (supervisor, handle) = (supervisor(&app).await, waiting());
+    let mut status = handle.watch_status();
+    status.wait_for(|status| status.state == RunState::Armed).await.expect("it waits");
+    supervisor.open.session.send_replace(Some(handle.clone()));
+    let before = RunCursor { event: 0, sample: 1 };
+    for (after, state) in [(None, ReportedState::Armed), (Some(before), ReportedState::Preparing)] {
+        let mut stream = app.run_events(supervisor.run.id, after).await.expect("a stream");
+        let sample = loop {
+            if let RunMessage::Sample(sample, _) = stream.next().await.expect("read").expect("a message") {
+                break sample;
+            }
+        };
+        assert_eq!(sample.state, state, "{after:?}");
+    }
+}
+
+/// A run that is stopped was told as under way, without its stop, until both devices were at rest.
+#[tokio::test]
+async fn a_stop_is_stored_as_far_as_it_has_got_before_the_run_has_ended() {
+    let (app, _folder) = service().await;
+    let (mut supervisor, handle) = (supervisor(&app).await, waiting());
+    let status = RunStatus { state: RunState::Running, reason: RunReason::Stopping(Some(StopCause::Client)) };
+    let arm = DeviceStop { acknowledged: Some(Duration::from_millis(3)), ..DeviceStop::default() };
+    for (arm, acknowledged_ms) in [(DeviceStop::default(), None), (arm, Some(3.0))] {
+        let stop = Some([arm, DeviceStop::default()]);
+        let event = LiveEvent { status: status.clone(), stop, ..handle.latest().expect("told") };
+        assert!(!supervisor.hear(&handle, &event).await, "it has not ended");
+        let run = app.run(supervisor.run.id).await.expect("it");
+        assert_eq!((run.state, run.reason), (ReportedState::Running, ReportedReason::Stopping));
+        let stop = run.stop.expect("a stop that was sent");
+        assert_eq!(stop.arm.map(|arm| arm.acknowledged_ms), Some(acknowledged_ms));
+    }
 }
 
 /// A disk that does not answer holds up the task, and whoever stops the server to stop the arm waits for no disk.
