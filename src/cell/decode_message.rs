@@ -16,7 +16,9 @@ fn in_brackets(place: &str) -> String {
 fn plain(text: &str) -> Option<String> {
     let mismatch = ["invalid type: ", "invalid value: "].iter().find_map(|start| text.strip_prefix(start));
     if let Some((found, expected)) = mismatch.and_then(|rest| rest.rsplit_once(", expected ")) {
-        return Some(format!("is {}; expected {}", found_value(found), expected_of(found, expected)));
+        let (found, expected) = (found_value(found), expected_of(found, expected));
+        let advice = if expected == "a number" { decimal_comma_advice(found.trim_matches('"')) } else { "" };
+        return Some(format!("is {found}; expected {expected}{advice}"));
     }
     if let Some((length, expected)) = text.strip_prefix("invalid length ").and_then(|rest| rest.split_once(", expected ")) {
         let noun = if length == "1" { "element" } else { "elements" };
@@ -29,6 +31,13 @@ fn plain(text: &str) -> Option<String> {
         return Some("is not an id; expected a UUID".to_owned());
     }
     text.starts_with("data did not match any variant of").then(|| "has none of the allowed forms".to_owned())
+}
+
+/// Advice on a text that would be a number with a point in the place of its comma, after a semicolon; empty for any other.
+#[must_use]
+pub fn decimal_comma_advice(text: &str) -> &'static str {
+    let is_number = text.contains(',') && text.replacen(',', ".", 1).trim().parse::<f64>().is_ok();
+    if is_number { "; use a point as decimal separator" } else { "" }
 }
 
 /// A value that was found: as it was written, or its kind.
@@ -117,6 +126,8 @@ mod tests {
     fn what_serde_refuses_is_told_in_plain_words() {
         for (field, value, wanted) in [
             ("number", json!("2.7 kg"), "is \"2.7 kg\"; expected a number"),
+            ("number", json!("2,7"), "is \"2,7\"; expected a number; use a point as decimal separator"),
+            ("number", json!("1,2,7"), "is \"1,2,7\"; expected a number"),
             ("number", json!([1]), "is a list; expected a number"),
             ("number", json!({}), "is an object; expected a number"),
             ("number", json!(null), "is null; expected a number"),

@@ -91,11 +91,23 @@ impl CellDistances {
 
     /// Faults of the specification, at the options that they follow from: what its user gave.
     #[must_use]
-    pub fn blamed(&self, errors: Vec<FieldError>) -> Vec<FieldError> {
-        errors.into_iter().map(|error| self.blamed_one(error)).collect()
+    pub fn blamed(&self, errors: Vec<FieldError>, library: &dyn SpecLibrary) -> Vec<FieldError> {
+        errors.into_iter().map(|error| self.blamed_one(error, library)).collect()
     }
 
-    fn blamed_one(&self, error: FieldError) -> FieldError {
+    /// Returns true if the arm carries the scanner, but not the adapter too.
+    fn is_adapter_too_heavy(&self, library: &dyn SpecLibrary) -> bool {
+        let masses = library.scanner(&self.scanner).ok().zip(library.robot(&self.robot).ok());
+        masses.is_some_and(|(scanner, robot)| {
+            scanner.mass_kg <= robot.payload_kg && scanner.mass_kg + self.adapter_kg > robot.payload_kg
+        })
+    }
+
+    fn blamed_one(&self, error: FieldError, library: &dyn SpecLibrary) -> FieldError {
+        if error.pointer == "/scanner" && self.is_adapter_too_heavy(library) {
+            let detail = format!("is {} kg, too much beside the scanner, which {}", self.adapter_kg, error.detail);
+            return FieldError { pointer: "--adapter-mass".into(), detail };
+        }
         let mut names = error.pointer.split('/').skip(1);
         let option = match names.next().unwrap_or_default() {
             "home_deg" if self.home_deg.is_none() => {
@@ -290,14 +302,25 @@ mod tests {
         // The plate around the robot's foot: no home is free, and none was given.
         let around = CellDistances { table_at_mm: [60.0, 0.0, 20.0], ..distances() };
         let spec = around.spec(&Presets).expect("in range");
-        let errors = around.blamed(spec.build(&Presets).expect_err("it collides"));
+        let errors = around.blamed(spec.build(&Presets).expect_err("it collides"), &Presets);
         assert!(errors.iter().all(|error| error.pointer.starts_with("--")), "{errors:?}");
         let home = errors.iter().find(|error| error.pointer == "--table-at").expect("blamed");
         assert!(home.detail.contains("no collision-free home") && home.detail.contains("collides: "), "{home}");
         // A home that was given is to blame itself.
         let given = CellDistances { home_deg: Some([0.0; 7]), ..around };
-        let errors = given.blamed(given.spec(&Presets).expect("in range").build(&Presets).expect_err("it collides"));
+        let errors = given.blamed(given.spec(&Presets).expect("in range").build(&Presets).expect_err("it collides"), &Presets);
         assert!(errors.iter().any(|error| error.pointer == "--home"), "{errors:?}");
+    }
+
+    /// The scanner was blamed, whose mass nobody had given.
+    #[test]
+    fn an_adapter_that_is_too_heavy_is_blamed_itself_and_not_the_scanner() {
+        let heavy = CellDistances { adapter_kg: 20.0, ..distances() };
+        let errors = heavy.spec(&Presets).expect("in range").build(&Presets).expect_err("more than the payload");
+        let told: Vec<String> = heavy.blamed(errors, &Presets).iter().map(ToString::to_string).collect();
+        let of_mass = told.iter().find(|error| error.starts_with("--adapter-mass: is 20 kg, too much beside the scanner"));
+        assert!(of_mass.is_some_and(|error| error.contains("its mount 20 kg, more than the robot's payload")), "{told:?}");
+        assert!(!told.iter().any(|error| error.starts_with("--scanner")), "{told:?}");
     }
 
     #[test]

@@ -11,7 +11,9 @@ use super::layout::Cell;
 use crate::geometry::{Pose, ScannerFrame, Table};
 
 /// Clearances that are tried for, mm, the widest first.
-const CLEARANCES_MM: [f64; 4] = [50.0, 20.0, 5.0, MIN_CLEARANCE_MM];
+const CLEARANCES_MM: [f64; 4] = [50.0, 20.0, PLANNED_MM, MIN_CLEARANCE_MM];
+/// Clearance that plans keep by default, mm.
+const PLANNED_MM: f64 = 5.0;
 /// Height of the point looked at above the plate, mm.
 const HEIGHTS_MM: [f64; 3] = [100.0, 250.0, 0.0];
 /// Angles of the view from straight above, degrees.
@@ -25,15 +27,19 @@ impl Cell {
     /// height and angle the one nearest to the middle of the joints' ranges, so that few joints stand at their limits.
     #[must_use]
     pub fn free_home(&self) -> Option<Configuration> {
+        // A scene asks only for 1 mm between bodies of the arm that are never as far apart as its clearance. The wider the clearance,
+        // the more of them: a home that is free with 50 mm may be closer than plans allow.
+        let planned = CollisionScene::without_part(self, PLANNED_MM);
         CLEARANCES_MM.into_iter().find_map(|clearance_mm| {
             let scene = CollisionScene::without_part(self, clearance_mm);
+            let scenes = if clearance_mm > PLANNED_MM { vec![&scene, &planned] } else { vec![&scene] };
             let mut views = POLAR_DEG.into_iter().flat_map(|polar| HEIGHTS_MM.into_iter().map(move |height| (polar, height)));
-            views.find_map(|(polar_deg, height_mm)| self.free_view(&scene, polar_deg.to_radians(), height_mm))
+            views.find_map(|(polar_deg, height_mm)| self.free_view(&scenes, polar_deg.to_radians(), height_mm))
         })
     }
 
-    /// The most central free configuration that looks at the plate's axis at this height, under this angle.
-    fn free_view(&self, scene: &CollisionScene, polar: f64, height_mm: f64) -> Option<Configuration> {
+    /// The most central configuration, free in all scenes, that looks at the plate's axis at this height, under this angle.
+    fn free_view(&self, scenes: &[&CollisionScene], polar: f64, height_mm: f64) -> Option<Configuration> {
         let azimuths = if polar > 0.0 { AZIMUTHS } else { 1 };
         let turns = (0..azimuths).flat_map(|azimuth| (0..ROLLS).map(move |roll| (azimuth, roll)));
         let found = turns.flat_map(|(azimuth, roll)| {
@@ -47,7 +53,7 @@ impl Cell {
         let axes = self.axes();
         let mut allowed: Vec<Configuration> = found.filter(|configuration| axes.allow(configuration)).collect();
         allowed.sort_by(|a, b| self.off_centre(a).total_cmp(&self.off_centre(b)));
-        allowed.into_iter().find(|configuration| scene.check(configuration).is_none())
+        allowed.into_iter().find(|configuration| scenes.iter().all(|scene| scene.check(configuration).is_none()))
     }
 
     /// Angle of the table nearest to zero.

@@ -39,7 +39,7 @@ pub struct CellSpec {
     pub scanner: Named<ScannerSpec>,
     /// Robot: a name or a specification.
     pub robot: Named<RobotSpec>,
-    /// Turntable: a name or a specification.
+    /// Turntable: a name or a specification; of a table that stands still, one that turns from 0° to 0.001°.
     pub turntable: Named<TurntableSpec>,
     /// Pose of the plate's centre, at angle zero, seen from the robot's foot.
     #[schema(value_type = PoseInput)]

@@ -14,6 +14,7 @@ mod decode_message;
 mod dialect;
 mod distances;
 mod field_error;
+mod field_hiders;
 mod field_ranges;
 mod halton;
 mod home;
@@ -42,11 +43,12 @@ pub use controllers::{
     HansServoSpec, HansSpec, HttpTriggerSpec, JointThreeOrigin, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec,
     SerialParity, TableControllerSpec, TriggerSpec, UrControllerSpec, UrMotion, WordOrder, WorkspaceSpec,
 };
-pub use decode_message::{expected_value, found_value};
+pub use decode_message::{decimal_comma_advice, expected_value, found_value};
 pub use dialect::Dialect;
 pub(crate) use dialect::dialect_table;
 pub use distances::CellDistances;
 pub use field_error::{FieldError, Findings};
+pub use field_hiders::{FieldHider, HiddenShare, HiderPlace};
 pub use field_ranges::{FieldRange, RangeGroup, Ranged, field_ranges};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec};

@@ -121,7 +121,11 @@ pub enum CalibrationObjection {
         max_hours: f64,
     },
     /// At another temperature than it may be.
-    #[error("the {} was taken at {then_c:.1} °C; at {now_c:.1} °C it may not be used: allowed is a change of {max_k} K", origin.as_str())]
+    #[error(
+        "the {} was taken at {then_c:.1} °C; at {now_c:.1} °C it may not be used: allowed is a change of {max_k} K. Check the cell \
+         again at this temperature, or wait for the other",
+        origin.as_str()
+    )]
     Temperature {
         /// Calibration or compensation.
         origin: PoseOrigin,
@@ -133,7 +137,7 @@ pub enum CalibrationObjection {
         max_k: f64,
     },
     /// Compensation of another cell.
-    #[error("the compensation is of cell {compensation:?}, not of {cell:?}")]
+    #[error("the compensation is of cell {compensation:?}, not of {cell:?}; check this cell, and write its own compensation")]
     OtherCell {
         /// Cell that was checked.
         compensation: String,
@@ -141,7 +145,7 @@ pub enum CalibrationObjection {
         cell: String,
     },
     /// Compensation of another calibration.
-    #[error("the compensation corrects calibration {compensation}, not {calibration}, which the cell has")]
+    #[error("the compensation corrects calibration {compensation}, not {calibration}, which the cell has; check the cell again")]
     OtherCalibration {
         /// Calibration that it corrects.
         compensation: String,
@@ -149,7 +153,10 @@ pub enum CalibrationObjection {
         calibration: String,
     },
     /// Hand-eye that is not the compensated one.
-    #[error("flange_from_scanner is not the pose that the compensation puts into force")]
+    #[error(
+        "flange_from_scanner is not the pose that the compensation puts into force; give it as `vantage calibrate check \
+         --write-cell` wrote it, or check the cell again"
+    )]
     OtherPose,
     /// Correction larger than it may be.
     #[error("the compensation corrects {mm:.3} mm and {deg:.4}°; allowed are {max_mm} mm and {max_deg}°: calibrate again")]

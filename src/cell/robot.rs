@@ -3,11 +3,12 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::axis::{Axis, AxisSpec};
+use super::body::{Body, Shape};
 use super::dialect::Dialect;
 use super::field_error::{FieldError, Findings};
 use super::field_ranges;
@@ -181,6 +182,20 @@ pub struct LinkCapsule {
 }
 
 impl LinkCapsule {
+    /// The capsule as a body of its link.
+    #[must_use]
+    pub fn body(&self) -> Body {
+        let axis = self.to_mm - self.from_mm;
+        // No rotation is found for −z and for no length at all; a capsule is the same either way round.
+        let along = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap_or_default();
+        let middle = Translation3::from(nalgebra::center(&self.from_mm, &self.to_mm).coords);
+        Body {
+            name: self.name.clone(),
+            owner_from_body: Isometry3::from_parts(middle, along),
+            shape: Shape::Capsule { radius_mm: self.radius_mm, length_mm: axis.norm() },
+        }
+    }
+
     /// Distance of a point of the link's frame from the capsule, mm; below zero inside.
     #[must_use]
     pub fn outside_mm(&self, point_mm: &Point3<f64>) -> f64 {

@@ -219,7 +219,8 @@ fn inconsistent_cells_are_refused_with_the_field() {
     let mut table = Presets.turntable("minas-a6-500").expect("preset");
     table.rotation = RotationSpec::Limited { min_deg: 10.0, max_deg: 10.0 };
     spec.turntable = Named::Inline(Box::new(table));
-    assert_finding(&findings(&spec), "/turntable/rotation/min_deg", "not below");
+    let told = "is 10°, not below max_deg 10°; for a table that stands still, give a max_deg 0.001° above it";
+    assert_finding(&findings(&spec), "/turntable/rotation/min_deg", told);
 }
 
 #[test]

@@ -13,6 +13,8 @@ use crate::geometry::{Plate, Pose, Table, table_from_plate};
 /// Angle range that is planned on for a table without end stops, degrees: a turn each way, so that a program's angles
 /// stay absolute.
 const CONTINUOUS_DEG: f64 = 360.0;
+/// Angle range of a table that stands still, degrees: every axis has one.
+const FIXED_DEG: f64 = 0.001;
 
 /// A turntable. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -103,7 +105,10 @@ impl TurntableSpec {
         if let RotationSpec::Limited { min_deg, max_deg } = self.rotation {
             RotationSpec::MIN_DEG.check("/rotation", &min_deg, findings);
             RotationSpec::MAX_DEG.check("/rotation", &max_deg, findings);
-            findings.require(min_deg < max_deg, "/rotation/min_deg", || format!("is {min_deg}°, not below max_deg {max_deg}°"));
+            findings.require(min_deg < max_deg, "/rotation/min_deg", || {
+                let fixed = format!("; for a table that stands still, give a max_deg {FIXED_DEG}° above it");
+                format!("is {min_deg}°, not below max_deg {max_deg}°{}", if max_deg < min_deg { "" } else { fixed.as_str() })
+            });
         }
         Self::MAX_SPEED.check("", &self.max_speed_deg_per_s, findings);
         Self::MAX_ACCELERATION.check("", &self.max_acceleration_deg_per_s2, findings);

@@ -109,7 +109,7 @@ fn as_rare(freedom: f64) -> f64 {
 }
 
 /// The observation with lengths to the board divided by a ratio.
-fn divided(sighting: &Sighting, ratio: f64) -> Sighting {
+pub(super) fn divided(sighting: &Sighting, ratio: f64) -> Sighting {
     let mut place = sighting.cloud_from_board.translation;
     place.vector /= ratio;
     Sighting { cloud_from_board: Isometry3::from_parts(place, sighting.cloud_from_board.rotation), ..sighting.clone() }

@@ -6,7 +6,7 @@
 
 use nalgebra::Matrix6;
 
-use super::chi_squared::{exceedance, exceedance_estimated, quantile, quantile_estimated};
+use super::chi_squared::{exceedance, exceedance_estimated, quantile_of};
 use super::data::{ChainEstimate, Sighting, Weighting};
 use super::refine::{Adjustment, BOARD_COLUMN, COLUMNS, Free, Prior, Square, TABLE_COLUMN, scaled_inverse};
 use super::se3::{Twist, log, rotation_of, translation_of};
@@ -95,8 +95,7 @@ impl Check<'_> {
         let without = self.problem(&held, self.is_known(0)).refine(&self.calibrated, &self.weighting)?;
         let with = self.problem(&drifted, true).refine(&self.calibrated, &self.weighting)?;
         let statistic = (without.cost - with.cost).max(0.0);
-        let rate = self.limits.false_alarm;
-        let threshold = self.sigma_freedom.map_or_else(|| quantile(rate, 6), |known| quantile_estimated(rate, 6, known));
+        let threshold = quantile_of(self.limits.false_alarm, 6, self.sigma_freedom);
         // The prior tells as many numbers as it leaves unknowns besides the scanner's six.
         let residual_p = self.exceedance(with.cost, 6 * self.sightings.len().saturating_sub(1));
         let drift = log(&(self.calibrated.flange_from_cloud.inverse() * with.estimate.flange_from_cloud));

@@ -1,6 +1,6 @@
 //! χ² distribution for even degrees of freedom 2m, where its upper tail is a finite sum: Q(x) = exp(−x/2) Σ_{i<m} (x/2)^i / i!
 //! (M. Abramowitz, I. A. Stegun, *Handbook of Mathematical Functions*, 1964, 26.4.21). Observations have six components and the unknowns
-//! are even in number, so no other case is met.
+//! are even in number but for the table's ratio: odd degrees of freedom are taken for one more.
 
 /// Probability that χ² with `freedom` degrees, an even number, exceeds `value`.
 #[must_use]
@@ -61,6 +61,13 @@ pub fn quantile_estimated(probability: f64, freedom: usize, estimated: f64) -> f
         if exceeds(middle) { low = middle } else { high = middle }
     }
     0.5 * (low + high)
+}
+
+/// Value that a sum of squares with `freedom` degrees, an even number, exceeds with this probability; `estimated` are the degrees
+/// that its deviations were estimated with, none where they are known.
+#[must_use]
+pub fn quantile_of(probability: f64, freedom: usize, estimated: Option<f64>) -> f64 {
+    estimated.map_or_else(|| quantile(probability, freedom), |known| quantile_estimated(probability, freedom, known))
 }
 
 #[cfg(test)]

@@ -29,8 +29,14 @@ closed_list! {
         OtherSetup = "other_setup",
         /// Rotations transposed.
         Transposed = "transposed",
+        /// Quaternions with the scalar part first.
+        QuaternionOrder = "quaternion_order",
         /// Observations in another order than their poses.
         OutOfStep = "out_of_step",
+        /// The board turned with the table, and is said to stand still.
+        BoardTurned = "board_turned",
+        /// The scanner's pose is held as the cell has it, and does not agree with the observations.
+        ScannerHeld = "scanner_held",
         /// An observation that comes twice.
         DuplicatePose = "duplicate_pose",
         /// The board or the scanner moved.
@@ -80,6 +86,17 @@ closed_list! {
     }
 }
 
+/// Part of the observations that a finding is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// Poses of the board.
+    Board,
+    /// Poses of the flange.
+    Flange,
+    /// Angles of the table.
+    Table,
+}
+
 /// One finding with its figures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationFinding {
@@ -102,6 +119,8 @@ pub struct Figures {
     pub held_out: Option<usize>,
     /// Number of observations given: those used, those held out and the duplicates left out.
     pub given: Option<usize>,
+    /// Fewest observations that tell the cause.
+    pub needed: Option<usize>,
     /// Ratio.
     pub ratio: Option<f64>,
     /// Turn.
@@ -114,6 +133,8 @@ pub struct Figures {
     pub other_length_mm: Option<f64>,
     /// Vector, mm or a unit vector.
     pub vector: Option<Vector3<f64>>,
+    /// Part of the observations.
+    pub subject: Option<Subject>,
     /// Joint, 1 to 6.
     pub joint: Option<usize>,
     /// Temperatures now and at the calibration, °C.

@@ -3,8 +3,8 @@
 //! three times. A loss that bounds outliers alone was measured not to be enough. Costs 60 small refinements; where deviations are
 //! estimated, also one of all observations for each dropped one that is tried again.
 
-use super::chi_squared::{exceedance, quantile};
-use super::data::{ChainEstimate, Sighting, Sigma, Weighting};
+use super::chi_squared::{exceedance, quantile, quantile_of};
+use super::data::{ChainEstimate, Sighting, Sigma, SigmaSource, Weighting};
 use super::refine::{Adjustment, Free, Refined};
 
 /// Sets of four that are tried: with three good observations of four, all 60 contain a bad one in 1 of 10⁹ cases.
@@ -43,6 +43,29 @@ pub struct Screened {
 }
 
 impl Screened {
+    /// Source of the deviations, where some were given and where none were.
+    #[must_use]
+    pub fn source(&self, is_given: bool) -> SigmaSource {
+        match (is_given, self.is_sigma_estimated) {
+            (true, _) if self.sigma_scale > 1.0 => SigmaSource::Enlarged,
+            (true, _) => SigmaSource::Given,
+            (false, true) => SigmaSource::Estimated,
+            (false, false) => SigmaSource::Assumed,
+        }
+    }
+
+    /// Degrees of freedom that the deviations were estimated with; none where they were given.
+    #[must_use]
+    pub fn sigma_freedom(&self, is_given: bool) -> Option<f64> {
+        self.source(is_given).freedom(self.refined.freedom())
+    }
+
+    /// Whitened square up to which an observation that was not used agrees with the others: by how well the deviations are known.
+    #[must_use]
+    pub fn bound_of_others(&self, is_given: bool) -> f64 {
+        quantile_of(FALSE_DROP, 6, self.sigma_freedom(is_given))
+    }
+
     /// Number of observations used.
     fn used(&self) -> usize {
         self.is_used.iter().filter(|used| **used).count()
@@ -160,30 +183,43 @@ impl Screening<'_> {
     }
 
     /// Gates, from observations that agree; `median` is that of all whitened squares beside them.
+    ///
+    /// Four observations may fit better by chance than their deviations allow, and the others would be dropped by the deviations of
+    /// those four. Where they stay too few to estimate deviations from, no smaller ones than assumed are taken.
     fn screened_from(&self, first: &[usize], median: f64) -> Option<Screened> {
         let expected = quantile(0.5, 6);
         let scale = (median / expected).sqrt();
         let sigma_scale = if self.estimate_sigma || scale > MAX_SCALE { scale.max(1e-9) } else { 1.0 };
+        let screened = self.gated(first, sigma_scale)?;
+        if !self.estimate_sigma {
+            return self.gated_as_explained(screened);
+        }
+        let is_below_assumed = !screened.is_sigma_estimated && sigma_scale < 1.0;
+        let screened = if is_below_assumed { self.gated(first, 1.0)? } else { screened };
+        let screened = if screened.is_sigma_estimated { screened } else { screened.widened() };
+        Some(self.readmitted(Screened { sigma_scale: 1.0, ..screened }))
+    }
+
+    /// Gates, from observations that agree, with the deviations times a factor until they are estimated.
+    fn gated(&self, first: &[usize], sigma_scale: f64) -> Option<Screened> {
         let weighting = self.weighting.scaled(sigma_scale.powi(2));
-        let mut refined = self.refined_by(&self.chosen(first), &weighting)?;
         let mut is_used = vec![false; self.sightings.len()];
         first.iter().for_each(|index| is_used[*index] = true);
-        let mut is_sigma_estimated = false;
+        let refined = self.refined_by(&self.chosen(first), &weighting)?;
+        let mut screened = Screened { refined, is_used, sigma_scale, is_sigma_estimated: false };
         for round in 0..GATES {
-            is_used = self.gate(&refined, &is_used);
+            let is_used = self.gate(&screened);
             let used: Vec<Sighting> =
                 self.sightings.iter().zip(&is_used).filter(|(_, used)| **used).map(|(each, _)| each.clone()).collect();
             // With few observations the four deviations are not told apart.
-            is_sigma_estimated = self.estimate_sigma && 6 * used.len() >= self.free.count() + 12 && round > 0;
+            let is_sigma_estimated = self.estimate_sigma && 6 * used.len() >= self.free.count() + 12 && round > 0;
             let problem = Adjustment { sightings: &used, free: self.free, prior: None };
-            let (at, weighting) = (&refined.estimate, &refined.weighting);
-            refined =
+            let (at, weighting) = (&screened.refined.estimate, &screened.refined.weighting);
+            let refined =
                 if is_sigma_estimated { problem.refine_with_sigma(at, weighting)? } else { problem.refine(at, weighting)? };
+            screened = Screened { refined, is_used, sigma_scale, is_sigma_estimated };
         }
-        if self.estimate_sigma {
-            return Some(self.readmitted(Screened { refined, is_used, sigma_scale: 1.0, is_sigma_estimated }));
-        }
-        self.gated_as_explained(Screened { refined, is_used, sigma_scale, is_sigma_estimated })
+        Some(screened)
     }
 
     /// Gates anew with deviations that explain the observations used, where those that were given do not: too small ones drop good
@@ -195,7 +231,7 @@ impl Screening<'_> {
             if screened.sigma_scale <= before {
                 break;
             }
-            let is_used = self.gate(&screened.refined, &screened.is_used);
+            let is_used = self.gate(&screened);
             if is_used == screened.is_used {
                 break;
             }
@@ -267,16 +303,18 @@ impl Screening<'_> {
         Some((best.2, best.1))
     }
 
-    /// Observations within the gate; those that were not used have the uncertainty of the unknowns added.
-    fn gate(&self, refined: &Refined, was_used: &[bool]) -> Vec<bool> {
-        let bound = quantile(FALSE_DROP, 6);
-        let inside = |(sighting, used): (&Sighting, &bool)| {
-            let square = if *used { self.own_square(refined, sighting) } else { refined.chi2_of_other(sighting) };
-            square < bound
+    /// Observations within the gate; those that were not used have the uncertainty of the unknowns added, and are judged by how
+    /// well the deviations are known: of a few observations they are often too small, and would keep good ones out.
+    fn gate(&self, screened: &Screened) -> Vec<bool> {
+        let refined = &screened.refined;
+        let (own, other) = (quantile(FALSE_DROP, 6), screened.bound_of_others(!self.estimate_sigma));
+        let inside = |(sighting, used): (&Sighting, &bool)| match *used {
+            true => self.own_square(refined, sighting) < own,
+            false => refined.chi2_of_other(sighting) < other,
         };
-        let found: Vec<bool> = self.sightings.iter().zip(was_used).map(inside).collect();
+        let found: Vec<bool> = self.sightings.iter().zip(&screened.is_used).map(inside).collect();
         // Fewer than a set determine nothing: stay.
-        if found.iter().filter(|used| **used).count() >= SET.min(self.sightings.len()) { found } else { was_used.to_vec() }
+        if found.iter().filter(|used| **used).count() >= SET.min(self.sightings.len()) { found } else { screened.is_used.clone() }
     }
 
     fn own_square(&self, refined: &Refined, sighting: &Sighting) -> f64 {

@@ -1,14 +1,16 @@
 //! One calibration, from observations to a result that says how far it can be trusted: faults of the data, start, screening,
 //! refinement, prediction of what was left out, judgement.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{Isometry3, Matrix6, Vector3};
 
-use super::board_scale::BoardScale;
-use super::chi_squared::{exceedance, quantile};
+use super::board_scale::{BoardScale, divided};
+use super::chi_squared::{exceedance, quantile_of};
 use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, SigmaSource, Solve, Weighting};
 use super::diagnosis;
 use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
-use super::leave_one_out::{LeftOut, leave_one_out};
+use super::leave_one_out::{LeftOut, Spread, leave_one_out};
 use super::observability::{MIN_OBSERVATIONS, Observability, UncertaintyLimits, point_sd_mm};
 use super::refine::{Adjustment, Free, Refined};
 use super::screening::{Screened, Screening, sigma_or_default};
@@ -64,6 +66,8 @@ pub struct Task {
     pub runout: Vec<RunoutHarmonic>,
     /// Points of the plate's face; with some the table's origin is put into it.
     pub face: Vec<FacePoint>,
+    /// Angles of the table that were given with a board that is said to stand still, rad: one for each observation, or none.
+    pub turned_rad: Vec<f64>,
 }
 
 /// Part that an observation had.
@@ -139,6 +143,24 @@ impl Task {
         if is_still { Isometry3::identity() } else { self.nominal.base_from_plate(table_rad) }
     }
 
+    /// Chain that readings of the observations are tried on.
+    pub(super) fn trial(&self) -> diagnosis::ReadingTrial<'_> {
+        diagnosis::ReadingTrial {
+            setup: self.setup,
+            solve: self.solve,
+            nominal: &self.nominal,
+            best_in_cloud_mm: &self.best_in_cloud_mm,
+            turned_rad: &self.turned_rad,
+        }
+    }
+
+    /// Fewest observations that tell why they disagree, where there are fewer; none with a scanner that is held, for which no other reading
+    /// is tried.
+    pub(super) fn needed(&self) -> Option<usize> {
+        let least = diagnosis::least_of_readings(self.solve);
+        (self.solve != Solve::Table && self.sightings.len() < least).then_some(least)
+    }
+
     /// Flange seen from where the board rests.
     fn frames(&self) -> Vec<Isometry3<f64>> {
         self.sightings.iter().map(|each| self.nominal_plate(each.table_rad).inverse() * each.base_from_flange).collect()
@@ -158,7 +180,7 @@ impl Task {
     /// Every finding, if one of them is an error, or the calibration was cancelled.
     pub fn calibrate_watched(&self, watch: &dyn CalibrationWatch) -> Result<Calibration, Vec<CalibrationFinding>> {
         watch.begins(CalibrationStage::Diagnosis);
-        let mut findings = diagnosis::before(&self.sightings, self.best_in_cloud_mm.norm());
+        let mut findings = diagnosis::before(&self.sightings, &self.trial());
         let task = self.prepared(&mut findings)?;
         check(watch, &findings)?;
         watch.begins(CalibrationStage::Screening);
@@ -177,6 +199,10 @@ impl Task {
         };
         let (task, screened) = task.beside_runout(screened);
         check(watch, &findings)?;
+        if let Some(finding) = task.contradiction(&screened) {
+            findings.insert(0, finding);
+            return Err(findings);
+        }
         let (task, screened) = task.flipped_back(screened, &mut findings)?;
         check(watch, &findings)?;
         let face = task.located(&screened.refined, &mut findings);
@@ -193,7 +219,8 @@ impl Task {
             if self.solve == Solve::HandEye {
                 break;
             }
-            let found = identify_runout(&screened.refined, &self.chosen(&screened.is_used));
+            let sigma_freedom = screened.sigma_freedom(self.sigma.is_some());
+            let found = identify_runout(&screened.refined, &self.chosen(&screened.is_used), sigma_freedom);
             let at = screened.refined.estimate;
             let free = |each: &Sighting| without_runout(&at.base_from_table, &found, at.scale, each);
             let task = Self { sightings: self.sightings.iter().map(free).collect(), ..self.clone() };
@@ -229,7 +256,8 @@ impl Task {
         let kept: Vec<usize> = (0..self.sightings.len()).filter(|index| !is_duplicate(*index)).collect();
         let sightings: Vec<_> = kept.iter().map(|index| self.sightings[*index].clone()).collect();
         let joints_rad = kept.iter().filter_map(|index| self.joints_rad.get(*index).copied()).collect();
-        let task = Self { sightings, joints_rad, ..self.clone() }.beside_known_runout();
+        let turned_rad = kept.iter().filter_map(|index| self.turned_rad.get(*index).copied()).collect();
+        let task = Self { sightings, joints_rad, turned_rad, ..self.clone() }.beside_known_runout();
         let count = task.fitted().len();
         if count < MIN_OBSERVATIONS {
             let held_out = Some(task.sightings.len() - count).filter(|held_out| *held_out > 0);
@@ -239,12 +267,8 @@ impl Task {
             task.check_motion(findings);
         }
         refuse(findings)?;
-        let (setup, nominal, best_mm) = (task.setup, &task.nominal.flange_from_cloud, &task.best_in_cloud_mm);
-        let plate = |angle: f64| task.nominal_plate(angle);
-        if let Some(finding) = diagnosis::other_reading(&task.sightings, setup, nominal, best_mm, &plate)
-            && task.solve != Solve::Table
-        {
-            findings.push(finding);
+        if task.solve != Solve::Table {
+            findings.extend(task.trial().other_reading(&task.sightings));
         }
         refuse(findings)?;
         Ok(task)
@@ -282,6 +306,7 @@ impl Task {
             turn_rad: Some(motion.spread_rad[1]),
             other_turn_rad: finite(motion.turn_sd_rad),
             length_mm: finite(motion.shift_sd_mm),
+            needed: self.needed(),
             vector: motion.single_axis().or(motion.weakest.map(|weakest| weakest.axis)),
             ..Figures::default()
         };
@@ -320,12 +345,12 @@ impl Task {
     }
 
     /// Boards that were seen half a turn round are turned back where the board's middle is known, and all is screened again.
-    fn flipped_back(
+    pub(super) fn flipped_back(
         &self,
         screened: Screened,
         findings: &mut Vec<CalibrationFinding>,
     ) -> Result<(Self, Screened), Vec<CalibrationFinding>> {
-        let found = diagnosis::dropped(&screened.refined, self.fitted(), &screened.is_used);
+        let found = self.dropped(&screened);
         let flipped: Vec<String> = found
             .iter()
             .filter(|finding| finding.code == FindingCode::Flipped)
@@ -341,8 +366,14 @@ impl Task {
         }
         findings.push(CalibrationFinding::new(FindingCode::Flipped, Severity::Note).about(flipped));
         let screened = task.screened(findings)?;
-        findings.extend(diagnosis::dropped(&screened.refined, task.fitted(), &screened.is_used));
+        findings.extend(task.dropped(&screened));
         Ok((task, screened))
+    }
+
+    /// Causes for which observations were dropped.
+    fn dropped(&self, screened: &Screened) -> Vec<CalibrationFinding> {
+        let bound = screened.bound_of_others(self.sigma.is_some());
+        diagnosis::dropped(&screened.refined, self.fitted(), &screened.is_used, bound)
     }
 
     fn assemble(
@@ -365,6 +396,7 @@ impl Task {
         let lever_mm = self.best_in_cloud_mm.norm();
         let observability = Observability::new(&self.frames(), Some(&covariance), lever_mm);
         self.judge(screened, &observability, &residuals, &whitened, &roles, &mut findings);
+        refuse_no_consensus(&findings)?;
         let board_scale = self.board_scale(screened, &used);
         // Where the refinement itself has not converged, its own warning says enough.
         let judged = board_scale.filter(|scale| scale.is_converged || refined.is_converged);
@@ -417,6 +449,55 @@ impl Task {
         (0..self.sightings.len()).map(role).collect()
     }
 
+    /// Error of observations that contradict each other, where they would be refused: then neither their motions nor table nor board
+    /// are the cause. With a scanner that is held as the cell has it, that is the likely one.
+    fn contradiction(&self, screened: &Screened) -> Option<CalibrationFinding> {
+        let refined = &screened.refined;
+        let used = self.chosen(&screened.is_used);
+        let agreeing = screened.is_used.iter().filter(|used| **used).count();
+        let rms_mm = Spread::of(used.iter().map(|each| refined.estimate.residual(each))).rms_mm;
+        let observability =
+            Observability::new(&self.frames(), Some(&self.judged_covariance(refined)), self.best_in_cloud_mm.norm());
+        let is_open = has_no_consensus(screened) || self.is_poor(&observability);
+        let is_far = rms_mm > diagnosis::POOR_MM;
+        let (code, is_told) = match self.solve {
+            Solve::Table => (FindingCode::ScannerHeld, is_far || is_open),
+            Solve::HandEye | Solve::Joint => {
+                let is_refused = is_far && (is_open || refined.estimate.scale < 0.0);
+                (FindingCode::NoConsensus, is_refused && !self.is_explained_by_board(screened, &used, rms_mm))
+            }
+        };
+        let finite = |value: f64| value.is_finite().then_some(value);
+        let figures = Figures {
+            count: Some(agreeing),
+            given: Some(screened.is_used.len()),
+            needed: self.needed(),
+            length_mm: Some(rms_mm),
+            other_length_mm: finite(observability.shift_sd_mm),
+            other_turn_rad: finite(observability.turn_sd_rad),
+            ..Figures::default()
+        };
+        is_told.then(|| CalibrationFinding::new(code, Severity::Error).with(figures))
+    }
+
+    /// Returns true if a board of another size makes the observations agree clearly better: then its own finding tells it.
+    fn is_explained_by_board(&self, screened: &Screened, used: &[Sighting], rms_mm: f64) -> bool {
+        let Some(scale) = self.board_scale(screened, used).filter(|scale| scale.is_converged) else { return false };
+        let sightings: Vec<Sighting> = used.iter().map(|each| divided(each, scale.ratio)).collect();
+        let problem = Adjustment { sightings: &sightings, free: screened.refined.free, prior: None };
+        let refined = problem.refine(&screened.refined.estimate, &screened.refined.weighting);
+        let left_mm = |refined: Refined| Spread::of(sightings.iter().map(|each| refined.estimate.residual(each))).rms_mm;
+        refined.is_some_and(|refined| left_mm(refined) * diagnosis::CLEARLY < rms_mm)
+    }
+
+    /// Returns true if the unknowns are not known well enough to be used.
+    fn is_poor(&self, observability: &Observability) -> bool {
+        match self.solve {
+            Solve::Table => observability.shift_sd_mm > self.limits.max_mm || observability.turn_sd_rad > self.limits.max_rad,
+            Solve::HandEye | Solve::Joint => observability.is_degenerate(&self.limits),
+        }
+    }
+
     fn judge(
         &self,
         screened: &Screened,
@@ -426,16 +507,13 @@ impl Task {
         roles: &[Role],
         findings: &mut Vec<CalibrationFinding>,
     ) {
-        let agreeing = screened.is_used.iter().filter(|used| **used).count();
-        if (agreeing as f64) < MIN_AGREEING * screened.is_used.len() as f64 {
-            let figures = Figures { count: Some(agreeing), ..Figures::default() };
-            findings.push(CalibrationFinding::new(FindingCode::NoConsensus, Severity::Error).with(figures));
+        if has_no_consensus(screened) {
+            let agreeing = screened.is_used.iter().filter(|used| **used).count();
+            let figures = Figures { count: Some(agreeing), given: Some(screened.is_used.len()), ..Figures::default() };
+            findings.insert(0, CalibrationFinding::new(FindingCode::NoConsensus, Severity::Error).with(figures));
+            return;
         }
-        let is_poor = match self.solve {
-            Solve::Table => observability.shift_sd_mm > self.limits.max_mm || observability.turn_sd_rad > self.limits.max_rad,
-            Solve::HandEye | Solve::Joint => observability.is_degenerate(&self.limits),
-        };
-        if is_poor {
+        if self.is_poor(observability) {
             findings.push(self.degenerate(observability, FindingCode::DegenerateMotion, Severity::Error));
         } else if observability.is_weak(&self.limits) {
             findings.push(self.degenerate(observability, FindingCode::WeakMotion, Severity::Warning));
@@ -445,8 +523,11 @@ impl Task {
             findings.push(CalibrationFinding::new(FindingCode::SigmaTooSmall, Severity::Warning).with(figures));
         }
         findings.extend(screened.refined.not_converged());
-        self.judge_table(screened, findings);
-        let bound = quantile(HELD_OUT_FALSE_ALARM, 6);
+        // Few observations that tell nothing else tell no sense of the table either.
+        if !(self.is_poor(observability) && self.needed().is_some()) {
+            self.judge_table(screened, findings);
+        }
+        let bound = quantile_of(HELD_OUT_FALSE_ALARM, 6, screened.sigma_freedom(self.sigma.is_some()));
         for index in (0..roles.len()).filter(|index| roles[*index] == Role::HeldOut && whitened[*index] > bound) {
             let residual = &residuals[index];
             let figures = Figures {
@@ -491,12 +572,7 @@ impl Task {
 
     /// Sources of the deviations of arm and board.
     fn sigma_sources(&self, screened: &Screened, used: &[Sighting]) -> [SigmaSource; 2] {
-        let arm = match (self.sigma.is_some(), screened.is_sigma_estimated) {
-            (true, _) if screened.sigma_scale > 1.0 => SigmaSource::Enlarged,
-            (true, _) => SigmaSource::Given,
-            (false, true) => SigmaSource::Estimated,
-            (false, false) => SigmaSource::Assumed,
-        };
+        let arm = screened.source(self.sigma.is_some());
         let is_told_by_points = used.iter().all(|each| each.seen_covariance.is_some());
         [arm, if is_told_by_points { SigmaSource::Unused } else { arm }]
     }
@@ -508,7 +584,10 @@ impl Task {
         }
         let refined = &screened.refined;
         if refined.estimate.scale < 0.0 {
-            let asked = self.sightings.iter().map(|each| each.table_rad).fold(0.0, f64::max);
+            // Half a turn looks the same both ways: an angle near a quarter tells the sense best.
+            let off_quarter = |angle_rad: &f64| (angle_rad.abs() - FRAC_PI_2).abs();
+            let angles = self.sightings.iter().map(|each| each.table_rad);
+            let asked = angles.min_by(|a, b| off_quarter(a).total_cmp(&off_quarter(b))).unwrap_or(0.0);
             let figures = Figures { turn_rad: Some(asked), other_turn_rad: Some(-asked), ..Figures::default() };
             findings.push(CalibrationFinding::new(FindingCode::TableSign, Severity::Error).with(figures));
         }
@@ -521,16 +600,31 @@ impl Task {
             return None;
         }
         let free = Free { scale: true, ..self.free() };
+        // Few joint observations agree by some ratio, whatever is wrong with them.
+        if self.solve == Solve::Joint && self.fitted().len() < diagnosis::least_observations(free.count()) {
+            return None;
+        }
         let count = |screened: &Screened| screened.is_used.iter().filter(|used| **used).count();
         let agreeing = screened.map_or(0, count);
-        let with_ratio = match screened {
-            Some(screened) if agreeing as f64 >= MANY_AGREEING * self.fitted().len() as f64 => {
+        let is_many = |agreeing: usize| agreeing as f64 >= MANY_AGREEING * self.fitted().len() as f64;
+        let (with_ratio, is_used) = match screened {
+            Some(screened) if is_many(agreeing) => {
                 let used = self.chosen(&screened.is_used);
                 let problem = Adjustment { sightings: &used, free, prior: None };
-                problem.refine(&screened.refined.estimate, &screened.refined.weighting)?
+                let refined = problem.refine(&screened.refined.estimate, &screened.refined.weighting)?;
+                (refined, screened.is_used.clone())
             }
-            _ => self.screened_with(free).filter(|screened| count(screened) > agreeing)?.refined,
+            _ => {
+                let others = |free: &Screened| count(free) > agreeing && is_many(count(free));
+                let screened = self.screened_with(free).filter(others)?;
+                (screened.refined, screened.is_used)
+            }
         };
+        // Observations that contradict each other tell some ratio too.
+        let residuals = self.chosen(&is_used).into_iter().map(|each| with_ratio.estimate.residual(&each));
+        if Spread::of(residuals).rms_mm > diagnosis::POOR_MM {
+            return None;
+        }
         let off = with_ratio.estimate.scale.abs() - 1.0;
         let is_off = off.abs() > SCALE_TOLERANCE && off.abs() > 4.0 * with_ratio.scale_sd();
         let figures = Figures { ratio: Some(with_ratio.estimate.scale), ..Figures::default() };
@@ -543,11 +637,23 @@ fn check(watch: &dyn CalibrationWatch, findings: &[CalibrationFinding]) -> Resul
     if watch.is_cancelled() { Err(findings.to_vec()) } else { Ok(()) }
 }
 
+/// Returns true if fewer observations agree than a calibration needs.
+fn has_no_consensus(screened: &Screened) -> bool {
+    let agreeing = screened.is_used.iter().filter(|used| **used).count();
+    (agreeing as f64) < MIN_AGREEING * screened.is_used.len() as f64
+}
+
 /// Returns true if fewer observations agree, or the same ones less well.
 fn is_worse(after: &Screened, before: &Screened) -> bool {
     let used = |screened: &Screened| screened.is_used.iter().filter(|used| **used).count();
     let size = |screened: &Screened| screened.refined.weighting.sigma.robot_mm * screened.refined.variance_factor().sqrt();
     used(after) < used(before) || (used(after) == used(before) && size(after) > size(before))
+}
+
+/// Ends with the findings if no observations agree: what they tell of the board is nothing.
+fn refuse_no_consensus(findings: &[CalibrationFinding]) -> Result<(), Vec<CalibrationFinding>> {
+    let is_open = findings.iter().any(|finding| finding.code == FindingCode::NoConsensus);
+    if is_open { Err(findings.to_vec()) } else { Ok(()) }
 }
 
 /// Ends with the findings if one is an error.

@@ -4,7 +4,7 @@
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, SMatrix, Vector3};
 
-use super::chi_squared::exceedance;
+use super::chi_squared::quantile_of;
 use super::data::{ChainEstimate, Sighting};
 use super::refine::{BOARD_COLUMN, COLUMNS, Increment, Refined, TABLE_COLUMN, moved};
 use super::se3::adjoint;
@@ -102,10 +102,10 @@ fn harmonics(unknowns: &[f64], is_kept: [bool; 2]) -> Vec<RunoutHarmonic> {
 }
 
 /// Runout beyond what noise explains, from observations that were refined without it: unknowns of chain and runout are fitted
-/// together, with the weights of the refinement, and each order is tested by χ². Empty for fewer than fifteen observations, and
-/// where the table's angles leave it open.
+/// together, with the weights of the refinement, and each order is tested by χ², or by F where the deviations were estimated, with
+/// `sigma_freedom` degrees. Empty for fewer than fifteen observations, and where the table's angles leave it open.
 #[must_use]
-pub fn identify_runout(refined: &Refined, sightings: &[Sighting]) -> Vec<RunoutHarmonic> {
+pub fn identify_runout(refined: &Refined, sightings: &[Sighting], sigma_freedom: Option<f64>) -> Vec<RunoutHarmonic> {
     if sightings.len() < MIN_OBSERVATIONS {
         return Vec::new();
     }
@@ -139,7 +139,7 @@ pub fn identify_runout(refined: &Refined, sightings: &[Sighting]) -> Vec<RunoutH
             DMatrix::from_fn(count, count, |row, column| inverse[(at + row, at + column)] * scale[at + row] * scale[at + column]);
         let own = found.rows(at, count).into_owned();
         let square = covariance.cholesky().map_or(0.0, |cholesky| own.dot(&cholesky.solve(&own)));
-        exceedance(square / refined.variance_factor().max(1.0), count) < SIGNIFICANT_P
+        square / refined.variance_factor().max(1.0) > quantile_of(SIGNIFICANT_P, count, sigma_freedom)
     };
     let is_kept = [is_significant(0, FIRST), is_significant(FIRST, SECOND)];
     harmonics(found.rows(CHAIN, RUNOUT).as_slice(), is_kept)

@@ -55,6 +55,14 @@ pub struct Contact {
     pub b: Arc<str>,
 }
 
+impl Contact {
+    /// Returns true if one of the two is the part or its fixture.
+    #[must_use]
+    pub fn is_with_part(&self) -> bool {
+        [&self.a, &self.b].into_iter().any(|name| matches!(&**name, "part" | "fixture"))
+    }
+}
+
 impl fmt::Display for Contact {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} and {}", self.a, self.b)

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3};
 use parry3d::math::Pose as ParryPose;
 
 use super::solid::{Solid, Trees, parry_pose};
@@ -184,12 +184,7 @@ pub(super) fn attach<'a>(
 }
 
 fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {
-    let axis = link.to_mm - link.from_mm;
-    // No rotation is found for −z and for no length at all; a capsule is the same either way round.
-    let along = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap_or_default();
-    let middle = Translation3::from(nalgebra::center(&link.from_mm, &link.to_mm).coords);
-    let shape = Shape::Capsule { radius_mm: link.radius_mm, length_mm: axis.norm() };
-    let link_from_capsule = Isometry3::from_parts(middle, along);
+    let Body { owner_from_body: link_from_capsule, shape, .. } = link.body();
     let capsule_from_link = link_from_capsule.inverse();
     // A capsule without a surface in it decides by itself, beside others of its link that have some.
     let own = surfaces.iter().filter(|(surface, _)| surface.link == link.link && surface.is_in_part_of(link));

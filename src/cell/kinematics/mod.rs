@@ -31,6 +31,10 @@ type JointAxes = [[f64; 3]; 6];
 
 /// Squared sine of the angle between two axes below which they are taken as parallel, and meet nowhere.
 const PARALLEL: f64 = 1e-12;
+/// Length that a maker's calibration may add where the design has none, mm: no sense of an axis is told by less. Our choice.
+const CALIBRATED_MM: f64 = 5.0;
+/// Cosine or length that rounding leaves where there is none.
+const ROUNDING: f64 = 1e-9;
 
 /// Build of an arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -107,7 +111,9 @@ impl Kinematics {
     /// The arm configuration that a joint vector is in.
     #[must_use]
     pub fn posture(&self, joints_rad: &[f64; 6]) -> Posture {
-        let (frames, axes) = (self.link_frames(joints_rad), self.axes_in_base(joints_rad));
+        let (frames, senses) = (self.link_frames(joints_rad), self.axis_senses());
+        let axes = self.axes_in_base(joints_rad);
+        let axes: [Vector3<f64>; 6] = std::array::from_fn(|joint| axes[joint] * senses[joint]);
         let at = |frame: usize| frames[frame].translation.vector;
         let wrist = self.wrist_centre(&frames, &axes);
         // The forearm of three parallel axes ends at axis 4, wherever on it; the wrist stands off from there.
@@ -117,6 +123,29 @@ impl Kinematics {
             elbow_down: (at(3) - at(2)).cross(&(forearm_end - at(3))).dot(&axes[1]) < 0.0,
             wrist_flipped: axes[3].cross(&axes[5]).dot(&axes[4]) < 0.0,
         }
+    }
+
+    /// Senses, 1 or -1, that turn the axes as the closed forms have them, told by the arm with all joints at zero: a posture is then
+    /// that of the arm, whichever way a file counts its angles. Axis 1 looks up in the base frame, axis 4 along the forearm or as
+    /// axis 2, axis 5 as axis 2 or towards the wrist, axis 6 out of the flange.
+    fn axis_senses(&self) -> [f64; 6] {
+        let zero = [0.0; 6];
+        let (frames, axes) = (self.link_frames(&zero), self.axes_in_base(&zero));
+        let at = |frame: usize| frames[frame].translation.vector;
+        let wrist = self.wrist_centre(&frames, &axes);
+        let one = sense(axes[0].z);
+        let up = axes[0] * one;
+        let two = front_sense(&axes[1].cross(&up), &up, [at(1), at(2), wrist]);
+        let across = axes[1] * two;
+        let [four, five] = if self.has_three_parallel_axes() {
+            [sense(axes[3].dot(&across)), sense(axes[4].dot(&(wrist - at(4))))]
+        } else {
+            [sense(axes[3].dot(&(wrist - at(3)))), sense(axes[4].dot(&across))]
+        };
+        let out_mm = axes[5].dot(&(at(6) - wrist));
+        let flange_z = frames[6].rotation * Vector3::z();
+        let six = if out_mm.abs() > CALIBRATED_MM { sense(out_mm) } else { sense(axes[5].dot(&flange_z)) };
+        [one, two, 1.0, four, five, six]
     }
 
     /// Distance from a singularity: the smallest singular value of the flange's Jacobian, its lengths in parts of
@@ -200,8 +229,9 @@ impl Kinematics {
     }
 }
 
-/// Arm configuration: which way shoulder, elbow and wrist are bent, as makers tell solutions apart. Told by the axes of the
-/// closed form; where a chain's axis 2 looks the other way, front and back, up and down change places.
+/// Arm configuration: which way shoulder, elbow and wrist are bent, as makers tell solutions apart. The front is where the shoulder
+/// stands off axis 1; of an arm whose shoulder does not, where it lies with all joints at zero, or +x of its base where it stands
+/// upright then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Posture {
     /// The wrist is behind axis 1.
@@ -236,6 +266,25 @@ impl std::fmt::Display for Posture {
         let (shoulder, elbow) =
             (if self.shoulder_back { "back" } else { "front" }, if self.elbow_down { "elbow down" } else { "elbow up" });
         write!(f, "{shoulder}, {elbow}, {}", if self.wrist_flipped { "flip" } else { "no flip" })
+    }
+}
+
+/// Returns -1 for what is below zero by more than rounding, else 1.
+fn sense(value: f64) -> f64 {
+    if value < -ROUNDING { -1.0 } else { 1.0 }
+}
+
+/// Returns 1 if `forward` looks to the front of an arm with all joints at zero, else -1. The points are one of axis 1, one of axis 2
+/// and the wrist's centre.
+fn front_sense(forward: &Vector3<f64>, up: &Vector3<f64>, [foot, shoulder, wrist]: [Vector3<f64>; 3]) -> f64 {
+    let offset_mm = (shoulder - foot).dot(forward);
+    let (ahead_mm, height_mm) = ((wrist - foot).dot(forward), (wrist - shoulder).dot(up));
+    if offset_mm.abs() > CALIBRATED_MM {
+        sense(offset_mm)
+    } else if ahead_mm.abs() > height_mm.abs() + CALIBRATED_MM {
+        sense(ahead_mm)
+    } else {
+        sense(forward.x)
     }
 }
 

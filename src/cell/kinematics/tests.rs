@@ -361,6 +361,56 @@ fn postures_tell_branches_apart_and_margins_fall_to_nothing_at_singularities() {
     assert_eq!(e05.posture(&[0.3, -0.6, 0.8, 0.4, -0.9, 0.2]).to_string(), "front, elbow up, flip");
 }
 
+/// KUKA KR 10 R1100, which counts joints 1, 4 and 6 against the axes of the model.
+fn kr10() -> OpwSpec {
+    OpwSpec {
+        a1_mm: 25.0,
+        a2_mm: -35.0,
+        b_mm: 0.0,
+        c1_mm: 400.0,
+        c2_mm: 560.0,
+        c3_mm: 515.0,
+        c4_mm: 80.0,
+        sign_corrections: [-1, 1, 1, -1, 1, -1],
+        offsets_deg: [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
+        joint_3_from_ground: false,
+    }
+}
+
+/// The arm as a chain whose axes are turned by `senses`, which are 1 or -1.
+fn counted_by(arm: &Kinematics, axes: [[f64; 3]; 6], senses: [f64; 6]) -> Kinematics {
+    let turned = std::array::from_fn(|joint| axes[joint].map(|c| senses[joint] * c));
+    chain(chain_of(arm, turned, 0.0)).0
+}
+
+/// Stations of a KUKA from its URDF, whose axis 1 looks down, were told as "back" while the arm reached forward.
+#[test]
+fn a_posture_is_that_of_the_arm_whichever_way_its_file_counts_its_angles() {
+    let opw = |spec: OpwSpec| (spec.sign_corrections.map(f64::from), arm(spec), OPW_AXES);
+    let arms = [opw(e05()), opw(general()), opw(kr10()), ([1.0; 6], ur5e(), [[0.0, 0.0, 1.0]; 6])];
+    for (number, (signs, arm, axes)) in arms.iter().enumerate() {
+        for bits in 0..64_u8 {
+            let senses: [f64; 6] = std::array::from_fn(|joint| if (bits >> joint) & 1 == 1 { -1.0 } else { 1.0 });
+            let as_chain = counted_by(arm, *axes, senses);
+            for step in 0..10 {
+                let q: [f64; 6] = std::array::from_fn(|joint| 2.5 * (f64::from(step) * (joint as f64 + 2.0).sqrt() + 0.3).sin());
+                let counted = std::array::from_fn(|joint| senses[joint] * signs[joint] * q[joint]);
+                let off = error(arm.base_from_flange(&q).isometry(), as_chain.base_from_flange(&counted).isometry());
+                assert!(off < 1e-6, "arm {number}, senses {senses:?}, {q:?}: {off}");
+                assert_eq!(as_chain.posture(&counted), arm.posture(&q), "arm {number}, senses {senses:?}, {q:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_kuka_from_its_urdf_that_reaches_forward_with_a_raised_elbow_is_told_so() {
+    let kr10_as_urdf = counted_by(&arm(kr10()), OPW_AXES, kr10().sign_corrections.map(f64::from));
+    let q = [0.0, -90.0, 90.0, 0.0, 30.0, 0.0].map(f64::to_radians);
+    assert!(kr10_as_urdf.base_from_flange(&q).origin_mm().x > 500.0);
+    assert_eq!(kr10_as_urdf.posture(&q).to_string(), "front, elbow up, no flip");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 

@@ -83,6 +83,7 @@ fn each_reason_against_a_compensation_is_named() {
     for (change, words) in cases {
         let said = said(change);
         assert!(said.contains(words), "{said}");
+        assert!(["; check", ": check", ". Check", ": calibrate", "; give"].iter().any(|next| said.contains(next)), "{said}");
     }
     let both = objections(|_, now| now.temperature_c = Some(31.0));
     assert_eq!(both.len(), 2, "calibration and compensation: {both:?}");

@@ -26,12 +26,16 @@ pub(super) use remarks::joint_3_of_abb;
 const MM_OF_METRE: f64 = 1000.0;
 /// Names that the last link of an arm commonly has, the first preferred.
 const TIPS: [&str; 4] = ["tool0", "flange", "ee_link", "tcp"];
+/// Names that ROS gives to the flange alone.
+const SURE_TIPS: [&str; 2] = [TIPS[0], TIPS[1]];
 /// Limits of a joint that turns without end.
 const ENDLESS_RAD: f64 = std::f64::consts::TAU;
 /// Name that drivers of ROS give to the link whose frame is the controller's base.
 const CONTROLLER_BASE: &str = "base";
 /// Smallest turn between two bases that is more than rounding, degrees.
 const MIN_TURN_DEG: f64 = 0.1;
+/// Smallest distance between two links that is more than rounding, mm.
+const MIN_SHIFT_MM: f64 = 0.1;
 /// Corners of the circles that stand for the rims of cylinders and balls.
 const CORNERS: usize = 24;
 
@@ -40,9 +44,10 @@ const CORNERS: usize = 24;
 pub struct UrdfOptions {
     /// Name of the robot; the file's where empty.
     pub name: Option<String>,
-    /// Link that stands still; the root where empty.
+    /// Link that stands still; `base_link`, else the root, where empty.
     pub base_link: Option<String>,
-    /// Link that is the flange; the one of the usual names, or the only end, where empty.
+    /// Link that is the flange; where empty, one of the usual names, else the first end in the file, that is six turning joints from
+    /// the base.
     pub tip_link: Option<String>,
     /// Largest mass at the flange, kg.
     pub payload_kg: f64,
@@ -55,10 +60,15 @@ pub struct UrdfOptions {
 pub struct Imported {
     /// The robot; its links are capsules.
     pub robot: RobotSpec,
+    /// Link of the file that stands still, whose frame is the robot's base.
+    pub base_link: String,
+    /// Link of the file that is the flange.
+    pub flange_link: String,
     /// Surfaces inside the capsules.
     pub surfaces: Vec<LinkSurface>,
-    /// Bodies of the file that the robot lacks, a base that nobody named and that is turned against the controller's, joints that
-    /// soft limits narrow, a flange whose z is off axis 6, and joint 3 of an arm that is named as ABB's.
+    /// Bodies of the file that the robot lacks, a base that nobody named and that is turned against the controller's, a flange that
+    /// nobody named and that other links could be, joints that soft limits narrow, a flange whose z is off axis 6, and joint 3 of an
+    /// arm that is named as ABB's.
     pub remarks: Vec<UrdfRemark>,
 }
 
@@ -118,8 +128,13 @@ pub enum UrdfError {
     #[error("is not a URDF file: {0}")]
     Unreadable(String),
     /// The document has no link of this name.
-    #[error("has no link {0:?}")]
-    NoLink(String),
+    #[error("has no link {name:?}; {}", links_of(links))]
+    NoLink {
+        /// Name that was looked for.
+        name: String,
+        /// Names of the links that there are.
+        links: Vec<String>,
+    },
     /// A flange that is not carried by the base.
     #[error("link {tip:?} does not hang on {base:?}, nor on a link that {base:?} is fixed to; name others with --base and --tip")]
     Apart {
@@ -198,6 +213,14 @@ pub enum UrdfError {
     },
 }
 
+/// Links that a document has, and how to name one of them.
+fn links_of(links: &[String]) -> String {
+    match links {
+        [] => "it has none".to_owned(),
+        links => format!("its links are {links:?}: name one of them with --base or --tip"),
+    }
+}
+
 /// The robot of a URDF. `load` finds a mesh by the name that the URDF gives it; its numbers count as they stand in the file.
 ///
 /// # Errors
@@ -222,6 +245,8 @@ pub fn import(
     let (surfaces, mut remarks) = tree.surfaces(&arm, load)?;
     // A base that was named was chosen.
     remarks.extend(if options.base_link.is_none() { tree.turned_base(&arm) } else { None });
+    let others = if options.tip_link.is_none() { tree.other_flanges(&arm) } else { Vec::new() };
+    remarks.extend(remarks::of_several_flanges(&arm.tip, &others));
     remarks.extend(narrowed);
     remarks.extend(remarks::tilted_flange(&arm));
     remarks.extend(remarks::is_named_abb(&robot.name).then(joint_3_of_abb));
@@ -235,7 +260,7 @@ pub fn import(
         links: surfaces.iter().flat_map(capsules_of).collect(),
         surfaces: Vec::new(),
     };
-    Ok(Imported { robot, surfaces, remarks })
+    Ok(Imported { robot, base_link: arm.base, flange_link: arm.tip, surfaces, remarks })
 }
 
 /// Way from the base to the flange.
@@ -263,7 +288,12 @@ impl<'a> Tree<'a> {
 
     fn named(&self, name: &str) -> Result<String, UrdfError> {
         let known = self.robot.links.iter().any(|link| link.name == name);
-        if known { Ok(name.to_owned()) } else { Err(UrdfError::NoLink(name.to_owned())) }
+        if known { Ok(name.to_owned()) } else { Err(self.no_link(name)) }
+    }
+
+    fn no_link(&self, name: &str) -> UrdfError {
+        let links = self.robot.links.iter().map(|link| link.name.clone()).collect();
+        UrdfError::NoLink { name: name.to_owned(), links }
     }
 
     fn base(&self, options: &UrdfOptions) -> Result<String, UrdfError> {
@@ -273,7 +303,7 @@ impl<'a> Tree<'a> {
                 let root = self.robot.links.iter().find(|link| !self.parent.contains_key(link.name.as_str()));
                 // "base_link" is what ROS calls the foot; a root above it, often "world", is a place and no part of the arm.
                 let foot = self.robot.links.iter().find(|link| link.name == "base_link");
-                foot.or(root).map(|link| link.name.clone()).ok_or_else(|| UrdfError::NoLink("base_link".into()))
+                foot.or(root).map(|link| link.name.clone()).ok_or_else(|| self.no_link("base_link"))
             }
         }
     }
@@ -320,6 +350,29 @@ impl<'a> Tree<'a> {
         let usual = TIPS.iter().map(|name| (*name).to_owned()).filter(|name| self.named(name).is_ok());
         let found = usual.chain(self.ends()).find(|name| is_arm(name));
         found.ok_or_else(|| UrdfError::NoArm { base: base.to_owned(), ends: self.ends() })
+    }
+
+    /// Links that move with the flange and could be meant by it, each with its pose in the flange's frame, where no name tells the
+    /// flange and they are elsewhere, or turned.
+    fn other_flanges(&self, arm: &Arm<'_>) -> Vec<(&'a str, Isometry3<f64>)> {
+        if SURE_TIPS.contains(&arm.tip.as_str()) {
+            return Vec::new();
+        }
+        let from_root = |path: &[&JointElement]| -> Isometry3<f64> {
+            path.iter().fold(Isometry3::identity(), |at, joint| at * joint.parent_from_joint)
+        };
+        let root_from_flange = from_root(&arm.path);
+        let in_flange = |name: &'a str| {
+            let path = self.path(&arm.root, name)?;
+            // Another arm on the same base has joints of its own.
+            let shared = path.iter().zip(&arm.path).take_while(|(a, b)| std::ptr::eq(**a, **b)).count();
+            let turned = path[..shared].iter().filter(|joint| turns(joint)).count();
+            let is_rigid = path[shared..].iter().all(|joint| joint.kind == JointKind::Fixed);
+            let at = root_from_flange.inv_mul(&from_root(&path));
+            let is_apart = at.translation.vector.norm() > MIN_SHIFT_MM || at.rotation.angle().to_degrees() > MIN_TURN_DEG;
+            (turned == 6 && is_rigid && is_apart).then_some((name, at))
+        };
+        self.robot.links.iter().filter_map(|link| in_flange(&link.name)).collect()
     }
 
     /// The joints from one link to another, in order; `None` where it does not hang on it.

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::document::JointElement;
-use super::{Arm, MIN_TURN_DEG, UrdfRemark, own_range_rad, turns};
+use super::{Arm, MIN_SHIFT_MM, MIN_TURN_DEG, UrdfRemark, own_range_rad, turn_about, turns};
 use crate::cell::axis::AxisSpec;
 
 /// Returns true if one of the words of a robot's name is ABB's, as in `abb_irb2400`.
@@ -62,4 +62,27 @@ pub(super) fn tilted_flange(arm: &Arm<'_>) -> Option<UrdfRemark> {
                  flange_from_scanner and the mount of the cell have to be given in this flange's frame"
             .to_owned(),
     })
+}
+
+/// Remark on a flange that nobody named and whose name does not tell it, while other links move with it; each of these has its pose in
+/// the flange's frame.
+pub(super) fn of_several_flanges(flange: &str, others: &[(&str, Isometry3<f64>)]) -> Option<UrdfRemark> {
+    let (first, _) = others.first()?;
+    let told: Vec<String> = others.iter().map(|(name, at)| format!("{name:?} ({})", apart(at))).collect();
+    Some(UrdfRemark {
+        detail: format!("takes link {flange:?} as the flange; other links move with it: {}", told.join(", ")),
+        remedy: format!(
+            "compare with the flange that the controller shows and to which the hand-eye calibration was measured; if it is another \
+             link, name it with --tip, such as --tip {first}; else confirm this one with --tip {flange}"
+        ),
+    })
+}
+
+/// Distance and turn of a link, given its pose.
+fn apart(at: &Isometry3<f64>) -> String {
+    let shift_mm = at.translation.vector.norm();
+    let shift = (shift_mm > MIN_SHIFT_MM).then(|| format!("{shift_mm:.1} mm away"));
+    let axis_angle = at.rotation.axis_angle().filter(|(_, turn_rad)| turn_rad.to_degrees() > MIN_TURN_DEG);
+    let turn = axis_angle.map(|(axis, turn_rad)| format!("turned by {}", turn_about(&axis, turn_rad)));
+    shift.into_iter().chain(turn).collect::<Vec<_>>().join(", ")
 }

@@ -47,7 +47,8 @@ fn what_is_no_arm_is_refused_by_name() {
     let told = refused(&arm_urdf("prismatic"), &UrdfOptions { tip_link: Some("tool0".into()), ..options() });
     assert!(told.contains("joint_6") && told.contains("prismatic"), "{told}");
     let told = refused(&arm_urdf("revolute"), &UrdfOptions { tip_link: Some("hand".into()), ..options() });
-    assert!(told.contains("has no link \"hand\""), "{told}");
+    assert!(told.starts_with("has no link \"hand\"; its links are [\"world\", \"base_link\", "), "{told}");
+    assert!(told.ends_with("\"tool0\"]: name one of them with --base or --tip"), "{told}");
     let told = refused(&arm_urdf("revolute").replace("velocity=\"1.5\"", "velocity=\"0\""), &options());
     assert!(told.contains("the speed 0"), "{told}");
     let meshed =
@@ -212,6 +213,43 @@ fn a_flange_whose_z_is_off_axis_6_is_told() {
     for along in ["0 0 1.2", "3.141592653589793 0 0"] {
         assert!(read(along).remarks.is_empty(), "{along}");
     }
+}
+
+/// The first of several ends was taken as the flange without a word, and a hand-eye calibration to another one was off by as much.
+#[test]
+fn a_flange_that_no_name_tells_is_told_with_the_other_links_that_move_with_it() {
+    let text = arm_urdf("revolute").replace("tool0", "hand");
+    let text = with_link(&text, "camera", "link_6", "fixed", "xyz=\"0 0 0.03\" rpy=\"0 0 1.5707963267948966\"");
+    let text = with_link(&text, "same", "hand", "fixed", "xyz=\"0 0 0\"");
+    let text = text.replace("</robot>", "<link name=\"camera\"/><link name=\"same\"/></robot>");
+    let read = |text: &str, tip: Option<&str>| {
+        let options = UrdfOptions { tip_link: tip.map(str::to_owned), ..options() };
+        import(text, &options, &mut no_mesh).expect("a robot")
+    };
+    let found = read(&text, None);
+    assert_eq!((found.base_link.as_str(), found.flange_link.as_str()), ("base_link", "camera"));
+    let [remark] = &found.remarks[..] else { panic!("one remark: {:?}", found.remarks) };
+    let others =
+        "\"link_6\" (30.0 mm away, turned by -90° about z), \"hand\" (turned by -90° about z), \"same\" (turned by -90° about z)";
+    assert_eq!(remark.detail, format!("takes link \"camera\" as the flange; other links move with it: {others}"));
+    assert!(remark.remedy.contains("--tip link_6;") && remark.remedy.contains("--tip camera"), "{remark:?}");
+    assert_eq!(read(&text, Some("camera")).remarks, [], "who names the flange has chosen");
+    let named = read(&text.replace("camera", "tool0"), None);
+    assert_eq!((named.flange_link.as_str(), &named.remarks[..]), ("tool0", &[][..]));
+}
+
+/// The links of the second arm were told as ones that move with the flange of the first.
+#[test]
+fn links_of_another_arm_on_the_same_base_are_none_that_move_with_the_flange() {
+    let text = arm_urdf("revolute").replace("tool0", "hand");
+    let (_, other) = text.split_once("</joint>").expect("the stand's joint");
+    let other = other.replace("link_", "left_").replace("joint_", "left_joint_").replace("hand", "left_hand");
+    let both = text.replace("</robot>", &other.replace("\"end\"", "\"left_end\""));
+    let found = import(&both, &options(), &mut no_mesh).expect("a robot");
+    let told: Vec<_> = found.remarks.iter().filter(|remark| remark.detail.starts_with("takes link")).collect();
+    let [remark] = &told[..] else { panic!("one remark: {:?}", found.remarks) };
+    let detail = "takes link \"hand\" as the flange; other links move with it: \"link_6\" (30.0 mm away)";
+    assert_eq!((found.flange_link.as_str(), remark.detail.as_str()), ("hand", detail));
 }
 
 #[test]

@@ -28,10 +28,36 @@ fn harmonics_of_the_boards_place_are_those_that_were_planted() {
             .refine(&start_joint(&sightings[..count], &truth.base_from_table).expect("a start"), &in_hand(levels()[0]))
             .expect("refines")
     };
-    assert!(identify_runout(&refined(14), &sightings[..14]).is_empty());
-    let orders: Vec<u8> = identify_runout(&refined(24), &sightings).iter().map(|harmonic| harmonic.order).collect();
+    assert!(identify_runout(&refined(14), &sightings[..14], None).is_empty());
+    let orders: Vec<u8> = identify_runout(&refined(24), &sightings, None).iter().map(|harmonic| harmonic.order).collect();
     // The second stands out once the first is gone.
     assert!(orders.contains(&1), "{orders:?}");
+}
+
+/// A harmonic was tested as if the deviations were known, where they are estimated from a few observations.
+#[test]
+fn a_runout_has_to_stand_out_the_more_the_less_is_known_of_the_deviations() {
+    let (truth, mut noise) = (truth(), Noise(3));
+    let clean = exact(&truth, 24, 40.0, true, &mut noise);
+    let least_um = |sigma_freedom: Option<f64>| -> Option<u32> {
+        let is_found = |um: &u32| {
+            let mut sightings = clean.clone();
+            for each in &mut sightings {
+                let shift = Vector3::new(0.0, 0.0, f64::from(*um) * 1e-3 * each.table_rad.sin());
+                each.base_from_flange = truth.base_from_table
+                    * nalgebra::Translation3::from(shift)
+                    * truth.base_from_table.inverse()
+                    * each.base_from_flange;
+            }
+            let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
+            let refined = problem.refine(&truth, &in_hand(levels()[1])).expect("refines");
+            !identify_runout(&refined, &sightings, sigma_freedom).is_empty()
+        };
+        (1..60).map(|step| 20 * step).find(is_found)
+    };
+    let (known, estimated) = (least_um(None).expect("found"), least_um(Some(8.0)).expect("found"));
+    // The bounds are 22.5, and 77.1 for six numbers and eight degrees of freedom: amplitudes go with their roots.
+    assert!(f64::from(estimated) > 1.4 * f64::from(known), "{known} µm where deviations are known, else {estimated} µm");
 }
 
 #[test]
